@@ -13,6 +13,7 @@ from manip3d.rgbd import JOINTS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
 _METHODS: dict[Literal["paper", "skin", "region"], str] = {
     "paper": "Voronoi",
@@ -36,7 +37,15 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def compare_methods(case: Case) -> Row:
-    """Share of pixels with their true bone: all, of the head, of arms, of the trunk."""
+    """Segment a person at several times, by each method.
+
+    Returns
+    -------
+    dict
+        ``views``: packed pictures of the last time; ``bones``: the share of a bone's pixels that a
+        method gives to it, by method and bone; and such a share for each method and part of
+        `_PARTS`, all means over the times.
+    """
     from manip3d.modify import segment_body
     from manip3d.simulate import BodySimulator
     from manip3d.viewer import people
@@ -44,8 +53,8 @@ def compare_methods(case: Case) -> Row:
     simulator = BodySimulator(
         motion=case.options["motion"], tracker="kinect-v2", seed=case.options["seed"]
     )
-    right: dict[str, list[float]] = {}
-    per_bone: dict[str, list[float]] = {}
+    by_part: dict[str, list[float]] = {}
+    by_bone: dict[str, list[float]] = {}
     views = {}
     for time in case.options["times"]:
         capture = simulator.capture(time)
@@ -59,39 +68,44 @@ def compare_methods(case: Case) -> Row:
                 frame.depth,
                 frame.calibration.depth,
                 frame.skeletons[0],
-                segmentation="region"
-                if name == "region"
-                else "skin"
-                if name == "skin"
-                else "paper",
+                segmentation=name,
                 body_index=frame.body_index,
             ).labels
             views[title] = _phantom.packed(people.label_picture(labels)[box])
-            same = labels == truth
             for bone in np.unique(truth[mine]).tolist():
-                per_bone.setdefault(f"{name} {JOINTS[bone]}", []).append(
-                    float(same[mine & (truth == bone)].mean())
-                )
-            parts = np.isin(labels, _ARMS), np.isin(labels, _TRUNK)
-            own_arm, own_trunk = (mine & np.isin(truth, own) for own in (_ARMS, _TRUNK))
-            meet = (own_arm & _streams.grown(own_trunk, _CLOSE)) | (
-                own_trunk & _streams.grown(own_arm, _CLOSE)
-            )
-            if meet.any():
-                kept = (own_arm & parts[0]) | (own_trunk & parts[1])
-                right.setdefault(f"{name} arms on trunk", []).append(float(kept[meet].mean()))
-            near = mine & np.isin(truth, _HEAD_AND_SHOULDERS)
-            right.setdefault(f"{name} head and shoulders", []).append(float(same[near].mean()))
-            for part, bones in (("head", _HEAD), ("trunk", _TRUNK), ("arms", _ARMS)):
-                own = mine & np.isin(truth, bones)
-                kept = np.isin(labels, bones) if part != "head" else same
-                right.setdefault(f"{name} {part}", []).append(float(kept[own].mean()))
-            right.setdefault(f"{name} all", []).append(float(same[mine].mean()))
+                share = float((labels == truth)[mine & (truth == bone)].mean())
+                by_bone.setdefault(f"{name} {JOINTS[bone]}", []).append(share)
+            for part, share in _right_shares(labels, truth, mine).items():
+                by_part.setdefault(f"{name} {part}", []).append(share)
     return {
         "views": views,
-        "bones": {name: float(np.mean(values)) for name, values in per_bone.items()},
-        **{name: float(np.mean(values)) for name, values in right.items()},
+        "bones": {name: float(np.mean(values)) for name, values in by_bone.items()},
+        **{name: float(np.mean(values)) for name, values in by_part.items()},
     }
+
+
+def _right_shares(
+    labels: NDArray[np.uint8], truth: NDArray[np.uint8], mine: NDArray[np.bool_]
+) -> dict[str, float]:
+    """Shares of the person's pixels that have a right label, by part of `_PARTS`.
+
+    Arms and trunk are right where the label is any of their bones. Where an arm and the trunk meet
+    in the picture, ``arms on trunk`` tells how many pixels have the right one of the two.
+    """
+    same = labels == truth
+    shares = {}
+    arm, trunk = (mine & np.isin(truth, bones) for bones in (_ARMS, _TRUNK))
+    on_arm, on_trunk = np.isin(labels, _ARMS), np.isin(labels, _TRUNK)
+    meet = (arm & _streams.grown(trunk, _CLOSE)) | (trunk & _streams.grown(arm, _CLOSE))
+    if meet.any():
+        shares["arms on trunk"] = float(((arm & on_arm) | (trunk & on_trunk))[meet].mean())
+    near = mine & np.isin(truth, _HEAD_AND_SHOULDERS)
+    shares["head and shoulders"] = float(same[near].mean())
+    shares["head"] = float(same[mine & np.isin(truth, _HEAD)].mean())
+    shares["trunk"] = float(on_trunk[trunk].mean())
+    shares["arms"] = float(on_arm[arm].mean())
+    shares["all"] = float(same[mine].mean())
+    return shares
 
 
 _PARTS = ("all", "head", "trunk", "arms", "head and shoulders", "arms on trunk")
