@@ -69,7 +69,7 @@ class SceneAssembler {
   }
 
  private:
-  /// New indices of the meshes of each level, or -1 for those of which nothing is left.
+  /// Writes the meshes of all levels, and notes in `placed_` where they are.
   void write_meshes() {
     find_frames();
     Json before = scene_.json.contains("meshes") ? scene_.json["meshes"] : Json::array();
@@ -100,6 +100,7 @@ class SceneAssembler {
     scene_.json["meshes"] = std::move(after);
   }
 
+  /// Gives new primitives the variants that the old ones of their material had.
   static void give_variants(Json& mesh, Json& primitives) {
     const auto given = mesh.find(kVariantsOfMaterials);
     if (given == mesh.end()) return;
@@ -153,6 +154,7 @@ class SceneAssembler {
     }
   }
 
+  /// Lets a node show a mesh, or nothing (-1).
   void show(std::size_t node, std::int64_t mesh) {
     if (mesh < 0) {
       for (const char* member : {"mesh", "skin", "weights"}) {
@@ -262,9 +264,10 @@ class SceneAssembler {
   std::vector<const SceneLevel*> levels_;
   std::size_t num_materials_ = 0;
   GltfScene scene_;
-  std::vector<std::vector<std::int64_t>> placed_;  ///< New index of a mesh: by level, by mesh.
-  std::vector<PositionFrame> frames_;              ///< By mesh; float32 where not quantised.
-  std::set<std::size_t> animated_;                 ///< Nodes that an animation moves.
+  /// New index of a mesh: by level, by mesh; -1 where nothing is left of it.
+  std::vector<std::vector<std::int64_t>> placed_;
+  std::vector<PositionFrame> frames_;  ///< By mesh; float32 where not quantised.
+  std::set<std::size_t> animated_;     ///< Nodes that an animation moves.
 };
 
 GltfScene assemble(const std::string& document, const std::string& buffer, const SceneLevel& meshes,
