@@ -1,16 +1,11 @@
 #include "io/gltf_scene.hpp"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstdint>
-#include <cstring>
-#include <functional>
-#include <limits>
 #include <map>
 #include <numeric>
 #include <string>
-#include <tuple>
+#include <string_view>
 #include <utility>
 
 #include "io/gltf_write_primitives.hpp"
