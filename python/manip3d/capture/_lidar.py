@@ -56,7 +56,13 @@ class LidarSource(FrameSource[LidarFrame]):
 
     @property
     def port(self) -> int:
-        """The UDP port that a live source listens on."""
+        """The UDP port that a live source listens on.
+
+        Raises
+        ------
+        InputError
+            The source is a recording.
+        """
         if not self.is_live:
             raise InputError(f"port: {self.uri} is a recording")
         return int(self._source.port())

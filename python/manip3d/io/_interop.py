@@ -256,6 +256,10 @@ def _trimesh_part(
     materials: list[Any],
     normals: NDArray[np.float64] | None,
 ) -> Any:
+    """A trimesh.Trimesh of one part; ``normals`` (V, 3), one for each vertex of the mesh.
+
+    Vertex colours are an attribute beside a material or UVs, as trimesh shows one or the other.
+    """
     colors = None if mesh.colors is None else mesh.colors[part.vertices]
     result = trimesh.Trimesh(
         vertices=mesh.vertices[part.vertices],

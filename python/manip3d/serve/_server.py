@@ -435,10 +435,17 @@ class LocalServer:
         return f"{scheme}://{host}" + ("" if self.port == usual else f":{self.port}")
 
     def start(self) -> Self:
-        """Listen; return when connections are accepted.
+        """Listen from a thread of its own; return when connections are accepted.
+
+        Returns
+        -------
+        LocalServer
+            This server.
 
         Raises
         ------
+        InputError
+            It was started before.
         DeviceError
             The port is taken; nothing is ready within ten seconds.
         """

@@ -86,6 +86,11 @@ class DisplayStudy(Study):
             The whole definition.
         base : Path or None
             Not used: the study has no files of its own.
+
+        Raises
+        ------
+        FormatError
+            The definition lacks something, or holds something else than this kind of study has.
         """
         common = Common.read(top, ("display",))
         own = top.section("display")

@@ -179,6 +179,11 @@ class RatingStudy(Study):
             The whole definition.
         base : Path or None
             Folder that relative paths start from; None: the items stand in the definition.
+
+        Raises
+        ------
+        FormatError
+            The definition lacks something, or holds something else than this kind of study has.
         """
         common = Common.read(top, ("rating",))
         own = top.section("rating")

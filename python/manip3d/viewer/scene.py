@@ -123,6 +123,11 @@ class Pose:
             Width and height of the picture.
         zoom : float
             Magnification; 1: the whole scene.
+
+        Raises
+        ------
+        InputError
+            ``zoom`` is not a finite number above 0.
         """
         if not (zoom > 0.0 and math.isfinite(zoom)):
             raise InputError(f"zoom: expected a number > 0, got {zoom}")
