@@ -200,6 +200,44 @@ class JndModel:
     up: str = "y"
 
 
+def _models(own: Section) -> tuple[JndModel, ...]:
+    """The models of a definition."""
+    models = []
+    for section in own.sections("models", most=30):
+        models.append(
+            JndModel(
+                section.name("name"),
+                section.text("file"),
+                section.word("class", CLASSES),
+                section.word("up", ("y", "z"), "y"),
+            )
+        )
+        section.finish()
+    names = [model.name for model in models]
+    if len(set(names)) != len(names):
+        own.fail("models", "names that differ")
+    return tuple(models)
+
+
+def _rules(own: Section) -> Rules:
+    """The rules of the staircases, whose steps must lead from the start to both ends."""
+    step = own.whole("step_percent", 1, 25, 5)
+    rules = Rules(
+        step=step,
+        lowest=own.whole("lowest_percent", 1, 95, step),
+        highest=own.whole("highest_percent", 5, 99, 95),
+        start=own.whole("start_percent", 1, 99, 50),
+        reversals=own.whole("reversals", 2, 100, 12),
+        most_trials=own.whole("most_trials", 2, 1000, 80),
+    )
+    if not rules.lowest <= rules.start <= rules.highest:
+        own.fail("start_percent", "a level between the lowest and the highest")
+    for end in (rules.lowest, rules.highest):
+        if (rules.start - end) % step:
+            own.fail("step_percent", "levels that lead from the start to both ends")
+    return rules
+
+
 @dataclass(frozen=True)
 class JndStudy(Study):
     """A study of just noticeable differences.
@@ -239,44 +277,23 @@ class JndStudy(Study):
             The whole definition.
         base : Path or None
             Folder that relative paths start from; None: the files of the stimuli are not needed.
+
+        Raises
+        ------
+        FormatError
+            The definition lacks something, or holds something else than this kind of study has.
         """
         common = Common.read(top, ("jnd",))
         own = top.section("jnd")
-        models = []
-        for section in own.sections("models", most=30):
-            models.append(
-                JndModel(
-                    section.name("name"),
-                    section.text("file"),
-                    section.word("class", CLASSES),
-                    section.word("up", ("y", "z"), "y"),
-                )
-            )
-            section.finish()
-        names = [model.name for model in models]
-        if len(set(names)) != len(names):
-            own.fail("models", "names that differ")
+        models = _models(own)
         methods = own.texts("methods", most=len(METHODS))
         if not set(methods) <= set(METHODS):
             own.fail("methods", f"some of {', '.join(METHODS)}")
-        step = own.whole("step_percent", 1, 25, 5)
-        rules = Rules(
-            step=step,
-            lowest=own.whole("lowest_percent", 1, 95, step),
-            highest=own.whole("highest_percent", 5, 99, 95),
-            start=own.whole("start_percent", 1, 99, 50),
-            reversals=own.whole("reversals", 2, 100, 12),
-            most_trials=own.whole("most_trials", 2, 1000, 80),
-        )
-        if not rules.lowest <= rules.start <= rules.highest:
-            own.fail("start_percent", "a level between the lowest and the highest")
-        for end in (rules.lowest, rules.highest):
-            if (rules.start - end) % step:
-                own.fail("step_percent", "levels that lead from the start to both ends")
+        rules = _rules(own)
         stimuli = own.text("stimuli")
         found = cls(
             common=common,
-            models=tuple(models),
+            models=models,
             methods=methods,
             rules=rules,
             size_deg=own.number("size_deg", 1, 60, 12.0),
