@@ -214,51 +214,64 @@ def run(
             marker, policy=policy, rig=drive.rig, budget_s=budget, every_s=every, background=live
         )
         view = stack.enter_context(_View(shell, source, drive.num_frames))
-
-        unwritten: list[OSError] = []
-        blind: list[str] = []  # why the cameras could not judge a frame, for each such frame
-
-        def show(alert: Alert) -> None:
-            view.show(alert)
-            cameras = alert.witnesses["cross-modal"]
-            if cameras.verdict == "undecidable":
-                blind.append(cameras.reason)
-            try:
-                if not unwritten:
-                    timeline.add(alert)
-            except OSError as error:  # the drive is judged all the same
-                unwritten.append(error)
-
+        log = _FrameLog(timeline, view)
         watched = authenticate.watch_drive(
             monitor, drive.moments, speed_mps=speed, live=live,
-            whole=bool(key) and frames is None and not live, show=show,
+            whole=bool(key) and frames is None and not live, show=log.add,
         )  # fmt: skip
-    unkept = unwritten[0] if unwritten else None
-    if unkept is not None:
-        watched = replace(watched, reason=f"{watched.reason}; not kept: {unkept}")
-    if blind:
-        told = f"{count(len(blind))} of {counted(watched.num_frames, 'frame')}"
-        shell.say(f"{source}: the cameras could not judge {told}: {blind[0]}")
-    _told(shell, timeline, watched, monitor.counts, output, unkept, as_json=as_json)
+    if log.error is not None:
+        watched = replace(watched, reason=f"{watched.reason}; not kept: {log.error}")
+    if log.num_blind:
+        share = f"{count(log.num_blind)} of {counted(watched.num_frames, 'frame')}"
+        shell.say(f"{source}: the cameras could not judge {share}: {log.why_blind}")
+    _conclude(shell, log, watched, monitor.counts, output, as_json=as_json)
 
 
-def _told(
+class _FrameLog:
+    """Shows every frame that was judged, and keeps it in the timeline while the disk allows."""
+
+    def __init__(self, timeline: AlertTimeline, view: _View) -> None:
+        self.timeline = timeline
+        self.error: OSError | None = None
+        """Why the timeline lacks frames; the drive is judged all the same."""
+        self.num_blind = 0
+        """Frames that the cameras could not judge."""
+        self.why_blind = ""
+        """Why they could not judge the first of these."""
+        self._view = view
+
+    def add(self, alert: Alert) -> None:
+        """Take the next frame."""
+        self._view.show(alert)
+        cameras = alert.witnesses["cross-modal"]
+        if cameras.verdict == "undecidable":
+            if self.num_blind == 0:
+                self.why_blind = cameras.reason
+            self.num_blind += 1
+        if self.error is not None:
+            return
+        try:
+            self.timeline.add(alert)
+        except OSError as error:
+            self.error = error
+
+
+def _conclude(
     shell: Terminal,
-    timeline: AlertTimeline,
+    log: _FrameLog,
     watched: DriveWatch,
     counts: AlertCounts,
     output: Path | None,
-    unkept: OSError | None,
     *,
     as_json: bool,
 ) -> None:
     """Write and print what was found, and end with the exit code of the verdict.
 
-    A timeline that lacks frames, which ``unkept`` says, is not written.
+    A timeline that lacks frames is not written.
     """
     verdict, reason = watched.verdict, watched.reason
-    unwritten = unkept
-    if output is not None and unkept is None:
+    timeline, unwritten = log.timeline, log.error
+    if output is not None and unwritten is None:
         try:
             timeline.write(output, verdict=verdict, reason=reason, counts=counts)
         except OSError as error:
