@@ -66,6 +66,24 @@ def test_a_study_from_enrolment_to_deletion(path: str, tmp_path: Path) -> None:
     assert "nobody is enrolled" in ran("list", path)
 
 
+def test_a_rating_outside_of_sessions_is_shown(path: str, tmp_path: Path) -> None:
+    ran("rate", path, "P01", "--pain", "6")
+    with Diary(path) as diary:
+        session = diary.start_session("P01")
+        diary.add_rating("P01", 3, session=session)
+    shown = ran("show", path, "P01")
+    assert "pain 6, " in shown
+    assert "pain 3, " not in shown  # it stands in the line of its session
+    found = json.loads(ran("show", path, "P01", "--json"))
+    assert [one["pain"] for one in found["ratings"]] == [6]
+    assert [one["pain"] for one in found["sessions"][0]["ratings"]] == [3]
+    ran("export", path, "-o", str(tmp_path / "pages"), "--pages")
+    page = (tmp_path / "pages" / "participant-P01.html").read_text()
+    apart = page.partition("Pain outside of sessions")[2].partition("<h2>")[0]
+    assert "<td>6</td>" in apart
+    assert "<td>3</td>" not in apart
+
+
 def test_exports_are_listed_and_removed_with_a_participant(path: str, tmp_path: Path) -> None:
     ran("enrol", path, "P02")
     for words in (["-o", str(tmp_path / "tables")],

@@ -226,7 +226,8 @@ def _session_row(session: DiarySession) -> list[str]:
 def show_participant(path: File, participant: Who, key: Key = None, as_json: Json = False) -> None:
     """Show what a diary holds of a participant.
 
-    It prints sessions, games, ratings, questionnaires and adverse events.
+    It prints sessions, games, ratings, questionnaires and adverse events. With --json, ratings of a
+    session are with it, and "ratings" holds those outside of sessions.
 
     Example: manip3d diary show study.diary P01
     """
@@ -237,6 +238,8 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
         sessions = diary.sessions(participant)
         filled, events = diary.mcgill(participant), diary.events(participant)
         answers = diary.answers(participant)
+        within = {rating.number for session in sessions for rating in session.ratings}
+        apart = [one for one in diary.ratings(participant) if one.number not in within]
         elsewhere = {one.number for one in diary.ownership(participant)}
         elsewhere |= {one.number for one in filled}
     done = adherence(sessions, person.enrolled, _today(person.enrolled))
@@ -248,6 +251,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
              "ratings": [_plain(rating) for rating in session.ratings]}
             for session in sessions
         ],
+        "ratings": [_plain(rating) for rating in apart],
         "questionnaires": [{**_plain(one), "score": vars(one.score)} for one in filled],
         "answers": [_answers(one) for one in answers],
         "events": [_plain(event) for event in events],
@@ -264,6 +268,8 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
         rows = [_session_row(session) for session in sessions]
         if rows:
             table(console, rows, ("session", "games and scores", "pain", "anomalies"))
+        for rating in apart:
+            console.print(f"pain {rating.pain}, {_day(rating.at)}, outside of sessions")
         for one in filled:
             score = one.score
             console.print(

@@ -271,6 +271,7 @@ def _page(
         f"{done.days_played}.{_left_out(done.simulated)}</p>",
         "<h2>Pain before and after each session</h2>",
         f'<div class="wide">{pain_chart(real, person.enrolled)}</div>',
+        *_ratings_apart(diary, identifier, sessions),
         "<h2>Trends</h2>",
         _trends(diary, person, real),
         "<h2>Adverse events</h2>",
@@ -307,6 +308,17 @@ def _left_out(simulated: int) -> str:
 def _is_simulated(session: DiarySession) -> bool:
     """Whether nobody was there: all games are of a simulated person."""
     return bool(session.games) and all(game.is_simulated for game in session.games)
+
+
+def _ratings_apart(diary: Diary, identifier: str, sessions: Sequence[DiarySession]) -> list[str]:
+    """Table of the ratings that belong to no session, with its heading; empty without any."""
+    within = {rating.number for session in sessions for rating in session.ratings}
+    rows = [
+        [_day(rating.at), str(rating.pain)]
+        for rating in diary.ratings(identifier)
+        if rating.number not in within
+    ]
+    return ["<h2>Pain outside of sessions</h2>", _table(("When", "Pain"), rows)] if rows else []
 
 
 def _pain_before(sessions: Sequence[DiarySession], person: Participant) -> list[Point]:

@@ -165,7 +165,7 @@ def pain_chart(sessions: Sequence[DiarySession], start: datetime) -> str:
     """Each session a line from before (hollow) to after (filled), red where the pain rose by 2."""
     rated = [s for s in sessions if s.pain_before is not None or s.pain_after is not None]
     if not rated:
-        return "<p>Nobody has said how strong the pain is yet.</p>"
+        return "<p>No session has a rating of the pain yet.</p>"
     days = [Point.of(session.started, start, 0).day for session in rated]
     axes = _Axes(860.0, 230.0, min([0.0, *days]), max([7.0, *days]), 10.0)
     drawn = [_pain_of(axes, session, day) for session, day in zip(rated, days, strict=True)]
