@@ -197,6 +197,7 @@ def test_it_may_be_switched_and_stopped_from_other_threads(places: dict[str, str
         ("forged:PERSON#move=1,2", "move: expected X,Y,Z"),
         ("forged:PERSON#move=1,2,nan", "move: expected X,Y,Z"),
         ("forged:PERSON#blend=65", "blend: expected 0 to 64"),
+        ("forged:PERSON#blend=2.7", "blend: expected 0 to 64"),
         ("forged:PERSON#show=0", "show: expected real, forged, or seconds"),
         ("forged:PERSON#show=nan", "show: expected real, forged, or seconds"),
         ("forged:PERSON#background=OTHER", "frames of the source's camera"),

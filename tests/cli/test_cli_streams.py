@@ -20,6 +20,7 @@ from manip3d import InputError, RgbdCalibration, RgbdFrame, authenticate, captur
 from manip3d.cli.forge import forge_frames
 from manip3d.cli.inspect import inspect_recording
 from manip3d.cli.terminal import Terminal
+from manip3d.datasets import folder_sha256
 from manip3d.forge import _recorded
 
 
@@ -56,6 +57,57 @@ def test_forge_writes_a_recording_and_its_truth(person: Path, tmp_path: Path) ->
     assert "exists already; --force replaces it" in refused.stderr
     assert (tmp_path / "forged.truth.npz").is_file()
     assert manip3d(*command, "--force", "-q").returncode == 0
+
+
+def test_a_person_who_is_hidden_is_told_of(person: Path, tmp_path: Path) -> None:
+    out = tmp_path / "forged"
+    moved = ("--move", 0, 0, 50)  # far behind the wall
+    done = manip3d("forge", "stream", person, "--type", 1, *moved, "-o", out)
+    assert done.returncode == 0, done.stderr
+    assert "8 of 8 frames without a forged pixel" in done.stderr
+    assert "behind the background" in done.stderr
+
+
+def test_a_forged_source_tells_how_many_frames_are_forged(person: Path, tmp_path: Path) -> None:
+    """Without a background the first frames only teach what is behind the person."""
+    for options, told in (
+        ("", "0 of 8 frames forged; without a"),
+        (f"#background={person}", "8 of 8 frames forged"),
+    ):
+        place = f"forged:folder:{person}{options.replace('=', '=folder:')}"
+        done = manip3d("capture", "record", place, "-o", tmp_path / f"out{len(options)}")
+        assert done.returncode == 0, done.stderr
+        assert told in done.stderr
+
+
+def test_a_kind_that_is_given_twice_is_refused_by_its_option(tmp_path: Path) -> None:
+    done = manip3d("forge", "people", "-o", tmp_path / "set", *("--kind", "real") * 2)
+    assert done.returncode == 1
+    assert "--kind: expected some of real, type1, type2, got real, real" in done.stderr
+
+
+def test_the_log_holds_the_hash_of_a_folder(person: Path, tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    page = tmp_path / "page.html"
+    assert manip3d("inspect", person, "--log", log, "-o", page).returncode in (0, 3, 4)
+    listed = "find -L . -type f -print0 | LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum"
+
+    def expected_now() -> str:
+        done = subprocess.run(listed, shell=True, cwd=person, text=True, capture_output=True)
+        return done.stdout.split()[0]
+
+    expected = expected_now()
+    assert json.loads(log.read_text())["source_sha256"] == expected
+    assert expected in page.read_text()
+    image = sorted((person / "depth").iterdir())[3]
+    image.write_bytes(image.read_bytes()[::-1])
+    assert folder_sha256(person) != expected
+    (person / "again").symlink_to(person)  # a circle
+    (person / "alias").symlink_to(person / "depth")
+    (person / "nowhere").symlink_to(person / "absent")
+    (person / "Straße 1").mkdir()
+    (person / "Straße 1" / "empty").touch()
+    assert folder_sha256(person) == expected_now()
 
 
 def test_a_recording_that_is_stopped_has_no_old_truth(

@@ -220,6 +220,10 @@ def write_recording(
         terminal.say(f"{number} left out: beyond 13.107 m, which a TUM sequence cannot hold")
     for line in left_out(done.source_counters):
         terminal.say(line)
+    if "forged" in done.source_counters:
+        forged, real = (done.source_counters[name] for name in ("forged", "real"))
+        why = "" if forged else "; without a background, the first 30 frames of a source stay real"
+        terminal.say(f"{count(forged)} of {counted(forged + real, 'frame')} forged{why}")
     return {**asdict(done), "path": str(done.path), "source": source.uri}
 
 

@@ -31,7 +31,7 @@ from manip3d.cli.options import (
     Seed,
 )
 from manip3d.cli.signals import ended_like_ctrl_c
-from manip3d.cli.terminal import Terminal, check_output, counted, left_out, naming_options
+from manip3d.cli.terminal import Terminal, check_output, count, counted, left_out, naming_options
 from manip3d.cli.truth import truth_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io import SCAN_SUFFIXES
@@ -521,7 +521,10 @@ def forge_frames(
     forged.write_truth(truth)
     terminal.say(f"wrote {output} and {truth.name}")
     if forged.missed:
-        terminal.say(f"warning: {counted(forged.missed, 'frame')} without a person to insert")
+        terminal.say(
+            f"warning: {count(forged.missed)} of {counted(done.frames, 'frame')} without a forged "
+            "pixel: nobody was found, or the person is behind the background or out of its view"
+        )
     return {
         "source": source,
         "output": str(output),
@@ -755,7 +758,11 @@ def forge_people(
     from manip3d.simulate import write_forged_people
 
     shell = Terminal(as_json=as_json, quiet=quiet)
-    with shell.progress("forge") as progress, naming_options("output"), ended_like_ctrl_c():
+    with (
+        shell.progress("forge") as progress,
+        naming_options("output", kinds="kind"),
+        ended_like_ctrl_c(),
+    ):
         made = write_forged_people(
             output,
             people=people,

@@ -405,12 +405,10 @@ def _check_log(log: Path | None) -> None:
 
 
 def _append(log: Path, found: Inspection | StreamInspection, source: str, shell: Terminal) -> None:
-    from manip3d import datasets, report
+    from manip3d import report
+    from manip3d.report._evidence_files import sha256_of_source
 
-    path = Path(source)
-    if not path.exists() and source.startswith("mkv:"):
-        path = Path(source.partition(":")[2])
-    sha256 = datasets.file_sha256(path) if path.is_file() else ""
+    sha256, _ = sha256_of_source(source)
     digest = report.append_log(log, found, source=shown(source), source_sha256=sha256)
     shell.say(f"appended to {log}: {digest}")
 
@@ -579,6 +577,8 @@ def show_stream(console: Console, found: StreamInspection) -> None:
         console.print()
         boxes = [(str(r.frame), *(str(side) for side in r.box)) for r in found.regions[:20]]
         table(console, boxes, ("frame", "column", "row", "width", "height"))
+        if len(found.regions) > len(boxes):
+            console.print(f"and {count(len(found.regions) - len(boxes))} more")
 
 
 def _exit_codes(policy: str) -> dict[str, int]:

@@ -371,6 +371,58 @@ def file_sha256(path: Path) -> str:
     return _sha256(path, status.st_size, status.st_mtime_ns)
 
 
+@checked
+def folder_sha256(folder: Path) -> str:
+    """Return the hexadecimal SHA-256 of what ``sha256sum`` prints for all files of a folder.
+
+    It is that of ``find -L . -type f -print0 | LC_ALL=C sort -z | xargs -0 sha256sum`` in the
+    folder, where no name has a backslash or a line break.
+
+    Parameters
+    ----------
+    folder : Path
+        Files in folders in it count, too; empty folders do not.
+
+    Returns
+    -------
+    str
+        64 digits.
+
+    Raises
+    ------
+    OSError
+        The folder or a file in it cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import datasets
+    >>> Path("walk").mkdir()
+    >>> _ = Path("walk/abc").write_bytes(b"abc")
+    >>> datasets.folder_sha256(Path("walk"))[:16]
+    'f2ef6689488da811'
+    """
+    top = path_of(folder)
+
+    def refuse(error: OSError) -> None:
+        raise error
+
+    names = []
+    for place, folders, files in os.walk(top, onerror=refuse, followlinks=True):
+        above = {
+            os.path.realpath(one)
+            for one in (Path(place), *Path(place).parents)
+            if one.is_relative_to(top)
+        }  # a link to one of them would be a circle
+        folders[:] = [name for name in folders if os.path.realpath(Path(place, name)) not in above]
+        found = (Path(place, name) for name in files)
+        names += [os.fsencode(f"./{one.relative_to(top)}") for one in found if one.is_file()]
+    digest = hashlib.sha256()
+    for name in sorted(names):
+        digest.update(f"{file_sha256(top / os.fsdecode(name))}  ".encode() + name + b"\n")
+    return digest.hexdigest()
+
+
 @cache
 def _sha256(path: Path, size: int, modified_ns: int) -> str:
     with path.open("rb") as stream:

@@ -230,7 +230,8 @@ class ForgedStream:
     calibration : RgbdCalibration
         Calibration of the background's camera.
     missed : int
-        Frames of the last iteration in which nobody was found: they show the background alone.
+        Frames of the last iteration without a forged pixel: nobody was found, or the person is
+        hidden behind the background or outside of its view.
     forged_pixels : int
         Pixels that are forged in the frames that the last iteration has given so far.
     """

@@ -82,7 +82,7 @@ def append_log(
     source : str
         Name of the scan.
     source_sha256 : str
-        Hash of its file, in hexadecimal digits.
+        Hash of its file, in hexadecimal digits; of a folder, `manip3d.datasets.folder_sha256`.
 
     Returns
     -------

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from manip3d._util.json import finite
 from manip3d._util.paths import path_of
+from manip3d.datasets import file_sha256, folder_sha256
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 
@@ -28,3 +30,19 @@ def write_page_or_record(
         raise InputError(f"output: expected a name that ends in .html or .json, got {path.name}")
     text = page() if kind == ".html" else json.dumps(finite(record()), indent=1) + "\n"
     atomic_write(path, text.encode())
+
+
+def sha256_of_source(source: str) -> tuple[str, str]:
+    """SHA-256 of a file or a folder, also one with its scheme before it, and what it is of.
+
+    Both are empty if the source is neither.
+    """
+    place = Path(source)
+    scheme, _, rest = source.partition(":")
+    if scheme in ("folder", "mkv", "tum") and not place.exists():
+        place = Path(rest)
+    if place.is_file():
+        return file_sha256(place), "the file"
+    if place.is_dir():
+        return folder_sha256(place), "what sha256sum prints for the files of the folder"
+    return "", ""

@@ -6,7 +6,6 @@ import base64
 import html
 import os
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,10 +13,9 @@ import numpy as np
 from manip3d import __version__
 from manip3d._util.checked import checked
 from manip3d.authenticate import depth_noise
-from manip3d.datasets import file_sha256
 from manip3d.errors import InputError
 from manip3d.report._evidence import PAGE_STYLE
-from manip3d.report._evidence_files import write_page_or_record
+from manip3d.report._evidence_files import sha256_of_source, write_page_or_record
 from manip3d.rgbd import RgbdFrame, check_frames, numbered
 from manip3d.viewer.people import depth_picture
 from manip3d.viewer.pictures import png_bytes
@@ -132,8 +130,9 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def _facts(inspection: StreamInspection, source: str) -> str:
     facts = [f"manip3d {__version__}"]
-    if Path(source).is_file():
-        facts.append(f"SHA-256 of the file: {file_sha256(Path(source))}")
+    digest, of_what = sha256_of_source(source)
+    if digest:
+        facts.append(f"SHA-256 of {of_what}: {digest}")
     facts += [f"{step.kind}: {step.detail}" for step in inspection.processing]
     return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
 
