@@ -393,6 +393,11 @@ def test_cameras_doubt_a_drive_where_they_accuse_more_frames_than_by_chance(
         assert "not more" not in reason
 
 
+@pytest.mark.parametrize(("number", "told"), [(1, "(1 frame)"), (2, "(2 frames)")])
+def test_a_quiet_drive_states_its_frames(number: int, told: str) -> None:
+    assert verdict_of_alerts([alert_of("absent", "no_trace")] * number)[1].endswith(told)
+
+
 def test_chance_excuses_the_cameras_only() -> None:
     calm = [alert_of("authentic", "no_trace")] * 200
     for other, verdict in (

@@ -108,8 +108,9 @@ def test_force_begins_anew_without_frames_of_another_set(tmp_path: Path) -> None
     for name in (*old, *others, "set.json"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("{}")
-    with pytest.raises(manip3d.InputError, match="--force begins anew"):
-        _begin(tmp_path, {"seed": 1}, force=False)
+    told = "of --seed 1 --frames all; it is of no options; --force begins anew"
+    with pytest.raises(manip3d.InputError, match=told):
+        _begin(tmp_path, {"seed": 1, "frames": None}, force=False)
     assert all((tmp_path / name).exists() for name in old)
     _begin(tmp_path, {"seed": 1}, force=True)
     left = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}

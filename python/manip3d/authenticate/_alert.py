@@ -932,7 +932,8 @@ class _Gravest:
                 reason, frames = self._loud[name]
                 return name, f"{reason} ({frames} of {self.count} frames)"
         verdict = "authentic" if self._every_authentic else "no_trace"
-        return verdict, f"{self._first} ({self.count} frames)"
+        noun = "frame" if self.count == 1 else "frames"
+        return verdict, f"{self._first} ({self.count} {noun})"
 
 
 LEAST_CHANCE = 0.01

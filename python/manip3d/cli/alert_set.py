@@ -78,6 +78,13 @@ def write_set(
     }
 
 
+def _told(settings: object) -> str:
+    if not isinstance(settings, Mapping):
+        return str(settings)
+    told = (f"--{name} {'all' if v is None else v}" for name, v in settings.items())
+    return " ".join(told) or "no options"
+
+
 def _begin(output: Path, settings: Mapping[str, Any], *, force: bool) -> None:
     """Make the folder, or see that it holds a part of the same set."""
     path = output / _SETTINGS
@@ -90,8 +97,8 @@ def _begin(output: Path, settings: Mapping[str, Any], *, force: bool) -> None:
             found = "no JSON"
         if found != settings:
             raise InputError(
-                f"{output}: expected a part of the set with {settings}, got one with {found}; "
-                "--force begins anew"
+                f"{output}: expected a part of the set of {_told(settings)}; it is of "
+                f"{_told(found)}; --force begins anew"
             )
         return
     if not force and output.is_dir() and any(output.iterdir()):

@@ -93,8 +93,8 @@ def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str
         "figure{display:inline-block;margin:0 .6rem .6rem 0}figcaption{font-size:.85rem}"
         "svg{width:100%;height:auto}</style>"
         f"<h1 class={verdict}>{verdict}</h1><p>{html.escape(inspection.reason)}</p>"
-        f"<p>{html.escape(source)}: {len(inspection.numbers)} frames of {camera.width} x "
-        f"{camera.height} pixels were judged. No verdict says that a stream is authentic.</p>"
+        f"<p>{html.escape(source)}: judged {_count(inspection)} of {camera.width} x "
+        f"{camera.height} pixels. No verdict says that a stream is authentic.</p>"
         + _facts(inspection, source)
         + _table(
             ("detector", "verdict", "score", "why"),
@@ -118,6 +118,11 @@ def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str
         f"{html.escape(inspection.calibration.scenes)}. Not covered: "
         f"{html.escape(inspection.calibration.note)}.</p></html>\n"
     )
+
+
+def _count(inspection: StreamInspection) -> str:
+    number = len(inspection.numbers)
+    return "1 frame" if number == 1 else f"{number} frames"
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
