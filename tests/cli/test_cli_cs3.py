@@ -485,6 +485,18 @@ def test_a_mask_and_confidences_come_from_files(frame: Path, tmp_path: Path) -> 
     assert meshes["levels"] == meshes["shares"] != meshes["plain"]
 
 
+def test_an_image_without_depth_names_a_mask_only_where_there_is_one(tmp_path: Path) -> None:
+    empty, mask = tmp_path / "empty.png", tmp_path / "mask.npy"
+    Image.fromarray(np.zeros((120, 160), np.uint16)).save(empty)
+    np.save(mask, np.ones((120, 160), bool))
+    base = ("depth", empty, "--points", "99", "--intrinsics", FOCAL, "--unit", "mm", "-q")
+    base += ("-o", tmp_path / "x.ply")
+    alone = error_line(manip3d(*base))
+    assert "found no measured pixel" in alone
+    assert "mask" not in alone
+    assert "of those that the mask leaves" in error_line(manip3d(*base, "--mask", mask))
+
+
 def test_wrong_maps_are_one_line(frame: Path, tmp_path: Path) -> None:
     small, levels, color = (tmp_path / name for name in ("small.npy", "levels.npy", "rgb.png"))
     np.save(small, np.ones((9, 9), bool))
@@ -493,7 +505,7 @@ def test_wrong_maps_are_one_line(frame: Path, tmp_path: Path) -> None:
     base = ("depth", frame, "--points", "99", "--intrinsics", FOCAL, "-q", "-o", tmp_path / "x.ply")
     for options, message in (
         (("--mask", small), "--mask: expected bool of shape (120, 160), got bool of (9, 9)"),
-        (("--mask", color), "found no measured pixel (of those that the mask leaves)"),
+        (("--mask", color), "found no measured pixel of those that the mask leaves"),
         (("--mask", frame.with_name("none.png")), "none.png"),
         (("--confidence", levels, "--confidence-max", "2"), "--confidence-max: expected at least"),
         (("--confidence-max", "2"), "--confidence-max: can only be given with confidence"),

@@ -205,7 +205,10 @@ def test_streams_take_the_mask_and_the_confidence_of_each_frame() -> None:
         ({"confidence": np.ones((48, 64), np.uint8)}, "confidence_of_levels makes them"),
         ({"confidence": np.full((48, 64), 1.5)}, "confidence: expected 0 to 1, got 1.5 to 1.5"),
         ({"confidence": np.full((48, 64), -0.5)}, "confidence: expected 0 to 1"),
-        ({"confidence": np.full((48, 64), np.nan)}, "confidence: expected"),
+        (
+            {"confidence": np.where(np.arange(64) < 2, np.nan, np.ones((48, 64)))},
+            "confidence: expected 0 to 1, got 96 NaN",
+        ),
     ],
 )
 def test_bad_maps(options: dict[str, NDArray[np.generic]], message: str) -> None:

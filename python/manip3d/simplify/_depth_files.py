@@ -562,7 +562,7 @@ def from_depth(
         cut = max(0, uncut.num_faces - found.num_faces)
         return _Made(found, mesh, cut, seconds, faces_left=left, left_area=left_area)
 
-    measured = Measured.of(depth > 0)
+    measured = Measured.of(depth > 0, is_masked=maps.mask is not None)
     made = _write(make, path, output, options, measured, has_steps=options.depth_step > 0)
     made = replace(made, seconds=made.seconds + taking_up)
     return _result(path, output, options, made, measured, depth=words, unit=unit)
@@ -574,15 +574,17 @@ class Measured:
 
     pixels: int
     lone: int
+    is_masked: bool = False  # a mask leaves these
 
     @staticmethod
-    def of(valid: NDArray[np.bool_]) -> Measured:
+    def of(valid: NDArray[np.bool_], *, is_masked: bool = False) -> Measured:
         """A pixel is not alone if it is one of three measured ones in a square of two by two."""
         padded = np.pad(valid, 1).astype(np.uint8)
         square = padded[:-1, :-1] + padded[:-1, 1:] + padded[1:, :-1] + padded[1:, 1:]
         full = square >= 3
         joined = full[:-1, :-1] | full[:-1, 1:] | full[1:, :-1] | full[1:, 1:]
-        return Measured(int(np.count_nonzero(valid)), int(np.count_nonzero(valid & ~joined)))
+        lone = int(np.count_nonzero(valid & ~joined))
+        return Measured(int(np.count_nonzero(valid)), lone, is_masked)
 
 
 @dataclass(frozen=True, eq=False)
@@ -679,7 +681,8 @@ def _with_faces(
         return made
     pixels = "1 measured pixel" if measured.pixels == 1 else f"{measured.pixels} measured pixels"
     if measured.pixels == 0:
-        found = "found no measured pixel (of those that the mask leaves)"
+        found = "found no measured pixel"
+        found += " of those that the mask leaves" if measured.is_masked else ""
     elif made.faces_cut > 0:
         faces = "the only face" if made.faces_cut == 1 else f"all {made.faces_cut} faces"
         found = f"found depth steps across {faces}: see depth_step"
@@ -741,7 +744,7 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> D
         seconds = time.perf_counter() - started
         return _Made(found, with_used_vertices(found.mesh), 0, seconds)
 
-    measured = Measured.of(valid)
+    measured = Measured.of(valid, is_masked=mask is not None)
     made = _write(make, path, output, options, measured, has_steps=False)
     words = _NO_CAMERA if is_cloud and options.max_edge is None else ""
     return _result(path, output, options, made, measured, depth=words)

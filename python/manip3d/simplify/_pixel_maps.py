@@ -83,6 +83,8 @@ def confidence_image(
             f"{name}: expected floats of shape {shape}, got {found.dtype} of {found.shape}; "
             "confidence_of_levels makes them from a camera's levels"
         )
+    if np.isnan(found).any():
+        raise InputError(f"{name}: expected 0 to 1, got {np.isnan(found).sum()} NaN")
     if not ((found >= 0) & (found <= 1)).all():
         raise InputError(f"{name}: expected 0 to 1, got {found.min():g} to {found.max():g}")
     return np.ascontiguousarray(found, dtype=np.float32)
