@@ -1,10 +1,14 @@
 #include "simplify/relief_boundary.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
+#include <utility>
 
+#include "simplify/relief_collapse.hpp"
 #include "simplify/relief_links.hpp"
 #include "simplify/relief_raster.hpp"
+#include "simplify/relief_refine.hpp"
 
 namespace manip3d::relief_detail {
 namespace {
@@ -14,6 +18,12 @@ using PixelPlace = std::array<std::int32_t, 2>;
 // A false surface costs ten times as much as a missing one, as where edges collapse.
 constexpr int kFalseFactor = 10;
 constexpr int kTileShift = 4;  // tiles of 16 pixels
+
+/// A sliver of missing surface is up to a pixel wide and a third of that away from the mesh: the
+/// price of its pixels, over their area times their width. Of 0.5, 1, 2 and 4 times the price where
+/// edges collapse, tried on six rendered shelves, 2 leaves 0.98, 0.84 and 0.86 of the error at 5, 1
+/// and 0.5 % of the points, and covers 0.002 less at most; 0.5 covers up to 0.005 less.
+constexpr float kSliverPrice = 2.0F * kMissingFactor / 3.0F;
 
 std::int64_t doubled_area(const PixelPlace& a, const PixelPlace& b, const PixelPlace& c) {
   return std::int64_t{b[0] - a[0]} * (c[1] - a[1]) - std::int64_t{b[1] - a[1]} * (c[0] - a[0]);
@@ -104,6 +114,20 @@ class FanSides {
   std::array<Side, Triangulation::kMaxFan> sides_;  // the first size_ ones
 };
 
+/// The price of a missing pixel beside a fan.
+float price_of_pixel(const Triangulation& mesh, const Triangulation::Fan& fan, std::int32_t v) {
+  float area = 0.0F;  // all of them twice
+  std::int64_t pixels = 0;
+  const Triangulation::Vertex& center = mesh.vertex(v);
+  for (int i = 0; i < fan.size; ++i) {
+    const std::int32_t a = fan.neighbors[i], b = fan.next(i);
+    area += (mesh.vertex(a).point - center.point).cross(mesh.vertex(b).point - center.point).norm();
+    pixels += mesh.orient(v, a, b);
+  }
+  const float pixel_area = area / static_cast<float>(pixels);
+  return kSliverPrice * pixel_area * std::sqrt(pixel_area);
+}
+
 }  // namespace
 
 void BoundaryMover::collect_edges(const Surface& surface, const Triangulation& mesh) {
@@ -169,7 +193,8 @@ bool BoundaryMover::meets_other(const Triangulation& mesh, std::int32_t v, std::
   return met;
 }
 
-bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32_t v) {
+bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, bool at_any_price,
+                         std::int32_t v) {
   Triangulation::Fan fan;
   if (!mesh.fan(v, fan)) return false;
   const std::int32_t first = fan.neighbors[0], last = fan.neighbors[fan.num_neighbors - 1];
@@ -191,6 +216,16 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
     });
     return free;
   };
+  std::array<float, Triangulation::kMaxFan> errors{};
+  const auto error_at = [&](std::int32_t pixel) {
+    return Refiner::error_at(surface, mesh, fan, pixel, kInfinityF, errors);
+  };
+  float error = -1.0F;  // not known
+  const auto is_worth = [&](std::int32_t pixel, int pixels) {
+    if (at_any_price) return true;
+    if (error < 0.0F) error = error_at(at_v);
+    return error_at(pixel) - error < static_cast<float>(pixels) * price_of_pixel(mesh, fan, v);
+  };
   // The worth of each step; whether it is possible is asked of the best ones only.
   std::array<int, 9> worths{};
   for (int i = 0; i < 9; ++i) {
@@ -207,13 +242,14 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
   for (;;) {
     const auto best = std::max_element(worths.begin(), worths.end());  // the first of equal ones
     if (*best <= 0) return false;
-    *best = 0;
+    const int pixels = std::exchange(*best, 0);
     const auto i = static_cast<int>(best - worths.begin());
     const PixelStep step(i % 3 - 1, i / 3 - 1, cols);
     const Pixel to = {from[0] + step.du, from[1] + step.dv};
+    const std::int32_t pixel = at_v + step.dv * cols + step.du;
     if (!is_free(step, to_first) || !is_free(step, to_last)) continue;
-    if (meets_other(mesh, v, first, last, to)) continue;
-    mesh.move(v, surface, at_v + step.dv * cols + step.du);
+    if (meets_other(mesh, v, first, last, to) || !is_worth(pixel, pixels)) continue;
+    mesh.move(v, surface, pixel);
     is_settled_[v] = 0;
     for (int k = 0; k < fan.num_neighbors; ++k) is_settled_[fan.neighbors[k]] = 0;
     return true;
@@ -221,7 +257,7 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
 }
 
 void BoundaryMover::run(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,
-                        int sweeps, const Progress& progress) {
+                        int sweeps, bool at_any_price, const Progress& progress) {
   Ticker ticker(progress);
   make_room(is_settled_, mesh.num_slots());
   is_settled_.assign(mesh.num_slots(), 0);
@@ -232,7 +268,7 @@ void BoundaryMover::run(const Surface& surface, Triangulation& mesh, std::span<c
       ticker.tick();
       if (is_settled_[edge.from] != 0) continue;
       if (!keep.empty() && keep[mesh.vertex(edge.from).pixel] != Keep::kFree) continue;
-      moved = move(surface, mesh, edge.from) || moved;
+      moved = move(surface, mesh, at_any_price, edge.from) || moved;
     }
     if (!moved) return;
   }

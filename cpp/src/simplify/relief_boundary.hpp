@@ -18,8 +18,10 @@ class BoundaryMover {
   /// neighbours that covers most pixels more, one that is not surface (or across a cut) counting as
   /// minus ten. Nothing folds over, and no boundary meets another one.
   /// @param keep  by pixel, may be empty: vertices at pixels that are not free stay.
+  /// @param at_any_price  false: a vertex stays where its triangles would leave the surface by more
+  ///                      than what is won is worth, as at the end of a crease.
   void run(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep, int sweeps,
-           const Progress& progress);
+           bool at_any_price, const Progress& progress);
 
  private:
   using Pixel = std::array<std::int32_t, 2>;  ///< Column and row.
@@ -29,7 +31,7 @@ class BoundaryMover {
   void collect_edges(const Surface& surface, const Triangulation& mesh);
   template <typename Visit>
   void visit_tiles(const std::array<Pixel, 3>& corners, Visit&& visit) const;
-  bool move(const Surface& surface, Triangulation& mesh, std::int32_t v);
+  bool move(const Surface& surface, Triangulation& mesh, bool at_any_price, std::int32_t v);
   [[nodiscard]] bool meets_other(const Triangulation& mesh, std::int32_t v, std::int32_t first,
                                  std::int32_t last, const Pixel& to) const;
 

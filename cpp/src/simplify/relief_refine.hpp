@@ -53,6 +53,12 @@ class Refiner {
   void fit(const Surface& surface, Triangulation& mesh, const std::vector<Vec3>& directions);
   [[nodiscard]] float offset(std::int32_t v) const { return offsets_[v]; }
 
+  /// The error around a vertex if it were at another pixel, by triangle; `most` or more where it
+  /// may not be there.
+  static float error_at(const Surface& surface, const Triangulation& mesh,
+                        const Triangulation::Fan& fan, std::int32_t pixel, float most,
+                        std::array<float, Triangulation::kMaxFan>& errors);
+
  private:
   struct Block {
     float aa, bb, cc, ab, bc, ca, ra, rb, rc;
@@ -62,11 +68,6 @@ class Refiner {
   void accept(const Surface& surface, Triangulation& mesh, const std::vector<Vec3>& directions);
   static Block normal_equations(const Surface& surface, const Triangulation& mesh,
                                 const std::vector<Vec3>& directions, std::int32_t t);
-  /// The error around a vertex if it were at another pixel, by triangle; `most` or more where it
-  /// may not be there.
-  static float error_at(const Surface& surface, const Triangulation& mesh,
-                        const Triangulation::Fan& fan, std::int32_t pixel, float most,
-                        std::array<float, Triangulation::kMaxFan>& errors);
   /// Merges a vertex into the first neighbour that it may merge into; false: there is none.
   static bool merge(const Surface& surface, Triangulation& mesh, std::int32_t v,
                     const Triangulation::Fan& fan);
