@@ -22,7 +22,10 @@ LONG_SEAT = Leg(flexion=86.0, abduction=8.0, knee=4.0)
 
 
 class Scene:
-    """A whole person on a floor, before a camera at a height that is turned by a rotation."""
+    """A whole person before a camera at a height that is turned by a rotation.
+
+    The person stands on a floor, which the camera does not see if ``has_floor`` is false.
+    """
 
     def __init__(
         self,
@@ -31,6 +34,7 @@ class Scene:
         turned: NDArray[np.float64] | None = None,
         height: float = 0.95,
         soles: float = 0.0,
+        has_floor: bool = True,
     ) -> None:
         figure = pose_figure(pose, (0.0, height, DISTANCE))
         skin = build_skin()
@@ -48,7 +52,7 @@ class Scene:
         self.normal = self._turned @ figure.lateral[0]
         floor = box_mesh(Box((-2.6, height, 0.2), (2.6, height + 0.1, 4.0), (0, 0, 0)))
         person = np.min([self._seen(*part) for part in people], axis=0)
-        ground = self._seen(*floor)
+        ground = self._seen(*floor) if has_floor else np.full_like(person, np.inf)
         depth = np.minimum(person, ground)
         told = Skeleton(
             (joints @ self._turned.T).astype(np.float32),
@@ -97,6 +101,29 @@ def test_a_tilted_camera_does_not_tilt_the_plane_of_a_leg(
 ) -> None:
     turned = about("z", roll) @ about("x", down)
     scene = Scene(Pose(turn=turn), turned=turned, height=height)
+    for result in scene.watched(limb, 10)[2:]:
+        assert result.state is PhantomState.TRACKING
+        assert result.plane is not None
+        cosine = abs(float(result.plane.normal @ scene.normal))
+        assert np.degrees(np.arccos(min(1.0, cosine))) < 1.5
+
+
+@pytest.mark.parametrize("limb", ["left_leg", "right_leg"])
+@pytest.mark.parametrize(
+    ("down", "roll", "turn", "height"),
+    [
+        (25.0, 0.0, 30.0, 2.1),
+        (25.0, 0.0, -30.0, 2.1),
+        (0.0, 10.0, 0.0, 0.95),
+        (0.0, -20.0, 0.0, 0.95),
+    ],
+)
+def test_a_person_tells_a_tilted_camera_which_way_is_down(
+    limb: Limb, down: float, roll: float, turn: float, height: float
+) -> None:
+    """No floor is seen: the plane was 4 to 6 degrees off, and the foot 15 to 20 cm."""
+    turned = about("z", roll) @ about("x", down)
+    scene = Scene(Pose(turn=turn), turned=turned, height=height, has_floor=False)
     for result in scene.watched(limb, 10)[2:]:
         assert result.state is PhantomState.TRACKING
         assert result.plane is not None

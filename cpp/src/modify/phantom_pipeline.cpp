@@ -27,6 +27,7 @@
 #include "modify/stature.hpp"
 #include "modify/stopped_joints.hpp"
 #include "modify/surroundings.hpp"
+#include "modify/upright.hpp"
 #include "modify/vertical.hpp"
 
 namespace manip3d {
@@ -224,6 +225,7 @@ class PhantomPipeline::Workspace {
   void start_anew() {
     patient_.reset();
     vertical_.reset();
+    upright_.reset();
     forget_person();
   }
 
@@ -268,6 +270,7 @@ class PhantomPipeline::Workspace {
     stature_.reset();
     offset_.reset();
     vertical_.reset();
+    upright_.reset();
     leap_.reset();
     forget_phantom();
   }
@@ -448,7 +451,13 @@ class PhantomPipeline::Workspace {
         input.body_index == nullptr || (follows_trunk() && !is_arm(options_.affected));
     if (!is_asked || !is_usable(person, Joint::kSpineBase)) return;
     vertical_.learn(input.depth, input.body_index, rays_, person[Joint::kSpineBase]);
-    if (!is_arm(options_.affected)) trunk_.set_down(vertical_.down());
+    if (is_arm(options_.affected)) return;
+    if (vertical_.is_known()) {
+      trunk_.set_down(vertical_.down());
+    } else {
+      upright_.learn(person, options_.affected, clock_.seconds());
+      trunk_.set_down(upright_.down(), upright_.covariance());
+    }
   }
 
   void set_frame(const BodyFrame& trunk) {
@@ -787,6 +796,7 @@ class PhantomPipeline::Workspace {
   JointOffset offset_;
   StoppedJoints stopped_;
   Vertical vertical_;
+  Upright upright_;
   LegTurn legs_;
   std::optional<BodyFrame> trunk_frame_;
   std::optional<BodyFrame> frame_;  ///< `trunk_frame_` with the turn of the legs.

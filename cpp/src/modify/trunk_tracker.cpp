@@ -445,14 +445,15 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
   const auto axes = trusted_frame(mean_skeleton(*pose_), affected_, joint_trust(), down_);
   if (!axes) return;
   if (surface_.size() < kLeastSurface) {
-    covariance_ = Eigen::Matrix3d(joint_plane_variance().cwiseInverse().asDiagonal()).inverse();
+    covariance_ =
+        Eigen::Matrix3d(joint_plane_variance(axes->n).cwiseInverse().asDiagonal()).inverse();
     return;
   }
   const PixelProjector projector(camera, rays);
   const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
   // A plane that is held at joints beside the flesh turns to fit the surface.
   const double aside = offset_along(axes->n);
-  Eigen::Vector3d variance = joint_plane_variance();
+  Eigen::Vector3d variance = joint_plane_variance(axes->n);
   variance[2] += kUnknownOffset * kUnknownOffset * aside * aside;
   const Eigen::Vector3d prior = variance.cwiseInverse();
   Eigen::Vector3d moved = Eigen::Vector3d::Zero();
@@ -547,8 +548,15 @@ double TrunkTracker::size_against_adult() const {
   return adult > 0.0 ? std::clamp(sum / adult, kLeast, 1.0) : 1.0;
 }
 
-/// Variances of the plane that the joints tell: its roll and yaw, and metres aside.
-Eigen::Vector3d TrunkTracker::joint_plane_variance() const {
+/// Variance that the vertical has along the normal of a leg's plane, square radians. Continuous:
+/// none up to a deviation of a degree, which poses of level cameras leave, and all from twice that.
+double TrunkTracker::level_variance(const Eigen::Vector3d& n) const {
+  const double variance = std::max(0.0, n.dot(down_covariance_ * n));
+  return variance * std::clamp(std::sqrt(variance) / kDegree - 1.0, 0.0, 1.0);
+}
+
+/// Variances of the plane with a normal that the joints tell: its roll and yaw, and metres aside.
+Eigen::Vector3d TrunkTracker::joint_plane_variance(const Eigen::Vector3d& n) const {
   const auto variance = [&](Joint joint) {
     const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
     return mean.weight > 0.0 ? mean_variance(mean) : kUnknown;
@@ -577,6 +585,7 @@ Eigen::Vector3d TrunkTracker::joint_plane_variance() const {
   if (!arm) {
     bias[0] = kLegRoll;
     roll *= kLeftTilt * kLeftTilt;
+    roll += (1.0 - kLeftTilt) * (1.0 - kLeftTilt) * level_variance(n);
   }
   return bias.cwiseProduct(bias) + Eigen::Vector3d(roll, yaw, 1.0 / precision);
 }

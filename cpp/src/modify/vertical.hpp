@@ -37,6 +37,9 @@ class Vertical {
   /// Unit vector in the frame of the camera.
   [[nodiscard]] const Eigen::Vector3d& down() const { return down_; }
 
+  /// Has a frame shown enough of a floor? Until then down() is along the image's columns.
+  [[nodiscard]] bool is_known() const { return frames_ > 0.0; }
+
   /// None as long as no frame has shown enough of a floor.
   [[nodiscard]] const std::optional<FloorPlane>& floor() const { return floor_; }
 

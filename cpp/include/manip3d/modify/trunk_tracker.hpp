@@ -61,7 +61,12 @@ class TrunkTracker {
   explicit TrunkTracker(Limb affected);
 
   /// Says which way is down from now on, as a unit vector: until then along the image's columns.
-  void set_down(const Eigen::Vector3d& down) { down_ = down; }
+  /// @param covariance  of `down`, square radians: the plane of a leg is no surer than that.
+  void set_down(const Eigen::Vector3d& down,
+                const Eigen::Matrix3d& covariance = Eigen::Matrix3d::Zero()) {
+    down_ = down;
+    down_covariance_ = covariance;
+  }
 
   /// Says how far the flesh of the limbs lies beside their joints from now on, metres: until then
   /// it does not.
@@ -183,10 +188,12 @@ class TrunkTracker {
   [[nodiscard]] JointTrust joint_trust() const;
   [[nodiscard]] double offset_along(const Eigen::Vector3d& n) const;
   [[nodiscard]] double size_against_adult() const;
-  [[nodiscard]] Eigen::Vector3d joint_plane_variance() const;
+  [[nodiscard]] double level_variance(const Eigen::Vector3d& n) const;
+  [[nodiscard]] Eigen::Vector3d joint_plane_variance(const Eigen::Vector3d& n) const;
 
   Limb affected_;
   Eigen::Vector3d down_ = Eigen::Vector3d::UnitY();
+  Eigen::Matrix3d down_covariance_ = Eigen::Matrix3d::Zero();
   Eigen::Vector3d offset_ = Eigen::Vector3d::Zero();  ///< Metres, limbs' flesh from joints.
   std::optional<Pose> pose_;
   Vector6 velocity_ = Vector6::Zero();  ///< Rotation vector and translation, per second.
