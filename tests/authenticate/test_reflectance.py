@@ -245,6 +245,28 @@ def test_one_value_has_no_shot_noise(turns: list[LidarFrame]) -> None:
     assert box[found.suspected].mean() > 0.8
 
 
+@pytest.mark.parametrize("one", [100.0, 255.0, 65535.0])
+@pytest.mark.parametrize("write", [np.round, np.floor])
+def test_hundredths_in_another_unit_are_judged(
+    turns: list[LidarFrame], one: float, write: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    values, inside = of_box(turns)
+    values[inside] = np.float32(0.3)
+    values[np.flatnonzero(~inside)[:3]] = np.float32(0.99)  # as bright as the scanner measures
+    frame = turns[1].replace(intensity=values)
+    written = write((values.astype(np.float64) * one).round(4)).astype(np.float32)
+    found = reflectance_consistency(turns[1].replace(intensity=written), lattice=LATTICE)
+    expected = reflectance_consistency(frame, lattice=LATTICE)
+    assert found.verdict == expected.verdict == "tampered"
+    assert np.array_equal(found.suspected, expected.suspected)
+
+
+def test_numbers_that_are_no_hundredths_are_not_judged(turns: list[LidarFrame]) -> None:
+    own = np.random.default_rng(0).integers(0, 256, turns[1].num_points).astype(np.float32)
+    found = reflectance_consistency(turns[1].replace(intensity=own), lattice=LATTICE)
+    assert (found.verdict, found.reason) == ("undecidable", "reflectances are not in [0, 1]")
+
+
 def test_a_filled_hole_has_the_values_of_its_rim(turns: list[LidarFrame]) -> None:
     """The white-box deletion, which no other detector finds in one frame."""
     forged = forge.lattice_remove(turns[1], turn_scans.box_at(0, 0.0), lattice=LATTICE)

@@ -47,6 +47,11 @@ OTHER_STEPS = (1.0, 1.0 / 255.0)
 FULL_OF_16_BITS = 65535.0
 """A reflectance of 1 in files of whole numbers of 16 bits, such as LAS."""
 
+UNITS_OF_ONE, LEAST_OF_ONE, MOST_FOREIGN = (100.0, 255.0, FULL_OF_16_BITS), 0.9, 0.01
+"""Numbers that stand for a reflectance of 1 in files of whole numbers; share of one that the
+brightest point has at least; share of values that are no hundredths, at most. A file in the
+scanner's own unit of 0 to 255 has 0.6 of them."""
+
 SAMPLE = 7
 """One pair of rows in so many is looked at to tell rewritten reflectances: a prime, since files may
 have values that repeat in powers of two (in one of KITTI every eighth row has none)."""
@@ -288,6 +293,9 @@ def reflectances_read(
     if (previous is None) != (following is None):
         raise InputError("previous, following: expected both frames or neither, got one")
     nothing = np.empty(0, np.int64)
+    frame = _in_hundredths(frame)
+    if previous is not None and following is not None:
+        previous, following = _in_hundredths(previous), _in_hundredths(following)
     if (why := why_not_judged(frame)) is not None:
         return ReflectanceResult(
             "undecidable", why, 1.0, 0.0, false_alarm_rate, (), nothing, False, CALIBRATION
@@ -334,6 +342,33 @@ def reflectances_read(
         CALIBRATION,
         rewritten,
     )
+
+
+def _in_hundredths(frame: LidarFrame) -> LidarFrame:
+    """The frame with the hundredths of the scanner's files, where it holds them in another unit.
+
+    Each hundredth is another number of `UNITS_OF_ONE`, rounded or cut, so that none is lost.
+    """
+    values = frame.intensity
+    if values is None or not len(values) or not np.isfinite(values).all() or values.max() <= 1.0:
+        return frame
+    largest = float(values.max())
+    some = values[::SAMPLE].astype(np.float64)
+    for one in UNITS_OF_ONE:
+        if not LEAST_OF_ONE * one <= largest <= one or _share_foreign(some, one) > MOST_FOREIGN:
+            continue
+        if _share_foreign(values.astype(np.float64), one) <= MOST_FOREIGN:
+            hundredths = np.rint(values.astype(np.float64) * (100.0 / one)).astype(np.intp)
+            whole = (np.arange(101) / 100.0).astype(np.float32)
+            return frame.replace(intensity=whole[hundredths.clip(0, 100)], format=None)
+    return frame
+
+
+def _share_foreign(values: NDArray[np.float64], one: float) -> float:
+    """Share of values that no hundredth is in a unit."""
+    hundredths = np.arange(101) * (one / 100.0)
+    near = np.add.outer((-1e-6, 1e-6), hundredths)  # single precision rounds to either side
+    return float(np.mean(~np.isin(values, np.floor([near, near + 0.5]))))
 
 
 def reflectance_p_value(strength: float) -> float:
