@@ -42,6 +42,7 @@ from manip3d.authenticate._processing import (
     _is_cut_on_both_sides,
     _least_of_rings,
     edge_of_voxels,
+    find_processing,
     first_azimuth,
 )
 from manip3d.authenticate._reflectance import why_rewritten
@@ -947,7 +948,11 @@ NAMES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "shrunk": (lambda p: np.float32(p * 0.999), "moved"),
     "noise of a tenth of a millimetre": (
         lambda p: np.float32(p + np.random.default_rng(0).normal(0, 1e-4, p.shape)), "moved"),
-    "16 bits": (lambda p: p.astype(np.float16).astype(np.float32), "moved"),
+    "16 bits": (lambda p: p.astype(np.float16).astype(np.float32), "float16"),
+    "three digits": (lambda p: in_digits(p, 3), "rounded"),
+    "four digits": (lambda p: in_digits(p, 4), "rounded"),
+    "centimetres from an offset": (
+        lambda p: np.float32(np.round((p.astype(float) - 0.1234) * 100) / 100 + 0.1234), "rounded"),
     "cut": (lambda p: np.float32(np.trunc(p.astype(float) * 1000) / 1000), "moved"),
 }  # fmt: skip
 
@@ -955,8 +960,56 @@ NAMES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
 @pytest.mark.parametrize("name", NAMES)
 def test_only_a_turn_is_called_one(name: str) -> None:
     change, kind = NAMES[name]
-    kinds = {step.kind for step in street_with(change).processing} - {"float16"}
-    assert kinds == {kind}
+    assert {step.kind for step in street_with(change).processing} == {kind}
+
+
+def in_digits(points: np.ndarray, digits: int) -> np.ndarray:
+    return np.array([float(f"{value:.{digits}g}") for value in points.ravel()], "f4").reshape(-1, 3)
+
+
+LAWS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
+    "two millimetres": (
+        lambda p: np.float32(np.round(p.astype(float) * 500) / 500),
+        "rounded: coordinates are whole numbers of 2 mm"),
+    "millimetres from an offset": (
+        lambda p: np.float32(np.round(p.astype(float) - 1.2344, 3) + 1.2344),
+        "rounded: coordinates are whole steps of 1 mm from an offset"),
+    "yards": (
+        lambda p: np.float32(p / 0.9144), "scaled: coordinates are metres times 1.09"),
+    "two turns": (
+        lambda p: np.concatenate([p, p + np.float32([0.37, 0.21, 0.003])]),
+        "points are more than a turn has"),
+    "one point of ten": (
+        lambda p: p[np.random.default_rng(0).random(len(p)) < 0.1],
+        "thinned: fewer returns from the ground than a whole frame has"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_what_was_done_to_a_frame_of_kittis_scanner_is_said(name: str) -> None:
+    change, words = LAWS[name]
+    found = authenticate.inspect(change(simulated_street()), origin=(0, 0, 0))
+    assert found.verdict == "processed"
+    assert words in found.reason
+    assert "no points in" not in found.reason
+    assert "moved" not in {step.kind for step in found.processing} or name == "two turns"
+
+
+def test_whole_numbers_of_another_unit_are_no_rounding() -> None:
+    metres = np.random.default_rng(0).uniform(-60.0, 60.0, (5000, 3)).round(1).astype(np.float32)
+    other = replace(authenticate.identify_sensor(metres), kind="spinning", name="other")
+    (step,) = find_processing(metres, other, None)
+    assert step.detail == "coordinates are whole numbers of 100 mm"
+    assert find_processing((metres * 1000.0).round(), other, None) == ()
+
+
+@pytest.mark.parametrize("sensor", ["auto", "terrestrial"])
+def test_a_room_in_millimetres_is_not_judged_as_one_in_metres(sensor: str) -> None:
+    assert authenticate.inspect(CAVE, sensor=sensor).verdict == "no_trace"
+    for points in (CAVE * np.float32(1000.0), np.round(CAVE * np.float32(1000.0))):
+        found = authenticate.inspect(points, sensor=sensor)
+        assert found.verdict == "undecidable"
+        assert "not in metres" in found.reason
 
 
 def test_reflectances_of_the_scanner_are_not_called_rewritten() -> None:

@@ -10,9 +10,15 @@ import pytest
 
 from manip3d import InputError, _core, authenticate, simulate
 from manip3d.authenticate._processing import MOST_CUT, cuts_of_outliers
+from manip3d.io import read_scan
 from manip3d.lidar import LidarFrame
+from real_data import RealData
 
 scipy_spatial = pytest.importorskip("scipy.spatial")
+
+FRAME = (
+    "lidar/kitti_raw/2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data/0000000007.bin.xz"
+)
 
 
 def neighbour_distances(points: np.ndarray, count: int) -> np.ndarray:
@@ -113,6 +119,39 @@ def test_filters_of_outliers_are_named(
     assert named.kind == kind
     if kind == "outliers":
         assert "from its neighbours, as a filter of outliers leaves a scan" in named.detail
+
+
+# The first takes so much of a far road that a car seems to have been removed, the last the own car.
+@pytest.mark.parametrize(("count", "metres"), [(16, 0.8), (10, 0.5), (0, 0.0)])
+def test_filters_that_leave_some_lone_points_are_named(
+    realdata: RealData, count: int, metres: float
+) -> None:
+    scan = read_scan(realdata(FRAME))
+    if count:
+        kept = neighbour_distances(scan.points, count)[:, -1] < metres
+    else:
+        mean = neighbour_distances(scan.points, 50).mean(axis=1)
+        kept = mean < mean.mean() + mean.std()
+    found = authenticate.inspect(scan.select(np.flatnonzero(kept)), power=False)
+    assert found.verdict == "processed", found.reason
+    assert [step.kind for step in found.processing] == ["outliers"]
+
+
+@pytest.mark.parametrize("metres", [60.0, 72.0])
+def test_a_crop_far_away_is_no_filter(realdata: RealData, metres: float) -> None:
+    scan = read_scan(realdata(FRAME))
+    kept = np.linalg.norm(scan.points, axis=1) < metres
+    found = authenticate.inspect(scan.select(np.flatnonzero(kept)), power=False)
+    assert [step.kind for step in found.processing] == ["cropped"]
+
+
+def test_pasted_points_are_no_sign_of_a_filter(realdata: RealData) -> None:
+    scan = read_scan(realdata(FRAME))
+    kept = neighbour_distances(scan.points, 10)[:, -1] < 0.5
+    filtered = scan.select(np.flatnonzero(kept))
+    pasted = np.random.default_rng(0).uniform(-1.0, 1.0, (400, 3)) + np.array([12, -4, -1])
+    points = np.concatenate([filtered.points, pasted.round(3).astype(np.float32)])
+    assert authenticate.inspect(points, origin=(0, 0, 0), power=False).verdict == "tampered"
 
 
 def test_other_treatments_are_no_filter_of_outliers() -> None:

@@ -68,17 +68,15 @@ class Firings(NamedTuple):
         Firing that each point belongs to; -1: none.
     ring : (N,) int32
         Laser of each point.
+    cells, rows : (M,) int64
+        Places in ``answered``, row after row, of the points on a firing, and their rows.
     """
 
     answered: NDArray[np.bool_]
     firing: NDArray[np.int64]
     ring: NDArray[np.int32]
-
-    @property
-    def cells(self) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-        """Places in `answered`, row after row, of the points on a firing, and their rows."""
-        rows = np.flatnonzero(self.firing >= 0)
-        return self.ring[rows] * np.int64(self.answered.shape[1]) + self.firing[rows], rows
+    cells: NDArray[np.int64]
+    rows: NDArray[np.intp]
 
 
 def firings_of(reading: LatticeReading, rings: int) -> Firings | None:
@@ -92,13 +90,14 @@ def firings_of(reading: LatticeReading, rings: int) -> Firings | None:
     votes = np.bincount(count)
     around = np.max([np.roll(votes, k) for k in range(-2, 3)], axis=0)
     fired = (votes > 0) & (votes >= 0.6 * around)
+    of_row = np.where(fired, np.cumsum(fired) - 1, -1)[count]
     firing = np.full(len(reading.ring), -1)
-    firing[rows] = np.where(fired, np.cumsum(fired) - 1, -1)[count]
-    shape = rings, int(np.count_nonzero(fired))
-    found = Firings(np.zeros(shape, np.bool_), firing, reading.ring)
-    cells, _ = found.cells
-    found.answered.reshape(-1)[cells] = True
-    return found
+    firing[rows] = of_row
+    rows, of_row = rows[of_row >= 0], of_row[of_row >= 0]
+    answered = np.zeros((rings, int(np.count_nonzero(fired))), np.bool_)
+    cells = reading.ring[rows] * np.int64(answered.shape[1]) + of_row
+    answered.reshape(-1)[cells] = True
+    return Firings(answered, firing, reading.ring, cells, rows)
 
 
 def is_cut_above(height: NDArray[np.float64], firings: Firings | None) -> bool:

@@ -68,9 +68,11 @@ from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_re
 from manip3d.authenticate._repeats import in_common, sketch_of
 from manip3d.authenticate._sensors import (
     HDL64E,
+    NOT_IN_METRES,
     Sensor,
     height_above_origin,
     identify_and_read,
+    is_in_metres,
     nothing_to_tell,
 )
 from manip3d.authenticate._turns import (
@@ -491,6 +493,8 @@ def _stated(scan: LidarFrame, sensor: str, threads: int) -> Sensor:
     """The scanner that a caller stated, and that was not told from the scan."""
     if (why := nothing_to_tell(scan.points)) is not None:
         return Sensor("unknown", "unknown", why)
+    if sensor == "terrestrial" and not is_in_metres(scan.points):
+        return Sensor("unknown", "unknown", NOT_IN_METRES)
     if sensor == "terrestrial":
         found = estimate_origin(scan, known=(0.0, 0.0, 0.0), threads=threads)
         if found.position is not None and found.explained >= LEAST_EXPLAINED:

@@ -90,6 +90,10 @@ to steps of 0.05 to 0.2 degrees an Ouster, an HDL-32E and a Pandar64 fill 0.11 a
 TERRESTRIAL_STEP = 0.35
 """Degrees between rows; detectors I and II are calibrated for finer grids."""
 
+MOST_MEDIAN = 200.0
+"""Median distance from the scanner of points in metres, at most. In millimetres whatever is in a
+room is farther away, and the gaps that detector II looks for are those between any two points."""
+
 MOST_LASERS = 128
 
 LARGEST_SLOPE_ERROR = 2e-4
@@ -516,11 +520,27 @@ def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
     around = estimate_origin(frame, known=(0.0, 0.0, 0.0), threads=threads)
     if around.position is None or around.axis != "z" or around.explained < LEAST_EXPLAINED:
         return None  # a scanner on its side, or rows that rounding made
+    if not is_in_metres(frame.points):
+        return Sensor("terrestrial scanner", "unknown", NOT_IN_METRES)
     return Sensor(
         "terrestrial scanner",
         "terrestrial",
         f"{crowded.size} rows of elevation, {grid.elevation_deg:.3f} degrees apart",
     )
+
+
+def is_in_metres(points: NDArray[np.float32]) -> bool:
+    """Return whether points are as near to the scanner as a scan in metres has them.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+    """
+    distance = np.linalg.norm(points.astype(np.float64), axis=1)
+    return len(points) == 0 or bool(np.median(distance) <= MOST_MEDIAN)
+
+
+NOT_IN_METRES = f"half of its points are farther than {MOST_MEDIAN:g}: they are not in metres"
 
 
 def _is_scanned(row: Floats, column: Floats) -> bool:
