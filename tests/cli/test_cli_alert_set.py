@@ -87,7 +87,7 @@ def test_a_frame_of_two_drives_with_its_attacks(
     manip3d.io.read_scan(kept)
     assert (out / "drive_3" / "translation" / "000000.bin.xz.truth.json").is_file()
     assert (out / "manifest.csv").read_bytes() == manifest
-    assert "got one with {'seed': 0, 'frames': 1}" in str(run(out, "--seed", 1).exception)
+    assert "it is of --seed 0 --frames 1" in str(run(out, "--seed", 1).exception)
 
 
 def test_other_folders_are_left_alone(tmp_path: Path) -> None:

@@ -291,8 +291,11 @@ def test_the_command_line_takes_a_ceiling(tmp_path: Path) -> None:
 
 
 def test_relief_of_a_large_image_gives_scratch_back_while_it_runs() -> None:
-    """53 bytes a pixel, 13 of them the copy that the result keeps; 77 with all kept to the end."""
+    """69 bytes a pixel, 13 of them the copy that the result keeps.
+
+    With a first mesh of one bisection a point, not 2.5, it was 53, and 77 with all kept to the end.
+    """
     done = subprocess.run(
         [sys.executable, "-c", ONE_RELIEF], capture_output=True, text=True, check=True
     )
-    assert float(done.stdout) < 63
+    assert float(done.stdout) < 75

@@ -34,9 +34,10 @@ def test_a_frame_becomes_what_its_images_do(frames: list[RgbdFrame], tmp_path: P
         registration=frame.calibration.registration,
     )
     mesh = read_mesh(result.output)
+    used = alone.vertices[np.unique(alone.faces)]  # files leave the others out
     np.testing.assert_allclose(
         np.sort(mesh.vertices, axis=0),
-        np.sort(alone.vertices * np.array([1.0, -1.0, -1.0]), axis=0),
+        np.sort(used * np.array([1.0, -1.0, -1.0]), axis=0),
         atol=1e-6,
     )
     assert (result.points, result.coverage) == (alone.num_used, alone.coverage)

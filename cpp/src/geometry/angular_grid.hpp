@@ -141,7 +141,7 @@ class AngularGrid {
   Eigen::Vector3d position_;
   Ticker ticker_;
   PolarPoints polar_;
-  WindowedPhases phases_;  ///< Of the last call of phases(), for its memory.
+  WindowedPhases phases_;  ///< Result of the last call of phases(): its memory is used again.
 };
 
 }  // namespace manip3d

@@ -11,7 +11,7 @@ namespace manip3d {
 /// A small piece of the surface that a scanner has seen.
 struct SurfacePatch {
   Eigen::Vector3d place;   ///< Metres.
-  Eigen::Vector3d normal;  ///< Of unit length; either side.
+  Eigen::Vector3d normal;  ///< Unit length; either side.
   double density = 0.0;    ///< Points a square metre.
 };
 

@@ -26,9 +26,9 @@ constexpr std::int64_t kFaceBytes = 40;       // vertices, texcoords, normals, m
 /// attribute, each times its weight, which is not zero.
 using Morph = std::vector<std::pair<const GltfAccessor*, double>>;
 
-/// Rows at the end of a table. Primitives that share an accessor share its rows: the first of them
-/// owns the rows and fills them.
-struct Rows {
+/// Rows at the end of a table. Primitives that share an accessor share its rows: the first of
+/// them owns the rows and fills them.
+struct TableRows {
   std::int64_t first = 0;
   bool are_owned = false;
 };
@@ -38,9 +38,9 @@ struct Draw {
   const GltfPrimitive* primitive;
   const GltfTransform* transform;
   std::int64_t first_face = 0;
-  Rows vertices = {};
-  Rows texcoords = {};
-  Rows normals = {};
+  TableRows vertices = {};
+  TableRows texcoords = {};
+  TableRows normals = {};
   const std::vector<GltfTransform>* joints = nullptr;
   Morph vertex_morph = {};
   Morph normal_morph = {};
@@ -129,7 +129,7 @@ class Planner {
           budget_.charge(p.position->count, bytes, p.place.pointer());
           count += p.position->count;
         }
-        return Rows{row->second, is_new};
+        return TableRows{row->second, is_new};
       };
       draw.vertices =
           claim(vertices,
@@ -357,7 +357,7 @@ class TableWriter {
       const std::int64_t face = draw.first_face + f;
       for (int c = 0; c < 3; ++c) {
         const std::int64_t i = corners[from[c]];
-        const auto set = [&](Faces& table, const Rows& rows) {
+        const auto set = [&](Faces& table, const TableRows& rows) {
           table(face, c) = static_cast<std::int32_t>(rows.first + i);
         };
         set(mesh_.faces, draw.vertices);

@@ -41,7 +41,7 @@ struct SplitVertex {
 /// Faces of a primitive.
 struct SplitFaces {
   std::vector<SplitVertex> vertices;
-  std::vector<std::uint32_t> indices;  ///< Of the corners, into `vertices`.
+  std::vector<std::uint32_t> indices;  ///< By corner, into `vertices`.
 };
 
 bool face_has_normals(const MeshView& mesh, Eigen::Index face) {
@@ -94,7 +94,7 @@ void check_float32(const std::vector<float>& values, const char* name) {
 /// Splits the vertices of a mesh where the texture coordinate or normal of a corner differs.
 class VertexSplitter {
  public:
-  /// @param max_vertices  Of a primitive; 0: no limit.
+  /// @param max_vertices  most of a primitive; 0: no limit.
   VertexSplitter(const MeshView& mesh, std::int64_t max_vertices)
       : mesh_(mesh), max_vertices_(max_vertices), chains_(mesh.num_vertices(), -1) {}
 

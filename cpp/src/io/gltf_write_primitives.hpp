@@ -30,8 +30,8 @@ struct PrimitiveOptions {
   /// Where positions are stored. In a quantised frame normals and texture coordinates are integers,
   /// too. Joints and morph targets need a frame that is not quantised.
   PositionFrame frame = {};
-  std::int64_t max_vertices = 0;  ///< Of a primitive; 0: no limit.
-  std::size_t num_materials = 0;  ///< Of the mesh.
+  std::int64_t max_vertices = 0;  ///< Most of a primitive; 0: no limit.
+  std::size_t num_materials = 0;  ///< Materials of the mesh.
   /// Index in the document of a material, for faces with or without texture coordinates; by default
   /// the index that the mesh has.
   std::function<std::int64_t(std::int32_t material, bool has_texcoords)> material_of = {};

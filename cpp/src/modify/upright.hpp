@@ -40,8 +40,8 @@ class Upright {
   void weigh();
 
   Grid told_{};           ///< Mean logarithm of the likelihood of each roll and pitch.
-  double seconds_ = 0.0;  ///< That tell it; 0: nothing was seen.
-  double time_s_ = 0.0;   ///< Of the last frame that was taken in.
+  double seconds_ = 0.0;  ///< Time that `told_` is the mean of; 0: nothing was seen.
+  double time_s_ = 0.0;   ///< Time of the last frame that was taken in.
   Eigen::Vector3d down_ = Eigen::Vector3d::UnitY();
   Eigen::Matrix3d covariance_ = Eigen::Matrix3d::Zero();
 };

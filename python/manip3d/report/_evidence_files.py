@@ -10,7 +10,6 @@ from typing import Any
 
 from manip3d._util.json import finite
 from manip3d._util.paths import path_of
-from manip3d.datasets import file_sha256, folder_sha256
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 
@@ -37,6 +36,8 @@ def sha256_of_source(source: str) -> tuple[str, str]:
 
     Both are empty if the source is neither.
     """
+    from manip3d.datasets import file_sha256, folder_sha256
+
     place = Path(source)
     scheme, _, rest = source.partition(":")
     if scheme in ("folder", "mkv", "tum") and not place.exists():
