@@ -1028,8 +1028,8 @@ def test_five_prefixes_are_as_good_as_runs_of_their_own(
     assert errors == sorted(errors)
     for size, level in zip(sizes, errors, strict=True):
         alone = simplify.relief_grid(grid.points, grid.valid, size, effort=effort)
-        # What moved to the end of the surface for a smaller size stays there: 1.14 for `fine`, 1.12
-        # for `balanced`.
+        # A vertex that moved to the end of the surface for a smaller size stays there: 1.14 for
+        # `fine`, 1.12 for `balanced`.
         assert level < (1.1 if effort == "fast" else 1.15) * error(alone, size)
 
 

@@ -41,8 +41,8 @@ class GltfNodes {
   /// @throws FormatError  a node that has two parents or is its own ancestor.
   GltfNodes(GltfDocument& document, GltfBudget& budget);
 
-  /// What the default scene shows, in depth-first order of its nodes. What it returns refers to
-  /// this object.
+  /// Instances of meshes in the default scene, in depth-first order of its nodes. Their `joints`
+  /// refer to this object.
   [[nodiscard]] std::vector<GltfInstance> drawn_instances();
   [[nodiscard]] std::vector<SceneNode> scene_nodes();
   /// Whether a node is part of any scene.

@@ -19,7 +19,7 @@ struct GltfPrimitive {
   const GltfAccessor* texcoord = nullptr;
   const GltfAccessor* color = nullptr;
   const GltfAccessor* indices = nullptr;
-  std::vector<const GltfAccessor*> more_texcoords = {};  ///< As more_texcoords_of().
+  std::vector<const GltfAccessor*> more_texcoords = {};  ///< See more_texcoords_of().
   std::optional<JsonPlace> targets = std::nullopt;
   GltfTextureTransform texture = {};
   std::int32_t material = -1;

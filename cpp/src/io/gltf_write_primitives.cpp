@@ -350,8 +350,8 @@ class PrimitiveWriter {
     }
   }
 
-  /// What a morph target adds to the vertices. Most targets move a small part of a face: the rows
-  /// that are zero are left out where that is shorter (a sparse accessor).
+  /// Writes the moves of a morph target, by vertex. Most targets move a small part of a face: the
+  /// rows that are zero are left out where that is shorter (a sparse accessor).
   std::size_t write_moves(std::span<const float> table, std::int64_t target, const char* name) {
     const float* rows = table.data() + 3 * target * mesh_.num_vertices();
     std::vector<float> values, moved_values;

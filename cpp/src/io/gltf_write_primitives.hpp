@@ -27,8 +27,8 @@ struct PositionFrame {
 PositionFrame quantized_frame(const std::vector<const MeshView*>& levels);
 
 struct PrimitiveOptions {
-  /// Where positions are stored. In a quantised frame normals and texture coordinates are integers,
-  /// too. Joints and morph targets need a frame that is not quantised.
+  /// Frame of the stored positions. In a quantised frame normals and texture coordinates are
+  /// integers, too. Joints and morph targets need a frame that is not quantised.
   PositionFrame frame = {};
   std::int64_t max_vertices = 0;  ///< Most of a primitive; 0: no limit.
   std::size_t num_materials = 0;  ///< Materials of the mesh.

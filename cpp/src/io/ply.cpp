@@ -193,7 +193,7 @@ class MaterialTable {
   // Whether faces have a property material_index; else their number is that of their texture.
   bool has_index = false;
 
-  // What the first face of a material says holds.
+  // The first face of a material decides.
   void note_texture(std::int32_t material, std::int32_t texture) {
     texture_of_.try_emplace(material, texture);
   }

@@ -308,7 +308,7 @@ class Conductor:
         values: Mapping[str, int | float | str],
     ) -> None:
         key = session.participant, step.id
-        # What was never shown has no answer either.
+        # A step that was never shown has no answer either.
         shown_s = time.monotonic() - self._shown_since.get(key, math.inf)
         if shown_s < step.minimum_s:
             raise FormatError(f"{step.id}: expected an answer after {step.minimum_s:g} s")

@@ -183,7 +183,7 @@ def render_phantom(
 
 
 class _FrameCounts:
-    """What the frames of a film were: their states, why not all were tracked, time by stage."""
+    """Counts of a film's frames: their states, why not all were tracked, time by stage."""
 
     def __init__(self) -> None:
         self.states: Counter[str] = Counter()
