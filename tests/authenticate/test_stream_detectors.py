@@ -399,7 +399,10 @@ def test_rendered_images_and_images_without_silhouettes_are_undecidable() -> Non
     assert authenticate.inspect_stream(stream(soft=False, hole=0.0)).verdict == "undecidable"
     assert authenticate.inspect_stream(stream(relief=False)).verdict == "undecidable"
     nothing = [replace(f, depth=np.zeros_like(f.depth)) for f in stream()]
-    assert authenticate.inspect_stream(nothing).verdict == "undecidable"
+    found = authenticate.inspect_stream(nothing)
+    repetition = next(one for one in found.detectors if one.name == "repetition")
+    assert (found.verdict, repetition.verdict) == ("undecidable", "undecidable")
+    assert repetition.reason == "too few pixels are measured in all frames"
     for count in (1, 4):
         for soft in (True, False):
             few = authenticate.inspect_stream(stream(count, soft=soft))

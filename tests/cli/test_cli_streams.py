@@ -63,9 +63,20 @@ def test_a_person_who_is_hidden_is_told_of(person: Path, tmp_path: Path) -> None
     out = tmp_path / "forged"
     moved = ("--move", 0, 0, 50)  # far behind the wall
     done = manip3d("forge", "stream", person, "--type", 1, *moved, "-o", out)
-    assert done.returncode == 0, done.stderr
-    assert "8 of 8 frames without a forged pixel" in done.stderr
+    assert done.returncode == 1
+    assert "no frame of " in done.stderr
+    assert "has a forged pixel" in done.stderr
     assert "behind the background" in done.stderr
+
+
+def test_the_truth_of_a_stream_is_no_depth_image(person: Path, tmp_path: Path) -> None:
+    out = tmp_path / "forged"
+    manip3d("forge", "stream", person, "--type", 1, "-o", out)
+    for verb in ("info", "inspect"):
+        done = manip3d(verb, tmp_path / "forged.truth.npz")
+        assert done.returncode == 1
+        assert "is the truth of a forged stream" in done.stderr
+        assert "manip3d.forge.read_stream_truth" in done.stderr
 
 
 def test_a_forged_source_tells_how_many_frames_are_forged(person: Path, tmp_path: Path) -> None:

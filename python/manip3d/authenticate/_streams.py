@@ -43,6 +43,7 @@ MOST_FRAMES = 60
 _REGION = 32  # pixels
 _LEAST_PAIRS = 5
 _LEAST_VALID = 200  # pixels of a region that is looked at
+_LEAST_REGIONS = 4  # of 1024 pixels, that are looked at or never change
 _NO_GAP = 1  # pixels; one may be missing by chance
 _RUN = 5  # frames; one sharp silhouette is chance
 _LEAST_ROWS = 40  # of a silhouette that is judged
@@ -624,12 +625,16 @@ def _repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
         changes += _by_region(a.depth != b.depth)
         valid = np.minimum(valid, _by_region((a.depth > 0) & (b.depth > 0)))
     looked_at = valid >= _LEAST_VALID
+    if looked_at.sum() < _LEAST_REGIONS:
+        return StreamReport(
+            "repetition", "undecidable", "too few pixels are measured in all frames"
+        ), nothing
     frozen = looked_at & (changes == 0)
     moving = (changes > 0).sum()
     share = float(frozen.sum() / max(1, looked_at.sum()))
-    if frozen.sum() >= 4 and share >= 0.05 and moving == 0:
+    if frozen.sum() >= _LEAST_REGIONS and share >= 0.05 and moving == 0:
         return StreamReport("repetition", "processed", "all frames are the same", share), nothing
-    if frozen.sum() < 4 or share < 0.05:
+    if frozen.sum() < _LEAST_REGIONS or share < 0.05:
         return StreamReport("repetition", "no_trace", "depth changes everywhere", share), nothing
     # By itself no evidence of an edit: codecs and filters over time repeat what hardly changes.
     reason = f"{share:.0%} of the image never changes in {len(pairs)} pairs of frames"

@@ -50,7 +50,8 @@ def write_set(
     _begin(output, {"seed": seed, "frames": frames}, force=force)
     pieces = list(_pieces(frames))
     rows: list[dict[str, Any]] = []
-    with shell.progress("alert-set") as progress:
+    with shell.progress("alert-set") as bar:
+        progress = bar or shell.line  # a log gets a line for each piece
         for number, piece in enumerate(pieces):
             done = output / _PIECES / f"drive_{piece.drive}-{piece.first:05d}.csv"
             found = _whole_rows(done, output)
@@ -58,8 +59,7 @@ def write_set(
                 found = list(_written(piece, output, seed))
                 atomic_write(done, _csv(found, (*_COLUMNS, *_SIZES)))
             rows += found
-            if progress is not None:
-                progress((number + 1) / len(pieces), done.stem)
+            progress((number + 1) / len(pieces), done.stem)
     atomic_write(output / MANIFEST, _csv(rows, _COLUMNS))
     written = Counter(str(row["attack"]) for row in rows)
     wanted: Counter[str] = Counter()

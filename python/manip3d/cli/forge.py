@@ -491,7 +491,7 @@ def forge_frames(
     ------
     InputError
         An option does not fit; the truth file exists without ``force``; a live source without
-        ``frames``.
+        ``frames``; no frame that was written has a forged pixel.
     FormatError, DeviceError, OSError
         A source raised it.
     """
@@ -520,6 +520,12 @@ def forge_frames(
             terminal.say(line)
     forged.write_truth(truth)
     terminal.say(f"wrote {output} and {truth.name}")
+    if forged.missed == done.frames:
+        raise InputError(
+            f"{source}: expected a person before the background, but no frame of {output} has a "
+            "forged pixel: nobody was found, or the person is behind the background or out of its "
+            "view"
+        )
     if forged.missed:
         terminal.say(
             f"warning: {count(forged.missed)} of {counted(done.frames, 'frame')} without a forged "

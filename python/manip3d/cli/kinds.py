@@ -49,6 +49,7 @@ NAMES = {
     "drive": "a drive of LiDAR scans",
     "picture": "a colour picture",
     "results": "a results folder",
+    "truth": "the truth of a forged stream",
     "folder": "a folder",
     "unknown": "a file of unknown kind",
 }
@@ -103,6 +104,8 @@ def kind_of(source: str) -> str:
         return "mesh"
     if suffix in SCAN_SUFFIXES and (suffix not in (".npy", ".npz") or holds_points(path)):
         return "scan"
+    if path.name.endswith(".truth.npz"):
+        return "truth"
     if suffix in DEPTH_SUFFIXES:
         return "picture" if is_color_png(path) else "depth"
     return "picture" if suffix in _PICTURES else "unknown"
@@ -143,6 +146,8 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
     *others, last = (NAMES[name] for name in kinds)
     wanted = f"{', '.join(others)} or {last}" if others else last
     takers = f". Commands that take {NAMES[kind]}: {VERBS[kind]}" if kind in VERBS else ""
+    if kind == "truth":
+        takers = ". Python reads it with manip3d.forge.read_stream_truth"
     message = f"{source} is {NAMES[kind]}; {verb} takes {wanted}{takers}"
     if kind == "folder" and kinds == RECORDING:
         message += NO_RECORDING
