@@ -278,8 +278,8 @@ def test_texts_of_an_older_diary_cannot_steer_a_terminal_and_can_be_exported(
     shown = ran("show", path, "P01")
     assert "\x1b" not in shown
     assert "\x07" not in shown
-    assert r"other \x1b[31mred\x07" in shown
-    assert r"other caf\xe9" in shown
+    assert r": \x1b[31mred\x07" in shown
+    assert r": caf\xe9" in shown
     ran("export", path, "-o", str(tmp_path / "tables"))
     assert r"caf\xe9" in (tmp_path / "tables" / "events.csv").read_text("utf-8")
     for name in ("P01.html", "P01.json"):

@@ -13,7 +13,7 @@ import typer
 
 from manip3d.cli.options import Force, Json, Quiet
 from manip3d.cli.phantom import LimbName
-from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
 from manip3d.errors import FormatError, InputError, printable
 
 if TYPE_CHECKING:
@@ -48,7 +48,8 @@ class Occasion(StrEnum):
 def _opened(path: Path, key: Path | None, *, create: bool = False) -> Diary:
     from manip3d.diary import Diary
 
-    return Diary(path, key=key, create=create)
+    with naming_options("key"):
+        return Diary(path, key=key, create=create)
 
 
 @app.command("keygen")
@@ -283,7 +284,8 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
                 title = f"{form.questionnaire.name}, {form.occasion}, {_day(form.at)}"
                 console.print(printable(f"{title}: {told}"), markup=False)
         for event in events:
-            told = f"adverse event, {_day(event.at)}: {event.kind} {event.text}"
+            kind = "" if event.kind == "other" else f" ({event.kind})"
+            told = f"adverse event, {_day(event.at)}{kind}: {event.text}"
             console.print(printable(told), markup=False)
 
     Terminal(as_json=as_json).result(record, show)
@@ -407,8 +409,12 @@ def ask(
     asked = load_questionnaire(form)
     with _opened(path, key) as diary:
         diary.participant(participant)  # who is not there is said before asking
-        given = _asked(asked) if answers is None else _numbers(answers, len(asked.items), "answers")
-        filled = diary.add_answers(participant, asked, given, occasion=occasion.value)
+        with naming_options("answers"):
+            if answers is None:
+                given = _asked(asked)
+            else:
+                given = _numbers(answers, len(asked.items), "answers")
+            filled = diary.add_answers(participant, asked, given, occasion=occasion.value)
     shell = Terminal(as_json=as_json, quiet=quiet)
     told = ", ".join(f"{name} {score:.4g}" for name, score in filled.scores.items())
     shell.say(f"{asked.name}, {occasion.value}: {told or 'noted'}")

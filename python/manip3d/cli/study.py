@@ -75,7 +75,7 @@ def study_define(
     from manip3d.study import write_template
 
     refuse_existing(output, force=force)
-    with naming_options("output"):
+    with naming_options(path="output"):
         write_template(template.value, output, example=example)
     Terminal(quiet=quiet).say(f"wrote {output}")
 
