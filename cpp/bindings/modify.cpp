@@ -124,6 +124,7 @@ CArray<double> vector(const Eigen::Vector3d& v) {
 Fields quality_fields(const PhantomQuality& quality) {
   Fields fields;
   fields["fit"] = py::float_(quality.fit);
+  fields["hidden"] = py::float_(quality.hidden);
   fields["stature"] = py::float_(quality.stature);
   fields["offset"] = py::float_(quality.offset);
   fields["plane_deg"] = py::float_(quality.plane_deg);

@@ -1012,6 +1012,48 @@ def test_joints_that_are_not_told_are_no_wrong_calibration() -> None:
         assert result.quality.fit == 1.0
 
 
+def behind(image: RgbdFrame, rows: slice, columns: slice, depth: float) -> RgbdFrame:
+    """A frame with something before a part of it that is of no person, or of somebody else."""
+    assert image.body_index is not None
+    images = image.depth.copy(), image.body_index.copy()
+    images[0][rows, columns] = round(1000 * depth)
+    images[1][rows, columns] = 255
+    return replace(image, depth=images[0], body_index=images[1])
+
+
+def test_who_is_behind_something_is_not_told_to_check_the_calibration() -> None:
+    pipeline = PhantomPipeline("right_arm")
+    for number in range(8):
+        image = seen(pose(at=(0, 0, 2.44)), number, camera=KINECT)
+        if number < 4:
+            assert pipeline.process(image).state is PhantomState.TRACKING
+            continue
+        result = pipeline.process(behind(image, slice(None), slice(236, 290), 1.5))
+        assert result.quality.hidden > 0.3
+        assert result.reason is PhantomReason.OCCLUDED
+
+
+def test_a_foot_behind_something_tells_no_height() -> None:
+    pipeline = PhantomPipeline("left_leg")
+    people = BodySimulator(
+        motion="stepping", amputated="left_leg", tracker="kinect-v2", color="none", room=False,
+        frames=40, seed=2,
+    )  # fmt: skip
+    foot = JOINTS.index("FootRight")
+    for number, image in enumerate(people):
+        if number >= 10:
+            x, y, z = image.skeletons[0].positions[foot]
+            u, v = (
+                DEPTH_CAMERA.fx * x / z + DEPTH_CAMERA.cx,
+                DEPTH_CAMERA.fy * y / z + DEPTH_CAMERA.cy,
+            )
+            box = slice(int(v) - 30, int(v) + 15), slice(int(u) - 15, int(u) + 15)
+            image = behind(image, *box, z - 0.12)
+        result = pipeline.process(image)
+        assert result.reason is not PhantomReason.CALIBRATION
+        assert result.quality.stature == pytest.approx(1.02, abs=0.015)
+
+
 def hidden_at(skeleton: Skeleton, bones: tuple[int, ...]) -> RgbdFrame:
     """The pixels of some bones are nobody's, as behind a bar."""
     image = frame(skeleton, KINECT, without=ARM)

@@ -494,24 +494,27 @@ class PhantomPipeline::Workspace {
   }
 
   /// Do the joints belong to the depth image?
-  [[nodiscard]] double fit_of(const Skeleton& person, const PhantomInput& input,
-                              const PhantomImage& image) const {
+  void measure_joints(const Skeleton& person, const PhantomInput& input, const PhantomImage& image,
+                      PhantomQuality& quality) const {
     const PixelProjector projector(*camera_, rays_);
-    const double fit = joint_fit(person, options_.affected, projector, image);
+    const auto [on_person, hidden] =
+        joint_fit(person, options_.affected, input.depth, projector, image);
     // Without a body index, furniture within the person's depths is far from all bones too; with
     // half of the bones, the person is.
-    return input.body_index != nullptr && has_main_joints(person, options_.affected)
-               ? std::min(fit, bone_fit(points_, girth_))
-               : fit;
+    const double most = input.body_index != nullptr && has_main_joints(person, options_.affected)
+                            ? bone_fit(points_, girth_)
+                            : 1.0;
+    quality.fit = std::min(on_person, most);
+    quality.hidden = std::min(hidden, most - quality.fit);
   }
 
   /// Do the joints lie where the depth image shows the person, are they as tall, and in its flesh?
   void measure_fit(const PatientFrame& now, const PhantomInput& input, const PhantomImage& image,
                    PhantomQuality& quality) {
-    quality.fit = fit_of(*now.person, input, image);
+    measure_joints(*now.person, input, image, quality);
     // Without a body index a floor would be the person's, and without skins there are no soles.
     if (input.body_index != nullptr && goes_by_skin()) {
-      stature_.learn(*now.person, bones_, points_);
+      stature_.learn(*now.person, bones_, points_, input.depth);
       learn_offset(now.raw);
     }
     quality.stature = stature_.ratio();
@@ -588,8 +591,10 @@ class PhantomPipeline::Workspace {
     // Joints beside the person explain all else.
     const bool misses = report.reason != PhantomReason::kNone &&
                         report.reason != PhantomReason::kStopped && now.is_here;
-    if (misses && !fits(report.quality, stature_, offset_))
-      report.reason = PhantomReason::kCalibration;
+    if (const auto beside = misfit(report.quality, stature_, offset_);
+        misses && beside != PhantomReason::kNone) {
+      report.reason = beside;
+    }
     if (report.reason == PhantomReason::kNone) {
       report.state = PhantomState::kTracking;
       report.opacity = 1.0;
@@ -628,7 +633,8 @@ class PhantomPipeline::Workspace {
     report.quality.leap = leap_.add(report.skeleton[end], person[intact_end], time_s);
     if (follows_trunk() && !is_arm(affected)) report.quality.across = deviation_across(person);
     report.reason = worst_of(affected, girth_, stature_, offset_, report.quality);
-    if (report.reason != PhantomReason::kCalibration && patient_.has_feet_backwards()) {
+    if (report.reason != PhantomReason::kCalibration &&
+        report.reason != PhantomReason::kOccluded && patient_.has_feet_backwards()) {
       report.reason = PhantomReason::kSides;
     }
     if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;

@@ -111,11 +111,14 @@ bool is_drawn_limb(PixelKind kind) {
 
 }  // namespace
 
-double joint_fit(const Skeleton& person, Limb affected, const PixelProjector& projector,
-                 const PhantomImage& image) {
+JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth,
+                   const PixelProjector& projector, const PhantomImage& image) {
   constexpr std::int32_t kMargin = 2;  // pixels: a wrist is as narrow as a joint is off
   constexpr int kLeastJoints = 5;
-  int fits = 0, all = 0;
+  // A wrong focal length moves feet to where the floor is nearer, by as much as the joints are
+  // off: a tenth is told as one.
+  constexpr float kMuchNearer = 0.85F;  // of a joint's depth
+  int fits = 0, hidden = 0, all = 0;
   for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
     const auto j = static_cast<Joint>(joint);
     if (is_limb_bone(affected, joint) || j == limb_root(affected)) continue;
@@ -134,8 +137,11 @@ double joint_fit(const Skeleton& person, Limb affected, const PixelProjector& pr
       }
     }
     fits += found;
+    const float z = depth.at(pixel);
+    hidden += !found && z > 0.0F && z < kMuchNearer * p.z();
   }
-  return all < kLeastJoints ? 1.0 : static_cast<double>(fits) / all;
+  if (all < kLeastJoints) return {};
+  return {static_cast<double>(fits) / all, static_cast<double>(hidden) / all};
 }
 
 double bone_fit(const PersonPoints& points, const Girth& girth) {
@@ -215,9 +221,13 @@ void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& b
   quality.largest = static_cast<double>(largest->pixels) / static_cast<double>(all);
 }
 
-bool fits(const PhantomQuality& quality, const Stature& stature, const JointOffset& offset) {
-  return quality.fit >= kLeastFit && stature.misfit() <= stature.limit() &&
-         offset.metres() <= offset.limit();
+PhantomReason misfit(const PhantomQuality& quality, const Stature& stature,
+                     const JointOffset& offset) {
+  if (stature.misfit() > stature.limit() || offset.metres() > offset.limit() ||
+      quality.fit + quality.hidden < kLeastFit) {
+    return PhantomReason::kCalibration;
+  }
+  return quality.fit < kLeastFit ? PhantomReason::kOccluded : PhantomReason::kNone;
 }
 
 PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature,
@@ -242,7 +252,8 @@ PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature
   const auto worst =
       std::ranges::max_element(measures, {}, &decltype(measures)::value_type::second);
   quality.score = worst->second;
-  if (!fits(quality, stature, offset)) return PhantomReason::kCalibration;  // it explains all else
+  const PhantomReason beside = misfit(quality, stature, offset);
+  if (beside != PhantomReason::kNone) return beside;  // it explains all else
   return worst->second > 1.0 ? worst->first : PhantomReason::kNone;
 }
 

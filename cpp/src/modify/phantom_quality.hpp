@@ -15,10 +15,15 @@
 /// Would a patient believe the picture? Measures of one frame, and their limits.
 namespace manip3d {
 
-/// Share of the tracked joints outside the affected limb that project into the person's pixels or
-/// next to them; 1 with fewer than five of them.
-double joint_fit(const Skeleton& person, Limb affected, const PixelProjector& projector,
-                 const PhantomImage& image);
+/// Tracked joints outside the affected limb, as shares of those in the image.
+struct JointFit {
+  double on_person = 1.0;  ///< They project into the person's pixels or next to them.
+  double hidden = 0.0;     ///< They do not, and what is there is much nearer to the camera.
+};
+
+/// All joints are on the person where fewer than five are in the image.
+JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth,
+                   const PixelProjector& projector, const PhantomImage& image);
 
 /// Share of the person's points that lie within reach of some bone; 1 without points. A stout trunk
 /// reaches farther.
@@ -27,9 +32,10 @@ double bone_fit(const PersonPoints& points, const Girth& girth);
 /// Below it, joints and depth do not belong together.
 inline constexpr double kLeastFit = 0.7;
 
-/// Do joints and depth belong together, is the person as tall in both, and its flesh around its
-/// bones?
-bool fits(const PhantomQuality& quality, const Stature& stature, const JointOffset& offset);
+/// kCalibration where joints and depth do not belong together, the person is not as tall in both,
+/// or its flesh not around its bones; kOccluded where the joints that miss the person are hidden.
+PhantomReason misfit(const PhantomQuality& quality, const Stature& stature,
+                     const JointOffset& offset);
 
 /// Measures what was drawn. Keeps its memory.
 class PictureJudge {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <tuple>
 
@@ -40,6 +41,19 @@ bool is_at_border(std::int32_t pixel, const PersonPoints& points) {
   constexpr std::int64_t kBorder = 3;  // pixels
   const std::int64_t u = pixel % points.cols, v = pixel / points.cols;
   return std::min(u, points.cols - 1 - u) < kBorder || std::min(v, points.rows - 1 - v) < kBorder;
+}
+
+/// Does the person go on below a pixel, behind something nearer?
+bool goes_on_below(std::int32_t pixel, const Eigen::Vector2f& down, const PersonPoints& points,
+                   const DepthView& depth) {
+  constexpr float kBelow = 2.0F;     // pixels: those between may mix both depths
+  // Of the depth: a floor 0.7 m below a camera comes nearer by 0.031 of it, 4 m away.
+  constexpr float kNearer = 0.035F;
+  const Eigen::Vector2f below = kBelow * down;
+  const auto u = pixel % points.cols + static_cast<std::int64_t>(std::lround(below.x()));
+  const auto v = pixel / points.cols + static_cast<std::int64_t>(std::lround(below.y()));
+  const float z = depth.at(v * points.cols + u);
+  return z > 0.0F && z < (1.0F - kNearer) * depth.at(pixel);
 }
 
 /// Radius of the flesh around a bone's far end, metres; none if it is not there.
@@ -87,7 +101,8 @@ CrownAndGround find_crown_and_ground(const PersonPoints& points, Joint ankle, Jo
 
 /// Height of the pixels over that of the joints, from the crown to the sole of one leg.
 std::optional<double> height_ratio(const Skeleton& person, Joint knee, Joint ankle, Joint foot,
-                                   const BoneSegments& bones, const PersonPoints& points) {
+                                   const BoneSegments& bones, const PersonPoints& points,
+                                   const DepthView& depth) {
   constexpr float kNearest = 0.3F;   // metres from the camera
   constexpr float kShortest = 0.2F;  // of a distance: less tells too little
   const auto is_seen = [&](Joint joint) {
@@ -112,6 +127,7 @@ std::optional<double> height_ratio(const Skeleton& person, Joint knee, Joint ank
   if (is_at_border(crown.pixel(), points) || is_at_border(ground.pixel(), points)) {
     return std::nullopt;
   }
+  if (goes_on_below(ground.pixel(), down, points, depth)) return std::nullopt;
   const float of_pixels = (crown.along() + ground.along()) / (highest + lowest);
   // A hat makes a person taller, too, but leaves the soles where they are, and high soles the
   // crown. A wrong focal length moves both away from the optical axis; one that passes near the
@@ -125,13 +141,14 @@ std::optional<double> height_ratio(const Skeleton& person, Joint knee, Joint ank
 
 }  // namespace
 
-void Stature::learn(const Skeleton& person, const BoneSegments& bones, const PersonPoints& points) {
+void Stature::learn(const Skeleton& person, const BoneSegments& bones, const PersonPoints& points,
+                    const DepthView& depth) {
   using enum Joint;
   double sum = 0.0;
   int legs = 0;
   for (const auto& [knee, ankle, foot] : {std::tuple{kKneeLeft, kAnkleLeft, kFootLeft},
                                           std::tuple{kKneeRight, kAnkleRight, kFootRight}}) {
-    const auto ratio = height_ratio(person, knee, ankle, foot, bones, points);
+    const auto ratio = height_ratio(person, knee, ankle, foot, bones, points, depth);
     if (!ratio) continue;
     sum += *ratio;
     ++legs;

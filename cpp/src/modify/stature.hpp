@@ -20,8 +20,9 @@ namespace manip3d {
 class Stature {
  public:
   /// Learns from a frame that was segmented by these bones. Frames without head and foot, or with
-  /// one of them at the border of the image, tell nothing.
-  void learn(const Skeleton& person, const BoneSegments& bones, const PersonPoints& points);
+  /// one of them at the border of the image or behind something, tell nothing.
+  void learn(const Skeleton& person, const BoneSegments& bones, const PersonPoints& points,
+             const DepthView& depth);
 
   /// The mean ratio of the two heights; 1 while it is not known.
   [[nodiscard]] double ratio() const { return frames_ > 0.0 ? ratio_ : 1.0; }

@@ -63,7 +63,7 @@ class PhantomReason(enum.StrEnum):
     NONE = "none"  #: the state is TRACKING
     NO_PERSON = "no_person"  #: the key person's skeleton, or its pixels, are not there
     NO_PLANE = "no_plane"  #: the axes of the body have not been found yet
-    OCCLUDED = "occluded"  #: too little of the intact limb is seen
+    OCCLUDED = "occluded"  #: too little of the intact limb is seen, or of the person
     INFERRED = "inferred"  #: one of its joints was guessed for too long, and is not seen
     NO_SKELETON = "no_skeleton"  #: no skeleton has been seen at all
     CALIBRATION = "calibration"  #: the joints lie beside the person's pixels, or differ in height
@@ -88,8 +88,8 @@ _MESSAGES = {
     PhantomReason.NONE: "The phantom limb follows the intact limb.",
     PhantomReason.NO_PERSON: "The patient is not in view.",
     PhantomReason.NO_PLANE: "The shoulders or hips were not seen: let the patient face the camera.",
-    PhantomReason.OCCLUDED: "Something hides the intact limb, it is out of the picture, or it "
-    "is the one that is missing.",
+    PhantomReason.OCCLUDED: "Something hides the patient or the intact limb, it is out of the "
+    "picture, or it is the one that is missing.",
     PhantomReason.INFERRED: "The tracker only guesses where the intact limb is: see to it that the "
     "camera sees all of it, and that the missing limb is the one that was chosen.",
     PhantomReason.NO_SKELETON: "There is no skeleton in this source: use --pose.",
@@ -121,6 +121,8 @@ class PhantomQuality:
     ----------
     fit : float
         Share of the tracked joints that lie on the person's pixels.
+    hidden : float
+        Share of the tracked joints that something hides which is nearer by at least 15 %.
     stature : float
         Height of the person's pixels, from crown to sole, over that of its joints; a mean over
         about three seconds, which tells a wrong focal length. 1 while head and a foot are not
@@ -160,6 +162,7 @@ class PhantomQuality:
     """
 
     fit: float
+    hidden: float
     stature: float
     offset: float
     plane_deg: float

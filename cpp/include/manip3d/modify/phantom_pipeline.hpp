@@ -92,13 +92,13 @@ enum class PhantomState : std::uint8_t {
   kLate       ///< The frame is not newer than the last one; nothing was done.
 };
 /// Why a state is not kTracking. Where several hold, kCalibration goes first, since joints beside
-/// the person explain all else, then kSides; of kShaky to kCloth the one that is farthest beyond
+/// the person explain all else, then kOccluded, then kSides; of kShaky to kCloth the one that is farthest beyond
 /// its limit.
 enum class PhantomReason : std::uint8_t {
   kNone,         ///< The state is kTracking.
   kNoPerson,     ///< The key person's skeleton is not there.
   kNoPlane,      ///< The axes of the body never were there.
-  kOccluded,     ///< Too little of the intact limb is seen.
+  kOccluded,     ///< Too little of the intact limb is seen, or of the person.
   kInferred,     ///< A joint of the intact limb was guessed for too long.
   kNoSkeleton,   ///< No skeleton has been seen at all.
   kCalibration,  ///< The joints are beside the person's pixels, or of another height than these.
@@ -116,7 +116,8 @@ enum class PhantomReason : std::uint8_t {
 
 /// How far a frame with a phantom is from what nobody would believe.
 struct PhantomQuality {
-  double fit = 1.0;  ///< Share of the tracked joints that lie on the person's pixels.
+  double fit = 1.0;     ///< Share of the tracked joints that lie on the person's pixels.
+  double hidden = 0.0;  ///< Share of the tracked joints that something nearer hides.
   /// Height of the person's pixels over that of its joints, a mean over frames; 1: not known.
   double stature = 1.0;
   /// Metres that the limbs' points lie beside their bones, a mean over frames; 0: not known.
