@@ -2,13 +2,12 @@
 
 #include <algorithm>
 #include <array>
-#include <limits>
 #include <utility>
+
+#include "geometry/constants.hpp"
 
 namespace manip3d {
 namespace {
-
-constexpr double kNever = -std::numeric_limits<double>::infinity();
 
 /// Do shoulders and hips, as far as they are there, point against the body's left? A pair of which
 /// a joint is guessed, as a seated hip often is, tells nothing beside one that is tracked.
@@ -53,8 +52,8 @@ Patient::Patient(const PhantomOptions& options)
       most_lost_(options.hold_seconds + options.fade_seconds),
       key_person_(options.key_person),
       smoother_(options.smoothing),
-      sides_kept_since_(kNever),
-      sides_known_since_(kNever) {}
+      sides_kept_since_(-kInfinity),
+      sides_known_since_(-kInfinity) {}
 
 PatientFrame Patient::find(const PhantomInput& input, const PixelRays& rays, const BodyFrame* frame,
                            double time_s) {
@@ -126,7 +125,7 @@ bool Patient::keep_sides(Skeleton& told, const BodyFrame* frame, double time_s) 
 /// the feet say that those before are right, not at all if they say that those are wrong.
 double Patient::patience_for_sides() const {
   constexpr double kLeast = 0.5, kMost = 2.0;
-  if (feet_.point_ahead()) return std::numeric_limits<double>::infinity();
+  if (feet_.point_ahead()) return kInfinity;
   if (feet_.point_backwards()) return 0.0;
   return std::clamp(0.5 * (sides_kept_since_ - sides_known_since_), kLeast, kMost);
 }

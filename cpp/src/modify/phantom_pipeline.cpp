@@ -2,17 +2,16 @@
 
 #include <algorithm>
 #include <chrono>
-#include <limits>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "geometry/constants.hpp"
 #include "geometry/same_camera.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/rgbd_frame.hpp"
 #include "manip3d/modify/limb_fit.hpp"
-#include "manip3d/modify/trunk_tracker.hpp"
 #include "modify/border_memory.hpp"
 #include "modify/frame_clock.hpp"
 #include "modify/girth.hpp"
@@ -27,13 +26,12 @@
 #include "modify/stature.hpp"
 #include "modify/stopped_joints.hpp"
 #include "modify/surroundings.hpp"
+#include "modify/trunk_tracker.hpp"
 #include "modify/upright.hpp"
 #include "modify/vertical.hpp"
 
 namespace manip3d {
 namespace {
-
-constexpr double kNever = -std::numeric_limits<double>::infinity();
 
 void check_all_options(const PhantomOptions& o) {
   const auto check = [](const char* name, double value, double most) {
@@ -247,7 +245,7 @@ class PhantomPipeline::Workspace {
   void forget_phantom() {
     held_.reset();
     border_.forget();
-    last_mirrored_s_ = kNever;
+    last_mirrored_s_ = -kInfinity;
   }
 
   void follow_camera(const Intrinsics& camera) {
@@ -330,8 +328,7 @@ class PhantomPipeline::Workspace {
   /// between two thighs.
   [[nodiscard]] double flesh() const {
     constexpr double kClothes = 0.06;  // metres, and what girths and joints are off by
-    return goes_by_skin() ? kClothes + static_cast<double>(girth_.limb())
-                          : std::numeric_limits<double>::infinity();
+    return goes_by_skin() ? kClothes + static_cast<double>(girth_.limb()) : kInfinity;
   }
 
   /// Finds the person's points. Returns its joints, with limbs moved to where the points show flesh
@@ -633,8 +630,8 @@ class PhantomPipeline::Workspace {
     report.quality.leap = leap_.add(report.skeleton[end], person[intact_end], time_s);
     if (follows_trunk() && !is_arm(affected)) report.quality.across = deviation_across(person);
     report.reason = worst_of(affected, girth_, stature_, offset_, report.quality);
-    if (report.reason != PhantomReason::kCalibration &&
-        report.reason != PhantomReason::kOccluded && patient_.has_feet_backwards()) {
+    if (report.reason != PhantomReason::kCalibration && report.reason != PhantomReason::kOccluded &&
+        patient_.has_feet_backwards()) {
       report.reason = PhantomReason::kSides;
     }
     if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;
@@ -811,7 +808,7 @@ class PhantomPipeline::Workspace {
   // The phantom that is held while the intact limb cannot be mirrored.
   std::optional<Held> held_;
   MirroredLimb mirrored_;  ///< The phantom's points when the limb was last mirrored.
-  double last_mirrored_s_ = kNever;
+  double last_mirrored_s_ = -kInfinity;
   BorderMemory border_;
   LeapMeter leap_;
 

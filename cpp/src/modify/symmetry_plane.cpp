@@ -1,0 +1,96 @@
+#include "modify/symmetry_plane.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cstddef>
+
+#include "geometry/small_solvers.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr double kMostPlanes = 45.0;  // frames over which the plane is averaged
+constexpr double kFirstPlanes = 5.0;  // frames
+constexpr double kNoise = 0.02;       // metres: what left and right of a clothed body differ by
+// Deviation of the trunk's offset from its joints, as a share of what that of the limbs says of it.
+constexpr double kUnknownOffset = 0.5;
+
+}  // namespace
+
+// With n, o the plane, s = n (p - o), the mirror image p' = p - 2 s n and its normal m', a turn of
+// n by a y + b z and a shift of o by c n move p' by -2 (a y (p - o) + b z (p - o) - c) n -
+// 2 s (a y + b z).
+void SymmetryPlane::measure(const Prior& prior, const KeySurface& surface, const TrunkPose& pose,
+                            double pelvis_turn, const SeenDepth& seen) {
+  const BodyFrame& axes = prior.axes;
+  if (!surface.is_known()) {
+    covariance_ = Eigen::Matrix3d(prior.variance.cwiseInverse().asDiagonal()).inverse();
+    return;
+  }
+  const Eigen::Matrix3d rotation = pose.rotation.toRotationMatrix();
+  // A plane that is held at joints beside the flesh turns to fit the surface.
+  Eigen::Vector3d variance = prior.variance;
+  variance[2] += kUnknownOffset * kUnknownOffset * prior.aside * prior.aside;
+  const Eigen::Vector3d information_of_joints = variance.cwiseInverse();
+  Eigen::Vector3d moved = Eigen::Vector3d::Zero();
+  std::size_t agreed = 0;
+  const Eigen::Vector3d origin = axes.origin + prior.aside * axes.n;
+  Eigen::Vector3d n = axes.n, o = origin;
+  Eigen::Matrix3d told;  // information of the surface alone
+  // Later the last frames' planes are near; at first that of the joints may be far off.
+  const int wider = frames_ < kFirstPlanes ? 4 : 0;
+  for (int iteration = -wider; iteration < 2; ++iteration) {
+    const double scale = kSurfaceScale * (iteration < 0 ? 1.0 - 0.5 * iteration : 1.0);
+    told.setZero();
+    Eigen::Vector3d gradient = -information_of_joints.cwiseProduct(moved);
+    agreed = 0;
+    for (const KeySurface::Point& point : surface.points()) {
+      const Eigen::Vector3d from = rotation * point.place + pose.translation - o;
+      const double s = n.dot(from);
+      const Eigen::Vector3d turned = rotation * point.normal;
+      Eigen::Vector3d p = from + o - 2.0 * s * n, normal = turned - 2.0 * n.dot(turned) * n;
+      // The key frame is not twisted: the trunk is mirrored first, then twisted as it is now.
+      if (const double turn = point.share * pelvis_turn; turn != 0.0) {
+        const Eigen::Matrix3d back = rotation.transpose();
+        p = rotation * about_spine(back * (p - pose.translation), turn) + pose.translation;
+        normal = rotation * about_spine(back * normal, turn);
+      }
+      constexpr double kLeastCosine = 0.3;  // of surfaces that the camera sees
+      if (!(-normal.dot(p) > kLeastCosine * p.norm())) continue;
+      const auto found = seen.residual_at(p, normal, scale);
+      if (!found) continue;
+      if (found->agrees()) ++agreed;
+      const double weight = found->weight(kNoise);
+      const double across = -2.0 * normal.dot(n);
+      const Eigen::Vector3d row(across * axes.y.dot(from) - 2.0 * s * normal.dot(axes.y),
+                                across * axes.z.dot(from) - 2.0 * s * normal.dot(axes.z), -across);
+      told += weight * row * row.transpose();
+      gradient += weight * found->off * row;
+    }
+    const Eigen::Matrix3d information = told + Eigen::Matrix3d(information_of_joints.asDiagonal());
+    moved += solve_symmetric(information, gradient);
+    n = (axes.n + moved[0] * axes.y + moved[1] * axes.z).normalized();
+    o = origin + moved[2] * axes.n;
+  }
+  Eigen::Matrix3d known = information_of_joints.asDiagonal();
+  if (agreed >= kLeastSurface) known += told / (kSharedNoise * kSharedNoise);
+  covariance_ = known.inverse();
+  if (agreed < kLeastSurface) return;
+  frames_ = std::min(frames_ + 1.0, kMostPlanes);
+  const double gain = 1.0 / frames_;
+  normal_ += gain * (pose.rotation.conjugate() * n - normal_);
+  offset_ += gain * (n.dot(o - pose.translation) - offset_);
+}
+
+BodyFrame SymmetryPlane::move(const BodyFrame& axes, const TrunkPose& pose) const {
+  if (!is_measured()) return axes;
+  BodyFrame frame = axes;
+  const Eigen::Vector3d n = (pose.rotation * normal_).normalized();
+  frame.origin += (offset_ - n.dot(frame.origin - pose.translation)) * n;
+  frame.n = frame.x = n;
+  frame.y = (frame.y - frame.y.dot(n) * n).normalized();
+  frame.z = n.cross(frame.y);
+  return frame;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,267 @@
+#include "modify/trunk_joints.hpp"
+
+#include <Eigen/LU>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+
+#include "geometry/constants.hpp"
+#include "manip3d/modify/joint_smoother.hpp"
+
+namespace manip3d {
+namespace {
+
+using enum Joint;
+
+constexpr double kMostFrames = 90.0;  // frames over which joints are averaged
+constexpr double kFirstErrors = 5.0;  // frames that the first correlation counts as
+// Bounds of the jitter that is measured for a joint of the trunk, metres. Errors below 1 cm change
+// slowly, so that they are not seen as jitter, but they are there.
+constexpr double kLeastNoise = 0.01, kMostNoise = 0.08;
+constexpr double kFirstJitter = 0.005,
+                 kGuessed = 5.0;  // metres, before it is measured; a guess: times
+// Errors of joints from frame to frame, until they are measured: trackers filter.
+constexpr double kFirstCorrelation = 0.8, kMostCorrelation = 0.95;
+constexpr double kContradiction = 0.15;  // metres: joints off by so much are another trunk's
+// How far the plane of the joints may be off: roll and yaw in radians, and metres aside.
+const Eigen::Vector3d kPlaneBias(0.03, 0.04, 0.012);
+constexpr double kLegRoll = 0.005;  // a leaning trunk says little about the roll of the pelvis
+constexpr double kUnknown = 0.04;   // square metres: variance of a joint never seen
+
+/// Variance that the vertical has along the normal of a leg's plane, square radians. Continuous:
+/// none up to a deviation of a degree, which poses of level cameras leave, and all from twice that.
+double level_variance(const Eigen::Vector3d& n, const Eigen::Matrix3d& down_covariance) {
+  const double variance = std::max(0.0, n.dot(down_covariance * n));
+  return variance * std::clamp(std::sqrt(variance) / kDegree - 1.0, 0.0, 1.0);
+}
+
+}  // namespace
+
+double joint_weight(double variance, double squared_off, double scale) {
+  const double noise = std::clamp(std::sqrt(variance), kLeastNoise, kMostNoise);
+  return 1.0 / (noise * noise * (1.0 + squared_off / (scale * scale)));
+}
+
+void TrunkJoints::reset() {
+  means_ = {};
+  error_power_ = kFirstErrors * kFirstJitter * kFirstJitter;
+  error_product_ = kFirstCorrelation * error_power_;
+}
+
+void TrunkJoints::forget_places() {
+  for (Mean& mean : means_) {
+    const double jitter = mean.jitter;
+    mean = {};
+    mean.jitter = jitter;
+  }
+}
+
+void TrunkJoints::end_motion() {
+  for (Mean& mean : means_) mean.num_last = 0;
+}
+
+void TrunkJoints::measure_jitter(const Skeleton& joints) {
+  for (const Joint joint : kTrunkJoints) {
+    Mean& mean = of(joint);
+    if (!is_usable(joints, joint)) {
+      mean.num_last = 0;
+      continue;
+    }
+    const bool is_guess = joints.state(joint) != TrackingState::kTracked;
+    const double least = kFirstJitter * (is_guess ? kGuessed : 1.0);
+    const Eigen::Vector3d now = joints[joint].cast<double>();
+    if (mean.jitter == 0.0) mean.jitter = least * least;
+    if (mean.num_last == 2) {
+      constexpr double kMost = 0.1;    // metres: what jumps farther is no jitter
+      constexpr double kMemory = 0.9;  // from frame to frame
+      const Eigen::Vector3d second = now - 2.0 * mean.last[0] + mean.last[1];
+      // White noise of variance s has second differences of variance 6 s in each coordinate.
+      const double seen = std::min(second.squaredNorm(), 18.0 * kMost * kMost) / 18.0;
+      mean.jitter = kMemory * mean.jitter + (1.0 - kMemory) * seen;
+    }
+    // A guess may stand still, and is no better for that.
+    if (is_guess) mean.jitter = std::max(mean.jitter, least * least);
+    mean.last[1] = mean.last[0];
+    mean.last[0] = now;
+    mean.num_last = std::min(mean.num_last + 1, 2);
+  }
+}
+
+void TrunkJoints::average(const Skeleton& joints, const TrunkPose& pose, double pelvis_turn) {
+  const Eigen::Quaterniond back = pose.rotation.conjugate();
+  double power = 0.0, product = 0.0, count = 0.0;
+  for (const Joint joint : kTrunkJoints) {
+    Mean& mean = of(joint);
+    if (!is_usable(joints, joint)) {
+      mean.last_error.setZero();
+      continue;
+    }
+    const Eigen::Vector3d place =
+        with_pelvis(back * (joints[joint].cast<double>() - pose.translation), joint, -pelvis_turn);
+    // A guess counts as a quarter of a measurement.
+    const double trust = joints.state(joint) == TrackingState::kTracked ? 1.0 : 0.25;
+    mean.weight = std::min(mean.weight + trust, kMostFrames);
+    if (mean.weight <= trust) mean.place = place;  // the first time
+    const Eigen::Vector3d off = place - mean.place;
+    const double distance = off.norm();
+    if (distance < kContradiction && !mean.last_error.isZero(0.0)) {
+      power += off.squaredNorm();
+      product += off.dot(mean.last_error);
+      count += 1.0;
+    }
+    mean.last_error = off;
+    const double bounded =
+        mean.weight > 1.0 && distance > kJointScale ? kJointScale / distance : 1.0;
+    mean.place += std::min(1.0, trust / mean.weight) * bounded * off;
+  }
+  if (count == 0.0) return;
+  constexpr double kMemory = 0.98;  // from frame to frame
+  error_power_ = kMemory * error_power_ + power / count;
+  error_product_ = kMemory * error_product_ + product / count;
+}
+
+Skeleton TrunkJoints::skeleton(const TrunkPose& pose) const {
+  Skeleton skeleton;
+  for (const Joint joint : kTrunkJoints) {
+    if (!is_known(joint)) continue;
+    const auto i = static_cast<std::size_t>(joint);
+    skeleton.positions[i] = pose(means_[i].place).cast<float>();
+    skeleton.states[i] = TrackingState::kTracked;
+  }
+  return skeleton;
+}
+
+KeySurface::Extent TrunkJoints::extent() const {
+  KeySurface::Extent extent;
+  for (const Joint joint : kTrunkJoints) {
+    if (!is_known(joint)) continue;
+    const Eigen::Vector3d& place = of(joint).place;
+    extent.low = std::min(extent.low, place.y());
+    extent.high = std::max(extent.high, place.y());
+    extent.half = std::max(extent.half, std::abs(place.x()));
+  }
+  return extent;
+}
+
+double TrunkJoints::correlation() const {
+  return std::clamp(error_product_ / error_power_, 0.0, kMostCorrelation);
+}
+
+// Errors of variance s with correlation rho have second differences of variance
+// 2 s (1 - rho) (3 - rho), which is six times `jitter`; new is s (1 - rho^2).
+double TrunkJoints::innovation(Joint joint) const {
+  const double rho = correlation();
+  return of(joint).jitter * 3.0 * (1.0 + rho) / (3.0 - rho);
+}
+
+/// The variance of a joint's mean: frames that share their errors tell no more than fewer do. At
+/// first the correlation of the errors is hardly known. It counts as the highest until then, or
+/// joints whose errors last outweigh the surface.
+double TrunkJoints::mean_variance(Joint joint) const {
+  constexpr double kUnsure = 8.0, kMost = 50.0;  // frames: those that the running sums remember
+  const double weight = of(joint).weight, doubt = kUnsure / std::clamp(weight, kUnsure, kMost);
+  const double rho = doubt * kMostCorrelation + (1.0 - doubt) * correlation();
+  const double frames = 1.0 + std::max(0.0, weight - 1.0) * (1.0 - rho) / (1.0 + rho);
+  return innovation(joint) / ((1.0 - rho * rho) * frames);
+}
+
+JointTrust TrunkJoints::trust() const {
+  JointTrust trust{};
+  for (const Joint joint : kTrunkJoints) {
+    if (!is_known(joint)) continue;
+    trust[static_cast<std::size_t>(joint)] =
+        kJointBias * kJointBias / (kJointBias * kJointBias + mean_variance(joint));
+  }
+  return trust;
+}
+
+double TrunkJoints::size_against_adult() const {
+  constexpr double kLeast = 0.4;  // of an adult: joints that are nearer to each other are wrong
+  constexpr std::array<std::tuple<Joint, Joint, double>, 2> kLengths = {
+      {{kShoulderLeft, kShoulderRight, kAdultShoulders},
+       {kSpineBase, kSpineShoulder, 0.535}}};  // metres
+  double sum = 0.0, adult = 0.0;
+  for (const auto& [from, to, length] : kLengths) {
+    if (!is_known(from) || !is_known(to)) continue;
+    sum += (of(from).place - of(to).place).norm();
+    adult += length;
+  }
+  return adult > 0.0 ? std::clamp(sum / adult, kLeast, 1.0) : 1.0;
+}
+
+Eigen::Vector3d TrunkJoints::plane_variance(const Eigen::Vector3d& n, Limb limb,
+                                            const Eigen::Matrix3d& down_covariance) const {
+  const auto variance = [&](Joint joint) {
+    return is_known(joint) ? mean_variance(joint) : kUnknown;
+  };
+  const JointTrust trusted = trust();
+  // Yaw: variance of the mean of both pairs' directions, weighted by trust, over its squared
+  // length.
+  const double size = size_against_adult();
+  const bool arm = is_arm(limb);
+  const auto pair_trust = [&](Joint left, Joint right) {
+    return std::min(trust_of(trusted, left), trust_of(trusted, right));
+  };
+  const double a = (arm ? 1.0 : kOtherPair) * pair_trust(kShoulderLeft, kShoulderRight);
+  const double b = (arm ? kOtherPair : 1.0) * pair_trust(kHipLeft, kHipRight);
+  const double length = std::max(size * (a * kAdultShoulders + b * kAdultHips), 1e-3);
+  const double yaw = (a * a * (variance(kShoulderLeft) + variance(kShoulderRight)) +
+                      b * b * (variance(kHipLeft) + variance(kHipRight))) /
+                     (length * length);
+  // Roll: variance of the slope of a line through the middle joints.
+  constexpr double kSpine = 0.25;  // metres: deviation of their heights
+  double precision = 0.0;
+  for (const Joint joint : kSpineJoints) precision += 1.0 / (variance(joint) + 1e-6);
+  // Joints are off by metres: the smaller a body, the more its axes are turned by them.
+  Eigen::Vector3d bias(kPlaneBias[0] / size, kPlaneBias[1] / size, kPlaneBias[2]);
+  double roll = 1.0 / (precision * size * size * kSpine * kSpine);
+  if (!arm) {
+    bias[0] = kLegRoll;
+    roll *= kLeftTilt * kLeftTilt;
+    roll += (1.0 - kLeftTilt) * (1.0 - kLeftTilt) * level_variance(n, down_covariance);
+  }
+  return bias.cwiseProduct(bias) + Eigen::Vector3d(roll, yaw, 1.0 / precision);
+}
+
+bool TrunkJoints::are_far(const Skeleton& joints, const TrunkPose& pose, double pelvis_turn) const {
+  int off = 0, all = 0;
+  for (const Joint joint : kTrunkJoints) {
+    if (!is_known(joint) || !is_usable(joints, joint)) continue;
+    ++all;
+    const Eigen::Vector3d expected = pose(place(joint, pelvis_turn));
+    if ((joints[joint].cast<double>() - expected).norm() > kContradiction) ++off;
+  }
+  return 2 * off > all;
+}
+
+double TrunkJoints::off_as_a_whole(const Skeleton& joints, double pelvis_turn) const {
+  std::array<Eigen::Vector3d, kTrunkJoints.size()> places, told;
+  std::size_t count = 0;
+  Eigen::Vector3d place_sum = Eigen::Vector3d::Zero(), told_sum = Eigen::Vector3d::Zero();
+  for (const Joint joint : kTrunkJoints) {
+    if (!is_known(joint) || !is_usable(joints, joint)) continue;
+    if (joints.state(joint) != TrackingState::kTracked) continue;
+    place_sum += places[count] = place(joint, pelvis_turn);
+    told_sum += told[count] = joints[joint].cast<double>();
+    ++count;
+  }
+  if (count == 0) return 0.0;
+  const auto n = static_cast<double>(count);
+  const Eigen::Vector3d place_mean = place_sum / n, told_mean = told_sum / n;
+  Eigen::Matrix3d products = Eigen::Matrix3d::Zero();
+  for (std::size_t i = 0; i < count; ++i) {
+    products += (told[i] - told_mean) * (places[i] - place_mean).transpose();
+  }
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(products, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::Matrix3d u = svd.matrixU(), v = svd.matrixV();
+  const Eigen::Vector3d hand(1.0, 1.0, (u * v.transpose()).determinant() < 0.0 ? -1.0 : 1.0);
+  const Eigen::Matrix3d rotation = u * hand.asDiagonal() * v.transpose();
+  double off = 0.0;
+  for (std::size_t i = 0; i < count; ++i) {
+    off += (told[i] - told_mean - rotation * (places[i] - place_mean)).norm();
+  }
+  return off / n;
+}
+
+}  // namespace manip3d

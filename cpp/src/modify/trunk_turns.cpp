@@ -1,0 +1,132 @@
+#include "modify/trunk_turns.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "geometry/constants.hpp"
+#include "manip3d/modify/joint_smoother.hpp"
+#include "modify/trunk_axes.hpp"
+
+namespace manip3d {
+namespace {
+
+using enum Joint;
+
+// Seconds over which the joints' direction across is averaged, and radians that it may differ from
+// the plane's normal by: a reaching arm takes its shoulder along by up to 10 cm.
+constexpr double kAcrossTime = 0.1, kMostDisagreement = 0.26;
+// Radians that the joints' direction across may jump by from one frame to the next, and standard
+// deviations of its jitter.
+constexpr double kMostJump = 0.21, kSureJump = 4.0;
+// Seconds over which the direction of the hips is averaged, and its usual angle to the plane;
+// radians that it may differ by from that, beyond one and a half deviations of its errors; seconds
+// that an angle of 0 counts as at the start. Chosen on seed 0 of `bench_people.py --twist` and on
+// the tuning half of the recorded people.
+constexpr double kHipsTime = 0.2, kUsualTime = 10.0, kMostTwist = 0.10, kFirstUsual = 3.0;
+constexpr double kLongestStep = 0.25;      // seconds
+constexpr double kTurnFrame = 1.0 / 30.0;  // seconds
+
+bool are_tracked(const Skeleton& joints, Joint left, Joint right) {
+  return std::ranges::all_of(std::array{left, right}, [&](Joint joint) {
+    return is_usable(joints, joint) && joints.state(joint) == TrackingState::kTracked;
+  });
+}
+
+struct Across {  // In the camera.
+  Eigen::Vector3d direction = Eigen::Vector3d::Zero();
+  double jitter = 0.0;  // Standard deviation of the direction in one frame, radians.
+};
+
+/// From right to left, of the shoulders and half of the hips, as far as both of a pair are tracked.
+std::optional<Across> tracked_across(const Skeleton& joints, const TrunkJoints& means,
+                                     const TwistedPose& pose) {
+  Across across;
+  double length = 0.0, variance = 0.0;
+  const auto add = [&](Joint left, Joint right, double share, double width) {
+    if (!are_tracked(joints, left, right)) return;
+    Eigen::Vector3d direction = (joints[left] - joints[right]).cast<double>();
+    if (is_on_pelvis(left) && pose.pelvis_turn != 0.0) {
+      const Eigen::Quaterniond& rotation = pose.trunk.rotation;
+      direction = rotation * about_spine(rotation.conjugate() * direction, -pose.pelvis_turn);
+    }
+    across.direction += share * direction;
+    length += share * width;
+    for (const Joint joint : {left, right}) variance += share * share * means.jitter(joint);
+  };
+  add(kShoulderLeft, kShoulderRight, 1.0, kAdultShoulders);
+  add(kHipLeft, kHipRight, kOtherPair, kAdultHips);
+  if (across.direction.isZero(0.0)) return std::nullopt;
+  across.jitter = std::sqrt(variance) / length;
+  return across;
+}
+
+}  // namespace
+
+bool AcrossCheck::has_jumped(const Skeleton& joints, const TrunkJoints& means,
+                             const TwistedPose& pose, const Eigen::Quaterniond& foreseen) const {
+  const auto across = tracked_across(joints, means, pose);
+  if (!across || across_.isZero(0.0)) return false;
+  const Eigen::Vector3d before = foreseen * across_;
+  const double cosine = before.dot(across->direction);
+  const double turn = std::atan2(before.cross(across->direction).norm(), cosine);
+  return turn > std::max(kMostJump, kSureJump * across->jitter) &&
+         means.off_as_a_whole(joints, pose.pelvis_turn) < kJointScale;
+}
+
+void AcrossCheck::compare(const Skeleton& joints, const TrunkJoints& means, const TwistedPose& pose,
+                          const std::optional<BodyFrame>& axes, double elapsed) {
+  disagreement_ = 0.0;
+  if (!axes) return;
+  const auto across = tracked_across(joints, means, pose);
+  if (!across) {
+    across_.setZero();
+    return;
+  }
+  const Eigen::Vector3d within = pose.trunk.rotation.conjugate() * across->direction;
+  const double gain = across_.isZero(0.0) ? 1.0 : 1.0 - std::exp(-elapsed / kAcrossTime);
+  across_ += gain * (within - across_);
+  const Eigen::Vector3d mean = pose.trunk.rotation * across_;
+  const double turn = std::abs(std::atan2(axes->z.dot(mean), axes->n.dot(mean)));
+  // The variance that an exponential mean leaves of white noise at 30 frames a second: a / (2 - a),
+  // a = 1 - e^(-1/3).
+  constexpr double kLeft = 0.165;
+  const double deviation = std::sqrt(kLeft) * across->jitter;
+  if (turn > kMostDisagreement + 2.0 * deviation) disagreement_ = turn;
+}
+
+void HipCheck::reset() {
+  hips_.setZero();
+  usual_angle_ = twist_ = 0.0;
+  usual_time_ = kFirstUsual;
+}
+
+void HipCheck::compare(const Skeleton& joints, const TrunkJoints& means, const TrunkPose& end,
+                       const std::optional<BodyFrame>& axes, double elapsed) {
+  twist_ = 0.0;
+  if (!axes) return;
+  if (!are_tracked(joints, kHipLeft, kHipRight)) {
+    hips_.setZero();
+    return;
+  }
+  const Eigen::Vector3d across = (joints[kHipLeft] - joints[kHipRight]).cast<double>();
+  const double step = std::clamp(elapsed, 1e-3, kLongestStep);
+  const double gain = hips_.isZero(0.0) ? 1.0 : 1.0 - std::exp(-step / kHipsTime);
+  hips_ += gain * (end.rotation.conjugate() * across - hips_);
+  const Eigen::Vector3d mean = end.rotation * hips_;
+  const double z = axes->z.dot(mean), n = axes->n.dot(mean), angle = std::atan2(z, n);
+  usual_time_ = std::min(usual_time_ + step, kUsualTime);
+  usual_angle_ += step / usual_time_ * std::remainder(angle - usual_angle_, kFullTurn);
+  // The variance of an exponential mean of first-order autoregressive errors. An innovation is the
+  // variance of what is new in each frame; over 1 - rho^2 it is that of the errors; a mean that
+  // keeps `kept` from frame to frame leaves (1 - kept) / (1 + kept) (1 + rho kept) / (1 - rho kept)
+  // of it.
+  const double rho = means.correlation(), kept = std::exp(-kTurnFrame / kHipsTime);
+  const double variance =
+      (means.innovation(kHipLeft) + means.innovation(kHipRight)) *
+      ((1.0 - kept) / (1.0 + kept) * (1.0 + rho * kept) / (1.0 - rho * kept) / (1.0 - rho * rho));
+  const double turn = std::abs(std::remainder(angle - usual_angle_, kFullTurn));
+  if (turn > kMostTwist + 1.5 * std::sqrt(variance) / std::hypot(z, n)) twist_ = turn;
+}
+
+}  // namespace manip3d
