@@ -1,0 +1,76 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <tuple>
+#include <vector>
+
+#include "authenticate/canonical_order.hpp"
+#include "authenticate/lattice_samples.hpp"
+#include "authenticate/watermark_record.hpp"
+#include "authenticate/watermark_suite.hpp"
+#include "manip3d/authenticate/watermark.hpp"
+
+/// @file
+/// What embedder and verifier of a watermark both compute: tags of tiles and records, and the bits
+/// that points carry.
+namespace manip3d {
+
+/// Values of WatermarkHeader::carrier.
+inline constexpr std::uint8_t kBeside = 0, kInPicture = 1;
+inline constexpr std::size_t kTagSize = std::tuple_size_v<WatermarkTag>;
+
+WatermarkOrder order_of(WatermarkEmbedding embedding);
+
+/// @throws InputError  another number of rows than points; a coordinate that is not finite.
+void check_exact(const PointsView& points, ExactView exact);
+
+/// tag_i = BLAKE2b(K_tile, "m3d-tile" | header | i | count | samples), for each tile i.
+std::vector<WatermarkTag> tags_of_tiles(const SessionKeys& keys,
+                                        std::span<const std::uint8_t> header,
+                                        const TiledSamples& tiled);
+
+/// BLAKE2b(K_frame, domain | record | full tags)
+WatermarkTag tag_of_record(const SessionKeys& keys, std::string_view domain,
+                           std::span<const std::uint8_t> record,
+                           const std::vector<WatermarkTag>& tags);
+
+// The parts of a record's bytes: what its tags are computed over, then its own tag, then the tag of
+// the frame.
+std::span<const std::uint8_t> body_of(std::span<const std::uint8_t> record);
+WatermarkTag frame_tag_of(std::span<const std::uint8_t> record);
+
+/// Did the keys of this session make the record?
+bool own_tag_holds(const SessionKeys& keys, std::span<const std::uint8_t> record);
+
+/// Calls `use(place, bit)` for each point of a tile, where `place` counts the points in the order
+/// of both ends. Identical points cannot be told apart: their bits come in ascending order. Points
+/// at the origin carry nothing: their bit is 0.
+template <typename Use>
+void for_each_bit(const SessionKeys& keys, const WatermarkTag& tag, const TiledSamples& tiled,
+                  std::size_t tile, std::vector<std::uint8_t>& stream, const Use& use) {
+  const std::size_t begin = tiled.begins[tile], end = tiled.begins[tile + 1];
+  carrier_bits(keys, tag, end - begin, stream);
+  const auto bit = [&](std::size_t place) {
+    const std::size_t i = place - begin;
+    return static_cast<std::uint8_t>((stream[i / 8] >> (i % 8)) & 1U);
+  };
+  for (std::size_t place = begin; place < end;) {
+    std::size_t run = place + 1;
+    while (run < end && tiled.samples[run] == tiled.samples[place]) ++run;
+    if (is_no_return(tiled.samples[place])) {
+      for (; place < run; ++place) use(place, std::uint8_t{0});
+    } else if (run == place + 1) {
+      use(place, bit(place));
+    } else {
+      std::size_t ones = 0;
+      for (std::size_t i = place; i < run; ++i) ones += bit(i);
+      for (; place < run; ++place) use(place, static_cast<std::uint8_t>(run - place <= ones));
+    }
+    place = run;
+  }
+}
+
+}  // namespace manip3d

@@ -1,0 +1,377 @@
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "authenticate/canonical_order.hpp"
+#include "authenticate/lattice_samples.hpp"
+#include "authenticate/little_endian.hpp"
+#include "authenticate/watermark_record.hpp"
+#include "authenticate/watermark_suite.hpp"
+#include "authenticate/watermark_tiles.hpp"
+#include "authenticate/watermark_verdict.hpp"
+#include "manip3d/authenticate/watermark.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr std::size_t kMaxSessions = 4096;  // that a verifier remembers
+
+}  // namespace
+
+struct WatermarkVerifier::State {
+  // A key that the keys of its sessions are derived from.
+  struct Root {
+    WatermarkId id;
+    SecretBytes secret;
+    std::optional<std::int64_t> until_ns;  // from then on it has signed nothing
+  };
+  std::vector<Root> roots;       // the newest first; empty: closed
+  SessionKeys keys;              // of the session of the last record
+  std::size_t root_of_keys = 0;  // index of the root that they were derived from
+  SliceTable slices{36};
+  LatticeSamples found;
+  std::vector<std::uint16_t> slice_of;
+  CanonicalOrder order;
+  TiledSamples tiled;
+  std::vector<std::uint8_t> stream;
+
+  // The chain.
+  bool has_frame = false;
+  bool had_end = false;
+  std::size_t root = 0;  // index of the last frame's key
+  WatermarkId session{};
+  std::uint64_t frame = 0;
+  WatermarkTag tag{};
+  std::vector<WatermarkId> past;  // sessions before this one, the oldest first
+
+  void add(const WatermarkKey& key, std::optional<std::int64_t> until_ns);
+  void check_open() const;
+  // Derives the keys of the session whose record these bytes are; false: no key made it.
+  bool find_key(std::span<const std::uint8_t> bytes);
+  // Reads a record that a key made and the policy accepts. Returns why there is none; empty: there
+  // is one, and `keys` are those of its session.
+  std::string open_record(std::span<const std::uint8_t> bytes, const WatermarkPolicy& policy,
+                          WatermarkRecord& record);
+  // Says where in the stream the record's frame is.
+  void find_place(const WatermarkRecord& record, WatermarkFinding& finding) const;
+  // Takes the record's frame as the last one.
+  void go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag);
+  // Sorts the points into the tiles that the header names, as `tiled`.
+  void arrange(const PointsView& points, ExactView exact, const WatermarkHeader& header);
+  // Finds the tiles that hold other points than those that were signed; whether all points lie on
+  // the lattice of the embedding.
+  bool check_tiles(const WatermarkRecord& record, std::span<const WatermarkTag> tags,
+                   WatermarkFinding& finding) const;
+  // Finds the points of unchanged tiles whose embedded bit is wrong; whether there are none.
+  bool check_bits(WatermarkEmbedding embedding, std::span<const WatermarkTag> tags,
+                  WatermarkFinding& finding);
+  void check_content(const PointsView& points, ExactView exact, std::span<const std::uint8_t> bytes,
+                     const WatermarkRecord& record, std::uint32_t num_dropped,
+                     WatermarkFinding& finding);
+  [[nodiscard]] WatermarkTag state_tag(std::size_t number,
+                                       std::span<const std::uint8_t> bytes) const;
+};
+
+void WatermarkVerifier::State::add(const WatermarkKey& key, std::optional<std::int64_t> until_ns) {
+  if (key.expires_ns() != 0) {
+    until_ns = until_ns ? std::min(*until_ns, key.expires_ns()) : key.expires_ns();
+  }
+  Root added{key.id(), SecretBytes(key.secret().size()), until_ns};
+  std::copy_n(key.secret().data(), key.secret().size(), added.secret.data());
+  roots.push_back(std::move(added));
+}
+
+void WatermarkVerifier::State::check_open() const {
+  if (roots.empty()) throw Error("the verifier is closed");
+}
+
+bool WatermarkVerifier::State::find_key(std::span<const std::uint8_t> bytes) {
+  // Only the two ids that choose the keys are read before the tag over the raw bytes holds.
+  WatermarkId of_sensor, of_session;
+  std::copy_n(bytes.data() + kSensorOffset, of_sensor.size(), of_sensor.begin());
+  std::copy_n(bytes.data() + kSessionOffset, of_session.size(), of_session.begin());
+  const auto made_it = [&](std::size_t number) {
+    if (number != root_of_keys || !keys.is_for(of_sensor, of_session)) {
+      keys = SessionKeys(roots[number].secret, of_sensor, of_session);
+      root_of_keys = number;
+    }
+    return own_tag_holds(keys, bytes);
+  };
+  const std::size_t last = root_of_keys;  // first: its keys are derived already
+  if (made_it(last)) return true;
+  for (std::size_t number = 0; number < roots.size(); ++number) {
+    if (number != last && made_it(number)) return true;
+  }
+  return false;
+}
+
+std::string WatermarkVerifier::State::open_record(std::span<const std::uint8_t> bytes,
+                                                  const WatermarkPolicy& policy,
+                                                  WatermarkRecord& record) {
+  if (bytes.empty()) return "there is no record";
+  if (bytes.size() > WatermarkRecord::kMaxSize ||
+      bytes.size() < WatermarkRecord::kFixedSize + kRecordEnd) {
+    return "the record has no possible length";
+  }
+  if (!find_key(bytes)) return "the record is damaged or was made with another key";
+  try {
+    record = WatermarkRecord::parse(bytes);
+  } catch (const FormatError& error) {
+    return "the record is of another version: " + error.reason();
+  }
+  if (std::string why = objection(policy, record.header); !why.empty()) return why;
+  const std::optional<std::int64_t> until_ns = roots[root_of_keys].until_ns;
+  if (until_ns && record.header.time_ns >= *until_ns) {
+    return "the record states a time after its key had expired or had been replaced";
+  }
+  return {};
+}
+
+WatermarkVerifier::WatermarkVerifier(const WatermarkKey& key) : state_(std::make_unique<State>()) {
+  state_->add(key, std::nullopt);
+}
+
+void WatermarkVerifier::add_older_key(const WatermarkKey& key, std::int64_t replaced_ns) {
+  State& s = *state_;
+  s.check_open();
+  for (const State::Root& root : s.roots) {
+    if (root.id == key.id()) throw InputError("key: expected one that was not given before");
+  }
+  s.add(key, replaced_ns);
+}
+
+WatermarkVerifier::WatermarkVerifier(WatermarkVerifier&&) noexcept = default;
+WatermarkVerifier& WatermarkVerifier::operator=(WatermarkVerifier&&) noexcept = default;
+WatermarkVerifier::~WatermarkVerifier() = default;
+
+void WatermarkVerifier::close() {
+  state_->keys.close();
+  state_->roots.clear();
+}
+
+void WatermarkVerifier::reset() {
+  State& s = *state_;
+  s.has_frame = s.had_end = false;
+  s.root = 0;
+  s.past.clear();
+}
+
+WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
+                                           std::span<const std::uint8_t> bytes,
+                                           const WatermarkPolicy& policy, std::uint32_t num_dropped,
+                                           std::int64_t now_ns, ExactView exact,
+                                           const std::optional<PictureView>& picture) {
+  State& s = *state_;
+  s.check_open();
+  WatermarkFinding finding;
+  const auto unverifiable = [&](std::string why) {
+    finding.reason = std::move(why);
+    return finding;
+  };
+  check_points(points);
+  check_exact(points, exact);
+  if (picture) check_picture(*picture);
+  if (points.num_points() > policy.max_points) {
+    return unverifiable("more points than the policy allows: " +
+                        std::to_string(points.num_points()));
+  }
+  WatermarkRecord record;
+  if (std::string why = s.open_record(bytes, policy, record); !why.empty()) {
+    return unverifiable(why);
+  }
+  finding.header = record.header;
+  finding.key = s.roots[s.root_of_keys].id;
+  const bool is_exact = !exact.empty() || points.num_points() == 0;
+  if (std::string why = missing_part(record.header, picture.has_value(), is_exact); !why.empty()) {
+    return unverifiable(why);
+  }
+  s.check_content(points, exact, bytes, record, num_dropped, finding);
+  if (picture) {
+    const WatermarkTag seen = tag_of_picture(s.keys.image(), *picture);
+    finding.picture_changed = !equal_in_constant_time(seen, record.header.context);
+    if (finding.picture_changed) finding.content = WatermarkContent::kTampered;
+  }
+  s.find_place(record, finding);
+  finding.freshness = freshness_of(policy, record.header, now_ns);
+  conclude(policy, finding);
+  // The record is genuine, whatever became of the points: its frame is never new again.
+  if (finding.order != WatermarkPlace::kReplay) s.go_on(record.header, frame_tag_of(bytes));
+  return finding;
+}
+
+void WatermarkVerifier::State::arrange(const PointsView& points, ExactView exact,
+                                       const WatermarkHeader& header) {
+  if (static_cast<int>(header.tile_of.size()) != slices.size()) {
+    slices = SliceTable(static_cast<int>(header.tile_of.size()));
+  }
+  if (header.is_exact) {
+    sample_exact(points, {exact, header.units_per_m, header.offset}, ExactUse::kVerify, slices,
+                 found, slice_of);
+  } else {
+    sample_for_verification(points, header.embedding, header.units_per_m, slices, found, slice_of);
+  }
+  order.sort(found.samples, found.marks, slice_of, header.tile_of, header.num_tiles,
+             order_of(header.embedding), tiled);
+}
+
+bool WatermarkVerifier::State::check_tiles(const WatermarkRecord& record,
+                                           std::span<const WatermarkTag> tags,
+                                           WatermarkFinding& finding) const {
+  finding.tiles.assign(tags.size(), WatermarkTile::kIntact);
+  bool all_on_lattice = true;
+  for (std::size_t t = 0; t < tags.size(); ++t) {
+    bool off_lattice = false;
+    for (std::size_t i = tiled.begins[t]; i < tiled.begins[t + 1]; ++i) {
+      off_lattice = off_lattice || (tiled.marks[i] & kOffLattice) != 0;
+    }
+    const bool same_count = tiled.begins[t + 1] - tiled.begins[t] == record.counts[t];
+    const bool same_tag = equal_in_constant_time(std::span(tags[t]).first(16), record.tags[t]);
+    if (!same_count || !same_tag || off_lattice) finding.tiles[t] = WatermarkTile::kChanged;
+    all_on_lattice = all_on_lattice && !off_lattice;
+  }
+  return all_on_lattice;
+}
+
+bool WatermarkVerifier::State::check_bits(WatermarkEmbedding embedding,
+                                          std::span<const WatermarkTag> tags,
+                                          WatermarkFinding& finding) {
+  if (embedding == WatermarkEmbedding::kDetached) return true;
+  bool bits_hold = true;
+  for (std::size_t t = 0; t < tags.size(); ++t) {
+    if (finding.tiles[t] == WatermarkTile::kChanged) continue;
+    const auto compare = [&](std::size_t place, std::uint8_t bit) {
+      if (tiled.marks[place] == mark_of(tiled.samples[place], bit, embedding)) return;
+      finding.tiles[t] = WatermarkTile::kBits;
+      finding.rows.push_back(static_cast<std::int32_t>(tiled.rows[place]));
+    };
+    sort_marks_of_equals(tiled, t);
+    for_each_bit(keys, tags[t], tiled, t, stream, compare);
+    bits_hold = bits_hold && finding.tiles[t] == WatermarkTile::kIntact;
+  }
+  std::sort(finding.rows.begin(), finding.rows.end());
+  return bits_hold;
+}
+
+void WatermarkVerifier::State::check_content(const PointsView& points, ExactView exact,
+                                             std::span<const std::uint8_t> bytes,
+                                             const WatermarkRecord& record,
+                                             std::uint32_t num_dropped, WatermarkFinding& finding) {
+  const WatermarkHeader& header = record.header;
+  arrange(points, exact, header);
+  finding.tile_of_row.resize(slice_of.size());
+  for (std::size_t i = 0; i < slice_of.size(); ++i) {
+    finding.tile_of_row[i] = header.tile_of[slice_of[i]];
+  }
+  const std::vector<std::uint8_t> head = header_bytes(header);
+  const std::vector<WatermarkTag> tags = tags_of_tiles(keys, head, tiled);
+  const bool all_on_lattice = check_tiles(record, tags, finding);
+  const bool bits_hold = check_bits(header.embedding, tags, finding);
+  const WatermarkTag whole = tag_of_record(keys, "m3d-frame", body_of(bytes), tags);
+  const bool frame_holds = equal_in_constant_time(whole, frame_tag_of(bytes));
+  // Formats such as KITTI's write intensities of 0 where there are none. Others change the tags.
+  const bool same_columns = points.has_intensity() || !header.has_intensity;
+  const bool same_drops = header.num_dropped == num_dropped;
+  const bool is_intact = frame_holds && bits_hold && all_on_lattice && same_columns && same_drops;
+  finding.content = is_intact ? WatermarkContent::kIntact : WatermarkContent::kTampered;
+}
+
+void WatermarkVerifier::State::find_place(const WatermarkRecord& record,
+                                          WatermarkFinding& finding) const {
+  const WatermarkHeader& header = record.header;
+  finding.order = WatermarkPlace::kUnknown;
+  // Keys only go forward: whoever holds an old one could begin sessions, and even name this one.
+  finding.is_of_older_key = has_frame && root_of_keys > root;
+  if (finding.is_of_older_key || std::ranges::find(past, header.session) != past.end()) {
+    finding.order = WatermarkPlace::kReplay;
+  } else if (!has_frame || header.session != session || root_of_keys != root) {
+    // A session may begin where nothing is known before it, or where the last one has ended.
+    if (header.is_genesis && (!has_frame || had_end)) {
+      finding.order = WatermarkPlace::kInOrder;
+    } else if (has_frame) {
+      finding.order = WatermarkPlace::kGap;
+    }
+  } else if (header.frame <= frame) {
+    finding.order = WatermarkPlace::kReplay;
+  } else if (header.frame > frame + 1) {
+    finding.order = WatermarkPlace::kGap;
+    const std::uint64_t missing = header.frame - frame - 1;
+    finding.gap = static_cast<std::int64_t>(
+        std::min<std::uint64_t>(missing, std::numeric_limits<std::int64_t>::max()));
+  } else if (equal_in_constant_time(record.previous, tag)) {
+    finding.order = WatermarkPlace::kInOrder;
+  }
+}
+
+void WatermarkVerifier::State::go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag) {
+  if (has_frame && header.session != session) {
+    if (past.size() == kMaxSessions) past.erase(past.begin());
+    past.push_back(session);
+  }
+  has_frame = true;
+  had_end = header.is_end;
+  root = root_of_keys;
+  session = header.session;
+  frame = header.frame;
+  tag = frame_tag;
+}
+
+WatermarkTag WatermarkVerifier::State::state_tag(std::size_t number,
+                                                 std::span<const std::uint8_t> bytes) const {
+  TagHash hash(roots[number].secret.span());
+  hash.update("m3d-verifier-state");
+  hash.update(bytes);
+  return hash.finish();
+}
+
+std::vector<std::uint8_t> WatermarkVerifier::state() const {
+  const State& s = *state_;
+  s.check_open();
+  std::vector<std::uint8_t> bytes;
+  bytes.reserve(98 + 16 * s.past.size());
+  const auto put = [&](std::span<const std::uint8_t> more) {
+    for (const std::uint8_t byte : more) bytes.push_back(byte);  // GCC 12 warns of an insert
+  };
+  std::array<std::uint8_t, 8> number;
+  store(s.frame, number.data());
+  put(bytes_of("m3d-vs01"));
+  put(std::array<std::uint8_t, 2>{s.has_frame, s.had_end});
+  put(s.session);
+  put(number);
+  put(s.tag);
+  for (const WatermarkId& session : s.past) put(session);
+  put(s.state_tag(s.root, bytes));
+  return bytes;
+}
+
+void WatermarkVerifier::restore(std::span<const std::uint8_t> state) {
+  State& s = *state_;
+  s.check_open();
+  constexpr std::size_t kFixed = 8 + 2 + 16 + 8 + 32, kTag = 32;
+  const bool possible = state.size() >= kFixed + kTag && (state.size() - kFixed - kTag) % 16 == 0 &&
+                        state.size() <= kFixed + kTag + 16 * kMaxSessions;
+  // The key of the last frame has authenticated the state; which one that is, is found by trying.
+  std::size_t number = 0;
+  const auto made_it = [&](std::size_t key) {
+    return equal_in_constant_time(s.state_tag(key, state.first(state.size() - kTag)),
+                                  state.last(kTag));
+  };
+  while (possible && number < s.roots.size() && !made_it(number)) ++number;
+  if (!possible || number == s.roots.size()) {
+    throw FormatError::at_byte(0, "the state of a verifier is damaged or of another key");
+  }
+  s.root = number;
+  s.has_frame = state[8] != 0;
+  s.had_end = state[9] != 0;
+  std::copy_n(state.data() + 10, 16, s.session.begin());
+  s.frame = load<std::uint64_t>(state.data() + 26);
+  std::copy_n(state.data() + 34, 32, s.tag.begin());
+  s.past.resize((state.size() - kFixed - kTag) / 16);
+  for (std::size_t i = 0; i < s.past.size(); ++i) {
+    std::copy_n(state.data() + kFixed + 16 * i, 16, s.past[i].begin());
+  }
+}
+
+}  // namespace manip3d
