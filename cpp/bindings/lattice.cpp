@@ -6,13 +6,16 @@
 #include <cstdint>
 #include <numbers>
 #include <optional>
+#include <span>
 #include <string>
 #include <tuple>
 #include <utility>
+#include <vector>
 
 #include "interruptible.hpp"
 #include "manip3d/authenticate/generic.hpp"
 #include "manip3d/authenticate/reflectance.hpp"
+#include "manip3d/authenticate/reflectance_contrast.hpp"
 #include "manip3d/authenticate/turns.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
@@ -265,6 +268,25 @@ void bind_lattice(py::module_& m) {
       py::arg("points").noconvert(), py::arg("reflectance").noconvert(),
       py::arg("rings").noconvert(), py::arg("turns"), py::arg("motions"), py::arg("threads"),
       py::arg("reading") = py::none(), py::arg("seen") = std::vector<Reading>());
+  m.def(
+      "reflectance_contrast",
+      [](const CArray<float>& points, const CArray<float>& reflectance,
+         const CArray<std::int32_t>& rings, const CArray<float>& azimuths,
+         const std::vector<std::int64_t>& slips) {
+        const PointsView view = points_view(points, reflectance);
+        const auto ring = rows<Indices>(rings, "rings");
+        const auto azimuth = rows<Eigen::VectorXf>(azimuths, "azimuths");
+        const std::span lasers(ring.data(), static_cast<std::size_t>(ring.size()));
+        const std::span directions(azimuth.data(), static_cast<std::size_t>(azimuth.size()));
+        ReflectanceContrast found;
+        {
+          const py::gil_scoped_release nogil;
+          found = reflectance_contrast(view, lasers, directions, slips);
+        }
+        return py::make_tuple(found.edges, found.surfaces, std::move(found.contrast));
+      },
+      py::arg("points").noconvert(), py::arg("reflectance").noconvert(),
+      py::arg("rings").noconvert(), py::arg("azimuths").noconvert(), py::arg("slips"));
   m.attr("CELL_COLUMNS") = kCellColumns;
   m.attr("CELL_RINGS") = kCellRings;
 }

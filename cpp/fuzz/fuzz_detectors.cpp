@@ -1,6 +1,7 @@
 // Detectors on any scan: an InputError, or what they say fits together and is the same for one
 // thread and two; nearest neighbours are those of all pairs.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
@@ -14,6 +15,7 @@
 #include "manip3d/authenticate/generic.hpp"
 #include "manip3d/authenticate/occlusion.hpp"
 #include "manip3d/authenticate/reflectance.hpp"
+#include "manip3d/authenticate/reflectance_contrast.hpp"
 #include "manip3d/authenticate/turns.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/nearest_neighbours.hpp"
@@ -156,6 +158,12 @@ void check_reflectances(PointCloud scan, const ScanLattice& lattice) {
     require(std::isfinite(region.strength) && region.strength > 0.0);
     require(ascending_rows(region.rows, scan.points.rows()));
   }
+  const LatticeReading reading = read_lattice(view, lattice, 1);
+  const auto count = static_cast<std::size_t>(scan.points.rows());
+  const std::array<std::int64_t, 3> slips = {0, -3, 1000};
+  const ReflectanceContrast found = reflectance_contrast(view, {reading.ring.data(), count},
+                                                         {reading.azimuth.data(), count}, slips);
+  for (const double contrast : found.contrast) require(contrast >= 0.0);
 }
 
 }  // namespace

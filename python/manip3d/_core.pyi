@@ -145,6 +145,7 @@ __all__: list[str] = [
     "read_range_grid",
     "read_scene",
     "readable_suffixes",
+    "reflectance_contrast",
     "registered_texcoords",
     "relief_flip_edges",
     "render_depth",
@@ -2520,6 +2521,13 @@ def read_scene(
     list[str],
 ]: ...
 def readable_suffixes() -> list[str]: ...
+def reflectance_contrast(
+    points: numpy.typing.NDArray[numpy.float32],
+    reflectance: numpy.typing.NDArray[numpy.float32],
+    rings: numpy.typing.NDArray[numpy.int32],
+    azimuths: numpy.typing.NDArray[numpy.float32],
+    slips: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+) -> tuple[int, int, list[float]]: ...
 def registered_texcoords(
     vertices: numpy.typing.NDArray[numpy.float32], registration: manip3d.camera.Registration
 ) -> numpy.ndarray: ...

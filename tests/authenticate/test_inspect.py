@@ -41,6 +41,7 @@ from manip3d.authenticate._power import MEASURED
 from manip3d.authenticate._processing import (
     _is_cut_on_both_sides,
     _least_of_rings,
+    _step_of,
     edge_of_voxels,
     find_processing,
     first_azimuth,
@@ -945,7 +946,7 @@ NAMES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "turned": (lambda p: np.float32(p @ FLAT_TURN), "turned"),
     "turned by a part of a step": (
         lambda p: np.float32(p @ np.array([[1, -4e-4, 0], [4e-4, 1, 0], [0, 0, 1.0]])), "turned"),
-    "shrunk": (lambda p: np.float32(p * 0.999), "moved"),
+    "shrunk": (lambda p: np.float32(p * 0.999), "scaled"),
     "noise of a tenth of a millimetre": (
         lambda p: np.float32(p + np.random.default_rng(0).normal(0, 1e-4, p.shape)), "moved"),
     "16 bits": (lambda p: p.astype(np.float16).astype(np.float32), "float16"),
@@ -953,7 +954,7 @@ NAMES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "four digits": (lambda p: in_digits(p, 4), "rounded"),
     "centimetres from an offset": (
         lambda p: np.float32(np.round((p.astype(float) - 0.1234) * 100) / 100 + 0.1234), "rounded"),
-    "cut": (lambda p: np.float32(np.trunc(p.astype(float) * 1000) / 1000), "moved"),
+    "cut": (lambda p: np.float32(np.trunc(p.astype(float) * 1000) / 1000), "rounded"),
 }  # fmt: skip
 
 
@@ -967,6 +968,10 @@ def in_digits(points: np.ndarray, digits: int) -> np.ndarray:
     return np.array([float(f"{value:.{digits}g}") for value in points.ravel()], "f4").reshape(-1, 3)
 
 
+def in_steps(points: np.ndarray, steps: np.ndarray, start: np.ndarray) -> np.ndarray:
+    return np.float32(start + np.round((points.astype(float) - start) / steps) * steps)
+
+
 LAWS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "two millimetres": (
         lambda p: np.float32(np.round(p.astype(float) * 500) / 500),
@@ -974,6 +979,18 @@ LAWS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "millimetres from an offset": (
         lambda p: np.float32(np.round(p.astype(float) - 1.2344, 3) + 1.2344),
         "rounded: coordinates are whole steps of 1 mm from an offset"),
+    "16 bits of the extent": (
+        lambda p: in_steps(p, np.ptp(p.astype(float), axis=0) / 65535.0, p.min(axis=0)),
+        "rounded: coordinates are whole steps of "),
+    "parts of a metre that are powers of two": (
+        lambda p: in_steps(p, np.full(3, 2.0**-10), np.zeros(3)),
+        "rounded: coordinates are whole steps of 0.977 mm from an offset"),
+    "steps of 9.7 mm": (
+        lambda p: in_steps(p, np.full(3, 0.0097), np.full(3, 0.1234)),
+        "rounded: coordinates are whole steps of 9.7 mm from an offset"),
+    "cut to millimetres": (
+        lambda p: np.float32(np.trunc(p * np.float32(1000)) / np.float32(1000)),
+        "rounded: coordinates are "),
     "yards": (
         lambda p: np.float32(p / 0.9144), "scaled: coordinates are metres times 1.09"),
     "two turns": (
@@ -993,6 +1010,23 @@ def test_what_was_done_to_a_frame_of_kittis_scanner_is_said(name: str) -> None:
     assert words in found.reason
     assert "no points in" not in found.reason
     assert "moved" not in {step.kind for step in found.processing} or name == "two turns"
+
+
+def test_fine_steps_do_not_explain_points_that_lie_centimetres_away() -> None:
+    stretched = simulated_street().astype(float) * [1.01, 1.0, 1.0]
+    points = in_steps(stretched, np.full(3, 0.00013), np.full(3, 0.1234))
+    found = authenticate.inspect(points, origin=(0, 0, 0))
+    assert "moved" in {step.kind for step in found.processing}
+
+
+@pytest.mark.parametrize(("step", "start"), [(0.00244, 0.3), (0.00015, -1.0), (0.0097, 5.0)])
+def test_steps_of_coordinates_are_told(step: float, start: float) -> None:
+    values = np.random.default_rng(0).normal(0.0, 12.0, 40_000).round(3)
+    rounded = (start + np.round((values - start) / step) * step).astype(np.float32)
+    assert _step_of(rounded) == pytest.approx(step, rel=1e-4)
+    assert _step_of(rounded + np.float32(1e-4) * np.sin(values).astype(np.float32)) is None
+    assert _step_of(rounded[:20]) is None
+    assert _step_of(np.zeros(500, np.float32)) is None
 
 
 def test_whole_numbers_of_another_unit_are_no_rounding() -> None:

@@ -23,6 +23,7 @@ from manip3d.authenticate._reflectance import (
     reflectance_p_value,
     why_not_judged,
     why_of_no_scene,
+    why_of_other_points,
     why_rewritten,
 )
 from manip3d.report import write_evidence
@@ -631,3 +632,60 @@ def test_a_saturated_scanner_clipped_nothing(end: float, is_named: bool) -> None
     values = 0.01 * (np.arange(7000) * 3 % 95)
     found = why_rewritten(np.r_[values, np.full(50, end)].astype(np.float32))
     assert (found is not None and found.endswith("they were clipped")) is is_named
+
+
+def contrasted(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, Any]:
+    """A round wall with posts before it, which are brighter, and noise; in the scanner's order."""
+    ring, count = np.divmod(np.arange(len(LATTICE.slope) * 1800), 1800)
+    is_post = count % 60 < 12
+    distance = np.where(is_post, 8.0, 14.0) + LATTICE.range_phase[ring]
+    points = LATTICE.points_at(ring, 2 * count, distance).round(3).astype(np.float32)
+    values = np.where(is_post, 0.6, 0.3) + rng.normal(0.0, 0.05, len(points))
+    return points, np.round(values, 2).astype(np.float32), LATTICE.read(points)
+
+
+def test_reflectances_of_other_points_are_told_by_edges_of_things() -> None:
+    rng = np.random.default_rng(4)
+    points, values, reading = contrasted(rng)
+    edges, surfaces, contrast = _core.reflectance_contrast(
+        points, values, reading.ring, reading.azimuth, [0, 2, -2]
+    )
+    # Two of 60 pairs a laser begin before an edge and end behind it, at both sides of a post.
+    assert edges == pytest.approx(len(LATTICE.slope) * 30 * 4, rel=0.02)
+    assert surfaces > 30_000
+    # Noise of 0.05 twice, on the scale of the frame, beside a step of 0.3 that is clipped.
+    scale = values.max() - values.min()
+    step = min(0.3 / scale, 0.3)
+    assert contrast[0] > (step - 0.1) ** 2 / (2.0 * (0.05 / scale) ** 2)
+    assert max(contrast[1:]) < contrast[0]
+    assert why_of_other_points(values, points, reading) is None
+    assert why_of_other_points(255.0 * values, points, reading) is None
+    shuffled = values.copy()
+    for laser in range(len(LATTICE.slope)):
+        rows = np.flatnonzero(reading.ring == laser)
+        shuffled[rows] = values[rng.permutation(rows)]
+    for other in (shuffled, np.roll(values, 30)):  # half a post's distance away
+        assert "those of other points" in str(why_of_other_points(other, points, reading))
+    for rows_away in (-5, 2, 5):
+        slipped = np.roll(values, rows_away)
+        assert "some rows before or behind" in str(why_of_other_points(slipped, points, reading))
+    few = np.arange(3000)
+    assert why_of_other_points(shuffled[few], points[few], LATTICE.read(points[few])) is None
+
+
+def test_contrast_needs_pairs_and_differences() -> None:
+    points, values, reading = contrasted(np.random.default_rng(4))
+    one, two = reading.ring, reading.azimuth
+    assert _core.reflectance_contrast(points[:0], values[:0], one[:0], two[:0], [0]) == (
+        0,
+        0,
+        [0.0],
+    )
+    assert _core.reflectance_contrast(points, 0.0 * values, one, two, [0])[2] == [0.0]
+    turned = np.roll(values, 7)
+    of_slip = _core.reflectance_contrast(points, values, one, two, [-7, len(values) - 7])[2]
+    assert of_slip == _core.reflectance_contrast(points, turned, one, two, [0, len(values)])[2]
+    with pytest.raises(InputError, match="rings, azimuths: expected"):
+        _core.reflectance_contrast(points, values, one[1:], two, [0])
+    with pytest.raises(InputError, match="reflectance: expected"):
+        _core.reflectance_contrast(points, values[:0], one, two, [0])

@@ -679,9 +679,21 @@ def _compared(
     turns, reflectance = _beside_turns(centred, case.identified, compared, lacking, case.threads)
     if turns is not None and turns.foreign:
         of_turns += (Processing("foreign", FOREIGN),)
+    reflectance = _unless_foreign(reflectance, processing)
     if reflectance is not None and reflectance.rewritten:
         of_turns += (Processing("reflectances", reflectance.rewritten),)
     return _Compared(turns, reflectance, of_turns, why_not)
+
+
+def _unless_foreign(
+    found: ReflectanceResult | None, processing: Sequence[Processing]
+) -> ReflectanceResult | None:
+    """The result of detector V; reflectances that are not those of the points say nothing, unless
+    they accuse."""
+    why = next((step.detail for step in processing if step.kind == "reflectances"), None)
+    if found is None or why is None or found.verdict != "no_trace":
+        return found
+    return replace(found, verdict="undecidable", reason=why)
 
 
 def _reports_of_part(reports: tuple[DetectorReport, ...]) -> tuple[DetectorReport, ...]:

@@ -19,7 +19,12 @@ from manip3d.authenticate._firings import (
 )
 from manip3d.authenticate._generic import MISSING, generic_consistency
 from manip3d.authenticate._lattice import FIVE_DIGITS_TO, has_whole_millimetres
-from manip3d.authenticate._reflectance import is_in_hundredths, why_of_no_scene, why_rewritten
+from manip3d.authenticate._reflectance import (
+    is_in_hundredths,
+    why_of_no_scene,
+    why_of_other_points,
+    why_rewritten,
+)
 from manip3d.authenticate._sensors import HDL64E, is_hdl64e, is_in_metres, kitti_lattice
 from manip3d.authenticate._verdict import Processing
 
@@ -43,6 +48,33 @@ are whole millimetres, where the scan contradicts both."""
 
 OF_ROUNDING = 0.5
 """Share of the step of a rounding that points may be off the lines for it, in the median."""
+
+OWN_ROUNDING = 0.0005
+"""Metres: the median distance of a scan's points from the scanner's lines, at most, which the
+roundings of its own files leave (0.25 mm in KITTI)."""
+
+OF_FLOAT16 = 0.01
+"""Metres: the median distance from the lines, at most, that numbers of 16 bits leave, whose steps
+are 4 to 31 mm from 4 to 64 m on."""
+
+NEAR_STEPS, LEAST_STEP, MOST_STEP, FEWEST_STEPS, MOST_STEPS_APART = 32.0, 2e-5, 0.1, 50, 32
+"""Metres up to which single precision leaves coordinates apart that are a step apart; the smallest
+and the largest step that is looked for, metres; different coordinates, at least; and steps between
+two that are next to each other, at most: whole millimetres leave most of finer steps out."""
+
+SAME_STEP = 1e-5
+"""Share of a step by which steps of two axes that are the same may differ."""
+
+SINGLE = 2.0**-23
+"""Share of a coordinate that single precision may add to the difference of two."""
+
+OF_PLACES = {"grid", "step", "range"}
+"""Kinds of evidence that a change of all coordinates by a millimetre contradicts."""
+
+CUT_OFF = (
+    "coordinates are whole millimetres and the scanner's ranges are not: they were cut off, "
+    "rounded twice, or all ranges were changed"
+)
 
 NEAR_SCALED, FEWEST_SCALED, LEAST_SCALED, OFF_SCALED = (8.0, 25.0), 1000, 0.002, 0.001
 """Metres; points; a difference from 1; metres. Points that were scaled stand so near to lines of
@@ -78,6 +110,11 @@ LAST_METRES, MOST_RANGE, FEWEST_CUT_OFF = 10.0, 80.0, 65
 metres, would lie between the farthest point and that range. Where it is fewer, the farthest point
 says little: 52 at most in 12 simulated streets that end between 77.4 and 78.5 m. Of frames of
 KITTI cut at 76 m or nearer it is 72 and more, of those cut at 77 m 43 and more (13 frames)."""
+
+LAST_SHARE, FEWEST_AT_END = 0.98, 40
+"""Share of the largest range, points: frames that were cut at 20 to 55 m have 49 and more beyond it
+(24 of KITTI and of simulated streets), those of which a filter of outliers left nothing beyond 60 m
+24 at most (14)."""
 
 SAME_END, WIDEST_STRIP, STRIP_EDGE, POINTS_AT_ENDS, LEAST_SILENT_AT_ENDS = 0.03, 70.0, 0.5, 9, 0.3
 """Metres, metres, metres, points, share: where a strip was cut out, x or y ends at the same
@@ -236,23 +273,25 @@ def find_processing(
     if sensor.unit:  # steps of a rounding are those of metres
         return (Processing("scaled", f"coordinates are in {sensor.unit}"),)
     found = list(_processing_of_coordinates(points))
+    is_float16 = any(step.kind == "float16" for step in found)
     if sensor.turned:
         found.append(Processing("turned", sensor.turned))
     is_edited = generic is not None and generic.verdict == "tampered"
     if sensor.name == HDL64E and len(points) > MOST_OF_TURN and not is_edited:
         found.append(Processing("fused", f"{len(points)} points are more than a turn has"))
     if sensor.off_lattice > 0.0:
-        found += _processing_off_lattice(points, sensor, reading)
+        if not (is_float16 and sensor.off_lattice <= OF_FLOAT16):
+            found += _processing_off_lattice(points, sensor, reading)
     elif generic is not None and generic.lattice is not None:
         of_lattice = _processing_of_lattice(points, sensor, generic, reading)
-        if sensor.name == HDL64E and not found and "range" in generic.contradicted:
-            found += _finely_rounded(points)
-        is_explained = any(step.kind in ("rounded", "float16") for step in found)
+        if sensor.name == HDL64E and not found and generic.contradicted & OF_PLACES:
+            found += _finely_rounded(points, sensor.lattice, reading)
+        is_explained = any(step.kind in ("rounded", "float16", "scaled") for step in found)
         found += [step for step in of_lattice if not (is_explained and step.kind == "moved")]
         if sensor.name != HDL64E or not generic.evidence["order"].used:
             reflectance = None  # another scanner's unit, or neighbours that were sorted apart
         if reflectance is not None:
-            found += _processing_of_reflectance(reflectance, generic.lattice)
+            found += _processing_of_reflectance(reflectance, points, generic.lattice, reading)
         if sensor.name == HDL64E and _holds_no_pasted_points(generic):
             found = _with_outliers(points, found)
     return tuple(found)
@@ -269,6 +308,9 @@ def _processing_off_lattice(
         return []
     if (factor := _factor_of(points, sensor, reading)) is not None:
         return [Processing("scaled", f"coordinates are metres times {factor:.4g}")]
+    steps = _steps_of_axes(points)
+    if steps and sensor.off_lattice <= OF_ROUNDING * max(steps):
+        return [_rounded_to_steps(steps)]
     return [
         Processing(
             "moved",
@@ -382,11 +424,17 @@ def _cut(distances: NDArray[np.float32]) -> tuple[float, float]:
 
 
 def _processing_of_reflectance(
-    values: NDArray[np.float32], lattice: SensorLattice
+    values: NDArray[np.float32],
+    points: NDArray[np.float32],
+    lattice: SensorLattice,
+    reading: LatticeReading | None,
 ) -> list[Processing]:
     found = []
     in_hundredths = is_in_hundredths(values)
-    if (why := why_rewritten(values) or why_of_no_scene(values)) is not None:
+    why = why_rewritten(values) or why_of_no_scene(values)
+    if why is None:
+        why = why_of_other_points(values, points, reading or lattice.read(points))
+    if why is not None:
         found.append(Processing("reflectances", why))
     elif in_hundredths and values.min() > 0.0 and np.mean(values < DARK) > MOST_DARK:
         found.append(Processing("filtered", "no point has a reflectance of 0, as many have"))
@@ -529,13 +577,72 @@ def _some(points: NDArray[np.float32]) -> NDArray[np.float32]:
     return points[:: max(1, len(points) // SAMPLE)]
 
 
-def _finely_rounded(points: NDArray[np.float32]) -> list[Processing]:
-    """A rounding to steps that other scanners write; that to the scanner's own, counted from 0,
-    tells nothing."""
+def _finely_rounded(
+    points: NDArray[np.float32], lattice: SensorLattice | None, reading: LatticeReading | None
+) -> list[Processing]:
+    """A rounding to steps that other scanners write, or to any, if it explains where points lie;
+    that to the scanner's own steps, counted from 0, tells nothing."""
     rounding = _rounding(points, _some(points), FINE_ROUNDINGS)
-    if rounding is None or rounding == (FINE_ROUNDINGS[-1], _in_words(FINE_ROUNDINGS[-1])):
+    if rounding == (FINE_ROUNDINGS[-1], _in_words(FINE_ROUNDINGS[-1])) or lattice is None:
         return []
-    return [Processing("rounded", rounding[1])]
+    steps = _steps_of_axes(points) if rounding is None else [rounding[0]]
+    off = np.abs((lattice.read(points) if reading is None else reading).line_error)
+    if not steps or np.median(off) > OF_ROUNDING * max(steps) + OWN_ROUNDING:
+        return []
+    if rounding is not None:
+        return [Processing("rounded", rounding[1])]
+    return [_scaled_to_step(points, steps, lattice) or _rounded_to_steps(steps)]
+
+
+def _scaled_to_step(
+    points: NDArray[np.float32], steps: Sequence[float], lattice: SensorLattice
+) -> Processing | None:
+    """The factor that made the scanner's own step the step of all axes; None: that was not it."""
+    if not lattice.coordinate_step or np.ptp(steps) > SAME_STEP * min(steps):
+        return None
+    factor = steps[0] / lattice.coordinate_step
+    undone = (points / factor).astype(np.float32)
+    if generic_consistency(undone, lattice=lattice).contradicted:
+        return None
+    return Processing("scaled", f"coordinates are metres times {factor:.4g}")
+
+
+def _rounded_to_steps(steps: Sequence[float]) -> Processing:
+    """The rounding to one step, or to one of each axis."""
+    several = [f"{1000.0 * step:.3g}" for step in steps]
+    words = " and ".join(
+        (", ".join(several[:-1]), several[-1]) if len(set(several)) > 1 else several[:1]
+    )
+    return Processing("rounded", f"coordinates are whole steps of {words} mm from an offset")
+
+
+def _steps_of_axes(points: NDArray[np.float32]) -> list[float]:
+    """Steps, in metres, of which x, y and z are whole numbers from a place; empty: one is not."""
+    steps = [_step_of(coordinates) for coordinates in points.T]
+    return [] if None in steps else [step for step in steps if step is not None]
+
+
+def _step_of(coordinates: NDArray[np.float32]) -> float | None:
+    """The step, in metres, of which coordinates are whole numbers from a place; None: of none.
+
+    The smallest difference between two is a few steps, and counting them from one coordinate to the
+    next tells the step exactly.
+    """
+    values = np.unique(coordinates[np.abs(coordinates) < NEAR_STEPS]).astype(np.float64)
+    if len(values) < FEWEST_STEPS:
+        return None
+    apart = np.diff(values)
+    smallest = float(np.percentile(apart, 0.1))
+    smallest = float(np.median(apart[apart < 1.01 * smallest + SINGLE * NEAR_STEPS]))
+    for number in range(1, MOST_STEPS_APART + 1):
+        if not LEAST_STEP <= smallest / number <= MOST_STEP:
+            continue
+        count = np.cumsum(np.round(np.diff(values, prepend=values[0]) * (number / smallest)))
+        step, start = np.polyfit(count, values, 1)
+        off = np.abs(values - (start + step * count))
+        if np.mean(off < SINGLE * NEAR_STEPS) > 0.999:
+            return float(step)
+    return None
 
 
 def _rounding(
@@ -623,16 +730,18 @@ def _processing_of_lattice(
         if generic.verdict == "tampered" and (edge := edge_of_voxels(points)):
             detail = f"points that shared a voxel of {1000.0 * edge:g} mm became their mean"
             found.append(Processing("averaged", detail))
-    if contradicted & {"grid", "step", "range"}:
-        names = ", ".join(sorted(contradicted & {"grid", "step", "range"}))
+    if contradicted & OF_PLACES:
+        names = ", ".join(sorted(contradicted & OF_PLACES))
         kind = "turned" if _is_turned_by_part_of_step(points, sensor, reading) else "moved"
-        found.append(
-            Processing(kind, f"coordinates were changed everywhere (contradicted: {names})")
-        )
+        detail = f"coordinates were changed everywhere (contradicted: {names})"
+        is_on_grid = lattice is not None and lattice.coordinate_step > 0.0
+        if kind == "moved" and is_on_grid and not contradicted & {"grid", "step"}:
+            kind, detail = "rounded", CUT_OFF
+        found.append(Processing(kind, detail))
     elif "place" in contradicted:
         found.append(
             Processing(
-                "moved",
+                "rounded",
                 "coordinates are not roundings of places where the scanner measures: they were "
                 "rounded twice or cut off, or noise of less than a millimetre was added",
             )
@@ -878,7 +987,10 @@ def _cuts_far_away(
     if is_short and any(ends_in_silence(end, firings) for end in (distance, x, -x, y, -y)):
         ends = np.abs(points).max(axis=0)[:2].min()  # of a box or a strip, which ends nearer
         farthest = float(distance.max())
-        found.append((min(farthest, float(ends)), f"no points beyond {farthest:.1f} m"))
+        detail = f"no points beyond {farthest:.1f} m"
+        if np.count_nonzero(distance > LAST_SHARE * farthest) < FEWEST_AT_END:
+            detail += ", and few near there: cut off, or left out by a filter of outliers"
+        found.append((min(farthest, float(ends)), detail))
     for name, along in zip("xy", (x, y), strict=True):
         if _is_cut_on_both_sides(along, firings):
             end = float(along.max())
