@@ -58,7 +58,15 @@ class CellList {
   /// for some more than once.
   template <int reach, typename Visit>
   void visit(std::int32_t place, const Visit& visit_place) const {
+    visit_rows<reach>(place, visit_place, [](double) { return true; });
+  }
+
+  /// Does so, and leaves out the rows of cells along x unless is_wanted(gap) holds when their turn
+  /// comes, the point's own row first: the squared distance of no point of a row is below its gap.
+  template <int reach, typename Visit, typename Wanted>
+  void visit_rows(std::int32_t place, const Visit& visit_place, const Wanted& is_wanted) const {
     constexpr int kSide = 2 * reach + 1;
+    constexpr int kOwn = kSide * kSide / 2;
     const Cell center = cell_of(points_.row(place).transpose().cast<double>());
     const std::size_t count = start_.size() - 1;
     std::array<std::size_t, kSide * kSide> first;
@@ -69,7 +77,9 @@ class CellList {
       end[i] = start_[std::min(first[i] + kSide, count)];
       __builtin_prefetch(points_.data() + 3 * static_cast<std::int64_t>(begin[i]));
     }
-    for (int i = 0; i < kSide * kSide; ++i) {
+    for (int n = 0; n < kSide * kSide; ++n) {
+      const int i = n == 0 ? kOwn : (n <= kOwn ? n - 1 : n);
+      if (!is_wanted(squared_gap(i % kSide - reach, i / kSide - reach))) continue;
       for (std::int32_t k = begin[i]; k < end[i]; ++k) visit_place(k);
       if (first[i] + kSide <= count) continue;
       const std::size_t rest = std::min(first[i] + kSide - count, count);
@@ -82,6 +92,14 @@ class CellList {
 
   [[nodiscard]] Cell cell_of(const Eigen::Vector3d& p) const {
     return ((p - origin_) / cell_size_).array().floor().cast<std::int64_t>();
+  }
+
+  // Between a point and rows so many cells away along y and z, at least: places are rounded.
+  [[nodiscard]] double squared_gap(int y, int z) const {
+    const auto metres = [&](int cells) { return (std::abs(cells) - 1.01) * cell_size_; };
+    const double a = std::max(0.0, metres(y));
+    const double b = std::max(0.0, metres(z));
+    return a * a + b * b;
   }
 
   [[nodiscard]] std::size_t bucket(const Cell& cell) const {

@@ -129,22 +129,26 @@ class SparseSearch {
   [[nodiscard]] Smallest within_cells(const CellList& cells, std::int32_t row, double least) const {
     const double sure = 1.0 - kRound;
     const double cell = cells.cell_size();
-    const Smallest near = search<1>(cells, row);
+    Smallest near(options_.neighbours);
+    search<1>(cells, row, least, near);
     if (near.last() <= sure * sure * cell * cell || near.last() < least * least) return near;
-    const Smallest beyond = search<2>(cells, row);
+    search<2>(cells, row, least, near);
     const double surely = (1.0 + sure) * cell;
-    if (beyond.last() <= surely * surely || beyond.last() < least * least) return beyond;
-    return search<kReach>(cells, row);
+    if (near.last() <= surely * surely || near.last() < least * least) return near;
+    search<kReach>(cells, row, least, near);
+    return near;
   }
 
+  // Adds what is nearer, until the last is nearer than `least`: then none of them counts.
   template <int reach>
-  [[nodiscard]] Smallest search(const CellList& cells, std::int32_t row) const {
+  static void search(const CellList& cells, std::int32_t row, double least, Smallest& near) {
     const std::int32_t place = cells.place_of(row);
-    Smallest smallest(options_.neighbours);
-    cells.visit<reach>(place, [&](std::int32_t other) {
-      if (other != place) smallest.add(cells.squared_distance(place, other), other);
+    const auto add = [&](std::int32_t other) {
+      if (other != place) near.add(cells.squared_distance(place, other), other);
+    };
+    cells.visit_rows<reach>(place, add, [&](double gap) {
+      return gap <= near.last() && !(near.last() < least * least);
     });
-    return smallest;
   }
 
   const PointsView& view_;
