@@ -425,7 +425,7 @@ class ReflectanceSearch {
       tally.first += ratios[pair.ring][pair.same ? 1 : 0];
     }
     Strengths strengths(voxels_.size(), 0.0F);
-    raise_to(strengths, tallies, even_strength);
+    raise_to(strengths, tallies, may_be_even, even_strength);
     add_regions(ReflectanceEvidence::kEven, strengths, regions);
   }
 
@@ -471,7 +471,7 @@ class ReflectanceSearch {
     }
     Strengths strengths(voxels_.size(), 0.0F);
     for (const Tallies& tallies : {std::cref(measured), std::cref(all)}) {
-      raise_to(strengths, tallies, changed_strength);
+      raise_to(strengths, tallies, has_points, changed_strength);
     }
     add_regions(ReflectanceEvidence::kChanged, strengths, regions);
   }
@@ -519,10 +519,15 @@ class ReflectanceSearch {
     return least;
   }
 
-  // The strength that a voxel adds to its region; 0: its window says nothing.
+  // Whether a voxel can add to its region, whatever its window says. Few of clean frames do in
+  // what evenness says of them, so that few windows are looked at.
+  static bool has_points(const ReflectanceTally& own) { return own.points > 0; }
+  static bool may_be_even(const ReflectanceTally& own) { return own.first > 0.0; }
+
+  // The strength that such a voxel adds to its region; 0: its window says nothing.
   static double even_strength(const ReflectanceTally& own, const ReflectanceWindow& window) {
     const double ratio = window[0].first + window[1].first + window[2].first;
-    return ratio > kEvenRatio ? std::max(own.first, 0.0) : 0.0;
+    return ratio > kEvenRatio ? own.first : 0.0;
   }
 
   static double changed_strength(const ReflectanceTally& own, const ReflectanceWindow& window) {
@@ -531,10 +536,11 @@ class ReflectanceSearch {
   }
 
   // Raises strengths to those that `strength_of` finds in tallies, where these are more.
-  template <class StrengthOf>
-  void raise_to(Strengths& strengths, const Tallies& tallies, StrengthOf strength_of) const {
+  template <class CanAdd, class StrengthOf>
+  void raise_to(Strengths& strengths, const Tallies& tallies, CanAdd can_add,
+                StrengthOf strength_of) const {
     for (std::size_t k = 0; k < voxels_.size(); ++k) {
-      if (tallies[k].points == 0) continue;
+      if (!can_add(tallies[k])) continue;
       const ReflectanceWindow window = window_around(tallies, voxels_.voxels()[k]);
       strengths[k] = std::max(strengths[k], static_cast<float>(strength_of(tallies[k], window)));
     }
