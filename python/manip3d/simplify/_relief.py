@@ -604,15 +604,29 @@ class ReliefStream:
         ------
         InputError
             As `relief`; an earlier ``time_ns`` than that of the frame before.
+
+        Notes
+        -----
+        A frame that ends in an error after it was smoothed makes the stream start anew, as `reset`
+        does; one with images of the wrong kind changes nothing.
         """
         with self._lock:
             make, measured = self._take(depth, color, mask, confidence)
-            if self._budget is None:
-                return make(self._most_points)
-            most_points = min(self._most_points, max(measured, LEAST_POINTS))
-            found = self._within_bytes(self._budget, make, most_points, time_ns)
-            self._show(found)  # which need not be the last that was made
-            return found
+            try:
+                return self._made(make, measured, time_ns)
+            except BaseException:
+                # The smoother has this frame already, and the solver may have lost those before.
+                self.reset()
+                raise
+
+    def _made(self, make: Callable[[int], Relief], measured: int, time_ns: int | None) -> Relief:
+        """Make the mesh of a frame, and let the next one stay near to it."""
+        if self._budget is None:
+            return make(self._most_points)
+        most_points = min(self._most_points, max(measured, LEAST_POINTS))
+        found = self._within_bytes(self._budget, make, most_points, time_ns)
+        self._show(found)  # which need not be the last that was made
+        return found
 
     def _show(self, found: Relief) -> None:
         """Let the next frame stay near to this mesh."""
