@@ -119,7 +119,7 @@ TEST(Relief, AllocatesNothingButTheResultAfterTheTenthFrame) {
       relief.run(frames[frame].view(), options, result);
       // The number of triangles follows the silhouette: their array is the result's own. The first
       // mesh of the larger efforts still grows at frame 10, the third of the second period.
-      if (frame >= (effort == ReliefEffort::kLive ? 10U : 16U)) {
+      if (frame >= (effort == ReliefEffort::kLive ? 10U : 11U)) {
         EXPECT_LE(num_allocations() - before, 1) << "frame " << frame;
       }
       EXPECT_EQ(result.mesh.vertices.rows(), 700);
