@@ -92,8 +92,8 @@ enum class PhantomState : std::uint8_t {
   kLate       ///< The frame is not newer than the last one; nothing was done.
 };
 /// Why a state is not kTracking. Where several hold, kCalibration goes first, since joints beside
-/// the person explain all else, then kOccluded, then kSides; of kShaky to kCloth the one that is farthest beyond
-/// its limit.
+/// the person explain all else, then kOccluded, then kSides; of kShaky to kCloth the one that is
+/// farthest beyond its limit.
 enum class PhantomReason : std::uint8_t {
   kNone,         ///< The state is kTracking.
   kNoPerson,     ///< The key person's skeleton is not there.
