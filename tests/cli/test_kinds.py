@@ -28,13 +28,15 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "depth": folder / "depth.png", "packets": folder / "lidar.pcap",
         "recording": folder / "recording", "drive": folder / "drive",
         "picture": folder / "picture.png", "results": folder / "results",
-        "folder": folder / "folder", "unknown": folder / "notes.xyzzy",
+        "truth": folder / "forged.truth.npz", "folder": folder / "folder",
+        "unknown": folder / "notes.xyzzy",
     }  # fmt: skip
     manip3d.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).write(found["mesh"])
     manip3d.LidarFrame(np.eye(3, dtype=np.float32)).write(found["scan"])
     found["range grid"].write_text(RANGE_GRID)
     Image.fromarray(np.full((4, 5), 1000, np.uint16)).save(found["depth"])
     Image.fromarray(np.zeros((4, 5, 3), np.uint8)).save(found["picture"])
+    np.savez(found["truth"], masks=np.zeros(1, np.uint8))
     found["packets"].write_bytes(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1))
     for name in ("recording", "results", "folder"):
         found[name].mkdir()
@@ -103,7 +105,7 @@ def test_other_kinds_name_their_commands(verb: str, files: dict[str, Path], tmp_
         message = str(done.exception)
         assert done.exit_code == 1, (verb, kind)
         assert f"{path} is {NAMES[kind]}; {verb} takes " in message
-        assert VERBS[kind] in message
+        assert VERBS.get(kind, "manip3d.forge.read_stream_truth") in message
     assert list(tmp_path.iterdir()) == []
 
 
