@@ -29,6 +29,7 @@ from manip3d.authenticate import (
     combined_verdict,
     kitti_lattice,
 )
+from manip3d.authenticate._extent import _is_cut_on_both_sides, _least_of_rings, first_azimuth
 from manip3d.authenticate._firings import (
     FARTHEST_POINTS,
     Firings,
@@ -38,15 +39,9 @@ from manip3d.authenticate._firings import (
 )
 from manip3d.authenticate._lattice import COLUMNS
 from manip3d.authenticate._power import MEASURED
-from manip3d.authenticate._processing import (
-    _is_cut_on_both_sides,
-    _least_of_rings,
-    _step_of,
-    edge_of_voxels,
-    find_processing,
-    first_azimuth,
-)
+from manip3d.authenticate._processing import edge_of_voxels, find_processing
 from manip3d.authenticate._reflectance import why_rewritten
+from manip3d.authenticate._roundings import _step_of
 from manip3d.authenticate._sensors import identify_and_read, is_hdl64e
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, rate_of
 from manip3d.lidar import ScanFormat

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from manip3d import InputError, _core, authenticate, simulate
-from manip3d.authenticate._processing import MOST_CUT, cuts_of_outliers
+from manip3d.authenticate._outliers import MOST_CUT, cuts_of_outliers
 from manip3d.io import read_scan
 from manip3d.lidar import LidarFrame
 from real_data import RealData

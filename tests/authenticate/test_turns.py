@@ -13,9 +13,9 @@ import lattice_scans as scans
 import turn_scans
 from manip3d import InputError, LidarFrame, _core, authenticate, forge, simulate
 from manip3d.authenticate import TurnResult, _drives, turn_consistency
+from manip3d.authenticate._extent import Lacking, left_out_of_turn
 from manip3d.authenticate._inspect import inspect_beside
 from manip3d.authenticate._movers import passes_by
-from manip3d.authenticate._processing import Lacking, left_out_of_turn
 from manip3d.report import write_evidence
 
 LATTICE = turn_scans.LATTICE

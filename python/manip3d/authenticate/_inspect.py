@@ -20,7 +20,9 @@ from manip3d.authenticate._carriers import (
     trace_of,
     without_bits,
 )
+from manip3d.authenticate._copies import are_fired_twice, copies_of_earlier, one_of_each
 from manip3d.authenticate._density import PAPER_DENSITY, DensityResult, density_consistency
+from manip3d.authenticate._extent import Lacking, left_out_of_turn
 from manip3d.authenticate._generic import (
     EVIDENCE,
     IN_WORDS,
@@ -55,14 +57,8 @@ from manip3d.authenticate._power import (
 from manip3d.authenticate._processing import (
     COORDINATES_KEPT,
     STILL_COMPARED,
-    Lacking,
-    are_fired_twice,
-    copies_of_earlier,
     find_processing,
-    left_out_of_turn,
-    one_of_each,
     padding,
-    silent_lasers,
 )
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
 from manip3d.authenticate._repeats import in_common, sketch_of
@@ -75,6 +71,7 @@ from manip3d.authenticate._sensors import (
     is_in_metres,
     nothing_to_tell,
 )
+from manip3d.authenticate._silences import silent_lasers
 from manip3d.authenticate._turns import (
     FARTHEST,
     FARTHEST_MOTION,

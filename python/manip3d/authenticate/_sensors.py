@@ -211,6 +211,16 @@ def is_hdl64e(lattice: SensorLattice) -> bool:
     return laser <= len(expected)
 
 
+def is_unit_of_kitti(lattice: SensorLattice) -> bool:
+    """Return whether a lattice is that of the very scanner that KITTI was recorded with.
+
+    Parameters
+    ----------
+    lattice : SensorLattice
+    """
+    return np.array_equal(lattice.slope, kitti_lattice().slope)
+
+
 def _name_of(lattice: SensorLattice) -> str:
     return HDL64E if is_hdl64e(lattice) else f"scanner of {len(lattice.slope)} lasers"
 
