@@ -23,13 +23,13 @@ from manip3d.authenticate import (
     inspect,
     kitti_lattice,
 )
-from manip3d.authenticate._lattice import (
+from manip3d.authenticate._exact_lattice import (
     _exact_steps,
-    _first_encoders,
     _fit_beside,
     _off_the_steps,
     _one_below_the_other,
 )
+from manip3d.authenticate._lattice_steps import first_encoders
 from real_data import RealData
 
 UNITS = {"hesai": hesai(), "ouster": ouster()}
@@ -98,7 +98,7 @@ def test_the_fit_of_a_laser_goes_on_until_it_stands(seed: int) -> None:
     lateral, azimuth = random.uniform(-0.006, 0.006), random.uniform(0.0, 2.0 * np.pi / steps)
     angle = azimuth + 2.0 * np.pi / steps * random.integers(0, steps, len(rho))
     angle = np.mod(angle + np.arcsin(lateral / rho), 2.0 * np.pi)
-    (start,) = _first_encoders(rho, angle, [np.arange(len(rho))], steps)
+    (start,) = first_encoders(rho, angle, [np.arange(len(rho))], steps)
     found = _fit_beside(rho, angle, steps, *start)
     assert np.abs(_off_the_steps(rho, angle, *found, steps)).max() < 1e-5
 

@@ -14,7 +14,13 @@ import pytest
 import lattice_scans as scans
 import manip3d
 from manip3d import _core, authenticate
-from manip3d.authenticate import SensorLattice, _lattice, estimate_lattice, generic_consistency
+from manip3d.authenticate import (
+    SensorLattice,
+    _exact_lattice,
+    _lattice_steps,
+    estimate_lattice,
+    generic_consistency,
+)
 from manip3d.authenticate._generic import EVIDENCE, SuspectRegion, consistency_allowing
 from manip3d.datasets import open_kitti
 from manip3d.lidar import Box
@@ -47,9 +53,9 @@ def test_the_median_of_a_ring_is_that_of_numpy() -> None:
     random = np.random.default_rng(5)
     for count in (*range(1, 9), 100, 1001):
         values = random.normal(size=count) ** 9
-        assert _lattice._median(values) == np.median(values)
-    assert _lattice._median(np.empty(0)) == 0.0
-    assert math.isnan(_lattice._median(np.array([1.0, np.nan, 2.0])))
+        assert _exact_lattice._median(values) == np.median(values)
+    assert _exact_lattice._median(np.empty(0)) == 0.0
+    assert math.isnan(_exact_lattice._median(np.array([1.0, np.nan, 2.0])))
 
 
 def test_a_reading_that_is_handed_on_gives_the_same_bits(clean: np.ndarray) -> None:
@@ -244,13 +250,13 @@ def test_a_period_of_part_of_the_turn_is_no_encoder() -> None:
 
 def test_points_nearer_to_the_axis_than_the_beam_are_no_error() -> None:
     rho, angle = np.linspace(1.6, 6.0, 500), np.linspace(0.0, 6.0, 500)
-    found = _lattice._fit_encoder(rho, angle, 4000, 1.8, 0.0)
+    found = _lattice_steps.fit_encoder(rho, angle, 4000, 1.8, 0.0)
     assert np.isfinite(found).all()
 
 
 def test_points_at_one_distance_tell_no_beam_beside_the_axis() -> None:
     step = 2.0 * math.pi / 4000
-    found = _lattice._fit_encoder(np.full(500, 5.0), step * np.arange(500), 4000, 0.02, 0.01)
+    found = _lattice_steps.fit_encoder(np.full(500, 5.0), step * np.arange(500), 4000, 0.02, 0.01)
     assert found == (0.02, 0.01)
 
 
@@ -776,13 +782,15 @@ def test_the_encoders_of_rings_that_meet_the_road_are_those_of_a_full_search() -
         rho.append(away)
         angle.append(beam + np.arcsin(true / away) + noise)
     distance, azimuth = np.concatenate(rho), np.concatenate(angle)
-    found = _lattice._first_encoders(distance, azimuth, [*members, np.empty(0, np.intp)], steps)
+    found = _lattice_steps.first_encoders(
+        distance, azimuth, [*members, np.empty(0, np.intp)], steps
+    )
     assert found.pop() == (0.0, 0.0)  # a laser without points
     for (lateral, start), r, a in zip(found, rho, angle, strict=True):
-        turns = steps * (a - _lattice.LATERALS[:, None] / r)
+        turns = steps * (a - _lattice_steps.LATERALS[:, None] / r)
         waves = np.exp(1j * turns).mean(axis=1)
         best = np.abs(waves).argmax()
-        assert lateral == _lattice.LATERALS[best]
+        assert lateral == _lattice_steps.LATERALS[best]
         assert start == pytest.approx(np.angle(waves[best]) / steps, abs=1e-12)
 
 
@@ -791,6 +799,6 @@ def test_the_steps_are_found_among_few_pairs_and_among_many() -> None:
     for steps, points in ((1800, 600), (4000, 60_000)):
         angle = random.integers(0, steps, points) * (2.0 * np.pi / steps)
         rho = np.full(points, 20.0)
-        assert _lattice._find_steps(rho, angle, [np.arange(points)]) == steps
+        assert _lattice_steps.find_steps(rho, angle, [np.arange(points)]) == steps
     few = np.arange(360)  # 17 pairs are 343 firings apart
-    assert _lattice._find_steps(rho[few], angle[few], [few]) == 0
+    assert _lattice_steps.find_steps(rho[few], angle[few], [few]) == 0

@@ -56,7 +56,8 @@ __getattr__, __dir__, __all__ = lazily(
         "_inspect": "inspect",
         "_inspection": "DetectorReport Inspection combined_verdict",
         "_keys": "KeyFile KeyRing",
-        "_lattice": "LatticeReading SensorLattice estimate_lattice",
+        "_lattice": "LatticeReading SensorLattice",
+        "_lattice_estimate": "estimate_lattice",
         "_occlusion": (
             "CALIBRATED_OCCLUSION PAPER_OCCLUSION RINGS_OCCLUSION AngularGrid "
             "OcclusionParameters OcclusionRegion OcclusionResult estimate_grid "

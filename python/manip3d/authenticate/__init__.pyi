@@ -39,7 +39,8 @@ from manip3d.authenticate._generic import (
 from manip3d.authenticate._inspect import inspect
 from manip3d.authenticate._inspection import DetectorReport, Inspection, combined_verdict
 from manip3d.authenticate._keys import KeyFile, KeyRing
-from manip3d.authenticate._lattice import LatticeReading, SensorLattice, estimate_lattice
+from manip3d.authenticate._lattice import LatticeReading, SensorLattice
+from manip3d.authenticate._lattice_estimate import estimate_lattice
 from manip3d.authenticate._occlusion import (
     CALIBRATED_OCCLUSION,
     PAPER_OCCLUSION,

@@ -15,12 +15,8 @@ from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.authenticate._carriers import ALLOWED, MILLIMETRES, allowance, allowing
-from manip3d.authenticate._lattice import (
-    LINE_TOLERANCE,
-    SensorLattice,
-    estimate_lattice,
-    without_roundings,
-)
+from manip3d.authenticate._lattice import LINE_TOLERANCE, SensorLattice
+from manip3d.authenticate._lattice_estimate import estimate_lattice, without_roundings
 from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame

@@ -18,7 +18,8 @@ from manip3d._util.options import generator_of, reporting, shares, sharing
 from manip3d._util.paths import path_of
 from manip3d.authenticate._carriers import ALLOWED, without_bits
 from manip3d.authenticate._generic import consistency_allowing, generic_consistency
-from manip3d.authenticate._lattice import SensorLattice, estimate_lattice
+from manip3d.authenticate._lattice import SensorLattice
+from manip3d.authenticate._lattice_estimate import estimate_lattice
 from manip3d.authenticate._paper_watermark import embed_paper, noise_blocks
 from manip3d.authenticate._reflectance import reflectance_consistency, why_not_judged
 from manip3d.authenticate._sensors import HDL64E, is_hdl64e

@@ -13,13 +13,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d.authenticate._lattice import (
-    LINE_TOLERANCE,
-    LINES_APART,
-    LatticeReading,
-    SensorLattice,
-    estimate_lattice,
-)
+from manip3d.authenticate._lattice import LINE_TOLERANCE, LINES_APART, LatticeReading, SensorLattice
+from manip3d.authenticate._lattice_estimate import estimate_lattice
 from manip3d.authenticate._occlusion import estimate_grid
 from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
 from manip3d.errors import InputError

@@ -1,0 +1,291 @@
+"""Lattices of clouds whose coordinates are those that the scanner's driver computed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d._util.linear import line_fit
+from manip3d.authenticate._lattice import SensorLattice
+from manip3d.authenticate._lattice_steps import (
+    LATERALS,
+    LEAST_SPREAD,
+    MOST_SEARCHED,
+    RANGE_STEPS,
+    best_encoder,
+    find_range_step,
+    first_encoders,
+    off_step,
+    parallax,
+)
+from manip3d.authenticate._rings import FEWEST_LABELLED, FEWEST_POINTS, LEAST_EXACT
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    from numpy.typing import NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+EXACT_TOLERANCE = 1e-4
+"""Metres from a line or a step, in a cloud whose coordinates are those that the scanner's driver
+computed, in single precision: they are within 3e-5 of them 100 m away."""
+
+EXACT_STEPS = (512, 1024, 1800, 2048, 3600, 4096, 9000, 18_000, 36_000)
+"""Counts of encoders that are looked for in exact clouds, the coarsest first: Ouster's columns of a
+turn, and whole numbers of 0.01 degrees, in which Hesai's packets state azimuths."""
+
+MOST_STEPS_BESIDE = 4096
+"""Counts of encoders up to which beams may pass beside the axis: the places that are tried are too
+far apart for finer ones, whose scanners have their beams pass through it."""
+
+EXACT_RANGE_STEPS = (*RANGE_STEPS, 1e-3)
+"""Range steps that are tried for exact clouds; Ouster measures whole millimetres."""
+
+MOST_FITS = 40
+"""Fits of a line to the points near the one before, which mostly end after five. Eight were too few
+for a laser of an OS1-128, whose points were off its steps by 0.1 mm."""
+
+TRIED_AGAIN = 16
+"""Places of the grid that a laser's fit begins at where it fails from the likeliest one."""
+
+
+def exact_lattice(
+    rho: Floats,
+    z: Floats,
+    angle: Floats,
+    members: Sequence[NDArray[np.intp]],
+    slope: Floats,
+    offset: Floats,
+) -> SensorLattice | None:
+    """The lattice of clouds with unrounded coordinates; None if these are rounded."""
+    errors = [np.abs(z[rows] - slope[k] * rho[rows] - offset[k]) for k, rows in enumerate(members)]
+    if np.median(np.concatenate(errors)) > EXACT_TOLERANCE:
+        return None
+    lines = [
+        _fit_exactly(rho[rows], z[rows], a, b)
+        for rows, a, b in zip(members, slope, offset, strict=True)
+    ]
+    slope, offset = np.array(lines).reshape(-1, 2).T
+    on = [
+        rows[np.abs(z[rows] - slope[k] * rho[rows] - offset[k]) < EXACT_TOLERANCE]
+        for k, rows in enumerate(members)
+    ]
+    # A line that no point is on to what single precision leaves is none of a laser.
+    kept = [k for k in _one_below_the_other(slope, on) if len(on[k])]
+    slope, offset, on = slope[kept], offset[kept], [on[k] for k in kept]
+    if sum(map(len, on)) < LEAST_EXACT * len(rho):
+        return None
+    steps, lateral, azimuth = _exact_steps(rho, angle, on)
+    range_step, phase, incoherence = find_range_step(rho, z, on, slope, lateral, EXACT_RANGE_STEPS)
+    center, slope_error = slope_trust(rho, z, on, slope, offset)
+    if steps:
+        slope_error = np.maximum(slope_error, _step_trust(rho, angle, on, lateral, azimuth, steps))
+    return SensorLattice(
+        slope,
+        offset,
+        lateral,
+        np.mod(azimuth, 2.0 * math.pi),
+        phase,
+        center,
+        slope_error,
+        steps,
+        range_step,
+        0.0,
+        incoherence,
+        tolerance=EXACT_TOLERANCE,
+    )
+
+
+def _one_below_the_other(slope: Floats, on: Sequence[NDArray[np.int64]]) -> list[int]:
+    """Lines whose slopes descend; of two that do not the one with more points, as a line that was
+    found between the lasers of moved points is none of a laser."""
+    kept: list[int] = []
+    for k in range(len(slope)):
+        while kept and not slope[k] < slope[kept[-1]] and len(on[k]) > len(on[kept[-1]]):
+            kept.pop()
+        if not kept or slope[k] < slope[kept[-1]]:
+            kept.append(k)
+    return kept
+
+
+def _fit_exactly(x: Floats, y: Floats, slope: float, offset: float) -> tuple[float, float]:
+    """The line that most points are on to what single precision leaves, near the one that is given.
+
+    Without such points it is the given one.
+    """
+    found = slope, offset
+    before: NDArray[np.bool_] | None = None
+    for _ in range(MOST_FITS):
+        error = np.abs(y - found[0] * x - found[1])
+        inside = error <= max(3.0 * _median(error), 1e-6)
+        if np.count_nonzero(inside) < FEWEST_LABELLED or np.ptp(x[inside]) <= LEAST_SPREAD:
+            break
+        if before is not None and np.array_equal(inside, before):
+            break
+        found, before = line_fit(x[inside], y[inside]), inside
+    return found
+
+
+def _median(values: Floats) -> float:
+    """Return `numpy.median`, in a quarter of its time for the few points of a ring; 0 of none."""
+    half = len(values) // 2
+    if len(values) == 0 or np.isnan(values.max()):
+        return 0.0 if len(values) == 0 else math.nan
+    if len(values) % 2:
+        return float(np.partition(values, half)[half])
+    below, above = np.partition(values, (half - 1, half))[half - 1 : half + 1].tolist()
+    return float((below + above) / 2.0)
+
+
+def _exact_steps(
+    rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]]
+) -> tuple[int, Floats, Floats]:
+    """Counts of the encoder, and each laser's lateral distance and angle at count 0.
+
+    0 counts where most points are on none of `EXACT_STEPS`.
+    """
+    zero = np.zeros(len(members))
+    for steps in EXACT_STEPS:  # beams through the axis
+        starts = [best_encoder(rho[rows], angle[rows], zero[:1], steps)[1] for rows in members]
+        azimuth = np.array(starts)
+        if _share_on_steps(rho, angle, members, zero, azimuth, steps) >= LEAST_EXACT:
+            return steps, *_fit_all_beside(rho, angle, members, zero, azimuth, steps)
+    for steps in (n for n in EXACT_STEPS if n <= MOST_STEPS_BESIDE):
+        first = np.array(first_encoders(rho, angle, members, steps)).reshape(-1, 2)
+        lateral, azimuth = _fit_all_beside(rho, angle, members, first[:, 0], first[:, 1], steps)
+        if _share_on_steps(rho, angle, members, lateral, azimuth, steps) >= LEAST_EXACT:
+            for k, rows in enumerate(members):
+                start = float(lateral[k]), float(azimuth[k])
+                lateral[k], azimuth[k] = _fit_again(rho[rows], angle[rows], steps, *start)
+            return steps, lateral, azimuth
+    return 0, zero, zero
+
+
+def _fit_again(
+    rho: Floats, angle: Floats, steps: int, lateral: float, azimuth: float
+) -> tuple[float, float]:
+    """The fit of `_fit_beside` from other places of the grid, if many points are off the given one.
+
+    Points at two distances only, as of a laser that looks over the roofs, leave several lateral
+    distances nearly as likely; the right one has the points on the steps.
+    """
+
+    def share_on_steps(fit: tuple[float, float]) -> float:
+        off = _off_the_steps(rho, angle, *fit, steps)
+        return float(np.mean(np.abs(off) < EXACT_TOLERANCE))
+
+    best = lateral, azimuth
+    if len(rho) < FEWEST_LABELLED or share_on_steps(best) >= LEAST_EXACT:
+        return best
+    some = slice(None, None, max(1, len(rho) // MOST_SEARCHED))
+    waves = np.exp(1j * steps * (angle[some] - LATERALS[:, None] / rho[some])).mean(axis=1)
+    for place in np.argsort(-np.abs(waves), kind="stable")[:TRIED_AGAIN]:
+        start = float(LATERALS[place]), float(np.angle(waves[place])) / steps
+        fit = _fit_beside(rho, angle, steps, *start)
+        best = max(best, fit, key=share_on_steps)
+        if share_on_steps(best) >= LEAST_EXACT:
+            break
+    return best
+
+
+def _fit_all_beside(
+    rho: Floats,
+    angle: Floats,
+    members: Sequence[NDArray[np.intp]],
+    lateral: Floats,
+    azimuth: Floats,
+    steps: int,
+) -> tuple[Floats, Floats]:
+    """Lateral distance and angle at count 0 of each laser, near those that are given."""
+    fits = [
+        _fit_beside(rho[rows], angle[rows], steps, beside, first)
+        for rows, beside, first in zip(members, lateral, azimuth, strict=True)
+    ]
+    found = np.array(fits).reshape(-1, 2)
+    return found[:, 0], found[:, 1]
+
+
+def _fit_beside(
+    rho: Floats, angle: Floats, steps: int, lateral: float, azimuth: float
+) -> tuple[float, float]:
+    """Lateral distance (m) and angle at count 0 (rad) that most points of a laser agree on."""
+    for _ in range(MOST_FITS):
+        error = _off_the_steps(rho, angle, lateral, azimuth, steps)
+        off = np.abs(error)
+        inside = off <= max(3.0 * _median(off), 1e-6)
+        if np.count_nonzero(inside) < FEWEST_LABELLED or np.ptp(rho[inside]) <= LEAST_SPREAD:
+            break
+        turn, shift = line_fit(rho[inside], error[inside])
+        lateral, azimuth = lateral + shift, azimuth + turn
+        if abs(turn) < 1e-12 and abs(shift) < 1e-9:
+            break
+    return lateral, azimuth
+
+
+def _share_on_steps(
+    rho: Floats,
+    angle: Floats,
+    members: Sequence[NDArray[np.intp]],
+    lateral: Floats,
+    azimuth: Floats,
+    steps: int,
+) -> float:
+    """Share of the points that are on a step, of those where steps are far enough apart to tell."""
+    on = apart = 0
+    for k, rows in enumerate(members):
+        far = rows[rho[rows] * (2.0 * math.pi / steps) > 8.0 * EXACT_TOLERANCE]
+        off = _off_the_steps(rho[far], angle[far], lateral[k], azimuth[k], steps)
+        on += int(np.count_nonzero(np.abs(off) < EXACT_TOLERANCE))
+        apart += len(far)
+    return on / apart if apart >= FEWEST_POINTS else 0.0
+
+
+def _step_trust(
+    rho: Floats,
+    angle: Floats,
+    members: Sequence[NDArray[np.intp]],
+    lateral: Floats,
+    azimuth: Floats,
+    steps: int,
+) -> Floats:
+    """Standard error of each laser's azimuth, as the points on its steps tell it."""
+    found = np.ones(len(members))
+    for k, rows in enumerate(members):
+        off = _off_the_steps(rho[rows], angle[rows], lateral[k], azimuth[k], steps)
+        on = np.abs(off) < EXACT_TOLERANCE
+        if on.any():
+            spread = rho[rows][on] - rho[rows][on].mean()
+            found[k] = math.sqrt(off[on].var() / max(float(spread @ spread), 1e-12))
+    return found
+
+
+def _off_the_steps(
+    rho: Floats, angle: Floats, lateral: float, azimuth: float, steps: int
+) -> Floats:
+    """Metres from the nearest step of the encoder."""
+    beam = angle - parallax(lateral, rho) - azimuth
+    return off_step(beam, steps) * rho
+
+
+def slope_trust(
+    rho: Floats, z: Floats, members: Sequence[NDArray[np.intp]], slope: Floats, offset: Floats
+) -> tuple[Floats, Floats]:
+    """Mean distance of each line's points, and the standard error of its slope.
+
+    The error is 1 where all points of a line are equally far, which leaves its slope open.
+    """
+    center, error = np.zeros(len(slope)), np.ones(len(slope))
+    for k, rows in enumerate(members):
+        if not len(rows):
+            continue
+        center[k] = rho[rows].mean()
+        if np.ptp(rho[rows]) == 0.0:
+            continue
+        spread = rho[rows] - rho[rows].mean()
+        noise = z[rows] - slope[k] * rho[rows] - offset[k]
+        error[k] = math.sqrt(noise.var() / (spread * spread).sum())
+    return center, error

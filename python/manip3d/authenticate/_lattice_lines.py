@@ -1,0 +1,120 @@
+"""The lines on which the returns of a spinning scanner lie: one for each laser."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._util.linear import line_fit
+from manip3d.authenticate._lattice import COLUMNS, LINE_TOLERANCE
+from manip3d.authenticate._rings import FEWEST_LABELLED, FEWEST_POINTS, Cloud
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    from numpy.typing import NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+LEAST_LINES, MOST_LINES = 4, 128
+"""Fewest and most lines that are the lasers of a scanner: none has more lasers. Clouds whose
+elevations were rounded are on hundreds of lines, and few points between them are no edit."""
+
+NARROW = 0.05
+"""Metres: a ring of less extent from the axis (the scanner's own car, a wall around it) says where
+its line passes there, not how it goes on."""
+
+MOST_PAIRED = 250
+"""Points of a ring (twice as many at most); pairs, one from either half, propose the line."""
+
+
+def find_lines(clouds: Sequence[Cloud]) -> tuple[Floats, Floats]:
+    """Lines that the rings of the clouds agree on, from the highest to the lowest."""
+    rings = [(cloud, ring) for cloud in clouds for ring in cloud.rings]
+    # A ring is wide where it was forged if nowhere else; then what is left of it decides.
+    wide = [_fit_wide_ring(cloud, ring) for cloud, ring in rings]
+    known = [line[1] for line in wide if line is not None]
+    height = float(np.median(known)) if known else 0.0  # of the scanner in a cloud that was lifted
+    found = [
+        line or _fit_narrow_ring(cloud, ring, height)
+        for line, (cloud, ring) in zip(wide, rings, strict=True)
+    ]
+    lines = np.array([line for line in found if line is not None]).reshape(-1, 3)
+    lines = lines[np.argsort(-lines[:, 0], kind="stable")]
+    # Slopes of one laser differ by 1e-5 between frames, of two lasers by 5e-3.
+    groups = np.split(lines, np.flatnonzero(np.diff(-lines[:, 0]) > 1e-3) + 1)
+    agreed = [group[group[:, 2].argmax()] for group in groups if 2 * len(group) >= len(clouds)]
+    _check_lines(len(agreed))
+    slope, offset = np.array(agreed)[:, 0], np.array(agreed)[:, 1]
+    rho = np.concatenate([cloud.rho for cloud in clouds])
+    z = np.concatenate([cloud.points[:, 2] for cloud in clouds])
+    ring = on_lines(rho, z, slope, offset)
+    members = [np.flatnonzero(ring == k) for k in range(len(slope))]
+    fits = [
+        line_fit(rho[rows], z[rows])
+        if len(rows) >= FEWEST_POINTS and np.ptp(rho[rows]) > NARROW
+        else (slope[k], offset[k])
+        for k, rows in enumerate(members)
+        if len(rows) >= FEWEST_LABELLED
+    ]
+    _check_lines(len(fits))  # rounded or noisy rings agree on lines that few points are on
+    return np.array(fits)[:, 0], np.array(fits)[:, 1]
+
+
+def _check_lines(found: int) -> None:
+    if not LEAST_LINES <= found <= MOST_LINES:
+        raise InputError(
+            f"frames: expected the rings of a spinning scanner ({LEAST_LINES} to {MOST_LINES}), "
+            f"ring after ring and each by azimuth, or `ring`; found {found} lines"
+        )
+
+
+def _fit_wide_ring(cloud: Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
+    """Slope, offset and support of the line through pairs of points that most others lie on."""
+    some = ring[:: max(1, len(ring) // MOST_PAIRED)]
+    rho, z = cloud.rho[some], cloud.points[some, 2]
+    order = np.argsort(rho, kind="stable")
+    half = len(order) // 2
+    near, far = order[:half], order[-half:]
+    run = rho[far] - rho[near]
+    wide = run > NARROW
+    if not wide.any():
+        return None
+    slope = (z[far] - z[near])[wide] / run[wide]
+    offset = z[near][wide] - slope * rho[near][wide]
+    off = z - slope[:, None] * rho
+    off -= offset[:, None]
+    support = (np.abs(off, out=off) < LINE_TOLERANCE).sum(axis=1)
+    best = support.argmax()
+    for _ in range(3):
+        line = slope[best], offset[best]
+        error = cloud.points[ring, 2] - line[0] * cloud.rho[ring] - line[1]
+        inside = ring[np.abs(error) < LINE_TOLERANCE]
+        if 2 * len(inside) < len(ring):
+            return None
+        slope[best], offset[best] = line_fit(cloud.rho[inside], cloud.points[inside, 2])
+    return float(slope[best]), float(offset[best]), len(inside)
+
+
+def _fit_narrow_ring(
+    cloud: Cloud, ring: NDArray[np.intp], height: float
+) -> tuple[float, float, int] | None:
+    """The line through the scanner, where it holds for nearly all points of a ring."""
+    rho, rise = cloud.rho[ring], cloud.points[ring, 2] - height
+    slope = float(np.median(rise / rho))
+    inside = int(np.count_nonzero(np.abs(rise - slope * rho) < LINE_TOLERANCE))
+    return (slope, height, inside) if inside >= 0.9 * len(ring) else None
+
+
+def on_lines(rho: Floats, z: Floats, slope: Floats, offset: Floats) -> NDArray[np.int32]:
+    """Line of each point; -1: off all of them."""
+    table = np.zeros((len(slope), len(COLUMNS)))
+    table[:, 0], table[:, 1] = slope, offset
+    cloud = np.ascontiguousarray(np.column_stack([rho, np.zeros_like(rho), z]), np.float32)
+    ring, _, _, error, _, _ = _core.read_lattice(cloud, table, 0, 0.0, 0.0, 1)
+    found: NDArray[np.int32] = np.where(np.abs(error) < LINE_TOLERANCE, ring, np.int32(-1))
+    return found
