@@ -14,8 +14,8 @@
 #include "manip3d/authenticate/watermark.hpp"
 
 /// @file
-/// What embedder and verifier of a watermark both compute: tags of tiles and records, and the bits
-/// that points carry.
+/// Tags of tiles and records, and the bits that points carry: embedder and verifier of a watermark
+/// compute them alike.
 namespace manip3d {
 
 /// Values of WatermarkHeader::carrier.

@@ -6,7 +6,7 @@
 #include "manip3d/authenticate/watermark.hpp"
 
 /// @file
-/// What a policy makes of a record and of what was found in a scan.
+/// The verdict of a policy on a record and on what was found in a scan.
 namespace manip3d {
 
 /// Why the policy does not accept the record; empty: it does.

@@ -64,7 +64,7 @@ class KeySurface {
     Eigen::Vector3d place, normal;  ///< In the trunk, not twisted.
     double share = 0.0;             ///< Part that it has in the pelvis's turn.
   };
-  /// What of the trunk the joints enclose, metres in the trunk.
+  /// The part of the trunk that the joints enclose, metres in the trunk.
   struct Extent {
     double low = 0.0, high = 0.0;
     double half = 0.17;  ///< Half of its width, that of a narrow adult at least.

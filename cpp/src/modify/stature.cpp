@@ -47,7 +47,7 @@ bool is_at_border(std::int32_t pixel, const PersonPoints& points) {
 bool goes_on_below(std::int32_t pixel, const Eigen::Vector2f& down, const PersonPoints& points,
                    const DepthView& depth) {
   constexpr float kBelow = 2.0F;  // pixels: those between may mix both depths
-  // Of the depth: a floor 0.7 m below a camera comes nearer by 0.031 of it, 4 m away.
+  // Share of the depth: a floor 0.7 m below a camera comes nearer by 0.031 of it, 4 m away.
   constexpr float kNearer = 0.035F;
   const Eigen::Vector2f below = kBelow * down;
   const auto u = pixel % points.cols + static_cast<std::int64_t>(std::lround(below.x()));

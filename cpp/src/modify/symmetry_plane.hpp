@@ -15,7 +15,7 @@ namespace manip3d {
 /// with that of the joints as a prior.
 class SymmetryPlane {
  public:
-  /// What the joints tell of the plane in a frame.
+  /// The plane as the joints of a frame tell it.
   struct Prior {
     BodyFrame axes;
     Eigen::Vector3d variance;  ///< Roll and yaw, square radians; aside, square metres.

@@ -11,7 +11,7 @@
 #include "modify/trunk_pose.hpp"
 
 /// @file
-/// Where the joints of a trunk lie within it, and how well that is known.
+/// Places of the joints within a trunk, and how well they are known.
 namespace manip3d {
 
 inline constexpr double kJointBias = 0.02;  ///< Metres of a joint's mean that never average out.

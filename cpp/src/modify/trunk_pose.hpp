@@ -7,7 +7,7 @@
 #include "manip3d/geometry/skeleton.hpp"
 
 /// @file
-/// Where a trunk is, and how it is turned in itself.
+/// The place of a trunk, and its turn in itself.
 namespace manip3d {
 
 /// From the trunk to the camera.

@@ -31,7 +31,7 @@ class AcrossCheck {
   /// behind.
   void compare(const Skeleton& joints, const TrunkJoints& means, const TwistedPose& pose,
                const std::optional<BodyFrame>& axes, double elapsed);
-  /// What was before a turn tells nothing.
+  /// Forgets the direction: the one from before a turn tells nothing.
   void forget_direction() { across_.setZero(); }
 
   /// Radians between the two, if that is beyond their errors; else 0.

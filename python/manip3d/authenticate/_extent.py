@@ -1,4 +1,4 @@
-"""What of a turn was cut off: gaps, ends at one distance or height, a silent own car."""
+"""Parts of a turn that were cut off: gaps, ends at one distance or height, a silent own car."""
 
 from __future__ import annotations
 
