@@ -26,10 +26,9 @@ from manip3d.authenticate import (
 from manip3d.authenticate._exact_lattice import (
     _exact_steps,
     _fit_beside,
-    _off_the_steps,
     _one_below_the_other,
 )
-from manip3d.authenticate._lattice_steps import first_encoders
+from manip3d.authenticate._lattice_steps import first_encoders, off_the_steps
 from real_data import RealData
 
 UNITS = {"hesai": hesai(), "ouster": ouster()}
@@ -100,7 +99,7 @@ def test_the_fit_of_a_laser_goes_on_until_it_stands(seed: int) -> None:
     angle = np.mod(angle + np.arcsin(lateral / rho), 2.0 * np.pi)
     (start,) = first_encoders(rho, angle, [np.arange(len(rho))], steps)
     found = _fit_beside(rho, angle, steps, *start)
-    assert np.abs(_off_the_steps(rho, angle, *found, steps)).max() < 1e-5
+    assert np.abs(off_the_steps(rho, angle, *found, steps)).max() < 1e-5
 
 
 @pytest.mark.parametrize("labelled", [False, True])

@@ -46,8 +46,9 @@ def test_a_frame_of_two_drives_with_its_attacks(
     monkeypatch.setattr(_alert_set, "_as_frame", _thinned)
     monkeypatch.setattr(streets, "street", functools.cache(streets.street))  # a second for each
     out = tmp_path / "set"
-    done = run(out, "--frames", 1, "--json", "-q")
+    done = run(out, "--frames", 1, "--json")
     assert done.exit_code == 0, done.output
+    assert "100%  drive_3-00000" in done.stderr  # no terminal: a line for each piece
     told = json.loads(done.stdout)
     assert told["attacks"]["original"] == {"wanted": 2, "written": 2}
     assert all(each["written"] <= each["wanted"] == 2 for each in told["attacks"].values())

@@ -18,8 +18,7 @@ from manip3d.authenticate._lattice_steps import (
     best_encoder,
     find_range_step,
     first_encoders,
-    off_step,
-    parallax,
+    off_the_steps,
 )
 from manip3d.authenticate._rings import FEWEST_LABELLED, FEWEST_POINTS, LEAST_EXACT
 
@@ -175,7 +174,7 @@ def _fit_again(
     """
 
     def share_on_steps(fit: tuple[float, float]) -> float:
-        off = _off_the_steps(rho, angle, *fit, steps)
+        off = off_the_steps(rho, angle, *fit, steps)
         return float(np.mean(np.abs(off) < EXACT_TOLERANCE))
 
     best = lateral, azimuth
@@ -214,7 +213,7 @@ def _fit_beside(
 ) -> tuple[float, float]:
     """Lateral distance (m) and angle at count 0 (rad) that most points of a laser agree on."""
     for _ in range(MOST_FITS):
-        error = _off_the_steps(rho, angle, lateral, azimuth, steps)
+        error = off_the_steps(rho, angle, lateral, azimuth, steps)
         off = np.abs(error)
         inside = off <= max(3.0 * _median(off), 1e-6)
         if np.count_nonzero(inside) < FEWEST_LABELLED or np.ptp(rho[inside]) <= LEAST_SPREAD:
@@ -238,7 +237,7 @@ def _share_on_steps(
     on = apart = 0
     for k, rows in enumerate(members):
         far = rows[rho[rows] * (2.0 * math.pi / steps) > 8.0 * EXACT_TOLERANCE]
-        off = _off_the_steps(rho[far], angle[far], lateral[k], azimuth[k], steps)
+        off = off_the_steps(rho[far], angle[far], lateral[k], azimuth[k], steps)
         on += int(np.count_nonzero(np.abs(off) < EXACT_TOLERANCE))
         apart += len(far)
     return on / apart if apart >= FEWEST_POINTS else 0.0
@@ -255,20 +254,12 @@ def _step_trust(
     """Standard error of each laser's azimuth, as the points on its steps tell it."""
     found = np.ones(len(members))
     for k, rows in enumerate(members):
-        off = _off_the_steps(rho[rows], angle[rows], lateral[k], azimuth[k], steps)
+        off = off_the_steps(rho[rows], angle[rows], lateral[k], azimuth[k], steps)
         on = np.abs(off) < EXACT_TOLERANCE
         if on.any():
             spread = rho[rows][on] - rho[rows][on].mean()
             found[k] = math.sqrt(off[on].var() / max(float(spread @ spread), 1e-12))
     return found
-
-
-def _off_the_steps(
-    rho: Floats, angle: Floats, lateral: float, azimuth: float, steps: int
-) -> Floats:
-    """Metres from the nearest step of the encoder."""
-    beam = angle - parallax(lateral, rho) - azimuth
-    return off_step(beam, steps) * rho
 
 
 def slope_trust(

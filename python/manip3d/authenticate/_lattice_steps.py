@@ -128,7 +128,7 @@ def fit_encoder(
     if len(rho) < FEWEST_POINTS:
         return 0.0, 0.0
     for _ in range(5):
-        error = off_step(angle - parallax(lateral, rho) - azimuth, steps) * rho
+        error = off_the_steps(rho, angle, lateral, azimuth, steps)
         near = np.abs(error) < LINE_TOLERANCE
         if near.sum() < 2 or np.ptp(rho[near]) <= LEAST_SPREAD:
             break
@@ -150,8 +150,8 @@ def stands_on_steps(
     between packets (HDL-32E, VLP) there may be a period, but it holds for a part of the turn."""
     shares = []
     for k, rows in enumerate(members):
-        beam = angle[rows] - parallax(lateral[k], rho[rows]) - azimuth[k]
-        off = np.abs(off_step(beam, steps) * rho[rows]) > LINE_TOLERANCE
+        error = off_the_steps(rho[rows], angle[rows], lateral[k], azimuth[k], steps)
+        off = np.abs(error) > LINE_TOLERANCE
         sector = (angle[rows] * (SECTORS / (2.0 * math.pi))).astype(np.intp).clip(0, SECTORS - 1)
         points = np.bincount(sector, minlength=SECTORS)
         enough = points >= FEWEST_LABELLED
@@ -163,6 +163,12 @@ def off_step(angle: Floats, steps: int) -> Floats:
     """Radians from the nearest of so many steps in a revolution."""
     step = 2.0 * math.pi / steps
     return angle - np.round(angle / step) * step
+
+
+def off_the_steps(rho: Floats, angle: Floats, lateral: float, azimuth: float, steps: int) -> Floats:
+    """Metres from the nearest step of the encoder."""
+    beam = angle - parallax(lateral, rho) - azimuth
+    return off_step(beam, steps) * rho
 
 
 def align_counts(

@@ -678,6 +678,8 @@ def forge_stream(
 ) -> None:
     """Forge an RGB-D stream. The truth is written beside it, as OUT.truth.npz.
 
+    If no frame has a forged pixel, the recording is kept and the exit code is 1.
+
     Example: manip3d forge stream "sim:body?frames=12" --type 1 --still -o insertion
     """
     _check_pose(kind, pose)
