@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -378,6 +379,14 @@ def test_errors_of_remote_files_name_the_url(memory: str) -> None:
         read_mesh("bogus://x.ply")
     with pytest.raises(Error, match="gcsfs"):
         read_mesh("gs://bucket/x.ply")
+
+
+def test_a_server_that_is_not_there_is_named() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        url = f"ftp://127.0.0.1:{server.getsockname()[1]}/y.ply"
+    with pytest.raises(OSError, match="refused") as caught:
+        io.read_mesh(url)  # FTP's file system connects as soon as it is made
+    assert caught.value.filename == url
 
 
 def test_a_remote_output_is_whole_or_not_there(bucket: str) -> None:

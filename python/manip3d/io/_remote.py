@@ -90,6 +90,8 @@ def filesystem(url: str) -> tuple[Any, str]:
         fsspec does not know the protocol.
     Error
         The package for the protocol is not installed.
+    OSError
+        The server cannot be reached; ``filename`` is the URL.
     """
     try:
         from fsspec.core import url_to_fs
@@ -103,6 +105,9 @@ def filesystem(url: str) -> tuple[Any, str]:
         raise Error(f"{url}: {error}") from error
     except ValueError as error:
         raise InputError(f"{url}: {error}") from error
+    except Exception:  # some connect here: FTP
+        with naming_remote(url):
+            raise
     return system, str(path)
 
 
