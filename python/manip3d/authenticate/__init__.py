@@ -80,10 +80,9 @@ __getattr__, __dir__, __all__ = lazily(
         "_sensors": "Sensor identify_sensor kitti_lattice",
         "_sequence": "DriveEvidence drive_evidence",
         "_stereo": "Disparity StereoRig stereo_disparity",
-        "_streams": (
-            "StreamInspection StreamRegion StreamReport depth_noise inspect_stream "
-            "inter_frame_noise judged_frames"
-        ),
+        "_stream_frames": "judged_frames",
+        "_stream_verdict": "StreamInspection StreamRegion StreamReport",
+        "_streams": "depth_noise inspect_stream inter_frame_noise",
         "_surround": "SurroundResult surround_consistency",
         "_turns": "TurnRegion TurnResult turn_consistency",
         "_verdict": (

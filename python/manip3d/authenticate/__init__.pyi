@@ -84,15 +84,9 @@ from manip3d.authenticate._risk import (
 from manip3d.authenticate._sensors import Sensor, identify_sensor, kitti_lattice
 from manip3d.authenticate._sequence import DriveEvidence, drive_evidence
 from manip3d.authenticate._stereo import Disparity, StereoRig, stereo_disparity
-from manip3d.authenticate._streams import (
-    StreamInspection,
-    StreamRegion,
-    StreamReport,
-    depth_noise,
-    inspect_stream,
-    inter_frame_noise,
-    judged_frames,
-)
+from manip3d.authenticate._stream_frames import judged_frames
+from manip3d.authenticate._stream_verdict import StreamInspection, StreamRegion, StreamReport
+from manip3d.authenticate._streams import depth_noise, inspect_stream, inter_frame_noise
 from manip3d.authenticate._surround import SurroundResult, surround_consistency
 from manip3d.authenticate._turns import TurnRegion, TurnResult, turn_consistency
 from manip3d.authenticate._verdict import (

@@ -1,0 +1,69 @@
+"""Still backgrounds: parts of a depth image that never change while others do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d.authenticate._stream_frames import LEAST_PAIRS, whole_pairs
+from manip3d.authenticate._stream_verdict import StreamReport
+from manip3d.rgbd import RgbdFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Mask = NDArray[np.bool_]
+
+_REGION = 32  # pixels
+_LEAST_VALID = 200  # pixels of a region that is looked at
+_LEAST_REGIONS = 4  # of 1024 pixels, that are looked at or never change
+
+
+def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
+    """Whether a part of the image never changes while another does, and what does."""
+    shape = frames[0].depth.shape
+    nothing = np.zeros((0, *shape), np.bool_)
+    pairs = whole_pairs(frames)
+    if len(pairs) < LEAST_PAIRS:
+        return StreamReport(
+            "repetition", "undecidable", "too few frames follow each other"
+        ), nothing
+    changes = np.zeros(tuple(-(-side // _REGION) for side in shape), np.int64)
+    valid = np.full(changes.shape, np.iinfo(np.int64).max)
+    for a, b in pairs:
+        changes += _by_region(a.depth != b.depth)
+        valid = np.minimum(valid, _by_region((a.depth > 0) & (b.depth > 0)))
+    looked_at = valid >= _LEAST_VALID
+    if looked_at.sum() < _LEAST_REGIONS:
+        return StreamReport(
+            "repetition", "undecidable", "too few pixels are measured in all frames"
+        ), nothing
+    frozen = looked_at & (changes == 0)
+    moving = (changes > 0).sum()
+    share = float(frozen.sum() / max(1, looked_at.sum()))
+    if frozen.sum() >= _LEAST_REGIONS and share >= 0.05 and moving == 0:
+        return StreamReport("repetition", "processed", "all frames are the same", share), nothing
+    if frozen.sum() < _LEAST_REGIONS or share < 0.05:
+        return StreamReport("repetition", "no_trace", "depth changes everywhere", share), nothing
+    # By itself no evidence of an edit: codecs and filters over time repeat what hardly changes.
+    reason = f"{share:.0%} of the image never changes in {len(pairs)} pairs of frames"
+    return StreamReport("repetition", "processed", reason, share), _unfrozen(frames)
+
+
+def _by_region(mask: Mask) -> NDArray[np.int64]:
+    """Pixels of a mask in each region."""
+    height, width = (-(-side // _REGION) * _REGION for side in mask.shape)
+    padded = np.zeros((height, width), np.bool_)
+    padded[: mask.shape[0], : mask.shape[1]] = mask
+    blocks = padded.reshape(height // _REGION, _REGION, width // _REGION, _REGION)
+    return np.asarray(blocks.sum(axis=(1, 3)), np.int64)
+
+
+def _unfrozen(frames: Sequence[RgbdFrame]) -> Mask:
+    """Measured pixels that do not show the value that their place shows in most frames."""
+    depths = np.stack([frame.depth for frame in frames])
+    middle = np.sort(depths, axis=0)[len(depths) // 2]  # a value of most frames is the median
+    usual = (depths == middle).mean(axis=0) >= 0.6
+    return np.asarray((depths > 0) & ~(usual & (depths == middle)))

@@ -1,0 +1,283 @@
+"""Silhouettes in depth images: those that a camera measures, and those of what was cut out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d.authenticate._stream_frames import following
+from manip3d.authenticate._stream_verdict import StreamRegion, StreamReport, box_of
+from manip3d.rgbd import RgbdFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Mask = NDArray[np.bool_]
+    Depth = NDArray[np.uint16]
+
+SHARP = 0.6
+"""Share of sharp rows on the less sharp side of a silhouette from which on it is cut out. Clean
+frames on which it was fixed reach 0.42, forged ones with the person in place begin at 0.66."""
+
+BLENDED = 0.5
+"""Share of a silhouette's rows from which on it is blended into what is behind: on neither side a
+gap, nor a step from one pixel to the next. 123 clean frames of four cameras of structured light
+reach 0.03; images made smaller by averaging have 0.42 to 0.77, people who were blended in over a
+pixel or more medians of 0.53 to 1."""
+
+_NO_GAP = 1  # pixels; one may be missing by chance
+_RUN = 5  # frames; one sharp silhouette is chance
+_LEAST_ROWS = 40  # of a silhouette that is judged
+_LEAST_NOISE = 0.5  # mm at 1 m: rendered images have less
+_LEAST_SPECKLES = 2e-4  # share of pixels; cameras lose 3e-4 and more, renderings 1.4e-4 at most
+_RIM = 3  # pixels of one surface on each side of a sharp step
+_KEPT = 0.5  # share of sharp rims; a filter that keeps what is missing has 0.65 to 0.69
+_KEPT_MORE = 1.7  # times the middle's share; such a filter has 2.1 and more, what was cut out 1.45
+_ALIKE = 0.05  # rims and middles whose shares differ by less are of pictures that are shown again
+_WIDE = 18  # pixels of a row whose middle is beyond its rims
+_LEAST_WIDE = 0.2  # of the rows: fewer are a narrow thing before something else
+_RELIEF = 0.25  # share of the depth: then a camera's shadow is several pixels wide
+
+_TIME_OF_FLIGHT = {(512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024)}
+"""Images of the Kinect V2 and the Azure Kinect, which mix depths at silhouettes: filling what is
+missing beside them makes none sharp."""
+
+_WIDE_GAP = 0.02  # of the image's width: 12 of 640 pixels
+_LEAST_WIDE_GAPS = 0.02  # of the gaps; cameras have 0.11 and more, filled images next to none
+
+
+def judge_silhouettes(
+    frames: Sequence[RgbdFrame],
+) -> tuple[StreamReport, tuple[StreamRegion, ...], Mask]:
+    """Judge whether foreground objects were cut out of other recordings, and where they are.
+
+    Also returned are the regions and the masks, one for each frame, of what was cut out.
+    """
+    found = [_cut_out(frame) for frame in frames]
+    best = [max((object_.share for object_ in objects), default=None) for objects in found]
+    told = [share for share in best if share is not None]
+    nothing = np.zeros((0, *frames[0].depth.shape), np.bool_)
+    # Few frames show silhouettes where somebody is there for a while only.
+    is_seen = 2 * len(told) >= len(frames)
+    score, first, last = _sharpest_run(best) if is_seen else _sharpest_whole_run(best)
+    if not is_seen and score < SHARP:
+        why = "too few silhouettes before a background to judge by"
+        return StreamReport("silhouettes", "undecidable", why), (), nothing
+    if (doubt := _rendered(frames)) is not None:
+        return StreamReport("silhouettes", "undecidable", doubt, score), (), nothing
+    if score < SHARP:
+        if (blended := _blended(frames, found)) >= BLENDED:
+            why = (
+                f"silhouettes pass into what is behind them without a gap in {blended:.0%} of their"
+                " rows. Only time-of-flight cameras measure them so, and none of this image size is"
+                " known: whether somebody was cut out and blended in cannot be told"
+            )
+            return StreamReport("silhouettes", "undecidable", why, score), (), nothing
+        one = "the one frame that was judged"
+        judged = one if len(frames) == 1 else f"{len(frames)} frames that were judged"
+        why = f"silhouettes are as soft as a camera's in {judged}"
+        return StreamReport("silhouettes", "no_trace", why, score), (), nothing
+    rim, middle = _repeated_rims(frames, found)
+    if rim >= _KEPT:
+        why = f"silhouettes are sharp, but {rim:.0%} of their rims repeat the frame before"
+        cannot = "whether somebody was cut out cannot be told"
+        if middle is None:
+            why += f", and nothing is wide enough to tell rims from what is between: {cannot}"
+            return StreamReport("silhouettes", "undecidable", why), (), nothing
+        why += f", and {middle:.0%} of what is between"
+        if rim >= _KEPT_MORE * middle:
+            why += f": missing pixels kept their depth, and {cannot}"
+            return StreamReport("silhouettes", "processed", why, score), (), nothing
+        if _KEPT_MORE * middle > 1.0 and 1.0 - middle > _KEPT_MORE * (1.0 - rim) + _ALIKE:
+            why += f", too many to tell a filter from pictures that are shown again: {cannot}"
+            return StreamReport("silhouettes", "undecidable", why), (), nothing
+    if (wide := _wide_gaps(frames)) is not None and wide < _LEAST_WIDE_GAPS:
+        why = f"silhouettes are sharp, but {wide:.1%} of the gaps within rows are wide: large ones"
+        why += " were filled, and whether somebody was cut out cannot be told"
+        return StreamReport("silhouettes", "processed", why, score), (), nothing
+    regions, masks = _cut_regions(frames, found)
+    why = f"silhouettes are sharp on both sides in {score:.0%} of their rows: cut out"
+    if (first, last) != (0, len(frames) - 1):
+        why += f" in frames {frames[first].number} to {frames[last].number} most of all"
+    return StreamReport("silhouettes", "tampered", why, score), regions, masks
+
+
+def _cut_regions(
+    frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]
+) -> tuple[tuple[StreamRegion, ...], Mask]:
+    """Return the regions of sharp objects, and a mask of their measured pixels for each frame."""
+    height, width = frames[0].depth.shape
+    masks = np.zeros((len(frames), height, width), np.bool_)
+    regions = []
+    for frame, objects, mask in zip(frames, found, masks, strict=True):
+        for cut in objects:
+            if cut.share < SHARP:
+                continue
+            edges = np.zeros((height, width + 1), np.int32)  # 1 where a span begins, -1 at its end
+            np.add.at(edges, (cut.spans[:, 0], cut.spans[:, 1]), 1)
+            np.add.at(edges, (cut.spans[:, 0], cut.spans[:, 2]), -1)
+            inside = np.cumsum(edges, axis=1)[:, :-1] > 0
+            mask |= inside & (frame.depth > 0)
+            regions.append(StreamRegion(frame.number, box_of(inside), cut.share))
+    return tuple(regions), masks
+
+
+def _sharpest_run(best: Sequence[float | None]) -> tuple[float, int, int]:
+    """Largest median of five frames that follow each other, and the first and the last of them.
+
+    A forgery may last for a part of a stream only. Of a stream without five such frames it is the
+    median of all.
+    """
+    shares = np.array([np.nan if share is None else share for share in best])
+    found = (float(np.median(shares[~np.isnan(shares)])), 0, len(shares) - 1)
+    for start in range(len(shares) - _RUN + 1):
+        run = shares[start : start + _RUN]
+        told = run[~np.isnan(run)]
+        if 2 * len(told) > _RUN and float(np.median(told)) > found[0]:
+            found = (float(np.median(told)), start, start + _RUN - 1)
+    return found
+
+
+def _sharpest_whole_run(best: Sequence[float | None]) -> tuple[float, int, int]:
+    """Return what `_sharpest_run` does, of runs that show a silhouette in each frame."""
+    starts = range(len(best) - _RUN + 1)
+    runs = [(start, [s for s in best[start : start + _RUN] if s is not None]) for start in starts]
+    whole = [(float(np.median(run)), start) for start, run in runs if len(run) == _RUN]
+    score, start = max(whole, default=(0.0, 0))
+    return score, start, start + _RUN - 1
+
+
+def _blended(frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]) -> float:
+    """Share of blended rows of the most blended things, as `_sharpest_run`; 0: such mix by nature.
+
+    Time of flight mixes the light of both surfaces at silhouettes. Structured light and stereo
+    measure one of them or nothing, and see a part of what is behind not at all.
+    """
+    best = [max((thing.blended for thing in things), default=None) for things in found]
+    if _is_time_of_flight(frames[0].depth) or all(share is None for share in best):
+        return 0.0
+    return _sharpest_run(best)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    share: float
+    blended: float
+    spans: NDArray[np.int32]
+
+
+def _cut_out(frame: RgbdFrame) -> list[_Cut]:
+    """Things that stand before what is beside them, with how sharp their less sharp side is."""
+    options = _core.SilhouetteOptions()
+    options.min_relief = _RELIEF
+    depth = np.ascontiguousarray(frame.depth)
+    spans = _core.silhouette_spans(depth, frame.calibration.depth.fx, options)
+    if not len(spans):
+        return []
+    _, which = np.unique(spans[:, 3], return_inverse=True)
+    rows = np.bincount(which)
+    left, right = (np.bincount(which, weights=spans[:, side]) / rows for side in (6, 7))
+    share = np.minimum(left, right)
+    mixes = (spans[:, 4:6].max(axis=1) <= _NO_GAP) & ~spans[:, 6:8].any(axis=1)
+    blended = np.bincount(which, weights=mixes) / rows
+    return [
+        _Cut(float(share[i]), float(blended[i]), spans[which == i])
+        for i in np.flatnonzero(rows >= _LEAST_ROWS)
+    ]
+
+
+def _repeated_rims(
+    frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]
+) -> tuple[float, float | None]:
+    """Shares of rows of sharp things whose rims (the side with more), and whose middles, repeat.
+
+    The middle is None where no row is wide enough to have one.
+
+    Where the camera's shadow moves over a thing, a filter that keeps what is missing now leaves the
+    thing's rim as it was in the frame before, but not its middle. Somebody who was cut out has a
+    rim of their own in each frame; of a picture that is shown twice the middle repeats, too.
+    """
+    rims, repeated = np.zeros(3), np.zeros(3)
+    things = {id(frame): objects for frame, objects in zip(frames, found, strict=True)}
+    for before, frame in following(frames):
+        same = (frame.depth == before.depth) & (frame.depth > 0)
+        for cut in things[id(frame)]:
+            if cut.share < SHARP:
+                continue
+            row, first, end = cut.spans[:, 0], cut.spans[:, 1], cut.spans[:, 2]
+            starts = (first, end - _RIM, (first + end - _RIM) // 2)
+            counted = (cut.spans[:, 6] > 0, cut.spans[:, 7] > 0, end - first >= _WIDE)
+            for place, (start, is_counted) in enumerate(zip(starts, counted, strict=True)):
+                column = start[is_counted, None] + np.arange(_RIM)
+                is_same = same[row[is_counted, None], column].all(axis=1)
+                rims[place] += len(is_same)
+                repeated[place] += np.count_nonzero(is_same)
+    left, right, middle = repeated / np.maximum(rims, 1)
+    return float(max(left, right)), float(middle) if rims[2] > _LEAST_WIDE * rims[
+        :2
+    ].max() else None
+
+
+def _rendered(frames: Sequence[RgbdFrame]) -> str | None:
+    """Why images cannot be a camera's own; None: they can."""
+    speckles = float(np.mean([_speckles(frame.depth) for frame in frames]))
+    if speckles < _LEAST_SPECKLES:
+        return "hardly a pixel within a surface is missing: rendered, or filled afterwards"
+    noise = float(np.mean([_roughness(frame.depth) for frame in frames]))
+    if noise < _LEAST_NOISE:
+        return "depth has no noise: rendered or smoothed"
+    return None
+
+
+def _wide_gaps(frames: Sequence[RgbdFrame]) -> float | None:
+    """Share of the gaps between measured pixels of a row that are wide; None: no shadows expected.
+
+    Beside what stands before a background structured light and stereo leave wide ones.
+    """
+    height, width = frames[0].depth.shape
+    if _is_time_of_flight(frames[0].depth):
+        return None
+    widths = np.concatenate(
+        [end - begin for _, begin, end in map(_gaps, (f.depth for f in frames))]
+    )
+    return float(np.mean(widths >= _WIDE_GAP * max(width, height))) if len(widths) else 0.0
+
+
+def _is_time_of_flight(depth: Depth) -> bool:
+    """Whether an image has the size of those of a time-of-flight camera, upright or turned."""
+    height, width = depth.shape
+    return not _TIME_OF_FLIGHT.isdisjoint({(width, height), (height, width)})
+
+
+def _gaps(depth: Depth) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Rows of missing pixels between measured ones, first columns and those behind the last."""
+    missing = np.pad(depth == 0, ((0, 0), (1, 1)))
+    edges = np.diff(missing.astype(np.int8), axis=1)
+    row, begin = np.nonzero(edges == 1)
+    end = np.nonzero(edges == -1)[1]
+    inner = (begin > 0) & (end < depth.shape[1])
+    return row[inner], begin[inner], end[inner]
+
+
+def _speckles(depth: Depth) -> float:
+    """Share of pixels at which up to four in a row have no measurement within one surface."""
+    row, begin, end = _gaps(depth)
+    short = end - begin <= 4
+    row, begin, end = row[short], begin[short], end[short]
+    before, after = (depth[row, column].astype(np.int64) for column in (begin - 1, end))
+    return float((np.abs(before - after) < 0.02 * before).sum() / depth.size)
+
+
+def _roughness(depth: Depth) -> float:
+    """Mean second difference along rows within surfaces, millimetres at 1 m."""
+    z = depth.astype(np.float64)
+    a, b, c = z[:, :-2], z[:, 1:-1], z[:, 2:]
+    near = 0.02 * b
+    inside = (np.minimum(np.minimum(a, b), c) > 0) & (np.abs(a - b) < near) & (np.abs(c - b) < near)
+    if not inside.any():
+        return 0.0
+    return float((np.abs(a + c - 2.0 * b)[inside] / (b[inside] / 1000.0) ** 2).mean())

@@ -1,0 +1,117 @@
+"""Frames of an RGB-D stream that are judged, and which of them follow each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice, pairwise
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d.rgbd import RgbdFrame, check_frames, numbered
+
+MOST_FRAMES = 60
+"""Frames of a stream that are judged at most, in runs of six spread over it."""
+
+LEAST_PAIRS = 5
+"""Pairs of frames that follow each other, from which on something is said about changes."""
+
+
+@checked
+def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
+    """Return the frames of a stream that `inspect_stream` judges.
+
+    All of up to `MOST_FRAMES`; of more, runs of six spread over a sequence or a recording that
+    knows its length, of which no others are kept in memory; the first ones of other iterables. A
+    recording whose file does not tell its length is gone through once before.
+
+    Parameters
+    ----------
+    frames : iterable of RgbdFrame
+        Also a recording or a camera that `manip3d.capture.open_rgbd` opened.
+
+    Returns
+    -------
+    list of RgbdFrame
+
+    Raises
+    ------
+    InputError
+        Something is not a frame.
+
+    Examples
+    --------
+    >>> from manip3d import authenticate, simulate
+    >>> body = simulate.BodySimulator(seed=0, color="none")
+    >>> len(authenticate.judged_frames(body.frame(n / 30) for n in range(3)))
+    3
+    """
+    return frames_to_judge(frames)[0]
+
+
+def _length_of(frames: Iterable[RgbdFrame]) -> int | None:
+    """Return the number of frames; None if they can be gone through only once, or never end."""
+    if isinstance(frames, Sequence):
+        return len(frames)
+    length: int | None = getattr(frames, "num_frames", None)
+    if length is None and isinstance(frames, _Recording) and frames.has_known_end:
+        length = sum(1 for _ in frames)
+        frames.start()
+    return length
+
+
+@runtime_checkable
+class _Recording(Protocol):
+    has_known_end: bool
+
+    def start(self) -> None: ...
+    def __iter__(self) -> Iterator[RgbdFrame]: ...
+
+
+def frames_to_judge(frames: Iterable[RgbdFrame]) -> tuple[list[RgbdFrame], bool]:
+    """Return the frames that are judged, and whether they are the first ones of more.
+
+    Frames that nobody numbered get the numbers of their places in the stream.
+    """
+    length = _length_of(frames)
+    has_more = False
+    places: Sequence[int] = range(MOST_FRAMES)
+    if length is None:
+        iterator = iter(frames)
+        some = list(islice(iterator, MOST_FRAMES))
+        has_more = len(some) == MOST_FRAMES and next(iterator, None) is not None
+    elif length <= MOST_FRAMES:
+        some = list(frames)
+    else:
+        run = 6
+        starts = np.linspace(0, length - run, MOST_FRAMES // run).astype(int)
+        places = sorted({int(start) + i for start in starts for i in range(run)})
+        wanted = frozenset(places)
+        some = [frame for number, frame in enumerate(frames) if number in wanted]
+    check_frames("frames", some)
+    return numbered(some, places), has_more
+
+
+def following(frames: Sequence[RgbdFrame]) -> list[tuple[RgbdFrame, RgbdFrame]]:
+    """Pairs of frames that follow each other by their numbers; where few do, all neighbours."""
+    pairs = list(pairwise(frames))
+    numbered = [(a, b) for a, b in pairs if b.number == a.number + 1]
+    return numbered if len(numbered) >= LEAST_PAIRS else pairs
+
+
+def changed_shares(before: RgbdFrame, after: RgbdFrame) -> tuple[float, float]:
+    """Shares of the pixels whose measurement disappears, and appears."""
+    a, b = before.depth > 0, after.depth > 0
+    return float(np.mean(a & ~b)), float(np.mean(~a & b))
+
+
+def whole_pairs(frames: Sequence[RgbdFrame]) -> list[tuple[RgbdFrame, RgbdFrame]]:
+    """Pairs of `following` without frames that are empty in whole or in large part.
+
+    Those are of a camera that begins or fails.
+    """
+    return [(a, b) for a, b in following(frames) if max(changed_shares(a, b)) < _MOST_EMPTIED]
+
+
+_MOST_EMPTIED = 0.1  # of the pixels; a camera moved by hand has 0.04, such a filter 0.06 at most

@@ -1,0 +1,144 @@
+"""What is said of an RGB-D stream: regions, reports of detectors, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d._util.mappings import ReadOnlyMapping
+from manip3d.authenticate._verdict import Calibration, Power, Processing, Verdict
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Mask = NDArray[np.bool_]
+
+CALIBRATION = Calibration(
+    "the turning person, the red kitchen of 7-Scenes and simulated people before a Kinect V2",
+    125,
+    0,
+    "structured light and time of flight; a few cameras of each; other people's compositors may "
+    "draw softer silhouettes",
+)
+"""Origin of `SHARP`: clean frames, not those of `POWER`."""
+
+_STREAMS = "8 simulated people of other seeds, 8 of UTD-MHAD before the turning person's wall"
+_KITCHEN = "8 people of UTD-MHAD in the red kitchen of 7-Scenes"
+
+POWER: Mapping[str, Power] = ReadOnlyMapping(
+    {
+        "still background": Power(32, 32, source=_STREAMS),
+        "running background": Power(32, 32, source=_STREAMS),
+        "still background, full of near things": Power(6, 16, source=_KITCHEN),
+        "running background, moving camera": Power(10, 16, source=_KITCHEN),
+    }
+)
+"""Forged streams of `manip3d.forge.stream`, both types, that are found; from ``figure-5.8``. It
+cuts people out from one pixel to the next; those whose silhouettes are blended are not found. The
+other 10 before a still frame of the kitchen, all of which repeats, are ``processed``."""
+
+
+@dataclass(frozen=True)
+class StreamRegion:
+    """A place in the image with evidence of an edit.
+
+    Attributes
+    ----------
+    frame : int
+        Number of the frame.
+    box : (int, int, int, int)
+        First column, first row, width and height.
+    share : float
+        Share of sharp rows on the less sharp side of the silhouette; 1 before a frozen background.
+    """
+
+    frame: int
+    box: tuple[int, int, int, int]
+    share: float
+
+
+@dataclass(frozen=True)
+class StreamReport:
+    """Report of one detector on a stream.
+
+    Attributes
+    ----------
+    name : 'repetition', 'silhouettes' or 'noise'
+    verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
+    reason : str
+    score : float or None
+        The detector's own measure, larger is more suspicious; of ``noise`` smaller.
+    """
+
+    name: str
+    verdict: Verdict
+    reason: str
+    score: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class StreamInspection:
+    """Result of `inspect_stream`.
+
+    Attributes
+    ----------
+    verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
+    reason : str
+    score : float or None
+        Suspicion of cut-out silhouettes, larger is worse; None: there is none to judge.
+    p_value : None
+        No probability is stated.
+    regions : tuple of StreamRegion
+        Where something was inserted, frame by frame.
+    masks : (T, H, W) bool
+        Pixels of what was inserted, of the frames in ``numbers``; empty without evidence.
+    numbers : (T,) int64
+        Numbers of the frames that were judged; their places in the stream where all numbers are the
+        same.
+    processing : tuple of Processing
+        What was done to all images.
+    detectors : tuple of StreamReport
+    noise : (N - 1,) float64
+        Inter-frame noise of the judged pairs, as published.
+    power : mapping of str to Power
+        Share of forged streams found, by kind, as measured on streams that fixed no threshold.
+    calibration : Calibration
+    """
+
+    verdict: Verdict
+    reason: str
+    score: float | None
+    regions: tuple[StreamRegion, ...] = ()
+    masks: Mask = field(default_factory=lambda: np.zeros((0, 0, 0), np.bool_), repr=False)
+    numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64), repr=False)
+    processing: tuple[Processing, ...] = ()
+    detectors: tuple[StreamReport, ...] = ()
+    noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
+    power: Mapping[str, Power] = field(default_factory=lambda: POWER, repr=False)
+    calibration: Calibration = CALIBRATION
+    p_value: None = None
+
+    def record(self) -> dict[str, Any]:
+        """Return the result as JSON values, without the masks."""
+        return {
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "score": self.score,
+            "p_value": self.p_value,
+            "frames": len(self.numbers),
+            "median_inter_frame_noise": float(np.median(self.noise)) if len(self.noise) else None,
+            "processing": [vars(step) for step in self.processing],
+            "regions": [vars(region) for region in self.regions],
+            "detectors": [vars(report) for report in self.detectors],
+            "power": {k: {**vars(p), "share": p.share} for k, p in self.power.items()},
+            "calibration": vars(self.calibration),
+        }
+
+
+def box_of(mask: Mask) -> tuple[int, int, int, int]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    u, v = int(columns[0]), int(rows[0])
+    return u, v, int(columns[-1]) - u + 1, int(rows[-1]) - v + 1
