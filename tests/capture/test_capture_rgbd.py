@@ -31,7 +31,7 @@ from PIL import Image
 
 import rgbd_frames
 from manip3d import DeviceError, FormatError, InputError, Intrinsics, RgbdFrame, capture
-from manip3d.capture import _rgbd
+from manip3d.capture import _frames_in_memory, _rgbd_source
 from real_data import RealData
 from rgbd_frames import CALIBRATION, CAMERA, COLS, ROWS, STEP, assert_same
 
@@ -823,8 +823,10 @@ class Made(Sequence[RgbdFrame]):
 def wall(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """A clock that stands unless somebody sleeps."""
     now = [100.0]
-    monkeypatch.setattr(_rgbd.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(_rgbd.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    monkeypatch.setattr(_frames_in_memory.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(
+        _frames_in_memory.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds)
+    )
     return now
 
 
@@ -832,7 +834,7 @@ def played(
     frames: Made, reader_s: float, speed: float = 1.0
 ) -> tuple[list[int], capture.RgbdSource]:
     """Numbers of the frames that a reader gets who takes so long with each."""
-    source = _rgbd._source_of(frames, "made", speed)
+    source = _rgbd_source.source_of(frames, "made", speed)
     numbers = []
     for frame in source:
         numbers.append(frame.number)
@@ -878,7 +880,7 @@ def test_frames_that_are_made_more_slowly_than_they_are_played_are_not_caught_up
 
 def test_a_reader_who_paused_does_not_wait_until_all_is_caught_up_with(wall: list[float]) -> None:
     """Frames of 0.1 s that take 0.096 s: a second is made good in 250 frames, not in one read."""
-    source = _rgbd._source_of(Made(wall, 0.096, rate=None), "made", 1.0)
+    source = _rgbd_source.source_of(Made(wall, 0.096, rate=None), "made", 1.0)
     source.read()
     wall[0] += 1.0
     before = wall[0]
@@ -897,7 +899,7 @@ def test_how_late_a_frame_may_be_is_told_by_the_readers_clock(
     wall: list[float], speed: float, dropped: int
 ) -> None:
     """A reader 0.02 s late misses 0.4 s of a source at speed 20, which nobody sees."""
-    source = _rgbd._source_of(Made(wall, 0.0, rate=None), "made", speed)
+    source = _rgbd_source.source_of(Made(wall, 0.0, rate=None), "made", speed)
     source.read()
     wall[0] += 0.1 / speed + max(0.02, 0.06 / speed)
     source.read()
@@ -930,7 +932,7 @@ def test_a_stop_ends_the_wait_for_the_time_of_a_frame() -> None:
 
 def test_the_clock_of_frames_waits_for_their_times(wall: list[float]) -> None:
     """Twice as fast as they were."""
-    clock = _rgbd.FrameClock(2.0)
+    clock = _frames_in_memory.FrameClock(2.0)
     assert clock.is_due(5_000_000_000, 1000)
     assert wall[0] == 100.0
     assert clock.is_due(5_500_000_000, 1000)

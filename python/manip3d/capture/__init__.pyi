@@ -6,15 +6,9 @@ from manip3d.capture._bag_stereo import watched_recording
 from manip3d.capture._drive import LidarDrive, open_drive
 from manip3d.capture._joints import ExportedJoints, export_joints
 from manip3d.capture._lidar import DEFAULT_PORT, RETURN_TYPES, LidarSource, open_lidar
-from manip3d.capture._rgbd import (
-    ForgedSource,
-    Recording,
-    RgbdSource,
-    Scheme,
-    from_frames,
-    open_rgbd,
-    record,
-)
+from manip3d.capture._rgbd import Scheme, open_rgbd
+from manip3d.capture._rgbd_record import Recording, record
+from manip3d.capture._rgbd_source import ForgedSource, RgbdSource, from_frames
 from manip3d.capture._sources import open, sources
 from manip3d.capture._summary import SourceSummary, summarize
 from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration

@@ -6,12 +6,8 @@ from typing import Any
 
 from manip3d._util.checked import checked
 from manip3d.capture._lidar import LidarSource, open_lidar
-from manip3d.capture._rgbd import (
-    RgbdSource,
-    Scheme,
-    core_schemes,
-    open_rgbd,
-)
+from manip3d.capture._rgbd import Scheme, core_schemes, open_rgbd
+from manip3d.capture._rgbd_source import RgbdSource
 
 _LIDAR = ("pcap", "velodyne", "ouster", "kitti", "bag")
 

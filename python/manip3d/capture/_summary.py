@@ -14,7 +14,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d.camera import Intrinsics
-from manip3d.capture._rgbd import RgbdSource
+from manip3d.capture._rgbd_source import RgbdSource
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:

@@ -179,7 +179,7 @@ def write_recording(
         The trigger did not come; a recording that was made for it is removed.
     """
     from manip3d import capture
-    from manip3d.capture._rgbd import remove_recording
+    from manip3d.capture._rgbd_record import remove_recording
 
     place = place_of_recording(output)
     was_there = place.exists()

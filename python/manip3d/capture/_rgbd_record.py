@@ -1,0 +1,281 @@
+"""Record the frames of an RGB-D source in a file or a folder."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from manip3d import _core
+from manip3d._util.checked import checked
+from manip3d._util.options import reporting
+from manip3d._util.paths import path_of
+from manip3d.capture._one_camera import with_one_camera
+from manip3d.capture._rgbd import RECORDINGS, open_rgbd
+from manip3d.capture._rgbd_source import RgbdSource, from_frames
+from manip3d.errors import InputError
+from manip3d.rgbd import RgbdCalibration, RgbdFrame
+
+if TYPE_CHECKING:
+    from manip3d._util.options import Progress
+
+_LONGEST_BEFORE = 60.0  # seconds
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Result of `record`.
+
+    Attributes
+    ----------
+    path : Path
+    frames : int
+    frames_with_skeleton : int
+        Frames in which the source has a person's skeleton; the phantom limb needs one.
+    seconds : float
+        From the first frame's time to the last's.
+    stop : str
+        ``end`` (of the source), ``frames`` or ``seconds`` (as many as were asked for).
+    counters : dict of str to int
+        What the recorder counted.
+    source_counters : dict of str to int
+        What the source counted, lost frames among it.
+    """
+
+    path: Path
+    frames: int
+    frames_with_skeleton: int
+    seconds: float
+    stop: str
+    counters: dict[str, int]
+    source_counters: dict[str, int]
+
+
+@checked
+def record(
+    source: str | Iterable[RgbdFrame],
+    path: str | os.PathLike[str],
+    *,
+    frames: int | None = None,
+    seconds: float | None = None,
+    trigger: Callable[[RgbdFrame], bool] | None = None,
+    before: float = 0.0,
+    lossless_color: bool = False,
+    jpeg_quality: int = 90,
+    overwrite: bool = False,
+    progress: Progress = None,
+) -> Recording:
+    """Write frames to a recording: a folder, Matroska for ``.mkv``, or a TUM sequence.
+
+    What was written is whole if this is stopped by Ctrl-C, by an error or by a kill.
+
+    Parameters
+    ----------
+    source : str or iterable of RgbdFrame
+        A URI for `open`, or what gives frames: a source, a simulator, a list.
+    path : path-like
+        A new folder, or a file that ends in ``.mkv``. ``folder:``, ``mkv:`` or ``tum:`` before it
+        says the kind. ``tum:FOLDER`` is a sequence for programs that read those of the TUM RGB-D
+        benchmark: see `Notes`.
+    frames : int, optional
+        Stop after so many.
+    seconds : float, optional
+        Stop at the first frame that is so much later than the first one.
+    trigger : callable(RgbdFrame) -> bool, optional
+        Begin with the first frame for which it is true; ``frames`` and ``seconds`` count from
+        there.
+    before : float
+        Seconds before the trigger's frame that are written, too: 0 to 60. They wait in memory,
+        some 200 MB a second with colour of 1920 x 1080 pixels.
+    lossless_color : bool
+        Instead of JPEG.
+    jpeg_quality : int
+        1 to 100.
+    overwrite : bool
+        Replace a recording of the same kind that nobody reads or records.
+    progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
+
+    Returns
+    -------
+    Recording
+        Its path, how many frames were written, and how many were lost.
+
+    Raises
+    ------
+    InputError
+        A path that exists, that is being read or recorded, or with an unknown suffix; frames that
+        do not fit the calibration or each other, or whose times and numbers do not grow.
+    OSError
+        The disk is full, and the like; the frames before are good, and a note of the error says how
+        many they are. If there are none, nothing is left of a new recording.
+    FormatError, DeviceError
+        The source raised it.
+
+    Notes
+    -----
+    A TUM sequence has ``depth.txt`` and ``rgb.txt`` with a time in seconds and a file in each line,
+    16-bit depth of 5000 units a metre, colour as PNG, ``associations.txt`` with the pairs, and
+    ``calibration.json``, by which `open` knows the camera; times are exact. It has one camera, so
+    colour of another one is looked up for each depth pixel. Skeletons, body indices and frame
+    numbers are left out; depths beyond 13.107 m become 0 and are counted as ``too_far``. There is
+    no ``groundtruth.txt``, because frames do not tell where their camera was.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, Skeleton, capture
+    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
+    >>> depth = np.full((48, 64), 2000, np.uint16)
+    >>> frames = [RgbdFrame(depth, camera, time_ns=n * 33_000_000, number=n) for n in range(3)]
+    >>> recording = capture.record(frames, "walk.mkv", frames=2)
+    >>> recording.path.name, recording.frames
+    ('walk.mkv', 2)
+
+    The last second before somebody comes into the picture, and all that follows:
+
+    >>> frames[2] = replace(frames[2], skeletons=(Skeleton(np.full((25, 3), 2.0)),))
+    >>> capture.record(frames, "visit", trigger=lambda f: bool(f.skeletons), before=1.0).frames
+    3
+
+    A sequence for other programs:
+
+    >>> capture.record(frames, "tum:sequence").path.name
+    'sequence'
+    >>> with capture.open("tum:sequence") as source:
+    ...     len(source), source[-1].time_ns
+    (3, 66000000)
+    """
+    for name, value in (("frames", frames), ("seconds", seconds)):
+        if value is not None and not value > 0:
+            raise InputError(f"{name}: expected > 0, got {value}")
+    if not 0.0 <= before <= _LONGEST_BEFORE:
+        raise InputError(f"before: expected 0 to {_LONGEST_BEFORE:g} seconds, got {before}")
+    if before and trigger is None:
+        raise InputError("before: expected a trigger with it, got None")
+    place, kind = _place_of(path)
+    if isinstance(source, RgbdSource):
+        opened = source
+    elif isinstance(source, str):
+        opened = open_rgbd(source)
+    else:
+        opened = from_frames(source)
+    is_tum = kind == _core.RecordingKind.tum
+    was_there = place.exists()
+    try:
+        recorder = _core.open_recorder(
+            os.fsencode(place),
+            RgbdCalibration(opened.calibration.depth) if is_tum else opened.calibration,
+            lossless_color,
+            jpeg_quality,
+            overwrite,
+            kind,
+        )
+    except OSError:
+        if not was_there:
+            with suppress(OSError):
+                place.rmdir()  # if it is empty
+        raise
+
+    def write(frame: RgbdFrame) -> None:
+        recorder.write(with_one_camera(frame) if is_tum else frame)
+
+    with _noting_frames(place, recorder, is_new=not was_there), ExitStack() as ends:
+        if isinstance(source, str):
+            ends.callback(opened.stop)
+        ends.callback(recorder.close)
+        with reporting(progress, "record") as report:
+            copied = _copy(opened, write, frames, seconds, _since(trigger, before, opened), report)
+    return Recording(place, *copied, recorder.counters(), opened.counters)
+
+
+@contextmanager
+def _noting_frames(place: Path, recorder: Any, *, is_new: bool) -> Iterator[None]:
+    """Note at an error how many frames there are; a new recording without any is removed."""
+    try:
+        yield
+    except BaseException as error:
+        if written := recorder.counters()["frames"]:
+            told = "1 frame, which is" if written == 1 else f"{written} frames, which are"
+            error.add_note(f"{place} has {told} whole")
+        elif is_new:
+            remove_recording(place)
+        raise
+
+
+def remove_recording(place: Path) -> None:
+    """Remove a recording that is a folder or a file."""
+    if place.is_dir():
+        shutil.rmtree(place, ignore_errors=True)
+    else:
+        place.unlink(missing_ok=True)
+
+
+def _place_of(path: str | os.PathLike[str]) -> tuple[Path, Any]:
+    """The path of a recording to be written, and its kind where the address says it."""
+    whole = path_of(path)
+    scheme, colon, rest = str(whole).partition(":")
+    if not colon or scheme not in RECORDINGS:
+        return whole, None
+    if not rest:
+        raise InputError(f"path: expected a place after {scheme}:, got none")
+    return Path(rest), getattr(_core.RecordingKind, scheme)
+
+
+def _copy(
+    source: RgbdSource,
+    write: Callable[[RgbdFrame], None],
+    frames: int | None,
+    seconds: float | None,
+    wanted: Iterator[tuple[Sequence[RgbdFrame], RgbdFrame]],
+    report: Any,
+) -> tuple[int, int, float, str]:
+    """Write frame after frame; counts of all and of those with a skeleton, seconds, the end."""
+    written = with_skeleton = count = 0
+    first = since = last = 0
+    stop = "end"
+    expected = min((n for n in (frames, source.num_frames) if n), default=None)
+    for earlier, frame in wanted:
+        if count == 0:
+            first, since = (earlier[0] if earlier else frame).time_ns, frame.time_ns
+        if seconds is not None and frame.time_ns - since >= seconds * 1e9:
+            stop = "seconds"
+            break
+        for one in (*earlier, frame):
+            write(one)
+            written, with_skeleton = written + 1, with_skeleton + bool(one.skeletons)
+        count, last = count + 1, frame.time_ns
+        if report is not None:
+            done = count / expected if expected else 0.0
+            if seconds is not None:
+                done = max(done, (last - since) / 1e9 / seconds)
+            report(min(done, 1.0))
+        if count == frames:
+            stop = "frames"
+            break
+    return written, with_skeleton, (last - first) / 1e9, stop
+
+
+def _since(
+    trigger: Callable[[RgbdFrame], bool] | None, before: float, source: RgbdSource
+) -> Iterator[tuple[Sequence[RgbdFrame], RgbdFrame]]:
+    """Each frame from the trigger's on; with the first one, those of the seconds before it."""
+    earlier: deque[RgbdFrame] = deque()
+    is_on = trigger is None
+    for frame in source:
+        if not is_on and trigger is not None and not trigger(frame):
+            earlier.append(frame)
+            while frame.time_ns - earlier[0].time_ns > before * 1e9:
+                earlier.popleft()
+            continue
+        while earlier and frame.time_ns - earlier[0].time_ns > before * 1e9:
+            earlier.popleft()
+        is_on = True
+        yield tuple(earlier), frame
+        earlier.clear()

@@ -1,0 +1,349 @@
+"""Sources of RGB-D frames: what `open_rgbd` and `from_frames` return."""
+
+from __future__ import annotations
+
+import operator
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, cast, overload
+
+from manip3d._util.callers import caller_level
+from manip3d._util.checked import checked
+from manip3d.camera import Intrinsics, Registration
+from manip3d.capture._frame_source import FrameSource
+from manip3d.capture._frames_in_memory import IteratedFrames
+from manip3d.capture._past_errors import past_errors
+from manip3d.errors import FormatError, InputError
+from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
+
+_MOST_ERRORS = 1000  # frames, where nobody knows how many there are
+
+
+@checked
+class RgbdSource(FrameSource[RgbdFrame]):
+    """Frames of an RGB-D camera or recording one after the other; made by `open`.
+
+    Iterating goes on where reading stopped; once a recording has ended, it begins anew, but not
+    after `stop`. `start` begins anew a recording that is read as fast as it can be, whether it has
+    ended or not; one that is played in real time goes on, as a camera does. Sources made by
+    `from_frames` begin anew if their frames are a sequence, a simulator or a data set, not if they
+    come from an iterator.
+
+    What begins anew has an index too: ``source[10]`` is the eleventh frame, ``source[-1]`` the last
+    one, ``source[10:20]`` a list; reading goes on where it was, unless `seek` moves it. ``len()``
+    is `num_frames`, and a `TypeError` where nobody knows it. Folders and recordings of this library
+    go to a frame at once, those of the Azure Kinect by passing over the frames before it.
+
+    The images of a frame are its own: nothing changes in them when the next one comes, and they
+    come out of the core without a copy.
+
+    Attributes
+    ----------
+    uri : str
+    is_live : bool
+        Frames come when they come, and the latest one wins.
+    errors : dict of int to str
+        Why frames could not be read, by their places in `past_errors`.
+    """
+
+    def __init__(
+        self,
+        uri: str,
+        source: Any,
+        reopen: Callable[[], Any] | None = None,
+        open_indexed: Callable[[], Any] | None = None,
+    ) -> None:
+        self.uri = uri
+        self.is_live = bool(source.is_live())
+        self._source = source
+        self._reopen = reopen
+        self._open_indexed = open_indexed or reopen
+        self._indexed: Any = None
+        self._is_started = self._is_stopped = False
+        self._calibration: RgbdCalibration | None = None
+        self.errors: dict[int, str] = {}
+        self._is_color_checked = False
+        self.start()
+
+    @property
+    def calibration(self) -> RgbdCalibration:
+        """Calibration of all frames."""
+        assert self._calibration is not None
+        return self._calibration
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counts of frames given (``frames``), lost (``dropped``) and refused so far, by reason."""
+        found: dict[str, int] = self._source.counters()
+        return found
+
+    @property
+    def num_frames(self) -> int | None:
+        """Number of frames of a recording; None: nobody knows."""
+        found: int | None = self._source.num_frames()
+        return found
+
+    @property
+    def begins_anew(self) -> bool:
+        """Whether it can be read again from its first frame: neither camera nor iterator."""
+        return not self.is_live and self._reopen is not None
+
+    @property
+    def has_known_end(self) -> bool:
+        """Whether it is known to end: no camera, and no iterable's frames without a length."""
+        is_iterated = isinstance(self._source, IteratedFrames)
+        return not self.is_live and not (is_iterated and self.num_frames is None)
+
+    def start(self) -> None:
+        """Open the device again after a `DeviceError`; a recording begins anew, with its counters.
+
+        `open` does it the first time. A recording that is played in real time goes on where an
+        error stopped it, as a camera does.
+
+        Raises
+        ------
+        DeviceError
+            It is not there.
+        FormatError, OSError
+            The recording is no longer what it was.
+        """
+        if self._is_started and self._reopen is not None and not self.is_live:
+            self._open_again(self._reopen)
+        self._begin()
+
+    def _open_again(self, reopen: Callable[[], Any]) -> None:
+        self._source.stop()
+        self._source = reopen()
+
+    def seek(self, index: int) -> None:
+        """Go to a frame, which is the next one that is read; the counters begin anew.
+
+        A damaged frame is passed over in files that say which one it is, and named in others.
+
+        Parameters
+        ----------
+        index : int
+            0 is the first frame and -1 the last; `num_frames` is the end.
+
+        Raises
+        ------
+        InputError
+            A camera or an iterator, or there are not so many frames.
+        """
+        length = self.num_frames
+        if length is None and index < 0:
+            raise InputError(
+                f"index: expected >= 0, because the number of frames is unknown; got {index}"
+            )
+        if length is not None and not -length <= index <= length:
+            raise InputError(f"index: expected {-length} to {length}, got {index}")
+        self._open_again(self._recorded(self._reopen))
+        self._source.seek(index if index >= 0 else index + (length or 0))
+        self._begin()
+
+    def _recorded(self, reopen: Callable[[], Any] | None) -> Callable[[], Any]:
+        if reopen is None:
+            raise InputError(
+                f"source: expected a recording, whose frames have an index, got {self.uri}"
+            )
+        return reopen
+
+    @overload
+    def __getitem__(self, index: int) -> RgbdFrame: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[RgbdFrame]: ...
+    def __getitem__(self, index: int | slice) -> RgbdFrame | list[RgbdFrame]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        at, length = operator.index(index), self.num_frames
+        at += length if at < 0 and length is not None else 0
+        if at < 0 or (length is not None and at >= length):
+            raise IndexError(f"frame {index} of {length or 'an unknown number'}")
+        open_indexed = self._recorded(self._open_indexed)
+        indexed = self._indexed  # another thread may stop the source meanwhile
+        if indexed is None:
+            indexed = self._indexed = open_indexed()
+        try:
+            found = indexed.read_at(at)
+        except InputError:
+            raise IndexError(f"frame {index}: the recording ends before it") from None
+        finally:
+            indexed.stop()  # between two frames nobody reads
+        return self._to_frame(found) if isinstance(found, Mapping) else found
+
+    def __len__(self) -> int:
+        if (length := self.num_frames) is None:
+            raise TypeError(f"{self.uri}: the number of frames is unknown")
+        return length
+
+    def __bool__(self) -> bool:
+        return True  # however many frames
+
+    def _begin(self) -> None:
+        self._is_started = True
+        self._has_ended = self._is_stopped = False
+        self._source.start()
+        self._calibration = _to_calibration(self._source.calibration())
+
+    def read(self, timeout: float | None = None) -> RgbdFrame | None:
+        """The next frame; of live sources the latest.
+
+        Parameters
+        ----------
+        timeout : float, optional
+            Seconds to wait for a live source; without it until there is one.
+
+        Returns
+        -------
+        RgbdFrame or None
+            None: the recording ends, the source was stopped, or the time is over.
+
+        Raises
+        ------
+        FormatError
+            A file is damaged; the next call goes on behind the damaged frame.
+        DeviceError
+            The camera is gone; `start` tries to open it again.
+        """
+        frame = self._wait(timeout)
+        if not self._is_color_checked and self.counters.get("unregistered_color"):
+            self._is_color_checked = True
+            warnings.warn(
+                f"{self.uri}: the colour images are of another size than the depth images, and the "
+                "calibration has no registration: frames have no colour",
+                stacklevel=caller_level(),
+            )
+        return frame
+
+    def past_errors(self) -> Iterator[RgbdFrame | None]:
+        """Read on to the end, past frames that cannot be read; `errors` begins anew.
+
+        Yields
+        ------
+        RgbdFrame or None
+            None: the frame cannot be read, and `errors` says why.
+
+        Raises
+        ------
+        FormatError, OSError
+            The first reason, where no frame can be read.
+        DeviceError
+            The camera is gone.
+        """
+        self.errors.clear()
+        frames = cast("Iterator[RgbdFrame]", iter(self.read, None))
+        most = self.num_frames or _MOST_ERRORS
+        yield from past_errors(frames, self.errors, (FormatError, OSError), most=most)
+
+    def _rewind(self) -> None:
+        if self._reopen is not None and not self._is_stopped:
+            self._open_again(self._reopen)
+            self._begin()
+
+    def _to_frame(self, fields: Mapping[str, Any]) -> RgbdFrame:
+        skeletons = tuple(Skeleton(**skeleton) for skeleton in fields["skeletons"])
+        return RgbdFrame(**{**fields, "skeletons": skeletons}, calibration=self.calibration)
+
+    def stop(self) -> None:
+        """End a live source's thread; the frame that it has can still be read.
+
+        What is no camera gives no more frames, unless `start` or `seek` is called: a loop over an
+        endless iterator ends, too, with the frame that it waits for.
+        """
+        self._is_stopped = True
+        self._source.stop()
+        self._indexed = None
+
+
+@checked
+class ForgedSource(RgbdSource):
+    """A source whose person stands before another scene, or does not: ``forged:SOURCE``.
+
+    Attributes
+    ----------
+    forged : bool
+        Whether the next frames are forged; may be set at any time, from any thread. A file that
+        the address names as its ``switch``, or a time after which they alternate, has precedence.
+    """
+
+    @property
+    def forged(self) -> bool:
+        """Whether the next frames are forged."""
+        return bool(self._source.is_forged)
+
+    @forged.setter
+    def forged(self, value: bool) -> None:
+        if not isinstance(value, bool):
+            raise InputError(f"forged: expected True or False, got {value!r}")
+        self._source.is_forged = value
+
+    @property
+    def begins_anew(self) -> bool:
+        """Whether the source that is forged can be read again from its first frame."""
+        return not self.is_live
+
+    def _rewind(self) -> None:
+        if not self.is_live and not self._is_stopped:
+            self.start()
+
+
+def _to_calibration(found: Any) -> RgbdCalibration:
+    if isinstance(found, RgbdCalibration):
+        return found
+    registration = None
+    if "color" in found:
+        registration = Registration(
+            Intrinsics(**found["color"]), found["rotation"], found["translation"]
+        )
+    return RgbdCalibration(Intrinsics(**found["depth"]), registration)
+
+
+@checked
+def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSource:
+    """Make a source of frames that are there already, or that a generator makes.
+
+    Parameters
+    ----------
+    frames : iterable of RgbdFrame
+        Frames of one camera. The first is read at once, unless ``frames`` has a ``calibration``.
+        They may never end: `RgbdSource.stop` ends a loop over them then. `read` waits for the
+        iterator, whatever its ``timeout``.
+    uri : str
+        Name of the source in messages.
+
+    Returns
+    -------
+    RgbdSource
+        It ends with the last frame.
+
+    Raises
+    ------
+    InputError
+        There is no frame, and ``frames`` has no ``calibration``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, capture
+    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
+    >>> depth = np.full((48, 64), 2000, np.uint16)
+    >>> frames = [RgbdFrame(depth, camera, time_ns=n * 33_000_000, number=n) for n in range(3)]
+    >>> source = capture.from_frames(frames)
+    >>> source.read().number, [frame.number for frame in source]
+    (0, [1, 2])
+    """
+
+    return source_of(frames, uri)
+
+
+def source_of(
+    frames: Iterable[RgbdFrame], uri: str, speed: float = 0.0, start: int = 0
+) -> RgbdSource:
+    def opened() -> IteratedFrames:
+        source = IteratedFrames(frames, getattr(frames, "calibration", None), speed)
+        if start:
+            source.seek(start)
+        return source
+
+    # An iterator can only be gone through once.
+    return RgbdSource(uri, opened(), None if isinstance(frames, Iterator) else opened)
