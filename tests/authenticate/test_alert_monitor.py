@@ -21,6 +21,7 @@ import pytest
 import lattice_scans
 from manip3d import Box, LidarFrame
 from manip3d.authenticate import (
+    WITNESSES,
     Alert,
     AlertMonitor,
     AlertTally,
@@ -35,6 +36,8 @@ from manip3d.authenticate import (
     verdict_of_alerts,
     watch_drive,
 )
+from manip3d.authenticate._alert_observations import _to_ahead
+from manip3d.authenticate._alert_verdict import joined
 from manip3d.errors import InputError
 from manip3d.report import AlertTimeline
 from watermark_scans import grid_scan, key_file
@@ -297,9 +300,9 @@ def test_one_verdict_of_three_witnesses(
 ) -> None:
     told = {
         name: WitnessReport(verdict, verdict)
-        for name, verdict in zip(_alert.WITNESSES, (watermark, cameras, forensics), strict=True)
+        for name, verdict in zip(WITNESSES, (watermark, cameras, forensics), strict=True)
     }
-    assert _alert._joined(told, has_key=has_key)[0] == expected
+    assert joined(told, has_key=has_key)[0] == expected
 
 
 def test_the_watermark_alone_clears_and_accuses(tmp_path: Path) -> None:
@@ -364,9 +367,9 @@ def test_a_false_alarm_of_the_cameras_hides_no_sector_and_lowers_no_risk(
 def alert_of(watermark: str, cameras: str, forensics: str = "skipped") -> Alert:
     told = {
         name: WitnessReport(verdict, f"{name} says {verdict}")
-        for name, verdict in zip(_alert.WITNESSES, (watermark, cameras, forensics), strict=True)
+        for name, verdict in zip(WITNESSES, (watermark, cameras, forensics), strict=True)
     }
-    verdict, reason = _alert._joined(told, has_key=watermark != "absent")
+    verdict, reason = joined(told, has_key=watermark != "absent")
     return replace(AlertMonitor().skip(), verdict=verdict, reason=reason, witnesses=told)
 
 
@@ -513,7 +516,7 @@ def test_forensics_alone_find_a_pasted_object() -> None:
     [(0, 10, 0.0), (350, 360, 0.0), (-10, 10, 0.0), (20, 30, 20.0), (330, 350, 10), (90, 180, 90)],
 )  # fmt: skip
 def test_how_far_a_sector_is_from_ahead(begin: float, end: float, expected: float) -> None:
-    assert math.degrees(_alert._to_ahead(begin, end)) == pytest.approx(expected, abs=1e-9)
+    assert math.degrees(_to_ahead(begin, end)) == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_frame_that_was_left_out_moves_the_car_all_the_same(tmp_path: Path) -> None:

@@ -40,9 +40,9 @@ from manip3d._util.lazy import lazily
 __getattr__, __dir__, __all__ = lazily(
     __name__,
     {
-        "_alert": (
-            "WITNESSES Alert AlertCounts AlertMonitor AlertTally WitnessReport verdict_of_alerts"
-        ),
+        "_alert": "AlertMonitor",
+        "_alert_tally": "AlertTally verdict_of_alerts",
+        "_alert_verdict": "WITNESSES Alert AlertCounts WitnessReport",
         "_cross_modal": (
             "CrossModalParameters CrossModalRegion CrossModalResult attack_type "
             "cross_modal_consistency"

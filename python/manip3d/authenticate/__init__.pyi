@@ -1,14 +1,8 @@
 from __future__ import annotations
 
-from manip3d.authenticate._alert import (
-    WITNESSES,
-    Alert,
-    AlertCounts,
-    AlertMonitor,
-    AlertTally,
-    WitnessReport,
-    verdict_of_alerts,
-)
+from manip3d.authenticate._alert import AlertMonitor
+from manip3d.authenticate._alert_tally import AlertTally, verdict_of_alerts
+from manip3d.authenticate._alert_verdict import WITNESSES, Alert, AlertCounts, WitnessReport
 from manip3d.authenticate._cross_modal import (
     CrossModalParameters,
     CrossModalRegion,

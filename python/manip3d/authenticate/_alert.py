@@ -1,4 +1,4 @@
-"""ALERT: all witnesses of a stream of LiDAR frames joined into one verdict per frame."""
+"""ALERT: watch a stream of LiDAR frames by all witnesses at once."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
 from manip3d._util.extras import opencv
 from manip3d._util.mappings import ReadOnlyMapping
+from manip3d.authenticate._alert_observations import accused_boxes, attack_observations
+from manip3d.authenticate._alert_verdict import WITNESSES, Alert, AlertCounts, WitnessReport, joined
 from manip3d.authenticate._cross_modal import (
-    CLEAN_ACCUSED,
     CrossModalParameters,
     CrossModalResult,
     cross_modal_consistency,
@@ -26,7 +25,6 @@ from manip3d.authenticate._inspect import inspect
 from manip3d.authenticate._inspection import Inspection
 from manip3d.authenticate._risk import (
     ACTIONS,
-    AttackObservation,
     Risk,
     RiskParameters,
     RiskTracker,
@@ -35,170 +33,17 @@ from manip3d.authenticate._risk import (
 )
 from manip3d.authenticate._stereo import StereoRig, checked_pair, stereo_disparity
 from manip3d.authenticate._surround import SurroundResult
-from manip3d.authenticate._verdict import binomial_tail
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
-from manip3d.authenticate._watermark_files import StreamTally
 from manip3d.errors import InputError
-from manip3d.lidar import Box, LidarFrame
+from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import ArrayLike
 
 _FRAME_S = 0.1  # between frames of scanners that turn ten times a second
-
 _STILL = (0.0, 0.0, 0.0)
 _READ = ("watermark", "cross-modal")  # witnesses that need more files than the scan
 _JUDGED = {"authentic", "no_trace", "tampered"}  # verdicts that tell something of the frame
-
-WITNESSES = ("watermark", "cross-modal", "forensics")
-
-
-@dataclass(frozen=True)
-class WitnessReport:
-    """Verdict of one witness (watermark, cameras or forensics) on one frame.
-
-    Attributes
-    ----------
-    verdict : str
-        ``authentic`` (the watermark alone), ``no_trace``, ``tampered``, ``processed``,
-        ``undecidable``, ``skipped`` (no time in this frame) or ``absent`` (there is no key, or
-        there are no pictures).
-    reason : str
-    seconds : float
-        It took.
-    """
-
-    verdict: str
-    reason: str
-    seconds: float = 0.0
-
-    def record(self) -> dict[str, object]:
-        """Return the fields, ready for JSON."""
-        return {"verdict": self.verdict, "reason": self.reason, "seconds": self.seconds}
-
-
-@dataclass(frozen=True, eq=False)
-class Alert:
-    """The verdict on one frame.
-
-    Attributes
-    ----------
-    number : int
-        Index of the frame in the monitor's stream, from 0 on; skipped ones count.
-    verdict : 'authentic', 'no_trace', 'tampered', 'undecidable' or 'skipped'
-        ``tampered`` if watermark or forensics say so; ``undecidable`` if the cameras alone do,
-        which accuse too many clean frames to decide. ``authentic`` rests on the watermark alone. A
-        frame without one is at best ``no_trace``.
-    reason : str
-    witnesses : mapping of str to WitnessReport
-        ``watermark``, ``cross-modal``, ``forensics``.
-    attack : str
-        Type, one of `ATTACK_TYPES`, by the witness that knows most of it: cameras, then forensics,
-        then the watermark; empty where none was located.
-    boxes : tuple of Box
-        Where, in the LiDAR's frame, by all witnesses that accuse. The watermark knows sectors.
-    risk : Risk
-        By the gravest of what these witnesses saw.
-    seconds : float
-        From receiving the frame to this verdict.
-    is_late : bool
-        It took longer than the budget.
-    cross_modal : CrossModalResult, SurroundResult or None
-        The second of a monitor with several pairs.
-    watermark : WatermarkResult or None
-    forensics : Inspection or None
-    """
-
-    number: int
-    verdict: str
-    reason: str
-    witnesses: Mapping[str, WitnessReport]
-    attack: str
-    boxes: tuple[Box, ...]
-    risk: Risk
-    seconds: float
-    is_late: bool
-    cross_modal: CrossModalResult | SurroundResult | None = field(default=None, repr=False)
-    watermark: WatermarkResult | None = field(default=None, repr=False)
-    forensics: Inspection | None = field(default=None, repr=False)
-
-    def brief(self) -> Alert:
-        """Return the alert without scans, maps and points, of which a whole drive fits in memory.
-
-        The tiles of a watermark that holds are left out, too.
-
-        Examples
-        --------
-        >>> AlertMonitor().skip("too late").brief().verdict
-        'skipped'
-        """
-        kept = self.watermark
-        if kept is not None:
-            tiles = () if kept.verdict == "authentic" else kept.tiles
-            kept = replace(
-                kept, scan=None, tiles=tiles, regions=(), suspected=np.empty(0, np.int64)
-            )
-        return replace(self, cross_modal=None, watermark=kept, forensics=None)
-
-    def record(self) -> dict[str, Any]:
-        """Return the alert without maps, ready for JSON; the watermark's with its tiles."""
-        return {
-            "frame": self.number,
-            "verdict": self.verdict,
-            "reason": self.reason,
-            "attack": self.attack,
-            "witnesses": {name: each.record() for name, each in self.witnesses.items()},
-            "boxes": [
-                {"label": b.label, "center": list(b.center), "size": list(b.size), "yaw": b.yaw}
-                for b in self.boxes
-            ],
-            "risk": self.risk.record(),
-            "seconds": self.seconds,
-            "is_late": self.is_late,
-            "cross_modal": None if self.cross_modal is None else self.cross_modal.record(),
-            "watermark": None if self.watermark is None else self.watermark.record(),
-        }
-
-
-@dataclass(frozen=True)
-class AlertCounts:
-    """Counts and times of a monitor so far.
-
-    Attributes
-    ----------
-    frames : int
-        All that arrived.
-    verdicts : mapping of str to int
-        ``skipped`` counts frames that no witness saw.
-    skipped : mapping of str to int
-        By witness: frames in which it had no time, or was not due. Of several stereo pairs also
-        each by itself, as ``cross-modal NAME``.
-    late : int
-        Frames whose verdict took longer than the budget.
-    slowest_s : float
-    mean_s : float
-        Over the frames that were judged.
-    """
-
-    frames: int
-    verdicts: Mapping[str, int]
-    skipped: Mapping[str, int]
-    late: int
-    slowest_s: float
-    mean_s: float
-
-    def record(self) -> dict[str, Any]:
-        """Return the fields, ready for JSON."""
-        return {
-            "frames": self.frames,
-            "verdicts": dict(self.verdicts),
-            "skipped": dict(self.skipped),
-            "late": self.late,
-            "slowest_s": self.slowest_s,
-            "mean_s": self.mean_s,
-        }
 
 
 class AlertMonitor:
@@ -375,8 +220,10 @@ class AlertMonitor:
             told = {"watermark": sworn, "cross-modal": seen, "forensics": looked}
             for name, why in (unread or {}).items():
                 told[name] = _with_unread(told[name], why)
-            verdict, reason = _joined(told, has_key=self._marker is not None)
-            observed = _observations(watermark, cross, forensics, speed_mps, self._risk.parameters)
+            verdict, reason = joined(told, has_key=self._marker is not None)
+            observed = attack_observations(
+                watermark, cross, forensics, speed_mps, self._risk.parameters
+            )
             since = moved(self._unseen, motion)
             risk = self._risk.update(None, speed_mps=speed_mps, motion=since, others=observed)
             self._unseen, self._latest = _STILL, risk
@@ -387,7 +234,7 @@ class AlertMonitor:
                 reason,
                 ReadOnlyMapping(told),
                 observed[0].type if observed else "",
-                _boxes(watermark, cross, forensics),
+                accused_boxes(watermark, cross, forensics),
                 risk,
                 seconds,
                 seconds > self._budget,
@@ -702,263 +549,5 @@ def _failure(error: Exception) -> str:
     return f"failed: {error or type(error).__name__}"
 
 
-def _joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, str]:
-    """One verdict: watermark and forensics accuse, cameras doubt, the watermark alone clears."""
-    for name in ("watermark", "forensics"):
-        if told[name].verdict == "tampered":
-            return "tampered", f"{name}: {told[name].reason}"
-    if told["cross-modal"].verdict == "tampered":
-        reason = f"cross-modal: {told['cross-modal'].reason}; cameras accuse clean frames too"
-        return "undecidable", f"{reason}, so another witness has to agree"
-    sworn = told["watermark"]
-    if has_key:
-        return sworn.verdict, f"watermark: {sworn.reason}"
-    for name in ("cross-modal", "forensics"):
-        if told[name].verdict == "no_trace":
-            return "no_trace", f"{name}: {told[name].reason}"
-    for name in ("cross-modal", "forensics"):
-        if told[name].verdict in ("undecidable", "processed"):
-            return "undecidable", f"{name}: {told[name].reason}"
-    return "undecidable", "no witness has seen this frame"
-
-
 def _pair_label(name: str) -> str:
     return f"cross-modal {name}"
-
-
-def _boxes(
-    watermark: WatermarkResult | None,
-    cross: CrossModalResult | SurroundResult | None,
-    forensics: Inspection | None,
-) -> tuple[Box, ...]:
-    """Boxes of all witnesses that accuse, narrowest first: the watermark knows sectors only."""
-    boxes: tuple[Box, ...] = ()
-    if cross is not None and cross.verdict == "tampered":
-        boxes += cross.boxes
-    if forensics is not None and forensics.verdict == "tampered":
-        boxes += tuple(region.box for region in forensics.regions)
-    if watermark is not None and watermark.verdict == "tampered":
-        boxes += tuple(region.box for region in watermark.regions)
-    return boxes
-
-
-def _observations(
-    watermark: WatermarkResult | None,
-    cross: CrossModalResult | SurroundResult | None,
-    forensics: Inspection | None,
-    speed_mps: float,
-    region: RiskParameters,
-) -> list[AttackObservation]:
-    """The attack as each witness that accuses saw it; the one that knows most of it first."""
-    observed = []
-    if cross is not None:
-        by_cameras = cross.observation(speed_mps=speed_mps, parameters=region)
-        observed += [] if by_cameras is None else [by_cameras]
-    if forensics is not None and forensics.verdict == "tampered":
-        observed.append(_by_forensics(forensics, region, speed_mps))
-    if watermark is not None and watermark.verdict == "tampered":
-        observed.append(_by_tiles(watermark, region))
-    return observed
-
-
-def _by_forensics(found: Inspection, region: RiskParameters, speed_mps: float) -> AttackObservation:
-    """Suspected points say where; of what kind the attack is they do not tell."""
-    places = [each.box.center[:2] for each in found.regions] or [(region.nearest_m, 0.0)]
-    x, y = min(places, key=lambda place: math.hypot(*place))
-    if found.scan is None:
-        return AttackObservation("modification", (x, y), 0, 0)
-    inside = region.contains(found.scan.points, speed_mps)
-    suspected = {int(row) for each in found.regions for row in each.rows}
-    changed = sum(bool(inside[row]) for row in suspected)
-    return AttackObservation("modification", (float(x), float(y)), changed, int(inside.sum()))
-
-
-def _by_tiles(found: WatermarkResult, region: RiskParameters) -> AttackObservation:
-    """The watermark knows sectors only: the worst place in them is assumed."""
-    azimuths = [
-        azimuth for number in found.changed_tiles for azimuth in found.tiles[number].azimuths_deg
-    ]
-    angle = min((_to_ahead(begin, end) for begin, end in azimuths), default=0.0)
-    place = (region.nearest_m * math.cos(angle), region.nearest_m * math.sin(angle))
-    count = len(found.tiles)
-    return AttackObservation("modification", place, len(found.changed_tiles) or count, count)
-
-
-def _to_ahead(begin_deg: float, end_deg: float) -> float:
-    """Radians from straight ahead to the nearest place of a sector."""
-    if (end_deg - begin_deg) >= 360.0 or (-begin_deg) % 360.0 <= (end_deg - begin_deg) % 360.0:
-        return 0.0
-    return min(abs(math.radians(math.remainder(a, 360.0))) for a in (begin_deg, end_deg))
-
-
-@checked
-def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[str, str]:
-    """Return the verdict of several frames, and its reason.
-
-    Parameters
-    ----------
-    alerts : sequence of Alert
-        In the order of the stream; also those of `Alert.brief`.
-    whole : bool
-        The frames are to be one whole session of the watermark, from its first frame to the one
-        that says that it is the last, as for `verdict_of_stream`.
-
-    Returns
-    -------
-    (verdict, reason)
-        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or was skipped, or if a
-        whole session is not there; else ``authentic`` if every frame is, else ``no_trace``.
-
-    Raises
-    ------
-    InputError
-        No frames.
-
-    Notes
-    -----
-    Cameras accuse one clean frame in 120, so that a drive of some minutes always has frames that
-    they alone doubt. The drive is doubted for these where there are more of them than clean drives
-    of as many frames have in 99 of 100 cases (binomial); else the reason names them, and they count
-    by what the other witnesses say. Neighbouring frames see the same street: false accusations come
-    several in a row, so that more than one clean drive in 100 is doubted.
-
-    Examples
-    --------
-    >>> verdict_of_alerts([AlertMonitor().skip("too late")])
-    ('undecidable', 'too late (1 of 1 frames)')
-    """
-    if len(alerts) == 0:
-        raise InputError("alerts: expected at least one, got none")
-    tally = AlertTally()
-    for alert in alerts:
-        tally.add(alert)
-    return tally.verdict(whole=whole)
-
-
-class AlertTally:
-    """The verdict of a stream so far, in memory that does not grow with its frames.
-
-    `verdict_of_alerts` says the same of alerts that were kept.
-
-    Examples
-    --------
-    >>> from manip3d.authenticate import AlertMonitor, AlertTally
-    >>> tally = AlertTally()
-    >>> for _ in range(3):
-    ...     tally.add(AlertMonitor().skip("too late"))
-    >>> tally.verdict()
-    ('undecidable', 'too late (3 of 3 frames)')
-    """
-
-    def __init__(self) -> None:
-        self._told = _Gravest()
-        self._without_cameras = _Gravest()  # where chance explains how often the cameras accuse
-        self._accused = self._seen = 0  # frames, by the cameras
-        self._stream = StreamTally()
-
-    @property
-    def num_frames(self) -> int:
-        """Frames so far."""
-        return self._told.count
-
-    @checked
-    def add(self, alert: Alert) -> None:
-        """Take the next frame.
-
-        Parameters
-        ----------
-        alert : Alert
-            Also one of `Alert.brief`.
-        """
-        self._told.add(alert.verdict, alert.reason)
-        self._without_cameras.add(*_without_cameras(alert))
-        seen = alert.witnesses["cross-modal"].verdict
-        self._accused += seen == "tampered"
-        self._seen += seen not in _UNHEARD
-        if alert.watermark is not None:
-            self._stream.add(alert.watermark)
-
-    @checked
-    def verdict(self, *, whole: bool = False) -> tuple[str, str]:
-        """Return the verdict of the frames so far, and its reason.
-
-        Parameters
-        ----------
-        whole : bool
-            As for `verdict_of_alerts`.
-
-        Returns
-        -------
-        (verdict, reason)
-
-        Raises
-        ------
-        InputError
-            There was no frame.
-        """
-        if not self.num_frames:
-            raise InputError("alerts: expected at least one, got none")
-        is_chance, note = _accused_by_cameras(self._accused, self._seen)
-        told = self._without_cameras if is_chance else self._told
-        verdict, reason = told.verdict()
-        if verdict == "authentic" and whole:
-            stream, why = self._stream.verdict()
-            if stream != "authentic":
-                verdict, reason = stream, f"watermark: {why}"
-        return verdict, reason + note
-
-
-class _Gravest:
-    """The gravest verdict of frames, the first reason for it, and of how many frames it is."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._first = ""
-        self._every_authentic = True
-        self._loud: dict[str, tuple[str, int]] = {}  # the first reason, and frames
-
-    def add(self, verdict: str, reason: str) -> None:
-        self._first = self._first if self.count else reason
-        self.count += 1
-        self._every_authentic = self._every_authentic and verdict == "authentic"
-        name = "undecidable" if verdict == "skipped" else verdict
-        if name in ("tampered", "undecidable"):
-            first, frames = self._loud.get(name, (reason, 0))
-            self._loud[name] = first, frames + 1
-
-    def verdict(self) -> tuple[str, str]:
-        for name in ("tampered", "undecidable"):
-            if name in self._loud:
-                reason, frames = self._loud[name]
-                return name, f"{reason} ({frames} of {self.count} frames)"
-        verdict = "authentic" if self._every_authentic else "no_trace"
-        noun = "frame" if self.count == 1 else "frames"
-        return verdict, f"{self._first} ({self.count} {noun})"
-
-
-LEAST_CHANCE = 0.01
-"""Share of clean drives, at most, that are doubted because of the cameras alone."""
-
-
-def _accused_by_cameras(accused: int, judged: int) -> tuple[bool, str]:
-    """Whether chance explains how many frames the cameras accuse, and a note of these frames."""
-    if not accused:
-        return True, ""
-    of_clean, clean = CLEAN_ACCUSED
-    is_chance = binomial_tail(accused, judged, of_clean / clean) > LEAST_CHANCE
-    than = "not more than by chance" if is_chance else "more than by chance"
-    return is_chance, (
-        f"; cameras accuse {accused} of {judged} frames, {than} ({of_clean} of {clean} clean ones)"
-    )
-
-
-_UNHEARD = ("absent", "skipped", "undecidable")
-
-
-def _without_cameras(alert: Alert) -> tuple[str, str]:
-    """The verdict as if the cameras had found nothing where they alone accuse, and its reason."""
-    told = alert.witnesses
-    if alert.verdict != "undecidable" or told["cross-modal"].verdict != "tampered":
-        return alert.verdict, alert.reason
-    quiet = WitnessReport("no_trace", "as often as in clean frames")
-    return _joined({**told, "cross-modal": quiet}, has_key=told["watermark"].verdict != "absent")

@@ -10,7 +10,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from manip3d._util.checked import checked
-from manip3d.authenticate._alert import Alert, AlertMonitor, AlertTally
+from manip3d.authenticate._alert import AlertMonitor
+from manip3d.authenticate._alert_tally import AlertTally
+from manip3d.authenticate._alert_verdict import Alert
 from manip3d.authenticate._stereo import StereoRig
 from manip3d.errors import Error, InputError
 from manip3d.lidar import LidarFrame

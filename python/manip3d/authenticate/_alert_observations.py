@@ -1,0 +1,77 @@
+"""What the risk counts of a frame: attacks by the regions that were accused."""
+
+from __future__ import annotations
+
+import math
+
+from manip3d.authenticate._cross_modal import CrossModalResult
+from manip3d.authenticate._inspection import Inspection
+from manip3d.authenticate._risk import AttackObservation, RiskParameters
+from manip3d.authenticate._surround import SurroundResult
+from manip3d.authenticate._watermark import WatermarkResult
+from manip3d.lidar import Box
+
+
+def accused_boxes(
+    watermark: WatermarkResult | None,
+    cross: CrossModalResult | SurroundResult | None,
+    forensics: Inspection | None,
+) -> tuple[Box, ...]:
+    """Boxes of all witnesses that accuse, narrowest first: the watermark knows sectors only."""
+    boxes: tuple[Box, ...] = ()
+    if cross is not None and cross.verdict == "tampered":
+        boxes += cross.boxes
+    if forensics is not None and forensics.verdict == "tampered":
+        boxes += tuple(region.box for region in forensics.regions)
+    if watermark is not None and watermark.verdict == "tampered":
+        boxes += tuple(region.box for region in watermark.regions)
+    return boxes
+
+
+def attack_observations(
+    watermark: WatermarkResult | None,
+    cross: CrossModalResult | SurroundResult | None,
+    forensics: Inspection | None,
+    speed_mps: float,
+    region: RiskParameters,
+) -> list[AttackObservation]:
+    """The attack as each witness that accuses saw it; the one that knows most of it first."""
+    observed = []
+    if cross is not None:
+        by_cameras = cross.observation(speed_mps=speed_mps, parameters=region)
+        observed += [] if by_cameras is None else [by_cameras]
+    if forensics is not None and forensics.verdict == "tampered":
+        observed.append(_by_forensics(forensics, region, speed_mps))
+    if watermark is not None and watermark.verdict == "tampered":
+        observed.append(_by_tiles(watermark, region))
+    return observed
+
+
+def _by_forensics(found: Inspection, region: RiskParameters, speed_mps: float) -> AttackObservation:
+    """Suspected points say where; of what kind the attack is they do not tell."""
+    places = [each.box.center[:2] for each in found.regions] or [(region.nearest_m, 0.0)]
+    x, y = min(places, key=lambda place: math.hypot(*place))
+    if found.scan is None:
+        return AttackObservation("modification", (x, y), 0, 0)
+    inside = region.contains(found.scan.points, speed_mps)
+    suspected = {int(row) for each in found.regions for row in each.rows}
+    changed = sum(bool(inside[row]) for row in suspected)
+    return AttackObservation("modification", (float(x), float(y)), changed, int(inside.sum()))
+
+
+def _by_tiles(found: WatermarkResult, region: RiskParameters) -> AttackObservation:
+    """The watermark knows sectors only: the worst place in them is assumed."""
+    azimuths = [
+        azimuth for number in found.changed_tiles for azimuth in found.tiles[number].azimuths_deg
+    ]
+    angle = min((_to_ahead(begin, end) for begin, end in azimuths), default=0.0)
+    place = (region.nearest_m * math.cos(angle), region.nearest_m * math.sin(angle))
+    count = len(found.tiles)
+    return AttackObservation("modification", place, len(found.changed_tiles) or count, count)
+
+
+def _to_ahead(begin_deg: float, end_deg: float) -> float:
+    """Radians from straight ahead to the nearest place of a sector."""
+    if (end_deg - begin_deg) >= 360.0 or (-begin_deg) % 360.0 <= (end_deg - begin_deg) % 360.0:
+        return 0.0
+    return min(abs(math.radians(math.remainder(a, 360.0))) for a in (begin_deg, end_deg))

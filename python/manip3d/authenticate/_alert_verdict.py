@@ -1,0 +1,184 @@
+"""What ALERT says of a frame: the reports of its witnesses, joined into one verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from manip3d.authenticate._cross_modal import CrossModalResult
+from manip3d.authenticate._inspection import Inspection
+from manip3d.authenticate._risk import Risk
+from manip3d.authenticate._surround import SurroundResult
+from manip3d.authenticate._watermark import WatermarkResult
+from manip3d.lidar import Box
+
+WITNESSES = ("watermark", "cross-modal", "forensics")
+
+
+@dataclass(frozen=True)
+class WitnessReport:
+    """Verdict of one witness (watermark, cameras or forensics) on one frame.
+
+    Attributes
+    ----------
+    verdict : str
+        ``authentic`` (the watermark alone), ``no_trace``, ``tampered``, ``processed``,
+        ``undecidable``, ``skipped`` (no time in this frame) or ``absent`` (there is no key, or
+        there are no pictures).
+    reason : str
+    seconds : float
+        It took.
+    """
+
+    verdict: str
+    reason: str
+    seconds: float = 0.0
+
+    def record(self) -> dict[str, object]:
+        """Return the fields, ready for JSON."""
+        return {"verdict": self.verdict, "reason": self.reason, "seconds": self.seconds}
+
+
+@dataclass(frozen=True, eq=False)
+class Alert:
+    """The verdict on one frame.
+
+    Attributes
+    ----------
+    number : int
+        Index of the frame in the monitor's stream, from 0 on; skipped ones count.
+    verdict : 'authentic', 'no_trace', 'tampered', 'undecidable' or 'skipped'
+        ``tampered`` if watermark or forensics say so; ``undecidable`` if the cameras alone do,
+        which accuse too many clean frames to decide. ``authentic`` rests on the watermark alone. A
+        frame without one is at best ``no_trace``.
+    reason : str
+    witnesses : mapping of str to WitnessReport
+        ``watermark``, ``cross-modal``, ``forensics``.
+    attack : str
+        Type, one of `ATTACK_TYPES`, by the witness that knows most of it: cameras, then forensics,
+        then the watermark; empty where none was located.
+    boxes : tuple of Box
+        Where, in the LiDAR's frame, by all witnesses that accuse. The watermark knows sectors.
+    risk : Risk
+        By the gravest of what these witnesses saw.
+    seconds : float
+        From receiving the frame to this verdict.
+    is_late : bool
+        It took longer than the budget.
+    cross_modal : CrossModalResult, SurroundResult or None
+        The second of a monitor with several pairs.
+    watermark : WatermarkResult or None
+    forensics : Inspection or None
+    """
+
+    number: int
+    verdict: str
+    reason: str
+    witnesses: Mapping[str, WitnessReport]
+    attack: str
+    boxes: tuple[Box, ...]
+    risk: Risk
+    seconds: float
+    is_late: bool
+    cross_modal: CrossModalResult | SurroundResult | None = field(default=None, repr=False)
+    watermark: WatermarkResult | None = field(default=None, repr=False)
+    forensics: Inspection | None = field(default=None, repr=False)
+
+    def brief(self) -> Alert:
+        """Return the alert without scans, maps and points, of which a whole drive fits in memory.
+
+        The tiles of a watermark that holds are left out, too.
+
+        Examples
+        --------
+        >>> AlertMonitor().skip("too late").brief().verdict
+        'skipped'
+        """
+        kept = self.watermark
+        if kept is not None:
+            tiles = () if kept.verdict == "authentic" else kept.tiles
+            kept = replace(
+                kept, scan=None, tiles=tiles, regions=(), suspected=np.empty(0, np.int64)
+            )
+        return replace(self, cross_modal=None, watermark=kept, forensics=None)
+
+    def record(self) -> dict[str, Any]:
+        """Return the alert without maps, ready for JSON; the watermark's with its tiles."""
+        return {
+            "frame": self.number,
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "attack": self.attack,
+            "witnesses": {name: each.record() for name, each in self.witnesses.items()},
+            "boxes": [
+                {"label": b.label, "center": list(b.center), "size": list(b.size), "yaw": b.yaw}
+                for b in self.boxes
+            ],
+            "risk": self.risk.record(),
+            "seconds": self.seconds,
+            "is_late": self.is_late,
+            "cross_modal": None if self.cross_modal is None else self.cross_modal.record(),
+            "watermark": None if self.watermark is None else self.watermark.record(),
+        }
+
+
+@dataclass(frozen=True)
+class AlertCounts:
+    """Counts and times of a monitor so far.
+
+    Attributes
+    ----------
+    frames : int
+        All that arrived.
+    verdicts : mapping of str to int
+        ``skipped`` counts frames that no witness saw.
+    skipped : mapping of str to int
+        By witness: frames in which it had no time, or was not due. Of several stereo pairs also
+        each by itself, as ``cross-modal NAME``.
+    late : int
+        Frames whose verdict took longer than the budget.
+    slowest_s : float
+    mean_s : float
+        Over the frames that were judged.
+    """
+
+    frames: int
+    verdicts: Mapping[str, int]
+    skipped: Mapping[str, int]
+    late: int
+    slowest_s: float
+    mean_s: float
+
+    def record(self) -> dict[str, Any]:
+        """Return the fields, ready for JSON."""
+        return {
+            "frames": self.frames,
+            "verdicts": dict(self.verdicts),
+            "skipped": dict(self.skipped),
+            "late": self.late,
+            "slowest_s": self.slowest_s,
+            "mean_s": self.mean_s,
+        }
+
+
+def joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, str]:
+    """One verdict: watermark and forensics accuse, cameras doubt, the watermark alone clears."""
+    for name in ("watermark", "forensics"):
+        if told[name].verdict == "tampered":
+            return "tampered", f"{name}: {told[name].reason}"
+    if told["cross-modal"].verdict == "tampered":
+        reason = f"cross-modal: {told['cross-modal'].reason}; cameras accuse clean frames too"
+        return "undecidable", f"{reason}, so another witness has to agree"
+    sworn = told["watermark"]
+    if has_key:
+        return sworn.verdict, f"watermark: {sworn.reason}"
+    for name in ("cross-modal", "forensics"):
+        if told[name].verdict == "no_trace":
+            return "no_trace", f"{name}: {told[name].reason}"
+    for name in ("cross-modal", "forensics"):
+        if told[name].verdict in ("undecidable", "processed"):
+            return "undecidable", f"{name}: {told[name].reason}"
+    return "undecidable", "no witness has seen this frame"
