@@ -12,11 +12,12 @@
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/rgbd_frame.hpp"
 #include "manip3d/modify/limb_fit.hpp"
+#include "modify/body_plane.hpp"
 #include "modify/border_memory.hpp"
 #include "modify/frame_clock.hpp"
 #include "modify/girth.hpp"
+#include "modify/held_phantom.hpp"
 #include "modify/joint_offset.hpp"
-#include "modify/leg_turn.hpp"
 #include "modify/limb_evidence.hpp"
 #include "modify/loose_cloth.hpp"
 #include "modify/patient.hpp"
@@ -26,9 +27,6 @@
 #include "modify/stature.hpp"
 #include "modify/stopped_joints.hpp"
 #include "modify/surroundings.hpp"
-#include "modify/trunk_tracker.hpp"
-#include "modify/upright.hpp"
-#include "modify/vertical.hpp"
 
 namespace manip3d {
 namespace {
@@ -66,46 +64,6 @@ class StageClock {
   Clock::time_point last_ = Clock::now();
 };
 
-/// The rigid motion that takes the body from the place of one frame to that of another.
-class BodyMotion {
- public:
-  BodyMotion(const BodyFrame& from, const BodyFrame& to) {
-    Eigen::Matrix3d a, b;
-    a << from.n, from.y, from.z;
-    b << to.n, to.y, to.z;
-    const Eigen::Matrix3d rotation = b * a.transpose();
-    rotation_ = rotation.cast<float>();
-    translation_ = (to.origin - rotation * from.origin).cast<float>();
-  }
-  [[nodiscard]] Eigen::Vector3f operator()(const Eigen::Vector3f& p) const {
-    return rotation_ * p + translation_;
-  }
-  void move(const std::vector<MirroredPoint>& from, std::vector<MirroredPoint>& to) const {
-    to.assign(from.begin(), from.end());
-    for (MirroredPoint& point : to) {
-      const Eigen::Vector3f p = (*this)(Eigen::Vector3f(point.x, point.y, point.z));
-      point.x = p.x(), point.y = p.y(), point.z = p.z();
-    }
-  }
-
- private:
-  Eigen::Matrix3f rotation_;
-  Eigen::Vector3f translation_;
-};
-
-/// The mirrored points of a limb, and those for the gap around its root.
-struct MirroredLimb {
-  std::vector<MirroredPoint> limb, root;
-  void reserve(std::size_t num_pixels) {
-    limb.reserve(num_pixels);
-    root.reserve(num_pixels);
-  }
-  void clear() {
-    limb.clear();
-    root.clear();
-  }
-};
-
 /// Measures how much farther the end of the phantom moves in a frame than that of the intact limb.
 class LeapMeter {
  public:
@@ -136,7 +94,7 @@ class LeapMeter {
 class PhantomPipeline::Workspace {
  public:
   explicit Workspace(const PhantomOptions& options)
-      : options_(options), patient_(options), trunk_(options.affected), legs_(options.affected) {
+      : options_(options), patient_(options), plane_(options) {
     check_all_options(options);
   }
 
@@ -173,7 +131,7 @@ class PhantomPipeline::Workspace {
       if (now.is_here) look_for_limb(*now.person, *fitted, image);
       taken = remove(*fitted, input, image, report);
     }
-    report.plane = frame_;
+    report.plane = plane_.frame();
     stages.end(PhantomStage::kRemoval);
     decide_state(now, *fitted, time_s, image, report);
     const Shown shown = mirror(*now.person, *fitted, input, image, report);
@@ -222,30 +180,25 @@ class PhantomPipeline::Workspace {
 
   void start_anew() {
     patient_.reset();
-    vertical_.reset();
-    upright_.reset();
+    plane_.forget_down();
     forget_person();
   }
 
   void forget_person() {
     inferred_.reset();
     presence_.reset();
-    trunk_.reset();
+    plane_.forget_person();
     girth_.reset();
     stature_.reset();
     offset_.reset();
     stopped_.reset();
-    legs_.reset();
-    trunk_frame_.reset();
-    frame_.reset();
     leap_.reset();
     forget_phantom();
   }
 
   void forget_phantom() {
-    held_.reset();
+    held_.forget();
     border_.forget();
-    last_mirrored_s_ = -kInfinity;
   }
 
   void follow_camera(const Intrinsics& camera) {
@@ -257,8 +210,7 @@ class PhantomPipeline::Workspace {
     vertex_of_.resize(size);
     source_depth_.resize(size);
     removal_.resize(size);
-    mirrored_.reserve(size);
-    moved_.reserve(size);
+    held_.reserve(size);
     fills_.reserve(size);
     border_.reserve(size);
     picture_.reserve(camera.height, camera.width);
@@ -267,8 +219,7 @@ class PhantomPipeline::Workspace {
     stopped_.reset();
     stature_.reset();
     offset_.reset();
-    vertical_.reset();
-    upright_.reset();
+    plane_.forget_down();
     leap_.reset();
     forget_phantom();
   }
@@ -281,8 +232,9 @@ class PhantomPipeline::Workspace {
   /// Who the patient is in this frame. If it may be somebody else, all that was learnt is
   /// forgotten.
   PatientFrame find_patient(const PhantomInput& input, double time_s) {
-    const BodyFrame* frame = frame_ && follows_trunk() ? &*frame_ : nullptr;
-    const PatientFrame now = patient_.find(input, rays_, frame, time_s);
+    const auto& frame = plane_.frame();
+    const PatientFrame now =
+        patient_.find(input, rays_, frame && plane_.follows_trunk() ? &*frame : nullptr, time_s);
     if (now.is_new) forget_person();
     return now;
   }
@@ -340,7 +292,7 @@ class PhantomPipeline::Workspace {
     const Skeleton& person = *now.person;
     const Skeleton believed = goes_by_skin() ? without_unseen_limb(person, input) : person;
     find_person(input.depth, input.body_index, believed, rays_, options_.mask, points_);
-    if (now.is_here) look_for_floor(person, input);
+    if (now.is_here) plane_.look_for_floor(person, input, rays_, clock_.seconds());
     if (input.body_index == nullptr && goes_by_skin()) leave_surroundings(believed, input);
     return goes_by_skin() ? fit_limbs(believed, points_, girth_.trunk()) : believed;
   }
@@ -349,27 +301,15 @@ class PhantomPipeline::Workspace {
   void leave_surroundings(const Skeleton& person, const PhantomInput& input) {
     const bool has_points = points_.count > 0;
     drop_surroundings(input.depth, bones_of(person), options_.affected, static_cast<float>(flesh()),
-                      floor_under(person), points_, vertex_of_);
+                      plane_.floor_under(person), points_, vertex_of_);
     is_beside_all_ = has_points && points_.count == 0;
-  }
-
-  /// The floor, unless a tracked foot is well below it: then it is a table or a bed.
-  [[nodiscard]] std::optional<FloorPlane> floor_under(const Skeleton& person) const {
-    constexpr float kFootIsOff = 0.12F;  // metres
-    using enum Joint;
-    const auto& floor = vertical_.floor();
-    if (!floor) return std::nullopt;
-    for (const Joint joint : {kAnkleLeft, kAnkleRight, kFootLeft, kFootRight}) {
-      if (person.state(joint) != TrackingState::kTracked || !is_usable(person, joint)) continue;
-      if (floor->normal.dot(person[joint]) > floor->height + kFootIsOff) return std::nullopt;
-    }
-    return floor;
   }
 
   [[nodiscard]] BoneSegments bones_of(const Skeleton& person) const {
     const BoneRule rule = options_.segmentation;
-    return frame_ ? body_bones(person, rule, options_.affected, mirror_, girth_.trunk())
-                  : body_bones(person, rule, girth_.trunk());
+    return plane_.frame()
+               ? body_bones(person, rule, options_.affected, plane_.mirror(), girth_.trunk())
+               : body_bones(person, rule, girth_.trunk());
   }
 
   /// The person without joints of the affected limb that the picture refutes: bones to them would
@@ -383,27 +323,20 @@ class PhantomPipeline::Workspace {
         may_have_limb(person, affected, input.depth, input.body_index, projector)) {
       return person;
     }
-    Skeleton result = person;
-    for_each_phantom_joint([&](std::size_t joint) {
-      result.states[joint] = TrackingState::kNotTracked;
-      result.positions[joint].setZero();
-    });
-    return result;
+    return without_limb(person, affected);
   }
 
   void segment(const PatientFrame& now, const std::optional<Skeleton>& fitted,
                const PhantomInput& input, const PhantomImage& image, PhantomReport& report) {
     if (fitted) {
-      update_frame(now, *fitted, input);
+      const Skeleton* raw = now.is_here && !stopped_.are_stopped() ? &now.raw : nullptr;
+      plane_.update(raw, *fitted, offset_, input, rays_, clock_.seconds());
       segment_by_bones(*fitted);
-      if (follows_trunk()) {
-        trunk_.learn(points_, input.depth, rays_, input.camera);
-        if (const auto learnt = trunk_.frame()) set_frame(*learnt);
-      }
+      plane_.learn_surface(points_, input, rays_);
     }
     draw_person(points_, image);
     report.num_person = points_.count;
-    if (follows_trunk()) report.quality.plane_deg = trunk_.deviation_deg();
+    if (plane_.follows_trunk()) report.quality.plane_deg = plane_.deviation_deg();
   }
 
   /// Gives each point its bone, and learns the girth of the trunk. Bones depend on the girth: in
@@ -422,72 +355,23 @@ class PhantomPipeline::Workspace {
     girth_.settle();
   }
 
-  [[nodiscard]] bool follows_trunk() const {
-    return options_.plane == PlaneRule::kTrunk && options_.mode == MirrorMode::kReflection;
-  }
-
-  /// The axes of the body; those of the last frame where they cannot be told.
-  void update_frame(const PatientFrame& now, const Skeleton& person, const PhantomInput& input) {
-    const Skeleton* raw = now.is_here && !stopped_.are_stopped() ? &now.raw : nullptr;
-    trunk_.set_offset(offset_.shared());
-    const auto frame = follows_trunk()
-                           ? trunk_.update(raw, input.depth, rays_, input.camera, clock_.seconds())
-                           : body_frame(person, options_.affected);
-    if (frame) {
-      set_frame(*frame);
-    } else if (trunk_frame_) {
-      const Joint origin = is_arm(options_.affected) ? Joint::kSpineMid : Joint::kSpineBase;
-      const bool seen = is_usable(person, origin) && person[origin].z() > 0.1F;
-      if (seen) trunk_frame_->origin = person[origin].cast<double>();
-      set_frame(*trunk_frame_);
-    }
-  }
-
-  void look_for_floor(const Skeleton& person, const PhantomInput& input) {
-    const bool is_asked =
-        input.body_index == nullptr || (follows_trunk() && !is_arm(options_.affected));
-    if (!is_asked || !is_usable(person, Joint::kSpineBase)) return;
-    vertical_.learn(input.depth, input.body_index, rays_, person[Joint::kSpineBase]);
-    if (is_arm(options_.affected)) return;
-    if (vertical_.is_known()) {
-      trunk_.set_down(vertical_.down());
-    } else {
-      upright_.learn(person, options_.affected, clock_.seconds());
-      trunk_.set_down(upright_.down(), upright_.covariance());
-    }
-  }
-
-  void set_frame(const BodyFrame& trunk) {
-    trunk_frame_ = trunk;
-    frame_ = legs_.of(trunk);
-    mirror_ = make_mirror(*frame_, options_.mode);
-  }
-
-  /// Turns the plane by what a person's two legs show, if the person has both.
-  void follow_legs(const Skeleton& person) {
-    if (!follows_trunk() || !goes_by_skin() || is_arm(options_.affected) || !trunk_frame_) return;
-    if (presence_.is_there()) {
-      legs_.learn(points_, person, *trunk_frame_);
-    } else {
-      legs_.forget();
-    }
-    set_frame(*trunk_frame_);
-  }
-
   /// Region to search for an empty sleeve or leg of trousers; none for a person who has the limb.
   [[nodiscard]] std::optional<ClothSearch> cloth_search(const Skeleton& person) const {
     const Limb affected = options_.affected, intact = opposite(affected);
-    if (presence_.is_there() || !frame_ || !is_usable(person, limb_root(intact))) {
+    if (presence_.is_there() || !plane_.frame() || !is_usable(person, limb_root(intact))) {
       return std::nullopt;
     }
     if (options_.mode != MirrorMode::kReflection) return std::nullopt;  // others keep no distances
     const Eigen::Vector3f root =
         is_usable(person, limb_root(affected))
             ? person[limb_root(affected)]
-            : mirror_(person[limb_root(intact)].cast<double>()).cast<float>();
-    return ClothSearch{
-        affected, root,   limb_length(person, intact), static_cast<float>(camera_->fx),
-        *frame_,  mirror_};
+            : plane_.mirror()(person[limb_root(intact)].cast<double>()).cast<float>();
+    return ClothSearch{affected,
+                       root,
+                       limb_length(person, intact),
+                       static_cast<float>(camera_->fx),
+                       *plane_.frame(),
+                       plane_.mirror()};
   }
 
   /// Do the joints belong to the depth image?
@@ -527,14 +411,7 @@ class PhantomPipeline::Workspace {
   /// Has the person the affected limb, and what does it tell of the plane?
   void look_for_limb(const Skeleton& person, const Skeleton& fitted, const PhantomImage& image) {
     presence_.add(person, options_.affected, PixelProjector(*camera_, rays_), image);
-    follow_legs(fitted);
-  }
-
-  /// Is the plane known well enough to say which leg is on its left?
-  [[nodiscard]] bool tells_legs_apart() const {
-    constexpr double kMostDeg = 10.0;  // a knee then is off by half of its width
-    const bool is_asked = !is_arm(options_.affected) && goes_by_skin() && follows_trunk();
-    return is_asked && frame_ && trunk_.deviation_deg() < kMostDeg;
+    plane_.follow_legs(points_, fitted, presence_.is_there());
   }
 
   struct TakenOut {
@@ -547,10 +424,10 @@ class PhantomPipeline::Workspace {
                   PhantomReport& report) {
     const Limb affected = options_.affected;
     TakenOut taken;
-    if (tells_legs_apart()) {
+    if (plane_.tells_legs_apart()) {
       const bool is_there = presence_.is_there();
       const std::int64_t num_given =
-          keep_to_side(affected, is_there, bones_, *frame_, points_, image, vertex_of_);
+          keep_to_side(affected, is_there, bones_, *plane_.frame(), points_, image, vertex_of_);
       if (is_there) taken.num_given = num_given;
     }
     report.num_removed = remove_limb(points_, affected, removal_radius(), flesh(), image);
@@ -578,7 +455,7 @@ class PhantomPipeline::Workspace {
       report.reason = PhantomReason::kNoPerson;
     } else if (stopped_.are_stopped()) {
       report.reason = PhantomReason::kStopped;
-    } else if (!frame_) {
+    } else if (!plane_.frame()) {
       report.reason = PhantomReason::kNoPlane;
     } else if (guessed > options_.inferred_seconds) {
       report.reason = PhantomReason::kInferred;
@@ -595,20 +472,13 @@ class PhantomPipeline::Workspace {
     if (report.reason == PhantomReason::kNone) {
       report.state = PhantomState::kTracking;
       report.opacity = 1.0;
-      last_mirrored_s_ = time_s;
       return;
     }
-    const double age = time_s - last_mirrored_s_;
-    // A phantom at the wrong place is not held there.
-    const bool is_misplaced = held_ && held_->is_misplaced;
-    if (!held_ || !frame_ || is_misplaced ||
-        !(age <= options_.hold_seconds + options_.fade_seconds)) {
-      forget_phantom();
-      return;  // kLost
-    }
-    const double faded = std::max(0.0, age - options_.hold_seconds);
-    report.state = faded > 0.0 ? PhantomState::kFading : PhantomState::kHolding;
-    report.opacity = faded > 0.0 ? 1.0 - faded / options_.fade_seconds : 1.0;
+    const HeldPhantom::Fate fate =
+        plane_.frame() ? held_.fate(options_, time_s) : HeldPhantom::Fate{};
+    if (fate.state == PhantomState::kLost) forget_phantom();
+    report.state = fate.state;
+    report.opacity = fate.opacity;
   }
 
   /// Measures what was drawn. A phantom beyond a limit of PhantomQuality is kDegraded.
@@ -619,8 +489,8 @@ class PhantomPipeline::Workspace {
       return;
     }
     const Limb affected = options_.affected;
-    picture_.measure(points_, taken.num_given, report.skeleton, bones_, girth_, *frame_, box,
-                     options_, rays_, image, report.quality);
+    picture_.measure(points_, taken.num_given, report.skeleton, bones_, girth_, *plane_.frame(),
+                     box, options_, rays_, image, report.quality);
     if (taken.cloth) {
       const PixelProjector projector(*camera_, rays_);
       report.quality.cloth = share_of_unseen_cloth(points_, *taken.cloth, projector, image);
@@ -628,7 +498,9 @@ class PhantomPipeline::Workspace {
     const Joint end = limb_chain(affected)[kNumMainJoints - 1];
     const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];
     report.quality.leap = leap_.add(report.skeleton[end], person[intact_end], time_s);
-    if (follows_trunk() && !is_arm(affected)) report.quality.across = deviation_across(person);
+    if (plane_.follows_trunk() && !is_arm(affected)) {
+      report.quality.across = plane_.deviation_across(person);
+    }
     report.reason = worst_of(affected, girth_, stature_, offset_, report.quality);
     if (report.reason != PhantomReason::kCalibration && report.reason != PhantomReason::kOccluded &&
         patient_.has_feet_backwards()) {
@@ -636,25 +508,8 @@ class PhantomPipeline::Workspace {
     }
     if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;
     using enum PhantomReason;
-    held_->is_misplaced =
-        report.reason == kShaky || report.reason == kLeap || report.reason == kDetached;
-  }
-
-  /// The largest standard deviation of an intact joint's distance from the plane, metres, among the
-  /// joints so near to the plane that they may be on its other side.
-  [[nodiscard]] double deviation_across(const Skeleton& person) const {
-    constexpr double kSure = 2.0;  // standard deviations
-    const Limb intact = opposite(options_.affected);
-    const double left = limb_root(intact) == Joint::kHipLeft ? 1.0 : -1.0;
-    double worst = 0.0;
-    for (const Joint joint : limb_chain(intact).subspan(1)) {
-      if (!is_usable(person, joint)) continue;
-      const Eigen::Vector3d p = person[joint].cast<double>();
-      const double deviation = trunk_.deviation_at(p, *frame_);
-      const double distance = left * frame_->n.dot(p - frame_->origin);
-      if (distance < kSure * deviation) worst = std::max(worst, deviation);
-    }
-    return worst;
+    held_.set_misplaced(report.reason == kShaky || report.reason == kLeap ||
+                        report.reason == kDetached);
   }
 
   /// The phantom as it is drawn in this frame.
@@ -666,34 +521,33 @@ class PhantomPipeline::Workspace {
   /// Mirrors the intact limb, or moves the last phantom with the body, and draws it.
   Shown mirror(const Skeleton& person, const Skeleton& fitted, const PhantomInput& input,
                const PhantomImage& image, PhantomReport& report) {
-    moved_.clear();
-    if (report.state == PhantomState::kLost) return {moved_, {}};
-    const bool is_held = report.state != PhantomState::kTracking;
-    if (is_held) {
-      const BodyMotion motion(held_->frame, *frame_);
-      motion.move(mirrored_.limb, moved_.limb);
-      motion.move(mirrored_.root, moved_.root);
+    static const MirroredLimb kNothing;
+    if (report.state == PhantomState::kLost) return {kNothing, {}};
+    const MirroredLimb* points = &held_.points();
+    if (report.state == PhantomState::kTracking) {
+      mirror_intact_limb(fitted, image, held_.points());
+      const BodyFrame& frame = *plane_.frame();
+      held_.keep(frame, with_mirrored_limb(person, options_.affected, frame, plane_.mirror()),
+                 input.number, clock_.seconds());
     } else {
-      mirror_intact_limb(fitted, image);
-      held_ = Held{*frame_, with_mirrored_limb(person, options_.affected, *frame_, mirror_),
-                   input.number, false};
+      points = &held_.moved_to(*plane_.frame());
     }
-    report.texture_number = held_->number;
-    report.num_mirrored = static_cast<std::int64_t>(mirrored_.limb.size());
-    report.num_away = std::ranges::count(mirrored_.limb, false, &MirroredPoint::faces_camera);
-    const MirroredLimb& points = is_held ? moved_ : mirrored_;
-    return {points,
-            write_phantom(points.limb, options_.affected, PixelProjector(*camera_, rays_), image)};
+    report.texture_number = held_.number();
+    report.num_mirrored = static_cast<std::int64_t>(points->limb.size());
+    report.num_away = std::ranges::count(points->limb, false, &MirroredPoint::faces_camera);
+    return {*points,
+            write_phantom(points->limb, options_.affected, PixelProjector(*camera_, rays_), image)};
   }
 
-  void mirror_intact_limb(const Skeleton& fitted, const PhantomImage& image) {
+  void mirror_intact_limb(const Skeleton& fitted, const PhantomImage& image,
+                          MirroredLimb& mirrored) const {
     const Limb intact = opposite(options_.affected);
-    mirror_limb(points_, intact, radius(), flesh(), rays_, mirror_, image, mirrored_.limb);
-    mirrored_.root.clear();
+    mirror_limb(points_, intact, radius(), flesh(), rays_, plane_.mirror(), image, mirrored.limb);
+    mirrored.root.clear();
     if (!(options_.root_radius > 0.0) || !is_usable(fitted, limb_root(intact))) return;
     const BoneSet behind = goes_by_skin() ? bones_behind(options_.affected) : BoneSet{};
-    mirror_around_root(points_, fitted[limb_root(intact)], options_.root_radius, *frame_, mirror_,
-                       behind, image, mirrored_.root);
+    mirror_around_root(points_, fitted[limb_root(intact)], options_.root_radius, *plane_.frame(),
+                       plane_.mirror(), behind, image, mirrored.root);
   }
 
   /// Closes the phantom: bridges between mirrored points that were neighbours, the filling of its
@@ -737,52 +591,16 @@ class PhantomPipeline::Workspace {
   /// near to the intact leg's skin are mirrored as its flesh; the affected leg's are taken as near
   /// to the phantom's skin. Only persons who have the leg have such points.
   std::int64_t fill_from_own_limb(const PhantomImage& image) const {
-    if (options_.keep_residual || !follows_trunk() || !goes_by_skin()) return 0;
+    if (options_.keep_residual || !plane_.follows_trunk() || !goes_by_skin()) return 0;
     if (is_arm(options_.affected) || !presence_.is_there()) return 0;
-    return fill_from_limb(points_, options_.affected, bones_, mirror_, flesh(), image);
-  }
-
-  /// Calls use(joint) for the joints that the phantom replaces.
-  template <typename Use>
-  void for_each_phantom_joint(const Use& use) const {
-    for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
-      if (is_limb_bone(options_.affected, joint)) use(joint);
-    }
+    return fill_from_limb(points_, options_.affected, bones_, plane_.mirror(), flesh(), image);
   }
 
   [[nodiscard]] Skeleton phantom_skeleton(const Skeleton& person, PhantomState state) const {
-    Skeleton result = person;
-    if (state == PhantomState::kLost) {
-      for_each_phantom_joint([&](std::size_t joint) {
-        result.states[joint] = TrackingState::kNotTracked;
-        result.positions[joint].setZero();
-        result.orientations[joint] = {};
-      });
-      return result;
-    }
-    const BodyMotion motion(held_->frame, *frame_);
-    const auto take = [&](std::size_t joint) {
-      const Skeleton& held = held_->skeleton;
-      result.states[joint] = held.states[joint];
-      result.positions[joint] = held.positions[joint];
-      result.orientations[joint] = held.orientations[joint];
-      if (state == PhantomState::kTracking || held.states[joint] == TrackingState::kNotTracked) {
-        return;
-      }
-      result.states[joint] = TrackingState::kInferred;
-      result.positions[joint] = motion(held.positions[joint]);
-    };
-    take(static_cast<std::size_t>(limb_root(options_.affected)));
-    for_each_phantom_joint(take);
-    return result;
+    if (state == PhantomState::kLost) return without_limb(person, options_.affected);
+    return held_.skeleton(person, options_.affected, *plane_.frame(),
+                          state == PhantomState::kTracking);
   }
-
-  struct Held {
-    BodyFrame frame;    ///< The body's frame when the intact limb was last seen.
-    Skeleton skeleton;  ///< With the phantom's joints.
-    std::int64_t number = 0;
-    bool is_misplaced = false;
-  };
 
   PhantomOptions options_;
   FrameClock clock_;
@@ -793,22 +611,14 @@ class PhantomPipeline::Workspace {
   // Learnt of the person over the frames.
   LimbPresence presence_;
   InferredClock inferred_;
-  TrunkTracker trunk_;
+  BodyPlane plane_;
   Girth girth_;
   Stature stature_;
   JointOffset offset_;
   StoppedJoints stopped_;
-  Vertical vertical_;
-  Upright upright_;
-  LegTurn legs_;
-  std::optional<BodyFrame> trunk_frame_;
-  std::optional<BodyFrame> frame_;  ///< `trunk_frame_` with the turn of the legs.
-  Mirror mirror_;                   ///< At `frame_`.
 
-  // The phantom that is held while the intact limb cannot be mirrored.
-  std::optional<Held> held_;
-  MirroredLimb mirrored_;  ///< The phantom's points when the limb was last mirrored.
-  double last_mirrored_s_ = -kInfinity;
+  // The phantom over the frames.
+  HeldPhantom held_;
   BorderMemory border_;
   LeapMeter leap_;
 
@@ -816,7 +626,6 @@ class PhantomPipeline::Workspace {
   bool is_beside_all_ = false;  ///< No measured point is near the joints.
   BoneSegments bones_;
   PersonPoints points_;
-  MirroredLimb moved_;
   std::vector<HoleFill> fills_;
   std::vector<std::int32_t> vertex_of_;
   std::vector<float> source_depth_;
