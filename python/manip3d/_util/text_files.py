@@ -8,12 +8,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
+from typing import TYPE_CHECKING, Any
 
 from manip3d._util.regular_files import limited_bytes
 from manip3d.errors import FormatError, MissingExtraError
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 MOST_BYTES = 16 << 20
 # PyYAML takes about a second for this much.
@@ -43,6 +44,9 @@ def parse_xml_bytes(
 
     Every 65,536 elements ``look`` is called, which may end the reading.
     """
+    from xml.etree.ElementTree import TreeBuilder
+    from xml.parsers import expat
+
     builder = TreeBuilder()
     parser = expat.ParserCreate()
     depth = num_elements = 0

@@ -20,12 +20,10 @@ from manip3d.authenticate._carriers import ALLOWED, without_bits
 from manip3d.authenticate._generic import consistency_allowing, generic_consistency
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._lattice_estimate import estimate_lattice
-from manip3d.authenticate._paper_watermark import embed_paper, noise_blocks
 from manip3d.authenticate._reflectance import reflectance_consistency, why_not_judged
 from manip3d.authenticate._sensors import HDL64E, is_hdl64e
 from manip3d.authenticate._turns import turn_consistency
 from manip3d.authenticate._verdict import NO_POWER, Power, binomial_tail, rate_of
-from manip3d.authenticate._watermark_files import drive_scans
 from manip3d.errors import InputError
 from manip3d.io import read_scan
 from manip3d.io._scan_files import scan_paths
@@ -512,6 +510,8 @@ def _scans_of(given: LidarFrame | str | os.PathLike[str]) -> list[LidarFrame | P
     path = path_of(given, "frames")
     if not path.is_dir():
         return [path]
+    from manip3d.authenticate._watermark_files import drive_scans
+
     return [*scan_paths(path)] or [*drive_scans(path)]
 
 
@@ -590,6 +590,8 @@ def _marked(points: Points, embedding: str, random: np.random.Generator) -> Poin
     """The points with bits, and what a verifier makes of them."""
     if not embedding:
         return points
+    from manip3d.authenticate._paper_watermark import embed_paper, noise_blocks
+
     sent = embed_paper(points, noise_blocks(random), embedding=embedding).frame.points
     return without_bits(sent, embedding)
 

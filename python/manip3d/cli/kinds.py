@@ -7,10 +7,15 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from manip3d.errors import InputError
-from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_color_png
 from manip3d.io._elsewhere import scan_advice
 from manip3d.io._remote import named_beside, reads_beside
-from manip3d.io._scan_files import FOLDER_SUFFIXES, are_points_only, holds_points, ply_elements
+from manip3d.io._scan_files import (
+    FOLDER_SUFFIXES,
+    SCAN_SUFFIXES,
+    are_points_only,
+    holds_points,
+    ply_elements,
+)
 from manip3d.io._utd_mhad import DEPTH_ENDING as TRIAL
 from manip3d.io._utd_mhad import trial_at
 
@@ -100,10 +105,12 @@ def kind_of(source: str) -> str:
         return "recording"
     if suffix == ".ply":
         return _kind_of_ply(path)
-    if suffix in READABLE and suffix not in SCAN_SUFFIXES:
-        return "mesh"
     if suffix in SCAN_SUFFIXES and (suffix not in (".npy", ".npz") or holds_points(path)):
         return "scan"
+    from manip3d.io import DEPTH_SUFFIXES, READABLE, is_color_png  # with all readers of meshes
+
+    if suffix in READABLE and suffix not in SCAN_SUFFIXES:
+        return "mesh"
     if path.name.endswith(".truth.npz"):
         return "truth"
     if suffix in DEPTH_SUFFIXES:
@@ -194,6 +201,8 @@ def _kind_of_ply(path: Path) -> str:
 
 def shown_suffixes() -> tuple[str, ...]:
     """Return the suffixes of files that info and view take from a folder."""
+    from manip3d.io import DEPTH_SUFFIXES, READABLE
+
     return (*READABLE, *FOLDER_SUFFIXES, *DEPTH_SUFFIXES, *_RECORDINGS)
 
 
@@ -214,6 +223,8 @@ def written_recordings() -> tuple[str, ...]:
 
 def converted_suffixes() -> tuple[str, ...]:
     """Return the suffixes of meshes and scans."""
+    from manip3d.io import READABLE
+
     return (*READABLE, *FOLDER_SUFFIXES)
 
 
@@ -223,6 +234,8 @@ def own_sources(files: list[SourceFile]) -> list[SourceFile]:
     The ``.bin`` of a glTF file is no scan, a texture of 16 bits is no depth image, and the truth of
     a forgery (``OUT.truth.npz``) is neither. What a user names, or what a pattern matches, stays.
     """
+    from manip3d.io import READABLE
+
     files = [file for file in files if file.is_named or not file.name.endswith(".truth.npz")]
     doubtful = [f for f in files if not f.is_named and _suffix_of(f.name) not in READABLE]
     folders = {folder for file in doubtful for folder in _folders_above(file.name)}

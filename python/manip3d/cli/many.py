@@ -10,7 +10,6 @@ import copy
 import functools
 import importlib
 import inspect
-import multiprocessing
 import os
 import sys
 from collections import Counter
@@ -523,6 +522,8 @@ def on_file(
 
     A file of a folder that is of a kind the verb does not take is not an error: its row says so.
     """
+    import multiprocessing
+
     if multiprocessing.parent_process() is not None:  # a worker's
         start_messages()
     function = inspect.unwrap(getattr(importlib.import_module(module), verb))

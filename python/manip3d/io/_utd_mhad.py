@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d.errors import FormatError
-from manip3d.io._depth_files import read_depth
 from manip3d.io._files import limited_bytes
 
 if TYPE_CHECKING:
@@ -178,6 +177,8 @@ def _png_trial(
 
     The table has a row for each joint: frame, joint, name, x, y, z.
     """
+    from manip3d.io._depth_files import read_depth
+
     paths = sorted(folder.glob("depth_*.png"))
     for index, path in enumerate(paths):
         if path.name != f"depth_{index:04d}.png":
