@@ -26,6 +26,7 @@ from manip3d.authenticate import (
     SensorLattice,
     _inspect,
     _sensors,
+    _standpoint,
     combined_verdict,
     kitti_lattice,
 )
@@ -175,7 +176,7 @@ def test_scans_in_other_axes_are_named(name: str, monkeypatch: pytest.MonkeyPatc
     """They need no search for the scanner's place, which takes long and finds none."""
     points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
     turned = np.column_stack([sign * points[:, column] for column, sign in TURNED[name]])
-    monkeypatch.setattr("manip3d.authenticate._inspect.estimate_origin", None)
+    monkeypatch.setattr("manip3d.authenticate._standpoint.estimate_origin", None)
     for origin, sensor in ((None, "auto"), ((0.0, 0.0, 0.0), "lattice")):
         found = authenticate.inspect(turned.astype(np.float32), origin=origin, sensor=sensor)
         assert found.verdict == "processed"
@@ -195,7 +196,7 @@ def test_scans_in_other_units_are_named(
 ) -> None:
     """Their coordinates are whole numbers of many steps, which nobody has rounded them to."""
     points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
-    monkeypatch.setattr("manip3d.authenticate._inspect.estimate_origin", None)
+    monkeypatch.setattr("manip3d.authenticate._standpoint.estimate_origin", None)
     found = authenticate.inspect((points * a_metre).astype(np.float32))
     assert found.verdict == "processed"
     assert found.processing == (Processing("scaled", f"coordinates are in {unit}"),)
@@ -1073,7 +1074,7 @@ def test_a_scan_around_the_origin_is_identified_once(
         asked.append(scan)
         return identify_and_read(scan, **options)
 
-    monkeypatch.setattr(_inspect, "identify_and_read", identify)
+    monkeypatch.setattr(_standpoint, "identify_and_read", identify)
     scan = LidarFrame(CAVE[: len(CAVE) // 6] + np.float32(place))
     found = authenticate.inspect(scan)
     assert found.verdict == "no_trace"
@@ -1095,7 +1096,7 @@ def test_a_grid_around_the_origin_is_looked_for_once(monkeypatch: pytest.MonkeyP
         asked.append(options["known"])
         return authenticate.estimate_origin(scan, **options)
 
-    for module in (_inspect, _sensors):
+    for module in (_inspect, _standpoint, _sensors):
         monkeypatch.setattr(module, "estimate_origin", ask)
     place, here = (1.0, 2.0, 3.0), (0.0, 0.0, 0.0)
     two = np.concatenate([AHEAD, AHEAD + np.float32([2.0, 1.0, 0.3])])

@@ -18,9 +18,9 @@ from cave_scans import CAVE, ball, cave
 from manip3d import InputError, LidarFrame, forge
 from manip3d.authenticate import (
     OriginEstimate,
-    _inspect,
     _origin,
     _sensors,
+    _standpoint,
     density_consistency,
     estimate_origin,
     inspect,
@@ -326,7 +326,7 @@ def test_a_scan_on_a_map_tells_where_it_was_taken(
         looked_at.append(frame)
         return identify(frame, **options)
 
-    monkeypatch.setattr(_inspect, "identify_and_read", looking)
+    monkeypatch.setattr(_standpoint, "identify_and_read", looking)
     monkeypatch.setattr(_origin, "generic_consistency", None)
     found = inspect(on_map(moved(points, (12.0, -7.0, 1.0))), power=False)
     assert found.origin == pytest.approx((12.0, -7.0, 1.0), abs=2e-3), name

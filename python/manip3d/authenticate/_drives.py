@@ -18,10 +18,11 @@ from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.authenticate._extent import left_out_of_turn
 from manip3d.authenticate._generic import NUM_TESTS
-from manip3d.authenticate._inspect import LeftOut, inspect_beside, repeating
+from manip3d.authenticate._inspect import inspect_beside, repeating
 from manip3d.authenticate._inspection import DetectorReport, Inspection
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import SensorLattice
+from manip3d.authenticate._on_lattice import LeftOut
 from manip3d.authenticate._processing import STILL_COMPARED
 from manip3d.authenticate._repeats import EarlierScans
 from manip3d.authenticate._sequence import FRAMES_PER_SECOND, DriveEvidence, drive_evidence

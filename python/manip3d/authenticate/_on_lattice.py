@@ -1,0 +1,439 @@
+"""Scans on the lattice of a spinning scanner, judged by detectors III, IV and V."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+
+from manip3d.authenticate._carriers import rounding_of
+from manip3d.authenticate._copies import are_fired_twice, copies_of_earlier, one_of_each
+from manip3d.authenticate._extent import Lacking
+from manip3d.authenticate._generic import EVIDENCE, MISSING, GenericResult, consistency_allowing
+from manip3d.authenticate._inspection import DetectorReport, Inspection
+from manip3d.authenticate._lattice import LatticeReading, SensorLattice
+from manip3d.authenticate._no_returns import returns_of
+from manip3d.authenticate._power import BLIND, BLIND_WITHOUT_REFLECTANCES
+from manip3d.authenticate._processing import (
+    COORDINATES_KEPT,
+    STILL_COMPARED,
+    find_processing,
+    padding,
+)
+from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
+from manip3d.authenticate._repeats import in_common, sketch_of
+from manip3d.authenticate._reports import (
+    combined,
+    generic_report,
+    not_applicable,
+    reflectance_report,
+    turns_report,
+)
+from manip3d.authenticate._sensors import HDL64E, Sensor
+from manip3d.authenticate._silences import silent_lasers
+from manip3d.authenticate._standpoint import Identified, at_origin
+from manip3d.authenticate._turns import (
+    FARTHEST,
+    FARTHEST_MOTION,
+    FOREIGN,
+    MOST_APART_NS,
+    TurnResult,
+    turns_read,
+)
+from manip3d.authenticate._verdict import Processing, rate_of
+from manip3d.lidar import LidarFrame
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Position = tuple[float, float, float]
+
+
+Beside = tuple["LidarFrame | None", "LidarFrame | None"]
+"""The frames one revolution before and after."""
+
+LeftOut: TypeAlias = "Callable[[LidarFrame, SensorLattice], Lacking | None]"
+"""How to tell what a turn lacks, as `left_out_of_turn` does."""
+
+
+class Case(NamedTuple):
+    """A scan on the lattice of its scanner, with what each stage of its judging must know of it."""
+
+    scan: LidarFrame
+    position: Position
+    source: str  # who states the position
+    identified: Identified
+    embedding: str  # of a verified watermark; empty: there is none
+    units_per_m: int
+    left_out: LeftOut
+    threads: int
+
+    @property
+    def sensor(self) -> Sensor:
+        return self.identified[0]
+
+    @property
+    def centred(self) -> LidarFrame:
+        """The scan with the scanner in (0, 0, 0)."""
+        return at_origin(self.scan, self.position)
+
+
+def by_lattice(case: Case, beside: Beside) -> Inspection:
+    """Judge the returns of a scan, and of the turns beside it; name its rows that are none."""
+    sensor, reading = case.identified
+    rows, padded = _returns_of(case.centred, sensor, reading)
+    before, after = (_returns(turn, sensor) for turn in beside)
+    if rows is None:
+        return _returns_by_lattice(case, (before, after), padded)
+    returns = case._replace(scan=case.scan.select(rows), identified=(sensor, None))
+    judged = _returns_by_lattice(returns, (before, after), padded)
+    return _with_rows(judged, rows, case.scan.replace(origin=case.position))
+
+
+def _returns_of(
+    scan: LidarFrame, sensor: Sensor, reading: LatticeReading | None
+) -> tuple[NDArray[np.int64] | None, tuple[Processing, ...]]:
+    return (None, ()) if sensor.lattice is None else returns_of(scan, sensor.lattice, reading)
+
+
+def _returns(turn: LidarFrame | None, sensor: Sensor) -> LidarFrame | None:
+    """The turn without the rows that are no returns of the scanner."""
+    if turn is None:
+        return None
+    rows, _ = _returns_of(turn, sensor, None)
+    return turn if rows is None else turn.select(rows)
+
+
+def _with_rows(found: Inspection, rows: NDArray[np.int64], scan: LidarFrame) -> Inspection:
+    """The result of some rows of a scan as one of the whole scan."""
+    reports = tuple(
+        replace(
+            report,
+            regions=tuple(replace(each, rows=rows[each.rows]) for each in report.regions),
+            suspected=rows[report.suspected],
+        )
+        for report in found.detectors
+    )
+    generic, turns, reflectance = found.generic, found.turns, found.reflectance
+    return replace(
+        found,
+        num_points=scan.num_points,
+        detectors=reports,
+        generic=None if generic is None else generic.with_rows(rows, scan),
+        turns=None if turns is None else turns.with_rows(rows),
+        reflectance=None if reflectance is None else reflectance.with_rows(rows),
+        scan=scan,
+    )
+
+
+def _returns_by_lattice(case: Case, beside: Beside, padded: tuple[Processing, ...]) -> Inspection:
+    """Judge by detectors III, IV and V, allowing for what a verified embedding moved."""
+    sensor, position, embedding = case.sensor, case.position, case.embedding
+    centred = case.centred
+    neighbours, why_not, repeats = _usable(centred, beside)
+    generic, of_rows, once = _judged_by_lattice(case, centred, neighbours)
+    repeated_turns = tuple(Processing("repeated", detail) for detail in repeats)
+    processing = of_rows + padded + padding(case.scan, sensor) + repeated_turns
+    processing += _processing_of_points(case, centred, generic, once)
+    if generic is not None and _changed(processing):
+        generic = generic.without(_spoiled(generic, processing))
+    compared = _Compared(None, None, (), why_not)
+    is_repeated = any(step.kind == "repeated" for step in of_rows)
+    if generic is not None and not is_repeated and _are_comparable(sensor, processing):
+        compared = _compared(case, centred, neighbours, why_not, processing)
+        processing += compared.processing
+    reports = (
+        *not_applicable(sensor, embedding),
+        generic_report(generic, position, sensor, embedding),
+        *turns_report(compared.turns, beside, compared.why_not, position, sensor, embedding),
+        *reflectance_report(compared.reflectance, position, sensor, embedding),
+    )
+    if _is_part_of_turn(case.scan) and {step.kind for step in processing} == {"cropped"}:
+        processing, reports = (), _reports_of_part(reports)
+    return combined(
+        case.scan, position, case.source, sensor, reports, processing, generic=generic,
+        turns=compared.turns, reflectance=compared.reflectance,
+        blind=BLIND if reports[-1].name == "reflectance" and reports[-1].power
+        else (*BLIND, BLIND_WITHOUT_REFLECTANCES),
+    )  # fmt: skip
+
+
+def _processing_of_points(
+    case: Case,
+    centred: LidarFrame,
+    generic: GenericResult | None,
+    once: NDArray[np.int64] | None,
+) -> tuple[Processing, ...]:
+    """Find what was done to all points; roundings of an embedding are named as the embedding's."""
+    sensor, reading = case.identified
+    coarse = rounding_of(case.embedding, case.units_per_m)
+    seen, reading = (centred, reading) if once is None else (centred.select(once), None)
+    found = find_processing(seen.points, sensor, generic, seen.intensity, reading)
+    return coarse + tuple(step for step in found if not (coarse and step.kind == "rounded"))
+
+
+def _changed(processing: Sequence[Processing]) -> list[Processing]:
+    """The steps after which points are missing or lie elsewhere."""
+    return [step for step in processing if step.kind not in COORDINATES_KEPT]
+
+
+def _are_comparable(sensor: Sensor, processing: Sequence[Processing]) -> bool:
+    """Whether detectors IV and V know the scanner, and what was done leaves them something."""
+    return sensor.name == HDL64E and all(step.kind in STILL_COMPARED for step in processing)
+
+
+class _Compared(NamedTuple):
+    """Results of the detectors that compare a scan with the turns beside it."""
+
+    turns: TurnResult | None
+    reflectance: ReflectanceResult | None
+    processing: tuple[Processing, ...]
+    why_not: list[str]  # reasons why the turns beside it were not used
+
+
+def _compared(
+    case: Case,
+    centred: LidarFrame,
+    neighbours: Beside,
+    why_not: list[str],
+    processing: Sequence[Processing],
+) -> _Compared:
+    """Judge by detectors IV and V, with what the turns beside the scan still have."""
+    before, after = compared = neighbours
+    lacking: list[str] = []
+    of_turns: tuple[Processing, ...] = ()
+    if any(step.kind == "lasers" for step in _changed(processing)):
+        compared = _in_lasers_of(centred, case.identified, compared, case.threads)
+    if before is not None and after is not None and case.sensor.lattice is not None:
+        lacking, are_in_place, of_turns = _lacking(neighbours, case.sensor.lattice, case.left_out)
+        if not are_in_place:
+            compared, why_not = (None, None), [*why_not, *lacking]
+    turns, reflectance = _beside_turns(centred, case.identified, compared, lacking, case.threads)
+    if turns is not None and turns.foreign:
+        of_turns += (Processing("foreign", FOREIGN),)
+    reflectance = _unless_foreign(reflectance, processing)
+    if reflectance is not None and reflectance.rewritten:
+        of_turns += (Processing("reflectances", reflectance.rewritten),)
+    return _Compared(turns, reflectance, of_turns, why_not)
+
+
+def _unless_foreign(
+    found: ReflectanceResult | None, processing: Sequence[Processing]
+) -> ReflectanceResult | None:
+    """The result of detector V; reflectances that are not those of the points say nothing, unless
+    they accuse."""
+    why = next((step.detail for step in processing if step.kind == "reflectances"), None)
+    if found is None or why is None or found.verdict != "no_trace":
+        return found
+    return replace(found, verdict="undecidable", reason=why)
+
+
+def _reports_of_part(reports: tuple[DetectorReport, ...]) -> tuple[DetectorReport, ...]:
+    """The reports on a part of a turn, which only accuse: the rest of it was never recorded."""
+    if any(each.verdict == "tampered" for each in reports):
+        return reports
+    why = "the recording holds a part of this turn only"
+    return tuple(DetectorReport(each.name, "undecidable", why) for each in reports)
+
+
+def _is_part_of_turn(scan: LidarFrame) -> bool:
+    """Whether the packets say so, as where a recording begins and ends: nobody cropped it."""
+    return scan.format is not None and scan.format.header.get("is_complete") is False
+
+
+def _judged_by_lattice(
+    case: Case, centred: LidarFrame, beside: Beside
+) -> tuple[GenericResult | None, tuple[Processing, ...], NDArray[np.int64] | None]:
+    """Detector III's result, and what was done to rows: which are repeated, or stand elsewhere.
+
+    Then the rows that were judged, each point once; None: all.
+    """
+    sensor, reading = case.identified
+    if sensor.off_lattice != 0.0 or sensor.lattice is None:
+        return None, (), None
+    before, after = beside
+    both = before is not None and after is not None  # what is missing is detector IV's to find
+    judge = functools.partial(
+        consistency_allowing,
+        case.embedding,
+        lattice=sensor.lattice,
+        previous=None if both else before,
+        following=None if both else after,
+        units_per_m=case.units_per_m,
+        false_alarm_rate=rate_of("generic"),
+        is_stated=not sensor.is_own,
+        threads=case.threads,
+    )
+    if sensor.is_own and not sensor.lattice.is_exact:
+        judge = functools.partial(_where_told, judge, sensor.lattice)
+    generic = judge(centred, reading=reading)
+    rows = np.arange(centred.num_points)
+    of_rows: tuple[Processing, ...] = ()
+    copies = np.zeros(centred.num_points, np.bool_)
+    if generic.evidence["duplicate"].share > 0.0:
+        copies = copies_of_earlier(centred.points)
+    if copies.any():
+        reading = reading or sensor.lattice.read(centred.points, threads=case.threads)
+        rows = np.flatnonzero(one_of_each(centred.points, copies, reading))
+        generic = judge(centred.select(rows)).with_rows(rows, centred)
+        if not are_fired_twice(centred.points, copies, sensor.lattice):
+            detail = f"{np.count_nonzero(copies)} points repeat another one"
+            of_rows = (Processing("repeated", detail),)
+    if number := _number_elsewhere(generic):
+        scan = centred.select(rows)
+        found = sensor.lattice.read(scan.points, threads=case.threads)
+        order = np.lexsort((found.azimuth, found.ring))
+        judged = judge(scan.select(order)).with_rows(rows[order], centred)
+        generic = judged.without(("order",), quiet=judged.verdict)
+        detail = f"{number} points stand elsewhere in the file than where the scanner writes them"
+        of_rows = (*of_rows, Processing("regrouped", detail))
+    return generic, of_rows, rows if copies.any() else None
+
+
+def _number_elsewhere(generic: GenericResult) -> int:
+    """Number of points at places that only the order of the file speaks of.
+
+    They stand where the scanner measures: whoever sorts a file by distance, height or class puts
+    them elsewhere in it, and none of `EDITS` is found by that alone.
+    """
+    if not generic.evidence["order"].used or generic.values_changed:
+        return 0
+    kept = {id(region.rows) for region in generic.without(("order",)).regions}
+    return sum(len(region.rows) for region in generic.regions if id(region.rows) not in kept)
+
+
+def _where_told(
+    judge: Callable[[LidarFrame], GenericResult],
+    lattice: SensorLattice,
+    scan: LidarFrame,
+    *,
+    reading: LatticeReading | None = None,
+) -> GenericResult:
+    """Judge the points that a lattice read off the scan tells of.
+
+    One scan tells neither holes and firings, nor places to a fraction of a millimetre.
+    """
+    kept = np.flatnonzero(lattice.is_told_by_scan(scan.points, reading))
+    judged = judge(scan.select(kept)).with_rows(kept, scan)
+    return judged.without(("firing", "place", "void"), why="unknown", quiet="no_trace")
+
+
+def _in_lasers_of(
+    centred: LidarFrame, identified: Identified, beside: Beside, threads: int
+) -> Beside:
+    """The turns before and after without the lasers that the frame lacks."""
+    (sensor, reading), (before, after) = identified, beside
+    if sensor.lattice is None or before is None or after is None:
+        return beside
+    lattice, silent = sensor.lattice, silent_lasers(centred.points, sensor.lattice, reading)
+
+    def reduced(turn: LidarFrame) -> LidarFrame:
+        ring = lattice.read(turn.points, threads=threads).ring
+        return turn.select(np.flatnonzero(~np.isin(ring, silent)))
+
+    return reduced(before), reduced(after)
+
+
+def _beside_turns(
+    centred: LidarFrame,
+    identified: Identified,
+    beside: Beside,
+    lacking: Sequence[str],
+    threads: int,
+) -> tuple[TurnResult | None, ReflectanceResult | None]:
+    """Results of detectors IV and V, where there is what they need.
+
+    Turns that are not whole accuse by what they saw, but that they saw no more says nothing.
+    """
+    (sensor, reading), (before, after) = identified, beside
+    if sensor.lattice is None:
+        return None, None
+    turns, seen = None, None
+    if before is not None and after is not None:
+        turns, seen = turns_read(
+            reading, centred, before, after, sensor.lattice,
+            false_alarm_rate=rate_of("turns"), whole_turns=not lacking, threads=threads,
+        )  # fmt: skip
+        if lacking and turns.verdict == "no_trace":
+            turns = replace(turns, verdict="undecidable", reason="; ".join(lacking))
+    if centred.intensity is None:
+        return turns, None
+    is_alone = turns is None or bool(lacking)
+    reflectance = reflectances_read(
+        reading, centred, sensor.lattice, previous=None if is_alone else before,
+        following=None if is_alone else after, turns=None if is_alone else turns,
+        false_alarm_rate=rate_of("reflectance"), threads=threads, seen=seen,
+    )  # fmt: skip
+    return turns, reflectance
+
+
+_NO_SKETCH = sketch_of(np.empty((0, 3), np.float32))
+
+
+def _usable(scan: LidarFrame, beside: Beside) -> tuple[Beside, list[str], list[str]]:
+    """The neighbours that are a turn apart; why others are not; which of them repeat a turn.
+
+    No two turns of a scanner have the same points: a recorder that stalled, or somebody who put a
+    turn in twice, writes them, and nothing is missing then or new.
+    """
+    kept: list[LidarFrame | None] = []
+    why, repeats = [], []
+    if all(other is None for other in beside):
+        return beside, [], []
+    own = sketch_of(scan.points)
+    others = [_NO_SKETCH if each is None else sketch_of(each.points) for each in beside]
+    for other, sketch, name in zip(beside, others, ("before", "after"), strict=True):
+        kept.append(None)
+        if other is None:
+            continue
+        apart = 0 if None in (scan.time_ns, other.time_ns) else _apart_ns(scan, other)
+        if same := in_common(own, sketch):
+            repeats.append(f"the turn {name} has {same}")
+        elif apart > MOST_APART_NS:
+            why.append(f"the turn {name} was taken {apart * 1e-9:.2f} s apart, which is no turn")
+        else:
+            kept[-1] = other
+    before, after = kept
+    if before is not None and after is not None and (same := in_common(*others)):
+        before = after = None
+        repeats.append(f"the turns before and after have {same}")
+    return (before, after), repeats + why, repeats
+
+
+def _lacking(
+    beside: Beside, lattice: SensorLattice, left_out: LeftOut
+) -> tuple[list[str], bool, tuple[Processing, ...]]:
+    """Why turns may lack points that they had; whether what is left lies where it was measured.
+
+    Then what somebody did to them, which can hide edits of the frame: nobody cropped the parts of
+    turns with which a recording of packets begins and ends, and what is cut off farther away than
+    detector IV looks hides nothing from it.
+    """
+    why: list[str] = []
+    processing: list[Processing] = []
+    are_in_place = True
+    for turn, name in zip(beside, ("before", "after"), strict=True):
+        if turn is None or (lacking := left_out(turn, lattice)) is None:
+            continue
+        why.append(f"the turn {name} was {lacking.reason}")
+        are_in_place &= lacking.is_in_place
+        if not _is_part_of_turn(turn) and lacking.whole_up_to_m < FARTHEST + FARTHEST_MOTION:
+            processing.append(Processing("neighbours", why[-1]))
+    return why, are_in_place, tuple(processing)
+
+
+def _apart_ns(scan: LidarFrame, other: LidarFrame) -> int:
+    return abs((scan.time_ns or 0) - (other.time_ns or 0))
+
+
+def _spoiled(generic: GenericResult, processing: Sequence[Processing]) -> Sequence[str]:
+    """Kinds of evidence that say nothing of a scan that was processed as a whole."""
+    if generic.values_changed or any(step.kind == "averaged" for step in processing):
+        return EVIDENCE
+    is_fused = any(step.kind == "fused" for step in processing)
+    return (*MISSING, "duplicate", "order") if is_fused else MISSING

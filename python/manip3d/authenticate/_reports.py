@@ -1,0 +1,185 @@
+"""What the detectors said of a scan, as reports, and the verdict that follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.authenticate._density import DensityResult
+from manip3d.authenticate._generic import GenericResult
+from manip3d.authenticate._inspection import DetectorReport, Inspection, combined_verdict
+from manip3d.authenticate._occlusion import OcclusionResult
+from manip3d.authenticate._power import known_power
+from manip3d.authenticate._reflectance import ReflectanceResult
+from manip3d.authenticate._sensors import HDL64E, Sensor
+from manip3d.authenticate._turns import TurnResult
+from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Processing, Region, Verdict
+from manip3d.lidar import Box, LidarFrame
+
+if TYPE_CHECKING:
+    Position = tuple[float, float, float]
+
+
+FORENSIC = ("density", "occlusion", "generic")
+"""Detectors I, II and III, which look at the scan alone."""
+
+LATTICE_CALIBRATION = Calibration(
+    "simulated streets 80000 to 80050, ten frames each, which fixed no threshold: those stand on "
+    "how KITTI's scanner measures",
+    510,
+    0,
+    "Below a p-value of 1 / 511 the rate of false alarms was not measured; it is what points that "
+    "strayed alone would have.",
+)
+"""The clean frames that detector III was asked about: its p-values below 1 / 511 are a model's, and
+`inspect` states none that is smaller."""
+
+EXACT_CALIBRATION = Calibration(
+    "simulated streets 90000 to 91019, one turn each of a Hesai Pandar40P, a PandarXT-32 or an "
+    "Ouster OS1-32, which fixed no threshold: single precision does",
+    1020,
+    0,
+    "Of five real clouds of five such scanners no point is off its own lattice.",
+)
+"""The clean frames that detector III was asked about whose lattices are exact."""
+
+
+def combined(
+    scan: LidarFrame,
+    position: Position,
+    source: str,
+    sensor: Sensor,
+    reports: tuple[DetectorReport, ...],
+    processing: tuple[Processing, ...],
+    **results: Any,
+) -> Inspection:
+    """The inspection of a scan with the verdict of all reports and of what was done to it."""
+    verdict = combined_verdict(reports, processing)
+    return Inspection(
+        verdict, reason_of(verdict, reports, processing), scan.num_points, sensor, processing,
+        position, source, reports, scan=scan.replace(origin=position), **results,
+    )  # fmt: skip
+
+
+def reason_of(
+    verdict: Verdict, reports: Sequence[DetectorReport], processing: Sequence[Processing]
+) -> str:
+    """The reason of a verdict: what was done to the scan, or that of the detector that decides."""
+    if verdict == "processed" and processing:
+        return "; ".join(f"{step.kind}: {step.detail}" for step in processing)
+    if verdict == "undecidable":
+        last = reports[-1]  # has a score where it looked at the scan, but has no measured power
+        has_said = last.score is not None and last.verdict == "undecidable"
+        return last.reason if has_said else reports[0].reason
+    deciding = next(r for r in reports if r.verdict == verdict)
+    return f"detector {deciding.title.split(':')[0]}: {deciding.reason}"
+
+
+def without_position(frame: LidarFrame, why: str) -> Inspection:
+    """The inspection of a scan that nobody can judge, as its scanner's position is not known."""
+    reports = tuple(DetectorReport(name, "undecidable", why) for name in FORENSIC)
+    return Inspection(
+        "undecidable", why, frame.num_points, None, (), None, why, reports, scan=frame
+    )
+
+
+def not_applicable(sensor: Sensor, embedding: str) -> tuple[DetectorReport, ...]:
+    """Reports of detectors I and II, which do not judge scans on a lattice."""
+    why = f"detector III judges the {sensor.name}"
+    if sensor.name != HDL64E and not known_power("generic", sensor, embedding):
+        why += ", and what share of edits it finds was not measured for this scanner"
+    return tuple(DetectorReport(name, "undecidable", why) for name in ("density", "occlusion"))
+
+
+def angles_report(
+    name: str, found: DensityResult | OcclusionResult, sensor: Sensor
+) -> DetectorReport:
+    regions = tuple(Region(region.box, region.rows) for region in found.regions)
+    return DetectorReport(
+        name, found.verdict, found.reason, found.score, None, regions,
+        found.suspected.astype(np.int64), known_power(name, sensor), found.calibration,
+    )  # fmt: skip
+
+
+def generic_report(
+    found: GenericResult | None, position: Position, sensor: Sensor, embedding: str
+) -> DetectorReport:
+    if found is None:
+        return DetectorReport(
+            "generic", "processed", "the points were moved off the lattice of the scanner"
+        )
+    is_exact = sensor.lattice is not None and sensor.lattice.is_exact
+    calibration = EXACT_CALIBRATION if is_exact else LATTICE_CALIBRATION
+    least = 1.0 / (1 + calibration.num_scans)
+    regions = tuple(
+        Region(
+            _moved(region.box, position), region.rows, max(least, region.p_value), region.strength
+        )
+        for region in found.regions
+    )
+    judged = found.verdict != "undecidable" and any(e.used for e in found.evidence.values())
+    return DetectorReport(
+        "generic", found.verdict, found.reason, found.score,
+        max(least, found.p_value) if judged else None,
+        regions, found.suspected, known_power("generic", sensor, embedding), calibration,
+    )  # fmt: skip
+
+
+def turns_report(
+    turns: TurnResult | None,
+    beside: Sequence[LidarFrame | None],
+    why_not: Sequence[str],
+    position: Position,
+    sensor: Sensor,
+    embedding: str,
+) -> tuple[DetectorReport, ...]:
+    """Report of detector IV, or why it could not judge frames that were given; else none."""
+    if turns is not None:
+        return (report_of("turns", turns, position, known_power("turns", sensor, embedding)),)
+    if any(other is None for other in beside) or (not why_not and sensor.name == HDL64E):
+        return ()
+    reasons = why_not or [f"there are no thresholds for a {sensor.name}"]
+    return (DetectorReport("turns", "undecidable", "; ".join(reasons)),)
+
+
+def reflectance_report(
+    found: ReflectanceResult | None, position: Position, sensor: Sensor, embedding: str
+) -> tuple[DetectorReport, ...]:
+    """Report of detector V if it was run."""
+    if found is None:
+        return ()
+    setting = "reflectance" if found.with_turns else "reflectance alone"
+    power = known_power(setting, sensor, embedding)
+    return (report_of("reflectance", found, position, power),)
+
+
+def report_of(
+    name: str, found: TurnResult | ReflectanceResult, position: Position, power: Mapping[str, Power]
+) -> DetectorReport:
+    """The report of detector IV or V, whose boxes are seen from the scanner at ``position``."""
+    regions = tuple(
+        Region(
+            _moved(region.box, position),
+            region.rows,
+            region.p_value,
+            {region.kind: region.strength},
+        )
+        for region in found.regions
+    )
+    if found.verdict == "undecidable":
+        score, p_value, power = None, None, NO_POWER
+    else:
+        score, p_value = found.score, found.p_value
+    return DetectorReport(
+        name, found.verdict, found.reason, score, p_value, regions, found.suspected, power,
+        found.calibration,
+    )  # fmt: skip
+
+
+def _moved(box: Box, position: Position) -> Box:
+    """The box in the scan's own frame, which is seen from the scanner."""
+    x, y, z = box.center
+    return replace(box, center=(x + position[0], y + position[1], z + position[2]))

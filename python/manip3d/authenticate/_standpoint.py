@@ -1,0 +1,124 @@
+"""Where the scanner of a scan stands, and which one it is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d.authenticate._lattice import LatticeReading, SensorLattice
+from manip3d.authenticate._origin import (
+    LEAST_EXPLAINED,
+    estimate_origin,
+    is_on_map,
+    several_sources,
+)
+from manip3d.authenticate._sensors import (
+    NOT_IN_METRES,
+    Sensor,
+    height_above_origin,
+    identify_and_read,
+    is_in_metres,
+    nothing_to_tell,
+)
+from manip3d.lidar import LidarFrame
+from manip3d.lidar import place as position_of
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    Position = tuple[float, float, float]
+
+
+ON_LATTICE = "the lattice of a spinning scanner"
+"""Who states a position that a scanner's lattice told."""
+
+Identified = tuple[Sensor, "LatticeReading | None"]
+"""The scanner, and the scan as its lattice reads it, if that was tried."""
+
+
+def scanner_of(
+    frame: LidarFrame, origin: ArrayLike | None, lattice: SensorLattice | None, threads: int
+) -> tuple[Position | None, str, Identified | None]:
+    """The scanner's position and who states it; or None and why the scan cannot be judged.
+
+    Then the scanner, where its lattice told the position or it stands at the coordinates' origin.
+    """
+    stated = origin if origin is not None else frame.origin
+    if stated is None:
+        if frame.num_points == 0:
+            return None, "the scan has no points", None
+        if (why := several_sources(frame)) is not None:
+            return None, why, None
+        if lattice is None and is_on_map(frame):  # a scanner's lattice stands around its own 0
+            found = estimate_origin(frame, threads=threads)
+            return found.position, found.reason, None
+        identified = identify_and_read(frame, lattice=lattice, threads=threads)
+        if frame.num_points and _tells_position(identified[0]):
+            return (0.0, 0.0, 0.0), ON_LATTICE, identified
+        found = estimate_origin(frame, threads=threads)
+        stands_there = found.position is not None and not any(found.position)
+        return found.position, found.reason, identified if stands_there else None
+    x, y, z = (float(value) for value in position_of(stated, "origin"))
+    return (x, y, z), "argument" if origin is not None else "file", None
+
+
+def identify(
+    scan: LidarFrame,
+    sensor: str,
+    lattice: SensorLattice | None,
+    threads: int,
+    known: Identified | None,
+) -> Identified:
+    """The scanner; what a caller states of it is believed where the scan can be one of it.
+
+    Beside it where the points lie on its lattice, if that was read; ``known``: it was found before.
+    """
+    if sensor in ("auto", "lattice"):
+        found = known or identify_and_read(scan, lattice=lattice, threads=threads)
+        if sensor == "auto" or _tells_position(found[0]):
+            return found
+    return _stated(scan, sensor, threads), None
+
+
+def _stated(scan: LidarFrame, sensor: str, threads: int) -> Sensor:
+    """The scanner that a caller stated, and that was not told from the scan."""
+    if (why := nothing_to_tell(scan.points)) is not None:
+        return Sensor("unknown", "unknown", why)
+    if sensor == "terrestrial" and not is_in_metres(scan.points):
+        return Sensor("unknown", "unknown", NOT_IN_METRES)
+    if sensor == "terrestrial":
+        found = estimate_origin(scan, known=(0.0, 0.0, 0.0), threads=threads)
+        if found.position is not None and found.explained >= LEAST_EXPLAINED:
+            return Sensor("terrestrial scanner", "terrestrial", "stated by the caller")
+        return Sensor(
+            "unknown", "unknown", "the scan does not stand on the grid of a terrestrial scanner"
+        )
+    if sensor == "other":
+        return Sensor("another scanner", "unknown", "stated by the caller")
+    return Sensor("unknown", "unknown", "the scan does not stand on the lattice that was stated")
+
+
+def _tells_position(sensor: Sensor) -> bool:
+    """Whether a scanner was found whose lattice stands around the origin of the coordinates."""
+    return sensor.kind == "lattice" or bool(sensor.turned or sensor.unit)
+
+
+def lifted(
+    scan: LidarFrame, position: Position, found: Sensor, threads: int
+) -> tuple[Position, Identified] | None:
+    """KITTI's scanner and its position, if it stands above or below the stated one; else None."""
+    if not (height := height_above_origin(found, scan.points)):
+        return None
+    raised = (position[0], position[1], position[2] + height)
+    other = identify_and_read(at_origin(scan, raised), threads=threads)
+    is_there = other[0].kind == "lattice" and not other[0].is_own and other[0].off_lattice == 0.0
+    return (raised, other) if is_there else None
+
+
+def at_origin(frame: LidarFrame, position: Position) -> LidarFrame:
+    """The frame with the scanner in (0, 0, 0), as detector III takes it."""
+    if not any(position):
+        return frame
+    moved = (frame.points - np.asarray(position)).astype(np.float32)
+    return frame.replace(points=moved, exact=None, format=None, origin=(0.0, 0.0, 0.0))
