@@ -409,6 +409,27 @@ def test_a_thinned_scan_is_not_said_to_lack_the_scanners_own_car() -> None:
     beyond = np.linalg.norm(scan.points, axis=1) > 2.0
     found = authenticate.inspect(scan.select(np.flatnonzero(beyond)))
     assert found.reason == "cropped: the scanner's own car does not answer"
+    beyond = np.linalg.norm(scan.points, axis=1) > 1.6  # where the rack begins
+    found = authenticate.inspect(scan.select(np.flatnonzero(beyond)))
+    assert found.reason == "cropped: the scanner's own car does not answer nearer than 1.59 m"
+
+
+@pytest.mark.parametrize("rows", [1200, 5000, 20_000])
+def test_rows_cut_out_of_a_file_are_a_part_of_the_scan(rows: int) -> None:
+    whole = on_a_street(3)
+    for first in (0, 30_000, whole.num_points - rows):
+        part = np.arange(first, first + rows)
+        piece = whole.points[part]  # without a file that says where the scanner stands
+        found = authenticate.inspect(piece)
+        assert found.sensor is not None
+        assert found.sensor.name == "HDL-64E"
+        assert (found.verdict, found.origin) == ("processed", (0.0, 0.0, 0.0))
+        assert {step.kind for step in found.processing} <= {"cropped", "lasers", "thinned"}
+        around = np.linalg.norm(piece - piece[rows // 2], axis=1) < 1.0
+        moved = np.where(around[:, None], piece + np.float32([0.4, 0.3, 0.0]), piece)
+        found = authenticate.inspect(np.round(moved, 3).astype(np.float32))
+        assert found.verdict == "tampered"
+        assert np.isin(np.flatnonzero(around), found.suspected).mean() > 0.8
 
 
 def test_the_parts_of_turns_at_the_ends_of_a_recording_were_not_cropped() -> None:

@@ -666,7 +666,7 @@ def test_reflectances_of_other_points_are_told_by_edges_of_things() -> None:
         shuffled[rows] = values[rng.permutation(rows)]
     for other in (shuffled, np.roll(values, 30)):  # half a post's distance away
         assert "those of other points" in str(why_of_other_points(other, points, reading))
-    for rows_away in (-5, 2, 5):
+    for rows_away in (-5, -1, 1, 2, 5):
         slipped = np.roll(values, rows_away)
         assert "some rows before or behind" in str(why_of_other_points(slipped, points, reading))
     few = np.arange(3000)

@@ -128,7 +128,8 @@ def estimate_origin(
             reason = NO_ORIGIN
         elif around is None and fused:
             found = False
-            reason = f"the grid explains {explained:.0%} of the scan: several positions fused"
+            share = f"the grid explains {explained:.0%} of the scan"
+            reason = f"{share}: several positions fused, or a spinning scanner"
         if report is not None:
             report(1.0)  # the search may end early
     return OriginEstimate(

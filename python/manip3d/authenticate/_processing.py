@@ -137,7 +137,7 @@ def _with_outliers(points: NDArray[np.float32], found: list[Processing]) -> list
     kept = [step for step in found if step.kind in COORDINATES_KEPT]
     if not all(step.detail.startswith((OWN_CAR_SILENT, "no points beyond")) for step in others):
         return found
-    is_short = any(step.detail != OWN_CAR_SILENT for step in others)
+    is_short = any(not step.detail.startswith(OWN_CAR_SILENT) for step in others)
     if (ends := why_filtered(points, is_short=is_short)) is None:
         return found
     return [*kept, Processing("outliers", f"{ends}, as a filter of outliers leaves a scan")]

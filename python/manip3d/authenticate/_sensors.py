@@ -54,6 +54,11 @@ BEAM_WIDTH = 0.12
 FEWEST_POINTS, FEWEST_RINGS = 1000, 16
 """Fewest points and rings of a scan on a lattice."""
 
+LEAST_OF_FEW_RINGS = 0.8
+"""Share of the points of fewer rings of an HDL-64E that lie on the lines and the steps of azimuth,
+as rows cut out of a file do. It is 1.00 in 940 pieces of 1200 to 20 000 rows of KITTI's frames, and
+0.28 at most in 916 such pieces of 19 clouds of other scanners."""
+
 FEWEST_OF_RING, MOST_OF_RINGS = 50, 0.8
 """Fewest points of a ring whose median elevation tells its laser, and share of the rings that stand
 at a maker's elevation: a car's motion moves rings that see little but one direction."""
@@ -307,13 +312,17 @@ def _on_lattice(
         return None
     error = np.abs(reading.line_error)
     on = (reading.ring >= 0) & (error < LINE_TOLERANCE)
-    crowded = np.bincount(reading.ring[on], minlength=1) >= 20
+    rings = int(np.count_nonzero(np.bincount(reading.ring[on], minlength=1) >= 20))
     name = _name_of(lattice)
-    if (
-        _share_of_horizon(on[apart], reading.azimuth[apart]) > 0.5
-        and np.count_nonzero(crowded) >= FEWEST_RINGS
-    ):
-        return Sensor(name, "lattice", "its points lie on the lines of the lattice", lattice)
+    if rings >= FEWEST_RINGS:
+        if _share_of_horizon(on[apart], reading.azimuth[apart]) > 0.5:
+            return Sensor(name, "lattice", "its points lie on the lines of the lattice", lattice)
+    elif rings and is_hdl64e(lattice):
+        on_steps = on & (np.abs(reading.step_error) < LINE_TOLERANCE)
+        if np.mean(on_steps[apart]) > LEAST_OF_FEW_RINGS:
+            lasers = "laser" if rings == 1 else "lasers"
+            reason = f"its points lie where {rings} {lasers} of the lattice measure"
+            return Sensor(name, "lattice", reason, lattice)
     middle = (rho > 8.0) & (rho < 25.0)  # where lines are apart by more than they are blurred
     if np.count_nonzero(middle) < FEWEST_POINTS:
         return None
