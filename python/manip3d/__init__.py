@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
 
 from manip3d._util import main_interpreter  # noqa: F401
 
+TYPE_CHECKING = False  # that of `typing` takes ten times as long to import as the rest of this
 if TYPE_CHECKING:
+    from typing import Any
+
     from manip3d import camera, io
     from manip3d._core import __version__
     from manip3d.camera import Intrinsics, Registration

@@ -1,7 +1,12 @@
 """Entry of the command ``manip3d``: imports the rest where Ctrl-C ends it without a traceback."""
 
+from __future__ import annotations
+
 import sys
-from typing import NoReturn
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import NoReturn
 
 
 def main() -> NoReturn:
@@ -11,4 +16,5 @@ def main() -> NoReturn:
 
         cli.main()
     except KeyboardInterrupt:  # during the imports, which take about 0.1 s
+        print("manip3d: interrupted", file=sys.stderr)
         sys.exit(130)

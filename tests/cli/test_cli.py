@@ -606,7 +606,7 @@ sys.argv = ["manip3d", "info", "absent.obj"]
 main()
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
-    assert (done.returncode, done.stderr) == (130, b"")
+    assert (done.returncode, done.stderr.splitlines()) == (130, [b"manip3d: interrupted"])
 
 
 def test_warnings_are_lines_without_places_in_the_code(tmp_path: Path) -> None:

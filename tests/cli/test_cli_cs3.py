@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -180,6 +181,21 @@ def test_every_method_has_a_name(method: str, frame: Path, tmp_path: Path) -> No
     assert record["method"] == method
     assert 250 <= record["points"] <= 300
     assert read_mesh(output).num_faces == record["faces"] > 100
+
+
+def test_an_effort_of_relief(frame: Path, tmp_path: Path) -> None:
+    base = ("depth", frame, "--points", "300", "--intrinsics", FOCAL, "--depth-step", "0")
+    depth = np.asarray(Image.open(frame)).astype(np.uint16)
+    camera = read_intrinsics(FOCAL, width=depth.shape[1], height=depth.shape[0])
+    for effort in get_args(simplify.Effort):
+        output = tmp_path / f"{effort}.ply"
+        done = manip3d(*base, "-o", output, "--effort", effort, "--json")
+        assert json.loads(done.stdout)["effort"] == effort
+        alone = simplify.relief(depth, camera, 300, effort=effort)
+        np.testing.assert_array_equal(read_mesh(output).faces, alone.faces)
+    assert "relief (best): " in done.stderr
+    assert "--effort" in error_line(manip3d(*base, "-o", tmp_path / "x.glb", "-q",
+                                            "--method", "cs3", "--effort", "live"))  # fmt: skip
 
 
 def test_options_of_another_method_are_refused(frame: Path, tmp_path: Path) -> None:

@@ -72,13 +72,13 @@ def _telling_of_usage() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _telling_what_is_done() -> Iterator[None]:
-    """Print what an interrupted verb notes of its outputs, which Typer would not."""
+    """Print that a verb was interrupted, and what it notes of its outputs; Typer prints nothing."""
     try:
         yield
     except KeyboardInterrupt as error:
-        for note in getattr(error, "__notes__", ()):
-            with contextlib.suppress(OSError):
-                print(f"manip3d: interrupted: {note}", file=sys.stderr)
+        with contextlib.suppress(OSError):
+            for words in [f": {note}" for note in getattr(error, "__notes__", ())] or [""]:
+                print(f"manip3d: interrupted{words}", file=sys.stderr)
         raise
 
 

@@ -61,6 +61,16 @@ class DepthMethod(StrEnum):
     ssa = "ssa"
 
 
+class Effort(StrEnum):
+    """How much work relief does."""
+
+    live = "live"
+    fast = "fast"
+    balanced = "balanced"
+    fine = "fine"
+    best = "best"
+
+
 class Variant(StrEnum):
     """The four variants of CS3: importance (L or C), then sampling."""
 
@@ -71,8 +81,8 @@ class Variant(StrEnum):
 
 
 _SCANS = (".ply", ".pcd")
-_OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-edge", "depth-step",
-            "color", "mask", "confidence", "confidence-max", "points", "method",
+_OPTIONS = ("intrinsics", "unit", "variant", "effort", "by-distance", "move-points", "max-edge",
+            "depth-step", "color", "mask", "confidence", "confidence-max", "points", "method",
             "min-coverage", "max-bridges", "bandwidth", "rate", "stable")  # fmt: skip
 
 
@@ -131,6 +141,7 @@ def _options_of(given: Mapping[str, Any]) -> DepthOptions:
     return DepthOptions(
         method=given["method"].value,
         variant=given["variant"].value,
+        effort=given["effort"].value,
         threads=given["jobs"],
         **{name: given[name] for name in names},
     )
@@ -289,6 +300,7 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
         "inputs": [str(source) for source in result.sources],
         "output": str(result.output),
         "method": result.options.method,
+        "effort": _effort_of(result.options),
         "points_before": result.points_before,
         "target_points": result.options.points,
         "points": result.points,
@@ -346,6 +358,13 @@ def depth(
         DepthMethod, typer.Option(help="Simplification method.")
     ] = DepthMethod.relief,
     variant: Annotated[Variant, typer.Option(help="Variant of --method cs3.")] = Variant.cios,
+    effort: Annotated[
+        Effort,
+        typer.Option(
+            help="From live, in a fraction of the time, to best, with the least error (--method "
+            "relief)."
+        ),
+    ] = Effort.balanced,
     depth_step: Annotated[
         float,
         typer.Option(
@@ -492,6 +511,7 @@ def depth(
             bandwidth,
             rate,
             max_bridges,
+            effort.value,
         )
         # Whether a .pcd is an organised cloud is decided by its reader.
         clouds = ("scan",) if scan_suffix(source) == ".pcd" else ()
@@ -536,9 +556,11 @@ def _sentence(result: DepthFileResult) -> str:
 def _made(result: DepthFileResult) -> str:
     """Return words on how the mesh came about."""
     options = result.options
-    variant = f" ({options.variant})" if options.method == "cs3" else ""
+    kind = f" ({options.variant})" if options.method == "cs3" else ""
+    if options.effort != Effort.balanced:
+        kind = f" ({options.effort})"
     words = (
-        f"{options.method}{variant}: {counted(result.points_before, 'point')} -> "
+        f"{options.method}{kind}: {counted(result.points_before, 'point')} -> "
         f"{count(result.points)}, {counted(result.faces, 'face')}"
     )
     if result.faces_cut:
@@ -603,6 +625,10 @@ def _left_across_steps(result: DepthFileResult) -> str:
     )
 
 
+def _effort_of(options: DepthOptions) -> str | None:
+    return options.effort if options.method == DepthMethod.relief else None
+
+
 def _record(result: DepthFileResult) -> dict[str, Any]:
     """The result for ``--json``."""
     files = {"input": str(result.source), "output": str(result.output)}
@@ -610,6 +636,7 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
     return files | {
         "method": result.options.method,
         "variant": result.options.variant if is_cs3 else None,
+        "effort": _effort_of(result.options),
         "depth": result.depth,
         "unit": result.unit,
         "points_before": result.points_before,

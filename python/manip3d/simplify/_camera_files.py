@@ -384,7 +384,14 @@ def _joined(
 ) -> JointSimplification:
     edge, threads = options.max_edge, options.threads
     if options.method == "relief":
-        return relief_cameras(views, points, max_edge=edge, depth_step=depth_step, threads=threads)
+        return relief_cameras(
+            views,
+            points,
+            effort=options.effort,
+            max_edge=edge,
+            depth_step=depth_step,
+            threads=threads,
+        )
     return cs3_cameras(
         views,
         points,

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -43,7 +43,7 @@ from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._organised import CloudCamera, find_camera, is_cloud_file
 from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
-from manip3d.simplify._relief import relief, relief_grid
+from manip3d.simplify._relief import Effort, relief, relief_grid
 from manip3d.simplify._sampling import sample_depth, sample_depth_grid
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
 
 DepthMethod = Literal["relief", "cs3", "uniform", "poisson", "ssa"]
 _METHODS = ("relief", "cs3", "uniform", "poisson", "ssa")
+_EFFORTS = get_args(Effort)
 _IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
 _YUP_SUFFIXES = (".glb", ".gltf")
 _FRAMES_FOR_A_GUESS = 9
@@ -110,6 +111,8 @@ class DepthOptions:
         Both or none: the files of a result have no more bytes than such a frame's share.
     max_bridges : float
         Share of the mesh's area, 0 to 1, above which bridges count as missed.
+    effort : 'live', 'fast', 'balanced', 'fine' or 'best'
+        Less time or less error (``relief``).
     """
 
     points: int | None
@@ -127,6 +130,7 @@ class DepthOptions:
     bandwidth: float | None = None
     rate: float | None = None
     max_bridges: float = 0.1
+    effort: Effort = "balanced"
 
     @property
     def max_bytes(self) -> int | None:
@@ -146,6 +150,10 @@ class DepthOptions:
             raise InputError(
                 f"move_points: can only be given with method relief, got {self.method}"
             )
+        if self.effort not in _EFFORTS:
+            raise InputError(f"effort: expected one of {', '.join(_EFFORTS)}, got {self.effort!r}")
+        if self.method != "relief" and self.effort != "balanced":
+            raise InputError(f"effort: can only be given with method relief, got {self.method}")
         if self.points is not None and not LEAST_POINTS <= self.points < 2**63:
             raise InputError(f"points: expected {LEAST_POINTS} to 2^63 - 1, got {self.points}")
         if not 0 <= self.depth_step <= float(np.finfo(np.float32).max):
@@ -343,7 +351,7 @@ def _uncut(
         return cs3(depth, intrinsics, points, **asked)
     if options.method == "relief":
         asked |= {"move_points": options.move_points, "depth_step": options.depth_step or None}
-        asked |= {"confidence": confidence}
+        asked |= {"confidence": confidence, "effort": options.effort}
         return relief(depth, intrinsics, points, **asked)
     asked |= {"method": options.method, "rng": options.seed}
     return sample_depth(depth, intrinsics, points, **asked)
@@ -733,7 +741,7 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> D
     elif options.method == "relief":
         function = relief_grid
         asked |= {"move_points": options.move_points, "threads": options.threads}
-        asked |= {"confidence": maps.confidence}
+        asked |= {"confidence": maps.confidence, "effort": options.effort}
     else:
         function = sample_depth_grid
         asked |= {"method": options.method, "rng": options.seed}

@@ -140,6 +140,7 @@ class Smoothing:
             self._stream = ReliefStream(
                 camera,
                 options.points or depth.size,
+                effort=options.effort,
                 move_points=options.move_points,
                 max_edge=options.max_edge,
                 depth_step=options.depth_step or None,
