@@ -592,14 +592,22 @@ def test_a_url_is_a_source_and_an_output(torus: Path, tmp_path: Path) -> None:
     assert read_mesh(tmp_path / "out" / "x.glb").num_faces == 1152
 
 
-@pytest.mark.parametrize("during", ["typer", "manip3d.errors", "manip3d._core", "numpy"])
-def test_ctrl_c_during_the_imports_leaves_no_traceback(during: str) -> None:
+@pytest.mark.parametrize(
+    ("during", "raised"),
+    [
+        *((name, "KeyboardInterrupt") for name in ("typer", "manip3d.errors", "numpy")),
+        ("manip3d._core", "KeyboardInterrupt"),
+        ("manip3d._core", "ImportError('initialization failed') from KeyboardInterrupt()"),
+    ],
+)
+def test_ctrl_c_during_the_imports_leaves_no_traceback(during: str, raised: str) -> None:
+    """A compiled module that is interrupted raises an ImportError."""
     code = f"""
 import sys
 class Interrupting:
     def find_spec(self, name, path=None, target=None):
         if name == "{during}":
-            raise KeyboardInterrupt
+            raise {raised}
 sys.meta_path.insert(0, Interrupting())
 from manip3d._entry import main
 sys.argv = ["manip3d", "info", "absent.obj"]

@@ -178,6 +178,9 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     except MemoryError as error:
         _fail(error, "out of memory", as_json)
     except Exception as error:  # a bug of ours: say so in one line too
+        if isinstance(error.__cause__, KeyboardInterrupt):  # in the import of a compiled module
+            print("manip3d: interrupted", file=sys.stderr)
+            sys.exit(130)
         message = f"internal error: {type(error).__name__}: {error} (MANIP3D_LOG=debug: where)"
         _fail(error, message, as_json)
     sys.exit(0)
