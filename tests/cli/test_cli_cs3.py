@@ -581,12 +581,35 @@ def test_points_by_bandwidth(frames: Path, tmp_path: Path) -> None:
     assert " of 8,000 bytes" in done.stderr or " of 8 000 bytes" in done.stderr
     none = manip3d(*one, "-q", "--force")
     assert none.returncode == 2
-    assert "--points: give --points, or --bandwidth with --rate" in none.stderr
+    assert "--points: give --points or --ratio, or --bandwidth with --rate" in none.stderr
     few = manip3d(*one, "-q", "--force", "--bandwidth", "5000", "--rate", "10")
     assert "--bandwidth: expected at least" in error_line(few)
     assert "--bandwidth, --rate: expected both" in error_line(
         manip3d(*one, "-q", "--force", "--rate", "10")
     )
+
+
+def test_points_by_the_share_of_measured_pixels(frames: Path, tmp_path: Path) -> None:
+    """Each image has its own share: masks leave them different numbers of pixels."""
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    for number in range(4):
+        np.save(masks / f"{number}.npy", np.tile(np.arange(160) < 60 + 20 * number, (120, 1)))
+    base = ("depth", frames, "--ratio", "0.02", "--intrinsics", FOCAL, "--json", "--mask", masks)
+    for way in (("--jobs", "1"), ("--stable",)):
+        rows = json.loads(manip3d(*base, *way, "--force", "-o", tmp_path / "out").stdout)
+        assert len({row["points_before"] for row in rows}) == 4
+        for row in rows:
+            assert row["target_points"] == max(3, int(0.02 * row["points_before"]))
+            assert 0.99 * row["target_points"] <= row["points"] <= row["target_points"]
+    one = ("depth", frames / "000.depth.png", "--intrinsics", FOCAL, "-q", "-o", tmp_path / "x.glb")
+    least = json.loads(manip3d(*one, "--ratio", "1e-9", "--json").stdout)
+    assert (least["target_points"], least["faces"]) == (3, 1)
+    both = error_line(manip3d(*one, "--force", "--ratio", "0.1", "--points", "9"))
+    assert "--points, --ratio: expected one of them" in both
+    for wrong in ("0", "1.01", "nan"):
+        done = manip3d(*one, "--force", "--ratio", wrong)
+        assert "--ratio: expected more than 0 to 1" in error_line(done)
 
 
 def still_pixels(folder: Path) -> float:

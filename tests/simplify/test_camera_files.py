@@ -120,6 +120,9 @@ def test_several_images_become_one_mesh(walls: Path, method: str) -> None:
     width = np.ptp(np.asarray(mesh.vertices)[:, 0])
     assert width == pytest.approx(0.5 + 159 / 130 * 1.8, abs=0.05)
     assert manip3d(*base, "-o", walls / "wall.ply").returncode != 0  # it is there
+    share = {"--points": "--ratio", "100": "0.005"}
+    done = manip3d(*(share.get(str(each), each) for each in base), "-o", walls / "c.ply")
+    assert json.loads(done.stdout)["target_points"] == int(0.005 * record["points_before"])
     low = manip3d(*base, "-o", walls / "b.ply", "--min-coverage", "1", "--points", "3")
     assert low.returncode == 4
 

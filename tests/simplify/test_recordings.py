@@ -81,7 +81,7 @@ def test_frames_without_a_surface_are_named(frames: list[RgbdFrame], tmp_path: P
         (
             simplify.DepthOptions(None, bandwidth=1e6, rate=30.0),
             {},
-            "options.points: expected a number of points, and no bandwidth",
+            "options: expected points or ratio, and no bandwidth",
         ),
         (
             replace(OPTIONS, method="cs3"),

@@ -82,8 +82,8 @@ class Variant(StrEnum):
 
 _SCANS = (".ply", ".pcd")
 _OPTIONS = ("intrinsics", "unit", "variant", "effort", "by-distance", "move-points", "max-edge",
-            "depth-step", "color", "mask", "confidence", "confidence-max", "points", "method",
-            "min-coverage", "max-bridges", "bandwidth", "rate", "stable")  # fmt: skip
+            "depth-step", "color", "mask", "confidence", "confidence-max", "points", "ratio",
+            "method", "min-coverage", "max-bridges", "bandwidth", "rate", "stable")  # fmt: skip
 
 
 def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
@@ -124,10 +124,12 @@ def _is_picture(name: str) -> bool:
         return False
 
 
-_BUDGETS = ("points", "bandwidth", "rate")
+_BUDGETS = ("points", "ratio", "bandwidth", "rate")
 
 
-def _expect_budget(*budgets: object, wanted: str = "--points, or --bandwidth with --rate") -> None:
+def _expect_budget(
+    *budgets: object, wanted: str = "--points or --ratio, or --bandwidth with --rate"
+) -> None:
     if all(budget is None for budget in budgets):
         raise typer.BadParameter(f"give {wanted}", param_hint="--points")
 
@@ -137,7 +139,7 @@ def _options_of(given: Mapping[str, Any]) -> DepthOptions:
     from manip3d.simplify import DepthOptions
 
     names = ("points", "intrinsics", "unit", "max_edge", "depth_step", "by_distance", "move_points",
-             "seed", "min_coverage", "bandwidth", "rate", "max_bridges")  # fmt: skip
+             "seed", "min_coverage", "bandwidth", "rate", "max_bridges", "ratio")  # fmt: skip
     return DepthOptions(
         method=given["method"].value,
         variant=given["variant"].value,
@@ -178,7 +180,7 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
     from manip3d import simplify
     from manip3d.batch import find_files
 
-    _expect_budget(given["points"], wanted="--points")
+    _expect_budget(given["points"], given["ratio"], wanted="--points or --ratio")
     output: Path = given["output"]
     shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
     with naming_options(*_OPTIONS, "poses", *given["shared"]):
@@ -212,7 +214,7 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     from manip3d import simplify
     from manip3d.cli.capture import open_source
 
-    _expect_budget(given["points"], wanted="--points")
+    _expect_budget(given["points"], given["ratio"], wanted="--points or --ratio")
     output: Path = given["output"]
     shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
     with naming_options(*_OPTIONS, "poses", *given["shared"]):
@@ -333,7 +335,15 @@ def depth(
     output: Output,
     points: Annotated[
         int | None,
-        typer.Option(min=3, help="Largest number of vertices; needed unless --bandwidth is given."),
+        typer.Option(
+            min=3, help="Largest number of vertices; this, --ratio or --bandwidth is needed."
+        ),
+    ] = None,
+    ratio: Annotated[
+        float | None,
+        typer.Option(
+            help="Largest number of vertices as a share of the measured pixels, above 0 to 1."
+        ),
     ] = None,
     intrinsics: Annotated[
         str,
@@ -492,7 +502,7 @@ def depth(
 
     assert not poses  # those files were joined
     assert frames is None  # that was a recording
-    _expect_budget(points, bandwidth, rate)
+    _expect_budget(points, ratio, bandwidth, rate)
     shell = Terminal(as_json=as_json, quiet=quiet)
     with naming_options(*_OPTIONS):
         options = simplify.DepthOptions(
@@ -512,6 +522,7 @@ def depth(
             rate,
             max_bridges,
             effort.value,
+            ratio,
         )
         # Whether a .pcd is an organised cloud is decided by its reader.
         clouds = ("scan",) if scan_suffix(source) == ".pcd" else ()

@@ -293,7 +293,7 @@ def simplify_camera_files(
     """
     files = tuple(path_of(source, "sources") for source in sources)
     target, place = path_of(output, "output"), path_of(poses, "poses")
-    points = _points_asked_for(options)
+    _expect_options_of_views(options)
     if colors and len(colors) != len(files):
         raise InputError(f"colors: expected {len(files)} or none, got {len(colors)}")
     pictures = [path_of(color, "colors") for color in colors] if colors else [None] * len(files)
@@ -306,9 +306,10 @@ def simplify_camera_files(
         view_of(file, options, pose, picture)
         for file, pose, picture in zip(files, placed, pictures, strict=True)
     ]
+    options = options.for_pixels(sum(int(np.count_nonzero(_valid_pixels(view))) for view in views))
     depth_step = options.depth_step if options.depth_step and are_images else None
     started = time.perf_counter()
-    joint = _filled(views, options, points, depth_step)
+    joint = _filled(views, options, depth_step)
     seconds = time.perf_counter() - started
     lone = sum(Measured.of(_valid_pixels(view)).lone for view in views)
     if not joint.num_faces:
@@ -331,15 +332,14 @@ def simplify_camera_files(
     )
 
 
-def _points_asked_for(options: DepthOptions) -> int:
-    """Return the number of points, or refuse options that cannot be used with several views."""
+def _expect_options_of_views(options: DepthOptions) -> None:
+    """Refuse options that cannot be used with several views."""
     if options.method not in ("relief", "cs3"):
         raise InputError(f"method: expected relief or cs3 with poses, got {options.method}")
-    if options.points is None or options.by_distance or options.move_points:
+    if options.bandwidth is not None or options.by_distance or options.move_points:
         raise InputError(
             "points: needed with poses, without bandwidth, by_distance and move_points"
         )
-    return options.points
 
 
 def _are_images(files: Sequence[Path]) -> bool:
@@ -356,13 +356,15 @@ def _valid_pixels(view: CameraView) -> NDArray[np.bool_]:
 
 
 def _filled(
-    views: Sequence[CameraView], options: DepthOptions, points: int, depth_step: float | None
+    views: Sequence[CameraView], options: DepthOptions, depth_step: float | None
 ) -> JointSimplification:
-    """Simplify views to at most ``points`` vertices and, if possible, to not many fewer.
+    """Simplify views to at most ``options.points`` vertices and, if possible, to not many fewer.
 
     Points that several views have in common are dropped where the views are joined. As many as were
     dropped are asked for in addition, up to `_MOST_TRIES` times.
     """
+    assert options.points is not None
+    points = options.points
     best = _joined(views, options, points, depth_step)
     asked = points + (missing := points - _num_used(best))
     for _ in range(_MOST_TRIES - 1):

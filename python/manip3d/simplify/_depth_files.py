@@ -84,7 +84,7 @@ class DepthOptions:
     Attributes
     ----------
     points : int or None
-        At most this many vertices; None: as many as ``bandwidth`` allows.
+        At most this many vertices; None: as ``ratio`` or ``bandwidth`` says.
     method : 'relief', 'cs3', 'uniform', 'poisson' or 'ssa'
     variant : 'cios', 'lios', 'cnms' or 'lnms'
         Variant of ``cs3``.
@@ -113,9 +113,12 @@ class DepthOptions:
         Share of the mesh's area, 0 to 1, above which bridges count as missed.
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
         Less time or less error (``relief``).
+    ratio : float or None
+        In place of ``points``: at most this share of the measured pixels, above 0 to 1, and three
+        vertices at least.
     """
 
-    points: int | None
+    points: int | None = None
     method: DepthMethod = "relief"
     variant: Variant = "cios"
     intrinsics: str = ""
@@ -131,6 +134,7 @@ class DepthOptions:
     rate: float | None = None
     max_bridges: float = 0.1
     effort: Effort = "balanced"
+    ratio: float | None = None
 
     @property
     def max_bytes(self) -> int | None:
@@ -163,8 +167,27 @@ class DepthOptions:
                 raise InputError(f"{name}: expected 0 to 1, got {getattr(self, name)}")
         if (self.bandwidth is None) != (self.rate is None):
             raise InputError("bandwidth, rate: expected both or none of them")
-        if self.max_bytes is None and self.points is None:
-            raise InputError("points: expected a number, or bandwidth and rate, got none of them")
+        if self.ratio is not None:
+            if self.points is not None:
+                raise InputError("points, ratio: expected one of them, got both")
+            if not 0 < self.ratio <= 1:
+                raise InputError(f"ratio: expected more than 0 to 1, got {self.ratio}")
+        elif self.max_bytes is None and self.points is None:
+            raise InputError(
+                "points: expected a number, or ratio, or bandwidth and rate, got none of them"
+            )
+
+    def for_pixels(self, measured: int) -> DepthOptions:
+        """Return the options with ``points`` in place of ``ratio``.
+
+        Parameters
+        ----------
+        measured : int
+            Number of measured pixels, of all views together.
+        """
+        if self.ratio is None:
+            return self
+        return replace(self, points=max(LEAST_POINTS, int(self.ratio * measured)), ratio=None)
 
 
 @dataclass(frozen=True)
@@ -322,9 +345,9 @@ def simplify_depth(
     """
     image = checked_depth(depth, intrinsics)
     image = masked_depth(image, mask_image(mask, image.shape))
+    options = options.for_pixels(int(np.count_nonzero(image > 0)))
     if options.points is None:
         raise InputError("options.points: expected a number, as nothing is written here, got None")
-
     uncut = _uncut(image, intrinsics, options, options.points, color, registration, confidence)
     return cut_depth_steps(uncut, image, step=options.depth_step) if options.depth_step else uncut
 
@@ -544,6 +567,8 @@ def from_depth(
     the camera's axes, or have +y up.
     """
     is_y_up = writes_y_up(output)
+    measured = Measured.of(depth > 0, is_masked=maps.mask is not None)
+    options = options.for_pixels(measured.pixels)
     started = time.perf_counter()
     uncut_of = take(depth, camera, options, maps)
     taking_up = time.perf_counter() - started
@@ -570,7 +595,6 @@ def from_depth(
         cut = max(0, uncut.num_faces - found.num_faces)
         return _Made(found, mesh, cut, seconds, faces_left=left, left_area=left_area)
 
-    measured = Measured.of(depth > 0, is_masked=maps.mask is not None)
     made = _write(make, path, output, options, measured, has_steps=options.depth_step > 0)
     made = replace(made, seconds=made.seconds + taking_up)
     return _result(path, output, options, made, measured, depth=words, unit=unit)
@@ -733,6 +757,8 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> D
     maps = maps if maps.color is not None else replace(maps, color=grid.color)
     mask = mask_image(maps.mask, grid.valid.shape)
     valid = grid.valid if mask is None else grid.valid & mask
+    measured = Measured.of(valid, is_masked=mask is not None)
+    options = options.for_pixels(measured.pixels)
     asked: dict[str, Any] = {"max_edge": options.max_edge, "color": maps.color}
     function: Callable[..., DepthSimplification]
     if options.method == "cs3":
@@ -752,7 +778,6 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> D
         seconds = time.perf_counter() - started
         return _Made(found, with_used_vertices(found.mesh), 0, seconds)
 
-    measured = Measured.of(valid, is_masked=mask is not None)
     made = _write(make, path, output, options, measured, has_steps=False)
     words = _NO_CAMERA if is_cloud and options.max_edge is None else ""
     return _result(path, output, options, made, measured, depth=words)

@@ -101,8 +101,8 @@ def simplify_recording(
     """
     if options.intrinsics or options.unit != "guess":
         raise InputError("options: expected neither intrinsics nor unit, which the frames bring")
-    if options.points is None or options.bandwidth is not None:
-        raise InputError("options.points: expected a number of points, and no bandwidth")
+    if options.bandwidth is not None:
+        raise InputError("options: expected points or ratio, and no bandwidth")
     if stable and options.method != "relief":
         raise InputError(f"stable: expected method relief, got {options.method}")
     if num_frames is not None and num_frames < 1:
