@@ -1,0 +1,69 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <numeric>
+#include <vector>
+
+#include "geometry/constants.hpp"
+
+namespace manip3d {
+
+/// The points of a scan by sectors of 5 degrees, in which evidence of an edit is told from what was
+/// done to the whole frame: an edit is somewhere, the other is everywhere.
+class HorizonSectors {
+ public:
+  static constexpr std::size_t kSectors = 72;
+  using Tally = std::array<std::int64_t, kSectors>;
+
+  /// @param azimuth  radians, in [0, 2 pi].
+  [[nodiscard]] static std::size_t sector(double azimuth) {
+    return std::min(static_cast<std::size_t>(azimuth * (kSectors / kFullTurn)), kSectors - 1);
+  }
+
+  void add(double azimuth) {
+    ++points_[sector(azimuth)];
+    ++num_points_;
+  }
+  [[nodiscard]] std::int64_t num_points() const { return num_points_; }
+
+  /// Share of such points of the horizon: the mean over the sectors that hold points, so that every
+  /// direction counts the same, however many points were pasted into one.
+  [[nodiscard]] double share(const Tally& found) const {
+    const std::vector<double> shares = shares_of_sectors(found);
+    return std::accumulate(shares.begin(), shares.end(), 0.0) / static_cast<double>(shares.size());
+  }
+
+  /// Whether the horizon holds more than a share `most` of such points, or more than half of its
+  /// sectors hold more than a share `least`.
+  [[nodiscard]] bool is_everywhere(const Tally& found, double least, double most) const {
+    const std::vector<double> shares = shares_of_sectors(found);
+    const auto spoiled =
+        std::count_if(shares.begin(), shares.end(), [least](double s) { return s > least; });
+    return share(found) > most ||
+           (shares.size() >= kFewestSectors && 2 * spoiled > std::ssize(shares));
+  }
+
+ private:
+  static constexpr std::int64_t kFewestOfSector = 100;
+  static constexpr std::size_t kFewestSectors = 8;
+
+  /// A single share where few sectors hold points.
+  [[nodiscard]] std::vector<double> shares_of_sectors(const Tally& found) const {
+    std::vector<double> shares;
+    for (std::size_t s = 0; s < kSectors; ++s) {
+      if (points_[s] < kFewestOfSector) continue;
+      shares.push_back(static_cast<double>(found[s]) / static_cast<double>(points_[s]));
+    }
+    if (shares.size() >= kFewestSectors) return shares;
+    const auto all = std::accumulate(found.begin(), found.end(), std::int64_t{0});
+    return {static_cast<double>(all) / static_cast<double>(std::max<std::int64_t>(num_points_, 1))};
+  }
+
+  Tally points_{};
+  std::int64_t num_points_ = 0;
+};
+
+}  // namespace manip3d
