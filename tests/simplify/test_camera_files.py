@@ -85,13 +85,65 @@ def test_all_images_of_a_mesh_have_one_unit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "line", ["1 2 3", "1 0 0 0 0 0 0 2", "1 0 0 nan 0 0 0 1", "a b c d e f g h"]
+    ("line", "told"),
+    [
+        ("1 2 3", r"expected eight numbers \(time tx ty tz"),
+        ("1 0 0 0 0 0 0 2", "expected a quaternion of length 1"),
+        ("1 0 0 nan 0 0 0 1", "expected finite numbers"),
+        ("a b c d e f g h", "expected finite numbers"),
+        ("2 0 0 5 0 2 0 6 0 0 2 7", "expected a rigid transform"),
+        ("0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1", "as in the lines before"),
+    ],
 )
-def test_lines_that_are_no_poses_are_told(line: str, tmp_path: Path) -> None:
+def test_lines_that_are_no_poses_are_told(line: str, told: str, tmp_path: Path) -> None:
     (tmp_path / "truth.txt").write_text(f"# time\n{line}\n")
-    with pytest.raises(FormatError, match="expected eight numbers: time tx ty tz") as error:
+    with pytest.raises(FormatError, match=told) as error:
         simplify.poses_of_files(["1.png"], tmp_path / "truth.txt")
-    assert error.value.line == 2
+    assert error.value.line == 2 + line.count("\n")
+
+
+MATRIX = "0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n"
+
+
+def test_lines_without_times_are_poses_in_order(tmp_path: Path) -> None:
+    (tmp_path / "seven.txt").write_text("0 0 0 0 0 0 1\n1 2 3 0 0 0.70710678 0.70710678\n")
+    (tmp_path / "kitti.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n0 -1 0 1 1 0 0 2 0 0 1 3\n")
+    for name in ("seven.txt", "kitti.txt"):
+        _, pose = simplify.poses_of_files(["7.png", "9.png"], tmp_path / name)
+        np.testing.assert_allclose(pose, np.loadtxt(MATRIX.splitlines()), atol=1e-7)
+        with pytest.raises(InputError, match="or 1 poses in"):
+            simplify.poses_of_files(["7.png"], tmp_path / name)
+
+
+def test_a_folder_has_a_matrix_for_each_image(tmp_path: Path) -> None:
+    """In 7-Scenes beside its image, in ScanNet of the same name; the last is a lost camera's."""
+    (tmp_path / "frame-000001.pose.txt").write_text(MATRIX)
+    (tmp_path / "12.txt").write_text(MATRIX)
+    for name in ("frame-000001.depth.png", "depth/12.png", "12.png.xz"):
+        (pose,) = simplify.poses_of_files([name], tmp_path)
+        np.testing.assert_array_equal(pose, np.loadtxt(MATRIX.splitlines()))
+    with pytest.raises(InputError, match=r"expected frame-2\.pose\.txt or frame-2\.txt in"):
+        simplify.poses_of_files(["frame-2.depth.png"], tmp_path)
+    (tmp_path / "12.txt").write_text("-inf -inf -inf -inf\n" * 4)
+    with pytest.raises(FormatError, match="expected finite numbers"):
+        simplify.poses_of_files(["12.png"], tmp_path)
+
+
+def test_a_log_has_matrices_by_number(tmp_path: Path) -> None:
+    log = tmp_path / "trajectory.log"
+    log.write_text("0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n5 5 6\n" + MATRIX)
+    for names in (("00000.png", "00005.png"), ("a.png", "b.png")):
+        poses = simplify.poses_of_files(names, log)
+        np.testing.assert_array_equal(poses, [np.eye(4), np.loadtxt(MATRIX.splitlines())])
+    with pytest.raises(InputError, match="expected one of frame 4 in"):
+        simplify.poses_of_files(["00004.png"], log)
+    log.write_text(log.read_text().rsplit("\n", 2)[0])
+    with pytest.raises(FormatError, match="expected a rigid transform: four lines") as error:
+        simplify.poses_of_files(["00000.png"], log)
+    assert error.value.line == 7
+    log.write_text(MATRIX)
+    with pytest.raises(FormatError, match="expected three whole numbers before"):
+        simplify.poses_of_files(["00000.png"], log)
 
 
 def test_poses_of_scans_are_found_by_name(tmp_path: Path) -> None:

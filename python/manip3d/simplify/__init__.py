@@ -1,10 +1,6 @@
 """Fewer points and faces for the same shape."""
 
-from manip3d.simplify._camera_files import (
-    JointFileResult,
-    poses_of_files,
-    simplify_camera_files,
-)
+from manip3d.simplify._camera_files import JointFileResult, simplify_camera_files
 from manip3d.simplify._cameras import (
     CameraView,
     JointSimplification,
@@ -65,6 +61,7 @@ from manip3d.simplify._lod import (
 )
 from manip3d.simplify._modes import Mode, simplify
 from manip3d.simplify._pixel_maps import confidence_of_levels
+from manip3d.simplify._poses import poses_of_files
 from manip3d.simplify._quality import QualityResult, fast, quality
 from manip3d.simplify._recordings import RecordingResult, simplify_recording
 from manip3d.simplify._relief import (

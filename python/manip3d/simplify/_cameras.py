@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -350,7 +351,7 @@ class _Surface:
         self,
         points: NDArray[np.float64],
         normals: NDArray[np.float64],
-        tolerance: float,
+        tolerance: float | NDArray[np.float64],
         threads: int,
     ) -> NDArray[np.bool_]:
         """Which points lie on the surface: near it, on the same side, not beyond its border."""
@@ -652,6 +653,31 @@ def cs3_cameras(
     >>> simplify.cs3_cameras(views, 200).mesh.num_vertices
     198
     """
+    number = count_of(target_points, "target_points")
+    return cs3_joiner(
+        views,
+        variant=variant,
+        max_edge=max_edge,
+        depth_step=depth_step,
+        tolerance=tolerance,
+        threads=threads,
+    )(number)
+
+
+Join = Callable[[int], JointSimplification]
+"""Joins views that were taken up to one mesh of at most so many points."""
+
+
+def cs3_joiner(
+    views: Sequence[CameraView],
+    *,
+    variant: Variant = "cios",
+    max_edge: float | None = None,
+    depth_step: float | None = None,
+    tolerance: float | None = None,
+    threads: int = 0,
+) -> Join:
+    """Take views up for `cs3_cameras`, once for several numbers of points."""
 
     def choose(view: _View, open_pixels: NDArray[np.bool_], share: int) -> Cs3Result:
         chosen = cs3_grid(
@@ -665,7 +691,8 @@ def cs3_cameras(
         surface = DenseGrid(view.points, open_pixels, math.inf, focal=view.focal)
         return replace(chosen, surface=surface)
 
-    return _join(views, target_points, choose, max_edge, depth_step, tolerance, threads)
+    taken = _Views.of(views, max_edge, depth_step, tolerance, threads)
+    return functools.partial(_join, taken, choose)
 
 
 @checked
@@ -725,6 +752,28 @@ def relief_cameras(
     >>> 90 < joint.num_vertices <= 100
     True
     """
+    if count_of(target_points, "target_points") < LEAST_POINTS:
+        raise InputError(f"target_points: expected at least 3, got {target_points}")
+    return relief_joiner(
+        views,
+        effort=effort,
+        max_edge=max_edge,
+        depth_step=depth_step,
+        tolerance=tolerance,
+        threads=threads,
+    )(target_points)
+
+
+def relief_joiner(
+    views: Sequence[CameraView],
+    *,
+    effort: Effort = "balanced",
+    max_edge: float | None = None,
+    depth_step: float | None = None,
+    tolerance: float | None = None,
+    threads: int = 0,
+) -> Join:
+    """Take views up for `relief_cameras`, once for several numbers of points."""
 
     def choose(view: _View, open_pixels: NDArray[np.bool_], share: int) -> Relief:
         enough = share >= LEAST_POINTS
@@ -738,9 +787,8 @@ def relief_cameras(
             threads,
         )
 
-    if count_of(target_points, "target_points") < LEAST_POINTS:
-        raise InputError(f"target_points: expected at least 3, got {target_points}")
-    return _join(views, target_points, choose, max_edge, depth_step, tolerance, threads)
+    taken = _Views.of(views, max_edge, depth_step, tolerance, threads)
+    return functools.partial(_join, taken, choose)
 
 
 def _relief_of_view(
@@ -801,13 +849,47 @@ class _Seen:
 
 def _num_owned(seen: Sequence[_Seen], threads: int) -> list[int]:
     """How many pixels of each view no earlier view shows, as far as the full meshes tell."""
-    found = []
+    # Pixels of all views that none of the views so far shows.
+    points = np.concatenate([each.view.world for each in seen])
+    facing = np.concatenate([each.normals[each.view.valid] for each in seen])
+    view_of = np.repeat(np.arange(len(seen)), [int(each.view.valid.sum()) for each in seen])
+    tolerance = np.array([each.tolerance for each in seen])
+    owned = []
     for i, each in enumerate(seen):
-        is_shown = np.zeros(int(each.view.valid.sum()), bool)
-        for earlier in seen[:i]:
-            is_shown |= each.covered_by(earlier.surface, threads)
-        found.append(int((~is_shown).sum()))
-    return found
+        later = view_of > i
+        owned.append(len(later) - int(np.count_nonzero(later)))
+        points, facing, view_of = points[later], facing[later], view_of[later]
+        unseen = ~each.surface.covers(points, facing, tolerance[view_of], threads)
+        points, facing, view_of = points[unseen], facing[unseen], view_of[unseen]
+    return owned
+
+
+@dataclass(frozen=True, eq=False)
+class _Views:
+    """Views and what they share, whatever the number of points."""
+
+    seen: Sequence[_Seen]
+    owned: Sequence[int]  # pixels that no earlier view shows
+    steps: _GapRules
+    threads: int
+
+    @classmethod
+    def of(
+        cls,
+        views: Sequence[CameraView],
+        max_edge: float | None,
+        depth_step: float | None,
+        tolerance: float | None,
+        threads: int,
+    ) -> _Views:
+        if not len(views):
+            raise InputError("views: expected at least one")
+        _check_lengths(max_edge=max_edge, depth_step=depth_step, tolerance=tolerance)
+        threads = threads_of(threads)
+        steps = _GapRules(depth_step, limit_of(max_edge))
+        taken = [_take(view, index, threads) for index, view in enumerate(views)]
+        seen = [_Seen.of(view, tolerance, steps, threads) for view in taken]
+        return cls(seen, _num_owned(seen, threads), steps, threads)
 
 
 def _check_lengths(**lengths: float | None) -> None:
@@ -817,29 +899,19 @@ def _check_lengths(**lengths: float | None) -> None:
 
 
 def _join(
-    views: Sequence[CameraView],
-    target_points: int,
+    views: _Views,
     choose: Callable[[_View, NDArray[np.bool_], int], DepthSimplification],
-    max_edge: float | None,
-    depth_step: float | None,
-    tolerance: float | None,
-    threads: int,
+    target_points: int,
 ) -> JointSimplification:
     """One mesh of the pixels that a method chooses in each view."""
-    if not len(views):
-        raise InputError("views: expected at least one")
-    remaining = count_of(target_points, "target_points")
-    _check_lengths(max_edge=max_edge, depth_step=depth_step, tolerance=tolerance)
-    threads = threads_of(threads)
-    steps = _GapRules(depth_step, limit_of(max_edge))
-    taken = [_take(view, index, threads) for index, view in enumerate(views)]
-    seen = [_Seen.of(view, tolerance, steps, threads) for view in taken]
-    owned = _num_owned(seen, threads)
-    rate = target_points / max(1, sum(owned))
-    largest = int(np.argmax(owned))
+    seen, steps, threads = views.seen, views.steps, views.threads
+    remaining = target_points
+    rate = target_points / max(1, sum(views.owned))
+    largest = int(np.argmax(views.owned))
     joint = _Joint()
     all_covered, chosen_views = [], []
-    for i, (view, each) in enumerate(zip(taken, seen, strict=True)):
+    for i, each in enumerate(seen):
+        view = each.view
         covered = np.zeros(view.valid.shape, bool)
         if i > 0:
             so_far = _Surface(joint.vertices, joint.faces)
@@ -865,7 +937,7 @@ def _join(
         joint.corner_texcoords,
         tuple(all_covered),
         tuple(chosen_views),
-        tuple(view.color for view in taken),
+        tuple(each.view.color for each in seen),
         tuple((each.view, each.tolerance) for each in seen),
         threads,
         steps,

@@ -1,0 +1,236 @@
+"""Poses of cameras and scanners, as trajectories and data sets store them."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d._util.linear import product
+from manip3d._util.paths import path_of
+from manip3d._util.text_files import text_of
+from manip3d.errors import FormatError, InputError
+from manip3d.io._poses import poses_by_file, rigid
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_MOST_SECONDS_APART = 0.02  # as TUM's own tool associates depth images and poses
+_UNIT_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1
+
+
+@checked
+def poses_of_files(
+    sources: Sequence[str | os.PathLike[str]], poses: str | os.PathLike[str]
+) -> list[NDArray[np.float64]]:
+    r"""Return the pose of the camera or scanner of each file, from a file of poses.
+
+    Parameters
+    ----------
+    sources : sequence of path-like
+        Depth images or range scans. Only their names are used.
+    poses : path-like
+        A trajectory: lines ``time tx ty tz qx qy qz qw`` (camera to world) as in TUM's
+        ``groundtruth.txt``, or without the time, or the twelve numbers of a 3x4 matrix, row by row
+        (KITTI). A folder with a 4x4 matrix for each source: ``NAME.pose.txt`` (7-Scenes) or
+        ``NAME.txt`` (ScanNet) of ``NAME.depth.png`` or ``NAME.png``. A ``.log`` of Redwood and
+        Open3D: three whole numbers, the first that of the frame, and a 4x4 matrix. Or a Stanford
+        ``.conf`` file, which names each source (`manip3d.datasets.read_poses`). Lines that begin
+        with ``#`` are comments.
+
+    Returns
+    -------
+    list of (4, 4) float64
+        For each source, in their order, the rigid transform from its camera's frame to the common
+        frame, in the unit of ``poses``.
+
+    Raises
+    ------
+    InputError
+        A file has no pose.
+    FormatError, OSError
+        ``poses`` cannot be read.
+
+    Notes
+    -----
+    In a trajectory with times, a file's name is a time in seconds (``1305031102.160407.png``), and
+    its pose is the one with the nearest time, at most 0.02 s away (the tolerance of TUM's own
+    tool). If the names are not times, the lines are taken in order, one for each file. Names are
+    not times if none is a number, or if names and times ascend and most names, such as
+    ``000001.png``, are not near any time. Lines without times are taken in order, too. In a
+    ``.log`` a file's name is the number of its frame; if a name is none, the matrices are taken in
+    order.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import simplify
+    >>> _ = Path("truth.txt").write_text("# time x y z q\n1.00 1 2 3 0 0 0 1\n1.05 4 5 6 0 0 0 1")
+    >>> (pose,) = simplify.poses_of_files(["depth/1.04.png"], "truth.txt")
+    >>> pose[:3, 3].tolist()
+    [4.0, 5.0, 6.0]
+    """
+    files = [path_of(source, "sources") for source in sources]
+    place = path_of(poses, "poses")
+    if place.is_dir():
+        return [_matrix_of(file, place) for file in files]
+    if place.suffix.lower() == ".conf":
+        named = poses_by_file(place)
+        names = [plain_name(file) for file in files]
+        for name in names:
+            if name not in named:
+                raise InputError(f"poses: expected one of {name} in {place}, found none")
+        return [named[name] for name in names]
+    asked = np.array([_number_in(file) for file in files])
+    if place.suffix.lower() == ".log":
+        numbered = _log(place)
+        if np.isnan(asked).any():
+            return _in_order(files, list(numbered.values()), place)
+        for number in asked:
+            if number not in numbered:
+                raise InputError(f"poses: expected one of frame {number:g} in {place}, found none")
+        return [numbered[int(number)] for number in asked]
+    times, found = _trajectory(place)
+    if times is None or np.isnan(asked).all():
+        return _in_order(files, found, place)
+    return _by_time(files, asked, times, found)
+
+
+def _matrix_of(file: Path, folder: Path) -> NDArray[np.float64]:
+    """The matrix of a depth image, in a file of its own."""
+    stem = Path(plain_name(file)).stem
+    frame = stem.removesuffix(".depth")
+    for name in (f"{frame}.pose.txt", f"{frame}.txt", f"{stem}.txt"):
+        path = folder / name
+        if path.is_file():
+            lines = _numbers_of_lines(path)
+            return _checked_matrix([values for _, values in lines], path, 1)
+    raise InputError(f"poses: expected {frame}.pose.txt or {frame}.txt in {folder}, found neither")
+
+
+def _log(place: Path) -> dict[int, NDArray[np.float64]]:
+    """The matrices of a log, by the numbers of their frames."""
+    lines = _numbers_of_lines(place)
+    found: dict[int, NDArray[np.float64]] = {}
+    for first in range(0, len(lines), 5):
+        number, head = lines[first]
+        if len(head) != 3 or not head[0].is_integer():
+            text = "expected three whole numbers before each matrix"
+            raise FormatError(text, file=str(place), line=number)
+        rows = [values for _, values in lines[first + 1 : first + 5]]
+        found[int(head[0])] = _checked_matrix(rows, place, number + 1)
+    return found
+
+
+def _numbers_of_lines(place: Path) -> list[tuple[int, NDArray[np.float64]]]:
+    """The numbers of each line that is neither empty nor a comment, with the line's number."""
+    found = []
+    for number, line in enumerate(text_of(place).splitlines(), start=1):
+        words = line.replace(",", " ").split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            values = np.array(words, dtype=np.float64)
+        except ValueError:
+            values = np.array([math.nan])
+        if not np.isfinite(values).all():
+            raise FormatError("expected finite numbers", file=str(place), line=number)
+        found.append((number, values))
+    return found
+
+
+def _checked_matrix(
+    rows: Sequence[NDArray[np.float64]], place: Path, line: int
+) -> NDArray[np.float64]:
+    """Rows as a matrix that neither scales nor mirrors."""
+    if [len(row) for row in rows] == [4, 4, 4, 4]:
+        pose = np.array(rows)
+        turn = pose[:3, :3]
+        is_rigid = np.abs(product(turn, turn.T) - np.eye(3)).max() <= _UNIT_TOLERANCE
+        if is_rigid and np.linalg.det(turn) > 0 and (pose[3] == (0, 0, 0, 1)).all():
+            return pose
+    text = "expected a rigid transform: four lines of four numbers, the last 0 0 0 1"
+    raise FormatError(text, file=str(place), line=line)
+
+
+def _by_time(
+    files: Sequence[Path],
+    asked: NDArray[np.float64],
+    times: NDArray[np.float64],
+    found: list[NDArray[np.float64]],
+) -> list[NDArray[np.float64]]:
+    """Return the pose nearest in time to each file; in order where the names are only numbers."""
+    off = np.nan_to_num(np.abs(asked[:, None] - times), nan=np.inf)
+    nearest, apart = off.argmin(axis=1), off.min(axis=1)
+    is_near = apart <= _MOST_SECONDS_APART
+    if is_near.all():
+        return [found[i] for i in nearest]
+    are_numbered = 2 * np.count_nonzero(is_near) < len(files)
+    if are_numbered and len(found) == len(files) and _ascend(asked) and _ascend(times):
+        return found
+    worst = int(apart.argmax())
+    asks = f"poses: expected a pose within {_MOST_SECONDS_APART} s of {files[worst]}"
+    if np.isinf(apart[worst]):
+        raise InputError(f"{asks}, whose name is not a time")
+    raise InputError(f"{asks}, the nearest is {apart[worst]:.3f} s away")
+
+
+def _number_in(file: Path) -> float:
+    """The number that is a file's name; NaN where the name is not a number."""
+    stem = Path(plain_name(file)).stem
+    return float(stem) if re.fullmatch(r"-?[0-9]+(\.[0-9]*)?", stem) else math.nan
+
+
+def _ascend(values: NDArray[np.float64]) -> bool:
+    return bool((np.diff(values) > 0).all())
+
+
+def plain_name(file: Path) -> str:
+    """Return a file's name without the suffix of a compression."""
+    return file.name.removesuffix(".xz").removesuffix(".gz")
+
+
+def _in_order(
+    files: Sequence[Path], found: list[NDArray[np.float64]], place: Path
+) -> list[NDArray[np.float64]]:
+    if len(found) != len(files):
+        raise InputError(
+            f"poses: expected file names that are times, or {len(files)} poses in {place}, found "
+            f"{len(found)}"
+        )
+    return found
+
+
+def _trajectory(
+    place: Path,
+) -> tuple[NDArray[np.float64] | None, list[NDArray[np.float64]]]:
+    """Times, if the lines have some, and poses (camera to world)."""
+    lines = _numbers_of_lines(place)
+    if not lines:
+        raise FormatError("expected lines 'time tx ty tz qx qy qz qw', found none", file=str(place))
+    width = len(lines[0][1])
+    poses = []
+    for number, values in lines:
+        if len(values) != width or width not in (7, 8, 12):
+            text = (
+                "expected eight numbers (time tx ty tz qx qy qz qw), seven without the time, or "
+                "twelve of a matrix, as in the lines before"
+            )
+            raise FormatError(text, file=str(place), line=number)
+        if width == 12:
+            rows = [*values.reshape(3, 4), np.array([0.0, 0.0, 0.0, 1.0])]
+            poses.append(_checked_matrix(rows, place, number))
+            continue
+        if not abs(np.linalg.norm(values[-4:]) - 1) <= _UNIT_TOLERANCE:
+            text = "expected a quaternion of length 1 in the last four numbers"
+            raise FormatError(text, file=str(place), line=number)
+        pose = rigid(values[-7:])
+        pose[:3, :3] = pose[:3, :3].T  # here the quaternion is that of the rotation itself
+        poses.append(pose)
+    return np.array([values[0] for _, values in lines]) if width == 8 else None, poses
