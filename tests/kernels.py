@@ -154,6 +154,7 @@ KERNELS: dict[str, Kernel] = {
         marked.frame, blocks, marked.metadata
     ),
     "authenticate.verdict_of_stream": lambda _: authenticate.verdict_of_stream([verified]),
+    "simplify.boundary_vertices": lambda _: simplify.boundary_vertices(pipe),
     "simplify.clean": lambda _: simplify.clean(pipe),
     "simplify.quality": lambda _: simplify.quality(hill, ratio=0.3),
     "simplify.fast": lambda t: simplify.fast(pipe, ratio=0.3, threads=t),

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from command_line import error_line, manip3d
-from manip3d import LidarFrame, Mesh, io, read_mesh
+from manip3d import LidarFrame, Mesh, io, read_mesh, simulate
 
 
 def test_version() -> None:
@@ -278,6 +278,34 @@ def test_what_lies_in_the_lock_box_stays(torus: Path, tmp_path: Path, mode: str)
     assert read_mesh(output).num_faces <= 231
     refused = manip3d(*base[:-1], "published", "--lock-box", "0", "0", "0", "1", "1", "1")
     assert "--mode quality or fast" in error_line(refused)
+
+
+@pytest.mark.parametrize("mode", ["quality", "fast"])
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_tiles_whose_boundaries_are_locked_still_meet(
+    tmp_path: Path, mode: str, suffix: str
+) -> None:
+    whole = simulate.models.floor(columns=24, rows=20)
+    x = whole.vertices[whole.faces, 0]
+    middle = np.median(x)
+    edges, before = [], []
+    for name, inside in (("a", x.max(axis=1) <= middle), ("b", x.min(axis=1) >= middle)):
+        tile = Mesh(whole.vertices, whole.faces[inside])
+        tile.write(tmp_path / f"{name}{suffix}")
+        done = manip3d("simplify", tmp_path / f"{name}{suffix}", "-o", tmp_path / f"{name}.off",
+                       "--ratio", "0.25", "--mode", mode, "--lock-boundary", "--json")  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        small = read_mesh(tmp_path / f"{name}.off")
+        assert small.num_faces <= 0.25 * tile.num_faces
+        assert small.summary().boundary_edges_welded == tile.summary().boundary_edges_welded
+        for mesh, found in ((tile, before), (small, edges)):
+            vertices = mesh.vertices[np.unique(mesh.faces)]
+            found.append({tuple(np.float32(v)) for v in vertices if v[0] == middle})
+    assert edges[0] == edges[1] == before[0]
+    assert len(edges[0]) == 21
+    refused = manip3d("simplify", tmp_path / f"a{suffix}", "-o", tmp_path / "x.off", "--ratio",
+                      "0.5", "--mode", "published", "--lock-boundary")  # fmt: skip
+    assert "--lock-boundary: expected --mode quality or fast" in error_line(refused)
 
 
 def test_importance_comes_from_a_file(torus: Path, tmp_path: Path) -> None:

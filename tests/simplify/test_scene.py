@@ -388,6 +388,25 @@ def test_limits_of_error_leave_alone_what_is_not_seen(tmp_path: Path) -> None:
     assert held.scene.num_faces == scene.num_faces
 
 
+def test_a_boundary_may_be_locked_beside_a_box(tmp_path: Path) -> None:
+    """The dome's boundary is its rim, not the seam of its texture; the box holds its top."""
+    vertices, faces = sphere(24, 16)
+    low = vertices[faces][:, :, 2].min(axis=1)
+    scene = io.read_scene(
+        scene_file(tmp_path / "a.glb", [(vertices, faces[low > -0.2])], [{"mesh": 0}])
+    )
+    (mesh,) = scene.meshes
+    rim = mesh.vertices[simplify.boundary_vertices(mesh)]
+    assert np.ptp(rim[:, 2]) < 1e-6
+    options = {"lock_boundary": True, "lock_box": [[-1, -1, 0.9], [1, 1, 2]]}
+    (small,) = simplify.simplify_scene(scene, ratio=0.2, **options).scene.meshes
+    after = set(map(tuple, small.vertices))
+    top = mesh.vertices[mesh.vertices[:, 2] >= 0.9]
+    assert len(rim) >= 24
+    assert len(top) > 1
+    assert set(map(tuple, rim)) | set(map(tuple, top)) <= after
+
+
 @pytest.mark.parametrize("method", ["quality", "fast", "qem4vr"])
 @pytest.mark.parametrize("scale", [[0, 0, 0], [1, 1, 0], [1, 1, 1]])
 def test_a_mesh_that_cleaning_empties_is_emptied(

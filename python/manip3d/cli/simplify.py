@@ -80,6 +80,7 @@ class Order:
     options: dict[str, Any]
     memory: int | None = None  # bytes of the whole process
     importance: Path | None = None  # numbers of the vertices
+    lock_boundary: bool = False
 
     def __post_init__(self) -> None:
         _expect_target(self.faces, self.ratio, self.max_error, self.max_distance)
@@ -185,6 +186,10 @@ def simplify_file(
         terminal.say(
             f"--lock-box holds {counted(int(limits['locked'].sum()), 'vertex', 'vertices')}"
         )
+    if order.lock_boundary:
+        border = simplify.boundary_vertices(cleaned)
+        limits["locked"] = border | limits.get("locked", False)
+        terminal.say(f"--lock-boundary holds {counted(int(border.sum()), 'vertex', 'vertices')}")
     if (weights := _importance(order)) is not None:
         limits["importance"] = weights
     result = _run(cleaned, order, limits, progress)
@@ -237,6 +242,7 @@ def _simplify_scene(
         order.method,
         target_faces=target,
         lock_box=box,
+        lock_boundary=order.lock_boundary,
         importance=_importance(order),
         memory=order.memory,
         cleaned=order.clean,
@@ -421,6 +427,13 @@ def simplify(
             help="Vertices between these two corners stay where they are.",
         ),
     ] = None,
+    lock_boundary: Annotated[
+        bool,
+        typer.Option(
+            "--lock-boundary",
+            help="Boundaries stay as they are, so that tiles still meet (--mode quality or fast).",
+        ),
+    ] = False,
     importance: Annotated[
         Path | None,
         typer.Option(
@@ -470,6 +483,8 @@ def simplify(
     expect_cleaning(name, no_clean)
     if lock_box is not None and name not in (Mode.quality, Mode.fast):
         raise InputError(f"--lock-box: expected --mode quality or fast, got {name}")
+    if lock_boundary and name not in (Mode.quality, Mode.fast):
+        raise InputError(f"--lock-boundary: expected --mode quality or fast, got {name}")
     if importance is not None and name != Mode.quality:
         raise InputError(f"--importance: expected --mode quality, got {name}")
     if memory is not None and name not in (Mode.quality, Mode.fast):
@@ -488,6 +503,7 @@ def simplify(
         options,
         memory=None if memory is None else _ceiling(memory),
         importance=importance,
+        lock_boundary=lock_boundary,
     )
     expect_kind(source, "mesh", verb="simplify")
     check_output(output, WRITABLE, force=force)

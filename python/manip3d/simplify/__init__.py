@@ -62,7 +62,7 @@ from manip3d.simplify._lod import (
 from manip3d.simplify._modes import Mode, simplify
 from manip3d.simplify._pixel_maps import confidence_of_levels
 from manip3d.simplify._poses import poses_of_files
-from manip3d.simplify._quality import QualityResult, fast, quality
+from manip3d.simplify._quality import QualityResult, boundary_vertices, fast, quality
 from manip3d.simplify._recordings import RecordingResult, simplify_recording
 from manip3d.simplify._relief import (
     Effort,
@@ -120,6 +120,7 @@ __all__ = [
     "SimplifyResult",
     "StopReason",
     "Variant",
+    "boundary_vertices",
     "clean",
     "colors_of_frames",
     "common_depth_unit",

@@ -82,6 +82,45 @@ def _follow(first: NDArray[np.int32], second: NDArray[np.int32]) -> NDArray[np.i
     return np.where(first < 0, gone, second[first])
 
 
+@checked
+def boundary_vertices(mesh: Mesh) -> NDArray[np.bool_]:
+    """Return which vertices lie on a boundary: those of edges that exactly one face uses.
+
+    Locked, they keep the boundary as it is: tiles that are simplified one by one still meet.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Vertices at equal positions count as one, so that a seam of a texture is no boundary.
+
+    Returns
+    -------
+    (V,) bool
+        One vertex at least of each place on the boundary, for the ``locked`` of `quality`, `fast`
+        and `simplify`, by which one that is locked locks all at its place.
+
+    Raises
+    ------
+    InputError
+        ``mesh`` is not a mesh.
+
+    Examples
+    --------
+    >>> import manip3d
+    >>> from manip3d import simplify
+    >>> tile = manip3d.simulate.models.floor(columns=6, rows=6)
+    >>> border = simplify.boundary_vertices(tile)
+    >>> int(border.sum()), tile.num_vertices
+    (24, 49)
+    >>> small = simplify.quality(tile, target_faces=24, locked=border).mesh
+    >>> small.num_vertices, small.summary().boundary_edges
+    (25, 24)
+    """
+    found = np.zeros(mesh.num_vertices, np.bool_)
+    found[_core.welded_boundary(mesh).reshape(-1)] = True
+    return found
+
+
 def locked_of(mesh: Mesh, locked: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
     """One of each vertex."""
     if locked is None:

@@ -26,7 +26,7 @@ from manip3d.simplify._deformation import deformation_of, rows_of, sway
 from manip3d.simplify._lod import LodChain, check_options, lod_chain, runner, targets_of
 from manip3d.simplify._memory import simplify_within
 from manip3d.simplify._parts import compact_rows
-from manip3d.simplify._quality import QualityResult
+from manip3d.simplify._quality import QualityResult, boundary_vertices
 from manip3d.simplify._texcoords import charts, parted, texcoords_of
 
 if TYPE_CHECKING:
@@ -510,6 +510,7 @@ def simplify_scene(
     max_error: float | None = None,
     max_distance: float | None = None,
     lock_box: ArrayLike | None = None,
+    lock_boundary: bool = False,
     importance: ArrayLike | None = None,
     memory: int | None = None,
     cleaned: bool = True,
@@ -537,6 +538,9 @@ def simplify_scene(
     lock_box : (2, 3) float, optional
         The lower corner, then the upper one, in the coordinates of the scene: vertices between them
         stay (for ``"quality"`` and ``"fast"``). Of several instances the largest one counts.
+    lock_boundary : bool
+        The boundaries of the meshes stay as they are (for ``"quality"`` and ``"fast"``), see
+        :func:`boundary_vertices`.
     importance : (V,) float > 0, optional
         How many times as much as elsewhere it costs to change the surface at a vertex, of all
         ``scene.meshes`` one after the other (for ``"quality"``).
@@ -622,6 +626,8 @@ def simplify_scene(
             limits["max_distance"] = _scaled(max_distance, placed.stretch)
         if box is not None:
             limits["locked"] = placed.inside(mesh, box)
+        if lock_boundary:
+            limits = _with_locked(limits, boundary_vertices(mesh))
         if weights is not None:
             limits["importance"] = np.concatenate([weights[i] for i in placed.indices])
 
