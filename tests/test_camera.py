@@ -173,7 +173,7 @@ def test_nobody_else_in_the_package_writes_the_pinhole_s_formula() -> None:
     # A mirrored principal point, one beside the middle of a crop, a pixel's size on a surface, and
     # how many pixels of one camera are one of another.
     others = {
-        "authenticate/_streams.py",
+        "authenticate/_stream_processing.py",
         "experiments/cameras_5.py",
         "datasets/people.py",
         "modify/_pose.py",

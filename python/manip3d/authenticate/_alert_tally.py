@@ -48,6 +48,7 @@ def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[
 
     Examples
     --------
+    >>> from manip3d.authenticate import AlertMonitor, verdict_of_alerts
     >>> verdict_of_alerts([AlertMonitor().skip("too late")])
     ('undecidable', 'too late (1 of 1 frames)')
     """

@@ -94,6 +94,7 @@ class Alert:
 
         Examples
         --------
+        >>> from manip3d.authenticate import AlertMonitor
         >>> AlertMonitor().skip("too late").brief().verdict
         'skipped'
         """
