@@ -187,6 +187,7 @@ OF_A_SECOND = {
     "authenticate.temporal_factor",
     "authenticate.verdict_of_alerts",
     "authenticate.watch_drive",
+    "simplify.boundary_vertices",
     "simplify.qem_tp", "simplify.qem_btp", "simplify.dense_mesh", "simplify.dense_mesh_grid",
     "simplify.cs3", "simplify.cs3_grid", "simplify.relief", "simplify.relief_grid",
     "simplify.sample_depth", "simplify.sample_depth_grid", "simplify.simplify_depth",
