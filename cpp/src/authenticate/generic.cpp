@@ -46,7 +46,7 @@ constexpr double kDriftThreshold = 8.0;  // deviations; clean windows of KITTI's
 constexpr double kSpoiledShare = 0.02;
 constexpr double kSpoiledPlaces = 0.005;
 
-// Where the turn before was answered, fewer answers beside a gap will do: 6 of 8.
+// Fewer answers beside a gap will do where the turn before was answered: 6 of 8.
 constexpr int kAnsweredBesideInTime = 6;
 
 // One frame on its way through the stages; each stage fills in what the later ones need.

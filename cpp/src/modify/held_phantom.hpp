@@ -44,7 +44,7 @@ class HeldPhantom {
     PhantomState state = PhantomState::kLost;
     double opacity = 0.0;
   };
-  /// What becomes of the phantom in a frame in which the limb cannot be mirrored.
+  /// State and opacity of the phantom in a frame in which the limb cannot be mirrored.
   [[nodiscard]] Fate fate(const PhantomOptions& options, double time_s) const;
 
   /// The points, moved with the body to other axes; valid until the next call.

@@ -1,4 +1,4 @@
-"""What the risk counts of a frame: attacks by the regions that were accused."""
+"""Attacks in a frame as the risk counts them, by the regions that were accused."""
 
 from __future__ import annotations
 

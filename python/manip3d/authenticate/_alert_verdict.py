@@ -1,4 +1,4 @@
-"""What ALERT says of a frame: the reports of its witnesses, joined into one verdict."""
+"""Verdict of ALERT on a frame: the reports of its witnesses, joined."""
 
 from __future__ import annotations
 

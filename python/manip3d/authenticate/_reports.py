@@ -1,4 +1,4 @@
-"""What the detectors said of a scan, as reports, and the verdict that follows from them."""
+"""Reports of the detectors on a scan, and the verdict that follows from them."""
 
 from __future__ import annotations
 

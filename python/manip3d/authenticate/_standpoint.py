@@ -1,4 +1,4 @@
-"""Where the scanner of a scan stands, and which one it is."""
+"""Position and kind of the scanner that took a scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was done to all depth images of a stream: cropped, rounded, coded, filtered, resampled."""
+"""Processing of all depth images of a stream: cropped, rounded, coded, filtered, resampled."""
 
 from __future__ import annotations
 

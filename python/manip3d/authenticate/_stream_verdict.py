@@ -1,4 +1,4 @@
-"""What is said of an RGB-D stream: regions, reports of detectors, and the verdict."""
+"""Verdict on an RGB-D stream, with its regions and the reports of its detectors."""
 
 from __future__ import annotations
 
