@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -127,6 +128,33 @@ def test_a_folder_has_a_matrix_for_each_image(tmp_path: Path) -> None:
     (tmp_path / "12.txt").write_text("-inf -inf -inf -inf\n" * 4)
     with pytest.raises(FormatError, match="expected finite numbers"):
         simplify.poses_of_files(["12.png"], tmp_path)
+
+
+@pytest.mark.parametrize("name", ["truth.txt", "trajectory.log", "a/00005.txt", "a.conf"])
+def test_damaged_poses_end_in_errors_of_ours(name: str, tmp_path: Path) -> None:
+    whole = {
+        "truth.txt": POSES,
+        "trajectory.log": "5 5 6\n" + MATRIX,
+        "a/00005.txt": MATRIX,
+        "a.conf": "bmesh 00005.png 0 0 0 0 0 0 1\n",
+    }[name].encode()
+    place = tmp_path / name
+    place.parent.mkdir(exist_ok=True)
+    random = np.random.default_rng(0)
+    outcomes = Counter[str]()
+    for _ in range(400):
+        damaged = bytearray(whole)
+        for at in random.integers(0, len(whole), random.integers(1, 4)):
+            damaged[at] = random.choice(list(b"\n \0\xff-.#e,9n0i")).item()
+        place.write_bytes(damaged[: random.integers(1, len(whole) + 1)])
+        poses = place.parent if name.startswith("a/") else place
+        try:
+            (pose,) = simplify.poses_of_files(["00005.png"], poses)
+            assert np.isfinite(pose).all()
+            outcomes["read"] += 1
+        except (FormatError, InputError):
+            outcomes["refused"] += 1
+    assert outcomes["refused"] > 200
 
 
 def test_a_log_has_matrices_by_number(tmp_path: Path) -> None:

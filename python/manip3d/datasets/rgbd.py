@@ -89,28 +89,25 @@ class _Recording:
 
 
 def _matrix_pose(path: Path, _: str) -> NDArray[np.float64]:
-    """Four lines of four numbers."""
-    return _checked_pose(np.loadtxt(path, dtype=np.float64), path)
+    from manip3d.io._poses import matrix_pose
+
+    return matrix_pose(path)
 
 
 def _log_pose(path: Path, frame: str) -> NDArray[np.float64]:
-    """Redwood's log: three whole numbers, the first of them the frame, then a matrix; repeated."""
-    lines = text_of(path).splitlines()
-    for first in range(0, len(lines) - 4, 5):
-        if int(lines[first].split()[0]) == int(frame):
-            rows = [line.split() for line in lines[first + 1 : first + 5]]
-            return _checked_pose(np.array(rows, dtype=np.float64), path)
-    raise FormatError(f"expected a pose of frame {frame}", file=str(path))
+    from manip3d.io._poses import poses_of_log
+
+    try:
+        return poses_of_log(path)[int(frame)]
+    except KeyError:
+        raise FormatError(f"expected a pose of frame {frame}", file=str(path)) from None
 
 
 def _quaternion_pose(path: Path, frame: str) -> NDArray[np.float64]:
-    """A line ``tx ty tz qx qy qz qw`` per frame; the first is frame 1."""
-    from manip3d.io._poses import rigid
+    """A line for each frame; the first is frame 1."""
+    from manip3d.io._poses import trajectory
 
-    values = np.loadtxt(path, dtype=np.float64, ndmin=2)[int(frame) - 1]
-    pose = rigid(values)
-    pose[:3, :3] = pose[:3, :3].T  # here the quaternion is that of the rotation itself
-    return pose
+    return trajectory(path)[1][int(frame) - 1]
 
 
 def _turntable_pose(path: Path, _: str) -> NDArray[np.float64]:
@@ -126,12 +123,6 @@ def _turntable_pose(path: Path, _: str) -> NDArray[np.float64]:
     pose = np.eye(4)
     pose[:3, :3] = np.reshape(numbers["R"], (3, 3))
     pose[:3, 3] = numbers["t"]
-    return pose
-
-
-def _checked_pose(pose: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
-    if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        raise FormatError("expected a matrix of 4 x 4 finite numbers", file=str(path))
     return pose
 
 

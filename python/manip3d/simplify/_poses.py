@@ -12,17 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.linear import product
 from manip3d._util.paths import path_of
-from manip3d._util.text_files import text_of
-from manip3d.errors import FormatError, InputError
-from manip3d.io._poses import poses_by_file, rigid
+from manip3d.errors import InputError
+from manip3d.io._poses import matrix_pose, poses_by_file, poses_of_log, trajectory
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _MOST_SECONDS_APART = 0.02  # as TUM's own tool associates depth images and poses
-_UNIT_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1
 
 
 @checked
@@ -89,14 +86,14 @@ def poses_of_files(
         return [named[name] for name in names]
     asked = np.array([_number_in(file) for file in files])
     if place.suffix.lower() == ".log":
-        numbered = _log(place)
+        numbered = poses_of_log(place)
         if np.isnan(asked).any():
             return _in_order(files, list(numbered.values()), place)
         for number in asked:
             if number not in numbered:
                 raise InputError(f"poses: expected one of frame {number:g} in {place}, found none")
         return [numbered[int(number)] for number in asked]
-    times, found = _trajectory(place)
+    times, found = trajectory(place)
     if times is None or np.isnan(asked).all():
         return _in_order(files, found, place)
     return _by_time(files, asked, times, found)
@@ -109,54 +106,8 @@ def _matrix_of(file: Path, folder: Path) -> NDArray[np.float64]:
     for name in (f"{frame}.pose.txt", f"{frame}.txt", f"{stem}.txt"):
         path = folder / name
         if path.is_file():
-            lines = _numbers_of_lines(path)
-            return _checked_matrix([values for _, values in lines], path, 1)
+            return matrix_pose(path)
     raise InputError(f"poses: expected {frame}.pose.txt or {frame}.txt in {folder}, found neither")
-
-
-def _log(place: Path) -> dict[int, NDArray[np.float64]]:
-    """The matrices of a log, by the numbers of their frames."""
-    lines = _numbers_of_lines(place)
-    found: dict[int, NDArray[np.float64]] = {}
-    for first in range(0, len(lines), 5):
-        number, head = lines[first]
-        if len(head) != 3 or not head[0].is_integer():
-            text = "expected three whole numbers before each matrix"
-            raise FormatError(text, file=str(place), line=number)
-        rows = [values for _, values in lines[first + 1 : first + 5]]
-        found[int(head[0])] = _checked_matrix(rows, place, number + 1)
-    return found
-
-
-def _numbers_of_lines(place: Path) -> list[tuple[int, NDArray[np.float64]]]:
-    """The numbers of each line that is neither empty nor a comment, with the line's number."""
-    found = []
-    for number, line in enumerate(text_of(place).splitlines(), start=1):
-        words = line.replace(",", " ").split()
-        if not words or words[0].startswith("#"):
-            continue
-        try:
-            values = np.array(words, dtype=np.float64)
-        except ValueError:
-            values = np.array([math.nan])
-        if not np.isfinite(values).all():
-            raise FormatError("expected finite numbers", file=str(place), line=number)
-        found.append((number, values))
-    return found
-
-
-def _checked_matrix(
-    rows: Sequence[NDArray[np.float64]], place: Path, line: int
-) -> NDArray[np.float64]:
-    """Rows as a matrix that neither scales nor mirrors."""
-    if [len(row) for row in rows] == [4, 4, 4, 4]:
-        pose = np.array(rows)
-        turn = pose[:3, :3]
-        is_rigid = np.abs(product(turn, turn.T) - np.eye(3)).max() <= _UNIT_TOLERANCE
-        if is_rigid and np.linalg.det(turn) > 0 and (pose[3] == (0, 0, 0, 1)).all():
-            return pose
-    text = "expected a rigid transform: four lines of four numbers, the last 0 0 0 1"
-    raise FormatError(text, file=str(place), line=line)
 
 
 def _by_time(
@@ -205,32 +156,3 @@ def _in_order(
             f"{len(found)}"
         )
     return found
-
-
-def _trajectory(
-    place: Path,
-) -> tuple[NDArray[np.float64] | None, list[NDArray[np.float64]]]:
-    """Times, if the lines have some, and poses (camera to world)."""
-    lines = _numbers_of_lines(place)
-    if not lines:
-        raise FormatError("expected lines 'time tx ty tz qx qy qz qw', found none", file=str(place))
-    width = len(lines[0][1])
-    poses = []
-    for number, values in lines:
-        if len(values) != width or width not in (7, 8, 12):
-            text = (
-                "expected eight numbers (time tx ty tz qx qy qz qw), seven without the time, or "
-                "twelve of a matrix, as in the lines before"
-            )
-            raise FormatError(text, file=str(place), line=number)
-        if width == 12:
-            rows = [*values.reshape(3, 4), np.array([0.0, 0.0, 0.0, 1.0])]
-            poses.append(_checked_matrix(rows, place, number))
-            continue
-        if not abs(np.linalg.norm(values[-4:]) - 1) <= _UNIT_TOLERANCE:
-            text = "expected a quaternion of length 1 in the last four numbers"
-            raise FormatError(text, file=str(place), line=number)
-        pose = rigid(values[-7:])
-        pose[:3, :3] = pose[:3, :3].T  # here the quaternion is that of the rotation itself
-        poses.append(pose)
-    return np.array([values[0] for _, values in lines]) if width == 8 else None, poses
