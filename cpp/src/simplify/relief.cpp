@@ -39,6 +39,13 @@ constexpr std::int64_t kSparse = 32;
 /// the time.
 constexpr std::int64_t kHalf = 64;
 
+/// Used pixels below which that effort has time for more: it triangulates all pixels where there are
+/// more than kWhole for each vertex, and more vertices than kFew, and leaves out bridges. On 35 such
+/// scans and people the error at 0.5 % of the points is 0.98 times as large, at most 1.3 instead of
+/// 1.64 times an edge collapse's, in 1.1 to 1.2 times the time.
+constexpr std::int64_t kSmall = 50'000;
+constexpr std::int64_t kWhole = 128;
+
 /// Pixels per vertex down to which contours are triangulated square by square: with fewer, pixels
 /// amid the squares are wanted as well.
 constexpr std::int64_t kDense = 6;
@@ -332,7 +339,7 @@ struct Relief::Memory {
   std::int32_t number_vertices(const Triangulation& of, std::span<const Written> how);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void write_faces(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
-  void leave_bridges(ReliefEffort effort, ReliefResult& result);
+  void leave_bridges(const ReliefOptions& options, ReliefResult& result);
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 };
 
@@ -367,7 +374,9 @@ void Relief::Memory::leave_pinholes() {
 /// time.
 void Relief::Memory::choose_surface(ReliefEffort effort, std::int64_t target) {
   worked = &surface;
-  if (budget_of(effort, target).half_start == 0.0 || target > surface.num_used() / kHalf) return;
+  const std::int64_t used = surface.num_used();
+  if (budget_of(effort, target).half_start == 0.0 || target > used / kHalf) return;
+  if (used < kSmall && target > relief_detail::kFew && target < used / kWhole) return;
   if (!levels.empty()) return;  // theirs may be between
   half.assign_half(surface);
   const auto below = 4.0 * static_cast<double>(half.num_faces());
@@ -763,14 +772,16 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
         static_cast<float>(1.0 - (static_cast<double>(v_in) + 0.5) / height);
   }
   write_faces(mesh, grid.rows_up, out.faces);
-  leave_bridges(options.effort, result);
+  leave_bridges(options, result);
   result.mean_move = result.max_move = 0.0;
   if (options.move_points) move_points(grid, options, result);
 }
 
-/// kLive has no time for it.
-void Relief::Memory::leave_bridges(ReliefEffort effort, ReliefResult& result) {
-  if (effort == ReliefEffort::kLive) return;
+/// kLive has time for it on small images only, and meshes of many vertices have hardly any.
+void Relief::Memory::leave_bridges(const ReliefOptions& options, ReliefResult& result) {
+  const std::int64_t used = surface.num_used();
+  const bool may_take_time = used < kSmall && options.target_points <= used / kHalf;
+  if (options.effort == ReliefEffort::kLive && !may_take_time) return;
   const Rows<std::int32_t, 2>& pixels = result.mesh.pixels;
   relief_detail::remove_bridges(surface, pixels, result.mesh.faces, coverage);
   for (ReliefLevel& level : result.levels) {
