@@ -28,7 +28,7 @@ std::optional<DeviationTuple> to_python(const std::optional<Deviation>& d) {
 void bind_metrics(py::module_& m) {
   m.def(
       "closest_points",
-      [](const PyMesh& mesh, const CArray<double>& points, int threads,
+      [](const PyMesh& mesh, const CArray<double>& points, double max_distance, int threads,
          const PyProgress& progress) {
         const BorrowedMesh borrowed(mesh);
         const auto queries = rows<Vertices>(points, "points");
@@ -36,13 +36,14 @@ void bind_metrics(py::module_& m) {
         ClosestPoints result;
         {
           const py::gil_scoped_release nogil;
-          result = closest_points(borrowed.view(), queries, threads, report);
+          result = closest_points(borrowed.view(), queries, max_distance, threads, report);
         }
         return py::make_tuple(to_numpy(std::move(result.distances)),
                               to_numpy(std::move(result.faces)),
                               to_numpy(std::move(result.points)));
       },
-      py::arg("mesh"), py::arg("points").noconvert(), py::arg("threads"), py::arg("progress"));
+      py::arg("mesh"), py::arg("points").noconvert(), py::arg("max_distance"), py::arg("threads"),
+      py::arg("progress"));
   m.def(
       "metro",
       [](const PyMesh& original, const PyMesh& simplified, bool area, std::int64_t samples,

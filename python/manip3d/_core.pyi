@@ -2020,6 +2020,7 @@ def clean(mesh: manip3d.mesh.Mesh, weld: bool, duplicates: Duplicates) -> dict[s
 def closest_points(
     mesh: manip3d.mesh.Mesh,
     points: numpy.typing.NDArray[numpy.float64],
+    max_distance: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: collections.abc.Callable[[float], object] | None,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...

@@ -94,6 +94,43 @@ def test_equals_open3d() -> None:
     np.testing.assert_allclose(closest_points(mesh, points).distance, theirs, atol=2e-6)
 
 
+# With few points only the faces that may be near are looked at.
+@pytest.mark.parametrize("num_points", [3, 40, 5000])
+@pytest.mark.parametrize("offset", [0.0, 2.0**30])
+def test_a_limit_leaves_out_what_is_farther_and_nothing_else(
+    num_points: int, offset: float
+) -> None:
+    ball = sphere()
+    mesh = manip3d.Mesh(ball.vertices + offset, ball.faces)
+    assert mesh.num_faces > 8 * 40
+    points = offset + np.random.default_rng(1).uniform(-1.5, 1.5, (num_points, 3))
+    every = closest_points(mesh, points)
+    for limit in (0.0, 1e-9, 0.05, float(every.distance[1]), 0.4, 10.0, np.inf):
+        result = closest_points(mesh, points, max_distance=limit)
+        near = result.face >= 0
+        clearly = np.abs(every.distance - limit) > 1e-9
+        np.testing.assert_array_equal(near[clearly], (every.distance <= limit)[clearly])
+        for found, expected in (
+            (result.face, every.face),
+            (result.distance, every.distance),
+            (result.point, every.point),
+        ):
+            np.testing.assert_array_equal(found[near], expected[near])
+        assert (result.face[~near] == -1).all()
+        assert np.isinf(result.distance[~near]).all()
+        assert np.isnan(result.point[~near]).all()
+
+
+def test_large_faces_are_near_all_they_span() -> None:
+    places = np.random.default_rng(2).uniform(90, 100, (300, 1, 3))
+    specks = places + np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    wide = np.array([[[-50.0, -50, 0], [50, -50, 0], [0, 50, 0]]])
+    corners = np.concatenate([specks, wide])
+    mesh = manip3d.Mesh(corners.reshape(-1, 3), np.arange(903).reshape(-1, 3))
+    result = closest_points(mesh, [[1.0, 2.0, 0.01], [1.0, 2.0, 0.2]], max_distance=0.1)
+    assert result.face.tolist() == [300, -1]
+
+
 def test_refuses_bad_input() -> None:
     mesh = sphere(4)
     with pytest.raises(manip3d.InputError, match=r"points: expected shape \(N, 3\)"):
@@ -103,6 +140,12 @@ def test_refuses_bad_input() -> None:
             closest_points(mesh, [[bad, 0.0, 0.0]])
     with pytest.raises(manip3d.InputError, match="at least one face"):
         closest_points(manip3d.Mesh([[0, 0, 0]], []), [[0.0, 0.0, 0.0]])
+    for limit in (-1.0, np.nan):
+        with pytest.raises(manip3d.InputError, match="max_distance: expected"):
+            closest_points(mesh, [[0.0, 0.0, 0.0]], max_distance=limit)
+    for bad in (np.nan, np.inf):
+        with pytest.raises(manip3d.InputError, match="points"):
+            closest_points(sphere(), [[bad, 0.0, 0.0]], max_distance=0.1)
     assert closest_points(mesh, np.empty((0, 3))).distance.shape == (0,)
 
 

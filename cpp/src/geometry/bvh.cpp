@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -31,6 +32,9 @@ constexpr double kBoxMargin = 1e-13;
 constexpr double kBoundSlack = 1.0 + 1e-6;
 // Clamping a query brings it nearer to every box, and its squares stay below the largest float.
 constexpr double kLargestCoordinate = 1e18;
+
+const Vector3d kNowhere = Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
+const SurfacePoint kNoSurface{-1, kInfinity, kNowhere, kNowhere};
 
 float round_down(double value) {
   const auto nearest = static_cast<float>(value);
@@ -78,6 +82,12 @@ int base_corner(const Vector3d corners[3]) {
     squared_length[k] = (corners[(k + 1) % 3] - corners[k]).squaredNorm();
   }
   return static_cast<int>(std::max_element(squared_length, squared_length + 3) - squared_length);
+}
+
+std::vector<std::int32_t> all_faces(const MeshView& mesh) {
+  std::vector<std::int32_t> faces(static_cast<std::size_t>(mesh.num_faces()));
+  std::iota(faces.begin(), faces.end(), 0);
+  return faces;
 }
 
 template <typename Primitives>
@@ -148,9 +158,13 @@ Size split(Primitives& primitives, Size begin, Size end, int depth) {
 
 }  // namespace
 
-TriangleBvh::TriangleBvh(const MeshView& mesh, const Progress& progress) {
+TriangleBvh::TriangleBvh(const MeshView& mesh, const Progress& progress)
+    : TriangleBvh(mesh, all_faces(mesh), progress) {}
+
+TriangleBvh::TriangleBvh(const MeshView& mesh, std::span<const std::int32_t> faces,
+                         const Progress& progress) {
   check_mesh(mesh);
-  if (mesh.num_faces() == 0) throw InputError("mesh: expected at least one face, got none");
+  if (faces.empty()) throw InputError("mesh: expected at least one face, got none");
 
   const BoundingBox bounds = bounding_box(mesh);
   center_ = bounds.center();
@@ -159,22 +173,23 @@ TriangleBvh::TriangleBvh(const MeshView& mesh, const Progress& progress) {
   vertices_ = (mesh.vertices.rowwise() - center_.transpose()) * scale_;
   faces_ = mesh.faces;
 
-  std::vector<Primitive> primitives(mesh.num_faces());
-  for (Eigen::Index f = 0; f < faces_.rows(); ++f) {
+  std::vector<Primitive> primitives(faces.size());
+  for (std::size_t i = 0; i < faces.size(); ++i) {
+    const std::int32_t f = faces[i];
     const Array3d a = vertices_.row(faces_(f, 0));
     const Array3d b = vertices_.row(faces_(f, 1));
     const Array3d c = vertices_.row(faces_(f, 2));
-    Primitive& primitive = primitives[f];
-    primitive.face = static_cast<std::int32_t>(f);
+    Primitive& primitive = primitives[i];
+    primitive.face = f;
     primitive.box.min = (a.min(b).min(c) - kBoxMargin).unaryExpr(&round_down);
     primitive.box.max = (a.max(b).max(c) + kBoxMargin).unaryExpr(&round_up);
   }
   nodes_.reserve(primitives.size() / 2 + 1);
-  build_node(primitives, 0, faces_.rows(), 0, progress);
+  build_node(primitives, 0, static_cast<Size>(primitives.size()), 0, progress);
 
   triangles_.reserve(primitives.size());
   face_of_slot_.reserve(primitives.size());
-  slot_of_face_.resize(primitives.size());
+  slot_of_face_.assign(static_cast<std::size_t>(mesh.num_faces()), -1);
   for (const Primitive& primitive : primitives) {
     const std::int32_t f = primitive.face;
     slot_of_face_[f] = static_cast<std::int32_t>(triangles_.size());
@@ -372,15 +387,19 @@ void TriangleBvh::traverse(const Query& query, double& squared_limit, const Visi
   }
 }
 
-SurfacePoint TriangleBvh::closest_point(const Vector3d& query, std::int32_t near_face) const {
+SurfacePoint TriangleBvh::closest_point(const Vector3d& query, std::int32_t near_face,
+                                        double max_distance) const {
   const Query q = make_query(query);
-  Candidate best = closest_in(slot_of_face_[near_face], q.p);
-  traverse(q, best.squared_distance, [&](const Candidate& candidate) {
+  const double limit = max_distance * scale_;
+  Candidate best{limit * limit, 0.0, 0.0, std::numeric_limits<std::int32_t>::max(), -1};
+  const auto take = [&](const Candidate& candidate) {
     if (!candidate.before(best)) return false;
     best = candidate;
     return true;
-  });
-  return to_surface_point(best, query);
+  };
+  if (near_face >= 0) take(closest_in(slot_of_face_[near_face], q.p));
+  traverse(q, best.squared_distance, take);
+  return best.slot < 0 ? kNoSurface : to_surface_point(best, query);
 }
 
 SurfacePoint TriangleBvh::closest_point_where(
@@ -391,7 +410,7 @@ SurfacePoint TriangleBvh::closest_point_where(
     best = candidate;
     return true;
   });
-  if (best.face < 0) return {-1, std::numeric_limits<double>::infinity(), {}, {}};
+  if (best.face < 0) return kNoSurface;
   return to_surface_point(best, query);
 }
 
@@ -409,23 +428,110 @@ void TriangleBvh::faces_within(const Vector3d& query, double distance,
             [](const SurfacePoint& a, const SurfacePoint& b) { return a.face < b.face; });
 }
 
+namespace {
+
+// Cubes of space, of which those that hold a point or are next to one are marked. Cubes share a
+// mark now and then.
+class MarkedCubes {
+ public:
+  MarkedCubes(const Eigen::Ref<const Vertices>& points, double side) : side_(side) {
+    marks_.resize(std::bit_ceil(static_cast<std::size_t>(points.rows()) * 27 * 8));
+    for (Size i = 0; i < points.rows(); ++i) {
+      const Array3d cube = (points.row(i).transpose().array() / side_).floor();
+      visit(cube - 1.0, cube + 1.0, [&](std::size_t at) {
+        marks_[at] = true;
+        return false;
+      });
+    }
+  }
+
+  // Does a box touch a marked cube? A box across many cubes may.
+  [[nodiscard]] bool may_touch(const Array3d& min, const Array3d& max) const {
+    constexpr double kManyCubes = 64.0;
+    const Array3d first = (min / side_).floor();
+    const Array3d last = (max / side_).floor();
+    if (!((last - first + 1.0).prod() <= kManyCubes)) return true;
+    return visit(first, last, [&](std::size_t at) { return bool{marks_[at]}; });
+  }
+
+ private:
+  // Until `stop` says so.
+  template <typename Stop>
+  bool visit(const Array3d& first, const Array3d& last, const Stop& stop) const {
+    for (double x = first[0]; x <= last[0]; x += 1.0) {
+      for (double y = first[1]; y <= last[1]; y += 1.0) {
+        for (double z = first[2]; z <= last[2]; z += 1.0) {
+          if (stop(mark_of(x, y, z))) return true;
+        }
+      }
+    }
+    return false;
+  }
+
+  [[nodiscard]] std::size_t mark_of(double x, double y, double z) const {
+    const auto whole = [](double value) { return static_cast<std::uint64_t>(std::llrint(value)); };
+    std::uint64_t key = whole(x) * 0x9E3779B97F4A7C15U + whole(y) * 0xC2B2AE3D27D4EB4FU +
+                        whole(z) * 0x165667B19E3779F9U;
+    key ^= key >> 29;
+    return (key * 0xBF58476D1CE4E5B9U >> 20) & (marks_.size() - 1);
+  }
+
+  double side_;
+  std::vector<bool> marks_;
+};
+
+// Faces that may be as near as `distance` to a point, ascending; all where so few are not worth the
+// search, or where it is so short a part of the coordinates that cubes of it have no whole numbers.
+std::vector<std::int32_t> faces_near(const MeshView& mesh, const Eigen::Ref<const Vertices>& points,
+                                     double distance) {
+  constexpr Size kFacesPerPoint = 8;  // from here on building a tree takes longer than asking it
+  constexpr double kLeastPart = 1e-12;
+  if (points.rows() == 0 || mesh.num_faces() <= kFacesPerPoint * points.rows()) {
+    return all_faces(mesh);
+  }
+  const double size = std::max(mesh.vertices.cwiseAbs().maxCoeff(), points.cwiseAbs().maxCoeff());
+  const bool has_cubes = distance > kLeastPart * size && distance < kInfinity;
+  if (!has_cubes || !points.allFinite()) return all_faces(mesh);
+  // Rounding must not hide what is just as near.
+  const MarkedCubes cubes(points, distance * (1.0 + 1e-6) + kLeastPart * size);
+  std::vector<std::int32_t> near;
+  for (Size f = 0; f < mesh.faces.rows(); ++f) {
+    const auto corner = [&](int k) {
+      return mesh.vertices.row(mesh.faces(f, k)).transpose().array();
+    };
+    const Array3d min = corner(0).min(corner(1)).min(corner(2));
+    const Array3d max = corner(0).max(corner(1)).max(corner(2));
+    if (cubes.may_touch(min, max)) near.push_back(static_cast<std::int32_t>(f));
+  }
+  return near;
+}
+
+}  // namespace
+
+ClosestPoints::ClosestPoints(std::int64_t count)
+    : distances(count, kInfinity),
+      faces(count, -1),
+      points(Vertices::Constant(count, 3, kNowhere[0])) {}
+
 ClosestPoints closest_points(const MeshView& mesh, const Eigen::Ref<const Vertices>& points,
-                             int num_threads, const Progress& progress) {
+                             double max_distance, int num_threads, const Progress& progress) {
   constexpr Size kChunk = 1024;
-  const TriangleBvh bvh(mesh, part_of(progress, 0.0, 0.3));
-  ClosestPoints result;
-  result.distances.resize(points.rows());
-  result.faces.resize(points.rows());
-  result.points.resize(points.rows(), 3);
+  if (!(max_distance >= 0.0)) throw InputError("max_distance: expected a number of at least 0");
+  check_mesh(mesh);
+  ClosestPoints result(points.rows());
+  const std::vector<std::int32_t> faces = faces_near(mesh, points, max_distance);
+  if (faces.empty() && mesh.num_faces() > 0) return result;
+  const TriangleBvh bvh(mesh, faces, part_of(progress, 0.0, 0.3));
   parallel_chunks(
       points.rows(), kChunk, num_threads,
       [&](Size begin, Size end) {
-        std::int32_t near_face = 0;
+        std::int32_t near_face = -1;
         for (Size i = begin; i < end; ++i) {
-          const SurfacePoint nearest = bvh.closest_point(points.row(i), near_face);
+          const SurfacePoint nearest = bvh.closest_point(points.row(i), near_face, max_distance);
           result.distances[i] = nearest.distance;
-          result.faces[i] = near_face = nearest.face;
+          result.faces[i] = nearest.face;
           result.points.row(i) = nearest.point;
+          if (nearest.face >= 0) near_face = nearest.face;
         }
       },
       part_of(progress, 0.3, 1.0));

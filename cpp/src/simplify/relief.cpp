@@ -39,10 +39,10 @@ constexpr std::int64_t kSparse = 32;
 /// the time.
 constexpr std::int64_t kHalf = 64;
 
-/// Used pixels below which that effort has time for more: it triangulates all pixels where there are
-/// more than kWhole for each vertex, and more vertices than kFew, and leaves out bridges. On 35 such
-/// scans and people the error at 0.5 % of the points is 0.98 times as large, at most 1.3 instead of
-/// 1.64 times an edge collapse's, in 1.1 to 1.2 times the time.
+/// Used pixels below which that effort has time for more: it triangulates all pixels where there
+/// are more than kWhole for each vertex, and more vertices than kFew, and leaves out bridges. On 35
+/// such scans and people the error at 0.5 % of the points is 0.98 times as large, at most 1.3
+/// instead of 1.64 times an edge collapse's, in 1.1 to 1.2 times the time.
 constexpr std::int64_t kSmall = 50'000;
 constexpr std::int64_t kWhole = 128;
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -27,9 +28,11 @@ class ClosestPoints:
     Attributes
     ----------
     distance : (N,) float64, in the mesh's units
+        Infinite where no face is within ``max_distance``.
     face : (N,) int32
-        The face it lies on; the lowest index where several are equally near.
+        The face it lies on; the lowest index where several are equally near. -1: none.
     point : (N, 3) float64
+        NaN where there is no face.
     """
 
     distance: NDArray[np.float64]
@@ -91,7 +94,12 @@ class MetroResult:
 
 @checked
 def closest_points(
-    mesh: Mesh, points: ArrayLike, *, threads: int = 0, progress: Progress = None
+    mesh: Mesh,
+    points: ArrayLike,
+    *,
+    max_distance: float = math.inf,
+    threads: int = 0,
+    progress: Progress = None,
 ) -> ClosestPoints:
     """Find the nearest point of a surface for each of many points.
 
@@ -102,6 +110,9 @@ def closest_points(
     points : (N, 3) float64, in the mesh's units
         A C-contiguous float64 array is not copied. Neighbouring rows that are near each other in
         space are answered faster.
+    max_distance : float, in the mesh's units
+        A point that no face is as near to gets the face -1, an infinite distance and a point of
+        NaN; small values make that known much sooner.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The answer does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -114,7 +125,8 @@ def closest_points(
     Raises
     ------
     InputError
-        ``mesh`` has no faces; ``points`` has another shape or is not finite.
+        ``mesh`` has no faces; ``points`` has another shape or is not finite; ``max_distance`` is
+        negative or NaN.
 
     Examples
     --------
@@ -125,7 +137,8 @@ def closest_points(
     """
     queries = rows(points, 3, np.float64, "points")
     with reporting(progress, "closest points") as report:
-        return ClosestPoints(*_core.closest_points(mesh, queries, threads_of(threads), report))
+        found = _core.closest_points(mesh, queries, max_distance, threads_of(threads), report)
+        return ClosestPoints(*found)
 
 
 @checked

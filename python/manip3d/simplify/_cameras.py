@@ -149,8 +149,8 @@ class JointSimplification(Showable):
             faces = self._steps.surface(view, dense["faces"])
             if len(faces) and len(places):
                 mesh = Mesh(view.world, faces)
-                distance, _, _ = _core.closest_points(mesh, places, self._threads, None)
-                places = np.ascontiguousarray(places[distance > tolerance])
+                _, face, _ = _core.closest_points(mesh, places, tolerance, self._threads, None)
+                places = np.ascontiguousarray(places[face < 0])
         return len(places) / _PLACES
 
     @cached_property
@@ -166,8 +166,8 @@ class JointSimplification(Showable):
         covered = 0
         for view, tolerance in self._measured:
             if view.valid.any():
-                distance, _, _ = _core.closest_points(mesh, view.world, self._threads, None)
-                covered += int(np.count_nonzero(distance <= tolerance))
+                _, face, _ = _core.closest_points(mesh, view.world, tolerance, self._threads, None)
+                covered += int(np.count_nonzero(face >= 0))
         return covered / total
 
     @cached_property
@@ -210,7 +210,7 @@ class _View:
     confidence: NDArray[np.float32] | None
     focal: float = 0.0  # 0: no depth image
 
-    @property
+    @cached_property
     def world(self) -> NDArray[np.float64]:
         """(N, 3) points of the valid pixels, in row-major order."""
         local = self.points[self.valid].astype(np.float64)
@@ -357,10 +357,15 @@ class _Surface:
         """Which points lie on the surface: near it, on the same side, not beyond its border."""
         if not len(points) or not self.mesh.num_faces:
             return np.zeros(len(points), bool)
-        distance, face, foot = _core.closest_points(self.mesh, points, threads, None)
-        same_side = np.einsum("ij,ij->i", self.normals[face], normals) > 0
-        covered: NDArray[np.bool_] = (distance <= tolerance) & same_side
-        return covered & ~self._on_border(face, foot)
+        distance, face, foot = _core.closest_points(
+            self.mesh, points, float(np.max(tolerance)), threads, None
+        )
+        covered: NDArray[np.bool_] = distance <= tolerance
+        near = np.flatnonzero(covered)
+        face, foot = face[near], foot[near]
+        same_side = np.einsum("ij,ij->i", self.normals[face], normals[near]) > 0
+        covered[near] = same_side & ~self._on_border(face, foot)
+        return covered
 
     def _on_border(self, face: NDArray[np.int32], foot: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Does the foot of the perpendicular lie on an edge that has one face only?"""
@@ -469,14 +474,13 @@ class _Joint:
         if not len(self.faces) or not dense.num_faces:
             return np.empty(0, np.int32), np.empty((0, 2), np.int32)
         border = _Surface(self.vertices, self.faces).boundary.astype(np.int32)
-        distance, face, foot = _core.closest_points(
-            dense, np.ascontiguousarray(self.vertices[border]), threads, None
+        _, face, foot = _core.closest_points(
+            dense, np.ascontiguousarray(self.vertices[border]), tolerance, threads, None
         )
-        corners = dense.faces[face]
+        near = face >= 0
+        border, corners, foot = border[near], dense.faces[face[near]], foot[near]
         gaps = np.linalg.norm(dense.vertices[corners] - foot[:, None], axis=2)
-        nearest = corners[np.arange(len(corners)), gaps.argmin(axis=1)]
-        near = distance <= tolerance
-        border, pixels = border[near], pixel_of[nearest[near]]
+        pixels = pixel_of[corners[np.arange(len(corners)), gaps.argmin(axis=1)]]
         _, first = np.unique(_pixel_keys(pixels), return_index=True)
         return border[first], pixels[first]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -156,7 +157,7 @@ def nearest_faces(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """The nearest of some faces, and the nearest point on it."""
     some = Mesh(mesh.vertices, mesh.faces[chosen])
-    _, face, foot = _core.closest_points(some, np.ascontiguousarray(points), 0, None)
+    _, face, foot = _core.closest_points(some, np.ascontiguousarray(points), math.inf, 0, None)
     return chosen[face], foot
 
 

@@ -2,8 +2,10 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <vector>
 
 #include "manip3d/geometry/mesh.hpp"
@@ -14,7 +16,7 @@ namespace manip3d {
 /// The point of a surface that is nearest to a query, or a point of one of its faces.
 struct SurfacePoint {
   std::int32_t face = -1;
-  double distance = 0.0;        ///< From the query, in the mesh's units.
+  double distance = 0.0;        ///< From the query, in the mesh's units; infinite without a face.
   Eigen::Vector3d barycentric;  ///< Weights of the face's three corners; they sum to 1.
   Eigen::Vector3d point;
 };
@@ -33,13 +35,21 @@ class TriangleBvh {
   /// @throws InputError  what check_mesh refuses; a mesh without faces.
   explicit TriangleBvh(const MeshView& mesh, const Progress& progress = {});
 
+  /// Over some of the faces, in any order; answers are those of a tree over all of them wherever
+  /// these lie nearest.
+  /// @throws InputError  the same; no face.
+  TriangleBvh(const MeshView& mesh, std::span<const std::int32_t> faces,
+              const Progress& progress = {});
+
   [[nodiscard]] std::int64_t num_faces() const { return faces_.rows(); }
 
-  /// @param near_face  a face suspected to be near, such as the answer to the query before: makes
-  ///                   coherent queries faster, never changes the answer.
+  /// @param near_face  a face of the tree suspected to be near, such as the answer to the query
+  ///                   before: makes coherent queries faster, never changes the answer. -1: none.
+  /// @param max_distance  Where no face is as near as this, `face` is -1, and soon known.
   /// @throws InputError  query not finite, or too far away for its distance to be a double.
   [[nodiscard]] SurfacePoint closest_point(const Eigen::Vector3d& query,
-                                           std::int32_t near_face = 0) const;
+                                           std::int32_t near_face = -1,
+                                           double max_distance = HUGE_VAL) const;
 
   /// The nearest point among the faces that `accept` takes; `face` is -1 when there is none.
   [[nodiscard]] SurfacePoint closest_point_where(
@@ -95,21 +105,26 @@ class TriangleBvh {
   Faces faces_;
   std::vector<Triangle> triangles_;         // by slot: the order of the tree's leaves
   std::vector<std::int32_t> face_of_slot_;  // slot -> face
-  std::vector<std::int32_t> slot_of_face_;  // face -> slot
+  std::vector<std::int32_t> slot_of_face_;  // face -> slot; -1: not in the tree
   std::vector<Node> nodes_;
 };
 
 /// Answers of closest_points, one row per query.
 struct ClosestPoints {
+  explicit ClosestPoints(std::int64_t count = 0);  ///< As many without a face.
+
   std::vector<double> distances;
   std::vector<std::int32_t> faces;
   Vertices points;
 };
 
 /// The nearest point of `mesh` for each row of `points`.
+/// @param max_distance  Where no face is as near as this, the face is -1, the distance infinite and
+///                      the point NaN.
 /// @param num_threads  as in parallel_chunks.
-/// @throws InputError  see TriangleBvh.
+/// @throws InputError  see TriangleBvh; max_distance negative or NaN.
 ClosestPoints closest_points(const MeshView& mesh, const Eigen::Ref<const Vertices>& points,
-                             int num_threads = 0, const Progress& progress = {});
+                             double max_distance, int num_threads = 0,
+                             const Progress& progress = {});
 
 }  // namespace manip3d
