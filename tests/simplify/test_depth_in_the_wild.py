@@ -43,6 +43,17 @@ def floor(focal: float = 60.0) -> NDArray[np.uint16]:
     return np.repeat(np.where(z > 12000, 0, z), 128, axis=1).astype(np.uint16)
 
 
+def box_and_far_specks() -> NDArray[np.uint16]:
+    """Twelve pixels each, 60 m away: half of a percent of the pixels, and most of the area."""
+    depth = box_before_waves()
+    v, u = np.mgrid[0:120, 0:160]
+    for i in range(8):
+        top, left = 15 + 28 * (i // 4), 20 + 35 * (i % 4)
+        at = np.s_[top : top + 3, left : left + 4]
+        depth[at] = (60_000 + 100 * np.sin(7 * u + 3 * v))[at]
+    return depth
+
+
 def depth_over(found: simplify.DepthMesh, corners: NDArray[np.int32]) -> NDArray[np.float64]:
     """The depth of a face at each pixel in or on it, else NaN: by barycentric coordinates."""
     u, v = np.meshgrid(np.arange(160), np.arange(120))
@@ -696,3 +707,23 @@ def test_disparities_of_a_stereo_pair_are_depth(tmp_path: Path) -> None:
     assert result.unit == "disparity:16,3.5"
     z = io.read_mesh(tmp_path / "out.ply").vertices[:, 2]
     np.testing.assert_allclose([z.min(), z.max()], [1.5, 2.0], rtol=1e-5)
+
+
+@pytest.mark.parametrize("effort", ["live", "balanced"])
+@pytest.mark.parametrize("target", [40, 80])
+def test_far_specks_do_not_take_the_points_of_the_surface(
+    target: int, effort: simplify.Effort
+) -> None:
+    """They are one pixel of two hundred, and had up to three eighths of the vertices."""
+    found = simplify.relief(box_and_far_specks(), CAMERA, target, depth_step=0.05, effort=effort)
+    assert not (found.vertices[:, 2] > 5).any()
+    assert found.stop == "small_pieces"
+    assert found.dropped_pixels == 8 * 6  # three by four pixels are two by three squares
+    plain = simplify.relief(box_before_waves(), CAMERA, target, depth_step=0.05, effort=effort)
+    assert found.coverage > 0.9 * plain.coverage
+
+
+def test_far_specks_stay_where_there_are_points_for_all() -> None:
+    found = simplify.relief(box_and_far_specks(), CAMERA, 400, depth_step=0.05)
+    assert (found.vertices[:, 2] > 50).sum() >= 8 * 4
+    assert found.coverage > 0.99

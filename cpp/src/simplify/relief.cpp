@@ -81,6 +81,10 @@ constexpr std::array<std::int64_t, 15> kFewSizes = {3,  4,  5,  6,  7,  8,  10, 
 /// A piece of fewer than one pixel of so many is a speck.
 constexpr std::int64_t kSpeck = 1000;
 
+/// Specks of more than this share of the area take so many of many vertices, or of those of an
+/// effort without time, that a mesh without them is made as well.
+constexpr double kMuchSpeck = 0.1;
+
 /// The work that an effort does. Measured on the Stanford scans; each step pays for itself.
 struct Budget {
   /// Bisections of the first triangulation per target point. Of 1, 2, 2.5 and 3 for kBalanced,
@@ -266,7 +270,7 @@ struct Relief::Memory {
   relief_detail::CoverageScratch coverage;
   std::vector<Keep> keep;             ///< By pixel of the surface; or empty.
   std::vector<Triangulation> levels;  ///< The smaller meshes, smallest first.
-  bool has_specks = false;            ///< select() found small pieces, with few vertices.
+  double speck_area = 0.0;            ///< Share of the area of the small pieces of select().
   bool leaves_specks = false;         ///< It leaves them out first.
   Progress progress;                  ///< The run asks it whether it is cancelled.
   std::vector<Triangle> dense;        ///< All of them, where the target leaves room for all pixels.
@@ -430,6 +434,7 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, O
   int finest = worked == &surface && is_sparse ? budget.finest : 1;
   result.stop = used <= target ? ReliefStop::kAllPoints : ReliefStop::kTarget;
   result.dropped_pixels = 0;
+  speck_area = 0.0;
   if (used <= target) splits = used, finest = 1;
   bool by_blocks = budget.by_blocks && kDense * target < used;
   const auto triangulate = [&] {
@@ -462,7 +467,7 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, O
   if (may_price && has_much_contour(target)) missing *= kContourPrice;
   collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability), missing,
                    false_factor);
-  has_specks = target <= relief_detail::kFew && collapser.has_specks(used / kSpeck);
+  speck_area = collapser.area_of_specks(used / kSpeck);
   if (leaves_specks) collapser.leave_out_specks(mesh, used / kSpeck);
   if (budget.sweep_share > 0.0F)
     collapser.sweep(*worked, mesh, target, budget.sweep_share, progress);
@@ -582,7 +587,8 @@ void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target,
 /// take most; to refuse them costs surface elsewhere, so that it depends which way leaves more.
 ///
 /// A few depths that are far off are small pieces of a large area, whose loss counts like that of
-/// the rest of the surface: without them more of that may be covered.
+/// the rest of the surface: without them more of that may be covered. Many vertices are enough for
+/// both unless these pieces are much of the area.
 ///
 /// Each collapse of few vertices can win surface as well as lose it, as where a bay is filled: with
 /// fewer vertices more may be covered.
@@ -590,9 +596,12 @@ void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t t
                                     ReliefResult& result) {
   make_mesh(options, target, OffFaces::kTake, result);
   const bool is_hasty = options.effort == ReliefEffort::kLive;
-  const int tries = levels.empty() && !is_hasty ? kFewTries : 0;
-  const bool has_steps = surface.steps().has_steps();
-  if (target > relief_detail::kFew || (!has_steps && tries == 0)) return;
+  const bool is_few = target <= relief_detail::kFew;
+  const int tries = is_few && levels.empty() && !is_hasty ? kFewTries : 0;
+  const bool has_steps = is_few && surface.steps().has_steps();
+  const bool much_speck = levels.empty() && speck_area > kMuchSpeck;
+  const bool has_specks = much_speck || (tries > 0 && speck_area > 0.0);
+  if (!has_steps && tries == 0 && !has_specks) return;
   double covered = written_coverage(mesh);
   if (has_steps) {
     try_mesh(options, target, OffFaces::kAvoid, 1.0, covered, result);
@@ -602,11 +611,12 @@ void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t t
   for (auto size = end; size != kFewSizes.begin() && end - size < tries;) {
     try_mesh(options, *--size, OffFaces::kTake, kWorthLeaving, covered, result);
   }
-  if (has_specks && tries > 0) {
-    leaves_specks = true;
-    try_mesh(options, target, OffFaces::kTake, kWorthLeaving, covered, result);
-    leaves_specks = false;
-  }
+  leaves_specks = has_specks && kWorthLeaving * covered < 1.0;
+  if (!leaves_specks) return;
+  try_mesh(options, target, OffFaces::kTake, kWorthLeaving, covered, result);
+  if (much_speck && has_steps)
+    try_mesh(options, target, OffFaces::kNever, kWorthLeaving, covered, result);
+  leaves_specks = false;
 }
 
 /// The last triangles may all be at pinholes or off the surface; one of the first triangulation of

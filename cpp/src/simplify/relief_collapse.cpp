@@ -508,24 +508,40 @@ bool Collapser::leave_out_least(Triangulation& mesh) {
   return true;
 }
 
-bool Collapser::is_speck(std::int32_t piece, std::int64_t least_pixels) const {
-  return piece != largest_ && !pieces_[piece].fixed &&
+bool Collapser::is_speck(std::int32_t piece, std::int32_t largest,
+                         std::int64_t least_pixels) const {
+  return piece != largest && !pieces_[piece].fixed &&
          pieces_[piece].doubled_pixels < 2 * least_pixels;
 }
 
-bool Collapser::has_specks(std::int64_t least_pixels) const {
+/// Of those with so many pixels the one of the largest area; if there are none, of all.
+std::int32_t Collapser::largest_piece(std::int64_t least_pixels) const {
+  std::int32_t largest = largest_;
   for (std::int32_t i = 0; i < static_cast<std::int32_t>(pieces_.size()); ++i) {
-    if (is_speck(i, least_pixels)) return true;
+    if (pieces_[i].doubled_pixels < 2 * least_pixels) continue;
+    const bool is_first = pieces_[largest].doubled_pixels < 2 * least_pixels;
+    if (is_first || pieces_[i].area > pieces_[largest].area) largest = i;
   }
-  return false;
+  return largest;
+}
+
+double Collapser::area_of_specks(std::int64_t least_pixels) const {
+  const std::int32_t largest = largest_piece(least_pixels);
+  double area = 0.0, specks = 0.0;
+  for (std::int32_t i = 0; i < static_cast<std::int32_t>(pieces_.size()); ++i) {
+    area += pieces_[i].area;
+    if (is_speck(i, largest, least_pixels)) specks += pieces_[i].area;
+  }
+  return specks > 0.0 ? specks / area : 0.0;
 }
 
 void Collapser::leave_out_specks(Triangulation& mesh, std::int64_t least_pixels) {
+  largest_ = largest_piece(least_pixels);
   std::vector<std::vector<std::int32_t>> faces(pieces_.size());
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     if (!mesh.is_face(t)) continue;
     const std::int32_t piece = nodes_[mesh.triangle(t)[0]].piece;
-    if (is_speck(piece, least_pixels)) faces[piece].push_back(t);
+    if (is_speck(piece, largest_, least_pixels)) faces[piece].push_back(t);
   }
   for (std::int32_t i = 0; i < static_cast<std::int32_t>(pieces_.size()); ++i) {
     if (!faces[i].empty()) leave_out(mesh, i, faces[i]);

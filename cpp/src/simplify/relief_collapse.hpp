@@ -76,8 +76,9 @@ class Collapser {
   /// @return  pixels of the pieces left out.
   std::int64_t run(const Surface& surface, Triangulation& mesh, std::int64_t target,
                    float round_share, OffFaces off, const Progress& progress);
-  /// Are there pieces of fewer pixels than this that may be left out? Never the largest.
-  [[nodiscard]] bool has_specks(std::int64_t least_pixels) const;
+  /// The share of the area of pieces of fewer pixels than this that may be left out; 0: there are
+  /// none. Never all pieces: if no piece has more pixels, the largest one is no speck.
+  [[nodiscard]] double area_of_specks(std::int64_t least_pixels) const;
   /// Leaves these out, before run().
   void leave_out_specks(Triangulation& mesh, std::int64_t least_pixels);
 
@@ -138,7 +139,9 @@ class Collapser {
                    Ticker& ticker);
   [[nodiscard]] float known_price(const Triangulation& mesh, std::int64_t count);
   void compact(Triangulation& mesh);
-  [[nodiscard]] bool is_speck(std::int32_t piece, std::int64_t least_pixels) const;
+  [[nodiscard]] bool is_speck(std::int32_t piece, std::int32_t largest,
+                              std::int64_t least_pixels) const;
+  [[nodiscard]] std::int32_t largest_piece(std::int64_t least_pixels) const;
   bool leave_out_least(Triangulation& mesh);
   [[nodiscard]] static bool refuses_now(const Surface& surface, std::int64_t num_vertices,
                                         OffFaces off, bool forced);

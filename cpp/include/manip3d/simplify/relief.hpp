@@ -88,7 +88,10 @@ struct ReliefResult {
 ///    down to one triangle left out where that costs less than the next collapse, so that any
 ///    target is met. With 64 points or fewer, and steps, two more meshes are made: one without
 ///    triangles that a step keeps apart, and some triangles of a finer mesh, those that cover most;
-///    the one that covers most is the result. Without `levels` a surface always keeps a triangle.
+///    the one that covers most is the result. Where pieces of fewer than one pixel of a thousand
+///    are a tenth of the area, as depths that are far off, a mesh without them is made as well, and
+///    is the result if it covers 1.1 times as much. Without `levels` a surface always keeps a
+///    triangle.
 ///    Edges collapse onto one of their ends, priced by how much sqrt(area x quadric) grows: an
 ///    estimate of area times distance, what the mean measures, where quadrics alone [Garland &
 ///    Heckbert 1997] measure squares. Vertices on the boundary then move pixel by pixel to where
