@@ -411,6 +411,18 @@ def test_segmentation_finds_the_boxes() -> None:
     np.testing.assert_array_equal(found.label, again.label)
 
 
+def test_rows_without_a_return_are_no_object() -> None:
+    """Scans that are written firing by firing hold (0, 0, 0) where nothing came back."""
+    scan, _ = street()
+    empty = np.zeros((500, 3), np.float32)
+    mixed = np.concatenate([empty, scan, empty])
+    found = forge.segment(mixed)
+    assert found.boxes == forge.segment(scan).boxes
+    np.testing.assert_array_equal(found.label[500:-500], forge.segment(scan).label)
+    assert set(found.label[:500]) | set(found.label[-500:]) == {-2}
+    assert len(forge.translation(mixed, distance=0.5, allow_collision=True).moved) > 100
+
+
 @pytest.mark.parametrize("axes", [(1.0, -1.0, 0, 1), (-1.0, 1.0, 0, 1), (1.0, 1.0, 1, 0)])
 def test_the_ground_is_the_same_seen_from_any_side(axes: tuple[float, float, int, int]) -> None:
     """Its cells lie around the scanner, which stands in the middle of one."""

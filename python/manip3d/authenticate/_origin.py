@@ -29,7 +29,7 @@ with all of it, no grid is found. A forest of a Riegl VZ-400i: 0.966."""
 LEAST_OF_SOURCE = 0.01
 """Share of the points that one flight line or position has at least, to count as one."""
 
-NO_ORIGIN = "no single position explains the scan; give origin= if it is known"
+NO_ORIGIN = "no single position explains the scan; give it (origin, --origin) if it is known"
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,10 @@ def several_sources(frame: LidarFrame) -> str | None:
     number = int(np.count_nonzero(shares >= LEAST_OF_SOURCE))
     if number < 2:
         return None
-    return f"the file names {number} flight lines or positions: give origin= if it is known"
+    return (
+        f"the file names {number} flight lines or positions; if one explains the scan, give it "
+        "(origin, --origin)"
+    )
 
 
 def _stands_on_lattice(scene: Scan, threads: int) -> bool:

@@ -15,6 +15,9 @@ from manip3d.lidar import Box, ScanLike, origin_of, to_scan
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+NEITHER = -2
+"""Label of rows that are neither ground nor an object."""
+
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
@@ -23,7 +26,8 @@ class Segmentation:
     Attributes
     ----------
     label : (N,) int32
-        Index of ``boxes``; -1: ground; -2: neither (too few points, too large, too far).
+        Index of ``boxes``; -1: ground; -2: neither (too few points, too large, too far, or rows at
+        exactly (0, 0, 0), which nothing came back for).
     boxes : tuple of Box
         The nearest to the scanner first.
     """
@@ -98,8 +102,9 @@ def segment(
     1
     """
     scene = to_scan(scan)
-    label, boxes = _core.segment_objects(
-        scene.points,
+    measured = scene.points.any(axis=1)
+    found_label, boxes = _core.segment_objects(
+        scene.points if measured.all() else scene.points[measured],
         origin_of(origin, scene),
         max_range,
         ground_height,
@@ -112,6 +117,8 @@ def segment(
         Box((x, y, z), (length, width, height), yaw)
         for (x, y, z), (length, width, height), yaw in boxes
     )
+    label = np.full(len(scene.points), NEITHER, np.int32)
+    label[measured] = found_label
     return Segmentation(label, found)
 
 
