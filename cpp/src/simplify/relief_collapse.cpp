@@ -514,7 +514,7 @@ bool Collapser::is_speck(std::int32_t piece, std::int32_t largest,
          pieces_[piece].doubled_pixels < 2 * least_pixels;
 }
 
-/// Of those with so many pixels the one of the largest area; if there are none, of all.
+/// The piece of the largest area with so many pixels; if there is none, of all.
 std::int32_t Collapser::largest_piece(std::int64_t least_pixels) const {
   std::int32_t largest = largest_;
   for (std::int32_t i = 0; i < static_cast<std::int32_t>(pieces_.size()); ++i) {
