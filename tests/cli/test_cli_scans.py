@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -222,3 +223,22 @@ def test_recordings_in_a_folder_are_one_source_each(tmp_path: Path) -> None:
     forging = ("forge", "stream", day, "--type", "1", "-o", tmp_path / "forged")
     done = manip3d(*forging, "--json", "--jobs", "1")
     assert [row["source"] for row in json.loads(done.stdout)] == places
+
+
+def test_info_names_the_unit_of_a_survey_in_feet(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy")
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.scales = np.full(3, 0.01)
+    keys = struct.pack("<8H", 1, 1, 0, 1, 3076, 0, 1, 9003)
+    header.vlrs.append(laspy.vlrs.VLR(user_id="LASF_Projection", record_id=34735, record_data=keys))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = np.random.default_rng(0).uniform(0, 90, (3, 50))
+    las.write(str(tmp_path / "survey.las"))
+    said = run("info", tmp_path / "survey.las")
+    assert said.count("feet") >= 1
+    assert "metres" not in said
+    told = json.loads(run("info", tmp_path / "survey.las", "--json"))
+    assert told["unit"] == "feet"
+    found = manip3d("inspect", tmp_path / "survey.las", "--json")
+    assert found.returncode == 4
+    assert "in feet" in json.loads(found.stdout)["reason"]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from manip3d import FormatError, InputError, LidarFrame, io
+from manip3d.authenticate import inspect
 from manip3d.io import read_scan
 from manip3d.lidar import ScanFormat
 
@@ -487,3 +488,73 @@ def test_both_intensities_of_las_are_kept(tmp_path: Path) -> None:
     assert back.intensity is not None
     assert back.intensity.tolist() == [-1.5, -2.5, -3.5]
     assert back.fields["las_intensity"].tolist() == [7, 8, 9]
+
+
+def _in_system(path: Path, *records: tuple[int, bytes]) -> Path:
+    las = laspy.read(path)
+    las.header.vlrs.extend(
+        laspy.vlrs.VLR(user_id="LASF_Projection", record_id=number, record_data=data)
+        for number, data in records
+    )
+    las.write(str(path))
+    return path
+
+
+def _geo_keys(*units: tuple[int, int]) -> tuple[int, bytes]:
+    keys = [number for key, unit in units for number in (key, 0, 1, unit)]
+    return 34735, struct.pack(f"<{4 + len(keys)}H", 1, 1, 0, len(units), *keys)
+
+
+def _wkt(*units: str) -> tuple[int, bytes]:
+    inner = ",".join(units)
+    text = f'PROJCS["p",GEOGCS["g",UNIT["degree",0.0174532925199433]],{inner}]'
+    return 2112, text.encode() + bytes(1)
+
+
+FEET = 'UNIT["US survey foot",0.3048006096012192,AUTHORITY["EPSG","9003"]]'
+METRES = 'UNIT["metre",1,AUTHORITY["EPSG","9001"]]'
+
+
+@pytest.mark.parametrize(
+    "records",
+    [
+        [_geo_keys((3076, 9003))],
+        [_geo_keys((1024, 1), (3076, 9002), (4099, 9003))],
+        [_wkt(FEET)],
+        [_wkt('LENGTHUNIT["foot", .3048]')],
+        [_geo_keys((3076, 9002)), _wkt(FEET)],
+    ],
+)
+def test_coordinates_in_feet_are_said_to_be(
+    tmp_path: Path, records: list[tuple[int, bytes]]
+) -> None:
+    """Surveys in feet were measured and judged as if in metres."""
+    write_las(tmp_path / "a.las")
+    plain = read_scan(tmp_path / "a.las")
+    with pytest.warns(UserWarning, match="coordinate system is in feet"):
+        scan = read_scan(_in_system(tmp_path / "a.las", *records))
+    np.testing.assert_array_equal(scan.points, plain.points)  # nothing is converted
+    assert scan.format is not None
+    assert scan.format.header["unit"] == "feet"
+    found = inspect(scan, origin=(0.0, 0.0, 0.0))
+    assert (found.verdict, "in feet" in found.reason) == ("undecidable", True)
+
+
+@pytest.mark.parametrize(
+    "records",
+    [
+        [],
+        [_geo_keys((3076, 9001))],
+        [_geo_keys((3072, 2994))],  # a system in feet by its number, which tables would tell
+        [_geo_keys((3076, 9001), (4099, 9003))],
+        [_wkt(METRES)],
+        [_wkt(FEET, METRES)],
+        [(34735, b"cut")],
+        [(2112, bytes(range(128, 250)))],
+    ],
+)
+def test_no_other_unit_is_named(tmp_path: Path, records: list[tuple[int, bytes]]) -> None:
+    write_las(tmp_path / "a.las")
+    scan = read_scan(_in_system(tmp_path / "a.las", *records))
+    assert scan.format is not None
+    assert "unit" not in scan.format.header

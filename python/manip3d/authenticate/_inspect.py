@@ -303,6 +303,8 @@ def _inspected(
         if trace := trace_of(scan.points):
             return _carrying(scan, trace)
         embedding = ""
+    if unit := _stated_unit(scan):
+        return without_position(scan, f"coordinates in {unit}, as the file says, not in metres")
     units = MILLIMETRES if signed is None or not embedding else signed.units_per_m
     if embedding:
         points = without_bits(scan.points, embedding, units)
@@ -332,6 +334,11 @@ def _inspected(
         result = _not_judged(scan, position, source, found, asked.printed)
     told(1.0)
     return result
+
+
+def _stated_unit(scan: LidarFrame) -> str:
+    """The unit of length that the scan's file states, if it is not the metre; else ''."""
+    return "" if scan.format is None else str(scan.format.header.get("unit", ""))
 
 
 def _verified(

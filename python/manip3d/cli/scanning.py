@@ -64,7 +64,8 @@ def summary(source: str, terminal: Terminal, calibration: Path | None = None) ->
 
 def _told(source: str, scans: list[dict[str, Any]]) -> dict[str, Any]:
     """All scans, and how long they take together where each says when it began."""
-    record: dict[str, Any] = {"file": source, "unit": "m", "scans": scans}
+    unit = scans[0].get("unit", "m") if scans else "m"
+    record: dict[str, Any] = {"file": source, "unit": unit, "scans": scans}
     times = [scan["time_ns"] for scan in scans]
     if len(times) < 2 or None in times:
         return record
@@ -95,7 +96,7 @@ def _describe(frame: LidarFrame) -> dict[str, Any]:
         "time_ns": frame.time_ns,
         "fields": {name: str(values.dtype) for name, values in frame.fields.items()},
     }
-    told = ("model", "sensor_time", "packets", "is_complete")
+    told = ("model", "sensor_time", "packets", "is_complete", "unit")
     return record | {key: header[key] for key in told if key in header}
 
 
@@ -137,7 +138,8 @@ def show(console: Console, record: dict[str, Any]) -> None:
             low, high = scan["bounds"]
             pairs = zip(low, high, strict=True)
             text = "  ".join(f"{a:.6g}..{b:.6g}" for a, b in pairs)
-            console.print(f"bounds  {text}  metres")
+            unit = "metres" if record["unit"] == "m" else record["unit"]
+            console.print(f"bounds  {text}  {unit}")
         if scan["intensity"] is not None:
             console.print("intensity  {:.6g}..{:.6g}".format(*scan["intensity"]))
     if record.get("frames_per_second"):

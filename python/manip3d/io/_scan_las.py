@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import copy
 import io
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.callers import caller_level
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io._files import atomic_path
 from manip3d.io._las_checks import check_las
+from manip3d.io._las_units import stated_unit
 from manip3d.io._scan_tables import (
     exact_coordinates,
     general_fields,
@@ -54,7 +57,15 @@ def read(path: Path, limit: int) -> LidarFrame:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         raise FormatError(f"damaged LAS: {str(error)[:200]}", file=str(path)) from error
-    layout = ScanFormat("las", header={"las": las.header}, to_file=near_zero(exact))
+    told: dict[str, Any] = {"las": las.header}
+    if unit := stated_unit(las.header):
+        told["unit"] = unit
+        warnings.warn(
+            f"{path}: its coordinate system is in {unit}; its numbers are kept, so that what is "
+            f"called metres is in {unit}",
+            stacklevel=caller_level(),
+        )
+    layout = ScanFormat("las", header=told, to_file=near_zero(exact))
     points = measured_points(exact, layout, str(path))
     name = "reflectance" if "reflectance" in columns else "intensity"
     return LidarFrame(
