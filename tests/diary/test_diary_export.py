@@ -305,9 +305,12 @@ def test_films_of_difficulties(diary: Diary, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="exists"):
         export_clips(diary, tmp_path / "films", "P01")
     export_clips(diary, tmp_path / "films", "P01", overwrite=True)
-    (tmp_path / "films" / "letter.txt").write_text("mine")
-    with pytest.raises(InputError, match="exists"):
-        export_clips(diary, tmp_path / "films", "P01", overwrite=True)
+    for others in ("letter.txt", path.name.replace("P01", "P02")):  # films of somebody else, too
+        other = tmp_path / "films" / others
+        other.write_text("mine")
+        with pytest.raises(InputError, match=f"holds other files: {others}"):
+            export_clips(diary, tmp_path / "films", "P01", overwrite=True)
+        other.unlink()
     write_page(diary, tmp_path / "with.html", "P01", clips=True)
     page = (tmp_path / "with.html").read_text()
     assert "no point from 6 to 19 s" in page

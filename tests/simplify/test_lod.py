@@ -141,6 +141,18 @@ def test_a_folder_holds_a_glb_for_each_level_and_a_manifest(tmp_path: Path) -> N
         assert level["max_error"] == made.max_error
 
 
+def test_a_folder_of_levels_is_replaced_only_where_nothing_else_is_in_it(tmp_path: Path) -> None:
+    """The folder is replaced as a whole: the mesh itself would be lost, if it lies there."""
+    io.write_lods([hills(), hills(4)], tmp_path / "levels")
+    io.write_lods([hills()], tmp_path / "levels")
+    assert sorted(p.name for p in (tmp_path / "levels").iterdir()) == ["level_0.glb", "lods.json"]
+    (tmp_path / "levels" / "hills.obj").write_text("mine")
+    with pytest.raises(InputError, match=r"output: .*levels holds other files: hills\.obj"):
+        io.write_lods([hills(4)], tmp_path / "levels")
+    assert (tmp_path / "levels" / "hills.obj").read_text() == "mine"
+    assert (tmp_path / "levels" / "level_0.glb").is_file()
+
+
 @pytest.mark.parametrize("most", [3, 64, 65535])
 def test_primitives_of_limited_size(most: int, tmp_path: Path) -> None:
     mesh = Mesh(*grid(300, 300)) if most == 65535 else hills()

@@ -351,6 +351,26 @@ def own_images(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.parametrize("place", ["mine", "study"])
+def test_stimuli_replace_a_folder_of_stimuli_only(tmp_path: Path, place: str) -> None:
+    """Pictures of one's own within the folder, or the definition beside them, would be lost."""
+    folder = tmp_path / "study"
+    images = folder / "mine" if place == "mine" else tmp_path / "images"
+    (images / "real").mkdir(parents=True)
+    (images / "real" / "a.png").write_bytes(b"mine")
+    folder.mkdir(exist_ok=True)
+    if place == "study":
+        copy_rating_stimuli(images, folder, overwrite=True)
+        copy_rating_stimuli(images, folder, seed=1, overwrite=True)
+        (folder / "study.toml").write_text("mine")
+    before = sorted(folder.rglob("*"))
+    with pytest.raises(InputError, match="holds other files"):
+        copy_rating_stimuli(images, folder, overwrite=True)
+    with pytest.raises(InputError, match="holds other files"):
+        make_rating_stimuli(folder, overwrite=True)
+    assert sorted(folder.rglob("*")) == before
+
+
 def test_stimuli_of_ones_own_get_names_that_tell_nothing(tmp_path: Path) -> None:
     images = own_images(tmp_path / "mine")
     made = copy_rating_stimuli(images, tmp_path / "stimuli", seed=3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import itertools
 import os
+import re
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.diary._sealing import seal, unseal
 from manip3d.errors import FormatError, InputError, MissingExtraError
-from manip3d.io._files import atomic_folder
+from manip3d.io._files import atomic_folder, refuse_other_files
 
 if TYPE_CHECKING:
     from manip3d.diary._diary import Diary
@@ -193,10 +194,10 @@ def export_clips(
     []
     """
     target = path_of(output, "output")
-    if target.exists():
-        others = not target.is_dir() or any(one.suffix != ".webp" for one in target.iterdir())
-        if not overwrite or others:
-            raise InputError(f"output: {target} exists")
+    if target.exists() and not overwrite:
+        raise InputError(f"output: {target} exists")
+    theirs = re.compile(rf"{re.escape(identifier)}-\d{{4}}-\d\d-\d\d-\d{{4}}-.*\.webp")
+    refuse_other_files(target, lambda name: bool(theirs.fullmatch(name)))
     clips = diary.clips(identifier)
     diary.note_export(identifier)
     names = []

@@ -29,7 +29,7 @@ from manip3d.diary._records import (
     Rating,
 )
 from manip3d.errors import InputError
-from manip3d.io._files import atomic_folder, atomic_write
+from manip3d.io._files import atomic_folder, atomic_write, refuse_other_files
 
 _NAMESPACE = uuid.UUID("6f6d1f6e-3f0b-5a52-9a7b-6d3364696172")
 _SURVEY = {
@@ -102,10 +102,7 @@ def export_csv(
     target = path_of(output, "output")
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists")
-    if target.exists():
-        others = sorted(set(os.listdir(target)) - {f"{name}.csv" for name in _TABLES})
-        if others:
-            raise InputError(f"output: {target} holds other files: {', '.join(others[:3])}")
+    refuse_other_files(target, {f"{name}.csv" for name in _TABLES}.__contains__)
     chosen = _chosen(diary, participants)
     tables = _tables(diary, chosen)
     for identifier in chosen:

@@ -26,7 +26,7 @@ from manip3d.diary._records import (
 )
 from manip3d.diary._trends import Point, change_a_week, pain_chart, require_scipy, trend
 from manip3d.errors import InputError
-from manip3d.io._files import atomic_folder, atomic_write
+from manip3d.io._files import atomic_folder, atomic_write, refuse_other_files
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1c2430; max-width: 60rem; margin: 2rem auto;
@@ -150,10 +150,7 @@ def write_overview(
     target = path_of(output, "output")
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists")
-    if target.exists():
-        others = sorted(one for one in os.listdir(target) if not _OWN_PAGE.fullmatch(one))
-        if others:
-            raise InputError(f"output: {target} holds other files: {', '.join(others[:3])}")
+    refuse_other_files(target, lambda name: bool(_OWN_PAGE.fullmatch(name)))
     day = today or date.today()
     people = [person.identifier for person in diary.participants()]
     names = _names_of_pages(people)

@@ -7,7 +7,7 @@ import errno
 import hashlib
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from manip3d import _core
@@ -15,7 +15,7 @@ from manip3d._util.durable import folder_beside, sync_file, sync_folder
 from manip3d._util.paths import path_of
 from manip3d._util.regular_files import limited_bytes as limited_bytes
 from manip3d._util.regular_files import open_regular as open_regular
-from manip3d.errors import FormatError
+from manip3d.errors import FormatError, InputError
 
 
 def check_regular(path: str | os.PathLike[str]) -> None:
@@ -165,6 +165,32 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield new
         _core.replace_folder(os.fsencode(new), os.fsencode(target))
         sync_folder(target.parent)
+
+
+def refuse_other_files(folder: Path, is_ours: Callable[[str], bool]) -> None:
+    """Refuse to replace a folder that holds more than what was written there before.
+
+    A folder is replaced as a whole: whatever else it holds would be lost.
+
+    Parameters
+    ----------
+    folder : Path
+        May be absent.
+    is_ours : callable(str)
+        Whether a file of this name may be lost.
+
+    Raises
+    ------
+    InputError
+        Names some of the other files.
+    """
+    if not os.path.lexists(folder):
+        return
+    if not folder.is_dir():
+        raise InputError(f"output: expected a folder, {folder} is a file")
+    others = sorted(name for name in os.listdir(folder) if not is_ours(name))
+    if others:
+        raise InputError(f"output: {folder} holds other files: {', '.join(others[:3])}")
 
 
 def write_new(path: str | os.PathLike[str], content: bytes) -> None:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
-from manip3d.io._files import atomic_folder
+from manip3d.io._files import atomic_folder, refuse_other_files
 from manip3d.io._mesh_files import write_gltf, write_mesh
 from manip3d.io._scenes import Scene, write_scene
 from manip3d.mesh import Mesh
+
+_OWN_FILE = re.compile(r"level_\d+\.glb|lods\.json")
 
 
 @checked
@@ -97,6 +100,7 @@ def write_lods(
             f"path: expected .glb, .gltf or a folder's name without suffix, got {path}"
         )
     else:
+        refuse_other_files(Path(path), lambda name: bool(_OWN_FILE.fullmatch(name)))
         with atomic_folder(path) as folder:
             manifest = _write_folder(
                 [*scenes, *meshes], folder, shares, errors, max_vertices, quantize

@@ -23,6 +23,7 @@ from manip3d.study._psychometric import (
     SimulatedObserver,
     estimate_threshold,
 )
+from manip3d.study._replacing import refuse_other_stimuli
 from manip3d.study._steps import Field, Step, Value
 from manip3d.study._store import Session
 
@@ -682,7 +683,7 @@ def make_jnd_stimuli(
         A study that was read from a file. Its folder ``stimuli`` is written: one .glb file for each
         stimulus, and a table of them (`LEVELS`).
     overwrite : bool
-        Replace the folder if it exists.
+        Replace the folder if it holds such stimuli and nothing else.
     progress : callable, optional
         Called with the fraction done and the name of the file.
 
@@ -694,7 +695,7 @@ def make_jnd_stimuli(
     Raises
     ------
     InputError
-        The folder exists already, or a method does not apply to a model.
+        The folder exists already or holds other files, or a method does not apply to a model.
     FormatError, OSError
         A mesh cannot be read, or the folder cannot be written.
     """
@@ -705,6 +706,7 @@ def make_jnd_stimuli(
         raise InputError("study: expected a study that was read from a file")
     if study.stimuli.exists() and not overwrite:
         raise InputError(f"{study.stimuli}: exists already")
+    refuse_other_stimuli(study.stimuli, LEVELS)
     found: list[JndLevel] = []
     total = len(study.conditions) * len(study.levels)
     study.stimuli.parent.mkdir(parents=True, exist_ok=True)

@@ -59,7 +59,7 @@ def make_stimuli(
         For a rating only: folder of your own pictures and clips, which `copy_rating_stimuli` takes
         instead.
     overwrite : bool
-        Replace the folder if it is there.
+        Replace the folder if it holds such stimuli and nothing else.
     progress : callable, optional
         Gets the fraction done and a message.
 
@@ -95,9 +95,14 @@ def make_stimuli(
     kind = Section(table, "", str(file)).word("kind", ("rating", "jnd", "display"))
     if kind == "display":
         raise InputError("definition: expected a rating or a jnd, got a display")
+    if kind == "jnd" and (images is not None or surfaces):
+        name = "surfaces" if images is None else "images"
+        raise InputError(f"{name}: expected none for a jnd, whose stimuli are its models")
     if kind == "rating":
         name = Section(table, "", str(file)).section("rating").text("stimuli")
         if images is not None:
+            if surfaces:
+                raise InputError("surfaces: expected none with images, which are all of the study")
             copied = copy_rating_stimuli(images, file.parent / name, seed=seed, overwrite=overwrite)
             return MadeStimuli(file.parent / name, len(copied), ())
         made = make_rating_stimuli(

@@ -27,6 +27,7 @@ from manip3d.study._rating import (
     TRUTHS,
     Item,
 )
+from manip3d.study._replacing import refuse_other_stimuli
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -158,7 +159,7 @@ def make_rating_stimuli(
     seed : int
         Seed of all random choices.
     overwrite : bool
-        Replace the folder if it is there.
+        Replace the folder if it holds such stimuli and nothing else.
     progress : callable, optional
         Gets the fraction done and a message.
 
@@ -192,6 +193,7 @@ def make_rating_stimuli(
     target = path_of(output)
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists already")
+    refuse_other_stimuli(target, MANIFEST)
     require("simulate")
     plan = _planned(wanted, examples=examples, surfaces=surfaces)
     random = np.random.default_rng(seed)
@@ -277,7 +279,7 @@ def copy_rating_stimuli(
     seed : int
         Seed of the names that the files get.
     overwrite : bool
-        Replace the folder if it is there.
+        Replace the folder if it holds such stimuli and nothing else.
 
     Returns
     -------
@@ -310,6 +312,7 @@ def copy_rating_stimuli(
         raise InputError(f"images: expected a folder, got {source}")
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists already")
+    refuse_other_stimuli(target, MANIFEST)
     if target.resolve().is_relative_to(source.resolve()):
         raise InputError("output: expected a folder beside that of the images, not within it")
     if not 0 <= seed < 2**31:

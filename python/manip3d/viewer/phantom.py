@@ -6,6 +6,7 @@ import heapq
 import itertools
 import math
 import os
+import re
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, nullcontext
@@ -36,6 +37,7 @@ RATE = 30
 _WORST, _COLUMNS, _WIDTH = 40, 8, 200
 """Frames of a contact sheet, those of a row, and the width of each in pixels."""
 
+_PICTURE = re.compile(r"\d{6}\.png")
 _UNREAD = "The frame cannot be read."
 
 _HELD = 64
@@ -264,11 +266,12 @@ def _pictures(
 @contextmanager
 def _sink(output: Path, *, overwrite: bool) -> Iterator[Sink]:
     """A film or a folder that appears whole, or not at all."""
-    if output.suffix == ".mp4":
+    suffix = output.suffix.lower()
+    if suffix == ".mp4":
         with atomic_path(output) as temporary, closing(_Film(temporary)) as film:
             yield film
         return
-    if output.suffix == ".png":
+    if suffix == ".png":
         worst = _Worst()
         yield worst
         worst.write(output)
@@ -286,7 +289,7 @@ def _sink(output: Path, *, overwrite: bool) -> Iterator[Sink]:
 
 
 def _holds_pictures_only(folder: Path) -> bool:
-    return folder.is_dir() and all(path.suffix == ".png" for path in folder.iterdir())
+    return folder.is_dir() and all(_PICTURE.fullmatch(path.name) for path in folder.iterdir())
 
 
 def _around(picture: Image, phantom: PhantomFrame) -> Image:

@@ -1,0 +1,32 @@
+"""A folder of stimuli is replaced only where nothing else is in it."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from manip3d.io._files import refuse_other_files
+
+
+def refuse_other_stimuli(folder: Path, table: str) -> None:
+    """Refuse to replace a folder that holds files which its own table of stimuli does not list.
+
+    Parameters
+    ----------
+    folder : Path
+        May be absent.
+    table : str
+        Name of its table: a CSV with the columns ``file`` and, for a JND, ``model``.
+
+    Raises
+    ------
+    InputError
+        Names some of the other files.
+    """
+    known = {table}
+    path = folder / table
+    if path.is_file():
+        with path.open(newline="", encoding="utf-8", errors="replace") as stream:
+            for row in csv.DictReader(stream):
+                known |= {str(row.get("file")), f"{row.get('model')}.glb"}
+    refuse_other_files(folder, known.__contains__)
