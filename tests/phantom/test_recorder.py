@@ -370,6 +370,20 @@ def test_a_full_disk_costs_lines_of_the_log_and_no_session(
     assert path.read_bytes() == whole
 
 
+@pytest.mark.parametrize("content", [b"manip3d diary key 1 00ff", b"SQLite format 3\0"])
+def test_a_log_is_added_to_no_other_file(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "study.key"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="log: expected a new file or the log of a session"):
+        phantom.run_live(log=path, seconds=1.0)
+    assert path.read_bytes() == content
+
+
+def test_a_key_without_a_diary_is_refused() -> None:
+    with pytest.raises(InputError, match="diary_key: expected a diary"):
+        phantom.run_live(diary_key="study.key", seconds=1.0)
+
+
 @pytest.mark.parametrize(
     "wrong", [{"gain": float("nan")}, {"port": 70_000}, {"certificate": "no.pem"}]
 )

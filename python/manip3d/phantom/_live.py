@@ -212,7 +212,8 @@ def run_live(
     ------
     InputError, FormatError, DeviceError, OSError
         The source raised it before anything is shown; a camera that goes away later is waited for.
-        Or the participant has a live session open in another program.
+        Or the participant has a live session open in another program, or ``log`` is a file of
+        something else.
     MissingExtraError
         aiohttp or, for simulated people, Open3D is not installed; SQLAlchemy for a diary,
         MediaPipe for ``pose``.
@@ -225,11 +226,14 @@ def run_live(
     """
     if (diary is None) != (participant is None):
         raise InputError("diary, participant: expected both or none")
+    if diary_key is not None and diary is None:
+        raise InputError("diary_key: expected a diary that it opens, got none")
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds: expected > 0, got {seconds}")
     from manip3d.capture import open_rgbd, rgbd_address
 
     began = time.monotonic()
+    written = SessionLog(log)
     if source is not None:
         source = rgbd_address(source) or source
     limb = affected or _default_limb(source, game)
@@ -272,7 +276,7 @@ def run_live(
         made = _certificate(host, certificate)
         server = LocalServer(pages, on_message, host=host, port=port, certificate=made)
         show = _Show(session, server, tracker, began)
-        with SessionLog(log) as journal, server:
+        with written as journal, server:
             if recorder is not None:
                 session.halt(recorder.start(lambda: _latency(server)))
             try:
