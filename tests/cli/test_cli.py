@@ -596,6 +596,9 @@ def test_many_meshes_are_counted_converted_and_compared(torus: Path, tmp_path: P
     done = manip3d("convert", source, "-o", tmp_path / "glb", "--to", ".glb", "--jobs", "1")
     assert done.returncode == 0, done.stderr
     assert read_mesh(tmp_path / "glb" / "a.glb").num_faces == 1152
+    done = manip3d("convert", source / "a.ply", "-o", tmp_path / "one", "--to", ".off")
+    assert done.returncode == 0, done.stderr  # a folder that a pattern found one file in, too
+    assert read_mesh(tmp_path / "one" / "a.off").num_faces == 1152
     assert "--to: expected one of" in error_line(
         manip3d("convert", source, "-o", tmp_path / "x", "--to", ".asd")
     )

@@ -314,3 +314,40 @@ def test_a_changed_audit_is_shown_and_then_named(path: str) -> None:
     assert "consent" in done.stdout
     assert "the audit is damaged: row 2 is not what was written" in str(done.exception)
     assert run("check", path).exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--pain", "4", "--ppi", "3"), "--ppi: expected --mcgill with it"),
+        (("--pain", "4", "--occasion", "baseline"), "--occasion: expected --mcgill with it"),
+        (("--event", " "), "--event: expected words"),
+    ],
+)
+def test_a_rating_with_an_option_that_would_be_lost_is_refused(
+    path: str, words: tuple[str, ...], told: str
+) -> None:
+    done = run("rate", path, "P01", *words)
+    assert done.exit_code == 1
+    assert told in str(done.exception)
+    found = json.loads(ran("show", path, "P01", "--json"))
+    assert (found["ratings"], found["events"]) == ([], [])
+
+
+def test_no_diary_is_made_for_a_pseudonym_that_is_none(tmp_path: Path) -> None:
+    assert run("enrol", str(tmp_path / "new.diary"), "Jane Doe").exit_code == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_export_goes_by_its_suffix_in_capital_letters_too(path: str, tmp_path: Path) -> None:
+    ran("export", path, "-o", str(tmp_path / "P01.JSON"), "--participant", "P01")
+    assert json.loads((tmp_path / "P01.JSON").read_text())["resourceType"] == "Bundle"
+
+
+@pytest.mark.parametrize("output", ["tables", "P01.json"])
+def test_films_are_asked_for_only_where_they_are_shown(
+    path: str, tmp_path: Path, output: str
+) -> None:
+    done = run("export", path, "-o", str(tmp_path / output), "--participant", "P01", "--clips")
+    assert "--clips: expected --pages or -o NAME.html" in str(done.exception)
+    assert not (tmp_path / output).exists()

@@ -131,3 +131,13 @@ def test_ctrl_c_ends_a_study(definition: Path, tmp_path: Path, number: str) -> N
     _, rest = process.communicate(timeout=30)
     assert process.returncode == 0
     assert "0 participants, 0 to the end; 0 answers in" in rest
+
+
+def test_options_of_a_rating_are_refused_for_a_jnd(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    run("study", "define", "jnd-textured", "--example", "-o", file)
+    done = run("study", "stimuli", file, "--surfaces", 2)
+    assert "--surfaces: expected none for a jnd" in done.stderr
+    done = run("study", "stimuli", file, "--images", tmp_path)
+    assert "--images: expected none for a jnd" in done.stderr
+    assert not (tmp_path / "stimuli-textured").exists()

@@ -163,3 +163,24 @@ def test_other_outputs_are_refused_before_anything_is_read(tmp_path: Path) -> No
     done = manip3d("view", tmp_path / "not there.bin", "-o", tmp_path / "a.pdf")
     assert ".html" in error_line(done)
     assert ".png" in error_line(done)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "kind"),
+    [
+        ("--unit", "mm", "a depth image"),
+        ("--intrinsics", "kinect-v2", "a depth image or a recording"),
+        ("--color", "a.png", "a depth image"),
+        ("--calibration", "db.xml", "a scan"),
+        ("--color-by", "height", "a scan or a depth image or a recording"),
+    ],
+)
+def test_view_refuses_what_a_mesh_has_not(
+    tmp_path: Path, option: str, value: str, kind: str
+) -> None:
+    mesh = tmp_path / "a.ply"
+    Mesh(np.eye(3), [[0, 1, 2]]).write(mesh)
+    told = f"{option}: can only be given with {kind}, got "
+    done = manip3d("view", mesh, option, value, "-o", tmp_path / "a.html")
+    assert told in error_line(done)
+    assert not (tmp_path / "a.html").exists()

@@ -93,6 +93,9 @@ def enrol(
 
     Example: manip3d diary enrol study.diary P01 --limb left-leg
     """
+    from manip3d.diary._records import identifier_of
+
+    identifier_of(participant)  # no diary is made for somebody who cannot be enrolled
     with _opened(path, key, create=True) as diary:
         person = diary.enrol(
             participant, limb=limb.value.replace("-", "_") if limb else "", clips=clips
@@ -307,11 +310,15 @@ def rate(
         ),
     ] = None,
     ppi: Annotated[
-        int, typer.Option(min=0, max=5, help="Present pain intensity of that questionnaire.")
-    ] = 0,
+        int | None,
+        typer.Option(
+            min=0, max=5, help="Present pain intensity of that questionnaire; by default 0."
+        ),
+    ] = None,
     occasion: Annotated[
-        Occasion, typer.Option(help="When the questionnaire was filled in.")
-    ] = Occasion.other,
+        Occasion | None,
+        typer.Option(help="When the questionnaire was filled in; by default other."),
+    ] = None,
     event: Annotated[str | None, typer.Option(help="An adverse event, in words.")] = None,
     key: Key = None,
     as_json: Json = False,
@@ -325,14 +332,20 @@ def rate(
     """
     if pain is None and mcgill is None and event is None:
         raise InputError("expected --pain, --mcgill or --event")
+    if mcgill is None and (ppi is not None or occasion is not None):
+        name = "--ppi" if ppi is not None else "--occasion"
+        raise InputError(f"{name}: expected --mcgill with it")
+    if event is not None and not event.strip():
+        raise InputError("--event: expected words, got none")
+    when = occasion or Occasion.other
     ranks = None if mcgill is None else _numbers(mcgill, 20, "mcgill")
     shell = Terminal(as_json=as_json, quiet=quiet)
     record: dict[str, Any] = {"participant": participant}
     with _opened(path, key) as diary:
         if ranks is not None:
-            found = diary.add_mcgill(participant, ranks, ppi, occasion=occasion.value)
+            found = diary.add_mcgill(participant, ranks, ppi or 0, occasion=when.value)
             record["mcgill"] = vars(found.score)
-            shell.say(f"McGill, {occasion.value}: PRI {found.score.pri}, NWC {found.score.nwc}")
+            shell.say(f"McGill, {when.value}: PRI {found.score.pri}, NWC {found.score.nwc}")
         if pain is not None:
             diary.add_rating(participant, pain)
             record["pain"] = pain
@@ -492,13 +505,16 @@ def export(
     check_output(output, () if pages else (".json", ".html"), force=force, folder=True)
     if pages and participant is not None:
         raise InputError("--pages: expected no --participant; the page of one is -o NAME.html")
+    suffix = output.suffix.lower()
+    if clips and not pages and suffix != ".html":
+        raise InputError("--clips: expected --pages or -o NAME.html; 'diary clips' writes films")
     with _opened(path, key) as diary:
         if pages:
             write_overview(diary, output, clips=clips, overwrite=force)
-        elif output.suffix in (".json", ".html"):
+        elif suffix in (".json", ".html"):
             if participant is None:
                 raise InputError("--participant: expected one, for .json and .html")
-            if output.suffix == ".json":
+            if suffix == ".json":
                 export_fhir(diary, output, participant, overwrite=force)
             else:
                 write_page(diary, output, participant, clips=clips, overwrite=force)

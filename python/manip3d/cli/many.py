@@ -261,7 +261,7 @@ def over_files(
             asked = {"shared": [n for n, v in shared.items() if v]}
             if together(sources, given | asked):
                 return
-            if not table and not dask and _is_one(sources):
+            if not (table or dask or to) and _is_one(sources):
                 _one(verb, argument, sources[0], given)
                 return
             check(given)

@@ -56,7 +56,13 @@ class Template(StrEnum):
 
 @app.command("define")
 def study_define(
-    template: Annotated[Template, typer.Argument(metavar="TEMPLATE", help="Kind of study.")],
+    template: Annotated[
+        Template,
+        typer.Argument(
+            metavar="TEMPLATE",
+            help="Kind of study: rating, jnd-non-textured, jnd-textured or display.",
+        ),
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Definition, .toml.")],
     example: Annotated[
         bool,
@@ -114,7 +120,7 @@ def study_stimuli(
     from manip3d.study import make_stimuli
 
     shell = Terminal(as_json=as_json, quiet=quiet)
-    with shell.progress("stimuli") as progress, naming_options("images"):
+    with shell.progress("stimuli") as progress, naming_options("images", "surfaces"):
         made = make_stimuli(
             definition,
             frames=frames,

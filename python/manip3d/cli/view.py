@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -40,11 +41,43 @@ _OPTIONS = ("frame", "unit", "color", "color-by")
 MOST_BESIDE = 9  # things on one page; more are a folder's, a page each
 
 
+_USES: Mapping[str, tuple[Any, Sequence[str]]] = {
+    "color_by": (None, ("scan", "depth", "rgbd")),
+    "intrinsics": ("", ("depth", "rgbd")),
+    "unit": ("guess", ("depth",)),
+    "color": (None, ("depth",)),
+    "calibration": (None, ("scan",)),
+}
+"""Options about some kinds of sources only: what they are if they are not given, and the kinds."""
+_WORDS = {"scan": "a scan", "depth": "a depth image", "rgbd": "a recording"}
+
+
+def _refuse_unused(sources: Sequence[str], given: Mapping[str, Any]) -> None:
+    """Refuse an option that is about none of the sources: it would change nothing.
+
+    Folders, patterns and addresses may hold anything, and files that are absent are told later.
+    """
+    from manip3d import viewer
+
+    if not all(source == "-" or Path(source).is_file() for source in sources):
+        return
+    found = {"mesh" if source == "-" else viewer.kind_of(source) for source in sources}
+    for name, (default, uses) in _USES.items():
+        if given[name] != default and not found.intersection(uses):
+            expected = " or ".join(_WORDS[kind] for kind in uses)
+            raise InputError(
+                f"--{name.replace('_', '-')}: can only be given with {expected}, got "
+                f"{', '.join(sources)}"
+            )
+
+
 def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
     """Show several files, named one by one, in one page or picture."""
     from manip3d import viewer
     from manip3d.batch import is_pattern
 
+    if len(sources) == 1:
+        _refuse_unused(sources, given)
     output = given["output"]
     one_place = output is None or (Path(output).suffix.lower() in SUFFIXES and not is_url(output))
     named = all(source != "-" and not is_pattern(source) for source in sources)
@@ -60,6 +93,7 @@ def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
     choice = Choice(given["frame"], given["intrinsics"], given["unit"], given["color"], calibration)
     for source in sources:
         expect_kind(source, *SHOWN, verb="view")
+    _refuse_unused(sources, given)
     with naming_options(*_OPTIONS):
         things = [_open(source, choice, terminal) for source in sources]
     names = [Path(source).name for source in sources]
