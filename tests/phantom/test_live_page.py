@@ -495,6 +495,7 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
             click("#sick")
             said("unwell")
             assert text_of(tab, "#card").startswith("Stop for today\n")
+            assert "when you are ready" not in text_of(tab, "#card")
     finally:
         stage.server.stop()
         recorder.end()

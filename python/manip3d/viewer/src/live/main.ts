@@ -432,7 +432,9 @@ function tellGame(status: Status, message: string): void {
   const isNarrow = matchMedia("(max-width: 640px)").matches;
   const atPage = isNarrow ? "Start below" : "Start below, or the space bar,";
   const button = views.inHeadset ? "the trigger of a controller" : atPage;
-  if (game.phase === "waiting") lines.push(how, `Press ${button} when you are ready.`);
+  if (game.phase === "waiting" && !game.halt) {
+    lines.push(how, `Press ${button} when you are ready.`);
+  }
   if (game.phase === "starting") lines.push("Stand so that the whole body is seen, facing the camera.");
   if (game.phase === "paused") {
     heading = "Paused";
