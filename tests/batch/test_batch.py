@@ -445,3 +445,9 @@ def test_hidden_files_of_a_folder_are_left_out(texts: Path) -> None:
     for drive in (texts / "drive", texts / ".old"):
         (drive / "velodyne").mkdir(parents=True)
     assert [drive.relative for drive in batch.find_drives(texts)] == ["drive"]
+
+
+def test_what_is_no_address_of_a_scheduler_is_refused(texts: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    with pytest.raises(InputError, match=r"dask: expected local or the address .* got 'somewhere'"):
+        batch.run(upper, texts, tmp_path / "out", dask="somewhere")

@@ -81,6 +81,9 @@ def test_play_draws_a_sheet_and_pictures(walk: Path, tmp_path: Path) -> None:
     with Image.open(sheet) as image:
         assert image.size == (3 * 32, 3 * 12)
         assert np.asarray(image).std() > 10
+    loud = tmp_path / "SHEET.PNG"
+    assert manip3d("capture", "play", walk, "--speed", 0, "-o", loud).returncode == 0
+    assert loud.read_bytes() == sheet.read_bytes()
     folder = tmp_path / "pictures"
     done = manip3d("capture", "play", walk, "--speed", 0, "--frames", 3, "-o", folder)
     assert sorted(path.name for path in folder.iterdir()) == [f"00000{i}.png" for i in range(3)]

@@ -366,6 +366,10 @@ def test_a_verifier_that_remembers(key: Path, signed: Path, tmp_path: Path) -> N
     state = tmp_path / "seen"
     assert verify(signed, key, "--state", state)[0] == 0
     assert verify(signed, key, "--state", state)[0] == 3
+    nowhere = tmp_path / "absent" / "seen"
+    with pytest.raises(FileNotFoundError) as refused:
+        raise run("verify", signed, "--key", key, "--state", nowhere).exception
+    assert refused.value.filename == str(nowhere)  # and not its lock
     assert verify(signed, key)[0] == 0
 
 

@@ -35,7 +35,7 @@ void check_grows(const char* name, std::int64_t value, std::int64_t before) {
 
 RecordingKind kind_of(const std::filesystem::path& path) {
   const std::filesystem::path suffix = path.extension();
-  if (suffix == ".mkv") return RecordingKind::kMkv;
+  if (suffix == ".mkv" || suffix == ".MKV") return RecordingKind::kMkv;
   if (suffix.empty()) return RecordingKind::kFolder;
   throw InputError("path: expected a folder or a file that ends in .mkv, got '" + path.string() +
                    "'");

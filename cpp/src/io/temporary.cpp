@@ -48,7 +48,7 @@ std::optional<Descriptor> create(const fs::path& path, TemporaryKind kind, unsig
     if (folder.is_open()) return folder;
     if (errno == ENOENT) return std::nullopt;  // taken for dead before it was locked
   }
-  if (errno != EEXIST) refuse("cannot create a temporary name");
+  if (errno != EEXIST) refuse("cannot write into its folder");
   return std::nullopt;
 }
 

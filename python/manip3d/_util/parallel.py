@@ -21,7 +21,7 @@ from itertools import islice
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-from manip3d.errors import MissingExtraError, error_details
+from manip3d.errors import InputError, MissingExtraError, error_details
 
 _Key = TypeVar("_Key", bound=Hashable)
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -205,4 +205,10 @@ def _dask_client(workers: int, address: str) -> Any:
     if address == "local":
         # A free port for the dashboard: Dask's own may be taken by another cluster.
         return Client(n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0")
-    return Client(address)
+    try:
+        return Client(address)
+    except ValueError as error:  # no address at all
+        raise InputError(
+            f"dask: expected local or the address of a scheduler, such as tcp://127.0.0.1:8786, "
+            f"got {address!r}: {error}"
+        ) from error

@@ -66,7 +66,10 @@ class VerifiedFrames:
 
     def _locked(self, path: Path) -> int:
         name = self._path.with_name(f".{self._path.name}.lock")
-        lock = locked_file(name)
+        try:
+            lock = locked_file(name)
+        except FileNotFoundError as error:  # the folder: the lock's own name tells nobody anything
+            raise FileNotFoundError(error.errno, error.strerror, os.fspath(path)) from None
         if lock is None:
             raise InputError(f"state: expected a file of one verifier at a time, {path} is in use")
         return lock

@@ -350,7 +350,7 @@ def _table_of(table: str | os.PathLike[str] | None, output: Place | None) -> str
     if table is None:
         return None if output is None else output.of("results.csv")
     name = os.fspath(table) if is_url(table) else str(path_of(table, "table"))
-    if not name.endswith(TABLE_SUFFIXES):
+    if not name.lower().endswith(TABLE_SUFFIXES):
         raise InputError(f"table: expected a name that ends in {' or '.join(TABLE_SUFFIXES)}")
     return name
 

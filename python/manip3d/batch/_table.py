@@ -52,9 +52,10 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike[str])
     name = os.fspath(path)
     flat = [dict(_flat(row)) for row in rows]
     columns = list(dict.fromkeys(column for row in flat for column in row))
-    if name.endswith(".csv"):
+    kind = name.lower()
+    if kind.endswith(".csv"):
         content = csv_text(flat, columns).encode()
-    elif name.endswith(".parquet"):
+    elif kind.endswith(".parquet"):
         content = _parquet(flat, columns)
     else:
         raise InputError(f"{name}: expected a name that ends in {' or '.join(TABLE_SUFFIXES)}")

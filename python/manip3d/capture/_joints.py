@@ -117,7 +117,8 @@ def export_joints(
     '0,0,0,0,SpineBase,2.000000,2.000000,2.000000,2'
     """
     target = Path(path_of(path))
-    if target.suffix not in (".csv", ".bvh"):
+    suffix = target.suffix.lower()
+    if suffix not in (".csv", ".bvh"):
         raise InputError(f"path: expected a name that ends in .csv or .bvh, got {target}")
     if target.exists() and not overwrite:
         raise InputError(f"path: expected a new file, {target} exists already")
@@ -133,7 +134,7 @@ def export_joints(
             stream = (f if f.color is None else tracker.annotate(f) for f in stream)
         ids: set[int] = set()
         stream = _noting_ids(stream, ids)
-        if target.suffix == ".csv":
+        if suffix == ".csv":
             found = [
                 (frame, skeleton)
                 for frame in stream
@@ -153,7 +154,7 @@ def export_joints(
             raise InputError(f"person: expected {who} in some frame, found only ids {others}")
         cure = "" if pose else " (--pose, or pose=True in Python, looks for them in colour images)"
         raise InputError(f"source: expected {who} in some frame, found none{cure}")
-    text = _table(found) if target.suffix == ".csv" else _motion(found)
+    text = _table(found) if suffix == ".csv" else _motion(found)
     with atomic_path(target) as temporary:
         temporary.write_text(text, encoding="ascii", newline="\n")
     people = len({skeleton.id for _, skeleton in found})

@@ -351,7 +351,7 @@ class _Pictures:
         self._output = output
         self._sheet: list[NDArray[np.uint8]] = []
         self._written = 0
-        if output is None or output.suffix == ".png":
+        if output is None or output.suffix.lower() == ".png":
             return
         if output.suffix:
             raise InputError(f"output: expected a folder or a .png file, got {output}")
