@@ -283,6 +283,29 @@ def test_a_source_that_ended_or_was_stopped_lets_others_record(kind: str, tmp_pa
     del ended, stopped
 
 
+@pytest.mark.parametrize("kind", ["folder", "mkv", "tum"])
+def test_an_earlier_recording_stays_until_a_frame_replaces_it(kind: str, tmp_path: Path) -> None:
+    """Whoever waits for an event in vain, or stops waiting, still has what there was."""
+    place = f"{kind}:{tmp_path / ('walk.mkv' if kind == 'mkv' else 'walk')}"
+
+    def stopped(frame: object) -> bool:
+        raise KeyboardInterrupt
+
+    def recorded(count: int, **options: Any) -> int:
+        frames = rgbd_frames.frames(count, color=kind != "tum")
+        return capture.record(frames, place, overwrite=True, **options).frames
+
+    assert recorded(3) == 3
+    assert recorded(2, trigger=lambda _: False) == 0
+    with pytest.raises(KeyboardInterrupt):
+        recorded(2, trigger=stopped)
+    with capture.open(place) as source:
+        assert len(list(source)) == 3  # type: ignore[arg-type]
+    assert recorded(2) == 2
+    with capture.open(place) as source:
+        assert len(list(source)) == 2  # type: ignore[arg-type]
+
+
 ENDLESS = """
 import sys
 import rgbd_frames

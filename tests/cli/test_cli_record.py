@@ -190,3 +190,13 @@ def test_a_tum_sequence_of_the_frames_from_one_on(walk: Path, tmp_path: Path) ->
     assert json.loads(played.stdout)["frames"] == 3
     beyond = manip3d("capture", "play", walk, "--start", "9")
     assert "start: expected less than the 9 frames" in error_line(beyond)
+
+
+def test_nothing_replaces_a_recording_where_no_frame_comes(walk: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    capture.record(rgbd_frames.frames(2), other, trigger=lambda _: False)
+    again = ("capture", "record", other, "-o", walk, "--force", "-q")
+    assert f"expected a frame, found none; {walk} is as it was" in error_line(manip3d(*again))
+    done = manip3d(*again, "--trigger", "SIGUSR1")
+    assert f"{walk} is as it was" in error_line(done)
+    assert capture.open_rgbd(f"folder:{walk}").num_frames == 9

@@ -25,17 +25,16 @@ class FolderRecorder final : public RgbdRecorder {
   FolderRecorder(const fs::path& folder, const RgbdCalibration& calibration,
                  const RecorderOptions& options)
       : folder_(folder), options_(options), jpeg_(options.jpeg_quality), checks_(calibration) {
-    const std::string text = calibration_text(calibration);
-    const RecordingLayout layout{{kFramesFile}, {"depth", "body_index", "colour"}};
-    lock_ = prepare_folder(folder, layout, options.overwrite);
-    write_text(folder / kCalibrationFile, text);
-    log_ = std::make_unique<LineLog>(folder / kFramesFile);
+    calibration_text_ = calibration_text(calibration);
+    lock_ = prepare_folder(folder, layout_, options.overwrite);
+    if (fs::is_empty(folder)) begin();  // else an earlier recording stays until a frame comes
   }
 
   void write(const RgbdFrame& frame) override {
     if (is_closed_) throw InputError("write: the recording is closed");
     RecordingChecks checks = checks_;
     checks.check(frame);
+    if (!log_) begin();
     Json line = {{"number", frame.number}, {"time_ns", frame.time_ns}};
     FrameImages images;
     write_images(frame, images, line);
@@ -48,7 +47,7 @@ class FolderRecorder final : public RgbdRecorder {
 
   void close() override {
     if (std::exchange(is_closed_, true)) return;
-    log_->close();
+    if (log_) log_->close();
     lock_->release();
   }
 
@@ -57,6 +56,12 @@ class FolderRecorder final : public RgbdRecorder {
   }
 
  private:
+  void begin() {
+    remove_recording(folder_, layout_);
+    write_text(folder_ / kCalibrationFile, calibration_text_);
+    log_ = std::make_unique<LineLog>(folder_ / kFramesFile);
+  }
+
   void write_images(const RgbdFrame& frame, FrameImages& images, Json& line) {
     const auto write = [&](const char* kind, const char* suffix, std::span<const std::byte> data) {
       char name[32];
@@ -79,7 +84,9 @@ class FolderRecorder final : public RgbdRecorder {
     }
   }
 
+  const RecordingLayout layout_{{kFramesFile}, {"depth", "body_index", "colour"}};
   fs::path folder_;
+  std::string calibration_text_;
   RecorderOptions options_;
   JpegEncoder jpeg_;
   RecordingChecks checks_;

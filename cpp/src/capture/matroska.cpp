@@ -114,6 +114,11 @@ void MatroskaWriter::finish() {
   if (::close(file_.descriptor.release()) != 0) file_.refuse("cannot close");
 }
 
+void MatroskaWriter::leave() {
+  lock_.release();
+  file_.descriptor = Descriptor();
+}
+
 int MatroskaWriter::check(int code) {
   if (file_.error != 0) {
     // Readers pass over a part that cannot be cut off: it is not a whole cluster.

@@ -60,6 +60,8 @@ class MatroskaWriter {
   void flush();
   /// Writes the index, syncs and closes the file.
   void finish();
+  /// Closes the file as it is, where `start` was not called.
+  void leave();
   [[nodiscard]] std::int64_t size() const { return file_.end; }
 
  private:

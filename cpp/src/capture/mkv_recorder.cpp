@@ -68,6 +68,7 @@ class MkvRecorder final : public RgbdRecorder {
         jpeg_(options.jpeg_quality) {
     check_sizes(*calibration_);
     check_target(path, options.overwrite);
+    replaces_ = fs::exists(path) && fs::file_size(path) > 0;
     file_ = std::make_unique<MatroskaWriter>(path, options.overwrite);
   }
 
@@ -98,6 +99,10 @@ class MkvRecorder final : public RgbdRecorder {
 
   void close() override {
     if (std::exchange(is_closed_, true)) return;
+    if (!is_started_ && replaces_) {
+      file_->leave();  // the earlier recording stays where no frame has come
+      return;
+    }
     if (!is_started_) start_empty();
     file_->finish();
   }
@@ -182,7 +187,7 @@ class MkvRecorder final : public RgbdRecorder {
   ImageSize color_size_;
   int depth_track_ = 0, body_track_ = 0, color_track_ = 0, frames_track_ = 0;
   std::int64_t first_time_ = 0, last_time_ms_ = -1, frames_ = 0;
-  bool is_started_ = false, is_closed_ = false;
+  bool replaces_ = false, is_started_ = false, is_closed_ = false;
 };
 
 }  // namespace

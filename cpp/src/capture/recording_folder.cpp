@@ -35,23 +35,6 @@ bool is_replaceable(const fs::path& folder, const RecordingLayout& layout) {
   });
 }
 
-/// The lists first, so that no frame stands in them whose images are gone. The first one stays
-/// until they are, as the mark of a recording, if this is killed.
-void remove_recording(const fs::path& folder, const RecordingLayout& layout) {
-  if (holds_recording(folder, layout)) {
-    for (const std::string_view list : layout.lists) {
-      if (fs::exists(folder / list)) fs::resize_file(folder / list, 0);
-    }
-  }
-  for (const std::string_view name : layout.image_folders) fs::remove_all(folder / name);
-  for (auto list = layout.lists.rbegin(); list != layout.lists.rend(); ++list) {
-    fs::remove(folder / *list);
-  }
-  const std::vector<fs::directory_entry> rest{fs::directory_iterator(folder),
-                                              fs::directory_iterator()};
-  for (const fs::directory_entry& entry : rest) fs::remove(entry.path());
-}
-
 }  // namespace
 
 LineLog::LineLog(const fs::path& path) : path_(path) {
@@ -107,8 +90,22 @@ std::unique_ptr<RecordingLock> prepare_folder(const fs::path& folder, const Reco
     throw InputError("path: expected a new or empty folder, got " + folder.string() +
                      ", which holds " + what);
   }
-  remove_recording(folder, layout);
   return lock;
+}
+
+void remove_recording(const fs::path& folder, const RecordingLayout& layout) {
+  if (holds_recording(folder, layout)) {
+    for (const std::string_view list : layout.lists) {
+      if (fs::exists(folder / list)) fs::resize_file(folder / list, 0);
+    }
+  }
+  for (const std::string_view name : layout.image_folders) fs::remove_all(folder / name);
+  for (auto list = layout.lists.rbegin(); list != layout.lists.rend(); ++list) {
+    fs::remove(folder / *list);
+  }
+  const std::vector<fs::directory_entry> rest{fs::directory_iterator(folder),
+                                              fs::directory_iterator()};
+  for (const fs::directory_entry& entry : rest) fs::remove(entry.path());
 }
 
 std::string calibration_text(const RgbdCalibration& calibration) {

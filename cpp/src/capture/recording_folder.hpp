@@ -49,11 +49,15 @@ struct RecordingLayout {
   std::vector<std::string_view> image_folders;
 };
 
-/// Makes the folder, or empties the one of an earlier recording, and locks it. Nothing is touched
-/// before all is checked.
+/// Makes the folder, or takes the one of an earlier recording, which stays as it is until
+/// `remove_recording`, and locks it.
 /// @throws InputError  the folder holds anything else, or somebody has it open.
 std::unique_ptr<RecordingLock> prepare_folder(const std::filesystem::path& folder,
                                               const RecordingLayout& layout, bool overwrite);
+
+/// Empties the folder of a recording. The lists first, so that no frame stands in them whose images
+/// are gone. The first one stays until they are, as the mark of a recording, if this is killed.
+void remove_recording(const std::filesystem::path& folder, const RecordingLayout& layout);
 
 /// The text of a calibration.json. @throws InputError  too long a ray table.
 std::string calibration_text(const RgbdCalibration& calibration);

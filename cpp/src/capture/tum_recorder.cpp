@@ -42,13 +42,9 @@ class TumRecorder final : public RgbdRecorder {
           "calibration: expected colour images of the depth camera: a TUM sequence "
           "has no registration");
     }
-    const std::string text = calibration_text(calibration);
-    const RecordingLayout layout{{kLists.begin(), kLists.end()}, {"depth", "rgb"}};
-    lock_ = prepare_folder(folder, layout, options.overwrite);
-    write_text(folder / kCalibrationFile, text);
-    depth_ = begun_list("depth.txt", "# depth maps\n# timestamp filename\n");
-    color_ = begun_list("rgb.txt", "# color images\n# timestamp filename\n");
-    pairs_ = begun_list("associations.txt", "");
+    calibration_text_ = calibration_text(calibration);
+    lock_ = prepare_folder(folder, layout_, options.overwrite);
+    if (fs::is_empty(folder)) begin();  // else an earlier recording stays until a frame comes
   }
 
   void write(const RgbdFrame& frame) override {
@@ -59,6 +55,7 @@ class TumRecorder final : public RgbdRecorder {
       throw InputError("frame.time_ns: expected at most 9e9 seconds, got " +
                        std::to_string(frame.time_ns) + " ns");
     }
+    if (!pairs_) begin();
     const std::string time = seconds_text(frame.time_ns);
     const std::string depth = time + " depth/" + time + ".png";
     const std::string color = time + " rgb/" + time + ".png";
@@ -81,7 +78,9 @@ class TumRecorder final : public RgbdRecorder {
 
   void close() override {
     if (std::exchange(is_closed_, true)) return;
-    for (LineLog* list : {depth_.get(), color_.get(), pairs_.get()}) list->close();
+    for (LineLog* list : {depth_.get(), color_.get(), pairs_.get()}) {
+      if (list != nullptr) list->close();
+    }
     lock_->release();
   }
 
@@ -90,6 +89,14 @@ class TumRecorder final : public RgbdRecorder {
   }
 
  private:
+  void begin() {
+    remove_recording(folder_, layout_);
+    write_text(folder_ / kCalibrationFile, calibration_text_);
+    depth_ = begun_list("depth.txt", "# depth maps\n# timestamp filename\n");
+    color_ = begun_list("rgb.txt", "# color images\n# timestamp filename\n");
+    pairs_ = begun_list("associations.txt", "");  // the last one: all are there, or it is none
+  }
+
   [[nodiscard]] std::unique_ptr<LineLog> begun_list(const char* name, const std::string& head) {
     auto list = std::make_unique<LineLog>(folder_ / name);
     list->append(head);
@@ -108,7 +115,9 @@ class TumRecorder final : public RgbdRecorder {
     return too_far;
   }
 
+  const RecordingLayout layout_{{kLists.begin(), kLists.end()}, {"depth", "rgb"}};
   fs::path folder_;
+  std::string calibration_text_;
   RecordingChecks checks_;
   std::unique_ptr<RecordingLock> lock_;
   std::unique_ptr<LineLog> depth_, color_, pairs_;

@@ -97,7 +97,8 @@ def record(
     jpeg_quality : int
         1 to 100.
     overwrite : bool
-        Replace a recording of the same kind that nobody reads or records.
+        Replace a recording of the same kind that nobody reads or records. It stays as it is until
+        the first frame is written.
     progress : None, True or callable(fraction, message)
         True shows a bar; a callable gets the fraction done and a message.
 

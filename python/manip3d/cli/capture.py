@@ -205,11 +205,13 @@ def write_recording(
         )
     if trigger and not done.frames:
         if was_there:
-            found = f"{output} has no frame"
+            found = f"{output} is as it was"
         else:
             remove_recording(place)
             found = f"{output} was not written"
         raise InputError(f"--trigger {trigger}: it did not come before the source ended; {found}")
+    if was_there and not done.frames:
+        raise InputError(f"{source.uri}: expected a frame, found none; {output} is as it was")
     told = "" if done.frames_with_skeleton else "; no frame of the source has a skeleton"
     terminal.say(f"wrote {output}: {counted(done.frames, 'frame')}, {done.seconds:.2f} s{told}")
     if str(output).startswith("tum:") and done.frames_with_skeleton:
