@@ -106,6 +106,17 @@ def test_a_shorter_drive_in_the_place_of_a_longer_one_is_whole(
                             "notes.txt"])  # fmt: skip
 
 
+def test_a_drive_that_nobody_signed_is_not_replaced(key: Path, drive: Path, tmp_path: Path) -> None:
+    """Its scans may be the only ones; records tell those that were written before."""
+    other = tmp_path / "other"
+    frame_of(other, 0).parent.mkdir(parents=True)
+    for number in (0, 7):
+        frame_of(other, number).write_bytes(bytes(16))
+    done = run("embed", drive, "--key", key, "-o", other, "--force")
+    assert "other holds scans that nobody signed" in str(done.exception)
+    assert [frame_of(other, number).read_bytes() for number in (0, 7)] == [bytes(16)] * 2
+
+
 @pytest.mark.parametrize("embedding", ["lbm", "qim", "detached"])
 def test_a_scan(key: Path, tmp_path: Path, embedding: str) -> None:
     scan(1).write(tmp_path / "a.bin")

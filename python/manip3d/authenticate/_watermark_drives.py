@@ -200,9 +200,9 @@ def embed_files(
     Raises
     ------
     InputError
-        There is something else at ``output`` already, another program is writing there, the folder
-        has no scans, a scan is signed already, or a format does not keep coordinates
-        (`write_watermarked`).
+        There is something else at ``output`` already, such as a drive that nobody signed, another
+        program is writing there, the folder has no scans, a scan is signed already, or a format
+        does not keep coordinates (`write_watermarked`).
     FormatError, OSError
         A file cannot be read or written. A note of the error says how many scans were.
 
@@ -259,6 +259,8 @@ def _embed_drive(
     progress: Progress,
 ) -> list[EmbeddedScan]:
     """Write all scans of a drive, or those that an earlier run has not written."""
+    if replace:
+        _refuse_unsigned(target, works)
     done = [] if replace else _go_on(marker, works)
     if not (replace or done) and any(path.is_file() for path in target.rglob("*")):
         raise InputError(f"{target}: exists already; --force (replace=True) replaces its scans")
@@ -418,6 +420,21 @@ def _refuse_signed(pictures: Mapping[Path, Path | None]) -> None:
         f"{signed[0]}: is signed already ({_record_of(signed[0], pictures[signed[0]])}){others}; "
         "--again (again=True) signs it anew, and what was signed before is lost in the result"
     )
+
+
+def _refuse_unsigned(target: Path, works: Sequence[_Work]) -> None:
+    """Refuse to replace scans of which none is signed: they are the only ones of their drive."""
+    folders = {work.target.parent for work in works}
+    there = [p for f in folders if f.is_dir() for p in f.iterdir()]
+    scans = sorted(p for p in there if scan_suffix(p) in FOLDER_SUFFIXES)
+    if not scans or any(path.suffix == RECORD_SUFFIX for path in there):
+        return
+    firsts = {p.parent: p for p in sorted(target.rglob("*.png"), reverse=True)}
+    if not any(_record_of(scans[0], picture) is not None for picture in firsts.values()):
+        raise InputError(
+            f"output: {target} holds scans that nobody signed, which would be lost; expected a new "
+            "folder or a signed drive"
+        )
 
 
 def _record_of(scan: Path, picture: Path | None) -> Path | None:
