@@ -278,6 +278,58 @@ def test_what_is_no_image_is_refused(
     assert not (tmp_path / "out.ply").exists()
 
 
+def write_array(folder: Path, kind: str) -> Path:
+    """Points of an image as users of NumPy keep them."""
+    points = points_of(scene())
+    colors = np.full((ROWS, COLS, 3), (200, 100, 50), np.uint8)
+    path = folder / f"cloud.{kind.partition(' ')[0]}"
+    if kind == "npy":
+        np.save(path, points)
+    elif kind == "npy with reflectance":
+        np.save(path, np.dstack([points, np.ones((ROWS, COLS))]))
+    elif kind == "npy by names":
+        named = np.zeros((ROWS, COLS), [("x", "f4"), ("y", "f4"), ("z", "f4"), ("t", "u4")])
+        named["x"], named["y"], named["z"] = np.moveaxis(points, -1, 0)
+        np.save(path, named)
+    elif kind == "npz":
+        np.savez(path, points)
+    else:
+        np.savez_compressed(path, points=points, colors=colors)
+    return path
+
+
+@pytest.mark.parametrize(
+    "kind", ["npy", "npy with reflectance", "npy by names", "npz", "npz with colors"]
+)
+def test_arrays_of_pixels_are_organised_clouds(tmp_path: Path, kind: str) -> None:
+    path = write_array(tmp_path, kind)
+    expected = io.read_range_grid(write_pcd(tmp_path / "cloud.pcd", points_of(scene())))
+    grid = io.read_range_grid(path)
+    np.testing.assert_array_equal(grid.points, expected.points)
+    assert (grid.color is None) == (kind != "npz with colors")
+    if grid.color is not None:
+        assert (grid.color == (200, 100, 50)).all()
+    of_array = made(path, tmp_path / "array.ply")
+    of_pcd = made(tmp_path / "cloud.pcd", tmp_path / "pcd.ply")
+    assert "organised cloud" in of_array.depth
+    assert of_array.points == of_pcd.points
+    assert of_array.coverage == of_pcd.coverage
+    scan = io.read_scan(path)
+    assert scan.num_points == np.count_nonzero(grid.valid)
+    np.testing.assert_array_equal(scan.points, grid.points[grid.valid].astype(np.float32))
+
+
+def test_a_list_of_points_is_no_image(tmp_path: Path) -> None:
+    np.save(tmp_path / "rows.npy", points_of(scene()).reshape(-1, 3))
+    np.savez(tmp_path / "rows.npz", points=points_of(scene()).reshape(-1, 3))
+    for name in ("rows.npy", "rows.npz"):
+        with pytest.raises(FormatError, match="expected an organised cloud"):
+            made(tmp_path / name, tmp_path / "out.ply")
+    np.save(tmp_path / "depth.npy", scene())
+    with pytest.raises(InputError, match="intrinsics"):
+        made(tmp_path / "depth.npy", tmp_path / "out.ply")
+
+
 def test_a_coordinate_of_two_numbers_is_refused(tmp_path: Path) -> None:
     cloud = write_pcd(tmp_path / "cloud.pcd", points_of(scene()))
     header, _, data = cloud.read_bytes().partition(b"DATA binary\n")

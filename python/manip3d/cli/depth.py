@@ -328,8 +328,8 @@ def depth(
         str,
         typer.Argument(
             help="A depth image (16-bit .png, .pgm, .tif, or .pfm, .exr, .npy, .npz), a range scan "
-            "(.ply with range_grid), an organised cloud (.pcd of a depth camera), or an RGB-D "
-            "recording (a folder, .mkv or an address)."
+            "(.ply with range_grid), an organised cloud (.pcd, or .npy and .npz of H x W points), "
+            "or an RGB-D recording (a folder, .mkv or an address)."
         ),
     ],
     output: Output,
@@ -525,8 +525,8 @@ def depth(
             effort.value,
             ratio,
         )
-        # Whether a .pcd is an organised cloud is decided by its reader.
-        clouds = ("scan",) if scan_suffix(source) == ".pcd" else ()
+        # Whether a cloud is an organised one is decided by its reader.
+        clouds = ("scan",) if scan_suffix(source) in (".pcd", ".npy", ".npz") else ()
         narrow = ("picture",) if fits_8_bits(unit) else ()
         expect_kind(source, "depth", "range grid", *clouds, *narrow, verb="depth")
         check_output(output, WRITABLE, force=force)

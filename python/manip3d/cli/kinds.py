@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
 _RECORDINGS = (".pcap", ".pcapng", ".osf", ".mcap", ".bag", ".mkv", TRIAL)
 _POINTS_IN = {
-    ".npy": "An array of points has at least 9 rows and 3 to 8 columns of floats",
+    ".npy": (
+        "An array of points has at least 9 rows and 3 to 8 columns of floats, or 3 to 8 for each "
+        "pixel of an image"
+    ),
     ".npz": "An archive of points has an array named points, positions or xyz",
 }
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
@@ -60,7 +63,7 @@ NAMES = {
 }
 VERBS = {
     "mesh": "simplify, compare, info, view, play, convert",
-    "scan": "inspect, forge lidar, watermark, info, view, convert, depth (of an organised .pcd)",
+    "scan": "inspect, forge lidar, watermark, info, view, convert, depth (of an organised cloud)",
     "range grid": "depth, info, view, convert",
     "depth": "depth, info, view",
     "packets": "inspect, info, view, convert",

@@ -18,6 +18,9 @@ from manip3d.io._scan_tables import Table, measured_points, read_columns, scan_s
 from manip3d.lidar import ScanFormat
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
 
@@ -46,9 +49,10 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     Parameters
     ----------
     path : path-like or URL
-        A PLY file with a ``range_grid``, as Stanford's single scans, or a PCD file with a
-        ``HEIGHT`` of 2 or more, as depth cameras give them. There NaN, and (0, 0, 0), is no
-        measurement.
+        A PLY file with a ``range_grid``, as Stanford's single scans; a PCD file with a ``HEIGHT``
+        of 2 or more, as depth cameras give them; or such points in a ``.npy`` or ``.npz`` file,
+        (H, W, 3) and more numbers or a structured (H, W) array. In the last three NaN, and
+        (0, 0, 0), is no measurement.
     max_bytes : int, optional
         As for `read_mesh`.
 
@@ -78,8 +82,8 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     limit = byte_limit(max_bytes)
     with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
         refuse_pointer(local)
-        if scan_suffix(path) == ".pcd":
-            return _grid_of_cloud(read_columns(local, limit, look), os.fspath(path))
+        if scan_suffix(path) in (".pcd", ".npy", ".npz"):
+            return _grid_of_cloud(_cloud(local, limit, look), os.fspath(path))
         rows, cols, vertex, vertices = _core.read_range_grid(os.fsencode(local), limit, look)
     check_points(len(vertices), os.fspath(path))
     valid = vertex >= 0
@@ -88,10 +92,23 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     return RangeGrid(points.reshape(rows, cols, 3), valid.reshape(rows, cols))
 
 
+def _cloud(path: Path, limit: int, look: Callable[[float], None] | None) -> Table:
+    suffix = scan_suffix(path)
+    if suffix == ".npz":
+        from manip3d.io import _scan_npz
+
+        return _scan_npz.read_table(path, limit)
+    if suffix == ".npy":
+        from manip3d.io import _scan_npy
+
+        return _scan_npy.read_table(path, limit)
+    return read_columns(path, limit, look)
+
+
 def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
     sizes = dict(table.header["pairs"])
-    rows, cols = int(sizes.get("height", 1)), int(sizes.get("width", 0))
     columns = table.columns
+    rows, cols = int(sizes.get("height", 1)), int(sizes.get("width", len(columns.get("x", ()))))
     missing = [axis for axis in "xyz" if axis not in columns or columns[axis].ndim != 1]
     if missing:
         raise FormatError(f"a cloud has x, y and z; {', '.join(missing)} not found", file=file)
@@ -100,7 +117,8 @@ def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
     if rows < 2 or cols < 2 or rows * cols != len(points):
         raise FormatError(
             "expected an organised cloud, whose points are the pixels of an image (HEIGHT of 2 or "
-            f"more), got WIDTH {cols} and HEIGHT {rows} for {len(points)} points",
+            f"more, an array of shape (H, W, 3)), got WIDTH {cols} and HEIGHT {rows} for "
+            f"{len(points)} points",
             file=file,
         )
     valid = ~np.isnan(points).any(axis=1) & points.any(axis=1)
@@ -116,7 +134,10 @@ def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
 
 
 def _colors(columns: dict[str, NDArray[Any]]) -> NDArray[np.uint8] | None:
-    """Red, green and blue out of one number of 32 bits, which PCD often calls a float."""
+    """Red, green and blue, also out of one number of 32 bits, which PCD often calls a float."""
+    triple = [columns[name] for name in ("red", "green", "blue") if name in columns]
+    if len(triple) == 3 and all(each.dtype == np.uint8 and each.ndim == 1 for each in triple):
+        return np.stack(triple, axis=-1)
     packed = next((columns[name] for name in ("rgb", "rgba") if name in columns), None)
     if packed is None or packed.ndim != 1 or packed.dtype.itemsize != 4:
         return None

@@ -1,4 +1,4 @@
-"""Scans as NumPy arrays: rows of x, y, z, intensity and more, or a structured array."""
+"""Scans as NumPy arrays: x, y, z, intensity and more of each row or pixel, or named columns."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _FEWEST, _MOST = 3, 8
-"""Columns of a scan. No depth image is that narrow."""
+"""Numbers of a point. No depth image is that narrow."""
+_LEAST_SIDE = 2
+"""Rows and columns of an organised cloud, at least."""
 _NAMES = ("x", "y", "z", "intensity")
 
 
@@ -52,7 +54,9 @@ def is_scan(head: bytes) -> bool:
         shape, _, dtype, _ = read_npy_header(head)
     except FormatError:
         return False
-    is_narrow = len(shape) == 2 and shape[0] > _MOST and _FEWEST <= shape[1] <= _MOST
+    is_list = len(shape) == 2 and shape[0] > _MOST
+    is_image = len(shape) == 3 and min(shape[:2]) >= _LEAST_SIDE
+    is_narrow = (is_list or is_image) and _FEWEST <= shape[-1] <= _MOST
     return dtype.names is not None or (is_narrow and dtype.kind == "f")
 
 
@@ -69,15 +73,26 @@ def has_names(data: bytes) -> bool:
 
 def read(path: Path, limit: int) -> LidarFrame:
     """Read a scan, as `manip3d.io.read_scan` does."""
+    return frame_of_table(read_table(path, limit), origin=None)
+
+
+def read_table(path: Path, limit: int) -> Table:
+    """Read the points of an array, measured or not.
+
+    Raises
+    ------
+    FormatError
+        The file is damaged, or holds no scan.
+    """
     with open_regular(path) as file:
         data = file.read(limit + 1) if limit else file.read()
     if limit and len(data) > limit:
         raise FormatError(f"more than max_bytes = {limit}", file=str(path))
-    return frame_of(data, str(path))
+    return table_of(data, str(path))
 
 
-def frame_of(data: bytes, name: str) -> LidarFrame:
-    """The scan that the bytes of an array are, from a file of that name.
+def table_of(data: bytes, name: str) -> Table:
+    """The points that the bytes of an array are, measured or not, row by row.
 
     Raises
     ------
@@ -88,8 +103,8 @@ def frame_of(data: bytes, name: str) -> LidarFrame:
         shape, is_fortran, dtype, start = read_npy_header(data)
         if any(side < 0 for side in shape):
             raise FormatError(f"expected a shape, got {shape}", byte_offset=0)
-        rows = shape[0] if len(shape) == 2 and dtype.names is None else math.prod(shape)
-        check_points(rows, "")
+        sides = shape if dtype.names is not None else shape[:-1]
+        check_points(math.prod(sides), "")
         layout = _layout(shape, dtype)
         count = math.prod(shape)
         if len(data) - start < count * dtype.itemsize:
@@ -102,7 +117,8 @@ def frame_of(data: bytes, name: str) -> LidarFrame:
     values = np.frombuffer(data, dtype, count, start)
     values = values.reshape(shape, order="F" if is_fortran else "C")
     if dtype.names is None:
-        columns = {column[0]: values[:, i] for i, column in enumerate(layout)}
+        by_point = values.reshape(-1, shape[-1])
+        columns = {column[0]: by_point[:, i] for i, column in enumerate(layout)}
     else:
         flat = values.ravel()
         columns = {column[0]: flat[column[0]] for column in layout}
@@ -112,8 +128,15 @@ def frame_of(data: bytes, name: str) -> LidarFrame:
                 stacklevel=caller_level(),
             )
     native = {key: v.astype(v.dtype.newbyteorder("=")) for key, v in columns.items()}
-    header = {"plain": dtype.names is None}
-    return frame_of_table(Table("npy", native, name, layout, header), origin=None)
+    header = {"plain": dtype.names is None, "pairs": pairs_of(sides)}
+    return Table("npy", native, name, layout, header)
+
+
+def pairs_of(sides: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
+    """The size of an organised cloud of so many rows and columns, as PCD's header tells it."""
+    if len(sides) != 2:
+        return ()
+    return ("height", str(sides[0])), ("width", str(sides[1]))
 
 
 def write(frame: LidarFrame, path: Path) -> None:
@@ -144,13 +167,13 @@ def _layout(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Column, ...]:
         assert dtype.fields is not None
         found = [(name, *_kind(dtype.fields[name][0])) for name in dtype.names]
         return tuple(column for column in found if column[2] > 0)
-    if len(shape) != 2 or not _FEWEST <= shape[1] <= _MOST or dtype.kind not in "iuf":
+    if len(shape) not in (2, 3) or not _FEWEST <= shape[-1] <= _MOST or dtype.kind not in "iuf":
         raise FormatError(
-            f"expected (N, {_FEWEST}) to (N, {_MOST}) numbers or a structured array, "
-            f"got {dtype} {shape}"
+            f"expected (N, {_FEWEST}) to (N, {_MOST}) numbers, (H, W, {_FEWEST}) and more of the "
+            f"pixels of an image, or a structured array, got {dtype} {shape}"
         )
     names = [*_NAMES, *(f"column_{i}" for i in range(5, _MOST + 1))]
-    return tuple((name, _kind(dtype)[0], 1) for name in names[: shape[1]])
+    return tuple((name, _kind(dtype)[0], 1) for name in names[: shape[-1]])
 
 
 def _kind(dtype: np.dtype[Any]) -> tuple[str, int]:

@@ -64,6 +64,17 @@ def is_npz_scan(path: str | os.PathLike[str]) -> bool:
 
 def read(path: Path, limit: int) -> LidarFrame:
     """Read a scan, as `manip3d.io.read_scan` does."""
+    return frame_of_table(read_table(path, limit), origin=None)
+
+
+def read_table(path: Path, limit: int) -> Table:
+    """Read the points of an archive, measured or not.
+
+    Raises
+    ------
+    FormatError
+        The archive is damaged, or holds no scan.
+    """
     name = str(path)
     try:
         with open_regular(path) as file:
@@ -77,15 +88,19 @@ def read(path: Path, limit: int) -> LidarFrame:
             members = {key: archive.read(entry) for key, entry in arrays.items()}
         key = next((key for key in _POINTS if key in members), None)
         if key is None and len(members) == 1:
-            return _scan_npy.frame_of(next(iter(members.values())), name)
+            return _scan_npy.table_of(next(iter(members.values())), name)
         if key is None:
             names = ", ".join(sorted(members)[:20]) or "none"
             raise FormatError(f"expected an array named {' or '.join(_POINTS)}, got {names}")
         if _scan_npy.has_names(members[key]):  # pyntcloud's: all columns in one array
-            return _scan_npy.frame_of(members[key], name)
+            return _scan_npy.table_of(members[key], name)
         points = _array(members.pop(key))
-        if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
-            raise FormatError(f"{key}: expected (N, 3) numbers, got {points.dtype} {points.shape}")
+        if points.ndim not in (2, 3) or points.shape[-1] != 3 or points.dtype.kind not in "iuf":
+            raise FormatError(
+                f"{key}: expected (N, 3) or (H, W, 3) numbers, got {points.dtype} {points.shape}"
+            )
+        sides = points.shape[:-1]
+        points = points.reshape(-1, 3)
         check_points(len(points), "")
     except FormatError as error:
         raise FormatError(error.reason, file=name, byte_offset=error.byte_offset) from error
@@ -98,7 +113,7 @@ def read(path: Path, limit: int) -> LidarFrame:
     gone = []
     for other, member in members.items():
         try:
-            found = _columns_of(other, _array(member), len(points))
+            found = _columns_of(other, _by_points(_array(member), sides), len(points))
         except FormatError:  # arrays of objects, or damaged ones
             found = {}
         gone += [] if found else [other]
@@ -109,7 +124,14 @@ def read(path: Path, limit: int) -> LidarFrame:
             f"{', '.join(sorted(gone))}",
             stacklevel=caller_level(),
         )
-    return frame_of_table(Table("npz", columns, name), origin=None)
+    return Table("npz", columns, name, header={"pairs": _scan_npy.pairs_of(sides)})
+
+
+def _by_points(values: NDArray[Any], sides: tuple[int, ...]) -> NDArray[Any]:
+    """The numbers of an image's pixels, row by row."""
+    if len(sides) == 2 and values.shape[:2] == sides:
+        return values.reshape(-1, *values.shape[2:])
+    return values
 
 
 def write(frame: LidarFrame, path: Path) -> None:

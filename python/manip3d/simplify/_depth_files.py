@@ -445,7 +445,7 @@ def simplify_depth_file(
     """
     path, target = path_of(source, "source"), path_of(output, "output")
     maps = read_maps(options, color, mask, confidence, confidence_max)
-    if path.suffix.lower() in DEPTH_SUFFIXES:
+    if path.suffix.lower() in DEPTH_SUFFIXES and not is_cloud_file(path):
         return from_image(path, target, options, maps)
     return _from_scan(path, target, options, maps)
 

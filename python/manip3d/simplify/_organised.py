@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d.camera import Intrinsics
+from manip3d.io._scan_files import holds_points
 from manip3d.io._scan_tables import scan_suffix
 
 if TYPE_CHECKING:
@@ -29,8 +30,9 @@ _MOST_SKEW = 0.02
 
 
 def is_cloud_file(path: Path) -> bool:
-    """Whether a file may be an organised cloud, by its name."""
-    return scan_suffix(path) == ".pcd"
+    """Whether a file may be an organised cloud: a .pcd, or an array that is no depth image."""
+    suffix = scan_suffix(path)
+    return suffix == ".pcd" or (suffix in (".npy", ".npz") and holds_points(path))
 
 
 @dataclass(frozen=True, eq=False)
