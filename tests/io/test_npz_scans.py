@@ -100,7 +100,7 @@ def test_arrays_of_other_lengths_are_named(tmp_path: Path) -> None:
     ("arrays", "match"),
     [
         ({"a": POINTS, "b": POINTS}, "array named positions or points or xyz, got a, b"),
-        ({"positions": POINTS[:, :2]}, "expected \\(N, 3\\) numbers"),
+        ({"positions": POINTS[:, :2]}, "expected \\(N, 3\\) or "),
         ({"positions": np.array([{}], dtype=object)}, "expected an array of numbers"),
         ({"positions": np.full((3, 3), np.inf)}, "coordinates that fit a float"),
     ],
