@@ -15,6 +15,7 @@ from manip3d.cli.sources import open_mesh, open_scene
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
 from manip3d.errors import InputError
 from manip3d.io import READABLE
+from manip3d.io._lods import expect_folder_of_lods
 
 SUFFIXES = (".glb", ".gltf")
 
@@ -86,6 +87,8 @@ def lod(
         raise InputError(f"--method {method}: expected --mode published, got {mode}")
     expect_kind(source, "mesh", verb="lod")
     check_output(output, SUFFIXES, force=force, folder=True)
+    if not output.suffix:
+        expect_folder_of_lods(output)
     chosen = str(method or (Method.qem4vr if mode == Mode.published else mode or Mode.quality))
     expect_cleaning(chosen, no_clean)
     scene = open_scene(source, output, shell)

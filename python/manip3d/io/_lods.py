@@ -100,7 +100,7 @@ def write_lods(
             f"path: expected .glb, .gltf or a folder's name without suffix, got {path}"
         )
     else:
-        refuse_other_files(Path(path), lambda name: bool(_OWN_FILE.fullmatch(name)))
+        expect_folder_of_lods(Path(path))
         with atomic_folder(path) as folder:
             manifest = _write_folder(
                 [*scenes, *meshes], folder, shares, errors, max_vertices, quantize
@@ -109,6 +109,17 @@ def write_lods(
             if errors is not None and error_measure:
                 made = {"error_measure": error_measure, **made}
             (folder / "lods.json").write_text(json.dumps(made, indent=1) + "\n")
+
+
+def expect_folder_of_lods(folder: Path) -> None:
+    """Refuse a folder that holds more than levels of detail; it may be absent.
+
+    Raises
+    ------
+    InputError
+        Names some of the other files.
+    """
+    refuse_other_files(folder, lambda name: bool(_OWN_FILE.fullmatch(name)))
 
 
 def _write_folder(
