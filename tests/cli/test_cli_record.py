@@ -132,6 +132,13 @@ def test_a_trigger_that_does_not_come_is_an_error(walk: Path, tmp_path: Path) ->
     assert capture.open_rgbd(f"folder:{tmp_path / 'c'}").num_frames == 9
 
 
+def test_a_quality_of_no_jpeg_is_refused(tmp_path: Path) -> None:
+    order = ("capture", "record", "sim:body?frames=2", "-o", tmp_path / "a.mkv", "--quality", 70)
+    refused = manip3d(*order, "--lossless-color")
+    assert "--quality: expected none with --lossless-color" in error_line(refused)
+    assert not (tmp_path / "a.mkv").exists()
+
+
 def test_an_unknown_trigger_leaves_no_camera_open(tmp_path: Path) -> None:
     source = capture.from_frames(list(rgbd_frames.frames(2)))
     with pytest.raises(InputError, match="--trigger: expected one of"):

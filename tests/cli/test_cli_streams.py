@@ -314,6 +314,10 @@ def test_forge_names_wrong_options(person: Path, tmp_path: Path) -> None:
     done = manip3d("forge", "stream", person, "--type", 2, "-o", out)
     assert done.returncode == 1
     assert done.stderr == "manip3d: error: --pose: expected a motion for type 2, got none\n"
+    for option, value in (("--method", "rigid"), ("--scope", "body")):
+        done = manip3d("forge", "stream", person, "--type", 1, option, value, "-o", out)
+        assert done.returncode == 1
+        assert f"{option}: can only be given with --type 2, got {value}" in done.stderr
     assert manip3d("forge", "stream", person, "--type", 3, "-o", out).returncode == 2
     assert manip3d("forge", "stream", person, "-o", out).returncode == 2
     assert not out.exists()

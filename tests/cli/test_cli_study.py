@@ -136,8 +136,7 @@ def test_ctrl_c_ends_a_study(definition: Path, tmp_path: Path, number: str) -> N
 def test_options_of_a_rating_are_refused_for_a_jnd(tmp_path: Path) -> None:
     file = tmp_path / "study.toml"
     run("study", "define", "jnd-textured", "--example", "-o", file)
-    done = run("study", "stimuli", file, "--surfaces", 2)
-    assert "--surfaces: expected none for a jnd" in done.stderr
-    done = run("study", "stimuli", file, "--images", tmp_path)
-    assert "--images: expected none for a jnd" in done.stderr
+    for name, value in (("surfaces", 2), ("images", tmp_path), ("frames", 3)):
+        done = run("study", "stimuli", file, f"--{name}", value)
+        assert f"--{name}: can only be given with a rating, got a jnd" in done.stderr
     assert not (tmp_path / "stimuli-textured").exists()

@@ -57,6 +57,7 @@ FirstFrame = Annotated[
     int, typer.Option("--start", min=0, help="Index of the first frame to read, from 0 on.")
 ]
 _SHEET_FRAMES = 24
+_QUALITY = 90
 
 
 def listing() -> list[dict[str, Any]]:
@@ -470,7 +471,7 @@ def capture_record(
     quality: Annotated[
         int,
         typer.Option(min=1, max=100, help="Quality of JPEG, 1 to 100; without effect for tum:."),
-    ] = 90,
+    ] = _QUALITY,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
     force: Force = False,
@@ -491,6 +492,8 @@ def capture_record(
     check_recording_output(output, force=force)
     if before and not trigger:
         raise InputError("--before: expected --trigger with it")
+    if lossless_color and quality != _QUALITY:
+        raise InputError("--quality: expected none with --lossless-color, which stores no JPEG")
     shell = Terminal(as_json=as_json, quiet=quiet)
     opened = open_source(
         source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, start=start

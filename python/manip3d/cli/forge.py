@@ -618,10 +618,13 @@ def _motion(
     return skeletons_from_motion(read_bvh(pose), rate=1e9 / step_ns if step_ns > 0 else 30.0)
 
 
-def _check_pose(kind: int, pose: str) -> None:
+def _check_type(kind: int, pose: str, method: Method, scope: Scope) -> None:
     if (kind == 2) != bool(pose):
         expected = "a motion for type 2" if kind == 2 else "none for type 1"
         raise InputError(f"--pose: expected {expected}, got {pose or 'none'}")
+    for name, given, default in (("method", method, Method.lbs), ("scope", scope, Scope.limbs)):
+        if kind == 1 and given != default:
+            raise InputError(f"--{name}: can only be given with --type 2, got {given.value}")
 
 
 @app.command("stream")
@@ -629,7 +632,7 @@ def _check_pose(kind: int, pose: str) -> None:
     kinds.written_recordings,
     whole=kinds.RECORDING,
     writable=kinds.written_recordings,
-    check=lambda given: _check_pose(given["kind"], given["pose"]),
+    check=lambda given: _check_type(*(given[n] for n in ("kind", "pose", "method", "scope"))),
 )
 def forge_stream(
     source: RgbdPlace,
@@ -682,7 +685,7 @@ def forge_stream(
 
     Example: manip3d forge stream "sim:body?frames=12" --type 1 --still -o insertion
     """
-    _check_pose(kind, pose)
+    _check_type(kind, pose, method, scope)
     check_output(output, (".mkv",), force=force, folder=True)
     shell = Terminal(as_json=as_json, quiet=quiet)
     options = {"method": method.value, "scope": scope.value, "move": move, "blend": blend}

@@ -120,7 +120,7 @@ def study_stimuli(
     from manip3d.study import make_stimuli
 
     shell = Terminal(as_json=as_json, quiet=quiet)
-    with shell.progress("stimuli") as progress, naming_options("images", "surfaces"):
+    with shell.progress("stimuli") as progress, naming_options("images", "surfaces", "frames"):
         made = make_stimuli(
             definition,
             frames=frames,

@@ -15,6 +15,7 @@ from manip3d.study._jnd import JndStudy, make_jnd_stimuli
 from manip3d.study._reading import read_study
 from manip3d.study._stimuli import copy_rating_stimuli, make_rating_stimuli
 
+_FRAMES = 24
 _MISSED = 0.5  # percent of the polygons by which a level may miss
 
 
@@ -40,7 +41,7 @@ class MadeStimuli:
 def make_stimuli(
     definition: str | os.PathLike[str],
     *,
-    frames: int = 24,
+    frames: int = _FRAMES,
     surfaces: int = 0,
     images: str | os.PathLike[str] | None = None,
     seed: int = 0,
@@ -95,9 +96,14 @@ def make_stimuli(
     kind = Section(table, "", str(file)).word("kind", ("rating", "jnd", "display"))
     if kind == "display":
         raise InputError("definition: expected a rating or a jnd, got a display")
-    if kind == "jnd" and (images is not None or surfaces):
-        name = "surfaces" if images is None else "images"
-        raise InputError(f"{name}: expected none for a jnd, whose stimuli are its models")
+    if kind == "jnd":
+        for name, is_given in {
+            "images": images is not None,
+            "surfaces": surfaces != 0,
+            "frames": frames != _FRAMES,
+        }.items():
+            if is_given:
+                raise InputError(f"{name}: can only be given with a rating, got a jnd")
     if kind == "rating":
         name = Section(table, "", str(file)).section("rating").text("stimuli")
         if images is not None:
@@ -114,8 +120,6 @@ def make_stimuli(
             progress=progress,
         )
         return MadeStimuli(file.parent / name, len(made), ())
-    if images is not None:
-        raise InputError("images: can only be given with a rating study, got a jnd study")
     study, _ = read_study(file)
     assert isinstance(study, JndStudy)
     assert study.stimuli is not None
