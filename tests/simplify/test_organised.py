@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from manip3d import FormatError, InputError, io, metrics, simplify
 from manip3d.camera import Intrinsics
@@ -317,6 +317,40 @@ def test_arrays_of_pixels_are_organised_clouds(tmp_path: Path, kind: str) -> Non
     scan = io.read_scan(path)
     assert scan.num_points == np.count_nonzero(grid.valid)
     np.testing.assert_array_equal(scan.points, grid.points[grid.valid].astype(np.float32))
+
+
+def facing(path: Path, place: ArrayLike = (0.0, 0.0, 0.0)) -> float:
+    """The share of a mesh's triangles that face a place."""
+    mesh = io.read_mesh(path)
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    return float(((np.cross(b - a, c - a) * (place - a)).sum(axis=1) > 0).mean())
+
+
+@pytest.mark.parametrize("suffix", [".pcd", ".npy"])
+def test_views_of_clouds_face_their_cameras(tmp_path: Path, suffix: str) -> None:
+    sources = [tmp_path / f"{k}{suffix}" for k in range(2)]
+    for path in sources:
+        if suffix == ".pcd":
+            write_pcd(path, points_of(scene()))
+        else:
+            np.save(path, points_of(scene()))
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 0 1\n1 0.3 0 0 0 0 0 1\n")
+    options = simplify.DepthOptions(300, max_edge=0.1)
+    simplify.simplify_camera_files(sources, tmp_path / "poses.txt", tmp_path / "out.ply", options)
+    assert facing(tmp_path / "out.ply", (0.15, 0.0, 0.0)) > 0.95
+
+
+@pytest.mark.parametrize("rows", [slice(None), slice(None, None, -1)])
+def test_clouds_of_scanners_face_the_scanner(tmp_path: Path, rows: slice) -> None:
+    """A court seen by a scanner that turns, its lasers from the top down or from below upwards."""
+    elevation, azimuth = np.meshgrid(np.linspace(0.3, -0.3, 32), np.linspace(3.0, -3.0, 256),
+                                     indexing="ij")  # fmt: skip
+    ranges = 5.0 + np.sin(3 * azimuth)
+    rays = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)]
+    points = np.stack([*rays, np.sin(elevation)], axis=-1) * ranges[..., None]
+    np.save(tmp_path / "court.npy", points[rows].astype(np.float32))
+    made(tmp_path / "court.npy", tmp_path / "out.ply", max_edge=1.0)
+    assert facing(tmp_path / "out.ply") > 0.95
 
 
 def test_a_list_of_points_is_no_image(tmp_path: Path) -> None:

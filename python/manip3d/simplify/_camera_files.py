@@ -35,6 +35,7 @@ from manip3d.simplify._depth_files import (
     read_frame,
     writes_y_up,
 )
+from manip3d.simplify._organised import find_camera, is_cloud_file, rows_go_up
 from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._poses import plain_name, poses_of_files
 
@@ -212,7 +213,10 @@ def _expect_options_of_views(options: DepthOptions) -> None:
 
 def _are_images(files: Sequence[Path]) -> bool:
     """Whether files are depth images (True) or range scans (False); both together are refused."""
-    are_images = {plain_name(file).lower().endswith(DEPTH_SUFFIXES) for file in files}
+    are_images = {
+        plain_name(file).lower().endswith(DEPTH_SUFFIXES) and not is_cloud_file(file)
+        for file in files
+    }
     if len(are_images) > 1:
         raise InputError("sources: expected depth images or scans with poses, got both")
     return are_images != {False}
@@ -275,8 +279,12 @@ def _scan_view(
 ) -> CameraView:
     expect_options_of_scan(options)
     grid = read_range_grid(file)
-    color = None if picture is None else read_color(picture)
-    return CameraView(points=grid.points, valid=grid.valid, pose=pose, color=color)
+    color = grid.color if picture is None else read_color(picture)
+    rows_up = True
+    if is_cloud_file(file):
+        camera = find_camera(grid)
+        rows_up = rows_go_up(grid, np.zeros(3) if camera is None else camera.centre)
+    return CameraView(points=grid.points, valid=grid.valid, pose=pose, color=color, rows_up=rows_up)
 
 
 def _write(joint: JointSimplification, target: Path, *, turned: bool) -> None:

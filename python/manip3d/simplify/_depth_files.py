@@ -40,7 +40,7 @@ from manip3d.io._images import read_color
 from manip3d.simplify._bandwidth import LEAST_POINTS, Bandwidth, fit_bytes
 from manip3d.simplify._depth import DenseImage, DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
-from manip3d.simplify._organised import CloudCamera, find_camera, is_cloud_file
+from manip3d.simplify._organised import CloudCamera, find_camera, is_cloud_file, rows_go_up
 from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
 from manip3d.simplify._relief import Effort, relief, relief_grid
@@ -760,6 +760,7 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> D
     measured = Measured.of(valid, is_masked=mask is not None)
     options = options.for_pixels(measured.pixels)
     asked: dict[str, Any] = {"max_edge": options.max_edge, "color": maps.color}
+    asked |= {"rows_up": not is_cloud or rows_go_up(grid)}
     function: Callable[..., DepthSimplification]
     if options.method == "cs3":
         function = cs3_grid

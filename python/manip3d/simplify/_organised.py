@@ -14,7 +14,7 @@ from manip3d.io._scan_tables import scan_suffix
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from manip3d.io import RangeGrid
 
@@ -75,6 +75,21 @@ def find_camera(grid: RangeGrid) -> CloudCamera | None:
     points = (grid.points - centre) @ rotation.T
     found = camera_of_cloud(points, grid.valid)
     return None if found is None else CloudCamera(found, points[..., 2], rotation, centre)
+
+
+def rows_go_up(grid: RangeGrid, place: ArrayLike = (0.0, 0.0, 0.0)) -> bool:
+    """Whether triangles of a range image face the sensor with the rows counted upwards.
+
+    Parameters
+    ----------
+    grid : RangeGrid
+    place : (3,)
+        Where the sensor stood.
+    """
+    corner, right, below = grid.points[:-1, :-1], grid.points[:-1, 1:], grid.points[1:, :-1]
+    upwards = np.cross(right - corner, below - corner)
+    towards = (upwards * (np.asarray(place) - corner)).sum(axis=2)
+    return bool(np.count_nonzero(towards > 0) >= np.count_nonzero(towards < 0))
 
 
 def _pose(
