@@ -307,6 +307,24 @@ def test_a_restart_compares_with_what_was_not_answered_today_only(sitting: Sitti
     assert sitting.say("pain", value=8)["game"]["halt"] == ""
 
 
+@pytest.mark.parametrize("starts_again", [False, True])
+def test_midnight_does_not_switch_the_stop_rule_off(sitting: Sitting, starts_again: bool) -> None:
+    """Who did not answer at midnight and goes on at once is asked against the first rating."""
+    sitting.now = sitting.now.replace(hour=22, minute=40)
+    sitting.say("pain", value=3)
+    sitting.now += timedelta(minutes=70)
+    sitting.say("enough")
+    sitting.now += timedelta(minutes=1)
+    sitting.say("unanswered")
+    sitting.now += timedelta(minutes=20)  # eleven past midnight
+    if starts_again:
+        sitting.end().close()
+        sitting.open()
+    else:
+        sitting.say("again")
+    assert "rose from 3 to 6" in sitting.say("pain", value=6)["game"]["halt"]
+
+
 @pytest.mark.parametrize("is_killed", [False, True])
 def test_a_program_that_stops_in_a_game_does_not_switch_the_stop_rule_off(
     sitting: Sitting, is_killed: bool

@@ -11,6 +11,7 @@ from manip3d.errors import InputError
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._recorder import GameSummary, Pictures
 from manip3d.phantom._session_lock import SessionLock
+from manip3d.phantom._sitting import goes_on
 from manip3d.phantom._touch import Mode
 from manip3d.phantom._writer import OrderedWriter
 
@@ -74,6 +75,7 @@ class DiaryRecorder:
         self._session: list[int] = []  # its row, as soon as it is written
         self._is_open = False
         self._latest = _now()  # when something was told last
+        self._over = self._latest  # the sitting before
         self._row: list[int] | None = None  # of the game that goes on, as soon as it is written
         self._withdrawals = 0  # of consent
         self._remaining_films = ""  # that were exported before consent was withdrawn
@@ -88,7 +90,7 @@ class DiaryRecorder:
         ``latency``: gives milliseconds to the page, if they are known by now.
         """
         self._latency = latency
-        self._unanswered = self._unanswered_today()
+        self._unanswered = self._unanswered_so_far()
         self._session, self._is_open = (
             [self._diary.start_session(self._participant, at=_now())],
             True,
@@ -97,15 +99,16 @@ class DiaryRecorder:
         self._writer = OrderedWriter()
         return self._diary.halt_reason(self._participant)
 
-    def _unanswered_today(self) -> list[Rating]:
-        """Ratings of today's sittings that were closed without a last one; a sitting with ratings
-        that was closed otherwise ends the comparison, as in `close_session`.
+    def _unanswered_so_far(self) -> list[Rating]:
+        """Ratings of sittings that go on (`goes_on`) and were closed without a last one; a sitting
+        with ratings that was closed otherwise ends the comparison, as in `close_session`.
 
         A program that was stopped or killed after a game had begun could not ask for the last one.
         """
         found: list[Rating] = []
         for sitting in self._diary.sessions(self._participant):
-            if sitting.started.astimezone().date() != _now().date():
+            last_said = [sitting.started, *(rating.at for rating in sitting.ratings)]
+            if not goes_on(sitting.ended or max(last_said), _now()):
                 continue
             if not sitting.answered or (sitting.begun is not None and sitting.pain_after is None):
                 found += sitting.ratings
@@ -142,6 +145,7 @@ class DiaryRecorder:
             self._unanswered = [*self._unanswered, *self._ratings]
         # A program that ran on over night was not a sitting of a night.
         at = _now() if _now().date() == self._latest.date() else self._latest
+        self._over = at
         self._keep_of_session(
             "" if answered else f"no rating at the end of the session, {at:%H:%M}",
             lambda row: self._diary.end_session(row, at=at, answered=answered),
@@ -151,10 +155,11 @@ class DiaryRecorder:
         """Another sitting begins, with a first rating of its own; one that is open is closed."""
         self.close_session()
         row: list[int] = []
-        self._session, self._is_open, self._latest = row, True, _now()
+        at = _now()
+        self._session, self._is_open, self._latest = row, True, at
         self._ratings, self._has_begun, self._row = [], False, None
-        self._unanswered = [r for r in self._unanswered if r.at.date() == self._latest.date()]
-        at = self._latest
+        if not goes_on(self._over, at):
+            self._unanswered = []
 
         def write() -> None:
             row[:] = [self._diary.start_session(self._participant, at=at)]

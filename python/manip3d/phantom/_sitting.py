@@ -10,6 +10,11 @@ from manip3d.phantom._recorder import Recorder
 _REST = timedelta(hours=1)  # without a word: who goes on at midnight is in the same sitting
 
 
+def goes_on(since: datetime, now: datetime) -> bool:
+    """Whether what was said then holds: on the same day, or where no rest lies between."""
+    return since.astimezone().date() == now.date() or now - since <= _REST
+
+
 class Sitting:
     """From the first rating of the pain to the last one, and what stops the play for today.
 
