@@ -15,6 +15,7 @@ from typing import Self
 
 from manip3d._util.memory import resident_bytes
 from manip3d._util.paths import path_of
+from manip3d._util.regular_files import open_regular
 from manip3d.errors import InputError
 from manip3d.phantom._session import LiveSession
 from manip3d.serve import LocalServer
@@ -42,7 +43,7 @@ class SessionLog:
     def __init__(self, path: str | os.PathLike[str] | None) -> None:
         self._path = None if path is None else path_of(path, "log")
         if self._path is not None and self._path.is_file():
-            with self._path.open("rb") as file:
+            with open_regular(self._path) as file:
                 first = file.read(1)
             if first not in (b"", b"{"):  # lines would be added behind what is there
                 raise InputError(
