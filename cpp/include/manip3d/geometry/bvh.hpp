@@ -111,7 +111,7 @@ class TriangleBvh {
 
 /// Answers of closest_points, one row per query.
 struct ClosestPoints {
-  explicit ClosestPoints(std::int64_t count = 0);  ///< As many without a face.
+  explicit ClosestPoints(std::int64_t count = 0);  ///< All entries are without a face.
 
   std::vector<double> distances;
   std::vector<std::int32_t> faces;
