@@ -340,6 +340,22 @@ def test_views_of_clouds_face_their_cameras(tmp_path: Path, suffix: str) -> None
     assert facing(tmp_path / "out.ply", (0.15, 0.0, 0.0)) > 0.95
 
 
+def test_views_of_clouds_bring_their_colours(tmp_path: Path) -> None:
+    points, colors = points_of(scene()), np.full((ROWS, COLS, 3), (200, 100, 50), np.uint8)
+    sources = [tmp_path / f"{k}.npz" for k in range(2)]
+    for path in sources:  # arrays without numbers for each point are left out, with a warning
+        np.savez(path, points=points, colors=colors, none=np.zeros((ROWS, COLS, 0)))
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 0 1\n1 0.3 0 0 0 0 0 1\n")
+    options = simplify.DepthOptions(300, max_edge=0.1)
+    with pytest.warns(UserWarning, match="left out: none"):
+        simplify.simplify_camera_files(sources, tmp_path / "poses.txt", tmp_path / "o.glb", options)
+    for material in io.read_mesh(tmp_path / "o.glb").materials:
+        texture = material.textures["base_color"]
+        assert texture.data is not None
+        pixels = np.asarray(Image.open(BytesIO(texture.data)).convert("RGB"))
+        assert (pixels == (200, 100, 50)).all()
+
+
 @pytest.mark.parametrize("rows", [slice(None), slice(None, None, -1)])
 def test_clouds_of_scanners_face_the_scanner(tmp_path: Path, rows: slice) -> None:
     """A court seen by a scanner that turns, its lasers from the top down or from below upwards."""

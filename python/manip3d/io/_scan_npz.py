@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import warnings
 import zipfile
@@ -130,7 +131,7 @@ def read_table(path: Path, limit: int) -> Table:
 def _by_points(values: NDArray[Any], sides: tuple[int, ...]) -> NDArray[Any]:
     """The numbers of an image's pixels, row by row."""
     if len(sides) == 2 and values.shape[:2] == sides:
-        return values.reshape(-1, *values.shape[2:])
+        return values.reshape(math.prod(sides), *values.shape[2:])
     return values
 
 
@@ -181,6 +182,8 @@ def _array(data: bytes) -> NDArray[Any]:
 def _columns_of(name: str, values: NDArray[Any], num_points: int) -> dict[str, NDArray[Any]]:
     """The columns that an array of a number, or a few, for each point is; empty: it is none."""
     if values.dtype.kind not in "iuf" or values.ndim not in (1, 2) or len(values) != num_points:
+        return {}
+    if values.shape[1:] == (0,):
         return {}
     if values.ndim == 2 and values.shape[1] == 1:
         values = values[:, 0]
