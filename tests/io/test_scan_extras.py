@@ -541,10 +541,32 @@ def test_coordinates_in_feet_are_said_to_be(
 
 
 @pytest.mark.parametrize(
+    "record",
+    [
+        _geo_keys((1024, 2), (2048, 4326), (4099, 9001)),
+        (2112, b'GEOGCS["g",DATUM["d"],UNIT["degree",0.0174532925199433]]\0'),
+        (2112, b'COMPD_CS["c",GEOGCS["g",UNIT["degree",0.017]],VERT_CS["v",UNIT["metre",1]]]\0'),
+    ],
+)
+def test_longitudes_and_latitudes_are_said_to_be_degrees(
+    tmp_path: Path, record: tuple[int, bytes]
+) -> None:
+    """They were measured and judged as if in metres."""
+    write_las(tmp_path / "a.las")
+    with pytest.warns(UserWarning, match="coordinate system is in degrees"):
+        scan = read_scan(_in_system(tmp_path / "a.las", record))
+    assert scan.format is not None
+    assert scan.format.header["unit"] == "degrees"
+    found = inspect(scan, origin=(0.0, 0.0, 0.0))
+    assert (found.verdict, "in degrees" in found.reason) == ("undecidable", True)
+
+
+@pytest.mark.parametrize(
     "records",
     [
         [],
         [_geo_keys((3076, 9001))],
+        [_geo_keys((1024, 1), (2048, 4326), (3076, 9001))],
         [_geo_keys((3072, 2994))],  # a system in feet by its number, which tables would tell
         [_geo_keys((3076, 9001), (4099, 9003))],
         [_wkt(METRES)],
