@@ -62,7 +62,7 @@ def why_filtered(points: NDArray[np.float32], *, is_short: bool) -> str | None:
         return None
     distances = lone_distances(points)
     soft = max(_softness(each) for each in distances)
-    cuts = zip(map(_cut, distances), MOST_CUT, strict=True)
+    cuts = zip(map(sharpest_end, distances), MOST_CUT, strict=True)
     excess, beyond = max((ratio / most, beyond) for (ratio, beyond), most in cuts)
     if excess > (MOST_CUT_FAR if is_short else 1.0):
         return f"hardly any point is farther than {beyond:.1f} m from its neighbours"
@@ -89,35 +89,29 @@ def lone_distances(points: NDArray[np.float32]) -> list[NDArray[np.float32]]:
     return [np.sort(each) for each in _core.sparse_distances(np.ascontiguousarray(points), *SPARSE)]
 
 
-def cuts_of_outliers(points: NDArray[np.float32]) -> list[tuple[float, float]]:
-    """Return how sharply the distances of lone points from their neighbours end, and where.
+def sharpest_end(distances: NDArray[np.float32]) -> tuple[float, float]:
+    """Return how sharply distances of lone points from a neighbour end, and where.
 
     Parameters
     ----------
-    points : (N, 3) float32
-        In the order of the scanner, which makes it quick.
+    distances : (M,) float32
+        Metres, ascending.
 
     Returns
     -------
-    list of (ratio, distance)
-        For the first to the last neighbour of `SPARSE`: points farther from it than 0.8 of the
-        distance (metres), to those farther than 1.25 of it, where this is largest. 0 where there
-        are too few of them.
+    ratio, distance : float
+        Points farther from the neighbour than 0.8 of the distance (metres), to those farther than
+        1.25 of it, where this is largest. 0 where there are too few of them.
     """
-    return [_cut(each) for each in lone_distances(points)]
-
-
-def _softness(distances: NDArray[np.float32]) -> float:
-    """How many times as many distances exceed the first of `SOFT_CUT` as the second one."""
-    first, second = (len(distances) - np.searchsorted(distances, end) for end in SOFT_CUT)
-    return float(first / (second + 5.0)) if first >= LEAST_ABOVE else 0.0
-
-
-def _cut(distances: NDArray[np.float32]) -> tuple[float, float]:
-    """The sharpest end of ascending distances, and where it is."""
     at = np.geomspace(SPARSE[1] / CUT_BELOW, SPARSE[3] / CUT_ABOVE, 60)
     above = len(distances) - np.searchsorted(distances, CUT_BELOW * at)
     beyond = len(distances) - np.searchsorted(distances, CUT_ABOVE * at)
     ratio = np.where(above >= LEAST_ABOVE, above / (beyond + 2.0), 0.0)
     sharpest = int(ratio.argmax())
     return float(ratio[sharpest]), float(at[sharpest])
+
+
+def _softness(distances: NDArray[np.float32]) -> float:
+    """How many times as many distances exceed the first of `SOFT_CUT` as the second one."""
+    first, second = (len(distances) - np.searchsorted(distances, end) for end in SOFT_CUT)
+    return float(first / (second + 5.0)) if first >= LEAST_ABOVE else 0.0
