@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from command_line import error_line, manip3d
-from manip3d import LidarFrame, Mesh, io, read_mesh, simulate
+from manip3d import LidarFrame, Mesh, io, read_mesh, simplify, simulate
 
 
 def test_version() -> None:
@@ -306,6 +306,25 @@ def test_tiles_whose_boundaries_are_locked_still_meet(
     refused = manip3d("simplify", tmp_path / f"a{suffix}", "-o", tmp_path / "x.off", "--ratio",
                       "0.5", "--mode", "published", "--lock-boundary")  # fmt: skip
     assert "--lock-boundary: expected --mode quality or fast" in error_line(refused)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_each_level_of_a_tile_keeps_its_boundary(tmp_path: Path, suffix: str) -> None:
+    simulate.models.floor(columns=24, rows=20).write(tmp_path / f"tile{suffix}")
+    base = ("lod", tmp_path / f"tile{suffix}", "-o", tmp_path / "levels", "--levels", "3")
+    done = manip3d(*base, "--lock-boundary", "--json")
+    assert done.returncode == 0, done.stderr
+    faces = [level["faces"] for level in json.loads(done.stdout)["levels"]]
+    assert faces[1] <= faces[0] // 2
+    assert faces[2] <= faces[0] // 4
+    levels = [read_mesh(file) for file in sorted((tmp_path / "levels").glob("*.glb"))]
+    assert [level.num_faces for level in levels] == faces
+    rims = [level.vertices[simplify.boundary_vertices(level)] for level in levels]
+    sets = [set(map(tuple, np.float32(rim))) for rim in rims]
+    assert sets[0] == sets[1] == sets[2]
+    assert len(sets[0]) == 2 * (24 + 20)
+    refused = manip3d(*base, "--force", "--mode", "published", "--lock-box", *"000111")
+    assert "--lock-box: expected --mode quality or fast" in error_line(refused)
 
 
 def test_importance_comes_from_a_file(torus: Path, tmp_path: Path) -> None:

@@ -405,6 +405,13 @@ def test_a_boundary_may_be_locked_beside_a_box(tmp_path: Path) -> None:
     assert len(rim) >= 24
     assert len(top) > 1
     assert set(map(tuple, rim)) | set(map(tuple, top)) <= after
+    levels = simplify.scene_lods(scene, 3, ratio=0.7, **options).levels
+    assert len(levels) == 3
+    for level in levels:
+        after = set(map(tuple, level.scene.meshes[0].vertices))
+        assert set(map(tuple, rim)) | set(map(tuple, top)) <= after
+    with pytest.raises(InputError, match=r"lock_box: expected shape \(2, 3\)"):
+        simplify.scene_lods(scene, 3, lock_box=[1, 2])
 
 
 @pytest.mark.parametrize("method", ["quality", "fast", "qem4vr"])

@@ -5,12 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, Output, Quiet, Strict
-from manip3d.cli.simplify import Method, Mode, NoClean, expect_cleaning, expect_surface
+from manip3d.cli.simplify import (
+    LockBoundary,
+    LockBox,
+    Method,
+    Mode,
+    NoClean,
+    expect_cleaning,
+    expect_locks,
+    expect_surface,
+    locks,
+)
 from manip3d.cli.sources import open_mesh, open_scene
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
 from manip3d.errors import InputError
@@ -66,6 +77,8 @@ def lod(
             "mode uses qem4vr."
         ),
     ] = None,
+    lock_box: LockBox = None,
+    lock_boundary: LockBoundary = False,
     no_clean: NoClean = False,
     force: Force = False,
     strict: Strict = False,
@@ -91,20 +104,29 @@ def lod(
         expect_folder_of_lods(output)
     chosen = str(method or (Method.qem4vr if mode == Mode.published else mode or Mode.quality))
     expect_cleaning(chosen, no_clean)
+    expect_locks(chosen, lock_box, lock_boundary)
     scene = open_scene(source, output, shell)
     chain: simplify.SceneLods | simplify.LodChain
     if scene is not None:
         with shell.progress("lod") as progress, naming_options("ratio"):
             chain = simplify.scene_lods(
-                scene, levels, ratio=ratio, method=chosen, cleaned=not no_clean, progress=progress
+                scene,
+                levels,
+                ratio=ratio,
+                method=chosen,
+                lock_box=None if lock_box is None else np.reshape(lock_box, (2, 3)),
+                lock_boundary=lock_boundary,
+                cleaned=not no_clean,
+                progress=progress,
             )
     else:
         mesh = open_mesh(source, shell)
         cleaned = mesh if no_clean else simplify.clean(mesh).mesh
         expect_surface(source, mesh, cleaned)
+        held = locks(cleaned, lock_box, lock_boundary, shell)
         with shell.progress("lod") as progress, naming_options("ratio"):
             chain = simplify.lod_chain(
-                cleaned, levels, ratio=ratio, method=chosen, progress=progress
+                cleaned, levels, ratio=ratio, method=chosen, options=held, progress=progress
             )
     chain.write(output, max_vertices=max_vertices, quantize=quantize)
     record = _record(source, output, chain)

@@ -47,6 +47,22 @@ if TYPE_CHECKING:
 
 Box = tuple[float, float, float, float, float, float]
 
+LockBox = Annotated[
+    Box | None,
+    typer.Option(
+        metavar="X Y Z X Y Z",
+        help="Vertices between these two corners stay where they are (--mode quality or fast).",
+    ),
+]
+
+LockBoundary = Annotated[
+    bool,
+    typer.Option(
+        "--lock-boundary",
+        help="Boundaries stay as they are, so that tiles still meet (--mode quality or fast).",
+    ),
+]
+
 NoClean = Annotated[
     bool,
     typer.Option(
@@ -89,11 +105,7 @@ class Order:
         for name, limit in (("max-error", self.max_error), ("max-distance", self.max_distance)):
             if limit is not None and not 0 <= limit < math.inf:
                 raise InputError(f"--{name}: expected a finite number >= 0, got {limit}")
-        box = self.lock_box
-        if box is not None and not all(a <= b for a, b in zip(box[:3], box[3:], strict=True)):
-            raise InputError(
-                f"--lock-box: expected the lower corner first, got {box[:3]} and {box[3:]}"
-            )
+        expect_locks(self.method, self.lock_box, self.lock_boundary)
 
     @property
     def cleans_itself(self) -> bool:
@@ -180,16 +192,7 @@ def simplify_file(
     record["faces_cleaned"] = cleaned.num_faces
     target = order.target(mesh.num_faces)
     limits: dict[str, Any] = {"target_faces": target, **order.limits()}
-    if order.lock_box is not None:
-        low, high = np.reshape(order.lock_box, (2, 3))
-        limits["locked"] = ((cleaned.vertices >= low) & (cleaned.vertices <= high)).all(axis=1)
-        terminal.say(
-            f"--lock-box holds {counted(int(limits['locked'].sum()), 'vertex', 'vertices')}"
-        )
-    if order.lock_boundary:
-        border = simplify.boundary_vertices(cleaned)
-        limits["locked"] = border | limits.get("locked", False)
-        terminal.say(f"--lock-boundary holds {counted(int(border.sum()), 'vertex', 'vertices')}")
+    limits |= locks(cleaned, order.lock_box, order.lock_boundary, terminal)
     if (weights := _importance(order)) is not None:
         limits["importance"] = weights
     result = _run(cleaned, order, limits, progress)
@@ -334,6 +337,32 @@ def expect_cleaning(method: str, no_clean: bool) -> None:
         raise InputError(f"--no-clean: expected --mode published, got {method}, which cleans")
 
 
+def expect_locks(method: str, box: Box | None, boundary: bool) -> None:
+    """Refuse locks where the method has none, and a box whose lower corner is not the first."""
+    for name, is_given in (("--lock-box", box is not None), ("--lock-boundary", boundary)):
+        if is_given and method not in (Mode.quality, Mode.fast):
+            raise InputError(f"{name}: expected --mode quality or fast, got {method}")
+    if box is not None and not all(a <= b for a, b in zip(box[:3], box[3:], strict=True)):
+        raise InputError(
+            f"--lock-box: expected the lower corner first, got {box[:3]} and {box[3:]}"
+        )
+
+
+def locks(mesh: Mesh, box: Box | None, boundary: bool, terminal: Terminal) -> dict[str, Any]:
+    """Return the method's argument ``locked``, where vertices of a mesh are to stay."""
+    from manip3d import simplify
+
+    held: dict[str, NDArray[np.bool_]] = {}
+    if box is not None:
+        low, high = np.reshape(box, (2, 3))
+        held["--lock-box"] = np.all((mesh.vertices >= low) & (mesh.vertices <= high), axis=1)
+    if boundary:
+        held["--lock-boundary"] = simplify.boundary_vertices(mesh)
+    for name, vertices in held.items():
+        terminal.say(f"{name} holds {counted(int(vertices.sum()), 'vertex', 'vertices')}")
+    return {"locked": np.any(list(held.values()), axis=0)} if held else {}
+
+
 class Mode(StrEnum):
     """Modes of simplification, by what matters most."""
 
@@ -420,20 +449,8 @@ def simplify(
             "never move (lock)."
         ),
     ] = None,
-    lock_box: Annotated[
-        Box | None,
-        typer.Option(
-            metavar="X Y Z X Y Z",
-            help="Vertices between these two corners stay where they are.",
-        ),
-    ] = None,
-    lock_boundary: Annotated[
-        bool,
-        typer.Option(
-            "--lock-boundary",
-            help="Boundaries stay as they are, so that tiles still meet (--mode quality or fast).",
-        ),
-    ] = False,
+    lock_box: LockBox = None,
+    lock_boundary: LockBoundary = False,
     importance: Annotated[
         Path | None,
         typer.Option(
@@ -481,10 +498,6 @@ def simplify(
             raise InputError(f"--seam-mode: expected --method qem4vr, got {name}")
         options["seam_mode"] = str(seam_mode)
     expect_cleaning(name, no_clean)
-    if lock_box is not None and name not in (Mode.quality, Mode.fast):
-        raise InputError(f"--lock-box: expected --mode quality or fast, got {name}")
-    if lock_boundary and name not in (Mode.quality, Mode.fast):
-        raise InputError(f"--lock-boundary: expected --mode quality or fast, got {name}")
     if importance is not None and name != Mode.quality:
         raise InputError(f"--importance: expected --mode quality, got {name}")
     if memory is not None and name not in (Mode.quality, Mode.fast):

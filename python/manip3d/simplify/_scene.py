@@ -624,10 +624,7 @@ def simplify_scene(
         limits["max_error"] = _scaled(max_error, placed.unit)
         if max_distance is not None:
             limits["max_distance"] = _scaled(max_distance, placed.stretch)
-        if box is not None:
-            limits["locked"] = placed.inside(mesh, box)
-        if lock_boundary:
-            limits = _with_locked(limits, boundary_vertices(mesh))
+        limits = _with_locks(limits, placed, mesh, box, lock_boundary)
         if weights is not None:
             limits["importance"] = np.concatenate([weights[i] for i in placed.indices])
 
@@ -649,6 +646,21 @@ def simplify_scene(
     bounded = max_distance is not None
     sways = method in ("quality", "fast") and not bounded and box is None
     return _simplified_groups(scene, target, simplified, progress, bounded=bounded, sways=sways)
+
+
+def _with_locks(
+    limits: Mapping[str, Any],
+    placed: _Placed,
+    mesh: Mesh,
+    box: NDArray[np.float64] | None,
+    lock_boundary: bool,
+) -> dict[str, Any]:
+    """Return arguments of a method by which vertices in a box and on boundaries stay, too."""
+    if box is not None:
+        limits = _with_locked(limits, placed.inside(mesh, box))
+    if lock_boundary:
+        limits = _with_locked(limits, boundary_vertices(mesh))
+    return dict(limits)
 
 
 def _with_locked(limits: Mapping[str, Any], corners: NDArray[np.bool_]) -> dict[str, Any]:
@@ -824,6 +836,8 @@ def scene_lods(
     *,
     ratio: float = 0.5,
     method: str = "quality",
+    lock_box: ArrayLike | None = None,
+    lock_boundary: bool = False,
     cleaned: bool = True,
     options: Mapping[str, Any] | None = None,
     progress: Progress = None,
@@ -845,6 +859,8 @@ def scene_lods(
         Stored faces of a level over those of the one before, where ``levels`` is a number.
     method, options, progress
         As for :func:`lod_chain`.
+    lock_box, lock_boundary
+        As for :func:`simplify_scene`: what is locked stays in every level.
     cleaned : bool
         Clean the meshes first (:func:`clean`), where the method does not do it itself.
 
@@ -856,8 +872,9 @@ def scene_lods(
     Raises
     ------
     InputError
-        No mesh that may be simplified or none with a face that has three different corners, and
-        what :func:`lod_chain` refuses.
+        No mesh that may be simplified or none with a face that has three different corners, a
+        ``lock_box`` of another shape or whose lower corner is not first, and what :func:`lod_chain`
+        refuses.
 
     Examples
     --------
@@ -867,7 +884,8 @@ def scene_lods(
     >>> [level.num_faces for level in chain.levels]
     [1932, 966, 482]
     """
-    seen, aside = _groups(scene, sways=method in ("quality", "fast"))
+    box = None if lock_box is None else checked_box(lock_box)
+    seen, aside = _groups(scene, sways=method in ("quality", "fast") and box is None)
     cleans = cleaned and method not in ("quality", "fast")
     free, cleared = _with_surface(scene, [*([seen] if seen is not None else []), *aside])
     meshes = [clean(placed.mesh).mesh if cleans else placed.mesh for placed in free]
@@ -878,10 +896,11 @@ def scene_lods(
         levels = list(dict.fromkeys(of_first))
 
     def chain_of(placed: _Placed, mesh: Mesh, levels: Any, progress: Progress) -> LodChain:
+        limits = _with_locks(options or {}, placed, mesh, box, lock_boundary)
         chain = lod_chain(
-            mesh, levels, ratio=ratio, method=method, options=options, progress=progress
+            mesh, levels, ratio=ratio, method=method, options=limits, progress=progress
         )
-        return _with_small_meshes(placed, chain, method, options)
+        return _with_small_meshes(placed, chain, method, limits)
 
     with sharing(progress, "lod") as part:
         parts = [part(*own) for own in shares([mesh.num_faces for mesh in meshes])]
@@ -902,7 +921,7 @@ def scene_lods(
 
 
 def _with_small_meshes(
-    placed: _Placed, chain: LodChain, method: str, options: Mapping[str, Any] | None
+    placed: _Placed, chain: LodChain, method: str, options: Mapping[str, Any]
 ) -> LodChain:
     """Make levels again in which whole meshes vanish, as `simplify_scene` does."""
     if method not in ("quality", "fast"):
@@ -912,7 +931,7 @@ def _with_small_meshes(
     for level in coarser:
         corners = placed.corners_of_vanished(level.mesh, placed.num_drawn(level.mesh))
         if corners is not None:
-            limits = _with_locked(options or {}, corners)
+            limits = _with_locked(options, corners)
             again = lod_chain(finest.mesh, [level.num_faces], method=method, options=limits)
             level = again.levels[-1] if len(again.levels) > 1 else level
         made.append(level)
