@@ -66,9 +66,9 @@ WITHOUT_EXAMPLE = {
 
 
 IMPERATIVES = re.compile(
-    "(Add|Analyse|Append|Bring|Call|Combine|Compare|Compute|Convert|Copy|Count|Delete|Describe|Displace"
-    "|Draw|Embed|Enclose|Estimate|Find|Fit|Forge|Guess|Inject|Insert|Judge|Leave|Let|Lift|Look|Make"
-    "|Match|Measure|Move|Open|Plant|Play|Read|Reduce|Refuse|Remove|Render|Resample|Return|Run|Say"
+    "(Add|Analyse|Append|Bring|Call|Combine|Compare|Compute|Convert|Copy|Count|Delete|Describe|Detect"
+    "|Displace|Draw|Embed|Enclose|Estimate|Find|Fit|Forge|Guess|Inject|Insert|Judge|Leave|Let|Lift"
+    "|Look|Make|Match|Measure|Move|Open|Plant|Play|Read|Reduce|Refuse|Remove|Render|Resample|Return|Run|Say"
     "|Scale|Scan|Score|Segment|Serve|Show|Simplify|Simulate|Take|Tell|Triangulate|Turn|Verify|Write"
     "|Yield) "
 )

@@ -10,33 +10,36 @@
 namespace manip3d::fast_detail {
 namespace {
 
-/// The part of the vertices that may go in a pass. More is faster, and then cheap regions are
-/// finished later than dear ones.
+/// Largest share of the vertices that one pass removes. A larger share is faster, but follows the
+/// order of prices less.
 constexpr double kShareOfPass = 0.5;
 
-/// Below so many faces passes cost next to nothing, and the order matters more.
+/// Below kSmall faces, passes take hardly any time, and the order of prices matters more: a pass
+/// removes a smaller share, from fewer candidates.
 constexpr double kShareOfSmallPass = 0.1;
 constexpr double kSmallCandidates = 1.0;
 constexpr std::int64_t kSmall = 5000;
 static_assert(kSmall <= kBlock);
 
-/// In a small pass nothing is done that costs so many times as much as a collapse that has to wait
-/// for the next pass, because a neighbour went in this one.
+/// A collapse may have to wait for the next pass, because a neighbour was collapsed in this one. A
+/// small pass makes no collapse that costs this many times as much as a waiting one.
 constexpr float kOvertakes = 8.0F;
 
-/// In a large pass a vertex that may not lie where it is best goes to an end of its edge, at most
-/// for so many times the price of the dearest candidate.
+/// If the best position of a collapse is refused, a large pass takes an end of the edge instead,
+/// for at most this many times the price of the most expensive candidate.
 constexpr float kLeap = 100.0F;
 
 /// Candidates for each collapse that a pass wants: neighbours exclude each other.
 constexpr double kCandidates = 3.0;
 
-/// The link rule is waived if a legal collapse moves the surface three times as far as one that it
-/// refused (squared, like all prices): where holes and handles stay, the shape around them pays.
-/// In a small pass a whole piece goes before a collapse that moves the surface so much farther.
+/// The link condition is waived if a legal collapse moves the surface three times as far (squared,
+/// like all prices) as one that the condition refused: keeping holes and handles would cost the
+/// shape around them. A small pass removes a whole piece before a collapse that moves the surface
+/// three times as far.
 constexpr float kFarCheaperSquared = 9.0F;
 
-/// Hubs: so many corners times so many refusals in one pass, then a vertex is left alone.
+/// A hub (a vertex with very many faces) is skipped in a pass once its number of corners times its
+/// number of refused collapses exceeds this.
 constexpr std::int64_t kHubPatience = 1 << 14;
 
 }  // namespace

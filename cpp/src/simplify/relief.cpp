@@ -30,117 +30,141 @@ using relief_detail::Triangle;
 using relief_detail::Triangulation;
 using relief_detail::Vec3;
 
-/// Pixels per vertex from which on a first mesh over every second pixel is as good: at 1 % of the
-/// points the result was the same on three of four images and scans, its error 1.01 times on the
-/// fourth.
+// "Pixels per vertex" below are the used pixels of the surface (those that a dense triangle uses)
+// divided by the vertices of the target.
+
+/// From this many pixels per vertex on, the first triangulation needs no vertices between every
+/// second pixel: at 1 % of the points three of four images and scans gave the same result, and the
+/// fourth 1.01 times the error.
 constexpr std::int64_t kSparse = 32;
 
-/// Pixels per vertex from which on every second pixel is enough for an effort that takes a share of
-/// the time.
+/// From this many pixels per vertex on, kLive triangulates every second pixel in both directions,
+/// which is a quarter of the work.
 constexpr std::int64_t kHalf = 64;
 
-/// Used pixels below which that effort has time for more: it triangulates all pixels where there
-/// are more than kWhole for each vertex, and more vertices than kFew, and leaves out bridges. On 35
-/// such scans and people the error at 0.5 % of the points is 0.98 times as large, at most 1.3
-/// instead of 1.64 times an edge collapse's, in 1.1 to 1.2 times the time.
+/// Below this many used pixels kLive has time for more. With more than kFew vertices and more than
+/// kWhole pixels per vertex it triangulates all pixels, and it removes bridges from sparse meshes.
+/// On 35 such scans and people at 0.5 % of the points this multiplies the error by 0.98 and the
+/// time by 1.1 to 1.2; the largest error is 1.3 instead of 1.64 times that of an edge collapse.
 constexpr std::int64_t kSmall = 50'000;
 constexpr std::int64_t kWhole = 128;
 
-/// Pixels per vertex down to which contours are triangulated square by square: with fewer, pixels
-/// amid the squares are wanted as well.
+/// ContourBlocks triangulate the contours above this many pixels per vertex. Meshes with fewer
+/// pixels per vertex also need vertices inside the squares, which ContourBlocks leave out.
 constexpr std::int64_t kDense = 6;
 
-/// How many times as much false surface costs as missing one, where pixels are missing at random.
-/// Tried on four draws of 30 % of a made-up surface: of 0.3, 1, 2, 3 and 10, 2 and 3 cover most.
+/// Price of false surface, relative to missing surface, where pixels are missing at random. Of 0.3,
+/// 1, 2, 3 and 10, tried on a generated surface of which four random draws kept 30 % of the pixels,
+/// 2 and 3 cover most.
 constexpr float kChanceFalse = 3.0F;
 
-/// Pixels at the ends of the surface for each vertex of the target, from which on a mesh has much
-/// contour, and how many times as much missing surface costs there, down to kSparse pixels per
-/// vertex. Of 1, 3, 4 and 6 times, tried on every second scan and recording of the data folder at
-/// 5 %, 4 is the least that covers 0.99 of all; the error stays below 0.91 of an edge collapse's.
+/// A mesh has much contour if it has more boundary vertices than kMuchContour times the target.
+/// The price of missing surface is then multiplied by kContourPrice, unless the mesh is sparse
+/// (kSparse). Of 1, 3, 4 and 6, tried on every second scan and recording of the data folder at 5 %
+/// of the points, 4 is the smallest with which 0.99 of each surface is covered; the error stays
+/// below 0.91 times that of an edge collapse.
 constexpr double kMuchContour = 1.5;
 constexpr float kContourPrice = 4.0F;
 
-/// A surface of every second pixel that lacks more of the dense triangles than this, or of their
-/// area, is too thin. A strip far away may be a row of pixels and most of the area.
+/// The surface of every second pixel is not used if it lacks more than this share of the dense
+/// triangles, or of their area. The area counts as well: a distant strip can be one row of pixels
+/// and yet most of the area.
 constexpr double kThin = 0.1;
 
-/// How many times as much is covered where triangles of a finer mesh are better than the whole of a
-/// coarse one: what they leave out is left out altogether, and the mean distance counts it most.
-/// It also holds for a mesh of fewer vertices than allowed: of ten that covered more, the three
-/// beyond this factor had 0.66 to 1.01 times the error, the others up to 1.65 times.
+/// A mesh that leaves out parts of the surface replaces another one if it covers more than this
+/// many times as much. The factor is above 1 because the mean distance counts parts that are left
+/// out most of all. It also decides on meshes with fewer vertices than allowed: of ten that covered
+/// more, the three beyond this factor had 0.66 to 1.01 times the error, the others up to 1.65
+/// times.
 constexpr double kWorthLeaving = 1.1;
 
-/// Sizes of which the next smaller kFewTries are tried in place of a few vertices. Of 756 budgets
-/// of scans and frames of the data folder, 49 covered by kWorthLeaving less than a smaller one of
-/// these sizes; with three tries 3 do.
+/// For targets of at most kFew vertices, the kFewTries next smaller ones of these sizes are tried
+/// as well. Of 756 targets on scans and frames of the data folder, 49 covered less than a smaller
+/// size by more than the factor kWorthLeaving; with three tries, 3 do.
 constexpr int kFewTries = 3;
 constexpr std::array<std::int64_t, 15> kFewSizes = {3,  4,  5,  6,  7,  8,  10, 12,
                                                     14, 16, 20, 25, 30, 40, 50};
 
-/// A piece of fewer than one pixel of so many is a speck.
+/// A connected piece of the surface is a speck if it has less than one in this many of the pixels.
 constexpr std::int64_t kSpeck = 1000;
 
-/// Specks of more than this share of the area take so many of many vertices, or of those of an
-/// effort without time, that a mesh without them is made as well.
+/// If specks are more than this share of the area, a mesh without them is also made for targets
+/// above kFew vertices and for kLive: specks take a large share of the vertices then.
 constexpr double kMuchSpeck = 0.1;
 
-/// The work that an effort does. Measured on the Stanford scans; each step pays for itself.
+/// How much work an effort does in each stage. The values were chosen on the Stanford scans: each
+/// slower effort has a smaller error.
 struct Budget {
-  /// Bisections of the first triangulation per target point. Of 1, 2, 2.5 and 3 for kBalanced,
+  /// Bisections of the first triangulation per target vertex. Of 1, 2, 2.5 and 3 for kBalanced,
   /// tried on six rendered shelves at 5 % of the points, 2.5 leaves at most 1.2 times the error of
   /// an edge collapse, 2 and 1 leave up to 1.6 and 2.4 times.
-  double start;
-  int finest;         ///< Pixels between its inner vertices, from kSparse on.
-  float round_share;  ///< Share of the vertices that a round may remove.
-  int flip_sweeps;
-  float flip_floor;  ///< Pairs of triangles below this many mean errors are not looked at.
-  bool by_sample;    ///< Refiner::flip_sampled(): `flip_floor` counts mean volumes.
-  int move_rounds;   ///< Rounds of moves and flips.
-  int radius;        ///< Farthest move, pixels.
-  int boundary_sweeps;
-  /// If positive: from kHalf on every second pixel is triangulated, with so many bisections.
-  double half_start;
-  bool by_tile;    ///< The first triangulation is ordered tile by tile.
-  bool by_blocks;  ///< Ends of the surface are triangulated by ContourBlocks.
-  /// If positive: Collapser::sweep() first. Of 0.4, 0.6 and 0.9, tried on two scenes and a scan,
-  /// 0.9 takes 0.4 to 0.7 of the time of collapses in order of price, at no more error.
-  float sweep_share;
-  /// Bisections per target point for each share of the pixels that the target is, where that is
-  /// more than `start`: collapses choose better than bisections, and had little left to choose. Of
-  /// 14, 16 and 20 for kFast, tried on two scenes, two scans and a person, 14 is enough for 1.2
-  /// times the error of an edge collapse at 5, 10 and 20 % of the points (1.3, 2.3 and 2.0
-  /// without). With 18 it stays nearer to the surface than kLive did on four of these. Of 8, 11,
-  /// 14, 16 and 18 for kLive, tried on three scenes and two scans at 5 %, 16 is enough for 1.3
-  /// times.
-  double dense_start;
-  /// Collapser's factor on the price of missing surface, down to kSparse pixels per vertex; beyond,
-  /// it is kMissingFactor. Of 12, 16 and 20, tried for kLive on three scenes and two
-  /// scans, 20 covers 0.001 to 0.002 more at 5 % than 12, at the same error. At 1 % it costs scans
-  /// from the side up to a quarter of their error.
-  float missing;
+  double start = 0.0;
+  int finest = 1;            ///< Pixels between inner vertices of a sparse first triangulation.
+  float round_share = 0.3F;  ///< Largest share of the vertices that one round of collapses removes.
+  int flip_sweeps = 3;
+  float flip_floor =
+      0.3F;                ///< Pairs of triangles with less than this many mean errors are skipped.
+  bool by_sample = false;  ///< Use Refiner::flip_sampled(); `flip_floor` then counts mean volumes.
+  int move_rounds = 0;     ///< Rounds of vertex moves, each followed by flips.
+  int radius = 0;          ///< Farthest move of a vertex in one round, pixels.
+  int boundary_sweeps = 4;
+  /// Bisections per target vertex where only every second pixel is triangulated (see kHalf); 0: all
+  /// pixels always are.
+  double half_start = 0.0;
+  bool by_tile = false;    ///< The first triangulation is ordered tile by tile.
+  bool by_blocks = false;  ///< ContourBlocks triangulate the ends of the surface.
+  /// Argument of Collapser::sweep(), which runs first; 0: it does not run. Of 0.4, 0.6 and 0.9,
+  /// tried on two scenes and a scan, 0.9 takes 0.4 to 0.7 of the time of collapses in order of
+  /// price, at no more error.
+  float sweep_share = 0.0F;
+  /// The bisections per target vertex are at least `dense_start` times (target vertices / used
+  /// pixels): dense targets need more bisections, because collapses choose vertices better than
+  /// bisections and need some to choose from. Of 14, 16 and 20 for kFast, tried on two scenes, two
+  /// scans and a person, 14 is enough for 1.2 times the error of an edge collapse at 5, 10 and 20 %
+  /// of the points (1.3, 2.3 and 2.0 times with 0). With 18, kFast is nearer to the surface than
+  /// kLive on four of these five. Of 8, 11, 14, 16 and 18 for kLive, tried on three scenes and two
+  /// scans at 5 %, 16 is enough for 1.3 times.
+  double dense_start = 0.0;
+  /// Collapser's factor on the price of missing surface below kSparse pixels per vertex; sparser
+  /// meshes use kMissingFactor. Of 12, 16 and 20 for kLive, tried on three scenes and two scans, 20
+  /// covers 0.001 to 0.002 more than 12 at 5 % of the points, at the same error. At 1 % it would
+  /// raise the error of scans seen from the side by up to a quarter.
+  float missing = kMissingFactor;
 };
 
 Budget budget_of(ReliefEffort effort, std::int64_t target) {
   switch (effort) {
     case ReliefEffort::kLive:
-      return {0.4, 2, 0.4F, 2, 0.1F, true, 0, 0, 2, 2.0, true, true, 0.9F, 16.0, 20.0F};
+      return {.start = 0.4,
+              .finest = 2,
+              .round_share = 0.4F,
+              .flip_sweeps = 2,
+              .flip_floor = 0.1F,
+              .by_sample = true,
+              .boundary_sweeps = 2,
+              .half_start = 2.0,
+              .by_tile = true,
+              .by_blocks = true,
+              .sweep_share = 0.9F,
+              .dense_start = 16.0,
+              .missing = 20.0F};
     case ReliefEffort::kFast:
-      return {0.7, 1, 0.3F, 3, 0.3F, false, 0, 0, 4, 0.0, false, false, 0.0F, 18.0, kMissingFactor};
+      return {.start = 0.7, .dense_start = 18.0};
     case ReliefEffort::kBalanced:
-      // Few vertices have few choices: those of larger rounds and finer meshes cost up to 1.6 times
-      // the error there.
+      // With few vertices, larger rounds and finer first triangulations have up to 1.6 times the
+      // error.
       if (target <= relief_detail::kFew) {
-        return {1.0, 1,     0.2F,  3,    0.3F, false,         1, 1, 4,
-                0.0, false, false, 0.0F, 0.0,  kMissingFactor};
+        return {.start = 1.0, .round_share = 0.2F, .move_rounds = 1, .radius = 1};
       }
-      return {2.5, 1, 0.3F, 3, 0.3F, false, 1, 1, 4, 0.0, false, false, 0.0F, 0.0, kMissingFactor};
+      return {.start = 2.5, .move_rounds = 1, .radius = 1};
     case ReliefEffort::kFine:
-      return {3.0, 1, 0.2F, 4, 0.3F, false, 2, 1, 4, 0.0, false, false, 0.0F, 0.0, kMissingFactor};
+      return {.start = 3.0, .round_share = 0.2F, .flip_sweeps = 4, .move_rounds = 2, .radius = 1};
     case ReliefEffort::kBest:
       break;
   }
-  return {1e9, 1, 0.1F, 8, 0.3F, false, 4, 2, 4, 0.0, false, false, 0.0F, 0.0, kMissingFactor};
+  constexpr double kAllPixels = 1e9;  // select() bisects at most once for each used pixel
+  return {
+      .start = kAllPixels, .round_share = 0.1F, .flip_sweeps = 8, .move_rounds = 4, .radius = 2};
 }
 
 void check_options(const ReliefOptions& options) {
@@ -179,10 +203,12 @@ void check_confidence(const PointGridView& grid, std::span<const float> confiden
   }
 }
 
-std::vector<Triangle> triangles_of(const Surface& surface, const PointGridView& grid,
-                                   const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
-                                   const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                                   std::vector<std::int32_t>& vertex_at) {
+/// Checks the pixels of the vertices, (u, v) in the grid.
+/// @param vertex_at  output: by pixel of the surface, the vertex there or kNone.
+/// @return  by vertex: its pixel of the surface.
+std::vector<std::int32_t> surface_pixels(const Surface& surface, const PointGridView& grid,
+                                         const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                                         std::vector<std::int32_t>& vertex_at) {
   std::vector<std::int32_t> at(pixels.rows());
   vertex_at.assign(surface.num_pixels(), Triangulation::kNone);
   for (Eigen::Index i = 0; i < pixels.rows(); ++i) {
@@ -199,18 +225,28 @@ std::vector<Triangle> triangles_of(const Surface& surface, const PointGridView& 
     }
     vertex_at[at[i]] = static_cast<std::int32_t>(i);
   }
+  return at;
+}
+
+/// Checks the faces of flip_edges() and returns them as triangles of surface pixels,
+/// counter-clockwise with v up.
+/// @param at  by vertex: its pixel of the surface.
+std::vector<Triangle> triangles_of(const Surface& surface, bool rows_up,
+                                   std::span<const std::int32_t> at,
+                                   const Eigen::Ref<const Rows<std::int32_t, 3>>& faces) {
+  const auto num_vertices = static_cast<std::int32_t>(at.size());
   std::vector<Triangle> triangles;
   std::vector<std::uint64_t> sides;
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     Triangle t{};
     for (int i = 0; i < 3; ++i) {
       const std::int32_t vertex = faces(f, i);
-      if (vertex < 0 || vertex >= pixels.rows()) {
+      if (vertex < 0 || vertex >= num_vertices) {
         throw InputError("faces: index out of range: " + std::to_string(vertex));
       }
       t[i] = at[vertex];
     }
-    if (!grid.rows_up) std::swap(t[1], t[2]);
+    if (!rows_up) std::swap(t[1], t[2]);
     const std::int64_t du1 = surface.u(t[1]) - surface.u(t[0]);
     const std::int64_t dv1 = surface.v(t[1]) - surface.v(t[0]);
     const std::int64_t du2 = surface.u(t[2]) - surface.u(t[0]);
@@ -238,50 +274,54 @@ struct Relief::Memory {
   PointGrid points;  ///< Points of the depth image, if one was given.
   relief_detail::PinholeFiller pinholes;
   Surface surface;
-  Surface measured;  ///< `surface` without what lies over pinholes, if there are any.
-  Surface half;      ///< Every second pixel of `surface`.
+  Surface measured;                  ///< `surface` without the filled pinholes, if there are any.
+  Surface half;                      ///< Every second pixel of `surface`.
   const Surface* worked = &surface;  ///< The surface that is triangulated: `surface` or `half`.
   relief_detail::BoundaryMover boundary;
   relief_detail::StartMesh start;
   Triangulation mesh;
-  Triangulation best;  ///< The best of those that were made before.
+  Triangulation best;  ///< make_best_mesh(): the best mesh so far.
   relief_detail::Collapser collapser;
   relief_detail::Refiner refiner;
-  std::vector<Vec3> sight;            ///< By vertex: where it may slide.
-  std::vector<std::int32_t> order;    ///< Vertices by pixel.
-  std::vector<std::int32_t> sorting;  ///< Scratch of what sorts them.
+  std::vector<Vec3> sight;            ///< By vertex: unit direction in which it may slide.
+  std::vector<std::int32_t> order;    ///< Vertices sorted by pixel.
+  std::vector<std::int32_t> sorting;  ///< Scratch memory of Triangulation::sorted_vertices().
   std::vector<std::int32_t> number;   ///< Vertex -> output vertex; kNone: left out.
+  /// How a vertex is written to the result.
   enum class Written : std::uint8_t {
     kNot,
-    kAsOwn,     ///< A vertex of its own.
-    kWithLast,  ///< The vertex of the fan before it at its pixel.
+    kAsOwn,     ///< As an output vertex of its own.
+    kWithLast,  ///< As the output vertex of the vertex before it in `order`, at the same pixel.
   };
-  /// By level, last the mesh, and vertex; empty: all as their own.
+  /// By mesh (the levels, smallest first, then the mesh) and vertex. An empty list stands for
+  /// kAsOwn everywhere.
   std::vector<std::vector<Written>> written;
-  std::vector<std::uint8_t> may_write;       ///< By vertex.
-  std::vector<std::int32_t> written_pixels;  ///< Pixels of the vertices that are written.
+  std::vector<std::uint8_t> may_write;       ///< Scratch memory of find_written(), by vertex.
+  std::vector<std::int32_t> written_pixels;  ///< Pixels of the vertices that are written, sorted.
   struct Placed {
     std::int32_t pixel, number;
     auto operator<=>(const Placed&) const = default;
   };
-  std::vector<Placed> placed;          ///< Output vertices by pixel.
-  std::vector<std::int64_t> previous;  ///< Input pixels of the frame before.
-  EdgeMemory before;                   ///< Edges of the frame before.
+  std::vector<Placed> placed;          ///< Output vertices sorted by pixel.
+  std::vector<std::int64_t> previous;  ///< Input pixels of the vertices of the previous frame.
+  EdgeMemory before;                   ///< Edges of the previous frame.
   relief_detail::CoverageScratch coverage;
   std::vector<Keep> keep;             ///< By pixel of the surface; or empty.
   std::vector<Triangulation> levels;  ///< The smaller meshes, smallest first.
-  double speck_area = 0.0;            ///< Share of the area of the small pieces of select().
-  bool leaves_specks = false;         ///< It leaves them out first.
-  Progress progress;                  ///< The run asks it whether it is cancelled.
-  std::vector<Triangle> dense;        ///< All of them, where the target leaves room for all pixels.
+  double speck_area = 0.0;            ///< Specks' share of the area in the latest select().
+  bool leaves_specks = false;         ///< Whether select() leaves out specks first.
+  Progress progress;                  ///< Throws if the run is cancelled.
+  std::vector<Triangle> dense;        ///< Scratch memory of take_all().
 
+  /// Does the smallest target leave room for all used pixels?
   [[nodiscard]] bool takes_all(const ReliefOptions& options) const {
     const std::int64_t least =
         options.levels.empty() ? options.target_points : options.levels.back();
     return surface.num_used() <= least;
   }
-  /// Takes the dense surface of a grid, continued over its pinholes unless the target leaves room
-  /// for all pixels; the grid that it is of.
+  /// Builds the dense surface of a grid. It is continued over pinholes unless the target leaves
+  /// room for all pixels.
+  /// @return  the grid of that surface, with filled pinholes.
   PointGridView take_surface(const PointGridView& grid, const ReliefOptions& options,
                              std::span<const float> confidence);
   /// Moves vertices from filled pixels to measured ones.
@@ -293,16 +333,16 @@ struct Relief::Memory {
   }
   /// Points `worked` to the surface that is good enough for the target.
   void choose_surface(ReliefEffort effort, std::int64_t target);
-  /// Moves the mesh to the whole surface, and its boundary to where that ends.
+  /// Moves the mesh from `half` to the whole surface, and its boundary to the surface's ends.
   void move_boundary(const ReliefOptions& options, std::int64_t target);
-  /// Fills `keep` with the vertices of the frame before.
+  /// Marks the vertices of the previous frame in `keep`.
   void recall(const PointGridView& grid, const ReliefOptions& options);
-  /// Does the first triangulation have more contour than so many vertices can follow?
+  /// Does the first triangulation have more contour than `target` vertices can follow?
   [[nodiscard]] bool has_much_contour(std::int64_t target) const;
   /// Triangulates and collapses edges until the mesh has at most `target` vertices.
   void select(const ReliefOptions& options, std::int64_t target, OffFaces off,
               ReliefResult& result);
-  /// Steps 1 to 3 of the operator for one size.
+  /// Does steps 1 to 3 of the operator (see Relief) for one size.
   void make_mesh(const ReliefOptions& options, std::int64_t target, OffFaces off,
                  ReliefResult& result);
   double written_coverage(const Triangulation& of);
@@ -311,7 +351,7 @@ struct Relief::Memory {
   void make_best_mesh(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
   /// Flips edges and moves vertices.
   void refine(const Budget& budget);
-  /// The surface without what lies over pinholes.
+  /// The surface without filled pinholes.
   [[nodiscard]] const Surface& seen() const {
     return pinholes.num_filled() > 0 ? measured : surface;
   }
@@ -324,22 +364,27 @@ struct Relief::Memory {
   void fix_vertices();
   [[nodiscard]] bool holds(const Triangulation& smaller);
   void find_sight(const ReliefOptions& options);
-  /// Which vertices of the mesh and of its levels are written. A vertex that could not leave a
-  /// pinhole goes, with its triangles, and vertices that are left without a triangle go, too. From
-  /// the largest size down, since each has the vertices of the next smaller one: two fans that meet
-  /// at a pixel share the vertex of one fan that the larger size has there.
-  /// @param once  the triangles of a pixel share a vertex, also where they meet nowhere else.
+  /// Fills `written`. A vertex that could not leave a pinhole is not written, nor are its triangles
+  /// and the vertices that lose all their triangles by this. Goes from the largest mesh to the
+  /// smallest, because each mesh holds the vertices of the next smaller one: where a larger mesh
+  /// has one vertex at a pixel and a smaller one has two (of fans that touch only there), the two
+  /// share it.
+  /// @param once  the largest mesh, too, has one output vertex per pixel.
   void find_written(bool once);
   [[nodiscard]] bool has_many_pixels() const {
     return static_cast<std::int64_t>(surface.num_pixels()) > relief_detail::kManyPixels;
   }
-  /// Gives back what is of no more use when the result is written.
+  /// Frees the memory that is not needed after write().
   void release_meshes();
   /// Lets the run be cancelled between two stages.
   void check_cancelled() const {
     if (progress) progress(0.0);
   }
+  /// Does that for one mesh. `written_pixels` are those of the next larger mesh before the call,
+  /// and those of this mesh after it.
   void find_written(const Triangulation& of, std::vector<Written>& how);
+  /// Fills `number`: first the vertices that smaller meshes have in `placed`, then new ones.
+  /// @return  the number of output vertices so far.
   std::int32_t number_vertices(const Triangulation& of, std::span<const Written> how);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void write_faces(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
@@ -357,7 +402,7 @@ PointGridView Relief::Memory::take_surface(const PointGridView& grid, const Reli
   std::swap(surface, measured);
   check_cancelled();
   const PointGridView filled = pinholes.grid();
-  // Building everything anew is quicker where many pixels are missing.
+  // A full build is quicker than updates around many filled pixels.
   if (pinholes.are_by_chance() ||
       !surface.assign_filled(measured, filled, options.dense, pinholes.confidence(),
                              pinholes.filled())) {
@@ -373,15 +418,15 @@ void Relief::Memory::leave_pinholes() {
                        [this](std::int32_t pixel) { return is_pinhole(pixel); });
 }
 
-/// Every second pixel is a quarter of the work. Of 0.4, 1, 2 and 4 bisections per target point, 2
-/// leaves less error than all pixels did on four of five images at 1 % of the points, in no more
-/// time.
+/// Every second pixel is a quarter of the work. Of 0.4, 1, 2 and 4 bisections per target vertex
+/// (Budget::half_start), 2 has on four of five images at 1 % of the points a smaller error than the
+/// triangulation of all pixels, in no more time.
 void Relief::Memory::choose_surface(ReliefEffort effort, std::int64_t target) {
   worked = &surface;
   const std::int64_t used = surface.num_used();
   if (budget_of(effort, target).half_start == 0.0 || target > used / kHalf) return;
   if (used < kSmall && target > relief_detail::kFew && target < used / kWhole) return;
-  if (!levels.empty()) return;  // theirs may be between
+  if (!levels.empty()) return;  // vertices of smaller levels may lie between every second pixel
   half.assign_half(surface);
   const auto below = 4.0 * static_cast<double>(half.num_faces());
   if (below < (1.0 - kThin) * static_cast<double>(surface.num_faces())) return;
@@ -392,10 +437,10 @@ void Relief::Memory::choose_surface(ReliefEffort effort, std::int64_t target) {
 
 void Relief::Memory::move_boundary(const ReliefOptions& options, std::int64_t target) {
   if (worked != &surface) mesh.change_surface(half, surface);
-  // Vertices of the frame before stay: they were moved then. With every second pixel it is not
-  // known which vertices those are.
+  // Vertices of the previous frame stay, since that frame has moved them. `keep` is by pixel of
+  // `worked`: it says nothing about the whole surface if that is `half`.
   const std::span<const Keep> kept = worked == &surface ? keep : std::span<const Keep>();
-  // kLive has no time to ask for the price; of few vertices each one should cover much.
+  // kLive has no time to compute the price; few vertices should each cover as much as possible.
   const bool at_any_price = options.effort == ReliefEffort::kLive || target <= relief_detail::kFew;
   boundary.run(surface, mesh, kept, budget_of(options.effort, target).boundary_sweeps, at_any_price,
                progress);
@@ -445,7 +490,7 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, O
   };
   triangulate();
   while (mesh.num_vertices() < target && (splits < used || finest > 1 || by_blocks)) {
-    if (splits == used) by_blocks = false;  // squares that are cut leave pixels out
+    if (splits == used) by_blocks = false;  // ContourBlocks leave pixels out
     splits = std::min(2 * splits, used);
     if (splits == used) finest = 1;
     triangulate();
@@ -456,13 +501,14 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, O
   }
   if (mesh.num_vertices() <= target) return;
   check_cancelled();
-  const std::int64_t area = worked == &surface ? 1 : 4;  // of a pixel
-  // The surface does not end beside pixels that are missing at random.
+  const std::int64_t pixels_each = worked == &surface ? 1 : 4;  // input pixels per worked pixel
+  // Pixels that are missing at random are no end of the surface, so little of the surface that
+  // would cover them is false.
   const float false_factor =
       budget.by_blocks && pinholes.are_by_chance() ? kChanceFalse : relief_detail::kFalseFactor;
   float missing = is_sparse ? kMissingFactor : budget.missing;
-  // The blocks of kLive simplify contours before they are counted. Frames of a stream would have
-  // fewer of the vertices of the frame before.
+  // ContourBlocks have simplified the contours before has_much_contour() counts them. In a stream,
+  // the higher price would keep fewer vertices of the previous frame.
   const bool may_price = !is_sparse && !budget.by_blocks && !(options.stability > 1.0);
   if (may_price && has_much_contour(target)) missing *= kContourPrice;
   collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability), missing,
@@ -472,15 +518,16 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, O
   if (budget.sweep_share > 0.0F)
     collapser.sweep(*worked, mesh, target, budget.sweep_share, progress);
   result.dropped_pixels =
-      area * collapser.run(*worked, mesh, target, budget.round_share, off, progress);
+      pixels_each * collapser.run(*worked, mesh, target, budget.round_share, off, progress);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
   if (has_many_pixels()) collapser = {};
-  mesh.compact();  // what follows goes around its vertices several times
+  mesh.compact();  // the later stages visit the vertices several times
 }
 
 void Relief::Memory::refine(const Budget& budget) {
   refiner.assign(mesh);
-  // Filled pixels weigh nothing: of twelve, too few would be left where many are.
+  // flip_sampled() takes twelve pixels of a pair of triangles. Filled pixels have weight 0, so that
+  // too few of the twelve would count.
   if (budget.by_sample && pinholes.num_filled() == 0) {
     refiner.flip_sampled(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before, progress);
     return;
@@ -495,7 +542,7 @@ void Relief::Memory::refine(const Budget& budget) {
   }
 }
 
-/// Takes every dense triangle: the target has room for all used pixels.
+/// Makes the mesh of all dense triangles, where the target leaves room for all used pixels.
 void Relief::Memory::take_all(ReliefResult& result) {
   worked = &surface;
   result.stop = ReliefStop::kAllPoints;
@@ -512,8 +559,9 @@ void Relief::Memory::fix_vertices() {
   }
 }
 
-/// Is there a vertex at each pixel where the smaller mesh has one? It may have several there, whose
-/// fans meet nowhere else; where these are one in the larger mesh, they are written as one.
+/// Does the mesh have a vertex at each pixel where the smaller mesh has one? The smaller mesh may
+/// have several vertices at a pixel, of fans that touch only there; if the larger mesh has one
+/// vertex there, they are written as one.
 bool Relief::Memory::holds(const Triangulation& smaller) {
   smaller.sorted_vertices(order, sorting);
   mesh.sorted_vertices(number, sorting);
@@ -529,14 +577,16 @@ void Relief::Memory::make_mesh(const ReliefOptions& options, std::int64_t target
                                ReliefResult& result) {
   const Budget budget = budget_of(options.effort, target);
   select(options, target, off, result);
-  // Edges are flipped around the boundary's last places; a quarter of the pixels is quicker.
+  // Flips should know the final boundary, so it moves first. On `half` the flips come first,
+  // because they are quicker there and move_boundary() goes on to the whole surface.
   if (worked == &surface) move_boundary(options, target);
   refine(budget);
   if (worked != &surface) move_boundary(options, target);
   leave_pinholes();
 }
 
-/// Is a triangle neither at a pinhole nor cut in the end, as it lies off what was measured?
+/// Is a triangle in the final result: has it no vertex at a pinhole, and does it not lie off the
+/// measured surface?
 bool Relief::Memory::is_written(const Triangulation& of, std::int32_t t) const {
   Triangle pixels{};
   for (int i = 0; i < 3; ++i) {
@@ -548,7 +598,7 @@ bool Relief::Memory::is_written(const Triangulation& of, std::int32_t t) const {
   return !lies_off(seen(), pixels);
 }
 
-/// Coverage of the triangles that are written and not cut.
+/// Coverage of the triangles for which is_written() holds.
 double Relief::Memory::written_coverage(const Triangulation& of) {
   Rows<std::int32_t, 2> pixels(of.num_slots(), 2);
   Rows<std::int32_t, 3> faces(of.num_face_slots(), 3);
@@ -567,7 +617,8 @@ double Relief::Memory::written_coverage(const Triangulation& of) {
   return coverage_of(surface, pixels, faces.topRows(num_faces), {}, coverage).whole.coverage;
 }
 
-/// Makes another mesh, and keeps it if it covers so many times as much as the one there is.
+/// Makes another mesh. It replaces `mesh` if it covers more than `factor` times `covered`, which is
+/// the coverage of `mesh` and is updated.
 void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target, OffFaces off,
                               double factor, double& covered, ReliefResult& result) {
   std::swap(mesh, best);
@@ -583,15 +634,18 @@ void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target,
   result.dropped_pixels = dropped;
 }
 
-/// Triangles that join what steps keep apart are cut from the mesh in the end. Of few vertices they
-/// take most; to refuse them costs surface elsewhere, so that it depends which way leaves more.
+/// Makes a mesh, where needed several in different ways, and keeps the one with the most coverage.
 ///
-/// A few depths that are far off are small pieces of a large area, whose loss counts like that of
-/// the rest of the surface: without them more of that may be covered. Many vertices are enough for
-/// both unless these pieces are much of the area.
+/// With depth steps: triangles that join surfaces on both sides of a step are cut from the mesh in
+/// the end. Where there are few vertices, such triangles take most of them; refusing them loses
+/// surface elsewhere. Both ways are tried.
 ///
-/// Each collapse of few vertices can win surface as well as lose it, as where a bay is filled: with
-/// fewer vertices more may be covered.
+/// With specks: a few outlying depths are small pieces of a large area, and losing them costs as
+/// much as losing other surface of that area. Without them more of the rest may be covered. Many
+/// vertices are enough for both, unless the specks are much of the area.
+///
+/// With few vertices: a collapse can gain surface as well as lose it, for example where it fills a
+/// bay, so that a mesh with fewer vertices may cover more.
 void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t target,
                                     ReliefResult& result) {
   make_mesh(options, target, OffFaces::kTake, result);
@@ -619,8 +673,9 @@ void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t t
   leaves_specks = false;
 }
 
-/// The last triangles may all be at pinholes or off the surface; one of the first triangulation of
-/// what was measured never is.
+/// Makes sure that at least one triangle is written. All triangles of the mesh may be at pinholes
+/// or off the surface; the first triangulation of the measured surface has none of these, and the
+/// result is then a few of its triangles.
 void Relief::Memory::keep_a_face(ReliefResult& result) {
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     if (mesh.is_face(t) && is_written(mesh, t)) return;
@@ -646,8 +701,8 @@ void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions
     if (!levels.empty()) fix_vertices();
     make_best_mesh(options, target, result);
     if (levels.empty()) keep_a_face(result);
-    // The vertices of the next smaller level are fixed. Where this size is hardly larger, they can
-    // keep every legal collapse from reaching it; then that level is handed out again.
+    // The vertices of the next smaller level are fixed. If this size is hardly larger, they may
+    // leave no legal collapse that reaches it; the result is then that smaller level again.
     if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {
       mesh = levels.back();
       if (mesh.num_vertices() < target) result.stop = ReliefStop::kSmallerLevel;
@@ -696,7 +751,7 @@ void Relief::Memory::find_written(bool once) {
 void Relief::Memory::find_written(const Triangulation& of, std::vector<Written>& how) {
   may_write.assign(of.num_slots(), 0);
   of.sorted_vertices(order, sorting);
-  auto larger = written_pixels.cbegin();  // of the next larger size
+  auto larger = written_pixels.cbegin();
   const auto find = [&](std::int32_t pixel) {
     while (larger != written_pixels.cend() && *larger < pixel) ++larger;
     return larger != written_pixels.cend() && *larger == pixel;
@@ -764,7 +819,7 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
   }
   const Eigen::Index num_vertices = number_vertices(mesh, written.back());
   if (result.stop == ReliefStop::kTarget && num_vertices < options.target_points) {
-    result.stop = ReliefStop::kSmallPieces;  // around pinholes
+    result.stop = ReliefStop::kSmallPieces;  // triangles at pinholes were left out
   }
   DepthMesh& out = result.mesh;
   previous.clear();
@@ -787,7 +842,8 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
   if (options.move_points) move_points(grid, options, result);
 }
 
-/// kLive has time for it on small images only, and meshes of many vertices have hardly any.
+/// Leaves out triangles that are bridges (see remove_bridges). kLive has time for this on small
+/// images only, and there only for few vertices: dense meshes have hardly any bridges.
 void Relief::Memory::leave_bridges(const ReliefOptions& options, ReliefResult& result) {
   const std::int64_t used = surface.num_used();
   const bool may_take_time = used < kSmall && options.target_points <= used / kHalf;
@@ -825,9 +881,9 @@ void Relief::Memory::move_points(const PointGridView& grid, const ReliefOptions&
   DepthMesh& out = result.mesh;
   double sum = 0.0;
   std::int32_t next = 0;
-  for (const std::int32_t v : order) {  // no levels: numbered in this order
+  for (const std::int32_t v : order) {  // without levels the output is numbered in this order
     const std::int32_t i = number[v];
-    if (i != next) continue;  // a pixel's second fan, with the vertex of the first
+    if (i != next) continue;  // not written, or written with the vertex before it
     ++next;
     const Vec3 move = static_cast<float>(surface.unit()) * refiner.offset(v) * sight[v];
     out.vertices.row(i) += move.transpose();
@@ -921,13 +977,14 @@ Rows<std::int32_t, 3> flip_edges(const PointGridView& grid,
   check_confidence(grid, confidence);
   Surface surface;
   surface.assign(grid, {}, confidence, 1);
-  std::vector<std::int32_t> vertex_at;
   if (surface.empty()) {
     if (faces.rows() > 0) throw InputError("faces: expected none without a surface");
     return faces;
   }
+  std::vector<std::int32_t> vertex_at;
+  const std::vector<std::int32_t> at = surface_pixels(surface, grid, pixels, vertex_at);
   Triangulation mesh;
-  mesh.assign(surface, triangles_of(surface, grid, pixels, faces, vertex_at));
+  mesh.assign(surface, triangles_of(surface, grid.rows_up, at, faces));
   const Budget budget = budget_of(ReliefEffort::kBalanced, pixels.rows());
   relief_detail::Refiner refiner;
   refiner.assign(mesh);

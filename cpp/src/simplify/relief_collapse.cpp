@@ -351,7 +351,7 @@ void Collapser::keep_cheapest(std::size_t count) {
   moves_.resize(count);
 }
 
-/// Sorts so many more of the moves, behind those that are sorted; how many are then.
+/// Sorts the next `count` moves behind the first `sorted` ones; returns the number of sorted moves.
 std::size_t Collapser::sort_more(std::size_t sorted, std::size_t count) {
   const auto first = moves_.begin() + static_cast<std::ptrdiff_t>(sorted);
   const auto end = first + static_cast<std::ptrdiff_t>(std::min(count, moves_.size() - sorted));
@@ -453,7 +453,7 @@ void Collapser::compact(Triangulation& mesh) {
   mesh.compact();
 }
 
-/// The price that so many vertices are below, as far as their prices are known.
+/// A limit that the known prices of `count` vertices are below; kStays if there are fewer vertices.
 float Collapser::known_price(const Triangulation& mesh, std::int64_t count) {
   prices_.clear();
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
@@ -514,7 +514,7 @@ bool Collapser::is_speck(std::int32_t piece, std::int32_t largest,
          pieces_[piece].doubled_pixels < 2 * least_pixels;
 }
 
-/// The piece of the largest area with so many pixels; if there is none, of all.
+/// The piece of the largest area among those with at least `least_pixels`, else among all.
 std::int32_t Collapser::largest_piece(std::int64_t least_pixels) const {
   std::int32_t largest = largest_;
   for (std::int32_t i = 0; i < static_cast<std::int32_t>(pieces_.size()); ++i) {

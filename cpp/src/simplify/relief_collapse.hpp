@@ -66,7 +66,7 @@ class Collapser {
   /// Many collapses in little time, before run(): vertices one after the other merge where that
   /// costs no more than a limit, below which the sampled share `sweep_share` of the prices lies.
   /// Again and again until that is a small part of what is left to remove. A vertex whose price was
-  /// above the limit when it was last looked at is not looked at again, here and in run(), unless
+  /// above the limit when it was last computed is skipped afterwards, here and in run(), unless
   /// another one has merged into it since. Leaves no slots of removed vertices.
   void sweep(const Surface& surface, Triangulation& mesh, std::int64_t target, float sweep_share,
              const Progress& progress);
@@ -98,32 +98,34 @@ class Collapser {
   struct alignas(64) Node {
     LocalQuadric surface;
     float spent = 0.0F;         ///< sqrt(w Q) at the vertex itself.
-    float factor = 1.0F;        ///< On its price; infinite: it stays.
+    float factor = 1.0F;        ///< Factor on its price; infinite: it stays.
     std::int32_t touched = -1;  ///< The round in which it last changed.
     std::int32_t piece = -1;
-    float area = 0.0F;  ///< Area of the surface at the vertex, times what its loss counts.
+    float area = 0.0F;  ///< Area of the surface at the vertex, times the price of its loss.
   };
   [[nodiscard]] bool is_fixed(std::int32_t v) const;
   void find_pieces(const Triangulation& mesh);
-  /// @param cut  at least so much is lost beside the boundary.
+  /// Price of the collapse of v onto `to`.
+  /// @param cut  lower bound of the surface that is lost beside the boundary.
   [[nodiscard]] float price(const Triangulation& mesh, std::int32_t v, std::int32_t to,
                             float cut) const;
   [[nodiscard]] float price_of_piece(const Surface& surface, const Triangulation& mesh,
                                      std::int32_t t) const;
-  /// The number in `fan` of the neighbour that v merges into at the lowest price, of those not
-  /// touched in this round; -1 if there is none. `legal`: only where that is legal.
+  /// Index in `fan` of the neighbour into which v merges at the lowest price, among neighbours that
+  /// were not touched in this round; -1 if there is none.
+  /// @param legal  only legal collapses count.
   int cheapest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                const Triangulation::Fan& fan, bool legal, std::int32_t round, float& lowest) const;
-  /// cheapest() for a vertex off the boundary, whatever is legal and was touched.
+  /// cheapest() for a vertex off the boundary, also of illegal collapses and touched neighbours.
   int cheapest_inside(const Triangulation& mesh, std::int32_t v, const Triangulation::Fan& fan,
                       float& lowest) const;
   /// price() of four neighbours of a vertex off the boundary.
   [[nodiscard]] Float4 four_prices(const Triangulation& mesh, std::int32_t v,
                                    const std::array<std::int32_t, 4>& to) const;
-  /// Is it legal, and no new triangle off the surface where these are refused?
+  /// Is the collapse legal, and does it make no triangle off the surface while these are refused?
   [[nodiscard]] bool may_collapse(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                                   const Triangulation::Fan& fan, int i) const;
-  /// @param most  vertices whose price is known to be above it are left out.
+  /// @param most  vertices with a known price above this are left out.
   void find_moves(const Surface& surface, const Triangulation& mesh, float most, Ticker& ticker);
   void keep_cheapest(std::size_t count);
   std::size_t sort_more(std::size_t sorted, std::size_t count);
@@ -157,25 +159,25 @@ class Collapser {
   bool has_fixed_ = false;
   bool refuses_off_ = false;  ///< No move may make a triangle that lies a step off the surface.
   float boundary_weight_ = 0.0F, cover_factor_ = 0.0F;
-  float least_loss_ = 0.0F;        ///< Least confidence that lost surface is priced with.
+  float least_loss_ = 0.0F;        ///< Smallest confidence by which lost surface is priced.
   FewFaces few_;                   ///< The few faces that cover most pixels so far.
-  std::int64_t few_left_out_ = 0;  ///< Twice the pixels that they leave out.
-  std::int64_t few_below_ = 0;     ///< Few faces are looked for at so many vertices.
+  std::int64_t few_left_out_ = 0;  ///< Twice the number of pixels that they leave out.
+  std::int64_t few_below_ = 0;     ///< Number of vertices at which few_faces() is called next.
   std::vector<Move> moves_;
   std::vector<float> prices_;
   std::vector<std::int32_t> stack_;
   std::vector<std::int32_t> piece_of_;  ///< By face.
-  /// By vertex: the lowest price when it was last looked at, 0 if that is not known. Empty where
-  /// nothing was swept.
+  /// By vertex: its lowest price when it was last computed; 0: unknown. Empty without sweep().
   std::vector<float> known_;
 };
 
-/// Missing surface for surface that is off by as much: of 1, 4, 12, 16 and 40 times as much, tried
-/// on two Stanford scans, a person and a desk, 12 keeps most of the surface that the mean error can
-/// pay for: at 1 % of the points 0.95 of it instead of 0.94, and 0.99 instead of 0.98 at 5 %.
+/// Price of missing surface, relative to surface that is off by the same area times distance. Of 1,
+/// 4, 12, 16 and 40, tried on two Stanford scans, a person and a desk, 12 covers the most without a
+/// larger mean error: 0.95 instead of 0.94 of the surface at 1 % of the points, and 0.99 instead of
+/// 0.98 at 5 %.
 inline constexpr float kMissingFactor = 12.0F;
-/// False surface for missing one: of 2.5 and 10 times as much, 10 leaves half of the false surface
-/// at 1 % of the points.
+/// Price of false surface, relative to missing surface. With 10, half as much false surface is left
+/// as with 2.5 at 1 % of the points.
 inline constexpr float kFalseFactor = 10.0F;
 
 /// Each of so few vertices counts; triangles across steps are then a large part of a mesh.

@@ -19,12 +19,14 @@ namespace {
 
 constexpr std::int64_t kRowsPerChunk = 32;
 
+/// The smallest number of pixels, at least `size`, that is a whole number of tiles and one more:
+/// neighbouring tiles share their border pixels.
 int padded(int size) {
   const int tiles = std::max(1, (size - 2) / Surface::kTile + 1);
   return tiles * Surface::kTile + 1;
 }
 
-/// The bits of a cell for each way to cut it; corners 0 to 3 of a CellCut are a, b, d, c here.
+/// The bits of Cell for a CellCut, whose corners 0 to 3 are a, b, d, c here.
 std::uint8_t cell_of(CellCut cut) {
   constexpr std::array<std::uint8_t, 7> kCells = {
       0,     kCutFromBToC | kSecond, kSecond, kCutFromBToC | kFirst, kFirst,
@@ -32,12 +34,13 @@ std::uint8_t cell_of(CellCut cut) {
   return kCells[static_cast<std::size_t>(cut)];
 }
 
-/// Bits of a cell that stands for two by two cells, whose bits are `parts`, at its corners a, b, c
-/// and d: the triangle that the parts cover, if there is one. The caller cuts four whole parts.
+/// The bits of a cell of assign_half() of which only one triangle is there, or 0: the triangle that
+/// the four smaller cells in it cover. The caller handles four full cells.
+/// @param parts  bits of the smaller cells at the corners a, b, c and d.
 std::uint8_t part_of_four(const std::array<std::uint8_t, 4>& parts) {
   if (((parts[0] | parts[1] | parts[2] | parts[3]) & kFull) == 0) return 0;
   const auto is_whole = [&](int i) { return (parts[i] & kFull) == kFull; };
-  // Half of the parts that the cut goes through is enough.
+  // A smaller cell on the diagonal needs only the triangle on the covered side.
   const auto has = [&](int i, std::uint8_t half) { return is_whole(i) || parts[i] == half; };
   if (is_whole(1) && has(0, kFirst) && has(3, kFirst)) return kFirst;
   if (is_whole(2) && has(0, kSecond) && has(3, kSecond)) return kSecond;
@@ -47,11 +50,11 @@ std::uint8_t part_of_four(const std::array<std::uint8_t, 4>& parts) {
   return 0;
 }
 
-/// Hands out the rows of a buffer, one after the other: a row of room for each call of row().
+/// Divides a buffer into rows of equal size: each call of row() returns the next one.
 template <typename Item>
-class Rooms {
+class BufferRows {
  public:
-  Rooms(Item* first, std::size_t size) : next_(first), size_(size) {}
+  BufferRows(Item* first, std::size_t size) : next_(first), size_(size) {}
   std::span<Item> row() {
     const std::span<Item> taken(next_, size_);
     next_ += size_;
@@ -63,14 +66,16 @@ class Rooms {
   std::size_t size_;
 };
 
-// Bits that decide on a cell; bits 0 to 3: are a, b, d, c valid?
+// What cell_of_bits() decides on. Bits 0 to 3: corners a, b, d, c are valid.
 constexpr std::uint16_t kTurned = 16;  // the diagonal from b to c is the shorter one
-// The ends of the side are near enough.
+// The two corners are no farther apart than DenseRule::max_edge.
 constexpr std::uint16_t kNearAB = 32, kNearDC = 64, kNearAC = 128, kNearBD = 256, kNearAD = 512,
                         kNearBC = 1024;
 constexpr std::uint16_t kAllNear = kNearAB | kNearDC | kNearAC | kNearBD | kNearAD | kNearBC;
 constexpr unsigned kAllCellBits = 2048;
 
+/// The triangles of a cell (bits of Cell) before steps are looked at.
+/// @param bits  sum of the bits above.
 std::uint8_t cell_of_bits(unsigned bits) {
   const auto has = [bits](unsigned all) { return (bits & all) == all; };
   std::uint8_t cell = cell_of(cut_cell(bits & 15U, [&](int i, int) {
@@ -95,9 +100,10 @@ const std::array<std::uint8_t, kAllCellBits>& cells_by_bits() {
   return cells;
 }
 
-/// A row of points, coordinate by coordinate, with zeros after it: loops take four at a time.
+/// The coordinates of a row of points in three arrays, with zeros behind them because loops take
+/// four points at a time.
 struct CoordinateRow {
-  explicit CoordinateRow(Rooms<float>& rooms) : x(rooms.row()), y(rooms.row()), z(rooms.row()) {}
+  explicit CoordinateRow(BufferRows<float>& rows) : x(rows.row()), y(rows.row()), z(rows.row()) {}
   std::span<float> x, y, z;
 
   void clear() {
@@ -105,12 +111,12 @@ struct CoordinateRow {
   }
 };
 
-/// A third of the areas of the triangles of a row of cells, and whether a cell is cut from b to c,
-/// as a mask. Cell u is entry u + 1, and there is one without triangles before them and some after
-/// them.
+/// For a row of cells: a third of the area of each first and second triangle, and a mask (all bits
+/// set or none) that tells whether the cell is cut from b to c. Cell u is entry u + 1; entry 0 and
+/// some entries after the last cell stand for cells without triangles.
 struct AreaRow {
-  explicit AreaRow(Rooms<float>& rooms)
-      : first(rooms.row()), second(rooms.row()), turned(rooms.row()) {}
+  explicit AreaRow(BufferRows<float>& rows)
+      : first(rows.row()), second(rows.row()), turned(rows.row()) {}
   std::span<float> first, second, turned;
 
   void clear() {
@@ -118,7 +124,7 @@ struct AreaRow {
       std::fill(row.begin(), row.end(), 0.0F);
     }
   }
-  /// Four cells from cell u on.
+  /// Stores the values of the four cells from cell u on.
   void store(std::ptrdiff_t u, Float4 firsts, Float4 seconds, Int4 turns) const {
     store4(first.data() + u + 1, firsts);
     store4(second.data() + u + 1, seconds);
@@ -145,14 +151,14 @@ MANIP3D_INLINE Float4 squared_distances(const Point4& p, const Point4& q) {
 
 /// A third of the areas of four triangles.
 MANIP3D_INLINE Float4 thirds(const Point4& p, const Point4& q, const Point4& r) {
-  constexpr float kSixth = 1.0F / 6.0F;  // half a cross product for each of three corners
+  constexpr float kSixth = 1.0F / 6.0F;  // the area is half the cross product; a third of that
   const Float4 ax = q.x - p.x, ay = q.y - p.y, az = q.z - p.z;
   const Float4 bx = r.x - p.x, by = r.y - p.y, bz = r.z - p.z;
   const Float4 nx = ay * bz - az * by, ny = az * bx - ax * bz, nz = ax * by - ay * bx;
   return all_of(kSixth) * sqrt4(nx * nx + (ny * ny + nz * nz));
 }
 
-/// Stores the areas of four cells, as far as these have triangles.
+/// Stores the areas of the triangles of four cells; 0 for triangles that are not there.
 MANIP3D_INLINE void store_areas(const Point4& a, const Point4& b, const Point4& c, const Point4& d,
                                 Int4 cells, const AreaRow& areas, std::ptrdiff_t u) {
   const auto has = [&](std::int32_t bit) -> Int4 { return (cells & bit) != 0; };
@@ -164,7 +170,7 @@ MANIP3D_INLINE void store_areas(const Point4& a, const Point4& b, const Point4& 
 
 constexpr std::uint32_t kFourOnes = 0x01010101U;
 
-/// By four bits: four bytes that are 1 where the bit is set.
+/// For each number of four bits: four bytes, each of which is 1 if its bit is set.
 constexpr std::array<std::uint32_t, 16> kBytesOfBits = [] {
   std::array<std::uint32_t, 16> bytes{};
   for (std::uint32_t bits = 0; bits < 16; ++bits) {
@@ -182,17 +188,18 @@ MANIP3D_INLINE std::uint32_t four_bytes(const std::uint8_t* from) {
 MANIP3D_INLINE Float4 minimum(Float4 p, Float4 q) { return p < q ? p : q; }
 MANIP3D_INLINE Float4 maximum(Float4 p, Float4 q) { return p > q ? p : q; }
 
-/// Four numbers less a shift, times a scale, in double precision and rounded once.
+/// (lanes - shift) * scale of four numbers, computed in double precision and rounded once.
 MANIP3D_INLINE Float4 normalised(Float4 lanes, Double2 low_shift, Double2 high_shift,
                                  double scale) {
   return rounded((low_doubles(lanes) - low_shift) * scale,
                  (high_doubles(lanes) - high_shift) * scale);
 }
 
-/// Makes a surface of a grid, one row after the other.
+/// Builds the cells and samples of a surface, row by row.
 class RowBuilder {
  public:
   static constexpr std::ptrdiff_t kPadding = 8;  ///< Entries of a row after its last pixel.
+  /// Rows of scratch memory: two CoordinateRows and two AreaRows, three arrays each.
   static constexpr std::ptrdiff_t kFloatRows = 12;
 
   RowBuilder(const StepRule& steps, double max_edge, double unit, const Eigen::Vector3d& center,
@@ -203,22 +210,26 @@ class RowBuilder {
         center_(center),
         num_pixels_(num_pixels) {}
 
+  /// Loads a row of input points, centred and scaled; pixels that are not valid become 0.
   void load(const float* points, const std::uint8_t* valid, CoordinateRow& to) const;
+  /// Loads a row of samples as they are.
   void load(const Sample* samples, CoordinateRow& to) const;
-  /// The cells between two rows of pixels.
-  /// @return  how many triangles they have.
+  /// Computes the cells between two rows of pixels, and their areas.
+  /// @return  the number of their triangles.
   int cut(const CoordinateRow& above, const std::uint8_t* valid_above, const CoordinateRow& below,
           const std::uint8_t* valid_below, std::uint8_t* cells, const AreaRow& areas) const;
-  /// The areas of cells that are known. The row of cells goes on for at least a pixel more.
+  /// Computes the areas of given cells. `cells` has at least one entry after its last cell.
+  /// @return  the number of their triangles.
   int measure(const CoordinateRow& above, const CoordinateRow& below, const std::uint8_t* cells,
               AreaRow& areas) const;
-  /// Pixels between two rows of cells.
-  /// @return  how many of them are used.
+  /// Writes the samples of a row of pixels, weighted by the areas of the cells on both sides of it.
+  /// @param used  output: 1 for each pixel with a weight above 0.
+  /// @return  the number of these.
   int weigh(const CoordinateRow& row, const AreaRow& before, const AreaRow& after, Sample* samples,
             std::uint8_t* used) const;
 
  private:
-  /// Bits of the lanes in which a whole cell spans a step.
+  /// One bit per lane: do the depths of the cell's four corners span a step?
   [[nodiscard]] unsigned stepped(const Point4& a, const Point4& b, const Point4& c,
                                  const Point4& d) const;
   [[nodiscard]] bool is_step(float z1, float z2, float z3) const {
@@ -293,8 +304,8 @@ MANIP3D_INLINE unsigned RowBuilder::stepped(const Point4& a, const Point4& b, co
 MANIP3D_INLINE int RowBuilder::cut(const CoordinateRow& row_above, const std::uint8_t* valid_above,
                                    const CoordinateRow& row_below, const std::uint8_t* valid_below,
                                    std::uint8_t* cells, const AreaRow& area_row) const {
-  // Copies on the stack: bytes that are stored may alias whatever is reached by a reference, which
-  // would be loaded again after each store.
+  // Local copies: the compiler must assume that a stored byte changes anything that is reached
+  // through a reference, and would load it again after each store.
   const CoordinateRow above = row_above, below = row_below;
   const AreaRow areas = area_row;
   const RowBuilder own = *this;
@@ -345,7 +356,7 @@ MANIP3D_INLINE int RowBuilder::cut(const CoordinateRow& row_above, const std::ui
                                bit(valid_below[k + 1]) << 2U | bit(valid_below[k]) << 3U;
         const unsigned bits = valid | (turns >> i & 1U) * kTurned | static_cast<unsigned>(near[i]);
         std::uint8_t cell = cell_by_bits[bits];
-        // Whole cells without a step have none in their halves either.
+        // A full cell that spans no step has none in its triangles either.
         if (has_steps && cell != 0 && !((cell & kFull) == kFull && (steps >> i & 1U) == 0)) {
           const bool from_b = (cell & kCutFromBToC) != 0;
           const float za = a.z[i], zb = b.z[i], zc = c.z[i], zd = d.z[i];
@@ -392,7 +403,7 @@ MANIP3D_INLINE int RowBuilder::weigh(const CoordinateRow& coordinates, const Are
       return mask;
     };
     const Float4 none = all_of(0.0F);
-    // d and c of the cells before; b and a of those after.
+    // The pixel is corner d or c of the cells before it, and b or a of those after it.
     Float4 sum = (turned(t1) ? none : load4(f1)) + load4(s1);
     sum += turned(t1 + 1) ? load4(f1 + 1) : none;
     sum = sum + load4(s1 + 1) + load4(f2);
@@ -422,12 +433,12 @@ MANIP3D_INLINE int RowBuilder::weigh(const CoordinateRow& coordinates, const Are
   return count;
 }
 
-/// The input of build_rows(), and where its rows go.
+/// Input and output of build_rows().
 struct RowJob {
   const PointGridView& grid;
   const RowBuilder& builder;
   int u0, v0, cols, used_cols, used_rows;
-  bool is_alone;  ///< The chunks take turns: they share one part of the scratch.
+  bool is_alone;  ///< One thread runs all chunks, which share one part of the scratch memory.
   std::span<Sample> samples;
   std::span<std::uint8_t> valid, used, cells;
   std::span<float> row_floats;
@@ -435,20 +446,20 @@ struct RowJob {
   std::span<std::array<int, 2>> row_counts;
 };
 
-/// The rows of pixels of one chunk, with the cells after them.
+/// Builds the rows of pixels of one chunk, and the cells between each row and the next.
 MANIP3D_INLINE void build_rows(const RowJob& job, std::int64_t begin, std::int64_t end) {
   const PointGridView& grid = job.grid;
   const auto chunk = static_cast<std::size_t>(begin / kRowsPerChunk);
   const std::size_t width = static_cast<std::size_t>(job.used_cols + RowBuilder::kPadding);
   const std::size_t part = job.is_alone ? 0 : chunk;
-  Rooms<float> rooms(job.row_floats.data() + part * width * RowBuilder::kFloatRows, width);
-  CoordinateRow above(rooms), below(rooms);
-  AreaRow before(rooms), after(rooms);
+  BufferRows<float> rows(job.row_floats.data() + part * width * RowBuilder::kFloatRows, width);
+  CoordinateRow above(rows), below(rows);
+  AreaRow before(rows), after(rows);
   const auto first_of = [&](std::int64_t v) { return (v + job.v0) * grid.cols + job.u0; };
   for (CoordinateRow* row : {&above, &below}) row->clear();
   for (AreaRow* row : {&before, &after}) row->clear();
   job.builder.load(grid.points + 3 * first_of(begin), grid.valid + first_of(begin), below);
-  if (begin > 0) {  // the cells of the row before are another chunk's
+  if (begin > 0) {  // the areas of the cells before the chunk, whose cells another chunk stores
     job.builder.load(grid.points + 3 * first_of(begin - 1), grid.valid + first_of(begin - 1),
                      above);
     job.builder.cut(above, grid.valid + first_of(begin - 1), below, grid.valid + first_of(begin),
@@ -486,13 +497,11 @@ MANIP3D_AVX2 void build_rows_wide(const RowJob& job, std::int64_t begin, std::in
 }
 #endif
 
-}  // namespace
-
-namespace {
-
-/// The box around points, those of a row at a time: four of them are twelve numbers.
+/// The bounding box of points. Four points are twelve numbers, three vectors of four: their
+/// extremes are kept lane by lane.
 class RowBox {
  public:
+  /// Adds the valid points of a row.
   void add(const float* points, const std::uint8_t* valid, std::int64_t size) {
     constexpr std::uint32_t kAllValid = 0x01010101U;
     std::int64_t u = 0;
@@ -575,6 +584,7 @@ bool Surface::crop(const PointGridView& grid) {
 }
 
 bool Surface::is_stretched(const DenseRule& rule) const {
+  // Single precision resolves 6e-8 of the diagonal, which is 6e-4 of an edge at this ratio.
   constexpr double kManyDepths = 100.0, kManyEdges = 1e4;
   return (steps_.has_steps() && !(high_.z() <= kManyDepths * low_.z())) ||
          !(unit_ <= kManyEdges * rule.max_edge);
@@ -617,7 +627,7 @@ void Surface::build(const PointGridView& grid, const DenseRule& rule, int num_th
   row_counts_.resize(static_cast<std::size_t>(chunks));
   const RowJob job{grid,     builder, u0_,   v0_,    cols_,       used_cols_, used_rows_, is_alone,
                    samples_, valid_,  used_, cells_, row_floats_, row_cells_, row_counts_};
-  // A function object of one reference needs no memory of its own.
+  // A function object with a single captured reference is stored without an allocation.
   parallel_chunks(used_rows_, kRowsPerChunk, num_threads,
                   [&job](std::int64_t begin, std::int64_t end) {
 #ifdef MANIP3D_AVX2
@@ -633,16 +643,18 @@ void Surface::build(const PointGridView& grid, const DenseRule& rule, int num_th
 }
 
 void Surface::build_around(const PointGridView& grid, const DenseRule& rule, int u, int v) {
-  constexpr int kReach = 2;  // the samples of its cells have cells of their own beyond
+  // The cells at the pixel touch samples one pixel away, whose weights depend on cells that reach
+  // one pixel farther.
+  constexpr int kReach = 2;
   const int first_u = std::max(u - kReach, 0), last_u = std::min(u + kReach, used_cols_ - 1);
   const int first_v = std::max(v - kReach, 0), last_v = std::min(v + kReach, used_rows_ - 1);
   const int across = last_u - first_u + 1;
   const RowBuilder builder(steps_, rule.max_edge, unit_, center_, across);
   constexpr std::size_t kWidth = 2 * kReach + 1 + RowBuilder::kPadding;
   std::array<float, kWidth * RowBuilder::kFloatRows> floats{};
-  Rooms<float> rooms(floats.data(), kWidth);
-  CoordinateRow above(rooms), below(rooms);
-  AreaRow before(rooms), after(rooms);
+  BufferRows<float> rows(floats.data(), kWidth);
+  CoordinateRow above(rows), below(rows);
+  AreaRow before(rows), after(rows);
   std::array<Sample, kWidth> samples;
   std::array<std::uint8_t, kWidth> used{}, cells{};
   const auto first_of = [&](int row) {
@@ -677,15 +689,15 @@ void Surface::build_around(const PointGridView& grid, const DenseRule& rule, int
   }
 }
 
-/// Weighs the samples by the areas of the cells that are there.
+/// Computes the weights of the samples from the areas of `cells_`.
 void Surface::add_areas() {
   const RowBuilder builder(steps_, 1.0, 1.0, center_, used_cols_);
   const std::int64_t width = used_cols_ + RowBuilder::kPadding;
   make_room(row_floats_, width * RowBuilder::kFloatRows);
   row_floats_.resize(static_cast<std::size_t>(width * RowBuilder::kFloatRows));
-  Rooms<float> rooms(row_floats_.data(), static_cast<std::size_t>(width));
-  CoordinateRow above(rooms), below(rooms);
-  AreaRow before(rooms), after(rooms);
+  BufferRows<float> rows(row_floats_.data(), static_cast<std::size_t>(width));
+  CoordinateRow above(rows), below(rows);
+  AreaRow before(rows), after(rows);
   for (CoordinateRow* row : {&above, &below}) row->clear();
   for (AreaRow* row : {&before, &after}) row->clear();
   used_.assign(samples_.size(), 0);

@@ -20,26 +20,26 @@ namespace manip3d::relief_detail {
 
 using Vec3 = Eigen::Vector3f;
 
-/// Room for so many items, and for a quarter more where there is too little: frames of a sequence
-/// differ in size, and soon none of them needs new memory.
+/// Reserves memory for `size` items. If that needs an allocation, a quarter more is reserved, since
+/// frames of a sequence differ in size: after a few frames none needs an allocation.
 template <typename Item>
 void make_room(std::vector<Item>& items, std::int64_t size) {
   const auto needed = static_cast<std::size_t>(size);
   if (items.capacity() < needed) items.reserve(needed + needed / 4);
 }
 
-/// Images of more pixels than this are no camera's frames: their scratch is given back as soon as
-/// it is of no more use, because at the peak it would be most of the memory.
+/// Images of more pixels than this are not frames of a camera. Their scratch memory is freed as
+/// soon as it is not needed, because it would be most of the memory at the peak.
 inline constexpr std::int64_t kManyPixels = std::int64_t{1} << 22;
 
-/// Gives memory back.
+/// Frees the memory of a vector.
 template <typename Item>
 void release(std::vector<Item>& items) {
   std::vector<Item>().swap(items);
 }
 
-/// A measured point and how much its distance from a mesh counts: the area of the dense mesh that
-/// belongs to it, a third of each triangle around it, times its confidence.
+/// A measured point with the weight of its distance from a mesh: a third of the area of each dense
+/// triangle around it, times its confidence.
 struct Sample {
   float x = 0.0F, y = 0.0F, z = 0.0F, weight = 0.0F;
   [[nodiscard]] Vec3 point() const { return {x, y, z}; }
@@ -48,11 +48,11 @@ struct Sample {
 /// Role of a pixel in a mesh that follows another one.
 enum class Keep : std::uint8_t {
   kFree,
-  kPrefer,  ///< A vertex of the frame before.
+  kPrefer,  ///< A vertex of the previous frame.
   kFixed,   ///< A vertex of a smaller mesh that shares vertices with this one.
 };
 
-/// Which change of depth is a step: see DenseRule.
+/// Tells which differences in depth are steps, by a DenseRule.
 class StepRule {
  public:
   StepRule() = default;
@@ -60,7 +60,7 @@ class StepRule {
     if (rule.focal > 0.0) slope_.emplace(DepthStepOptions{}, rule.focal);
   }
   [[nodiscard]] bool has_steps() const { return std::isfinite(share_); }
-  /// How much deeper than this the same surface may be at the next pixel.
+  /// The largest difference in depth from this depth to that of the next pixel that is no step.
   [[nodiscard]] float limit(float depth) const {
     const float share = share_ * depth;
     return slope_ ? std::max(share, slope_->limit(depth)) : share;
@@ -96,20 +96,20 @@ class Surface {
  public:
   static constexpr int kTile = 16;  ///< Pixels between the corners of the coarsest triangles.
 
-  /// The dense mesh is that of grid_mesh(), as far as the rule allows.
+  /// Builds the dense mesh of grid_mesh(), without triangles that break the rule.
   /// @param confidence  by pixel of the grid, 0 to 1; may be empty: all are 1.
   void assign(const PointGridView& whole, const DenseRule& rule, std::span<const float> confidence,
               int num_threads);
-  /// Assigns a grid whose surface is known but for some pixels that are filled in: only what is
-  /// around these is built.
-  /// @param before  the surface without them.
-  /// @param filled  pixels of the grid.
-  /// @return  false where more than that may differ, as where the box does: then it has to be
-  ///          assigned as a whole.
+  /// Builds the surface of a grid that differs from another grid only in pixels that were filled:
+  /// copies the surface of the other grid, and rebuilds it around these pixels.
+  /// @param before  the surface of the grid before pixels were filled.
+  /// @param filled  the filled pixels of the grid.
+  /// @return  false if the surfaces may differ elsewhere too, for example because the bounding box
+  ///          changed: nothing is usable then, and assign() is needed.
   bool assign_filled(const Surface& before, const PointGridView& grid, const DenseRule& rule,
                      std::span<const float> confidence, std::span<const std::int32_t> filled);
-  /// Every second pixel in both directions of another surface, those at even columns and rows of
-  /// its input, and triangles where all of that surface's below them are there.
+  /// Builds a surface of the pixels of another surface at even columns and rows of the input. It
+  /// has a triangle where the other surface has all triangles below it.
   void assign_half(const Surface& whole);
 
   [[nodiscard]] bool empty() const { return num_faces_ == 0; }
@@ -119,15 +119,16 @@ class Surface {
   [[nodiscard]] int u(std::int32_t pixel) const { return pixel % cols_; }
   [[nodiscard]] int v(std::int32_t pixel) const { return pixel / cols_; }
   [[nodiscard]] const Sample& sample(std::int32_t pixel) const { return samples_[pixel]; }
-  /// Does some dense triangle of an area use the pixel?
+  /// Is the pixel a corner of a dense triangle with an area above 0?
   [[nodiscard]] bool is_used(std::int32_t pixel) const { return used_[pixel] != 0; }
-  /// Was the pixel measured? Also a lone one, which no triangle uses.
+  /// Was the pixel measured? True for lone pixels, too, which no triangle uses.
   [[nodiscard]] bool is_valid(std::int32_t pixel) const { return valid_[pixel] != 0; }
   [[nodiscard]] bool has_confidence() const { return !confidence_.empty(); }
   [[nodiscard]] float confidence(std::int32_t pixel) const {
     return confidence_.empty() ? 1.0F : confidence_[pixel];
   }
-  /// False if some pixel in a box of pixels may have a confidence below 1.
+  /// Have all pixels of a box (last pixels included) a confidence of 1? May be false even if they
+  /// have: whole tiles are looked up.
   [[nodiscard]] bool is_believed(int first_u, int first_v, int last_u, int last_v) const {
     const int across = cols_ / kDoubtTile + 1;
     for (int v = first_v / kDoubtTile; v <= last_v / kDoubtTile; ++v) {
@@ -150,7 +151,7 @@ class Surface {
   }
   /// depth() of all pixels.
   void depths(std::span<float> out) const;
-  /// All of cell(), and whether a pixel is used.
+  /// cell() of all pixels, and is_used() of all pixels.
   [[nodiscard]] std::span<const std::uint8_t> cells() const { return cells_; }
   [[nodiscard]] std::span<const std::uint8_t> used() const { return used_; }
   /// Mean confidence of the used pixels; 1 if all are 0.
@@ -158,35 +159,34 @@ class Surface {
   /// Column and row of the input.
   [[nodiscard]] std::int32_t input_u(std::int32_t pixel) const { return step_ * u(pixel) + u0_; }
   [[nodiscard]] std::int32_t input_v(std::int32_t pixel) const { return step_ * v(pixel) + v0_; }
-  /// The pixel here of a pixel of the input, or of the one before it where that is not here; -1
-  /// outside.
+  /// The pixel of this surface at a pixel of the input, or -1 outside. A surface of every second
+  /// pixel rounds down.
   [[nodiscard]] std::int32_t pixel_at(std::int64_t input_u, std::int64_t input_v) const;
-  /// By column of a row of the input: whether some dense triangle of an area uses the pixel. For
-  /// surfaces of every pixel.
-  /// @param out  as long as a row.
+  /// is_used() for each column of a row of the input. Only for surfaces of every pixel.
+  /// @param out  as long as a row of the input.
   void uses_of_row(std::int64_t input_v, std::span<std::uint8_t> out) const;
   /// A pixel of the input as one number, for sizes up to 65 536.
   [[nodiscard]] std::uint32_t place(int u, int v) const {
     return static_cast<std::uint32_t>(step_ * v + v0_) << 16 |
            static_cast<std::uint32_t>(step_ * u + u0_);
   }
-  /// All dense triangles of an area.
+  /// All dense triangles with an area above 0.
   void dense_triangles(std::vector<std::array<std::int32_t, 3>>& out) const;
-  /// Are pixels, as columns and rows, valid ones of this surface?
+  /// Are these pixels (column, row) inside of this surface, and valid?
   [[nodiscard]] bool holds_all(const std::array<std::array<std::int32_t, 2>, 3>& pixels) const {
     return std::ranges::all_of(pixels, [this](const auto& p) {
       return p[0] >= 0 && p[1] >= 0 && p[0] < cols_ && p[1] < rows_ &&
              valid_[std::ptrdiff_t{p[1]} * cols_ + p[0]] != 0;
     });
   }
-  /// Unit sum of the dense triangles' normals times their areas; (0, 0, 1) if that is nothing.
+  /// The normalised sum of area times normal over the dense triangles; (0, 0, 1) if that is 0.
   [[nodiscard]] Vec3 mean_normal() const;
-  /// How many columns and rows a small move (in input units) from a pixel's point goes along the
-  /// surface.
+  /// The columns and rows by which a small move (in input units) from a pixel's point goes along
+  /// the surface: least squares in the tangents that central differences give.
   [[nodiscard]] Eigen::Vector2f pixels_along(std::int32_t pixel, const Vec3& move) const;
-  /// The mean over the used pixels.
+  /// Mean area of the used pixels, before confidences weight it.
   [[nodiscard]] float mean_area() const;
-  /// After assign_half(): the area of the other surface's triangles where there is none here.
+  /// After assign_half(whole): the area of the triangles of `whole` where this surface has none.
   [[nodiscard]] float area_not_here(const Surface& whole) const;
   [[nodiscard]] double unit() const { return unit_; }
   [[nodiscard]] const Eigen::Vector3d& center() const { return center_; }
@@ -194,13 +194,14 @@ class Surface {
  private:
   bool crop(const PointGridView& grid);
   [[nodiscard]] float cell_area(std::int32_t a) const;
-  /// Whether lone pixels far from all others could leave the rest too little precision.
+  /// May the bounding box be so much larger than the surface, because of lone pixels far away, that
+  /// single precision is too coarse for the surface?
   [[nodiscard]] bool is_stretched(const DenseRule& rule) const;
-  /// Keeps the valid pixels that some triangle can use, by the rule.
+  /// Fills `joined_` with the valid pixels that a triangle can use by the rule.
   void find_joined(const PointGridView& grid, const DenseRule& rule);
-  /// Samples, cells and uses of all pixels.
+  /// Builds samples, cells and uses of all pixels.
   void build(const PointGridView& grid, const DenseRule& rule, int num_threads);
-  /// The cells at a pixel of the crop, and the samples of these.
+  /// Builds the cells at a pixel of the crop and the samples of their corners anew.
   void build_around(const PointGridView& grid, const DenseRule& rule, int u, int v);
   void add_areas();
   [[nodiscard]] float mean_weight() const;
@@ -211,27 +212,28 @@ class Surface {
   int u0_ = 0, v0_ = 0;                ///< The crop's corner in the input.
   int step_ = 1;                       ///< Pixels of the input from one pixel to the next.
   int used_cols_ = 0, used_rows_ = 0;  ///< Shape of the crop.
-  double unit_ = 1.0;                  ///< Input units per unit here.
+  double unit_ = 1.0;                  ///< Input units per unit of the samples.
   Eigen::Vector3d center_ = Eigen::Vector3d::Zero();
   std::vector<Sample> samples_;
   std::vector<std::uint8_t> valid_, used_;
   std::vector<float> confidence_;       ///< By pixel; or empty.
   static constexpr int kDoubtTile = 4;  ///< Pixels.
-  /// By square of so many pixels: is one in it not fully believed? For is_believed().
+  /// By tile of kDoubtTile x kDoubtTile pixels: has one of them a confidence below 1?
   std::vector<std::uint8_t> doubted_;
   std::vector<std::uint8_t> cells_;
-  std::vector<float> row_floats_;  ///< Scratch of loops over rows, as the next two.
+  std::vector<float> row_floats_;  ///< Scratch memory of loops over rows, like the next two.
   std::vector<std::uint8_t> row_cells_;
   std::vector<std::array<int, 2>> row_counts_;
-  std::vector<std::uint8_t> joined_;  ///< By pixel of the grid, where it was needed.
+  std::vector<std::uint8_t> joined_;  ///< By pixel of the grid; see find_joined().
   StepRule steps_;
   Eigen::Vector3d low_ = Eigen::Vector3d::Zero(), high_ = Eigen::Vector3d::Zero();
   std::int64_t num_faces_ = 0, num_used_ = 0, num_valid_ = 0;
   float mean_confidence_ = 1.0F;
-  float mean_area_ = 0.0F;  ///< With confidences: before these weigh it.
+  float mean_area_ = 0.0F;  ///< mean_area(), set only if there are confidences.
 };
 
-/// The corners of the triangle of a cell, as pixels; `second`: which of the two.
+/// The corners (pixels) of the second or first triangle of a cell.
+/// @param a  the pixel at corner a.
 inline std::array<std::int32_t, 3> cell_triangle(std::uint8_t cell, bool second, std::int32_t a,
                                                  int cols) {
   const std::int32_t b = a + 1, c = a + cols, d = c + 1;

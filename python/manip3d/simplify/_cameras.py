@@ -1,4 +1,4 @@
-"""Several calibrated cameras into one mesh: what two of them see is sampled once."""
+"""Simplify the depth images of several calibrated cameras to one mesh, overlaps only once."""
 
 from __future__ import annotations
 
@@ -37,33 +37,37 @@ from manip3d.simplify._relief import Effort, Relief, relief_options, run_relief
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-_PLACES = 20_000
+_PLACES = 20_000  # sampled points of `bridges`: a standard error of at most 0.004
 
 __all__ = ["CameraView", "JointSimplification", "cs3_cameras", "relief_cameras"]
 
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
-    """Depth image of one camera, and the camera's pose.
+    """Depth image or range scan of one camera, with the camera's pose.
 
     Attributes
     ----------
-    depth : (H, W) uint16 in millimetres or float32 in metres, with ``intrinsics``
+    depth : (H, W) uint16 in millimetres or float32 in metres
+        Depth image; needs ``intrinsics``.
     intrinsics : Intrinsics
-    points : (H, W, 3) float, instead of the two: a grid of points such as a range scan
+        Camera of ``depth``.
+    points : (H, W, 3) float
+        A grid of points, such as a range scan, in place of ``depth`` and ``intrinsics``.
     valid : (H, W) bool, optional
-        With ``points``; default: where they are finite.
+        Measured pixels of ``points``; default: those with finite coordinates.
     pose : (4, 4) float64
-        Rigid transform of the view's frame to the one that all views share.
+        Rigid transform from the view's frame to the frame that all views share.
     color : (H', W', 3 or 4) uint8, optional
+        Colour image, used as the view's texture.
     registration : Registration, optional
-        As for `cs3`; with ``depth`` only.
+        Position of the colour camera, as for `cs3`; only with ``depth``.
     rows_up : bool
-        As for `dense_mesh_grid`; with ``points`` only.
+        Whether rows of ``points`` go up, as for `dense_mesh_grid`; only with ``points``.
     mask : (H, W) bool, optional
         Pixels to use.
     confidence : (H, W) float, 0 to 1, optional
-        As for `relief`; `relief_cameras` only.
+        Confidence of each pixel, as for `relief`; only `relief_cameras` uses it.
     """
 
     depth: ArrayLike | None = None
@@ -85,20 +89,21 @@ class JointSimplification(Showable):
     Attributes
     ----------
     vertices : (n, 3) float64
-        In the shared frame: measured points, moved by their view's pose only.
+        Measured points in the shared frame; they differ from the input only by their view's pose.
     faces : (m, 3) int32
+        Vertices of each triangle.
     vertex_view : (n,) int32
         The view that measured each vertex.
     pixels : (n, 2) int32
-        Its column and row there.
+        Column and row of each vertex in that view.
     face_view : (m,) int32
-        The view that each triangle was made in, and whose picture it shows.
+        The view in which each triangle was made, and whose colour image is its texture.
     corner_texcoords : (m, 3, 2) float32
-        Texture coordinates of its corners in that picture, v up; NaN: not seen.
+        Texture coordinates of each triangle's corners in that image, v up; NaN: outside of it.
     covered : tuple of (H, W) bool
-        For each view, True at valid pixels that show what earlier views had already sampled.
+        For each view, True at valid pixels whose surface earlier views had already sampled.
     views : tuple of DepthSimplification
-        What was chosen in each view, before the views were joined.
+        The simplification of each view, before the views were joined.
     colors : tuple of ((H', W', 3) uint8 or None)
         Colour image of each view, if it has one.
     """
@@ -128,15 +133,15 @@ class JointSimplification(Showable):
 
     @property
     def num_measured(self) -> int:
-        """Measured pixels of all views."""
+        """Number of measured pixels of all views."""
         return sum(int(view.valid.sum()) for view, _ in self._measured)
 
     @cached_property
     def bridges(self) -> float:
-        """Share of the area that lies farther than the ``tolerance`` from each view's dense mesh.
+        """Share of the area that is farther than the ``tolerance`` from each view's dense mesh.
 
-        Of 20 000 places spread evenly over the area; measured when it is first asked for. The dense
-        meshes are without what ``max_edge`` and ``depth_step`` leave out.
+        Estimated at 20 000 points spread evenly over the area, on the first access. The dense
+        meshes lack the triangles that ``max_edge`` and ``depth_step`` leave out.
         """
         if not self.num_faces:
             return 0.0
@@ -157,7 +162,7 @@ class JointSimplification(Showable):
     def coverage(self) -> float:
         """Share of the measured pixels of all views that lie within the ``tolerance`` of the mesh.
 
-        Measured when it is first asked for.
+        Computed on the first access.
         """
         total = self.num_measured
         if total == 0 or not self.num_faces:
@@ -174,7 +179,8 @@ class JointSimplification(Showable):
     def mesh(self) -> Mesh:
         """The result as a `Mesh`; views with colour are materials with textures (PNG)."""
         corner_texcoords = self.corner_texcoords.reshape(-1, 2)
-        # Corners of a view share them: a format with one place for each is several times as large.
+        # Equal texture coordinates at a vertex are stored once: formats that store a vertex for
+        # each pair (such as glTF) would be several times as large otherwise.
         wedges = np.column_stack([self.faces.reshape(-1), np.nan_to_num(corner_texcoords)])
         wedges, corners = np.unique(wedges, axis=0, return_inverse=True)
         corners = corners.reshape(-1).astype(np.int32)
@@ -199,7 +205,7 @@ class JointSimplification(Showable):
 
 @dataclass
 class _View:
-    """A view as a grid of points, and how its pixels lie in the shared frame."""
+    """A checked view as a grid of points, with its pose in the shared frame."""
 
     points: NDArray[np.float32]
     valid: NDArray[np.bool_]
@@ -208,7 +214,7 @@ class _View:
     color: NDArray[np.uint8] | None
     registration: Registration | None
     confidence: NDArray[np.float32] | None
-    focal: float = 0.0  # 0: no depth image
+    focal: float = 0.0  # focal length, pixels; 0: the view was given as points
 
     @cached_property
     def world(self) -> NDArray[np.float64]:
@@ -218,7 +224,8 @@ class _View:
         return moved
 
 
-def _take(view: CameraView, index: int, threads: int) -> _View:
+def _checked_view(view: CameraView, index: int, threads: int) -> _View:
+    """Check a view, and unproject its depth image; ``index`` names it in errors."""
     name = f"views[{index}]"
     if not isinstance(view, CameraView):
         raise InputError(f"{name}: expected CameraView, got {view!r}")
@@ -257,12 +264,17 @@ def _take(view: CameraView, index: int, threads: int) -> _View:
 
 
 def _spread(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Places at equal steps of area, in their faces by the R2 sequence (Roberts 2018)."""
+    """Return `_PLACES` points, spread evenly over the area of the faces.
+
+    Faces are chosen at equal steps of the accumulated area, and the place within a face by the R2
+    low-discrepancy sequence [Roberts, "The unreasonable effectiveness of quasirandom sequences",
+    2018], whose steps are powers of 1/g, g the real root of g^3 = g + 1.
+    """
     areas = np.linalg.norm(_normals(vertices, faces), axis=1)
-    way = (np.arange(_PLACES) + 0.5) / _PLACES * areas.sum()
-    face = np.minimum(np.searchsorted(np.cumsum(areas), way), len(faces) - 1)
+    step = (np.arange(_PLACES) + 0.5) / _PLACES * areas.sum()
+    face = np.minimum(np.searchsorted(np.cumsum(areas), step), len(faces) - 1)
     number = np.arange(1, _PLACES + 1)[:, None]
-    share = np.mod(number * np.array([0.7548776662466927, 0.5698402909980532]), 1.0)
+    share = np.mod(number * np.array([0.7548776662466927, 0.5698402909980532]), 1.0)  # 1/g, 1/g^2
     share = np.where(share.sum(axis=1, keepdims=True) > 1, 1 - share, share)
     p, q, r = (vertices[faces[face, i]] for i in range(3))
     places: NDArray[np.float64] = p + share[:, :1] * (q - p) + share[:, 1:] * (r - p)
@@ -270,13 +282,17 @@ def _spread(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[
 
 
 def _normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return the normals of faces, each as long as twice the area."""
     p, q, r = (points[faces[:, i]] for i in range(3))
     normals: NDArray[np.float64] = np.cross(q - p, r - p)
     return normals
 
 
 def _num_inside(corners: NDArray[np.int32]) -> NDArray[np.int64]:
-    """How many pixels lie strictly inside triangles, whose corners are (n, 3, 2) pixels [Pick]."""
+    """Return the number of pixels strictly inside each triangle, by Pick's theorem.
+
+    ``corners``: (n, 3, 2) pixels.
+    """
     sides = np.roll(corners, -1, axis=1).astype(np.int64) - corners
     doubled_area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
     on_sides = np.gcd(sides[..., 0], sides[..., 1]).sum(axis=1)
@@ -286,7 +302,10 @@ def _num_inside(corners: NDArray[np.int32]) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class _GapRules:
-    """Tell which triangles of a view span a step or a gap."""
+    """Rules by which triangles of a view span a step in depth, or a gap.
+
+    ``step`` and ``max_edge`` are those of `cs3_cameras`; None and infinity: no limit.
+    """
 
     step: float | None
     max_edge: float
@@ -313,10 +332,11 @@ class _GapRules:
     def across_between(
         self, view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
     ) -> NDArray[np.bool_]:
-        """Whether triangles between chosen pixels, whose boundaries are no steps, cross a step.
+        """Return which triangles of a seam, made without regard to steps, span a step.
 
-        A triangle with a side across a step and no pixel inside goes as well: all pixels over it
-        may be those of its other sides, which lie on the surface.
+        Besides those of `across`, triangles that have a side across a step and no pixel inside:
+        `across` cannot judge these, because all pixels that they cover may be on their other sides,
+        which lie on the surface.
         """
         found = self.across(view, pixels, corners)
         if self.step is None or view.focal == 0 or not len(corners):
@@ -327,7 +347,7 @@ class _GapRules:
         return np.asarray(found | (crosses & (_num_inside(pixels[corners]) == 0)))
 
     def surface(self, view: _View, faces: NDArray[np.int32]) -> NDArray[np.int32]:
-        """The triangles of the dense mesh that do not span a step."""
+        """Return the triangles of the dense mesh that do not span a step."""
         if self.step is None or view.focal == 0:
             return faces
         z = view.points[view.valid][:, 2][faces]
@@ -354,7 +374,11 @@ class _Surface:
         tolerance: float | NDArray[np.float64],
         threads: int,
     ) -> NDArray[np.bool_]:
-        """Which points lie on the surface: near it, on the same side, not beyond its border."""
+        """Return which points lie on the surface.
+
+        Such a point is within the tolerance, its normal faces as the surface does, and its closest
+        point is not on the border, beyond which the surface is unknown.
+        """
         if not len(points) or not self.mesh.num_faces:
             return np.zeros(len(points), bool)
         distance, face, foot = _core.closest_points(
@@ -368,19 +392,20 @@ class _Surface:
         return covered
 
     def _on_border(self, face: NDArray[np.int32], foot: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Does the foot of the perpendicular lie on an edge that has one face only?"""
+        """Return whether each closest point ``foot`` lies on an edge that has one face only."""
         corners = self.mesh.vertices[self.mesh.faces[face]]
         double_area = np.linalg.norm(self.normals[face], axis=1)
         on_border = np.zeros(len(face), bool)
         for i in range(3):
             p, q = corners[:, i], corners[:, (i + 1) % 3]
+            # On the edge this triangle has no area: its share is a barycentric coordinate.
             part = np.linalg.norm(np.cross(q - p, foot - p), axis=1)
             on_border |= self.on_boundary[face, i] & (part <= 1e-6 * double_area)
         return on_border
 
 
 def _pixel_normals(view: _View) -> NDArray[np.float64]:
-    """(H, W, 3) normals of the pixels in the shared frame, to the front; NaN: unknown."""
+    """Return (H, W, 3) normals of the pixels in the shared frame, to the camera; NaN: unknown."""
     grid = np.full((*view.valid.shape, 3), np.nan)
     grid[view.valid] = view.world
     padded = np.pad(grid, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
@@ -398,7 +423,7 @@ def _pixel_normals(view: _View) -> NDArray[np.float64]:
 
 
 def _spacing(view: _View) -> float:
-    """Median distance of a valid pixel from the next in its row."""
+    """Return the median distance of valid pixels from the next valid pixel in their row."""
     both = view.valid[:, 1:] & view.valid[:, :-1]
     steps = (view.points[:, 1:] - view.points[:, :-1])[both]
     return float(np.median(np.linalg.norm(steps, axis=1))) if len(steps) else 0.0
@@ -407,7 +432,7 @@ def _spacing(view: _View) -> float:
 def _own_vertices(
     chosen: DepthSimplification, border_pixels: NDArray[np.int32]
 ) -> NDArray[np.bool_]:
-    """Which vertices of a view are new: one for each pixel that no vertex of the border has."""
+    """Return which vertices of a view to add: one for each pixel without a border vertex."""
     _, first = np.unique(_pixel_keys(chosen.pixels), return_index=True)
     own = np.zeros(chosen.num_vertices, bool)
     own[first] = True  # a relief has two vertices where two fans of triangles meet
@@ -416,13 +441,13 @@ def _own_vertices(
 
 
 def _in_world(view: _View, vertices: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Vertices of a view in the coordinates of all views."""
+    """Transform vertices of a view to the shared frame."""
     moved: NDArray[np.float64] = product(vertices.astype(np.float64), view.pose[:3, :3].T)
     return moved + view.pose[:3, 3]
 
 
 def _centroids(pixels: NDArray[np.int32], corners: NDArray[np.int32]) -> NDArray[np.int32]:
-    """The pixel in the middle of each triangle."""
+    """Return the pixel at the centroid of each triangle, rounded."""
     centroids: NDArray[np.int32] = (2 * pixels[corners].sum(axis=1) + 3) // 6
     return centroids
 
@@ -430,7 +455,10 @@ def _centroids(pixels: NDArray[np.int32], corners: NDArray[np.int32]) -> NDArray
 def _triangles_between(
     view: _View, pixels: NDArray[np.int32], open_pixels: NDArray[np.bool_]
 ) -> NDArray[np.int32]:
-    """Triangles between pixels whose middle is open, turned to the camera."""
+    """Triangulate pixels (Delaunay), and keep triangles whose centroid is an open pixel.
+
+    The triangles face the camera.
+    """
     corners: NDArray[np.int32] = _core.grid_delaunay(np.ascontiguousarray(pixels))
     centroids = _centroids(pixels, corners)
     corners = corners[open_pixels[centroids[:, 1], centroids[:, 0]]]
@@ -441,23 +469,24 @@ def _is_turned_right(
     vertices: NDArray[np.float64],
     pixels: NDArray[np.int32],
     corners: NDArray[np.int32],
-    of_border: int,
+    num_border: int,
     normals: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Which triangles face as the surface does.
+    """Return which triangles face as the surface at their centroid does.
 
-    A border vertex sits at the nearest pixel, not exactly where it is seen: a sliver of the seam
-    may have turned over.
+    Only triangles of the seam, with one of the first ``num_border`` vertices, can face away: a
+    border vertex is triangulated at the pixel nearest to it, not exactly where the view sees it, so
+    that a sliver may turn over.
     """
-    seam = (corners < of_border).any(axis=1)
+    seam = (corners < num_border).any(axis=1)
     centroids = _centroids(pixels, corners)
     facing = _normals(vertices, corners) * normals[centroids[:, 1], centroids[:, 0]]
     is_right: NDArray[np.bool_] = ~seam | (facing.sum(axis=1) > 0)
     return is_right
 
 
-class _Joint:
-    """The mesh so far."""
+class _JoinedMesh:
+    """The mesh of the views that were joined so far; fields as in `JointSimplification`."""
 
     def __init__(self) -> None:
         self.vertices = np.empty((0, 3))
@@ -470,7 +499,11 @@ class _Joint:
     def border_in(
         self, dense: Mesh, pixel_of: NDArray[np.int32], tolerance: float, threads: int
     ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Vertices on the border that a view sees too, and the pixels nearest to them there."""
+        """Return the border vertices within ``tolerance`` of a view's dense mesh, and their pixels.
+
+        ``pixel_of`` gives the pixel of each vertex of ``dense``. Of border vertices at the same
+        pixel the first one is returned.
+        """
         if not len(self.faces) or not dense.num_faces:
             return np.empty(0, np.int32), np.empty((0, 2), np.int32)
         border = _Surface(self.vertices, self.faces).boundary.astype(np.int32)
@@ -494,7 +527,10 @@ class _Joint:
         normals: NDArray[np.float64],
         steps: _GapRules,
     ) -> None:
-        """Triangulate the chosen pixels of a view together with the border, and join them."""
+        """Triangulate the chosen pixels of a view together with the border, and append them.
+
+        ``border`` is the result of `border_in`. Without a border, a relief keeps its triangles.
+        """
         if isinstance(chosen, Relief) and not len(border[0]):
             whole = ~steps.across(view, chosen.pixels, chosen.faces)
             self._append(index, view, chosen.with_faces(chosen.faces[whole]))
@@ -509,7 +545,7 @@ class _Joint:
         keep = self._fits(vertex[corners])
         keep &= _is_turned_right(vertices[vertex], pixels, corners, len(border[0]), normals)
         if isinstance(chosen, Relief):
-            # a limit on the dense surface: its own triangles may be as long as they are
+            # The limit holds for edges between neighbouring pixels, not for those of the relief.
             keep &= ~steps.apart(view, pixels, corners)
         elif steps.max_edge < math.inf:
             faces = vertex[corners]
@@ -526,7 +562,7 @@ class _Joint:
         self._extend(index, world, vertex[corners], chosen.pixels[own], texcoords)
 
     def _append(self, index: int, view: _View, chosen: DepthSimplification) -> None:
-        """A view that meets nothing of what is there keeps its triangles."""
+        """Append a view with its own triangles; it shares no vertex with the mesh so far."""
         world = _in_world(view, chosen.vertices)
         texcoords = _uvs(view, world, chosen.pixels)[chosen.faces]
         faces = chosen.faces + np.int32(len(self.vertices))
@@ -540,7 +576,7 @@ class _Joint:
         pixels: NDArray[np.int32],
         corner_texcoords: NDArray[np.float32],
     ) -> None:
-        """Put the new vertices and faces of a view behind those that are there."""
+        """Append the new vertices and faces of a view."""
         self.vertices = np.concatenate([self.vertices, vertices])
         self.faces = np.concatenate([self.faces, faces])
         self.vertex_view = np.concatenate(
@@ -554,13 +590,13 @@ class _Joint:
     def _flipped(
         view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
     ) -> NDArray[np.int32]:
-        """Triangles between pixels of the view alone, with edges flipped as in a relief."""
+        """Flip edges between triangles of the view's own pixels, as a relief does."""
         return _core.relief_flip_edges(
             view.points, view.valid, view.rows_up, pixels, corners, view.confidence
         )
 
     def _fits(self, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """Triangles that leave no edge with more than two faces; of several the first ones."""
+        """Return which new faces to keep so that no edge has more than two faces: the first."""
         old, old_counts = np.unique(_edge_keys(self.faces), return_counts=True)
         new = _edge_keys(faces)
         order = np.argsort(new, kind="stable")
@@ -588,6 +624,7 @@ def _edge_keys(faces: NDArray[np.int32]) -> NDArray[np.int64]:
 
 
 def _uvs(view: _View, world: NDArray[np.float64], pixels: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Return the texture coordinates of vertices in the view's colour image."""
     if view.registration is not None:
         local = product(world - view.pose[:3, 3], view.pose[:3, :3])
         texcoords: NDArray[np.float32] = _core.registered_texcoords(
@@ -610,22 +647,22 @@ def cs3_cameras(
     tolerance: float | None = None,
     threads: int = 0,
 ) -> JointSimplification:
-    """Simplify what several calibrated cameras saw into one mesh, the overlap sampled once.
+    """Simplify the views of several calibrated cameras to one mesh, overlaps only once.
 
     Parameters
     ----------
     views : sequence of CameraView
-        The earlier ones are preferred where several see the same surface.
+        Where several views show the same surface, the earliest one is sampled.
     target_points : int
-        For all views together; never exceeded. Each view gets a share by its pixels that no
-        earlier view shows.
+        Largest number of vertices of all views together. Each view gets a share in proportion to
+        its pixels whose surface no earlier view shows.
     variant, max_edge, threads
         As for `cs3`.
     depth_step : float, optional
-        Triangles across a larger step in the depth of a view are left out, as a share of the depth
-        (`cut_depth_steps` has the rule). Not of views that are given as points.
+        Triangles across a larger step in the depth of a view are left out. The step is a share of
+        the depth (`cut_depth_steps` states the rule). Views given as points have no steps.
     tolerance : float, optional, in the units of the points (metres for depth)
-        Surfaces of two views that face the same way are the same one up to this distance.
+        Surfaces of two views that face the same way count as the same surface up to this distance.
         Default: five times the median distance of neighbouring pixels of the view.
 
     Returns
@@ -639,11 +676,11 @@ def cs3_cameras(
 
     Notes
     -----
-    View by view: pixels that the mesh so far covers are left out; the rest is simplified as by
-    `cs3`; the border vertices of the mesh that this view sees too join its triangulation at the
-    pixels where it sees them, so that the seam is closed with shared vertices. A triangle is valid
-    where the pixel at its centroid is not covered. Dissertation section 8.3 names this as future
-    work.
+    The views are added to the mesh one by one. Pixels of a view whose surface the mesh already
+    covers are left out, and the others are simplified by `cs3`. They are triangulated together with
+    the border vertices of the mesh that the view sees, at the pixels where it sees them: the seam
+    is closed with shared vertices. A triangle is kept if the pixel at its centroid is not covered.
+    Section 8.3 of the dissertation names this as future work.
 
     Examples
     --------
@@ -669,7 +706,7 @@ def cs3_cameras(
 
 
 Join = Callable[[int], JointSimplification]
-"""Joins views that were taken up to one mesh of at most so many points."""
+"""Returns one mesh of prepared views, with at most the given number of points."""
 
 
 def cs3_joiner(
@@ -681,7 +718,7 @@ def cs3_joiner(
     tolerance: float | None = None,
     threads: int = 0,
 ) -> Join:
-    """Take views up for `cs3_cameras`, once for several numbers of points."""
+    """Prepare views for `cs3_cameras`, once for several numbers of points."""
 
     def choose(view: _View, open_pixels: NDArray[np.bool_], share: int) -> Cs3Result:
         chosen = cs3_grid(
@@ -710,16 +747,16 @@ def relief_cameras(
     tolerance: float | None = None,
     threads: int = 0,
 ) -> JointSimplification:
-    """Simplify what several calibrated cameras saw into one mesh by `relief`.
+    """Simplify the views of several calibrated cameras to one mesh by `relief`.
 
     Parameters
     ----------
     views : sequence of CameraView
-        The earlier ones are preferred where several see the same surface. Their ``mask`` and
-        ``confidence`` are looked at.
+        Where several views show the same surface, the earliest one is sampled. Masks and
+        confidences are used.
     target_points : int
-        For all views together, at least 3; never exceeded. Each view gets a share by its pixels
-        that no earlier view shows.
+        Largest number of vertices of all views together, at least 3. Each view gets a share in
+        proportion to its pixels whose surface no earlier view shows.
     effort, max_edge, threads
         As for `relief`.
     depth_step : float, optional
@@ -738,11 +775,12 @@ def relief_cameras(
 
     Notes
     -----
-    The way is that of `cs3_cameras`. A view without a seam keeps the triangles of its relief; in
-    one with a seam, edges beside it are flipped while that lowers the sum of distances between the
-    pixels and their triangles' planes, as in `relief`. There a triangle joins what ``max_edge``
-    keeps apart if along one of its edges measured points that follow each other lie farther apart
-    than ``max_edge`` for each pixel between them, and these leaps add up to more than one.
+    Views are joined as in `cs3_cameras`. A view without a seam keeps the triangles of its relief.
+    In a view with a seam, edges away from the seam are flipped while that lowers the sum of
+    distances between the pixels and the planes of their triangles, as in `relief`. A triangle of
+    such a view spans a gap, and is left out, by the following rule: along one of its edges,
+    successive measured points are farther apart than ``max_edge`` times their distance in pixels,
+    and these excesses add up to more than one ``max_edge``.
 
     Examples
     --------
@@ -777,7 +815,7 @@ def relief_joiner(
     tolerance: float | None = None,
     threads: int = 0,
 ) -> Join:
-    """Take views up for `relief_cameras`, once for several numbers of points."""
+    """Prepare views for `relief_cameras`, once for several numbers of points."""
 
     def choose(view: _View, open_pixels: NDArray[np.bool_], share: int) -> Relief:
         enough = share >= LEAST_POINTS
@@ -830,7 +868,7 @@ def _relief_of_view(
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """The surface that a view shows: its pixels' dense mesh with normals."""
+    """The surface that a view shows: the dense mesh of its pixels, with normals."""
 
     view: _View
     dense_pixels: NDArray[np.int32]
@@ -846,14 +884,14 @@ class _Seen:
         return cls(view, dense["pixels"], surface, _pixel_normals(view), near)
 
     def covered_by(self, surface: _Surface, threads: int) -> NDArray[np.bool_]:
-        """Which valid pixels lie on another surface that faces as this one does."""
+        """Return which valid pixels lie on another surface that faces the same way."""
         facing = self.normals[self.view.valid]
         return surface.covers(self.view.world, facing, self.tolerance, threads)
 
 
 def _num_owned(seen: Sequence[_Seen], threads: int) -> list[int]:
-    """How many pixels of each view no earlier view shows, as far as the full meshes tell."""
-    # Pixels of all views that none of the views so far shows.
+    """Return for each view how many of its pixels lie on the dense mesh of no earlier view."""
+    # These arrays hold the pixels that lie on no view before `each`.
     points = np.concatenate([each.view.world for each in seen])
     facing = np.concatenate([each.normals[each.view.valid] for each in seen])
     view_of = np.repeat(np.arange(len(seen)), [int(each.view.valid.sum()) for each in seen])
@@ -870,7 +908,7 @@ def _num_owned(seen: Sequence[_Seen], threads: int) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class _Views:
-    """Views and what they share, whatever the number of points."""
+    """Prepared views: all that does not depend on the number of points."""
 
     seen: Sequence[_Seen]
     owned: Sequence[int]  # pixels that no earlier view shows
@@ -891,8 +929,8 @@ class _Views:
         _check_lengths(max_edge=max_edge, depth_step=depth_step, tolerance=tolerance)
         threads = threads_of(threads)
         steps = _GapRules(depth_step, limit_of(max_edge))
-        taken = [_take(view, index, threads) for index, view in enumerate(views)]
-        seen = [_Seen.of(view, tolerance, steps, threads) for view in taken]
+        checked_views = [_checked_view(view, index, threads) for index, view in enumerate(views)]
+        seen = [_Seen.of(view, tolerance, steps, threads) for view in checked_views]
         return cls(seen, _num_owned(seen, threads), steps, threads)
 
 
@@ -907,12 +945,15 @@ def _join(
     choose: Callable[[_View, NDArray[np.bool_], int], DepthSimplification],
     target_points: int,
 ) -> JointSimplification:
-    """One mesh of the pixels that a method chooses in each view."""
+    """Join the views to one mesh of at most ``target_points`` vertices.
+
+    ``choose(view, open_pixels, share)`` simplifies the open pixels of a view to ``share`` points.
+    """
     seen, steps, threads = views.seen, views.steps, views.threads
     remaining = target_points
     rate = target_points / max(1, sum(views.owned))
     largest = int(np.argmax(views.owned))
-    joint = _Joint()
+    joint = _JoinedMesh()
     all_covered, chosen_views = [], []
     for i, each in enumerate(seen):
         view = each.view
@@ -922,7 +963,9 @@ def _join(
             covered[view.valid] = each.covered_by(so_far, threads)
         open_pixels = view.valid & ~covered
         share = math.floor(rate * int(open_pixels.sum()))
-        if i == largest:  # the smallest mesh is a triangle of the view that shows most
+        # The view that shows most gets at least a triangle, for which the views before it leave
+        # points.
+        if i == largest:
             share = max(share, LEAST_POINTS)
         share = max(0, min(share, remaining - (LEAST_POINTS if i < largest else 0)))
         chosen = choose(view, open_pixels, share)

@@ -1,4 +1,4 @@
-"""Depth images and range scans to sparse textured meshes."""
+"""Sparse textured meshes of depth images and range scans: result types, CS3, Delaunay."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _VARIANTS = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DepthMesh(Showable):
-    """A mesh whose vertices are pixels, in the 32-bit buffers that a GPU takes.
+    """A mesh whose vertices are pixels of a depth image or range scan, in 32-bit arrays.
 
     Attributes
     ----------
@@ -95,47 +95,49 @@ class DepthMesh(Showable):
         Parameters
         ----------
         faces : (m, 3) int32
+            Indices of the points.
         """
         return replace(self, faces=faces)
 
     def gpu_buffers(
         self,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint16] | NDArray[np.uint32]]:
-        """Positions, texture coordinates and indices as OpenGL, WebGL and glTF take them.
+        """Return positions, texture coordinates and indices for OpenGL, WebGL and glTF.
 
         Returns
         -------
         positions : (n, 3) float32
-            ``vertices`` itself.
+            ``vertices``, not copied.
         texcoords : (n, 2) float32
             v down, as images are stored; 0 where the colour camera cannot see the point.
-        indices : (3 m,) uint16 where they fit, else uint32
+        indices : (3 m,) uint16 or uint32
+            ``faces``, one after the other; 16 bits if there are fewer than 65 536 vertices.
         """
         texcoords = self.texcoords.copy()
         texcoords[:, 1] = 1 - texcoords[:, 1]
         texcoords[np.isnan(texcoords)] = 0
         flat = self.faces.reshape(-1)
-        small = self.num_vertices < 2**16  # index 65 535 restarts a primitive
+        small = self.num_vertices < 2**16  # 65 535, which restarts a primitive, is no index then
         return self.vertices, texcoords, flat.astype(np.uint16) if small else flat.view(np.uint32)
 
     def encode(self, *, sequence: int = 0, time_ns: int = 0, jpeg_quality: int = 80) -> bytes:
-        """The mesh as one binary message, quantised, as the pages of `manip3d.serve` take it.
+        """Return the mesh as one quantised binary message for the pages of `manip3d.serve`.
 
         Parameters
         ----------
         sequence : int
-            0 to 2^32 - 1.
-        time_ns : int
-            By the sensor's clock.
+            Number of the frame, 0 to 2^32 - 1.
+        time_ns : int, nanoseconds
+            Time of the frame by the sensor's clock.
         jpeg_quality : int
             JPEG quality of ``color``, 1 to 100.
 
         Returns
         -------
         bytes
-            Laid out as ``stream_frame.hpp`` says: positions in steps of 1/65535 of the extent
-            along each axis, texture coordinates in 16 bits, faces, and the part of the picture that
-            they use as JPEG.
+            In the layout of ``stream_frame.hpp``: positions in steps of 1/65535 of the extent along
+            each axis, texture coordinates in 16 bits, faces, and the used part of the colour image
+            as JPEG.
 
         Raises
         ------
@@ -159,7 +161,7 @@ class DepthMesh(Showable):
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The result as a `Mesh` with UVs; with colour, also with a texture (PNG).
+        """This mesh as a `Mesh` with texture coordinates and, with colour, a PNG texture.
 
         Raises
         ------
@@ -184,28 +186,28 @@ class DepthMesh(Showable):
 
 
 class Reached(enum.StrEnum):
-    """Reason why the number of points is what it is."""
+    """Way in which `cs3` reached its number of points."""
 
-    FACTOR = "factor"  #: a factor on the radii gives it, within 1 %
-    CUT = "cut"  #: no factor gives so few; the order was cut off at the target
-    CONTINUED = "continued"  #: the count jumps over the target; the most important points left
-    ALL_PIXELS = "all_pixels"  #: there are no more valid pixels than asked for
+    FACTOR = "factor"  #: a factor on the radii gives the target within 1 %
+    CUT = "cut"  #: every factor gives more points; the order was cut off at the target
+    CONTINUED = "continued"  #: no factor comes within 1 %; the most important other points follow
+    ALL_PIXELS = "all_pixels"  #: there are no more valid pixels than the target
 
 
 @dataclass(frozen=True, eq=False)
 class DenseGrid:
-    """A grid of points that a sparse mesh was made of.
+    """The grid of points from which a sparse mesh was made.
 
     Attributes
     ----------
     points : (H, W, 3) float32
-        The caller's own array where it was float32.
+        The caller's array, not copied, if that was float32.
     valid : (H, W) bool
+        Measured pixels.
     max_edge : float
-        Triangles with a longer edge are left out; infinite: none is.
+        Dense triangles with a longer edge are left out; infinite: no limit.
     depth_step, focal : float
-        As `DenseImage` has them. Default: nothing is known of depth, and every triangle is a
-        surface, whatever its slope.
+        As for `DenseImage`. By default depths are unknown, and no triangle counts as a step.
     """
 
     points: NDArray[np.float32]
@@ -222,18 +224,20 @@ class DenseGrid:
 
 @dataclass(frozen=True, eq=False)
 class DenseImage:
-    """A depth image that a sparse mesh was made of.
+    """The depth image from which a sparse mesh was made.
 
     Attributes
     ----------
     depth : (H, W) uint16 or float32
-        A copy: cameras reuse their buffers.
+        A copy, because cameras reuse their buffers.
     intrinsics : Intrinsics
+        Camera of the depth image.
     max_edge : float
-        Triangles with a longer edge are left out; infinite: none is.
+        Dense triangles with a longer edge are left out; infinite: no limit.
     depth_step : float
-        Triangles whose corners' depths differ by a larger share of the least of them, and by more
-        than a surface shows that is inclined by 78 degrees, are left out; see `cut_depth_steps`.
+        Dense triangles across a step in depth are left out: the depths of their corners differ by
+        more than this share of the smallest depth, and by more than on a surface that is inclined
+        by 78 degrees; see `cut_depth_steps`.
     """
 
     depth: NDArray[np.uint16 | np.float32]
@@ -267,13 +271,13 @@ class DepthSimplification(DepthMesh):
     Attributes
     ----------
     stop : str
-        Why the number of points is what it is: ``target``: as many as asked for (`cs3` and
-        `sample_depth`: or as near below as the method comes); ``all_points``: there are no more;
-        and the others of `Relief`.
+        Why the method stopped. ``target``: at the requested number of points, or for `cs3` and
+        `sample_depth` as near below as they come. ``all_points``: there are no more points.
+        `Relief` lists the others.
     surface : DenseImage or DenseGrid
-        What the mesh was made of.
+        The input.
     cover : (float, float, float) or None
-        ``coverage``, ``bridges`` and ``outside`` where the method has measured them.
+        ``coverage``, ``bridges`` and ``outside``, if the method has measured them.
     """
 
     stop: str
@@ -299,11 +303,11 @@ class DepthSimplification(DepthMesh):
     def coverage(self) -> float:
         """Share of the dense surface's pixels that lie in or on a triangle of the mesh.
 
-        The dense surface is that of `dense_mesh` with the same ``max_edge``, without the triangles
-        across steps in depth where these were left out (`cut_depth_steps`): a pixel that lies such
-        a step before or behind a triangle is not covered by it then. 0 without a dense surface.
-        Measured when it is first asked for, before points move; a grid of points that was given as
-        float32 must not have changed by then.
+        The dense surface is that of `dense_mesh` with the same ``max_edge``. If faces across steps
+        in depth were left out (`cut_depth_steps`), it lacks such triangles too, and a pixel that is
+        a step before or behind a triangle is not covered by it. 0 without a dense surface. Computed
+        on the first access, for the points before ``move_points``; until then, a grid of points
+        that was given as float32 must not change.
         """
         return self._cover[0]
 
@@ -314,9 +318,9 @@ class DepthSimplification(DepthMesh):
 
     @property
     def outside(self) -> float:
-        """Share of the measured pixels that no triangle of that dense surface uses.
+        """Share of the measured pixels that no triangle of the dense surface uses.
 
-        Lone pixels, and surfaces that are so steep that each of their pixels is a step.
+        These are lone pixels, and surfaces so steep that each of their pixels is a step.
         """
         return self._cover[2]
 
@@ -326,7 +330,7 @@ class DepthSimplification(DepthMesh):
         return len(np.unique(self.faces))
 
     def with_faces(self, faces: NDArray[np.int32]) -> Self:
-        """Return the same points with other triangles, whose coverage is yet to be measured.
+        """Return the same points with other triangles; their coverage is computed when needed.
 
         Parameters
         ----------
@@ -338,19 +342,20 @@ class DepthSimplification(DepthMesh):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cs3Result(DepthSimplification):
-    """Result of `cs3`: a sparse mesh, and how it came about.
+    """Result of `cs3`: a sparse mesh, and how its number of points was reached.
 
     Attributes
     ----------
     reached : Reached
-        How the number of points came about; it never exceeds the target.
+        How the number of points was reached; it never exceeds the target.
     factor : float
-        On the radius Rd_max (on the window s for non-maximum suppression) that was kept.
+        Factor on the radius Rd_max of eq. 3.8 (for non-maximum suppression, on the window s) that
+        the search chose.
     literal_count : int or None
-        Points that the formulas give as printed, without a factor. ``distance_dependent``: None,
-        because counting those would take longer than the search for the factor.
+        Number of points by the formulas as printed, with factor 1. None if ``distance_dependent``,
+        where counting them would take longer than the search for the factor.
     timings : dict of str to float, seconds
-        By stage, of the core; wall time.
+        Wall time of each stage.
     """
 
     reached: Reached
@@ -369,7 +374,7 @@ def dense_mesh(
     max_edge: float | None = None,
     threads: int = 0,
 ) -> DepthMesh:
-    """Return the full mesh of a depth image, with which simplification is compared.
+    """Return the full mesh of a depth image, the reference for simplified meshes.
 
     Parameters
     ----------
@@ -379,7 +384,7 @@ def dense_mesh(
     color : (H', W', 3 or 4) uint8, optional
         Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
-        Where the colour camera stands; without it both images share their pixels.
+        Position of the colour camera; without it both images share their pixels.
     max_edge : float, metres, optional
         Triangles with a longer edge are left out.
     threads : int
@@ -388,8 +393,8 @@ def dense_mesh(
     Returns
     -------
     DepthMesh
-        All valid pixels in row-major order; two triangles for each 2x2 cell of four of them, cut
-        along the shorter diagonal, and one where three are valid.
+        Its vertices are all valid pixels in row-major order. A 2x2 cell of four valid pixels has
+        two triangles, cut along the shorter diagonal; a cell of three has one.
 
     Raises
     ------
@@ -439,8 +444,8 @@ def dense_mesh_grid(
         Default: where all three coordinates are finite.
     color : (H, W, 3 or 4) uint8, optional
     rows_up : bool
-        Seen from the sensor, do rows go upward (Stanford's scans) or downward (images)? It decides
-        which side of the surface is the front.
+        Whether rows go upward as seen from the sensor (Stanford's scans), not downward (images).
+        This decides which side of the surface is the front.
     max_edge : float, optional
         In the unit of the points.
     threads : int
@@ -472,7 +477,7 @@ def dense_mesh_grid(
 
 @dataclass(frozen=True, eq=False)
 class _Buffers:
-    """Memory for a mesh of up to ``len(vertices)`` vertices; the core writes into it."""
+    """Arrays for a mesh of up to ``len(vertices)`` vertices, into which the core writes."""
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
@@ -562,24 +567,24 @@ def _result(
 
 @checked
 class Cs3Stream:
-    """CS3 on the frames of a sequence: `cs3` with memory that is kept from frame to frame.
+    """Apply `cs3` to the frames of a sequence, and reuse the memory of earlier frames.
 
     Parameters
     ----------
     target_points : int
-        How many points of each frame to keep.
+        Largest number of vertices of each frame.
     variant, max_edge, distance_dependent, reading
         As for `cs3`.
     threads : int
         0: all cores. The result is the same for any number.
     frames : int, optional
-        Hand out the arrays of this many results in turn instead of fresh ones: a result is valid
-        until as many more frames have come. With one thread the core then allocates nothing.
+        Reuse the arrays of this many results in turn: a result is then valid until as many more
+        frames have been simplified, and with one thread the core allocates nothing. Default: new
+        arrays for each frame.
 
     Notes
     -----
-    A frame's result depends on this frame alone: it has the same bytes as that of `cs3`. Not for
-    use from two threads at a time.
+    The result of a frame depends on this frame alone, and has the same bytes as that of `cs3`.
 
     Examples
     --------
@@ -698,36 +703,38 @@ def cs3(
         0 and NaN mean no measurement.
     intrinsics : Intrinsics
     target_points : int
-        Never more vertices than this, and no fewer than 99 % of it where the image has so many.
+        Largest number of vertices. The result has at least 99 % of it if the image has as many
+        measured pixels.
     color : (H', W', 3 or 4) uint8, optional
         Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
-        Where the colour camera stands; without it both images share their pixels.
+        Position of the colour camera; without it both images share their pixels.
     mask : (H, W) bool, optional
-        Pixels to use; where it is False there is no measurement.
+        Pixels to use; the others count as not measured.
     variant : 'cios', 'lios', 'cnms' or 'lnms'
         Importance by the smaller eigenvalue of the Hessian (C) or by the Laplacian (L); sampling
         by importance order (IOS) or by non-maximum suppression (NMS). CS3 is CIOS.
     max_edge : float, metres, optional
-        Triangles with a longer edge are dropped: for scenes, whose objects are apart.
+        Triangles with a longer edge are left out, which separates the objects of a scene.
     depth_step : float, optional
-        Triangles across a larger step in depth, as a share of it, are dropped: see
-        `cut_depth_steps`, which does that.
+        Triangles across a larger step in depth, as a share of the depth, are left out by
+        `cut_depth_steps`.
     distance_dependent : bool
-        Nearer surfaces get more points: radii are scaled by depth / largest depth (eq. 3.9).
+        Put more points on nearer surfaces: radii are scaled by depth / largest depth (eq. 3.9).
     threads : int
         0: all cores. The result is the same for any number.
     reading : dict, optional
-        Other readings of what the text leaves open, to see what depends on them: ``stencil``
-        (``'gradient_of_gradient'``, ``'compact'``, ``'forward'``, ``'sobel'``),
-        ``beside_invalid`` (``'backward'``, ``'zero'``, ``'unknown'``), ``rounding`` (``'down'``,
-        ``'nearest'``, ``'up'``), ``outliers`` (share of pixels above the largest importance).
+        Other interpretations of details that the dissertation leaves open, to measure their effect:
+        ``stencil`` of the derivatives (``'gradient_of_gradient'``, ``'compact'``, ``'forward'``,
+        ``'sobel'``), derivatives ``beside_invalid`` pixels (``'backward'``, ``'zero'``,
+        ``'unknown'``), ``rounding`` of radii (``'down'``, ``'nearest'``, ``'up'``), and
+        ``outliers`` (share of the pixels above the largest importance).
 
     Returns
     -------
     Cs3Result
-        Vertices are points of the image, unmoved; UVs are exact. Vertices may be left without a
-        triangle where validity dropped all around them.
+        Vertices are points of the image, unmoved. Some may have no triangle, where all triangles
+        around them were left out.
 
     Raises
     ------
@@ -736,10 +743,11 @@ def cs3(
 
     Notes
     -----
-    Points are chosen by decreasing importance, eq. 3.6; each blocks a square of radius eq. 3.8.
-    As printed this gives about half of the points asked for (``literal_count``), so a ``factor``
-    on the radius is searched. The Delaunay triangulation of the pixels is exact and unique
-    (`grid_delaunay`); a triangle whose centroid falls on a pixel without depth is dropped.
+    Points are chosen by decreasing importance (eq. 3.6). Each excludes other points from a square
+    around it, whose radius is given by eq. 3.8. As printed, the equations give about half of the
+    requested points (``literal_count``); therefore the method searches a ``factor`` on the radius
+    that gives the target. The Delaunay triangulation of the pixels is exact and unique
+    (`grid_delaunay`); triangles whose centroid is a pixel without depth are left out.
 
     Examples
     --------
@@ -766,7 +774,7 @@ def cs3(
     found = stream.simplify(image, intrinsics, color=color, registration=registration)
     if depth_step is None or math.isinf(depth_step):
         return found
-    from manip3d.simplify._depth_steps import cut_depth_steps  # it cuts what is made here
+    from manip3d.simplify._depth_steps import cut_depth_steps  # imports this module
 
     return cut_depth_steps(found, image, step=depth_step)
 
@@ -793,7 +801,7 @@ def cs3_grid(
     valid : (H, W) bool, optional
         None: where all three coordinates are finite.
     target_points : int
-        How many points to keep.
+        Largest number of vertices.
     color : (H, W, 3 or 4) uint8, optional
     rows_up : bool
         As for `dense_mesh_grid`.
@@ -826,7 +834,7 @@ def cs3_grid(
 
 @checked
 def grid_delaunay(pixels: ArrayLike) -> NDArray[np.int32]:
-    """Triangulate distinct pixels (Delaunay): exact, and unique although many are cocircular.
+    """Return the Delaunay triangulation of distinct pixels: exact, and unique if cocircular.
 
     Parameters
     ----------
@@ -837,8 +845,8 @@ def grid_delaunay(pixels: ArrayLike) -> NDArray[np.int32]:
     -------
     (T, 3) int32
         Counter-clockwise for u to the right and v up. Empty for fewer than three pixels and for
-        pixels on a line. Of four pixels on an otherwise empty circle the last in row-major order
-        is cut off: the diagonal runs between the other two neighbours (symbolic perturbation).
+        pixels on a line. If four pixels lie on an otherwise empty circle, the diagonal joins the
+        two neighbours of the last one in row-major order (symbolic perturbation).
 
     Raises
     ------
@@ -851,8 +859,8 @@ def grid_delaunay(pixels: ArrayLike) -> NDArray[np.int32]:
     >>> manip3d.simplify.grid_delaunay([[0, 0], [1, 0], [0, 1], [1, 1]]).tolist()
     [[0, 1, 2], [2, 1, 3]]
 
-    A sparse depth image, such as the points of a LiDAR in a camera, becomes a mesh of all of them;
-    its faces are turned to look at the camera:
+    It makes a mesh of all pixels of a sparse depth image, such as LiDAR points projected into a
+    camera. The faces are reversed so that they face the camera:
 
     >>> import numpy as np
     >>> depth = np.zeros((48, 64), np.float32)

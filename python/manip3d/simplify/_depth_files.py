@@ -1,4 +1,4 @@
-"""Depth images and range scans from files to sparse meshes in files."""
+"""Simplify depth images and range scans in files to mesh files."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ _EFFORTS = get_args(Effort)
 _IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
 _YUP_SUFFIXES = (".glb", ".gltf")
 _FRAMES_FOR_A_GUESS = 9
-_ONE_BY_ONE = 64  # numbers of points that are tried for a first face
-_BYTES_PER_POINT = 40.0  # of a .glb: a vertex with texture coordinates and two faces
+_ONE_BY_ONE = 64  # `_enough_points` tries this many numbers of points before it doubles them
+_BYTES_PER_POINT = 40.0  # in a .glb: a vertex with texture coordinates, and two faces
 SPARSE_WORDS = (
     "most measured pixels stand alone, as in an image that a LiDAR was projected into: no method "
     "here makes a surface of them; in Python, simplify.grid_delaunay joins pixels at any distance"
 )
 """Advice about an image whose result `is_sparse`."""
-_FEWEST_PROJECTED = 50
+_FEWEST_PROJECTED = 50  # fewer lone pixels are noise, not a projected scan
 _NO_CAMERA = (
     "an organised cloud whose points are not those of a camera's pixels: faces across depth steps "
     "stay without a max_edge"
@@ -73,7 +73,10 @@ _NO_CAMERA = (
 
 
 def is_sparse(lone: int, measured: int) -> bool:
-    """Whether most pixels stand alone; a handful of pixels is not a projection, but noise."""
+    """Return whether most measured pixels stand alone, as in a projected LiDAR scan.
+
+    `Measured` defines lone pixels.
+    """
     return 2 * lone > measured and lone >= _FEWEST_PROJECTED
 
 
@@ -84,38 +87,40 @@ class DepthOptions:
     Attributes
     ----------
     points : int or None
-        At most this many vertices; None: as ``ratio`` or ``bandwidth`` says.
+        Largest number of vertices; None: ``ratio`` or ``bandwidth`` sets it.
     method : 'relief', 'cs3', 'uniform', 'poisson' or 'ssa'
+        Simplification method: `relief`, `cs3`, or a baseline of `sample_depth`.
     variant : 'cios', 'lios', 'cnms' or 'lnms'
         Variant of ``cs3``.
     intrinsics : str
-        Camera of a depth image, as `manip3d.camera.read_intrinsics` takes it; not of a scan.
+        Camera of a depth image, as `manip3d.camera.read_intrinsics` takes it; not for a scan.
     unit : str
-        Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it; not of a scan.
-    max_edge : float or None
-        Faces with a longer edge are left out, with method ``relief`` those between neighbouring
-        pixels; metres, or the unit of the scan.
+        Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it; not for a scan.
+    max_edge : float or None, metres, or the unit of the scan
+        Faces with a longer edge are left out. With method ``relief`` the limit holds for edges
+        between neighbouring pixels.
     depth_step : float
-        Faces across a larger step in depth are left out, see `cut_depth_steps`; 0: none is. For a
-        scan, which has no depth, only the default.
+        Faces across a larger step in depth are left out, see `cut_depth_steps`; 0: all faces stay.
+        A scan, which has no depth, takes only the default.
     by_distance : bool
-        More points where it is near (``cs3`` of a depth image).
+        Put more points on near surfaces (``cs3`` of a depth image).
     move_points : bool
-        Vertices may leave the measured points (``relief``).
+        Let vertices leave the measured points (``relief``).
     seed : int
+        Seed of the random methods (``poisson``).
     threads : int
         0: all cores.
     min_coverage : float
-        Share of the measured pixels, 0 to 1, below which a result counts as missed.
+        Share of the measured pixels, 0 to 1; a result that covers less sets ``coverage_missed``.
     bandwidth, rate : float or None, bytes and frames a second
-        Both or none: the files of a result have no more bytes than such a frame's share.
+        Give both or neither: the files of a result have at most ``bandwidth / rate`` bytes.
     max_bridges : float
-        Share of the mesh's area, 0 to 1, above which bridges count as missed.
+        Share of the mesh's area, 0 to 1; a result with more bridges sets ``bridges_missed``.
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
-        Less time or less error (``relief``).
+        Slower efforts have a smaller error (``relief``).
     ratio : float or None
-        In place of ``points``: at most this share of the measured pixels, above 0 to 1, and three
-        vertices at least.
+        Largest number of vertices as a share of the measured pixels, above 0 and up to 1, in place
+        of ``points``. At least three vertices are allowed.
     """
 
     points: int | None = None
@@ -138,7 +143,7 @@ class DepthOptions:
 
     @property
     def max_bytes(self) -> int | None:
-        """Bytes that a frame may have."""
+        """Largest number of bytes of a frame, or None without a bandwidth."""
         if self.bandwidth is None or self.rate is None:
             return None
         return Bandwidth(self.bandwidth, self.rate).share
@@ -183,7 +188,7 @@ class DepthOptions:
         Parameters
         ----------
         measured : int
-            Number of measured pixels, of all views together.
+            Number of measured pixels of all views.
         """
         if self.ratio is None:
             return self
@@ -199,44 +204,46 @@ class DepthFileResult:
     source, output : Path
     options : DepthOptions
     depth : str
-        The range and the unit as they were understood, in words, or why an organised cloud is no
-        depth image; empty for scans.
+        A sentence on the depth range and unit that were assumed, or on why an organised cloud is
+        no depth image; empty for scans.
     unit : str
-        The unit that was used; empty for what is not a depth image.
+        The unit that was used; empty for scans.
     points_before, points : int
-        Measured points, and vertices that some face uses.
+        Number of measured points, and of vertices that a face uses.
     faces : int
+        Number of faces.
     faces_cut : int
-        Faces that were left out because they spanned a step in depth.
+        Number of faces that were left out because they spanned a step in depth.
     faces_left : int
-        Faces across steps in depth (`DEPTH_STEP`) that are still there, because ``depth_step`` is 0
-        and there is no ``max_edge``.
+        Number of faces across steps in depth (by `DEPTH_STEP`) that were kept because
+        ``depth_step`` is 0 and there is no ``max_edge``.
     left_area : float
-        Their share of the faces' area.
+        Share of the mesh's area in these faces.
     dropped_pixels : int
         Pixels of small pieces of the surface that a ``relief`` left out.
     filled_pixels : int
         Pixels of pinholes that a ``relief`` continued the surface over.
     stop : str
-        As for `DepthSimplification`.
+        Why the run stopped, as in `DepthSimplification`.
     reached : str or None
-        How the number of points came about (``cs3``).
+        Which step of ``cs3`` set the number of points, as in `Cs3Result`.
     literal_count : int or None
         Points that the printed formulas give (``cs3``).
     seconds : float
-        Time of the method alone: without reading, leaving out faces, and writing. With a bandwidth
-        that of all tries.
+        Time of the method alone, without reading, leaving out faces, and writing. With a
+        bandwidth, the time of all tries.
     coverage : float
-        Share of the dense mesh's pixels in or on a face, whose triangles have no edge longer than
-        ``max_edge``.
+        Share of the dense mesh's pixels that lie in or on a face. The dense mesh joins all
+        neighbouring measured pixels by triangles without an edge longer than ``max_edge``.
     bridges : float
-        Share of the faces' area that lies over no triangle of that dense mesh.
+        Share of the faces' area that lies over no triangle of the dense mesh.
     outside : float
-        Share of the measured pixels that no triangle of that dense mesh uses.
+        Share of the measured pixels that no triangle of the dense mesh uses.
     num_bytes : int or None
-        Bytes of all files that were written, where ``options`` have a bandwidth.
+        Bytes of all written files, if ``options`` have a bandwidth.
     lone_pixels : int
-        Measured pixels that share no square of two by two pixels with two other measured ones.
+        Number of measured pixels that stand alone: no square of two by two pixels holds the pixel
+        and two other measured ones.
     """
 
     source: Path
@@ -264,15 +271,15 @@ class DepthFileResult:
 
     @property
     def is_sparse(self) -> bool:
-        """Most measured pixels stand alone, as in an image that a LiDAR was projected into.
+        """Whether most measured pixels stand alone, as in a LiDAR scan projected into an image.
 
-        Of these the methods here make no surface.
+        No method of this module makes a surface of such pixels.
         """
         return is_sparse(self.lone_pixels, self.points_before)
 
     @property
     def coverage_missed(self) -> bool:
-        """Less than ``options.min_coverage`` of the measured pixels are covered.
+        """Whether less than ``options.min_coverage`` of the measured pixels are covered.
 
         Measured pixels outside the dense mesh count as not covered.
         """
@@ -280,14 +287,14 @@ class DepthFileResult:
 
     @property
     def bridges_missed(self) -> bool:
-        """More than ``options.max_bridges`` of the area are bridges or faces across steps."""
+        """Whether more than ``options.max_bridges`` of the area are bridges or across steps."""
         return not self.bridges + self.left_area <= self.options.max_bridges
 
     @property
     def target_missed(self) -> bool:
-        """Fewer than 99 % of the points that were asked for and are there.
+        """Whether the mesh has fewer than 99 % of the requested (or of all measured) points.
 
-        Never where the bandwidth says how many points there are.
+        Always False if the bandwidth sets the number of points.
         """
         if self.options.points is None or self.num_bytes is not None:
             return False
@@ -313,15 +320,15 @@ def simplify_depth(
         0 and NaN mean no measurement.
     intrinsics : Intrinsics
     options : DepthOptions
-        ``intrinsics`` and ``unit`` are not looked at: the image and the camera are here.
+        ``intrinsics`` and ``unit`` are ignored, since the other arguments state them.
     color : (H', W', 3 or 4) uint8, optional
         Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Position of the colour camera; without it both images share their pixels.
     mask : (H, W) bool, optional
-        Pixels to use; where it is False there is no measurement.
+        Pixels to use; the others count as not measured.
     confidence : (H, W) float, 0 to 1, optional
-        How far each pixel is believed, as of `relief`; not with the other methods.
+        Confidence of each pixel, as for `relief`; not with the other methods.
 
     Returns
     -------
@@ -361,7 +368,7 @@ def _uncut(
     registration: Registration | None = None,
     confidence: ArrayLike | None = None,
 ) -> DepthSimplification:
-    """Apply a method to an image; faces across depth steps are still there, if it has some."""
+    """Apply a method to an image, without cutting faces across depth steps afterwards."""
     asked: dict[str, Any] = {
         "max_edge": options.max_edge,
         "color": color,
@@ -402,24 +409,25 @@ def simplify_depth_file(
     ----------
     source : path-like
         A depth image (``manip3d.io.DEPTH_SUFFIXES``), or a range scan or an organised cloud, as
-        `manip3d.io.read_range_grid` reads them. A cloud of a depth camera is its depth image: the
-        points tell the camera, and the colours are the texture. Where they were moved to another
-        frame, the mesh stays in it.
+        `manip3d.io.read_range_grid` reads them. An organised cloud of a depth camera is treated as
+        its depth image: the camera is estimated from the points, and the colours are the texture.
+        If the cloud was transformed to another frame, the mesh is in that frame.
     output : path-like
-        A mesh file. Depth images become metres; glTF has +y up, other formats the camera's axes.
-        Scans keep their unit and axes.
+        A mesh file. The mesh of a depth image is in metres, with +y up in glTF and in the camera's
+        axes in other formats. Scans keep their unit and axes.
     options : DepthOptions
+        Method, target and limits.
     color : path-like, optional
-        Colour image of the same pixels: the texture.
+        Colour image with the pixels of the depth image, used as the texture.
     mask : path-like, optional
-        A file of as many pixels, as `manip3d.io.read_pixel_map` reads it: where it is 0 there is
-        no measurement.
+        An image of the same size, as `manip3d.io.read_pixel_map` reads it. Pixels where it is 0
+        count as not measured.
     confidence : path-like, optional
-        A file of as many pixels: how far each is believed (``relief``). Floats are from 0 to 1,
-        whole numbers are levels up to ``confidence_max``.
+        An image of the same size with the confidence of each pixel (``relief``): floats from 0 to
+        1, or integer levels up to ``confidence_max``.
     confidence_max : int, optional
-        The level of a pixel that is fully believed; default: the largest number that the file's
-        pixels can hold.
+        The level that stands for confidence 1; default: the largest number that the file's pixels
+        can hold.
 
     Returns
     -------
@@ -430,8 +438,8 @@ def simplify_depth_file(
     InputError
         A depth image without ``intrinsics``, or an option that does not go with the source.
     FormatError, OSError, MissingExtraError
-        As `manip3d.io.read_depth_guessing`, `manip3d.io.read_range_grid` and `write_mesh`. A
-        FormatError also where the mesh would have no face: nothing is written then.
+        As `manip3d.io.read_depth_guessing`, `manip3d.io.read_range_grid` and `write_mesh`. A mesh
+        without faces is a FormatError, too, and is not written.
 
     Examples
     --------
@@ -452,12 +460,12 @@ def simplify_depth_file(
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """Masks, weights and colours of the pixels, beside their depth."""
+    """Colours, mask and confidences that belong to a depth image."""
 
     color: NDArray[np.uint8] | None
     mask: NDArray[np.bool_] | None = None
     confidence: NDArray[Any] | None = None
-    registration: Registration | None = None  # of the colour image; None: the same pixels
+    registration: Registration | None = None  # None: the colour image has the depth image's pixels
 
 
 def read_maps(
@@ -515,20 +523,20 @@ def expect_camera(intrinsics: str, image: Path) -> None:
 
 
 def writes_y_up(output: Path) -> bool:
-    """Whether the format of a file has +y up, as glTF has."""
+    """Return whether a mesh file has +y up: glTF does, by its standard."""
     return output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
 
 
 _Take = Callable[
     ["NDArray[Any]", Intrinsics, DepthOptions, Maps], Callable[[int], DepthSimplification]
 ]
-"""Takes an image and returns a function from a number of points to a mesh of the image."""
+"""Prepares an image, and returns a function that simplifies it to a number of points."""
 
 
 def frame_alone(
     depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: Maps
 ) -> Callable[[int], DepthSimplification]:
-    """Take an image by itself, without the frames before it."""
+    """Prepare an image on its own, without regard to previous frames (a `_Take`)."""
 
     def uncut(points: int) -> DepthSimplification:
         return _uncut(
@@ -561,17 +569,18 @@ def from_depth(
     unit: str,
     to_file: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
 ) -> DepthFileResult:
-    """Write the mesh of an image in memory; ``path`` names it in errors and in the result.
+    """Simplify an image in memory and write the mesh.
 
-    ``to_file``: takes points of the camera to where they are to be written; by default they stay in
-    the camera's axes, or have +y up.
+    ``path`` names the image in errors and in the result. ``words`` is the ``depth`` of the result.
+    ``to_file`` transforms vertices from the camera's frame to that of the file; by default they
+    stay in the camera's axes, or get +y up where the format has that.
     """
     is_y_up = writes_y_up(output)
     measured = Measured.of(depth > 0, is_masked=maps.mask is not None)
     options = options.for_pixels(measured.pixels)
     started = time.perf_counter()
     uncut_of = take(depth, camera, options, maps)
-    taking_up = time.perf_counter() - started
+    preparation = time.perf_counter() - started
 
     def make(points: int) -> _Made:
         started = time.perf_counter()
@@ -579,12 +588,12 @@ def from_depth(
         seconds = time.perf_counter() - started
         found = uncut
         assert isinstance(uncut.surface, DenseImage)
-        seen = uncut.surface.depth  # the image, or its mean over time
+        simplified = uncut.surface.depth  # the image, or its mean over time
         if options.depth_step:
-            found = cut_depth_steps(uncut, seen, step=options.depth_step)
+            found = cut_depth_steps(uncut, simplified, step=options.depth_step)
         left, left_area = 0, 0.0
         if not options.depth_step and options.max_edge is None:
-            without = cut_depth_steps(uncut, seen)
+            without = cut_depth_steps(uncut, simplified)
             left = uncut.num_faces - without.num_faces
             left_area = 1.0 - _area(without) / (_area(uncut) or 1.0) if left else 0.0
         mesh = with_used_vertices(found.mesh)
@@ -596,21 +605,21 @@ def from_depth(
         return _Made(found, mesh, cut, seconds, faces_left=left, left_area=left_area)
 
     made = _write(make, path, output, options, measured, has_steps=options.depth_step > 0)
-    made = replace(made, seconds=made.seconds + taking_up)
+    made = replace(made, seconds=made.seconds + preparation)
     return _result(path, output, options, made, measured, depth=words, unit=unit)
 
 
 @dataclass(frozen=True)
 class Measured:
-    """How many pixels are measured, and how many of them stand alone."""
+    """Number of measured pixels, and how many of them stand alone."""
 
     pixels: int
     lone: int
-    is_masked: bool = False  # a mask leaves these
+    is_masked: bool = False  # whether a mask was applied before they were counted
 
     @staticmethod
     def of(valid: NDArray[np.bool_], *, is_masked: bool = False) -> Measured:
-        """A pixel is not alone if it is one of three measured ones in a square of two by two."""
+        """Count the pixels; one of three measured pixels in a 2 x 2 square does not stand alone."""
         padded = np.pad(valid, 1).astype(np.uint8)
         square = padded[:-1, :-1] + padded[:-1, 1:] + padded[1:, :-1] + padded[1:, 1:]
         full = square >= 3
@@ -621,7 +630,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class _Made:
-    """Result of a method, and the mesh to write."""
+    """Result of a method, and the mesh to write; `DepthFileResult` explains the other fields."""
 
     found: DepthSimplification
     mesh: Mesh
@@ -646,9 +655,9 @@ def _write(
     *,
     has_steps: bool,
 ) -> _Made:
-    """Make a mesh of the points that are asked for or that the bytes allow, and write it.
+    """Simplify to the requested points, or to as many as the bytes allow, and write the mesh.
 
-    ``has_steps``: the source has depth, and its steps are left out.
+    ``make`` simplifies to a number of points. ``has_steps``: faces across depth steps are left out.
     """
     allowance = options.max_bytes
     if allowance is None:
@@ -688,7 +697,10 @@ def _write(
 
 
 def _enough_points(make: Callable[[int], _Made], points: int, most: int) -> int | None:
-    """The least number above ``points`` that leaves a face; farther up only doubled ones count."""
+    """Return the smallest number above ``points`` that leaves a face, or None.
+
+    Beyond the first `_ONE_BY_ONE` numbers only doubled ones are tried.
+    """
     one_by_one = points + _ONE_BY_ONE
     more = points + 1
     while more <= most:
@@ -707,7 +719,7 @@ def _with_faces(
     *,
     has_steps: bool,
 ) -> _Made:
-    """An empty mesh is never written: nobody would look for the reason."""
+    """Return the mesh of ``make``; raise a FormatError with the reason if it has no face."""
     made = make(points)
     if made.mesh.num_faces > 0:
         return made
@@ -727,14 +739,17 @@ def _with_faces(
         found = f"found {pixels}, but no face between those that were chosen"
     if is_sparse(measured.lone, measured.pixels):
         found += f"; {SPARSE_WORDS}"
-    if measured.pixels > 0 and options.method != "relief":  # that one leaves a face of any number
+    if measured.pixels > 0 and options.method != "relief":  # relief leaves a face for any number
         enough = _enough_points(make, points, measured.pixels)
         found += f"; {points} points are too few, {enough} leave one" if enough else ""
     raise FormatError(f"expected a surface, {found}", file=str(source))
 
 
 def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
-    """The image, and what to say of its unit; a camera that knows its unit is believed."""
+    """Read a depth image, and describe its unit in words.
+
+    The unit of the camera preset, if it has one, overrides the guess.
+    """
     reading = read_depth_guessing(path, unit=options.unit)
     unit = camera_depth_unit(options.intrinsics) if reading.guessed else "guess"
     of_stereo = unit.startswith("disparity:")
@@ -793,7 +808,10 @@ def from_cloud(
     maps: Maps,
     take: _Take = frame_alone,
 ) -> DepthFileResult:
-    """An organised cloud is a depth image that brings its camera and, unless given, its colours."""
+    """Simplify an organised cloud as a depth image with the cloud's camera and colours.
+
+    Colours in ``maps`` replace those of the cloud.
+    """
     maps = maps if maps.color is not None else replace(maps, color=grid.color)
     if options.intrinsics:
         raise InputError(
@@ -809,7 +827,7 @@ def from_cloud(
     if camera.rotation is not None:
         words += "; the mesh is in the cloud's own axes"
         metres = reading.depth / (1000.0 if reading.depth.dtype == np.uint16 else 1.0)
-        unit = float(np.median(stored[metres > 0] / metres[metres > 0]))  # of the file, in a metre
+        unit = float(np.median(stored[metres > 0] / metres[metres > 0]))  # file units per metre
         to_file = functools.partial(camera.to_file, unit=unit)
     return from_depth(
         depth, camera.intrinsics, path, output, options, maps, take, words, reading.unit, to_file
@@ -817,7 +835,7 @@ def from_cloud(
 
 
 def expect_options_of_scan(options: DepthOptions) -> None:
-    """Nothing that is asked for is left undone in silence."""
+    """Raise an InputError for options that a scan cannot obey."""
     given = {
         "by_distance": options.by_distance,
         "intrinsics": options.intrinsics != "",
@@ -871,11 +889,12 @@ def colors_of_frames(
     *,
     name: str = "color",
 ) -> dict[str, str]:
-    """Return the colour image of each depth image: by name, or both in the order of their names.
+    """Return the colour image of each depth image.
 
-    Where each depth image has a colour image of its own name, suffix aside, that is its image, and
-    other images are left aside. Else both are put in order, numbers in names by their size. Hidden
-    files and files that are not images, by their suffix, do not count.
+    If each depth image has a colour image of the same name (without suffix), they are matched by
+    name, and other colour images are ignored. Otherwise both are sorted by name (numbers in names
+    by their value) and matched in order. Hidden files and files whose suffix is not that of an
+    image are ignored.
 
     Parameters
     ----------
@@ -883,7 +902,7 @@ def colors_of_frames(
     colors : path-like
         Folder of the colour images; or masks, or confidences.
     name : str
-        The argument that an error is about.
+        Name of the argument in errors.
 
     Returns
     -------
@@ -893,7 +912,7 @@ def colors_of_frames(
     Raises
     ------
     InputError
-        They are not as many, where names do not tell.
+        The names do not match, and there are not as many colour images as depth images.
 
     Examples
     --------
@@ -933,16 +952,17 @@ def _is_image(path: Path) -> bool:
 def common_depth_unit(
     frames: Sequence[str | os.PathLike[str]], unit: str = "guess", intrinsics: str = ""
 ) -> str:
-    """Return the unit that most depth images seem to have; each one's own guess could differ.
+    """Return the unit that most depth images seem to have, to use for all of them.
 
     Parameters
     ----------
     frames : sequence of path-like or URL
-        Up to nine of them are looked at.
+        Depth images of one camera. Up to nine of them, evenly spaced, are read.
     unit : str
         Returned as it is unless it is ``"guess"``.
     intrinsics : str
-        A camera that knows its unit leaves ``"guess"``: each image asks the camera.
+        If this camera preset states a unit, ``"guess"`` is returned: each image is then read with
+        the preset's unit.
 
     Returns
     -------
@@ -968,6 +988,6 @@ def common_depth_unit(
     for number in np.linspace(0, len(frames) - 1, min(len(frames), _FRAMES_FOR_A_GUESS)):
         try:
             guesses[read_depth_guessing(frames[int(number)]).unit] += 1
-        except (FormatError, OSError):  # the frame's own turn reports it
+        except (FormatError, OSError):  # reported when that frame is simplified
             continue
     return guesses.most_common(1)[0][0] if guesses else "guess"

@@ -69,7 +69,7 @@ def simplify_recording(
         Frames go through one `ReliefStream` (``relief``), so that meshes stay still where the
         picture does.
     num_frames : int, optional
-        Stop after so many frames.
+        Stop after this many frames.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``. The fraction is 0 where
         nobody knows how many frames there are.

@@ -82,10 +82,11 @@ class Relief(DepthSimplification):
     mean_move, max_move : float
         How far vertices moved from their measured points (``move_points``), in the points' unit.
     levels : tuple of (num_vertices, (m, 3) int32)
-        The smaller meshes asked for: each holds the first so many vertices; see `prefix`. Then
-        vertices of smaller levels come first, else they go by pixel, row by row.
+        The requested smaller meshes, as number of vertices and faces. Each uses the first vertices;
+        see `prefix`. With levels, vertices of smaller levels come first; without, vertices are
+        sorted by pixel, row by row.
     encoded : bytes or None
-        What is to be sent of a frame of a stream with a ``bandwidth``.
+        Bytes to send for a frame of a stream with a ``bandwidth``.
     """
 
     dropped_pixels: int
@@ -106,11 +107,12 @@ class Relief(DepthSimplification):
         return replace(super().with_faces(faces), encoded=None, _off=None)
 
     def prefix(self, num_vertices: int) -> DepthSimplification:
-        """The largest of `levels` with at most so many vertices, over the first of these.
+        """Return the largest of `levels` that has at most ``num_vertices`` vertices.
 
         Parameters
         ----------
         num_vertices : int
+            Largest number of vertices.
 
         Raises
         ------
@@ -254,7 +256,7 @@ def relief(
         0 and NaN mean no measurement.
     intrinsics : Intrinsics
     target_points : int
-        At most so many vertices; at least 3.
+        Largest number of vertices; at least 3.
     color : (H', W', 3 or 4) uint8, optional
         Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
@@ -390,7 +392,7 @@ def relief_grid(
     valid : (H, W) bool or None
         None: where all three coordinates are finite.
     target_points : int
-        At most so many vertices; at least 3.
+        Largest number of vertices; at least 3.
     color : (H, W, 3 or 4) uint8, optional
     mask : (H, W) bool, optional
         True where a valid pixel may be used; by default everywhere.
@@ -452,17 +454,16 @@ def relief_grid(
 
 @checked
 class ReliefStream:
-    """Simplify the frames of a depth sequence so that what stands still stays still.
+    """Simplify the frames of a depth sequence to meshes that do not flicker.
 
-    The noise of single frames is taken out of the depths, and what moves is followed; a pixel that
-    was a vertex in the frame before, or an edge, is given up only for a better one. Buffers are
-    reused.
+    Depths are averaged over time where the scene is at rest, and follow motion. Vertices and edges
+    of the previous frame are replaced only by better ones. Buffers are reused.
 
     Parameters
     ----------
     intrinsics : Intrinsics
     target_points : int
-        At most so many vertices; at least 3.
+        Largest number of vertices; at least 3.
     registration : Registration, optional
     move_points : bool
         As for `relief`.
@@ -473,23 +474,22 @@ class ReliefStream:
     depth_step : float, optional
         As for `relief`.
     stability : float
-        How many times as much it costs to give up a vertex of the frame before; 1: each frame
-        chooses for itself.
+        Factor on the price of removing a vertex of the previous frame; 1: frames are independent.
     newest_share : float
         Weight of the newest frame in a pixel's mean over time, in (0, 1]; 1: no smoothing, so that
-        vertices are the points as measured.
+        vertices are the measured points.
     gate : float
-        A pixel that changes by a larger part of its depth starts anew.
+        A pixel whose depth changes by more than this share restarts its mean.
     threads : int
         0: all cores. The result is the same for any number.
     bandwidth : float, bytes a second, optional
-        What may be sent: each frame gets the points, up to ``target_points``, whose encoded mesh,
-        with the picture, fits into its share of the bytes. No second has more, also if frames come
-        more often than ``rate``.
+        Largest number of bytes per second. Each frame gets as many points, up to
+        ``target_points``, as fit with the picture into its share of the bytes. The limit also holds
+        if frames arrive more often than ``rate``.
     rate : float, frames a second
-        With ``bandwidth``: the frames that share it alike.
+        Number of frames that share ``bandwidth`` equally.
     encode : callable, optional
-        With ``bandwidth``: takes a `Relief` and returns the bytes that are sent of it. Default:
+        Function from a `Relief` to the bytes that are sent, for ``bandwidth``. Default:
         `DepthMesh.encode`, with the number and the time of the frame.
 
     Raises
@@ -502,7 +502,7 @@ class ReliefStream:
     A change of depth that the pixels around have, too, is motion: the mean change of 24 x 24
     pixels, and what the mean of 25 pixels differs from it, are taken at once where they are above
     the noise of such means. The rest of a pixel's changes is averaged over time, and the result
-    over those of the 24 pixels around that lie on the same surface. The mesh of the frame before
+    over those of the 24 pixels around that lie on the same surface. The mesh of the previous frame
     goes along with the motion of the larger means. Where it is within three standard deviations of
     the result, its surface is moved towards that by half of ``newest_share`` at least, by more in
     a pixel's first frames, and wholly where half of the pixels around move. The noises are measured
@@ -603,7 +603,7 @@ class ReliefStream:
         Raises
         ------
         InputError
-            As `relief`; an earlier ``time_ns`` than that of the frame before.
+            As `relief`; an earlier ``time_ns`` than that of the previous frame.
 
         Notes
         -----

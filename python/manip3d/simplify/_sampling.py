@@ -51,7 +51,7 @@ def sample_depth(
         0 and NaN mean no measurement.
     intrinsics : Intrinsics
     target_points : int
-        At most so many vertices; within 1 % of it where the method can.
+        Largest number of vertices; within 1 % of it where the method can.
     method : 'uniform', 'poisson' or 'ssa'
         A square lattice; points in random order, none within a radius of another; or zero
         crossings of the Laplacian of Gaussian along the rows (scale-space analysis), which is

@@ -1,4 +1,4 @@
-"""Scenes with fewer faces: each mesh once, all of them by one measure of error."""
+"""Simplify the meshes of a scene together, each mesh once, by one measure of error."""
 
 from __future__ import annotations
 
@@ -39,23 +39,26 @@ if TYPE_CHECKING:
 
 _Result = SimplifyResult | QualityResult
 
-_MOST_RUNS = 6  # to meet a number of drawn faces; each halves what is left of it or better
-_NEAR = 0.01  # of the target: as near to it as a run more is worth
+# `_search` makes at most this many runs to meet a number of drawn faces, and stops earlier when it
+# is below the target by no more than this share.
+_MOST_RUNS = 6
+_NEAR = 0.01
 
-# Faces of a mesh shown smaller than this share of the scene's diagonal are near the rounding of
-# single precision, which the fast mode works in, and have no shape beside the others.
+# A mesh drawn smaller than this share of the scene's diagonal counts as hidden: its faces would be
+# near the rounding of single precision, in which the fast mode computes.
 _TINY = 1e-5
 
-# How far joints move a mesh with a skin while it is simplified, as a share of its diagonal: see
-# `sway`. From .5 % on, curved characters lose more at rest than they gain in poses.
+# How far `sway` moves a mesh with a skin while it is simplified, as a share of its diagonal. From
+# 0.005 on, curved characters lose more in the rest pose than they gain in other poses.
 _SWAY = 0.002
 
-# Meshes of several instances are moved by this share of the scene's diagonal, each
-# differently, so that what happens to touch the first instance is not welded to all of them.
-_HAIR = 1e-9
+# Meshes of several instances are shifted by multiples of this share of the scene's diagonal, so
+# that a mesh that touches the largest instance is not welded to it: the other instances are
+# elsewhere.
+_SHIFT = 1e-9
 
-# A mesh that vanished gets as many corners back as a tetrahedron has, while those of all such
-# meshes together take no more than this share of the target.
+# A mesh that vanished gets back as many corners as a tetrahedron has, as long as the corners of all
+# such meshes are no more than this share of the target.
 _CORNERS = 4
 _SHARE_OF_CORNERS = 0.1
 
@@ -78,14 +81,16 @@ class SceneResult:
     Attributes
     ----------
     scene : Scene
+        The simplified scene.
     max_error : float
-        Largest error of a step (``QualityResult.max_error``), in the unit of the scene.
+        Largest error of a collapse (``QualityResult.max_error``), in the unit of the scene.
     distance_bound : float or None
         With ``max_distance``: upper bound of the two-sided Hausdorff distance of each instance of
         each mesh, in the unit of the scene.
     stop : StopReason
+        Why the last run stopped.
     result : QualityResult or SimplifyResult
-        The run over all meshes that are seen, each at the place of its largest instance.
+        Result of the run over all visible meshes, each at the place of its largest instance.
     """
 
     scene: Scene
@@ -102,8 +107,9 @@ class SceneLevel:
     Attributes
     ----------
     scene : Scene
+        The scene at this level.
     max_error : float
-        Largest error of the collapses that led here, in the unit of the scene.
+        Largest error of the collapses that led to this level, in the unit of the scene.
     """
 
     scene: Scene = field(repr=False)
@@ -111,7 +117,7 @@ class SceneLevel:
 
     @property
     def num_faces(self) -> int:
-        """Faces that are drawn."""
+        """Number of drawn faces; those of a mesh count once for each instance."""
         return self.scene.num_faces
 
 
@@ -124,9 +130,9 @@ class SceneLods:
     levels : tuple of SceneLevel
         The first is the scene itself.
     result : QualityResult or SimplifyResult
-        The run that the levels come from, or that of the coarsest one tried.
+        Result of the run that made the levels, or of the run for the coarsest level.
     error_measure : str
-        What the ``max_error`` of a level measures, in words; manifests have it.
+        Description of what the ``max_error`` of a level measures; it is written to manifests.
     """
 
     levels: tuple[SceneLevel, ...]
@@ -166,10 +172,10 @@ class SceneLods:
 class _Instances:
     """The drawn instances of a mesh that may be simplified."""
 
-    index: int
+    index: int  # of the mesh in the scene
     transforms: NDArray[np.float64]  # (N, 4, 4) into the coordinates of the scene
-    largest: int  # the row of the largest one that has an inverse, else of the largest
-    is_flat: bool  # no instance has an inverse: each is flattened or has scale 0
+    largest: int  # row of the largest invertible transform, or of the largest if none is
+    is_flat: bool  # no transform is invertible: each instance is flattened or has scale 0
 
     @classmethod
     def of(cls, index: int, transforms: NDArray[np.float64]) -> _Instances:
@@ -183,18 +189,18 @@ class _Instances:
 
     @property
     def place(self) -> NDArray[np.float64]:
-        """The (4, 4) transform of the largest one."""
+        """The (4, 4) transform of the largest instance."""
         place: NDArray[np.float64] = self.transforms[self.largest]
         return place
 
     def placed(self, mesh: Mesh) -> NDArray[np.float64]:
-        """(V, 3) the vertices of the largest one."""
+        """Return the (V, 3) vertices of the largest instance in the scene."""
         vertices: NDArray[np.float64] = mesh.vertices @ self.place[:3, :3].T + self.place[:3, 3]
         return vertices
 
 
 def _instances(scene: Scene) -> list[_Instances]:
-    """The instances of each mesh that may be simplified."""
+    """Return the instances of each mesh that may be simplified."""
     uses = scene.num_uses
     transforms: dict[int, list[NDArray[np.float64]]] = {
         i: []
@@ -217,12 +223,15 @@ def _instances(scene: Scene) -> list[_Instances]:
 def _diagonal(vertices: NDArray[np.float64]) -> float:
     sides = np.ptp(vertices, axis=0)
     length = float(np.linalg.norm(sides))
-    # The squares of other lengths overflow, or lose digits.
+    # Beyond these limits the squares of the sides overflow or lose digits; hypot scales them.
     return length if 1e-150 < length < 1e150 else math.hypot(*sides)
 
 
 def _groups(scene: Scene, sways: bool) -> tuple[_Placed | None, list[_Placed]]:
-    """The meshes that are seen, as one, and each of the others by itself; swaying or at rest."""
+    """Return the visible meshes as one group, and each hidden or flattened mesh as its own group.
+
+    ``sways``: deform meshes with a skin or morph targets by `sway`.
+    """
     every = _instances(scene)
     corners = [own.placed(scene.meshes[own.index]) for own in every]
     least = _TINY * _diagonal(np.concatenate(corners))
@@ -239,7 +248,7 @@ def _groups(scene: Scene, sways: bool) -> tuple[_Placed | None, list[_Placed]]:
 
 
 def _with_surface(scene: Scene, groups: Sequence[_Placed]) -> tuple[list[_Placed], Scene]:
-    """The groups that have a face to simplify, and the scene without the faces of the others."""
+    """Return the groups that have a surface, and the scene without the faces of the others."""
     free: list[_Placed] = []
     left = scene
     for placed in groups:
@@ -256,7 +265,10 @@ def _with_surface(scene: Scene, groups: Sequence[_Placed]) -> tuple[list[_Placed
 
 
 def _far_apart(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    """Return rows of points, each the farthest from those before it; the first from the middle."""
+    """Return ``count`` rows of points by farthest point sampling.
+
+    The first is the farthest from the centre of the bounding box.
+    """
     nearest = ((points - 0.5 * (points.min(axis=0) + points.max(axis=0))) ** 2).sum(axis=1)
     rows: list[int] = []
     for number in range(min(count, len(points))):
@@ -267,7 +279,7 @@ def _far_apart(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
 
 
 def _turned(normals: NDArray[Any], linear: NDArray[Any]) -> NDArray[np.float64]:
-    """Unit normals of a surface after a linear map, but for the sign that a mirror gives."""
+    """Return the unit normals of a surface after a linear map; a mirror does not reverse them."""
     turned = normals @ np.linalg.inv(linear)
     lengths = np.linalg.norm(turned, axis=1, keepdims=True)
     unit: NDArray[np.float64] = np.divide(turned, lengths, out=turned, where=lengths > 0.0)
@@ -275,10 +287,11 @@ def _turned(normals: NDArray[Any], linear: NDArray[Any]) -> NDArray[np.float64]:
 
 
 class _Placed:
-    """The meshes of a scene that may be simplified, each once, as one mesh.
+    """Meshes of a scene merged to one mesh, each at the place of its largest instance.
 
-    A face's material tells its mesh, too, and its chart in further sets of texture coordinates:
-    borders between meshes, and seams of these sets, are like borders between materials.
+    Each combination of a mesh, a material and a chart of further texture coordinate sets has its
+    own material in the merged mesh (a row of ``_looks``). The simplifier therefore keeps borders
+    between meshes, and seams of these sets, as it keeps borders between materials.
     """
 
     def __init__(
@@ -301,7 +314,7 @@ class _Placed:
         self._uses = scene.num_uses
         self._instances = {own.index: own for own in every}
         self.indices = list(self._instances)
-        # A mesh that is flattened or has no size is simplified in its own coordinates.
+        # A hidden or flattened mesh is simplified in its own coordinates.
         self._places = {
             i: np.eye(4) if is_aside else own.place.copy() for i, own in self._instances.items()
         }
@@ -311,7 +324,7 @@ class _Placed:
             for i, own in self._instances.items()
             for other in own.transforms
         )
-        # Unit of the error: that of the scene, at the largest instance.
+        # Scene units per unit of the merged mesh. `stretch` is the largest one over all instances.
         self.unit = self.stretch if is_aside else 1.0
         if not is_aside and self.stretch < 1.0 + 1e-9:
             self.stretch = 1.0
@@ -324,13 +337,14 @@ class _Placed:
         self.mesh = self._merge()
 
     def _part_shared(self) -> None:
+        """Shift meshes of several instances by `_SHIFT`, so that nothing is welded to them."""
         shared = [i for i in self.indices if self._uses[i] > 1]
         if not shared or len(self.indices) == 1:
             return
         corners = np.concatenate([self._vertices(i) for i in self.indices])
         diagonal = _diagonal(corners)
         for number, i in enumerate(shared):
-            self._places[i][:3, 3] += _HAIR * diagonal * (number + 1)
+            self._places[i][:3, 3] += _SHIFT * diagonal * (number + 1)
 
     def _vertices(self, index: int) -> NDArray[np.float64]:
         place = self._places[index]
@@ -344,7 +358,7 @@ class _Placed:
         return bool(np.linalg.det(self._places[index][:3, :3]) < 0.0)
 
     def _merge(self) -> Mesh:
-        """All meshes one after the other; corners of those without an attribute have -1."""
+        """Concatenate the meshes; corners of a mesh without an attribute get the index -1."""
         chosen = [self.scene.meshes[i] for i in self.indices]
         has_colors = any(mesh.colors is not None for mesh in chosen)
         tables: dict[str, list[NDArray[Any]]] = {name: [] for name in _TABLES}
@@ -375,14 +389,15 @@ class _Placed:
         for table, corners in (("texcoords", "face_texcoords"), ("normals", "face_normals")):
             if table not in joined:
                 joined.pop(corners, None)
-        # All that the simplifier asks of a material is whether it has a picture, of any format.
+        # The simplifier asks only whether a material has a texture.
         pictures = {"base_color": Texture()} if self.scene.has_textures else {}
         return Mesh(**joined, materials=[Material(textures=pictures) for _ in self._looks])
 
     def corners_of_vanished(self, left: Mesh, drawn: int) -> NDArray[np.bool_] | None:
-        """Return corners of the largest meshes that have no face left, as one of each vertex.
+        """Choose corners to keep of meshes that have no face left, the largest meshes first.
 
-        They take no more than their share of so many drawn faces; None where there are none.
+        Returns a mask over the vertices of the merged mesh, or None if no mesh vanished. The
+        corners are at most `_SHARE_OF_CORNERS` of ``drawn`` faces.
         """
         has_faces = set(self._owners()[self._rows_of(left)].tolist())
         first, vanished = 0, []
@@ -417,7 +432,7 @@ class _Placed:
         return (rows.reshape(-1) + first).astype(np.int32)
 
     def split(self, mesh: Mesh, scene: Scene) -> Scene:
-        """The scene with the parts of a simplified mesh."""
+        """Return the scene with the meshes that a simplified merged mesh consists of."""
         owner = self._owners()[self._rows_of(mesh)]
         parts = {i: self._part(mesh, np.flatnonzero(owner == i), i) for i in self.indices}
         moved: dict[int, Deformation] = {}
@@ -443,6 +458,7 @@ class _Placed:
         return scene.with_meshes(parts, moved, placed)
 
     def _part(self, mesh: Mesh, chosen: NDArray[np.int64], index: int) -> Mesh:
+        """Return the chosen faces as the mesh with this index, in its own coordinates."""
         original = self.scene.meshes[index]
         if len(chosen) == 0:
             return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32), materials=original.materials)
@@ -479,20 +495,20 @@ class _Placed:
         )
 
     def num_drawn(self, mesh: Mesh) -> int:
-        """Faces of these meshes that are drawn when a simplified mesh takes their place."""
+        """Return the number of drawn faces when a simplified mesh replaces these meshes."""
         each = np.array([self._uses[i] for i, _, _ in self._looks])
         return int(each[self._rows_of(mesh)].sum())
 
     @staticmethod
     def _rows_of(mesh: Mesh) -> NDArray[np.int32]:
-        """Return for each face of a simplified mesh the row in `_looks`, if it has any faces."""
+        """Return the row in `_looks` of each face of a simplified mesh."""
         if mesh.num_faces == 0:
             return np.zeros(0, dtype=np.int32)
         assert mesh.face_material is not None
         return mesh.face_material
 
     def inside(self, mesh: Mesh, box: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which vertices of the merged mesh, or of it cleaned, lie in a box of the scene."""
+        """Return which vertices of the (perhaps cleaned) merged mesh lie in a box of the scene."""
         vertices = mesh.vertices
         if self._is_aside:
             (place,) = (own.place for own in self._instances.values())
@@ -522,30 +538,30 @@ def simplify_scene(
     Parameters
     ----------
     scene : Scene
-        Not changed.
+        Scene to simplify; it is not changed.
     method : str
         ``"quality"``, ``"fast"`` or one of `METHODS`.
     target_faces : int, optional
-        Stop at this many faces as they are drawn, or fewer: those of a mesh count for each node
-        that shows it (``Scene.num_faces``).
+        Largest number of drawn faces. The faces of a mesh count once for each node that shows it
+        (``Scene.num_faces``).
     ratio : float in [0, 1], optional
-        The fraction of the drawn faces that stays; with ``target_faces``, the larger number of
-        faces is the target.
+        Target as a fraction of the drawn faces. If ``target_faces`` is given too, the larger number
+        is the target.
     max_error, max_distance : float, optional
         As for the method, in the unit of the scene, at the largest instance of each mesh. A mesh
-        that no instance shows (all have scale 0, or are smaller than 1e-5 of the scene's diagonal)
-        stays as it is where no number of faces is given.
+        whose instances are all hidden (scale 0, or smaller than 1e-5 of the scene's diagonal) is
+        not simplified unless a number of faces is given.
     lock_box : (2, 3) float, optional
-        The lower corner, then the upper one, in the coordinates of the scene: vertices between them
-        stay (for ``"quality"`` and ``"fast"``). Of several instances the largest one counts.
+        Lower and upper corner of a box in the coordinates of the scene. Vertices in it stay (for
+        ``"quality"`` and ``"fast"``). If a mesh has several instances, the largest one counts.
     lock_boundary : bool
         The boundaries of the meshes stay as they are (for ``"quality"`` and ``"fast"``), see
         :func:`boundary_vertices`.
     importance : (V,) float > 0, optional
-        How many times as much as elsewhere it costs to change the surface at a vertex, of all
-        ``scene.meshes`` one after the other (for ``"quality"``).
+        Factor on the price of changing the surface at each vertex; the vertices of all
+        ``scene.meshes`` are concatenated (for ``"quality"``).
     memory : int, bytes, optional
-        Ceiling of the resident memory of this process, as of :func:`simplify` (for ``"quality"``
+        Ceiling of the resident memory of this process, as for :func:`simplify` (for ``"quality"``
         and ``"fast"``).
     cleaned : bool
         Clean the meshes first (:func:`clean`), where the method does not do it itself.
@@ -570,28 +586,29 @@ def simplify_scene(
     Notes
     -----
     The meshes are simplified in one run, each at the place of its largest instance, so that all
-    faces compete by the same error in the unit of the scene. A mesh that n nodes show costs n times
-    the error and saves n times the faces: n cancels in the price of a face, and only the count of
-    faces knows of it. Where meshes have several instances the run is repeated, six times at most,
-    until the number of drawn faces is within 1 % below the target, and more often only while it is
-    above it. Meshes with one instance whose vertices coincide stay together there; a border between
-    two meshes is treated like one between two materials.
+    faces compete by the same error in the unit of the scene. A collapse in a mesh that n nodes show
+    adds n times the error and removes n times the faces; n cancels in the error per face, and
+    matters only for the number of drawn faces. If meshes have several instances, the run is
+    repeated up to six times until the number of drawn faces is at most 1 % below the target, and
+    more often only while it is above the target. Where the vertices of two meshes with one instance
+    coincide, the meshes stay connected. A border between two meshes is treated like a border
+    between two materials.
 
-    Meshes with a skin or morph targets are simplified in the pose in which the skin was bound,
-    without the targets. For ``"quality"`` and ``"fast"`` they sway a little in it, each joint by
-    0.2 % of the mesh's diagonal and each target by a tenth, so that what is straight there keeps
-    the vertices with which it bends (not with ``max_distance`` or ``lock_box``, which count at
-    rest). Joints, weights and targets of a new vertex are those of the nearest point of the
-    original. So are further sets of texture coordinates (``TEXCOORD_1``, ...), whose seams are
-    kept like borders between materials.
+    Meshes with a skin or morph targets are simplified in the pose in which the skin was bound, with
+    all target weights 0. For ``"quality"`` and ``"fast"`` each joint moves the mesh by 0.2 % of its
+    diagonal, and each target by a tenth of its displacement, so that parts which are straight in
+    this pose keep the vertices that they need to bend. This is not done with ``max_distance`` or
+    ``lock_box``, which hold in the rest pose. A new vertex gets the joints, weights, target
+    displacements and further texture coordinates (``TEXCOORD_1``, ...) of the nearest point of the
+    original. Seams of the further texture coordinates are kept like borders between materials.
 
-    Where a target makes whole meshes vanish, ``"quality"`` and ``"fast"`` run again with four
-    corners of each of them held, the largest first, as long as these corners are no more than a
-    tenth of the target's faces: a small part that moves by itself would be missed.
+    If whole meshes vanish, ``"quality"`` and ``"fast"`` run again with four corners of each such
+    mesh locked, the largest meshes first, up to a tenth of the target's faces: a viewer would miss
+    a small part that moves by itself.
 
-    Meshes whose instances are all flattened, or that no instance shows, are simplified each by
-    itself, in their own coordinates, to the share of their faces that stays of the whole scene:
-    they have no error that compares with that of the others.
+    Hidden meshes, and meshes whose instances are all flattened, are simplified one by one in their
+    own coordinates, because their error cannot be compared with that of the others. Each keeps the
+    same share of its faces as the whole scene.
 
     Examples
     --------
@@ -664,7 +681,7 @@ def _with_locks(
 
 
 def _with_locked(limits: Mapping[str, Any], corners: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return arguments of a method by which these vertices stay, too."""
+    """Return arguments of a method with these vertices added to the locked ones."""
     locked = limits.get("locked")
     return {**limits, "locked": corners if locked is None else corners | np.asarray(locked)}
 
@@ -688,7 +705,7 @@ def _importance_of(
 
 
 def _scaled(limit: float | None, unit: float) -> float | None:
-    """Return a limit in the mesh's own unit; None where every instance has scale 0."""
+    """Return a limit in the merged mesh's unit; None if every instance has scale 0."""
     return None if limit is None or unit == 0.0 else limit / unit
 
 
@@ -701,7 +718,10 @@ def _simplified_groups(
     bounded: bool,
     sways: bool,
 ) -> SceneResult:
-    """Simplify what is seen by one error, and what is not to the same share of its faces."""
+    """Simplify the visible meshes together, and each other mesh to the same share of its faces.
+
+    ``simplified(placed, drawn, progress)`` simplifies a group to a number of drawn faces.
+    """
     seen, aside = _groups(scene, sways)
     if target is None:
         aside = [placed for placed in aside if not placed.is_hidden]
@@ -748,7 +768,7 @@ def _drawn_target(scene: Scene, target_faces: int | None, ratio: float | None) -
 
 
 def checked_box(box: ArrayLike) -> NDArray[np.float64]:
-    """(2, 3) the lower corner of a box and its upper one."""
+    """Check the (2, 3) lower and upper corner of a box."""
     corners = np.asarray(box, dtype=np.float64)
     if corners.shape != (2, 3):
         raise InputError(f"lock_box: expected shape (2, 3), got {corners.shape}")
@@ -761,7 +781,7 @@ def checked_box(box: ArrayLike) -> NDArray[np.float64]:
 
 
 def inside_box(vertices: NDArray[np.float64], box: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which vertices lie in a box."""
+    """Return which vertices lie in a box."""
     chosen: NDArray[np.bool_] = ((vertices >= box[0]) & (vertices <= box[1])).all(axis=1)
     return chosen
 
@@ -772,7 +792,10 @@ def _meet(
     at: Callable[[int | None, Progress], _Result],
     progress: Progress,
 ) -> _Result:
-    """The run whose number of stored faces gives the most drawn ones within the target."""
+    """Return the run with the most drawn faces that are not above the target ``wanted``.
+
+    ``at(stored, progress)`` simplifies to a number of stored faces, which count once per mesh.
+    """
     before = placed.mesh.num_faces
     drawn_before = placed.num_drawn(placed.mesh)
     if drawn_before == before:
@@ -787,8 +810,11 @@ def _search(
     at: Callable[[int | None, Progress], _Result],
     part: Callable[[float, float], Progress],
 ) -> _Result:
-    """Meet a target as `_meet` does: six runs, and more only until it is met or cannot be."""
-    met: tuple[int, int] = (-1, 0)  # stored and drawn faces that are within the target
+    """Search for the number of stored faces: interpolate for `_MOST_RUNS` runs, then bisect.
+
+    Bisection goes on only while no run is within the target.
+    """
+    met: tuple[int, int] = (-1, 0)  # the most stored and drawn faces within the target so far
     above = (placed.mesh.num_faces, placed.num_drawn(placed.mesh))
     if wanted >= above[1]:
         return at(above[0], part(0.0, 1.0))
@@ -798,7 +824,7 @@ def _search(
         low, high = max(met[0], 0), above[0]
         if number < _MOST_RUNS:
             share = (wanted - met[1]) / max(1, above[1] - met[1])
-            # Rounded down: a fraction more of a stored face is a drawn one too many.
+            # Rounded down, because one more stored face can exceed the target.
             stored = low + math.floor(share * (high - low))
         else:
             stored = (low + high) // 2
@@ -812,8 +838,8 @@ def _search(
             if result.stop != StopReason.TARGET_REACHED:
                 if stored > 0 or wanted == 0:
                     return result
-                # One face of a mesh of many instances is more than is wanted, and no face at all is
-                # not to be had: what comes nearest is one.
+                # Even one face of a mesh with many instances exceeds the target, and the method
+                # does not go down to none: one face is the nearest.
                 one = at(1, part(1.0, 1.0))
                 return one if placed.num_drawn(one.mesh) < drawn else result
             above = (min(stored, left), drawn)
@@ -822,10 +848,10 @@ def _search(
             if drawn >= (1.0 - _NEAR) * wanted:
                 return result
             met = (max(stored, left), drawn)
-        del result  # frees one that is not the best before the next run
+        del result  # frees its memory before the next run, unless it is the best
         if above[0] - met[0] <= 1 or (best is not None and number + 1 >= _MOST_RUNS):
             break
-    assert best is not None  # no stored face at all is within every target
+    assert best is not None  # 0 stored faces are within every target
     return best
 
 
@@ -844,19 +870,19 @@ def scene_lods(
 ) -> SceneLods:
     """Make levels of detail of a scene, with its nodes and instances.
 
-    Where whole meshes vanish in a level, ``"quality"`` and ``"fast"`` keep four corners of each, as
+    If whole meshes vanish in a level, ``"quality"`` and ``"fast"`` keep four corners of each, as
     :func:`simplify_scene` does.
 
     Parameters
     ----------
     scene : Scene
-        The finest level; not changed.
+        The finest level; it is not changed.
     levels : int or sequence of int
-        How many levels there are in all, or the numbers of stored faces of the coarser ones,
-        descending. A stored face counts once, however many nodes show it. Meshes that are hidden or
-        flattened are simplified by themselves, and each group gets its share of these numbers.
+        Number of levels including the finest, or the numbers of stored faces of the coarser levels,
+        descending. A stored face counts once, however many nodes show it. Hidden and flattened
+        meshes are simplified one by one, each to its share of these numbers.
     ratio : float in (0, 1)
-        Stored faces of a level over those of the one before, where ``levels`` is a number.
+        Stored faces of a level divided by those of the level before it, if ``levels`` is a number.
     method, options, progress
         As for :func:`lod_chain`.
     lock_box, lock_boundary
@@ -867,7 +893,7 @@ def scene_lods(
     Returns
     -------
     SceneLods
-        Levels that the simplifier cannot reach are left out: see ``result.stop``.
+        Levels that the simplifier cannot reach are missing; ``result.stop`` states why.
 
     Raises
     ------
@@ -923,7 +949,7 @@ def scene_lods(
 def _with_small_meshes(
     placed: _Placed, chain: LodChain, method: str, options: Mapping[str, Any]
 ) -> LodChain:
-    """Make levels again in which whole meshes vanish, as `simplify_scene` does."""
+    """Make levels in which whole meshes vanished again, with corners of these meshes locked."""
     if method not in ("quality", "fast"):
         return chain
     finest, *coarser = chain.levels
