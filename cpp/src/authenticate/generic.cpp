@@ -24,29 +24,31 @@ namespace {
 // Float32 holds a coordinate of 100 m to 4 micrometres.
 constexpr double kFloatRounding = 1e-5;  // metres
 
-// A rotation and a shift of some 100 m in single precision, and back, leave 33 micrometres at most
-// in a frame that they do not spoil as a whole. Of coordinates that are anything, one point in a
-// thousand is as near to its step in all three.
+// Errors of coordinates that were rotated and shifted by some 100 m in single precision and back:
+// at most 33 micrometres in frames that are not changed as a whole by this. Random coordinates are
+// as near to a step in all three axes for one point in a thousand.
 constexpr double kFloatArithmetic = 5e-5;  // metres
 
-// A million windows of clean ranges reach this exponent in 2 % of the frames at most.
+// Natural logarithm of the improbability of a range window. The largest of a million clean windows
+// exceeds this in at most 2 % of the frames.
 constexpr double kWindowThreshold = 18.0;
 
-// Metres by which a coordinate may be farther from its place on the lattice than rounding moves it:
-// of the 5.7 million points of 47 frames of KITTI, of which ten gave the lattice, none needs more
-// than 0.13 mm.
+// Metres by which a coordinate may be farther from its place on the lattice than by rounding. None
+// of the 5.7 million points of 47 frames of KITTI, ten of which gave the lattice, needs more than
+// 0.13 mm.
 constexpr double kPlaceMargin = 0.00025;
 
-constexpr double kDriftThreshold = 8.0;  // deviations; clean windows of KITTI's frames reach 7.6
+// Standard deviations; clean windows of KITTI's frames reach 7.6.
+constexpr double kDriftThreshold = 8.0;
 
-// Shares of a sector that what was done to the whole frame leaves everywhere: rounding and
-// resampling have 2 stray points in 100. Of places it is 1 in 200: clean frames have none that
-// stray, and whoever cuts coordinates to whole millimetres by a product in single precision moves
-// every hundredth of them by one.
+// If each sector has at least this share of contradicting points, the frame as a whole was changed:
+// rounding and resampling leave 2 stray points in 100. The limit for places is lower, because clean
+// frames have no stray places, and cutting coordinates to whole millimetres by a product in single
+// precision moves one in a hundred of them by a step.
 constexpr double kSpoiledShare = 0.02;
 constexpr double kSpoiledPlaces = 0.005;
 
-// Fewer answers beside a gap will do where the turn before was answered: 6 of 8.
+// Returns beside a gap, of 8, that are enough if the previous turn had returns in the gap.
 constexpr int kAnsweredBesideInTime = 6;
 
 // One frame on its way through the stages; each stage fills in what the later ones need.
@@ -271,8 +273,8 @@ class Examination {
     }
   }
 
-  // Who moves points along their beams and writes them again rounds twice, or to ranges between
-  // those that the laser prints: many are not roundings of a place where it can have measured.
+  // Points that an attacker moved along their beams were rounded twice, or have ranges between the
+  // range steps: many of them are not the rounding of any point that the laser can measure.
   void examine_places() {
     const double step = lattice_.coordinate_step;
     const bool known = lattice_.steps > 0 && lattice_.range_step > 0.0 && is_rounded_once();
@@ -413,17 +415,18 @@ class Examination {
   void find_regions() { gather_regions(points_, lattice_, reading_, cells_, voids_, result_); }
 
   const PointsView& points_;
-  std::array<const PointsView*, 2> beside_;  // the turn before and the one behind
+  std::array<const PointsView*, 2> beside_;  // previous and following turn
   const ScanLattice& lattice_;
   const GenericOptions& options_;
   const Progress& progress_;
   LatticeReading reading_;
   EvidenceCells cells_;
   RangeVoxels voxels_;
-  std::vector<std::int32_t> voxel_of_point_;  // number; -1: the point was not read
+  std::vector<std::int32_t>
+      voxel_of_point_;  // number of the voxel; -1: the point is off the lattice
   FiringSchedule schedule_;
   std::vector<Void> voids_;
-  HorizonSectors sectors_;  // of points that were read
+  HorizonSectors sectors_;  // sectors of the points on the lattice
   GenericResult result_;
 };
 

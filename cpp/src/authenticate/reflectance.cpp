@@ -22,45 +22,60 @@ namespace {
 
 constexpr float kNoReflectance = std::numeric_limits<float>::quiet_NaN();
 
-// Directions in which points of one frame are compared: less than the step from firing to firing.
+// Azimuth columns of ReflectanceView: finer than the firings of the scanner, so that a column holds
+// at most one return of a laser.
 constexpr int kFineColumns = 4000;
-// Points of another turn are looked for so many lasers and fine columns around.
+// Points of another turn are searched within this many lasers and fine columns.
 constexpr int kLookRings = 2;
 constexpr int kLookColumns = 4;
-constexpr std::size_t kMostBeside = 3;
+constexpr std::size_t kMostBeside = 3;     // points of another turn that are averaged
 constexpr double kBesideSoftening = 0.05;  // metres: weights are 1 / (distance + this)
 
-// Directions in which neighbouring lasers are compared: a firing in each.
+// Azimuth columns in which neighbouring lasers are compared: one firing in each.
 constexpr int kGainColumns = 2000;
-constexpr std::size_t kFewestGains = 50;
+constexpr std::size_t kFewestGains = 50;  // pairs of returns for a difference of gains
 
-// Cells of the evidence: two lasers, 1.44 degrees, and a quarter of an octave of range.
+// Voxels of the evidence: two lasers, 1.44 degrees, and a quarter of an octave of range.
 constexpr int kShareRings = 2;
 constexpr int kShareColumns = 250;
 
-// Energies are clipped, so that no single point decides.
+// Energies (squared differences of reflectance, divided by kEditVariance or kApartVariance). With
+// independent noise of variance s in all three turns, E = I - (P + N) / 2 has the variance 3/2 s,
+// and D = P - N has 2 s; see compare_reflectance().
+constexpr double kEditVariance = 1.5;
+constexpr double kApartVariance = 2.0;
+// The energy of a point is clipped, so that no single point decides.
 constexpr double kMostEnergy = 0.06;
-// Reflectances come in hundredths, and half the frame's noise is below 0.03: energies near 0 say
-// nothing of each other.
+// This is added to both energies of each point before their ratio is taken: reflectances come in
+// hundredths, and half of the points have less noise than 0.03, so that smaller energies mean
+// nothing.
 constexpr double kLeastEnergy = 0.0008;
-// Clean frames have few windows with more, whichever pair of lasers is left out.
+// A window is evidence above this ratio. Few windows of clean frames exceed it, and fewer still if
+// any pair of lasers may be left out.
 constexpr double kEnergyRatio = 3.0;
-// The mean of a window is compared, too: surfaces that were scaled or shifted by less than their
-// noise differ in nothing else. It may vary by a quarter of a point's energy, as neighbours are
-// alike, and by so much beside.
+// The mean of E over a window is tested as well, because it alone shows surfaces that were scaled
+// or shifted by less than their noise. Its variance in clean frames is taken as this share of the
+// energy of a point (the points of a window are not independent), plus kLeastMean.
 constexpr double kMeanShare = 0.25;
 constexpr double kLeastMean = 0.0004;
-constexpr double kMostExcess = 2.0;
-constexpr int kFewestCompared = 20;
-constexpr int kFewestWithout = 10;  // the same where a pair of lasers is left out
+constexpr double kMostExcess = 2.0;  // largest excess of a window over kEnergyRatio that counts
+constexpr int kFewestCompared = 20;  // points of a window
+constexpr int kFewestWithout = 10;   // points of a window without one pair of lasers
 
-// Share of neighbours with the same reflectance on a surface that was painted with one value.
+// On a surface that was painted with one value, neighbours have the same reflectance with this
+// probability. For a clean one it is estimated for each laser, within the two limits below.
 constexpr double kEvenShare = 0.75;
 constexpr double kLeastEven = 0.08;
 constexpr double kMostEven = 0.7;
-constexpr double kEvenRatio = 5.0;   // log likelihood ratio of a window
-constexpr double kEvenGap = 0.0075;  // radians between neighbours along a ring
+constexpr double kLeastEvenGain = 0.05;  // least difference between painted and clean
+// Prior counts of equal pairs and of all pairs of a laser: the shot noise of the scanner leaves
+// about one pair in eight with the same hundredth.
+constexpr double kPriorEqual = 5.0;
+constexpr double kPriorPairs = 30.0;
+constexpr double kEvenRatio = 5.0;   // log likelihood ratio above which a window is evidence
+constexpr double kEvenGap = 0.0075;  // radians: farthest neighbours along a ring
 
+// Are two ranges a and b, metres, those of one surface?
 bool is_one_surface(double a, double b, double share, double slack) {
   return std::abs(a - b) < share * a + slack;
 }
@@ -73,14 +88,15 @@ int share_column(double azimuth, int columns) {
   return std::min(static_cast<int>(azimuth * (columns / kFullTurn)), columns - 1);
 }
 
-// Ends of the scale, where reflectances are clipped.
+// End of the scale of reflectances at which a value is clipped.
 enum class End : std::uint8_t { kNone, kLow, kHigh };
 
-// Which reflectances are clipped: the smallest and the largest of a scan.
+// The scale of reflectances of a scan. Its smallest and largest values count as clipped.
 struct ReflectanceScale {
   explicit ReflectanceScale(const PointsView& view)
       : lowest(view.intensity.size() > 0 ? view.intensity.minCoeff() : 0.0F),
         highest(view.intensity.size() > 0 ? view.intensity.maxCoeff() : 0.0F) {}
+  // Is the value not clipped?
   [[nodiscard]] bool holds(float value) const { return value > lowest && value < highest; }
   [[nodiscard]] End end(float value) const {
     if (holds(value)) return End::kNone;
@@ -89,8 +105,9 @@ struct ReflectanceScale {
   float lowest, highest;
 };
 
-// The nearest point in each fine direction, by coordinate: directions next to each other are read
-// in one run, also across the end of a turn.
+// The point nearest to the scanner in each direction (ring, fine column). Coordinates are in
+// separate arrays, and `reach` columns are repeated at both ends of a ring, so that 2 * reach + 1
+// neighbouring columns are adjacent in memory everywhere on the turn.
 class NearestImage {
  public:
   NearestImage(int rings, int columns, int reach)
@@ -103,7 +120,7 @@ class NearestImage {
 
   [[nodiscard]] int rings() const { return rings_; }
 
-  /// The row of a direction; -1: no point.
+  /// Row of the point in a direction; -1: no point.
   [[nodiscard]] std::int32_t row(int ring, int column) const {
     return rows_[first(ring, column) + reach_];
   }
@@ -115,7 +132,7 @@ class NearestImage {
     if (column >= columns_ - reach_) put(at - columns_, place, row);
   }
 
-  /// The begin of the run of columns around one, `2 * reach + 1` of them.
+  /// Index of the first of the 2 * reach + 1 columns around a column.
   [[nodiscard]] std::int64_t first(int ring, int column) const {
     return std::int64_t{ring} * width_ + column;
   }
@@ -134,11 +151,11 @@ class NearestImage {
   std::vector<std::int32_t> rows_;
 };
 
-// The reflectances of a turn, less the gain of each laser, looked up from where the frame's scanner
-// stood.
+// The reflectances of another turn without the gain of each laser, indexed by direction from the
+// place of the frame's scanner.
 class ReflectanceView {
  public:
-  // How far points are looked for: squared, and no less in single precision.
+  // Squared search radius, exact and rounded up to single precision.
   struct Reach {
     explicit Reach(double metres)
         : squared(metres * metres),
@@ -148,11 +165,11 @@ class ReflectanceView {
     float upper;
   };
 
-  // Means of the points around a place; none within reach: not a number.
+  // Mean reflectances of the points around a place; NaN if there are none within reach.
   struct Seen {
-    double measured = kNoReflectance;  // of those that are not clipped
-    double all = kNoReflectance;
-    End end = End::kNone;  // where all of them are clipped
+    double measured = kNoReflectance;  // mean of points that are not clipped
+    double all = kNoReflectance;       // mean of all points
+    End end = End::kNone;              // the end of the scale at which all of them are clipped
   };
 
   ReflectanceView(const ReflectanceTurn& turn, const ScanLattice& lattice,
@@ -168,7 +185,7 @@ class ReflectanceView {
     ends_.assign(view.num_points(), End::kNone);
     for (Eigen::Index i = 0; i < view.num_points(); ++i) {
       places.row(i) = (rotation * view.points.row(i).transpose()).transpose() + shift;
-      if (!places.row(i).allFinite()) places.row(i).setZero();  // no scanner sees so far
+      if (!places.row(i).allFinite()) places.row(i).setZero();  // overflow: no scanner sees so far
       if (own.ring(i) < 0) continue;
       const auto gain = static_cast<float>(gains[own.ring(i)]);
       reflectance_[i] = view.intensity(i) - gain;
@@ -191,7 +208,7 @@ class ReflectanceView {
     }
   }
 
-  // Means of the points around a place, the nearer the heavier.
+  // Weighted means of the nearest points around a place; see kBesideSoftening.
   [[nodiscard]] Seen beside(const Eigen::RowVector3f& place, int ring, int column,
                             const Reach& reach) const {
     const Nearest around = nearest(all_, place, ring, column, reach);
@@ -233,7 +250,7 @@ class ReflectanceView {
     Nearest found;
     std::array<Beside, kMostBeside>& best = found.best;
     std::size_t worst = 0;
-    float bound = reach.upper;  // farther ones are not looked at: most are, once some are known
+    float bound = reach.upper;  // points farther than this cannot be among the nearest
     for (int r = std::max(0, ring - kLookRings);
          r <= std::min(image.rings() - 1, ring + kLookRings); ++r) {
       const std::int64_t first = image.first(r, column);
@@ -286,7 +303,7 @@ class ReflectanceView {
     return squared;
   }
 
-  // Without a branch for each, as most runs of other lasers hold none.
+  // No branch for each value: most runs of columns hold no point within the bound.
   [[nodiscard]] static bool is_any_within(const std::array<float, kLookAround>& squared,
                                           float bound) {
     int within = 0;
@@ -296,16 +313,17 @@ class ReflectanceView {
 
   std::vector<float> reflectance_;
   std::vector<End> ends_;
-  NearestImage measured_, all_;  // without those that are clipped, and with them
+  NearestImage measured_, all_;  // images without and with clipped points
 };
 
+// Sums over the points of a voxel or window. E and D: see compare_reflectance().
 struct ReflectanceTally {
   int points = 0;
-  double first = 0.0;   // kEven: log likelihood ratio; kChanged: energy of E
-  double second = 0.0;  // kChanged: energy of D
-  double metres = 0.0;  // kChanged: sum of the distances of the points
-  double edit = 0.0;    // kChanged: sum of E
-  double apart = 0.0;   // kChanged: sum of D
+  double first = 0.0;   // kEven: log likelihood ratio; kChanged: energies of E
+  double second = 0.0;  // kChanged: energies of D
+  double metres = 0.0;  // kChanged: distances of the points from the scanner
+  double edit = 0.0;    // kChanged: E
+  double apart = 0.0;   // kChanged: D
 };
 
 ReflectanceTally operator+(const ReflectanceTally& a, const ReflectanceTally& b) {
@@ -313,7 +331,7 @@ ReflectanceTally operator+(const ReflectanceTally& a, const ReflectanceTally& b)
           a.metres + b.metres, a.edit + b.edit,   a.apart + b.apart};
 }
 
-// A voxel and the 26 around it: the sums of those with the row above, with its own, and below.
+// A voxel and the 26 around it: the sums of the row above, of its own row, and of the row below.
 using ReflectanceWindow = std::array<ReflectanceTally, 3>;
 
 class ReflectanceSearch {
@@ -347,10 +365,10 @@ class ReflectanceSearch {
   }
 
  private:
-  using Tallies = std::vector<ReflectanceTally>;  // of each voxel
-  using Strengths = std::vector<float>;           // the same; 0: says nothing
+  using Tallies = std::vector<ReflectanceTally>;  // by voxel
+  using Strengths = std::vector<float>;           // by voxel; 0: no evidence
 
-  // Whether a point is looked at: within range, and where evenness is, not clipped.
+  // Is a point tested? It must be within range and, for kEven, not clipped.
   [[nodiscard]] bool is_judged(ReflectanceEvidence kind, Eigen::Index i) const {
     if (!(ranges_[i] > 0.0)) return false;
     return kind == ReflectanceEvidence::kChanged || scale_.holds(points_.intensity(i));
@@ -365,7 +383,7 @@ class ReflectanceSearch {
     return tallies[voxels_(voxel_of(i))];
   }
 
-  // The rows of each laser, by azimuth.
+  // The rows of each laser's points, sorted by azimuth.
   [[nodiscard]] std::vector<std::vector<std::int32_t>> rows_by_azimuth() const {
     std::vector<std::vector<std::int32_t>> rows(lattice_.num_rings());
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
@@ -384,8 +402,8 @@ class ReflectanceSearch {
     return rows;
   }
 
-  // Surfaces that were painted with one value, or with values of a few neighbours: the scanner's
-  // shot noise leaves one pair of neighbours in eight with the same hundredth.
+  // Finds surfaces that were painted with one value, or with the values of a few neighbours. See
+  // kPriorEqual for clean surfaces.
   void find_even(std::vector<ReflectanceRegion>& regions) const {
     struct Pair {
       std::int32_t row;
@@ -394,8 +412,8 @@ class ReflectanceSearch {
     };
     Ticker ticker(progress_);
     std::vector<Pair> pairs;
-    std::vector<double> same(lattice_.num_rings(), 5.0);
-    std::vector<double> all(same.size(), 30.0);
+    std::vector<double> same(lattice_.num_rings(), kPriorEqual);
+    std::vector<double> all(same.size(), kPriorPairs);
     for (const std::vector<std::int32_t>& rows : rows_by_azimuth()) {
       for (std::size_t k = 1; k < rows.size(); ++k) {
         ticker.tick();
@@ -412,10 +430,11 @@ class ReflectanceSearch {
         all[ring] += 1.0;
       }
     }
-    std::vector<std::array<double, 2>> ratios;  // of a pair that differs, and of one that does not
+    // Log likelihood ratios (painted over clean) of a pair that differs and of an equal pair.
+    std::vector<std::array<double, 2>> ratios;
     for (std::size_t ring = 0; ring < same.size(); ++ring) {
       const double clean = std::clamp(same[ring] / all[ring], kLeastEven, kMostEven);
-      const double even = std::max(kEvenShare, clean + 0.05);
+      const double even = std::max(kEvenShare, clean + kLeastEvenGain);
       ratios.push_back({natural_log((1.0 - even) / (1.0 - clean)), natural_log(even / clean)});
     }
     Tallies tallies(voxels_.size());
@@ -429,6 +448,7 @@ class ReflectanceSearch {
     add_regions(ReflectanceEvidence::kEven, strengths, regions);
   }
 
+  // Finds surfaces whose reflectance differs from that in both neighbouring turns.
   void find_changed(const ReflectanceTurn& previous, const ReflectanceTurn& following,
                     std::vector<ReflectanceRegion>& regions) const {
     const std::vector<double> gains = laser_gains(points_, reading_, lattice_.num_rings());
@@ -436,8 +456,8 @@ class ReflectanceSearch {
         ReflectanceView(previous, lattice_, gains, options_.num_threads, progress_),
         ReflectanceView(following, lattice_, gains, options_.num_threads, progress_)};
     Ticker ticker(progress_);
-    // Clipped returns hide a part of what they differ by, so that they are counted beside the
-    // others, and without them.
+    // Clipping hides a part of a difference. Therefore windows are judged twice, without clipped
+    // returns (`measured`) and with them (`all`), and the stronger evidence counts.
     Tallies measured(voxels_.size());
     Tallies all(voxels_.size());
     const ReflectanceView::Reach reach(options_.reach);
@@ -457,15 +477,15 @@ class ReflectanceSearch {
         const double apart = earlier - later;
         ReflectanceTally& tally = tally_of(tallies, i);
         ++tally.points;
-        tally.first += std::min(edit * edit / 1.5, kMostEnergy);
-        tally.second += std::min(apart * apart / 2.0, kMostEnergy);
+        tally.first += std::min(edit * edit / kEditVariance, kMostEnergy);
+        tally.second += std::min(apart * apart / kApartVariance, kMostEnergy);
         tally.metres += ranges_[i];
         tally.edit += edit;
         tally.apart += apart;
       };
       const End end = scale_.end(points_.intensity(i));
       if (end == End::kNone) compare(measured, before.measured, after.measured);
-      // A return that is clipped in all three turns tells nothing.
+      // A return that is clipped at the same end in all three turns says nothing.
       if (end != End::kNone && end == before.end && end == after.end) continue;
       compare(all, before.all, after.all);
     }
@@ -493,20 +513,21 @@ class ReflectanceSearch {
     return window;
   }
 
-  // How much more points differ from the turns than the turns from each other, one by one or in
-  // the mean.
+  // How much more the frame differs from both turns than these differ from each other: the ratio of
+  // the energies of points or of the squares of means, whichever is larger.
   static double changed_ratio(const ReflectanceTally& sum) {
     const double floor = kLeastEnergy * sum.points;
     const double energies = (sum.first + floor) / (sum.second + floor);
     const double edit = sum.edit / sum.points;
     const double apart = sum.apart / sum.points;
-    const double noise = kMeanShare * sum.second / sum.points + apart * apart / 2.0 + kLeastMean;
-    return std::max(energies, (edit * edit / 1.5 + kLeastMean) / noise);
+    const double noise =
+        kMeanShare * sum.second / sum.points + apart * apart / kApartVariance + kLeastMean;
+    return std::max(energies, (edit * edit / kEditVariance + kLeastMean) / noise);
   }
 
-  // The ratio of a window. The least counts of those with all lasers and without one row of them: a
-  // laser along a kerb lies on one side of it in this turn, and on the other in the turns before
-  // and after.
+  // The ratio of a window: the smallest of those with all lasers and without one of its three rows
+  // of voxels. A single laser that runs along a kerb may be on one side of it in this turn, and on
+  // the other side in both neighbouring turns.
   static double changed_ratio(const ReflectanceWindow& window) {
     const ReflectanceTally all = window[0] + window[1] + window[2];
     if (all.points < kFewestCompared) return 0.0;
@@ -519,12 +540,12 @@ class ReflectanceSearch {
     return least;
   }
 
-  // Whether a voxel can add to its region, whatever its window says. Few of clean frames do in
-  // what evenness says of them, so that few windows are looked at.
+  // Can a voxel add to a region, whatever its window? Few voxels of clean frames can by
+  // may_be_even(), so that few windows have to be summed.
   static bool has_points(const ReflectanceTally& own) { return own.points > 0; }
   static bool may_be_even(const ReflectanceTally& own) { return own.first > 0.0; }
 
-  // The strength that such a voxel adds to its region; 0: its window says nothing.
+  // The strength that such a voxel adds to its region; 0: its window is no evidence.
   static double even_strength(const ReflectanceTally& own, const ReflectanceWindow& window) {
     const double ratio = window[0].first + window[1].first + window[2].first;
     return ratio > kEvenRatio ? own.first : 0.0;
@@ -535,7 +556,7 @@ class ReflectanceSearch {
     return excess > 0.0 ? own.metres * excess : 0.0;  // near surfaces have more points
   }
 
-  // Raises strengths to those that `strength_of` finds in tallies, where these are more.
+  // Raises each strength to that of `strength_of` for these tallies, if the latter is larger.
   template <class CanAdd, class StrengthOf>
   void raise_to(Strengths& strengths, const Tallies& tallies, CanAdd can_add,
                 StrengthOf strength_of) const {
@@ -546,6 +567,7 @@ class ReflectanceSearch {
     }
   }
 
+  // Appends a region for each connected set of directions with a voxel of positive strength.
   void add_regions(ReflectanceEvidence kind, const Strengths& strengths,
                    std::vector<ReflectanceRegion>& regions) const {
     RingImage<std::uint8_t> suspect(voxels_.rows(), voxels_.columns(), 0);

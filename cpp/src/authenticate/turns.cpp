@@ -21,21 +21,25 @@ namespace {
 
 constexpr float kNothingNear = std::numeric_limits<float>::infinity();
 
-// Points farther from every line are in no laser's view: lines are 6 to 9 mrad apart.
-constexpr double kOffLines = 0.0045;  // of the distance
+// Radians: no laser could have measured a point that is farther than this from every line, since
+// lines are 6 to 9 mrad apart.
+constexpr double kOffLines = 0.0045;
 
-// A turn saw something solid where at least so many of the nine directions around have points.
+// A turn saw something solid in a direction if at least this many of the direction and the eight
+// around it have points.
 constexpr int kSolidPoints = 4;
-// A laser that answers in fewer directions than this was left out of the frame: silence in it says
-// nothing. The lasers of KITTI's whole frames answer in two fifths of them and more.
+// A laser with returns in fewer directions than this was left out of the frame, so that missing
+// returns prove nothing. The lasers of KITTI's whole frames have returns in two fifths of the
+// directions or more.
 constexpr int kFewestAnswered = kTurnColumns / 50;
 
-// Regions are built of blocks of so many directions: edges of things are one or two wide.
+// Regions consist of blocks of this many directions. Edges of objects, which cause false evidence,
+// are only one or two directions wide.
 constexpr int kTurnBlockRings = 2;
 constexpr int kTurnBlockColumns = 3;
 constexpr std::int64_t kFewestDirections = 6;
 
-// A passing object has left its place at most so many directions (9 degrees) and lasers away.
+// The largest motion of a passing object from turn to turn: directions (9 degrees) and lasers.
 constexpr int kMovedColumns = 28;
 constexpr int kMovedRings = 2;
 

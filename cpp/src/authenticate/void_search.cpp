@@ -24,11 +24,13 @@ constexpr int kNeighbours = 2;
 // At the border of a frame that was cropped only few lasers look into what is left of it.
 constexpr int kFewestVotes = 16;
 
-// Ground is taken for ground where it is this near to the plane: roads are crowned and climb.
+// Metres: points this near to the plane are ground. The plane is approximate, since roads are
+// crowned and climb.
 double ground_band(double range) { return 0.35 + 0.015 * range; }
 
-// A void is built of blocks of so many firings; single lost returns are everywhere. Lasers left
-// and right of the axis see the edges of near things a column apart, so runs are widened by one.
+// A void consists of blocks of this many firings without a return, because single lost returns are
+// everywhere. Lasers left and right of the axis see the edges of near objects one column apart, so
+// that runs are widened by one.
 constexpr int kBlockRings = 3;
 constexpr int kBlockColumns = 5;
 constexpr int kWidening = 1;
@@ -41,7 +43,8 @@ constexpr double kShareOfRange = 0.7;  // of the ground's range
 constexpr int kSide = 8;               // firings
 constexpr int kLongestColumnGap = 250;
 
-// An earlier turn answered at a firing where at least so many of the nearest five did.
+// An earlier turn counts as having a return at a firing if at least kEarlierAnswers of the nearest
+// five firings had one.
 constexpr int kEarlierSpan = 2;
 constexpr int kEarlierAnswers = 4;
 

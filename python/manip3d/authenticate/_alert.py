@@ -176,11 +176,12 @@ class AlertMonitor:
         motion : (float, float, float)
             As for `RiskTracker.update`.
         time_s : float, optional
-            Time of the frame on the stream's clock; by default a budget after the frame before, at
-            most 0.1 s.
+            Time of the frame on the stream's clock; default: one budget, at most 0.1 s, after the
+            previous frame.
         waited_s : float, seconds
-            For which the frame has waited for those before it. It counts: a monitor that is behind
-            leaves out the cameras and verifies the watermark alone until it has caught up.
+            Time for which the frame has waited for earlier frames. It is part of the budget: a
+            monitor that is behind skips the cameras and only verifies watermarks until it has
+            caught up.
         unread : mapping of str to str, optional
             Why a record (``watermark``) or pictures (``cross-modal``) of this frame are not given,
             though there are some: these witnesses are ``undecidable``.

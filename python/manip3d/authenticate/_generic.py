@@ -1,4 +1,9 @@
-"""Detector III: has a LiDAR scan been edited, judged from the scan alone?"""
+"""Detector III: points of a scan that contradict the lattice of a spinning scanner.
+
+The lattice is the set of places where the scanner can measure: directions of the lasers at each
+step of the encoder, and, where known, whole range steps. A *ring* is a laser, a *firing* one shot
+of it, a *stray* point a point off the lattice in a clean frame.
+"""
 
 from __future__ import annotations
 
@@ -33,53 +38,59 @@ EVIDENCE = (
 """Kinds of evidence, in the order of the bits of ``flags``."""
 
 NUM_TESTS = len(EVIDENCE) + 1
-"""Tests of a frame, at most: the kinds of evidence, and the points that are scattered."""
+"""Largest number of tests of a frame: each kind of evidence, and one for scattered points."""
 
 MISSING = ("void", "time", "firing")
-"""Kinds of evidence that stand on returns that are not there, or on how many of a firing are."""
+"""Kinds of evidence based on missing returns, or on the number of returns of a firing."""
 
 STRAY_RATE = 1e-5
-"""Points of a clean frame, at most, that contradict the lattice for no reason: none of the 2.5
-million of KITTI's drive 0002 and two other drives does, so it is below 1.2e-6 (95 %)."""
+"""Upper bound of the share of stray points in a clean frame. None of the 2.5 million points of
+KITTI's drive 0002 and two other drives is stray, so that the share is below 1.2e-6 (95 %)."""
 
 NEIGHBOURS = 100
-"""Points among which a second stray point would be taken for a neighbour of a first."""
+"""Number of points near a stray point among which a second one would join its region."""
 
-SCATTER, MOST_SCATTERED = 1.5, 1000
-"""Metres around a point off its line or step in which others make a group, though they do not
-touch; points that are compared with each other at most, a fiftieth of what makes a regular
-region."""
+SCATTER = 1.5
+"""Metres: stray points within this distance of one of them form a group, though they do not touch
+as points of a region do."""
+
+MOST_SCATTERED = 1000
+"""Stray points outside of regions are tested only up to this number, since each is compared with
+all others. It is a fiftieth of the number at which they would form regions."""
 
 FAR_OFF = 2.5
-"""Times the tolerance. No point of 43 frames of nine drives of KITTI, 5.3 million, is so far
-from its line or step. Strays of one frame may have one cause, which 43 frames cannot rule out: with
-`STRAY_RATE`, 17 times what so many points allow (95 %), a frame may have several of them."""
+"""A point is far off if it is more than this many tolerances from its line or step. None of the 5.3
+million points of 43 frames of nine KITTI drives is, so that the share is below 5.7e-7 (95 %).
+`STRAY_RATE` is used for these points as well, 17 times as much, because a single cause that these
+43 frames did not show could produce several such points in one frame."""
 
 WINDOWS = 1_000_000
-"""Windows of ranges that might be tested in a frame of 64 lasers: three around each voxel."""
+"""Upper bound of the number of range windows tested in a frame of 64 lasers: three around each
+voxel. The p-value of a window is multiplied by it (Bonferroni)."""
 
 DRIFT_FEWEST, DRIFT_SCALE = 5.0, 0.84
-"""The largest drift of a window in a clean frame exceeds ``s`` deviations with probability
-exp((5 - s) / 0.84) at most: with seven kinds of evidence 10.5 deviations alarm at 1 %. Rounding to
-whole millimetres is alike along a ring on level ground, so that windows stray farther than chance:
-of 41 frames of four drives of KITTI that chose the scale the largest has 8.3, one more than 8."""
+"""The largest drift of a window in a clean frame exceeds ``s`` standard deviations with a
+probability of at most exp((5 - s) / 0.84). With seven kinds of evidence, 10.5 deviations are needed
+to accuse at 1 %. The tail is longer than that of the normal law, because rounding to whole
+millimetres is correlated along a ring on level ground. The scale was chosen on 41 frames of four
+KITTI drives: the largest drift is 8.3, and one more is above 8."""
 
 VOID_FEWEST, VOID_SCALE = 8.0, 55.0
-"""The largest voids of a clean frame reach ``s`` firings with probability exp((8 - s) / 55) at
-most. That is what simulated streets show, whose dark cars return nothing at all: of 40 frames the
-median is 40, a tenth is above 140, the largest has 245. Of 21 real frames of three drives 20 have
-none and one has 12; cars that swallow all light are rare there, but they are not forgeries."""
+"""The largest void of a clean frame has ``s`` firings or more with a probability of at most
+exp((8 - s) / 55). The scale was chosen on 40 simulated streets, whose dark cars return nothing at
+all: the median is 40, a tenth is above 140, the largest is 245. Of 21 real frames of three drives
+20 have no void, and one has 12: cars that absorb all light are rare there, but no forgeries."""
 
 TIME_FEWEST, TIME_SCALE = 8.0, 25.0
-"""Limits where a previous frame was answered: of 36 simulated pairs the median is 12, the largest
-has 80; of 21 real pairs 20 have none and one has 13."""
+"""The same for voids that the previous frame answered. Of 36 simulated pairs of frames the median
+is 12 and the largest 80; of 21 real pairs 20 have none and one has 13."""
 
 BETWEEN_FEWEST, BETWEEN_SCALE = 10.0, 150.0
-"""Limits between two frames that were both answered, after holes that moved are taken off. The
-scale was chosen on 17 simulated frames, whose dark cars return nothing at all: the largest holes
-have 982, 338 and 109. Of 44 other simulated frames (streets 1000 to 1021 and 2000 to 2021), which
-chose nothing, none is accused; the largest holes have 561, 297 and 199. Of 33 real frames 32 have
-none and one has 10. It costs power: of 18 objects removed in drive 0005 about 2 are found."""
+"""The same for voids that both the previous and the following frame answered, without holes that
+moved. The scale was chosen on 17 simulated frames with cars that return nothing at all, whose
+largest holes have 982, 338 and 109 firings. None of 44 other simulated frames (streets 1000 to 1021
+and 2000 to 2021) is accused; their largest holes have 561, 297 and 199. Of 33 real frames 32 have
+none and one has 10. The long tail costs power: of 18 objects removed in drive 0005, 2 are found."""
 
 EXPONENTIAL_TAILS = {
     "drift": (DRIFT_FEWEST, DRIFT_SCALE),
@@ -87,7 +98,8 @@ EXPONENTIAL_TAILS = {
     "time": (TIME_FEWEST, TIME_SCALE),
     "between": (BETWEEN_FEWEST, BETWEEN_SCALE),
 }
-"""Kinds whose strength ``s`` clean frames reach with probability exp((fewest - s) / scale)."""
+"""Kinds whose strength reaches ``s`` in a clean frame with a probability of at most
+exp((fewest - s) / scale), as (fewest, scale). ``between`` is the rule of `GenericResult.rules`."""
 
 REASONS = {
     "unknown": "the lattice does not know it",
@@ -106,7 +118,7 @@ IN_WORDS: dict[Verdict, str] = {
     "processed": "the whole scan contradicts a part of the sensor's lattice",
     "undecidable": "the scan does not stand on the lattice of a spinning scanner",
 }
-"""Reasons of the verdicts."""
+"""Reason of each verdict in words."""
 
 
 @dataclass(frozen=True)
@@ -145,18 +157,20 @@ class SuspectRegion:
     Attributes
     ----------
     p_value : float
-        Probability, at most, that a clean frame has a region with as much.
+        Upper bound of the probability that a clean frame has a region with as much evidence.
     strength : mapping of str to float
-        By kind of evidence; those that say nothing are left out. ``scattered``: -log10 of the
-        probability that points off the lattice lie so near to each other, or that there are so
-        many of them in all.
-    lower, upper : (float, float, float)
-        Metres: axis-parallel box of the suspected points, or of where removed ones stood.
+        Strength of each kind of evidence, see `EvidenceReport`; kinds without evidence are left
+        out. ``scattered``: -log10 of the probability that points off the lattice lie so near to
+        each other, or that the frame has so many of them.
+    lower, upper : (float, float, float), metres
+        Corners of the axis-parallel box around the suspected points, or around the former places of
+        removed points.
     rows : (K,) int64
-        Rows of the suspected points; none where points were removed.
+        Rows of the suspected points; empty if points were removed.
     box : Box
-        The tight box, rotated about the vertical, of what was edited: of its largest group of
-        points that stand where the sensor cannot measure; else the box between the corners above.
+        The box of the edited object: the smallest box, rotated about the vertical, around the
+        largest group of points that lie where the sensor cannot measure. Without such points, the
+        box from ``lower`` to ``upper``.
     """
 
     p_value: float
@@ -177,32 +191,32 @@ class GenericResult(Showable):
         ``processed``: the whole frame contradicts a kind of evidence that the lattice knows, so
         that an edit may have gone unseen.
     reason : str
-        In words.
+        Reason of the verdict in words.
     p_value : float
-        Probability, at most, that a clean frame shows evidence as strong; the verdict is
-        ``tampered`` where it does not exceed ``false_alarm_rate``.
+        Upper bound of the probability that a clean frame shows evidence as strong; the verdict is
+        ``tampered`` if it does not exceed ``false_alarm_rate``.
     score : float
-        For ranking: ``-log10`` of the smallest p-value of a region and a kind of evidence, before
-        their number is allowed for, and without the limits of floating point.
+        For ranking: ``-log10`` of the smallest p-value of any region and kind of evidence, without
+        the correction for their number. It stays exact where the p-value underflows to 0.
     false_alarm_rate : float
-        As asked for.
+        The argument of this name.
     evidence : mapping of str to EvidenceReport
-        Each kind, used or not.
+        Report on each kind of evidence, used or not.
     regions : tuple of SuspectRegion
         Regions whose own ``p_value`` does not exceed ``false_alarm_rate``, the most significant
         first.
     suspected : (K,) int64
         Rows of the points with evidence in those regions.
     evidence_map : (R, C) uint16
-        Items of evidence by direction: two lasers a row, the highest first; columns
-        counter-clockwise from straight ahead.
+        Number of items of evidence in each direction. A row is two lasers, the highest first;
+        columns go counter-clockwise from straight ahead.
     lattice : SensorLattice or None
         Lattice by which the frame was judged.
     scan : LidarFrame or None
-        What was judged, so that the result can be shown.
+        The frame that was judged; the viewer shows it.
     rules : mapping of str to str
-        Rule for the p-value of a kind of evidence, where it is not the kind's own: that of ``time``
-        is ``between`` if the frames before and after were both given.
+        Kinds of evidence whose p-value follows the rule of another name: ``time`` follows
+        ``between`` if both the previous and the following frame were given.
     """
 
     verdict: Verdict
@@ -220,23 +234,23 @@ class GenericResult(Showable):
 
     @property
     def power(self) -> Mapping[str, Power]:
-        """Empty: it depends on the scanner, see `inspect`."""
+        """Empty, because the power depends on the scanner; `inspect` measures it."""
         return NO_POWER
 
     @property
     def calibration(self) -> Calibration | None:
-        """None: what is clean follows from the lattice, not from thresholds fixed on scans."""
+        """None, because limits follow from the lattice and not from a set of clean scans."""
         return None
 
     @property
     def contradicted(self) -> frozenset[str]:
-        """Kinds of evidence that the whole frame contradicts: it was processed."""
+        """Kinds of evidence that the frame as a whole contradicts, which shows processing."""
         why = REASONS["contradicted"]
         return frozenset(kind for kind, said in self.evidence.items() if said.reason == why)
 
     @property
     def values_changed(self) -> bool:
-        """Whether coordinates were changed everywhere: then no point tells of itself."""
+        """Whether coordinates were changed in the whole frame: single points prove nothing then."""
         return bool(self.contradicted & {"grid", "line", "step", "place", "range"})
 
     def with_rows(self, rows: NDArray[np.int64], scan: LidarFrame) -> GenericResult:
@@ -247,6 +261,7 @@ class GenericResult(Showable):
         rows : (N,) int64
             Row of ``scan`` of each point that was judged.
         scan : LidarFrame
+            The whole scan.
         """
         regions = tuple(replace(region, rows=rows[region.rows]) for region in self.regions)
         return replace(self, regions=regions, suspected=np.sort(rows[self.suspected]), scan=scan)
@@ -254,16 +269,16 @@ class GenericResult(Showable):
     def without(
         self, kinds: Collection[str], *, why: str = "processed", quiet: Verdict = "processed"
     ) -> GenericResult:
-        """Return the result as it is without some kinds of evidence.
+        """Return the result without some kinds of evidence.
 
         Parameters
         ----------
         kinds : collection of str
-            Kinds of evidence that stand on what a frame as a whole no longer has.
+            Kinds of evidence to leave out, because the frame as a whole lacks what they rely on.
         why : str
-            Key of `REASONS`: why they are left out.
+            Key of `REASONS` that states why they are left out.
         quiet : Verdict
-            Verdict of a frame that was judged and has no other evidence.
+            Verdict of a frame that could be judged and has no other evidence.
         """
         points = 0 if self.scan is None else self.scan.num_points
         tests = math.log10(1 + sum(said.used for said in self.evidence.values()))
@@ -303,7 +318,7 @@ RANGE_INCOHERENCE, EXACT_INCOHERENCE = 0.12, 0.02
 leave 0.06 to 0.09 in KITTI, single precision leaves none."""
 
 FEWEST_DIRECTIONS = 1000
-"""Fewest pairs of laser and step that answered in a frame that can be judged; copies are one."""
+"""A frame is judged only if at least this many pairs of laser and encoder step have a return."""
 
 
 @checked
@@ -319,31 +334,32 @@ def generic_consistency(
     azimuth_error: float = 0.0,
     threads: int = 0,
 ) -> GenericResult:
-    """Look for edits of one scan of a spinning LiDAR: detector III.
+    """Detect edits in one scan of a spinning LiDAR (detector III).
 
     Parameters
     ----------
-    frame : LidarFrame or (N, 3) points
-        Metres, the scanner at the origin, the points in the order of its file.
+    frame : LidarFrame or (N, 3) points, metres
+        The scan, with the scanner at the origin and the points in the order of its file.
     lattice : SensorLattice, optional
-        Lattice of the scanner, from :func:`estimate_lattice` on clean scans; else it is estimated
+        Lattice of the scanner, from :func:`estimate_lattice` on clean scans. Default: estimated
         from the frame itself, which takes some tenths of a second.
     previous : LidarFrame or (N, 3) points, optional
-        The frame a turn earlier: what was answered then is missed now.
+        The frame one turn earlier. Directions that had a return then and have none now are
+        evidence that points were removed.
     following : LidarFrame or (N, 3) points, optional
-        The frame a turn later, in the same sense; beside ``previous`` it must have answered, too.
+        The frame one turn later. If both are given, both must have a return in these directions.
     false_alarm_rate : float
-        Share of clean frames that may be called tampered; in (0, 1).
+        Largest share of clean frames that is called tampered; in (0, 1).
     tolerance : float, metres, optional
-        How far from its line and step a point may be; by default that of the lattice. Coordinates
-        of whole millimetres leave 0.8 mm, of 2 that are allowed.
+        Largest distance of a clean point from its line and its step; default: that of the lattice.
+        For KITTI it is 2 mm, of which rounding to whole millimetres uses 0.8 mm.
     range_incoherence : float, optional
-        Share of clean points, at most, whose range is more than a quarter of the scanner's step off
-        a whole number of steps; in (0, 0.5). By default 0.12, of an exact lattice 0.02: whole
-        millimetres leave 0.06 to 0.09 in KITTI.
+        Largest share of clean points whose range is more than a quarter of the scanner's range step
+        off a whole number of steps; in (0, 0.5). Default: 0.12, for an exact lattice 0.02. Rounding
+        to whole millimetres produces 0.06 to 0.09 in KITTI.
     azimuth_error : float, metres
-        How far along the arc points may have been moved, besides rounding to whole millimetres;
-        where half a step of the encoder is shorter, nothing is said of a point's firing.
+        How far points may have been moved along the arc, besides rounding to whole millimetres.
+        Where this is more than half a step of the encoder, the firing of a point is unknown.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -358,24 +374,30 @@ def generic_consistency(
 
     Notes
     -----
-    Every return of an HDL-64E lies on one of 64 lines, at a step of the encoder at which the whole
-    head fired, at a range that is a whole number of 2 mm; each laser has at most one return per
-    firing, and KITTI's files list them in a fixed order. What is pasted, moved, turned or dented
-    breaks one or several of these; what is moved along rays from the scanner's centre by
-    centimetres leaves the lines by less than they are rounded to, and all points the same way
-    (``drift``). Its coordinates are rounded a second time, or its ranges lie between those that the
-    laser prints, so that a share of the points are not roundings of any place where their laser can
-    have measured (``place``); what is removed leaves firings into the ground without a return,
-    above ground that answered, with answers to both sides.
-    Evidence that the whole frame contradicts (a motion-compensated cloud is on no lattice) is
-    dropped, with all that stands on it. A frame without alarm whose lines were dropped is
-    undecidable.
+    Each return of an HDL-64E lies on the line (cone) of one of 64 lasers, at an encoder step at
+    which the whole head fired, and at a range that is a whole multiple of 2 mm. Each laser has at
+    most one return per firing, and KITTI's files list the returns in a fixed order. Edits break
+    these rules:
 
-    Single points that stray by chance are allowed for: of ``m`` neighbouring ones,
-    ``N * STRAY_RATE * (NEIGHBOURS * STRAY_RATE)**(m - 1)`` are expected. Of points off their lines
-    or steps that do not touch, the same is asked of those within 1.5 m (``scattered``), and how
-    many there are in all that are farther off than 2.5 times the tolerance. Kinds of evidence are
-    combined by their smallest p-value times their number (Bonferroni).
+    - Pasted, moved, turned and dented points are off their lines, steps or ranges, repeat a firing,
+      or are out of order.
+    - Points that were moved by centimetres along rays from the scanner's centre are off their lines
+      by less than the rounding, but all in the same direction (``drift``). Their coordinates were
+      rounded twice, or their ranges are between the steps: some of them are not the rounding of any
+      point that their laser can measure (``place``).
+    - Removed points leave firings into the ground without a return (``void``), above ground with
+      returns and with returns on both sides.
+
+    A kind of evidence that the frame as a whole contradicts is left out, with the kinds that depend
+    on it: a motion-compensated cloud, for example, is on no lattice. A frame without an alarm whose
+    lines were left out is undecidable.
+
+    Clean frames may have stray points. ``N * STRAY_RATE * (NEIGHBOURS * STRAY_RATE)**(m - 1)``
+    bounds the expected number of regions of ``m`` stray points in a frame of ``N`` points, and
+    serves as the p-value. Two tests concern points off their lines or steps that do not touch
+    (``scattered``): the same bound for those within 1.5 m, and the Poisson law for the number of
+    points that are off by more than 2.5 times the tolerance. The p-value of a frame is the smallest
+    one times the number of tests (Bonferroni).
 
     Examples
     --------
@@ -383,7 +405,7 @@ def generic_consistency(
     >>> from manip3d.authenticate import generic_consistency, kitti_lattice
     >>> lattice = kitti_lattice()
     >>> ring, count = np.divmod(np.arange(64 * 2000), 2000)  # every second step of the encoder
-    >>> distance = 8 + 0.002 * count + lattice.range_phase[ring]  # a wall around it
+    >>> distance = 8 + 0.002 * count + lattice.range_phase[ring]  # a wall around the scanner
     >>> scan = lattice.points_at(ring, 2 * count, distance).round(3)
     >>> azimuth = np.arctan2(scan[:, 1], scan[:, 0]) % (2 * np.pi)
     >>> scan = scan[np.lexsort((azimuth, ring))].astype(np.float32)
@@ -427,7 +449,7 @@ def _consistency(
     is_stated: bool,
     threads: int,
 ) -> GenericResult:
-    """Judge a frame; of an exact lattice, the points that it tells of."""
+    """Judge a frame; with an exact lattice, only the points whose lattice place is certain."""
     cloud = _points_of(frame, "points")
     scan = (
         frame if isinstance(frame, LidarFrame) else LidarFrame(cloud.copy(), origin=(0.0, 0.0, 0.0))
@@ -448,7 +470,7 @@ def _consistency(
 
 
 class _Limits(NamedTuple):
-    """How far clean points may lie off the lattice; see `generic_consistency`."""
+    """Largest deviations of clean points from the lattice; see `generic_consistency`."""
 
     tolerance: float = LINE_TOLERANCE
     range_incoherence: float = RANGE_INCOHERENCE
@@ -456,7 +478,7 @@ class _Limits(NamedTuple):
 
     @classmethod
     def of(cls, lattice: SensorLattice) -> Self:
-        """The limits for clean scans of a scanner."""
+        """Return the limits for clean scans of a scanner."""
         share = EXACT_INCOHERENCE if lattice.is_exact else RANGE_INCOHERENCE
         return cls(lattice.tolerance, share)
 
@@ -470,7 +492,7 @@ def _examined(
     reading: LatticeReading | None,
     threads: int,
 ) -> Mapping[str, Any]:
-    """Run the kernel, which also reads the lattice where that was not done."""
+    """Run the kernel. It looks up the points on the lattice if ``reading`` is None."""
     found: Mapping[str, Any] = _core.generic_consistency(
         cloud,
         lattice.table,
@@ -487,9 +509,10 @@ def _examined(
 
 
 def _ranges_as_lines(reading: LatticeReading, tolerance: float) -> LatticeReading:
-    """The reading with what is off the ranges said to be off its line: it tells of a point alone.
+    """Return the reading with points off the range steps marked as off their lines.
 
-    Rounding leaves windows of ranges for it to tell; an exact cloud has none.
+    For an exact cloud, a range between the steps is evidence about a single point, like a distance
+    from the line. The kernel judges ranges by windows of many points only, as rounded clouds need.
     """
     off = np.abs(reading.range_error) > tolerance
     return replace(reading, line_error=np.where(off, reading.range_error, reading.line_error))
@@ -508,19 +531,20 @@ def consistency_allowing(
     is_stated: bool = True,
     threads: int = 0,
 ) -> GenericResult:
-    """Return what detector III says of a frame with what an embedding moved allowed for.
+    """Judge a frame by detector III, with limits that allow for the moves of a watermark.
 
     Parameters
     ----------
     embedding : str
-        'lbm' or 'qim', of points `without_bits`; empty: none.
+        Embedding of the watermark, 'lbm' or 'qim', whose bits were removed (`without_bits`); empty:
+        no watermark.
     reading : LatticeReading or None
-        Where the frame's points lie on the lattice; None: it is read here. With an embedding it is
-        read anew: its lattice knows fewer steps.
+        Places of the frame's points on the lattice; None: they are looked up. With an embedding
+        they are looked up in any case, since its lattice has fewer steps.
     units_per_m : int
-        Steps a metre of the embedding's grid.
+        Grid steps per metre of the embedding.
     is_stated : bool
-        False: the lattice was read off the frame itself, so that what contradicts it is not a sign
+        False: the lattice was estimated from the frame itself, so that contradictions are no sign
         of processing.
     """
     limits = _Limits.of(lattice)
@@ -546,7 +570,7 @@ def _points_of(frame: LidarFrame | ArrayLike | None, name: str) -> NDArray[np.fl
 
 
 def _log10_p(kind: str, strength: float, points: int) -> float:
-    """Return log10 of an upper bound of the probability that a clean frame has such a region."""
+    """Return log10 of an upper bound of the p-value: that a clean frame has such a region."""
     if strength <= 0.0:
         return 0.0
     if kind in EXPONENTIAL_TAILS:
@@ -556,7 +580,7 @@ def _log10_p(kind: str, strength: float, points: int) -> float:
         log = math.log10(WINDOWS) - strength * math.log10(math.e)
     elif kind == "scattered":
         log = -strength
-    else:  # stray points among their neighbours
+    else:  # a region of `strength` stray points, see `generic_consistency`
         stray = max(points, 1) * STRAY_RATE
         log = math.log10(stray) + (strength - 1.0) * math.log10(NEIGHBOURS * STRAY_RATE)
     return min(0.0, log)
@@ -633,10 +657,11 @@ def _evidence_reports(
 
 
 def _known_exactly(found: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The kernel's answer, without the kinds of evidence that an exact lattice does not know.
+    """Return the kernel's answer without the kinds of evidence that exact lattices lack.
 
-    Some scanners state two returns of a firing, and each writes its points in another order. A
-    laser that answered once or twice has no line, so that few points are not evidence.
+    Dual-return scanners have two returns per firing, and each model writes its points in an order
+    of its own, so that `firing`, `duplicate` and `order` prove nothing. Regions of fewer than
+    `FEWEST_EXACT` points are dropped as well: a laser with one or two returns has no line.
     """
     known = [kind in KNOWN_EXACTLY for kind in EVIDENCE]
     evidence = [
@@ -662,10 +687,10 @@ def _known_exactly(found: Mapping[str, Any]) -> Mapping[str, Any]:
 def _quiet_verdict(
     evidence: Mapping[str, EvidenceReport], directions: int, is_stated: bool
 ) -> Verdict:
-    """What a frame without evidence is: only kinds of evidence that were used could object.
+    """Return the verdict on a frame without evidence of an edit.
 
-    A lattice that was read off the frame itself does not know the order of the scanner's files, for
-    one: what contradicts it is not a sign of processing.
+    Contradictions show processing only if the lattice was stated. A lattice that was estimated from
+    the frame itself may be wrong, for example about the order of points in the scanner's files.
     """
     if not evidence["line"].used or directions < FEWEST_DIRECTIONS:
         return "undecidable"
@@ -674,17 +699,17 @@ def _quiet_verdict(
 
 
 OFF_LATTICE = sum(1 << EVIDENCE.index(kind) for kind in ("grid", "line", "step", "firing", "place"))
-"""Bits of the kinds that are said of a forged point itself: of two returns of one firing one is
-clean, and windows of ranges reach beyond the object."""
+"""Bits of the kinds of evidence by which a point itself is forged. With the other kinds, clean
+points are suspected as well: one of two returns of a firing, or the rest of a range window."""
 
 KNOWN_EXACTLY, FEWEST_EXACT = ("line", "step", "range"), 5
-"""Kinds of evidence that an exact lattice knows, and fewest points of a region off it."""
+"""Kinds of evidence that an exact lattice supports; smallest number of points of its regions."""
 
 STRAYING = ("grid", "line", "step")
-"""Kinds that are said of a point alone, wherever it is."""
+"""Kinds of evidence that concern a single point, without regard to its neighbours."""
 
 GROUP = 0.5
-"""Metres between suspected points of one object."""
+"""Metres: size of the ground cells that `largest_group` connects."""
 
 
 def _scattered(
@@ -693,10 +718,12 @@ def _scattered(
     known: NDArray[np.int64],
     fewest: int,
 ) -> tuple[float, NDArray[np.int64]]:
-    """The group of points off the lattice, apart from each other, that chance explains least.
+    """Return the log10 p-value and rows of the least probable group of scattered stray points.
 
-    Its log10 p-value: that one of all points strays, and so many of those around it. Rows of
-    ``known`` are in no group, nor are fewer than ``fewest``.
+    A group is the stray points within `SCATTER` of one of them; the one with the most points is
+    tested. The p-value bounds the probability that any of the N points is stray, and that so many
+    of those around it are. Rows in ``known`` are ignored, and so are groups of fewer than
+    ``fewest`` points.
     """
     bits = sum(1 << EVIDENCE.index(kind) for kind in STRAYING)
     rows = np.setdiff1d(np.flatnonzero(flags & bits), known)
@@ -721,9 +748,10 @@ def _strewn(
     lattice: SensorLattice,
     far_off: float,
 ) -> tuple[float, NDArray[np.int64]]:
-    """The points far off the lattice, wherever they are, and the log10 p-value of their number.
+    """Return the log10 p-value of the number of points far off the lattice, and their rows.
 
-    That is the Poisson law's bound ``mean**n / n!``. Rows of ``known`` do not count.
+    The p-value is the bound ``mean**n / n!`` of the Poisson law for n points. Rows in ``known`` are
+    ignored.
     """
     bits = sum(1 << EVIDENCE.index(kind) for kind in STRAYING)
     rows = np.setdiff1d(np.flatnonzero(flags & bits), known)
@@ -768,7 +796,7 @@ def _region(
 
 
 def largest_group(points: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the points of the largest set that is connected over `GROUP` metres, seen from above.
+    """Return the points of the largest set of touching ground cells of `GROUP` metres.
 
     Parameters
     ----------
@@ -777,7 +805,7 @@ def largest_group(points: NDArray[np.float32]) -> NDArray[np.float64]:
     """
     cells = np.floor(points[:, :2].astype(np.float64) / GROUP).astype(np.int64)
     cells -= cells.min(axis=0)
-    width = int(cells[:, 1].max()) + 2  # a column stays free: rows do not touch around their ends
+    width = int(cells[:, 1].max()) + 2  # one empty column, so that row ends are not neighbours
     keys, of_point = np.unique(cells[:, 0] * width + cells[:, 1], return_inverse=True)
     neighbours = [
         (first, at[first])
@@ -787,7 +815,7 @@ def largest_group(points: NDArray[np.float32]) -> NDArray[np.float64]:
     ]
     pairs = np.concatenate([np.column_stack(pair) for pair in neighbours])
     label = np.arange(len(keys))
-    while True:  # the lowest label wins; a turn halves what is left of a chain
+    while True:  # spread the lowest label; `joined[joined]` halves the length of chains each time
         joined = label.copy()
         np.minimum.at(joined, pairs[:, 0], label[pairs[:, 1]])
         np.minimum.at(joined, pairs[:, 1], label[pairs[:, 0]])

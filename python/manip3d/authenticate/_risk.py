@@ -328,7 +328,7 @@ class RiskTracker:
         speed_mps : float, m/s
             Speed of the car, >= 0.
         motion : (float, float, float)
-            How the car moved since the frame before: metres ahead and to the left, and radians
+            How the car moved since the previous frame: metres ahead and to the left, and radians
             counter-clockwise. Zeros where it is not known.
         others : sequence of AttackObservation
             What further witnesses saw in the frame. The gravest counts, so that no witness can make

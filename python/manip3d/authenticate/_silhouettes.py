@@ -198,7 +198,7 @@ def _repeated_rims(
     The middle is None where no row is wide enough to have one.
 
     Where the camera's shadow moves over a thing, a filter that keeps what is missing now leaves the
-    thing's rim as it was in the frame before, but not its middle. Somebody who was cut out has a
+    thing's rim as it was in the previous frame, but not its middle. Somebody who was cut out has a
     rim of their own in each frame; of a picture that is shown twice the middle repeats, too.
     """
     rims, repeated = np.zeros(3), np.zeros(3)

@@ -151,7 +151,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     ``undecidable``; images of unusual size, rounded, doubled or lossily coded ones, and those of
     which a part repeats exactly behind a camera's own silhouettes, are ``processed``: codecs and
     filters over time do that, too. So are those whose silhouettes are sharp because what a camera
-    misses beside them keeps the depth of the frame before, as RealSense's filter over time does
+    misses beside them keeps the depth of the previous frame, as RealSense's filter over time does
     before a moving camera, and because no wide gap is left in the image: large holes were filled.
     Of time-of-flight cameras, recognised by the size of their images, the latter is not evidence.
     Where silhouettes have neither a step nor a gap on both sides, as blended ones and those of time

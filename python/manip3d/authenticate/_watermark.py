@@ -1,4 +1,4 @@
-"""A keyed watermark: scans that were not changed since they were embedded, and proof of it."""
+"""A keyed watermark: proof that a scan is unchanged since the watermark was embedded."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 
 Embedding: TypeAlias = Literal["detached", "lbm", "qim"]
 WatermarkVerdict: TypeAlias = Literal["authentic", "tampered", "undecidable"]
-"""``authentic``: the content holds, and order and freshness are as the policy demands.
-``tampered``: points, columns or carrier bits are not those that were embedded, or the frame was
-seen before. ``undecidable``: nothing can be said, the reason tells why (no record, another key, a
-gap in the stream ...)."""
+"""``authentic``: the content is unchanged, and order and freshness fulfil the policy.
+``tampered``: points, columns or carrier bits differ from the embedded ones, or the frame is a
+replay. ``undecidable``: neither can be proved; the reason states why (no record, another key, a gap
+in the stream ...)."""
 
 EMBEDDINGS: tuple[Embedding, ...] = ("detached", "lbm", "qim")
 CARRIERS: tuple[str, ...] = ("sidecar", "picture")
@@ -50,8 +50,8 @@ _TILES = ("intact", "bits", "changed")
 MAX_MOVE_M: Mapping[str, float] = ReadOnlyMapping(
     {"detached": 0.0, "lbm": 3.0**0.5 / 1000.0, "qim": 0.001875}
 )
-"""Largest move of a point by each embedding, metres (QIM: of points not within 3 mm of the
-origin; LBM: on a grid of 1 mm, on another one in proportion to its step)."""
+"""Largest move of a point by each embedding, metres. ``qim``: for points more than 3 mm from the
+origin. ``lbm``: for a grid of 1 mm; for other grids it is proportional to the step."""
 
 
 def _verifier_of(ring: KeyRing) -> _core.WatermarkVerifier:
@@ -64,28 +64,29 @@ def _verifier_of(ring: KeyRing) -> _core.WatermarkVerifier:
 @checked
 @dataclass(frozen=True)
 class Policy:
-    """Policy of a verifier. A record is compared with it, never obeyed.
+    """Conditions under which a verifier accepts a record, whatever the record states itself.
 
     Attributes
     ----------
     embeddings : sequence of str
-        Names out of ``detached``, ``lbm`` and ``qim``.
+        Accepted embeddings, of ``detached``, ``lbm`` and ``qim``.
     order : 'chain' or 'any'
-        ``chain``: a frame must follow the one before it, or begin its session. ``any``: a frame
-        whose place is not known is accepted, such as a single one; gaps and replays never are.
+        ``chain``: a frame must follow the previous frame, or begin its session. ``any``: a frame
+        whose place in the session is unknown is accepted, too, such as a single frame. Gaps and
+        replays are never accepted.
     sensors : sequence of str
-        Names of the sensors that are expected; none: any.
+        Accepted names of sensors; empty: any.
     sessions : sequence of str
-        Hexadecimal identifiers of the sessions that are expected; none: any.
+        Accepted hexadecimal identifiers of sessions; empty: any.
     max_age_s : float or None
-        Largest difference, seconds, between a record's time and the verifier's clock; None: age
-        does not matter, as for recordings.
+        Largest difference, seconds, between a record's time and the verifier's clock; None: any, as
+        for recordings.
     max_points : int
-        Larger scans are not looked at.
+        Scans with more points are not verified.
     units_per_m : sequence of int
-        Grids, in steps a metre, whose points may carry bits; none: any that a record states.
+        Accepted grids of points that carry bits, in steps per metre; empty: any.
     carriers : sequence of str
-        Names out of ``sidecar`` (a record beside the scan) and ``picture``.
+        Accepted carriers of the record, of ``sidecar`` (a file beside the scan) and ``picture``.
     """
 
     embeddings: Sequence[str] = EMBEDDINGS
@@ -137,18 +138,18 @@ class Watermarked(Showable):
     Attributes
     ----------
     frame : LidarFrame
-        As it came, with the points that carry the bits; ``exact`` coordinates follow.
+        The given scan with points (and ``exact`` coordinates) that carry the bits.
     record : bytes
-        What `Watermarker.verify` needs beside the scan, about 1 kB.
+        The record that `Watermarker.verify` needs beside the scan, about 1 kB.
     number : int
         Number of the frame in its session.
     num_tiles : int
-        Sectors that are verified one by one.
+        Number of sectors that are verified separately.
     is_detached : bool
-        The points stayed as they were.
+        Whether the points are unchanged.
     picture : (H, W) or (H, W, 3) uint8, or None
-        The picture with the record in its lowest bits, if one was given: nothing else has to
-        travel beside the scan then.
+        The given picture with the record in its lowest bits. It replaces the record as a file
+        beside the scan.
     """
 
     frame: LidarFrame
@@ -160,7 +161,7 @@ class Watermarked(Showable):
 
     @property
     def points(self) -> NDArray[np.float32]:
-        """(N, 3) float32, metres: those of `frame`."""
+        """Points of `frame`, (N, 3) float32, metres."""
         return self.frame.points
 
     def __repr__(self) -> str:
@@ -173,15 +174,15 @@ class Watermarked(Showable):
 
 @dataclass(frozen=True)
 class Tile:
-    """A sector of the scan that is verified by itself.
+    """A sector of the scan that is verified separately.
 
     Attributes
     ----------
     state : 'intact', 'bits' or 'changed'
-        ``bits``: its content holds, but carrier bits differ. ``changed``: its points are not those
-        that were embedded; which of them is not said, because that would help a forger.
-    azimuths_deg : tuple of (float, float)
-        Where its slices begin and end, degrees, counter-clockwise from x.
+        ``bits``: the content is unchanged, but carrier bits differ. ``changed``: the points differ
+        from the embedded ones; which points is not stated, because that would help a forger.
+    azimuths_deg : tuple of (float, float), degrees
+        Begin and end of the sector's runs of slices, counter-clockwise from x.
     """
 
     state: str
@@ -190,40 +191,45 @@ class Tile:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WatermarkResult(Showable):
-    """Result of a verifier, in the words that all detectors share.
+    """Result of a verifier, with the attributes that all detectors share (`Detection`).
 
     Attributes
     ----------
     verdict : 'authentic', 'tampered' or 'undecidable'
+        `WatermarkVerdict` states what they mean.
     reason : str
-        The verdict's reason in words.
+        Reason of the verdict in words.
     content : 'intact', 'tampered' or 'unverifiable'
+        Verdict on the points and columns alone.
     order : 'in order', 'gap', 'replay' or 'unknown'
+        Verdict on the frame's place in its session.
     gap : int
-        Frames that are missing before this one.
+        Number of frames that are missing before this one.
     freshness : 'fresh', 'stale' or 'unknown'
+        Whether the age of the record fulfils the policy.
     tiles : tuple of Tile
-        Empty where the record could not be used.
+        Sectors of the scan; empty if the record could not be used.
     regions : tuple of Region
-        Tiles that do not hold, with boxes around the points that are there now.
+        Tiles that are not intact, with boxes around the points that are in them now.
     suspected : (K,) int64
-        Rows of points of which only carrier bits were changed. Keep them from whoever may have
-        changed the scan.
+        Rows of points whose carrier bits alone were changed. Do not show them to anyone who may
+        have changed the scan.
     number : int or None
-        Number of the frame in its session; None: the record could not be used.
+        Number of the frame in its session; None if the record could not be used.
     session : str
-        Hexadecimal; empty where the record could not be used.
+        Hexadecimal identifier of the session; empty if the record could not be used.
     embedding : str
+        Embedding that the record states.
     time_ns : int or None
         Time of the frame that the record states, nanoseconds since 1970.
     is_end : bool
-        The session ends with this frame.
+        Whether the session ends with this frame.
     scan : LidarFrame or None
-        What was verified.
+        The scan that was verified.
     units_per_m : int
-        Steps a metre of the grid whose points carry the bits; 0: none does.
+        Grid steps per metre of the points that carry bits; 0: no point carries bits.
     key_id : str
-        Identifier of the key that made the record; empty where the record could not be used.
+        Identifier of the key that made the record; empty if the record could not be used.
     """
 
     verdict: WatermarkVerdict
@@ -249,29 +255,29 @@ class WatermarkResult(Showable):
 
     @property
     def score(self) -> float | None:
-        """Share of the tiles that do not hold; None: nothing could be compared."""
+        """Share of the tiles that are not intact; None if the record could not be used."""
         if not self.tiles:
             return None
         return sum(tile.state != "intact" for tile in self.tiles) / len(self.tiles)
 
     @property
     def p_value(self) -> float | None:
-        """None: any mismatch counts."""
+        """None, because any mismatch is proof."""
         return None
 
     @property
     def power(self) -> Mapping[str, Power]:
-        """Empty: what a key protects is not measured on samples."""
+        """Empty, because cryptography, not a sample of edits, states what is found."""
         return ReadOnlyMapping({})
 
     @property
     def calibration(self) -> Calibration | None:
-        """None: there are no thresholds."""
+        """None, because there are no thresholds."""
         return None
 
     @property
     def changed_tiles(self) -> tuple[int, ...]:
-        """Numbers of the tiles that do not hold."""
+        """Numbers of the tiles that are not intact."""
         return tuple(n for n, tile in enumerate(self.tiles) if tile.state != "intact")
 
     def record(self, *, operator: bool = False) -> dict[str, Any]:
@@ -280,7 +286,7 @@ class WatermarkResult(Showable):
         Parameters
         ----------
         operator : bool
-            With the rows of the suspected points: for the owner's eyes.
+            Include the rows of the suspected points, which only the owner may see.
         """
         values: dict[str, Any] = {
             "verdict": self.verdict,
@@ -319,32 +325,35 @@ class Watermarker(Closing):
     Parameters
     ----------
     key : KeyFile or KeyRing
-        The newest key of a ring embeds, and each one verifies what was signed in its time.
+        The newest key of a ring embeds; each key verifies what was signed in its time.
     sensor : str
         Name of the sensor, at most 16 bytes of UTF-8; the records are bound to it.
     embedding : 'lbm', 'qim' or 'detached'
-        ``lbm``: lowest bits of x, y and z, which moves points by up to sqrt(3) mm; also of
-        coordinates that need float64 (LAS, a national grid). ``qim``: z in cells of 2.5 mm, up to
-        1.875 mm. Both need coordinates on a grid, of 1 mm as KITTI's raw scans have them if no
-        other one is stated. ``detached``: nothing is changed, for any scanner's points.
+        ``lbm`` (lowest bit modification) stores bits in the lowest bits of x, y and z, which moves
+        points by up to sqrt(3) mm; it also works for coordinates that need float64 (LAS, a national
+        grid). ``qim`` (quantisation index modulation) stores bits in cells of z of 2.5 mm, which
+        moves points by up to 1.875 mm. Both need coordinates on a grid: of 1 mm, as in KITTI's raw
+        scans, or as ``units_per_m`` states. ``detached`` changes no point, and takes the points of
+        any scanner.
     slices : int
-        Sectors of the full turn, 4 to 360.
+        Number of equal azimuth slices of the full turn, 4 to 360. Each is a sector (`Tile`), or
+        part of one.
     least_points : int
-        Sectors with fewer points are joined with a neighbour.
+        Slices with fewer points are joined with a neighbour.
     round_points : bool
-        Move points that are not on the grid onto it: up to sqrt(3)/2 of its step more.
+        Move points that are not on the grid onto it, which adds up to sqrt(3)/2 steps to the move.
     units_per_m : int
-        Steps of the grid a metre, which the record states: 100 for a file in whole centimetres.
-        ``lbm`` moves points by up to sqrt(3) steps then. Others than 1000 for ``lbm`` only.
+        Grid steps per metre, which the record states: 100 for a file in whole centimetres. ``lbm``
+        moves points by up to sqrt(3) steps. Only ``lbm`` takes another number than 1000.
     origin : (float, float, float) or None, metres
-        For coordinates that need float64 (`LidarFrame.exact`): where the sectors meet, and where
-        the grid's steps are counted from, which the record states, too. Rounded to the nearest
-        step; None: the middle of each scan.
+        For coordinates that need float64 (`LidarFrame.exact`): the point at which the sectors meet
+        and from which the grid's steps are counted, rounded to the nearest step. The record states
+        it. None: the middle of each scan.
     state : path, optional
-        File that keeps what the verifier has seen, so that replays are noticed after a restart; it
-        is authenticated with the key. Each frame is in it before `verify` returns, so that a
-        killed process forgets none; a loss of power may take the last 600. One verifier at a time
-        uses it, until `close`: a lock beside it (``.NAME.lock``) keeps others out.
+        File in which the verifier keeps the frames that it has seen, so that it notices replays
+        after a restart. It is authenticated with the key. Each frame is written before `verify`
+        returns, so that a killed process loses none; a loss of power may lose the last 600. Only
+        one verifier at a time can use it, until `close`: it holds the lock ``.NAME.lock``.
 
     Raises
     ------
@@ -353,21 +362,21 @@ class Watermarker(Closing):
     FormatError
         The state file is damaged, or of another key.
     OSError
-        It cannot be read or written.
+        The state file cannot be read or written.
 
     Notes
     -----
-    The watermark protects scans from here to the verifier, not the laser before it: what an
-    attacker makes the sensor see is signed as genuine, and only the forensics of `inspect` can
-    notice it. The first frame embedded begins a session; frames are chained, so that dropped,
-    repeated and reordered ones are noticed. `embed` and `verify` have separate states. Other
-    columns than coordinates and intensity are not bound.
+    The watermark protects scans between the embedder and the verifier, not the measurement: laser
+    pulses that an attacker injects into the sensor are signed as genuine, and only the forensics of
+    `inspect` can notice them. The first embedded frame begins a session. Frames are chained, so
+    that dropped, repeated and reordered ones are noticed. `embed` and `verify` have separate
+    states. Columns other than coordinates and intensity are not protected.
 
-    Points whose order was changed, or which were written as float32 and read again, verify, and so
-    do decimals that say no more than the float32 does, as in text.
-    Coordinates in float64 are bound as points of the grid: one within 2^-13 steps of such a point
-    stands for it, since formats with a scale and an offset, such as LAS, do not give the nearest
-    float64 back.
+    A scan still verifies after its points were reordered, after it was written as float32 and read
+    again, and after it was written with as many decimals as float32 has, as in text. Coordinates in
+    float64 are bound as points of the grid. A coordinate within 2^-13 steps of a grid point counts
+    as that point, because formats with a scale and an offset, such as LAS, do not restore the exact
+    float64.
 
     Examples
     --------
@@ -437,14 +446,15 @@ class Watermarker(Closing):
         Parameters
         ----------
         scan : LidarFrame, (N, 3) or (N, 4) float32
-            Metres; (N, 4) with intensity.
+            Points in metres; (N, 4) with intensity.
         time_ns : int, optional
-            Nanoseconds since 1970; by default the frame's, else the clock's.
+            Time in nanoseconds since 1970; default: that of the frame, or of the clock if the frame
+            has none.
         is_end : bool
-            The session ends with this frame.
+            End the session with this frame.
         picture : (H, W) or (H, W, 3) uint8, optional
-            Picture of the same moment, as the camera gave it. It will carry the record in the
-            lowest bits of its first 16384 samples, and the record binds the others.
+            Camera picture of the same moment, unchanged. A copy carries the record in the lowest
+            bits of its first 16384 samples; the record protects all other bits.
 
         Returns
         -------
@@ -453,9 +463,9 @@ class Watermarker(Closing):
         Raises
         ------
         InputError
-            Points are not on the grid; coordinates that need float64 with
-            ``qim``, or whose points in float32 are others; the key has expired; a picture that
-            cannot carry the record, or one beside a detached scan in float64.
+            Points are not on the grid; coordinates need float64 with ``qim``, or differ from the
+            points in float32; the key has expired; the picture cannot carry the record, or is given
+            with a detached scan in float64.
         Error
             The watermarker is closed, or its session has ended.
         """
@@ -496,13 +506,13 @@ class Watermarker(Closing):
         return Watermarked(marked, record, number, tiles, is_detached, carried)
 
     def resume(self, record: bytes) -> None:
-        """Go on with a session whose embedding was stopped, after the frame of a record.
+        """Continue an interrupted session after the frame of a record.
 
         Parameters
         ----------
         record : bytes
-            Record of the last frame that is kept, as `embed` gave it; the next frame has the next
-            number. Frames after it that were lost are embedded again.
+            Record that `embed` returned for the last frame that was kept. The next frame gets the
+            next number: frames that were lost are embedded again.
 
         Raises
         ------
@@ -516,10 +526,10 @@ class Watermarker(Closing):
 
         Notes
         -----
-        A lost frame that was signed anew exists twice with one number if the first version turns up
-        after all. Both are genuine, and each verifies alone. In a chain the first one is followed
-        by a frame whose place is not known, so that the chain is undecidable. Where others may have
-        received frames after the last one that is kept, begin a new session instead.
+        If a frame that was lost and embedded again turns up after all, two frames have the same
+        number. Both are genuine, and each verifies alone. As a chain, the older one is followed by
+        a frame whose place is unknown, so that the drive is undecidable. Begin a new session if
+        others may have received frames after the last one that was kept.
 
         Examples
         --------
@@ -539,14 +549,14 @@ class Watermarker(Closing):
             self._embedder = self._new_embedder(record)
 
     def _begun(self) -> _core.WatermarkEmbedder:
-        """The embedder, whose making draws the session: one, however many threads ask for it."""
+        """Return the embedder; the first call draws the session, for all threads."""
         with self._turn:
             if self._embedder is None or self._is_closed:
                 self._embedder = self._new_embedder(None)
             return self._embedder
 
     def _new_embedder(self, last: bytes | None) -> _core.WatermarkEmbedder:
-        """An embedder of a new session, or of that of a last record."""
+        """Return an embedder of a new session, or of the session of its last record."""
         if self._is_closed:
             raise Error("the watermarker is closed")
         slices, least, rounding, units = self._options
@@ -564,7 +574,7 @@ class Watermarker(Closing):
         )
 
     def _offset(self, frame: LidarFrame) -> tuple[int, int, int]:
-        """The origin in steps of the grid."""
+        """Return the origin in grid steps."""
         if self._origin is not None:
             place = self._origin
         elif frame.exact is None or not len(frame.exact):
@@ -578,12 +588,12 @@ class Watermarker(Closing):
         return x, y, z
 
     def own_verifier(self) -> Watermarker:
-        """Return another watermarker of the embedding key, which has verified nothing so far.
+        """Return another watermarker of the embedding key with a verifier state of its own.
 
         Returns
         -------
         Watermarker
-            Verifies what this one embeds, and leaves the frames that this one has verified alone.
+            Verifies the frames that this one embeds, without effect on this one's verifier.
         """
         return Watermarker(self._key)
 
@@ -601,15 +611,16 @@ class Watermarker(Closing):
         Parameters
         ----------
         scan : LidarFrame, (N, 3) or (N, 4) float32
-            In any order.
+            Points in metres, in any order; (N, 4) with intensity.
         record : bytes or None
-            As `embed` gave it; None: the picture carries it, or there is none, and the verdict is
-            ``undecidable``.
+            Record that `embed` returned. None: the picture carries it; without a picture the
+            verdict is ``undecidable``.
         policy : Policy, optional
+            What to accept; default: ``Policy()``.
         now_ns : int, optional
-            Nanoseconds since 1970; by default the clock's.
+            Time in nanoseconds since 1970; default: that of the clock.
         picture : (H, W) or (H, W, 3) uint8, optional
-            Picture that carries the record, and is verified with it.
+            Picture that carries the record; it is verified as well.
 
         Returns
         -------
@@ -659,10 +670,10 @@ class Watermarker(Closing):
         policy: Policy | None = None,
         picture: ArrayLike | None = None,
     ) -> WatermarkResult:
-        """Take the record of a frame whose scan is missing or cannot be read.
+        """Verify the record of a frame whose scan is missing or cannot be read.
 
-        The frame is ``undecidable`` (``tampered``, if it was seen before), but keeps its place in
-        the chain, so that those after it are judged as if it were there.
+        The frame is ``undecidable`` (``tampered`` if it is a replay), but keeps its place in the
+        chain, so that the frames after it are judged as if the scan were there.
 
         Parameters
         ----------
@@ -686,14 +697,14 @@ class Watermarker(Closing):
         )
 
     def reset(self) -> None:
-        """Forget the frames that were verified, also in the state file."""
+        """Forget the verified frames, in memory and in the state file."""
         with self._turn:
             self._verifier.reset()
             if self._kept is not None:
                 self._kept.fold()
 
     def close(self) -> None:
-        """Let others use the state file, and wipe what was derived from the key."""
+        """Unlock the state file, and wipe key material from memory."""
         with self._turn:
             self._is_closed = True
             try:
@@ -712,9 +723,9 @@ class Watermarker(Closing):
         )
 
 
-_MOST_UNITS = 1_000_000  # a metre
-_SAME_M = 1e-10  # metres: rounding where a decimal is made of a number of steps and an offset
-_FARTHEST_STEP = 2.0**37
+_MOST_UNITS = 1_000_000  # grid steps per metre
+_SAME_M = 1e-10  # metres: rounding of decimals that are computed as steps times scale plus offset
+_FARTHEST_STEP = 2.0**37  # of the origin; float64 still resolves 2^-13 steps beyond it
 
 
 def _check_units(units_per_m: int) -> None:
@@ -723,23 +734,23 @@ def _check_units(units_per_m: int) -> None:
 
 
 def _in_float32(frame: LidarFrame, exact: NDArray[np.float64]) -> NDArray[np.float32]:
-    """The points of coordinates in float64, as the frame's format has them."""
+    """Return the points that the frame's format has for coordinates in float64."""
     return measured_points(exact, frame.format or ScanFormat(""), frame.source)
 
 
 def _check_exact(frame: LidarFrame, embedding: str) -> None:
-    """Refuse a scan with float64 coordinates that the embedding would move and cannot."""
+    """Raise an InputError if the embedding cannot move the float64 coordinates of a scan."""
     if embedding != "lbm":
         raise InputError(
             "scan: its coordinates need float64, whose z has no cells; expected embedding "
             "'lbm' or 'detached', or a scan without `exact`"
         )
-    if not _is_of_one_piece(frame):
+    if not _matches_exact(frame):
         raise InputError("scan: expected points that are its exact coordinates in float32")
 
 
-def _is_of_one_piece(frame: LidarFrame) -> bool:
-    """Whether the points are the exact coordinates in float32, so that either says the same."""
+def _matches_exact(frame: LidarFrame) -> bool:
+    """Return whether the points are the exact coordinates in float32, or there are none."""
     if frame.exact is None:
         return True
     return np.array_equal(_in_float32(frame, frame.exact), frame.points)
@@ -775,7 +786,7 @@ def _unverifiable(reason: str, frame: LidarFrame) -> WatermarkResult:
 
 
 def _azimuths(slices: Iterable[int], num_slices: int) -> tuple[tuple[float, float], ...]:
-    """Beginnings and ends of runs of slices, degrees."""
+    """Return begin and end of each run of adjacent slices, degrees."""
     width = 360.0 / num_slices
     runs: list[list[int]] = []
     for each in slices:
@@ -842,11 +853,11 @@ def _result(found: Mapping[str, Any], frame: LidarFrame) -> WatermarkResult:
 
 
 def _exact_hash(frame: LidarFrame) -> bytes | None:
-    """Hash of coordinates that need float64, with the intensities, in any order of the points.
+    """Return a hash of float64 coordinates and intensities that ignores the order of points.
 
-    It is bound as what was recorded beside the points: rows of the exact x, y, z, of those in
-    float32, and of the intensity, 0 without, as the bits of little-endian float64, in ascending
-    order of these.
+    A record stores it as the hash of recorded context. It is the hash of one row for each point:
+    exact x, y, z, float32 x, y, z and intensity (0 without intensities), as little-endian float64.
+    Rows are sorted by their bits.
     """
     if frame.exact is None:
         return None
@@ -860,28 +871,29 @@ def _exact_hash(frame: LidarFrame) -> bytes | None:
 
 
 def _are_decimals_of_float32(frame: LidarFrame) -> bool:
-    """Whether coordinates in float64 only write those in float32 in decimals, as text and LAS do.
+    """Return whether float64 coordinates are only decimals of float32, as text and LAS have them.
 
-    The float32 that is nearest to 12.345 is 12.34500026...; the file says 12.345, or 12.3450003.
-    Digits that say more than the float32 does were never signed.
+    The float32 nearest to 12.345 is 12.34500026...; a file may say 12.345, or 12.3450003. More
+    digits than the float32 has were never signed.
     """
-    if frame.exact is None or not _is_of_one_piece(frame):
+    if frame.exact is None or not _matches_exact(frame):
         return False
     points = frame.points.astype(np.float64)
-    is_open = np.ones(points.shape, bool)  # the coordinates that no number of digits gave so far
-    for digits in range(13):  # 9 that count, of coordinates from tenths of a millimetre on
-        is_open &= np.abs(np.round(points, digits) - frame.exact) > _SAME_M
-    return not is_open.any()
+    differs = np.ones(points.shape, bool)  # coordinates that equal no rounding so far
+    # 12 decimals are at least the 9 significant digits of float32 from 0.1 mm on.
+    for digits in range(13):
+        differs &= np.abs(np.round(points, digits) - frame.exact) > _SAME_M
+    return not differs.any()
 
 
 def _with_exact(
     result: WatermarkResult, header: Mapping[str, Any] | None, frame: LidarFrame
 ) -> WatermarkResult:
-    """The result with what the record says of coordinates in float64."""
+    """Return the result after comparing float64 coordinates with the record."""
     if header is None or result.content != "intact":
         return result
     if header["is_exact"]:
-        if _is_of_one_piece(frame):
+        if _matches_exact(frame):
             return result
         reason = "the points in float32 are not those of the coordinates that were signed"
         return replace(result, verdict="tampered", content="tampered", reason=reason)

@@ -42,27 +42,30 @@ struct ReflectanceOptions {
 struct ReflectanceTurn {
   const PointsView& points;
   ScanMotion motion;
-  /// The reading of its points in the frame's coordinates on the lattice; compare_turns() has
-  /// this reading. Null: it is made.
+  /// Lattice reading of the turn's points in the frame's coordinates, which compare_turns() returns
+  /// as well. Null: it is computed.
   const LatticeReading* seen = nullptr;
 };
 
-/// By how much lasers are brighter than one another on the same surfaces, from the frame itself:
-/// the sum of the median differences of neighbouring lasers. (rings,), of mean 0.
+/// Estimates how much brighter than the mean each laser measures the same surfaces: sums of the
+/// median differences between neighbouring lasers of the frame.
+/// @return  (rings,), of mean 0.
 std::vector<double> laser_gains(const PointsView& points, const LatticeReading& reading,
                                 int num_rings);
 
-/// Looks for rewritten reflectances in one frame.
+/// Detects rewritten reflectances in one frame.
 ///
-/// Reflectances are shares in [0, 1]; the frame's smallest and largest value are taken for the ends
-/// of the scale, where it is clipped; evenness is not looked for there. With both neighbours, the
-/// reflectance I of a point is compared with P and N, those of the points around it a turn earlier
-/// and later, less the gains of their lasers. If all three have the same noise, E = I - (P + N) / 2
-/// has 3/2 of its variance and D = P - N twice; what moves or is patterned raises both, an edit
-/// raises E, or the mean of E over a window. It must do so whichever pair of lasers is left out of
-/// a window: a single one may run along an edge. Returns at an end of the scale are compared beside
-/// the others, and left out: whichever shows more counts. Those at the same end in all three turns
-/// say nothing.
+/// Reflectances are shares in [0, 1]. The smallest and largest value of the frame are taken as the
+/// ends of the scale, where values are clipped; clipped values are not tested for evenness.
+///
+/// If both neighbouring turns are given, the reflectance I of a point is compared with the means P
+/// and N of the points around it in the previous and in the next turn, all without the gains of
+/// their lasers. With the same noise variance in all three turns, E = I - (P + N) / 2 has 3/2 of
+/// this variance and D = P - N has twice of it. Motion and patterned surfaces raise both, an edit
+/// raises E, or the mean of E over a window. The window must be evidence whichever pair of lasers
+/// is left out, because a single laser may run along an edge. Each window is judged with and
+/// without clipped returns, and the stronger evidence counts. Returns that are clipped at the same
+/// end in all three turns are not compared.
 /// @throws InputError  what check_points and read_lattice refuse; points without a reflectance, or
 ///                     with one beyond [0, 1]; a reading of other points; an option out of range.
 std::vector<ReflectanceRegion> compare_reflectance(const PointsView& points,
