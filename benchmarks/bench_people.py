@@ -907,21 +907,15 @@ class Shown:
     picture: NDArray[np.uint8]
 
 
-def main() -> None:
-    """Run the trials and print the table."""
-    from manip3d import datasets
-    from manip3d.experiments._phantom import box_of
-    from manip3d.experiments.real_people_4 import _kinds
-    from manip3d.modify import PhantomPipeline
-    from manip3d.viewer import people
-
+def options_of() -> argparse.Namespace:
+    """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--half", choices=("tuning", "reporting"), default="reporting")
     parser.add_argument("--trials", default="", help="a pattern of names, such as a2[45]")
     parser.add_argument("--limbs", nargs="*", default=LIMBS, choices=LIMBS)
-    parser.add_argument("--every", type=int, default=4, help="of so many frames one is measured")
+    parser.add_argument("--every", type=int, default=4, help="measure one frame of this many")
     parser.add_argument("--kept", action="store_true", help="nothing is removed: all are doubled")
-    parser.add_argument("--sheet")
+    parser.add_argument("--sheet", help="write the worst frames to this picture")
     parser.add_argument("--sort", default="score", help="score, or a fault under tracking")
     parser.add_argument("--reason", help="only frames of the sheet with this reason")
     parser.add_argument("--simulated", action="store_true", help="simulated people alone")
@@ -936,34 +930,39 @@ def main() -> None:
     parser.add_argument("--guessed", action="store_true", help="joints of the limb are guessed")
     parser.add_argument("--disturbed", action="store_true", help="recorded, with worse joints")
     parser.add_argument("--mistaken", action="store_true", help="recorded, from a wrong source")
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Print the table that the options choose; by default that of the recorded trials."""
+    options = options_of()
     if options.mistaken:
         print_mistaken(options.half, options.every)
-        return
-    if options.disturbed:
+    elif options.disturbed:
         print_disturbed()
-        return
-    if options.sleeves:
+    elif options.sleeves:
         print_sleeves()
-        return
-    if options.flying:
+    elif options.flying:
         print_flying()
-        return
-    if options.stout:
+    elif options.stout:
         print_stout()
-        return
-    if options.twist:
+    elif options.twist:
         print_twist(options.seed, 30 if options.from_start else 0)
-        return
-    if options.calibration:
+    elif options.calibration:
         print_calibration()
-        return
-    if options.unindexed:
+    elif options.unindexed:
         print_unindexed(options.half)
-        return
-    if options.simulated:
+    elif options.simulated:
         print_simulated()
-        return
+    else:
+        print_recorded(options)
+
+
+def print_recorded(options: argparse.Namespace) -> None:
+    """Run the recorded trials, print their tables and, if asked for, draw a sheet of frames."""
+    from manip3d import datasets
+    from manip3d.modify import PhantomPipeline
+
     groups: dict[str, Tally] = {}
     pictures: list[Shown] = []
     for uri in datasets.people_uris():
@@ -972,7 +971,6 @@ def main() -> None:
         if not re.search(options.trials, uri):
             continue
         frames = list(datasets.open_people(uri))
-        action, _ = numbers(uri)
         for limb in options.limbs:
             pipeline = PhantomPipeline(limb, keep_residual=options.kept)
             for number, frame in enumerate(frames):
@@ -980,34 +978,64 @@ def main() -> None:
                 result = pipeline.process(given)
                 if number % options.every:
                     continue
-                bones = segmented(frame, frame.skeletons[0])
-                rest = segmented(frame, without(frame.skeletons[0], limb))
-                measured = shares(frame, result, limb, bones, rest)
-                faults = {name for name, share in measured.items() if share > 1.0}
-                names = ["all", limb]
-                if action in SEATED:
-                    kind = "arms" if limb.endswith("arm") else "legs"
-                    names.append(f"a24, a25: {kind}")
-                    if is_seated(frame):
-                        names.append(f"of these seated: {kind}")
-                loss = None
-                if "cut" in faults and limb.endswith("leg"):
-                    loss = loss_below(frame, result, limb, bones)
-                for name in names:
-                    tally = groups.setdefault(name, Tally())
-                    tally.add(result, faults)
-                    tally.losses += [loss] if loss else []
-                tracking = result.state.value == "tracking"
-                score = result.quality.score
-                if options.sort in FAULTS:
-                    score = measured[options.sort] if tracking else 0.0
-                if options.reason and result.reason.value != options.reason:
-                    score = 0.0
+                measured = add_frame(groups, uri, frame, result, limb)
+                score = score_of(result, measured, options)
                 if options.sheet and score > 0.0:
-                    box = box_of(frame.depth > 0, 4)
-                    pair = [people.depth_picture(frame.depth)[box], _kinds(result)[box]]
                     title = f"{uri[9:]} {limb} {number}\n{result.reason.value} {score:.1f}"
-                    pictures.append(Shown(score, title, np.hstack(pair)))
+                    pictures.append(Shown(score, title, pair_of(frame, result)))
+    print_groups(groups)
+    if options.sheet:
+        draw(sorted(pictures, key=lambda p: -p.score)[:40], options.sheet)
+
+
+def add_frame(
+    groups: dict[str, Tally], uri: str, frame: RgbdFrame, result: PhantomFrame, limb: str
+) -> dict[str, float]:
+    """Add a frame to the tallies of its groups; return the measured shares."""
+    bones = segmented(frame, frame.skeletons[0])
+    rest = segmented(frame, without(frame.skeletons[0], limb))
+    measured = shares(frame, result, limb, bones, rest)
+    faults = {name for name, share in measured.items() if share > 1.0}
+    names = ["all", limb]
+    action, _ = numbers(uri)
+    if action in SEATED:
+        kind = "arms" if limb.endswith("arm") else "legs"
+        names.append(f"a24, a25: {kind}")
+        if is_seated(frame):
+            names.append(f"of these seated: {kind}")
+    loss = None
+    if "cut" in faults and limb.endswith("leg"):
+        loss = loss_below(frame, result, limb, bones)
+    for name in names:
+        tally = groups.setdefault(name, Tally())
+        tally.add(result, faults)
+        tally.losses += [loss] if loss else []
+    return measured
+
+
+def score_of(
+    result: PhantomFrame, measured: dict[str, float], options: argparse.Namespace
+) -> float:
+    """Return the number by which the sheet is sorted; 0: the frame is not on it."""
+    if options.reason and result.reason.value != options.reason:
+        return 0.0
+    if options.sort in FAULTS:
+        return measured[options.sort] if result.state.value == "tracking" else 0.0
+    return result.quality.score
+
+
+def pair_of(frame: RgbdFrame, result: PhantomFrame) -> NDArray[np.uint8]:
+    """Return the depth image and the kinds of pixels of the result, side by side."""
+    from manip3d.experiments._phantom import box_of
+    from manip3d.experiments.real_people_4 import _kinds
+    from manip3d.viewer import people
+
+    box = box_of(frame.depth > 0, 4)
+    return np.hstack([people.depth_picture(frame.depth)[box], _kinds(result)[box]])
+
+
+def print_groups(groups: dict[str, Tally]) -> None:
+    """Print the tables of all groups of frames."""
     import tables
 
     head = ["% of the frames", "frames", "tracking", "degraded"]
@@ -1020,8 +1048,6 @@ def main() -> None:
         head += ["best plane", "turn", "cut by error"]
         order = [name for name in order if groups[name].losses]
         print(tables.table(head, [[name, *groups[name].loss_row()] for name in order]))
-    if options.sheet:
-        draw(sorted(pictures, key=lambda p: -p.score)[:40], options.sheet)
 
 
 def draw(shown: list[Shown], path: str) -> None:
