@@ -43,11 +43,11 @@ class Summary:
     Attributes
     ----------
     rows : list of dict
-        One for each file, in the order of their names: ``source``, ``output``, ``error`` (empty
-        where there is none), ``output_bytes`` (with the records and truths beside it),
-        ``task_seconds``, and what the function returned under other names than these. A file that
-        failed has ``error_details`` instead: ``code``, ``message``, and where the error has them
-        ``file``, ``line`` and ``byte_offset``.
+        One row for each file, in the order of their names: ``source``, ``output``, ``error`` (empty
+        without an error), ``output_bytes`` (including records and truths beside the output),
+        ``task_seconds``, and the columns that the function returned under other names. A file that
+        failed has ``error_details`` instead of these columns: ``code``, ``message``, and, if
+        known, ``file``, ``line`` and ``byte_offset``.
     resumed : int
         Rows that an earlier run had made.
     failed : int
@@ -89,17 +89,17 @@ def run(
     Parameters
     ----------
     function : callable(source, output, **options) -> mapping
-        What is done with one file: reads the path ``source``, writes the path ``output`` (a file or
-        a folder; None without one) and returns the columns of its row. Workers import it by its
+        Processes one file: reads the path ``source``, writes the path ``output`` (a file or a
+        folder; None without outputs) and returns the columns of its row. Workers import it by its
         name.
     sources : path, URL, or sequence of them
-        Files, folders and patterns, as `find_files` takes them, or what it returned.
+        Files, folders and patterns, as for `find_files`, or its result.
     output : path or URL, optional
-        Folder of the outputs, which stand there as the sources stand in theirs.
+        Folder of the outputs, with the same subfolders as the sources.
     options : mapping, optional
-        Keyword arguments of the function, values that JSON knows.
+        Keyword arguments of the function; values must be representable in JSON.
     options_of : callable(SourceFile) -> mapping, optional
-        Further ones for each file.
+        Further keyword arguments for each file.
     rename : callable(str) -> str, optional
         Name of an output from the relative name of its source; default: the same.
     suffixes : sequence of str, optional
@@ -112,14 +112,13 @@ def run(
     dask : str
         Address of a Dask scheduler whose workers see the same files; ``"local"`` starts one here.
     overwrite : bool
-        Make rows and outputs again that are there.
+        Replace existing rows and outputs.
     resume : bool
-        False: make all rows anew; stored ones are replaced, not used. For results that must say
-        what is true now.
+        False: make all rows anew and replace stored ones, for results that must be current.
     inputs_of : callable(SourceFile) -> sequence of path or URL, optional
-        Files and folders that the function reads besides the source: a row is made again when one
-        of them has changed. What a mesh or a scan names beside it (material libraries, textures,
-        buffers, poses) is known without.
+        Files and folders that the function reads besides the source: a row is made again if one of
+        them has changed. Files to which a mesh or a scan refers (material libraries, textures,
+        buffers, poses) need not be listed.
     progress : None, True or callable(fraction, message)
         True shows a bar; a callable gets the fraction done and a message.
     on_error : callable(source, error)
@@ -132,19 +131,19 @@ def run(
     Raises
     ------
     InputError
-        No file is found; two files have one output; an output or a table exists that no earlier
-        run of this call has made; the table's suffix is another one.
+        No file is found; two files have the same output; an output or a table exists that no
+        earlier run of this call has made; the table has another suffix.
     OSError
         A source, the table or the output folder cannot be reached.
     KeyboardInterrupt
-        After stopping the workers; what had finished is stored.
+        Raised after the workers were stopped; finished rows are stored.
 
     Notes
     -----
-    A stored row is used again if nothing has changed that it depends on: the function and its
-    options, the library, the size of the output, and the sizes and times of its inputs (the source,
-    the files that the source names, and those of ``inputs_of``). Both times of a file count, that
-    of modification and that of change, which no ordinary call sets back.
+    A stored row is used again if all that it depends on is unchanged: the function and its options,
+    the library, the size of the output, and the sizes and times of its inputs (the source, the
+    files to which the source refers, and those of ``inputs_of``). The times are those of
+    modification (mtime) and of status change (ctime), which programs cannot set.
 
     Examples
     --------
@@ -209,7 +208,7 @@ def one_file(
     options: Mapping[str, Any],
     limits: Sequence[ReadLimits] = (),
 ) -> Row:
-    """Fetch a source, do the work, send the output, and return the row; runs on a worker."""
+    """Download a source, process it, upload the output, and return the row; runs on a worker."""
     started = time.perf_counter()
     target = nullcontext() if output is None else local_output(output)
     with all_in_force(limits), local_copy(source) as local, target as written:
@@ -217,7 +216,7 @@ def one_file(
             written.parent.mkdir(parents=True, exist_ok=True)
         try:
             columns = dict(function(local, written, **options))
-        except Exception as error:  # names the file, not the copy of it that was read
+        except Exception as error:  # messages must name the source, not its local copy
             error.args = tuple(
                 part.replace(str(local), source) if isinstance(part, str) else part
                 for part in error.args
@@ -243,7 +242,7 @@ def one_file(
 
 
 def _bytes_of(output: Path) -> int | None:
-    """The size of a file, or of all files of a folder, and what is beside; None: there is none."""
+    """Return the size of an output, file or folder, with its records and truths; None: missing."""
     if not output.exists():
         return None
     sizes = Place(str(output)).sizes().values() if output.is_dir() else [output.stat().st_size]
@@ -337,7 +336,7 @@ def _key(identity: Sequence[Any]) -> str:
 
 
 def _asked(function: Work, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Function and options of a run, which all its rows share."""
+    """Return the part of the key that all rows of a run share: function and options."""
     name = f"{function.__module__}:{function.__qualname__}"
     return {"function": name, "options": _json_of(options)}
 
@@ -356,7 +355,7 @@ def _table_of(table: str | os.PathLike[str] | None, output: Place | None) -> str
 
 
 class _Memory:
-    """A store of a batch that is not to be resumed."""
+    """A store that keeps nothing, for a run without a table, which cannot be resumed."""
 
     def load(self, key: str) -> Row | None:
         return None
@@ -365,11 +364,11 @@ class _Memory:
         return row
 
     def flush(self) -> None:
-        """Nothing waits."""
+        """Do nothing."""
 
 
 class _Checked:
-    """Stored rows, each only as long as its output is there in its size."""
+    """Stored rows; a row whose output is missing or has another size counts as missing."""
 
     def __init__(self, rows: Rows, output: Place | None, sizes: Mapping[str, int]) -> None:
         self._rows, self._output, self._sizes = rows, output, sizes
@@ -399,7 +398,7 @@ def _store(
     overwrite: bool,
     rows_of: Callable[..., Rows],
 ) -> _Checked | _Memory:
-    """The rows of earlier runs, after a look that nothing of others would be replaced."""
+    """Return the store of rows of earlier runs; refuse to replace files that are not theirs."""
     sizes = {} if output is None else _with_folders(output.sizes())
     if table is None:
         return _Memory()
@@ -410,12 +409,12 @@ def _store(
 
 
 def _rows_folder(table: str) -> str:
-    """Folder in which the rows of a table are stored as they come."""
+    """Return the folder in which the rows of a table are stored during the run."""
     return f"{table.removesuffix(PurePosixPath(table).suffix)}.rows"
 
 
 def _with_folders(sizes: Mapping[str, int]) -> dict[str, int]:
-    """The sizes of files by their relative names, and of the folders that they are in."""
+    """Return the sizes of files and of the folders that they are in, by relative name."""
     totals = dict(sizes)
     for name, size in sizes.items():
         for folder in PurePosixPath(name).parents[:-1]:

@@ -1,4 +1,4 @@
-"""The files that folders, patterns and URLs stand for."""
+"""Find the files and drives that paths, folders, patterns and URLs refer to."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class SourceFile:
     name : str
         Path or URL.
     relative : str
-        Its place below the folder or the fixed part of the pattern that it was found by.
+        Path below the named folder, or below the fixed part of the pattern.
     stamp : str
-        Changes when the content does: size and times of modification and change, or what the store
-        keeps. A file that cannot be asked, such as a dangling link, is ``gone``: what becomes of it
-        is the matter of its own row.
+        A text that changes with the content: size and times of modification and status change, or
+        the version in a remote store. ``gone`` for a file without them, such as a dangling link,
+        whose row then has an error.
     is_named : bool
-        Named itself, or by a pattern; False for what was found in a folder.
+        Whether the file was named itself or by a pattern; False if it was found in a folder.
     """
 
     name: str

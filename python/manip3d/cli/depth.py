@@ -387,8 +387,8 @@ def depth(
     max_edge: Annotated[
         float | None,
         typer.Option(
-            help="Leave out faces with an edge longer than this (with --method relief, faces "
-            "between neighbouring pixels); in metres, or in the unit of the scan."
+            help="Leave out faces with an edge longer than this, in metres or in the unit of the "
+            "scan. With --method relief it limits edges between neighbouring pixels."
         ),
     ] = None,
     by_distance: Annotated[
@@ -428,8 +428,8 @@ def depth(
     confidence_max: Annotated[
         int | None,
         typer.Option(
-            help="Level of --confidence that is fully believed: 2 for ARKit, 15 for a RealSense "
-            "L515. Default: the largest number that the image can hold."
+            help="Highest level of --confidence, which counts as 1: 2 for ARKit, 15 for a "
+            "RealSense L515. Default: the largest number that the image can hold."
         ),
     ] = None,
     poses: Annotated[

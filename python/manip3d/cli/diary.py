@@ -19,7 +19,16 @@ from manip3d.errors import FormatError, InputError, printable
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from manip3d.diary import Answers, Diary, DiaryAnalysis, DiarySession, Estimate, Questionnaire
+    from manip3d.diary import (
+        AdverseEvent,
+        Answers,
+        Diary,
+        DiaryAnalysis,
+        DiarySession,
+        Estimate,
+        McGill,
+        Questionnaire,
+    )
 
 app = typer.Typer(
     name="diary",
@@ -275,23 +284,35 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
         for rating in apart:
             console.print(f"pain {rating.pain}, {_day(rating.at)}, outside of sessions")
         for one in filled:
-            score = one.score
-            console.print(
-                f"McGill, {one.occasion}, {_day(one.at)}: PRI {score.pri} ({score.sensory} + "
-                f"{score.affective} + {score.evaluative} + {score.miscellaneous}), "
-                f"NWC {score.nwc}, PPI {score.ppi}"
-            )
+            _show_mcgill(console, one)
         for form in answers:
             if form.number not in elsewhere:
-                told = ", ".join(f"{name} {score:.4g}" for name, score in form.scores.items())
-                title = f"{form.questionnaire.name}, {form.occasion}, {_day(form.at)}"
-                console.print(printable(f"{title}: {told}"), markup=False)
+                _show_answers(console, form)
         for event in events:
-            kind = "" if event.kind == "other" else f" ({event.kind})"
-            told = f"adverse event, {_day(event.at)}{kind}: {event.text}"
-            console.print(printable(told), markup=False)
+            _show_event(console, event)
 
     Terminal(as_json=as_json).result(record, show)
+
+
+def _show_mcgill(console: Console, filled: McGill) -> None:
+    score = filled.score
+    console.print(
+        f"McGill, {filled.occasion}, {_day(filled.at)}: PRI {score.pri} ({score.sensory} + "
+        f"{score.affective} + {score.evaluative} + {score.miscellaneous}), "
+        f"NWC {score.nwc}, PPI {score.ppi}"
+    )
+
+
+def _show_answers(console: Console, answers: Answers) -> None:
+    told = ", ".join(f"{name} {score:.4g}" for name, score in answers.scores.items())
+    title = f"{answers.questionnaire.name}, {answers.occasion}, {_day(answers.at)}"
+    console.print(printable(f"{title}: {told}"), markup=False)
+
+
+def _show_event(console: Console, event: AdverseEvent) -> None:
+    kind = "" if event.kind == "other" else f" ({event.kind})"
+    told = f"adverse event, {_day(event.at)}{kind}: {event.text}"
+    console.print(printable(told), markup=False)
 
 
 @app.command("rate")

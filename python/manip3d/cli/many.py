@@ -1,7 +1,7 @@
-"""Verbs over many files: several sources, folders, patterns, URLs; the mapping that all share.
+"""Apply a verb (a command of ``manip3d``) to many files: several sources, folders, patterns, URLs.
 
-`over_files` gives a verb that takes one file its many-file form: the verb's own function runs on
-each file, in worker processes or on Dask, and what it would print under ``--json`` is its row.
+`over_files` decorates a verb that takes one file. The verb's function runs on each file, in worker
+processes or on Dask, and the result that it would print with ``--json`` is the file's row.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _GRAVEST_FIRST = (3, 1, 4)  # tampering outranks what could not be read
 
 @dataclass(frozen=True)
 class Many:
-    """How a verb takes many files.
+    """Rules by which a verb takes many files.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Many:
     whole: Sequence[str] = ()
 
     def files(self, sources: Sequence[str]) -> list[SourceFile]:
-        """The files that the sources stand for.
+        """Return the files that the sources refer to.
 
         Raises
         ------
@@ -105,7 +105,7 @@ class Many:
         return [found[name] for name in sorted(found, key=by_number)]
 
     def _whole_folders(self, source: Path) -> Iterator[SourceFile]:
-        """The folder if it is one thing, such as a recording; else those in it that are."""
+        """Return the folder if it is one source, such as a recording, else the sources in it."""
         from manip3d.batch import SourceFile
         from manip3d.batch._stamps import stamp_of_folder
 
@@ -139,7 +139,7 @@ class Many:
         raise InputError(f"--output: expected a folder for {more}, got the file name {output}")
 
     def names(self, files: Sequence[SourceFile]) -> dict[str, str]:
-        """The name of each output by that of its source.
+        """Return the name of each output, by that of its source.
 
         Sources that differ in their suffix only keep it: head.ply and head.obj become head.ply.glb
         and head.obj.glb.
@@ -152,7 +152,7 @@ class Many:
         }
 
     def rename(self, relative: str) -> str:
-        """The name of an output from that of its source."""
+        """Return the name of an output for that of its source."""
         path = PurePosixPath(relative)
         plain = path.name.lower().removesuffix(".xz").removesuffix(".gz")
         known = sorted({*self.suffixes, *self.writable}, key=len, reverse=True)
@@ -189,54 +189,56 @@ def over_files(
     across: Callable[[list[dict[str, Any]]], object] = lambda rows: None,
     find: Callable[..., list[SourceFile]] | None = None,
 ) -> Callable[[Verb], Verb]:
-    """Make a verb of one file (and ``output``) a verb of many.
+    """Make a verb for one file (and ``output``) a verb for many files.
 
     Parameters
     ----------
     argument : str
-        The verb's argument that becomes many.
+        The verb's argument that takes several files.
     suffixes, writable : callable
         As for `Many`; called when a command runs.
     otherwise : str
         As for `Many`.
     prepare : callable(files, options), optional
-        Returns options of single files by their names, and may change those of all.
+        Returns options of single files, by their names; it may also change the common options.
     drives : bool
-        One source is a whole drive, as `manip3d.batch.find_drives` finds them.
+        Each source is a whole drive, as `manip3d.batch.find_drives` finds them.
     whole : sequence of str
         As for `Many`.
     has_to : bool
         The command has the option ``--to``, if it has outputs.
     depends : callable(options) -> str
-        What else results depend on, so that stored ones are not taken for others.
+        Text for everything else that results depend on, such as the content of a key file. Stored
+        rows are used again only if it is the same.
     finish : callable(summary, output)
-        Called at the end, where there is an output.
+        Called at the end of a run with an output.
     choose : callable(files) -> files
-        Leaves out files that are not sources of their own.
+        Leaves out files that are not sources themselves.
     skipped_code : int
-        Exit code of a file that is skipped because it is of a kind the verb does not take.
+        Exit code of a file that is skipped because the verb does not take its kind.
     exit_code : callable(rows, options) -> int, optional
-        Exit code of all rows together; by default the gravest of theirs. Rows of files that failed
+        Exit code of all rows together; default: the most serious one. Rows of files that failed
         have an ``error``, and count as 1.
     columns : sequence of str
-        What of the rows is printed for people, where any row has it; the table and ``--json`` hold
-        everything. Empty: all columns, as CSV.
+        Columns that are printed for people, if any row has them; the table and ``--json`` hold all
+        columns. Empty: all columns are printed, as CSV.
     check : callable(options), optional
-        Refuses options that no file could be worked on with, before any file is looked for.
+        Refuses options that are wrong for every file, before files are searched.
     beside : callable(source) -> sequence of Path
-        Files that the verb reads with a source, other than those that a mesh or a scan names. They
-        and all options that are files or folders are inputs: a row is made again when one changes.
+        Files that the verb reads with a source, other than those to which a mesh or a scan refers.
+        They are inputs, as are all options that are files or folders: a row is made again when an
+        input changes.
     resumes : bool
-        False: rows of an earlier run are not an answer, since the verb says what is true now.
+        False: rows of an earlier run are not used again, because results must be current.
     together : callable(sources, options) -> bool, optional
-        Makes one thing of all files where the options ask for that, and returns whether it did;
+        Makes one result of all files if the options ask for it, and returns whether it did;
         ``options["shared"]`` names those of ``--table``, ``--dask`` and ``--to`` that are given.
     in_order : callable(options) -> context manager or None, optional
-        Where files depend on the ones before: all of them are worked on anew, one after another in
-        this process, within the context. None: files do not depend on each other. Options are those
-        of ``together``, as ``prepare`` left them.
+        Returns a context if each file depends on earlier ones: all files are then processed anew,
+        in order and in this process, within the context. None: files are independent. Options are
+        those of ``together``, as ``prepare`` left them.
     across : callable(rows)
-        Completes rows by what they tell beside each other, before they are printed.
+        Adds to rows what follows from comparing them, before they are printed.
     find : callable, optional
         As for `Many`.
     """
@@ -331,7 +333,7 @@ def with_defaults(verb: Verb, **defaults: Any) -> Verb:
 def _signature(
     verb: Verb, name: str, more_of_them: str, *, has_to: bool, table_option: Any
 ) -> inspect.Signature:
-    """The verb's, with several sources and with the options of many files."""
+    """Return the verb's signature with several sources and the options of many files."""
     hints = get_type_hints(verb, include_extras=True)
     parameters = {
         n: parameter.replace(annotation=hints[n])
@@ -360,12 +362,12 @@ def _signature(
 
 
 def _path_or_url(text: str) -> Any:
-    """A `Path`, which would make one slash of the two of a URL, or the URL."""
+    """Return a `Path`, or the text of a URL, whose two slashes a `Path` would merge."""
     return text if is_url(text) else Path(text)
 
 
 def _is_one(sources: Sequence[str]) -> bool:
-    """Whether the sources are one file, or a folder that is one recording."""
+    """Return whether the sources are one file, or a folder that is one recording."""
     from manip3d.batch import is_folder, is_pattern
 
     if len(sources) > 1 or is_pattern(sources[0]):
@@ -377,7 +379,7 @@ def _is_one(sources: Sequence[str]) -> bool:
 
 
 def _one(verb: Verb, argument: str, source: str, given: dict[str, Any]) -> None:
-    """The verb on one file; a remote one is fetched, a remote output is sent when it is whole."""
+    """Run the verb on one file; download a remote source, upload a complete remote output."""
     output = given.get("output")
     opened = local_copy(source) if is_url(source) else nullcontext(source)
     target = local_output(str(output)) if is_url(str(output)) else nullcontext(output)
@@ -444,9 +446,9 @@ def _many(
 
 
 class _Failures:
-    """Tells why files failed; files that failed for the same reason are counted.
+    """Prints why files failed, each reason once, and counts files with the same reason.
 
-    An option that is wrong is wrong for every file of a folder.
+    A wrong option, for example, is the same reason for every file of a folder.
     """
 
     def __init__(self, shell: Terminal, noun: str) -> None:
@@ -455,7 +457,7 @@ class _Failures:
         self._more: Counter[str] = Counter()
 
     def tell(self, source: str, error: str) -> None:
-        """Tell a reason when it is first met."""
+        """Print a reason if it is new."""
         if error in self._first:
             self._more[error] += 1
             return
@@ -463,7 +465,7 @@ class _Failures:
         self._shell.say(f"{source}: {error}")
 
     def tell_rest(self) -> None:
-        """Tell how many more files failed for each reason."""
+        """Print how many more files failed for each reason."""
         for error, number in self._more.items():
             more = counted(number, f"more {self._noun}")
             self._shell.say(f"{more} failed for the same reason as {self._first[error]}")
@@ -471,7 +473,7 @@ class _Failures:
 
 _SHARED = ("as_json", "quiet", "force", "jobs")
 _WRITTEN = ("output", "log", "report", "rows", "state")
-"""Options that are files which a verb writes: what it left there is no input of its rows."""
+"""Options that are files which a verb writes. They are no inputs of its rows."""
 
 
 def _inputs(
@@ -481,7 +483,7 @@ def _inputs(
     each: Mapping[str, Mapping[str, Any]],
     beside: Callable[[str], Sequence[Path]],
 ) -> list[str]:
-    """The files and folders that a verb reads besides the source: options, and what lies beside."""
+    """Return the files and folders that a verb reads besides the source."""
     read = {name: value for name, value in given.items() if name not in _WRITTEN}
     named = {name for name in _texts([*read.values(), *each.get(file.name, {}).values()])}
     there = {name for name in named if is_url(name) or _is_there(name)}
@@ -489,7 +491,7 @@ def _inputs(
 
 
 def _texts(values: Iterable[Any]) -> Iterator[str]:
-    """All texts that may name a file; an address, as ``folder:PATH?rate=30``, also by its path."""
+    """Yield all texts that may name a file, and paths of addresses (``folder:PATH?rate=30``)."""
     for value in values:
         if isinstance(value, str | Path):
             text = str(value)
@@ -589,7 +591,7 @@ def _cell(value: Any) -> str:
 
 
 def _tell_failed(summary: Summary, noun: str, code: int) -> None:
-    """End with 1 if a file failed; where another one is graver, its code stands."""
+    """Exit with 1 if a file failed, unless another file has a more serious code."""
     if not summary.failed:
         return
     told = f"{count(summary.failed)} of {counted(len(summary.rows), noun)} failed"
@@ -599,7 +601,7 @@ def _tell_failed(summary: Summary, noun: str, code: int) -> None:
 
 
 def _gravest(rows: Sequence[Mapping[str, Any]]) -> int:
-    """The gravest exit code of a single file; a code of unknown meaning still is not a success."""
+    """Return the most serious exit code of the files; unknown codes are no success."""
     codes = {1 if row.get("error") else int(row["exit_code"]) for row in rows}
     known = (code for code in _GRAVEST_FIRST if code in codes)
     return next(known, max(codes, default=0))

@@ -200,19 +200,8 @@ def phantom_render(
             threads=jobs,
             progress=progress,
         )
-    told = film.affected.replace("_", " ")
-    if not film.frames_with_skeleton:
-        told += f"; {_why_no_skeleton(film, pose=pose)}"
-    shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {told}")
-    for message, number in film.messages.items() if film.frames_with_skeleton else ():
-        shell.say(f"{counted(number, 'frame')}: {message}")
-    for frame, reason in film.errors.items():
-        shell.say(f"frame {frame}: {reason}")
-    if film.errors:
-        shell.say(f"{counted(len(film.errors), 'frame')} cannot be read")
     damaged = film.counters.get("damaged", 0) if not film.errors else 0
-    for line in left_out({**film.counters, "damaged": damaged}):
-        shell.say(line)
+    _tell_film(shell, film, output, damaged, pose=pose)
     shell.result(
         {
             "source": source,
@@ -229,6 +218,24 @@ def phantom_render(
     )
     if film.errors or damaged:
         raise typer.Exit(1)
+
+
+def _tell_film(
+    shell: Terminal, film: PhantomFilm, output: Path, damaged: int, *, pose: bool
+) -> None:
+    """Print what was written, implausible frames, and frames that could not be read."""
+    told = film.affected.replace("_", " ")
+    if not film.frames_with_skeleton:
+        told += f"; {_why_no_skeleton(film, pose=pose)}"
+    shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {told}")
+    for message, number in film.messages.items() if film.frames_with_skeleton else ():
+        shell.say(f"{counted(number, 'frame')}: {message}")
+    for frame, reason in film.errors.items():
+        shell.say(f"frame {frame}: {reason}")
+    if film.errors:
+        shell.say(f"{counted(len(film.errors), 'frame')} cannot be read")
+    for line in left_out({**film.counters, "damaged": damaged}):
+        shell.say(line)
 
 
 class GameName(StrEnum):

@@ -1,4 +1,4 @@
-"""Does it help? The McGill index at baseline, week 1 and week 4, and who did how much."""
+"""Analysis of a study: changes of the McGill index from baseline, responders and adherence."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Share:
 
 @dataclass(frozen=True)
 class MixedModel:
-    """Scores = mean of the occasion + a constant of the participant + noise, fitted by REML.
+    """Mixed model: score = mean of the occasion + random intercept of the participant + noise.
 
     Attributes
     ----------

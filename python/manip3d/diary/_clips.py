@@ -1,4 +1,4 @@
-"""Clips of a diary: how pictures stand in a row of the file, and how they become a film."""
+"""Clips of a diary: storage of pictures in a row of the file, and conversion to a film."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Clip:
 
 
 def pack(pictures: Pictures) -> bytes:
-    """Pictures as one text of bytes."""
+    """Return pictures as one byte string."""
     parts = [_MARK]
     before = -1.0
     for seconds, content in pictures:
@@ -70,7 +70,7 @@ def pack(pictures: Pictures) -> bytes:
 
 
 def unpack(packed: bytes, about: str) -> tuple[tuple[float, bytes], ...]:
-    """Raises FormatError where they are not pictures."""
+    """Return the pictures of a byte string; raise a FormatError if it holds none."""
     found = []
     place = len(_MARK)
     whole = packed.startswith(_MARK)

@@ -1,4 +1,4 @@
-"""The SQLite file of a diary: opened, checked, brought to the version of today, locked, let go."""
+"""The SQLite file of a diary: open, check, migrate to the current version, lock and close."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from manip3d.diary._sealing import new_key, seal, unseal
 from manip3d.errors import FormatError, InputError
 
 _CHECK = b"manip3d diary"
-_STUDY = "meta study"  # what the study's identifier is encrypted for
+_STUDY = "meta study"  # the purpose to which the encryption of the study's identifier is bound
 _CHAIN = "meta audit key"
 _WITHOUT_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)
-"""Errors of a file system without links: there a diary is made in its place."""
-_LEAST_BYTES = 1 << 16  # two pages of the write-ahead log's index
-_BUSY_S = 5.0  # another program that writes is waited for
+"""Errors of a file system without hard links, on which a diary is made directly in its place."""
+_LEAST_BYTES = 1 << 16  # bytes of two pages of the write-ahead log's index
+_BUSY_S = 5.0  # seconds to wait for another program that writes
 
 
 class DiaryFile:
-    """An open file; nobody holds it between two transactions.
+    """An open diary file, which is locked only during transactions.
 
     Raises InputError, FormatError and OSError as `Diary` does.
     """
@@ -55,10 +55,10 @@ class DiaryFile:
         sql.event.listen(self.engine, "begin", _on_begin)
         sql.event.listen(self.engine, "handle_error", self._on_error)
         with self.engine.begin() as connection:
-            # Another program may have made or changed it since.
+            # Another program may have made or changed the file in the meantime.
             now = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
             if now > 0:
-                self._check_key(connection)  # before anything is written with it
+                self._check_key(connection)  # the key is checked before anything is written with it
             if now < schema.VERSION:
                 self._migrate(connection, now)
             self.study = self._read_study(connection)
@@ -74,19 +74,19 @@ class DiaryFile:
 
     @contextlib.contextmanager
     def begin(self) -> Iterator[Rows]:
-        """A transaction: what was done in it is written at its end, or nothing if it raises."""
+        """Run a transaction: all of it is written at its end, or nothing if it raises."""
         self._refuse_if_closed()
         with self.engine.begin() as connection:
             yield self._rows(connection)
 
     @contextlib.contextmanager
     def begin_without_remains(self) -> Iterator[Rows]:
-        """A transaction after which what it deleted is neither in the file nor beside it."""
+        """Run a transaction after which deleted content is neither in the file nor beside it."""
         self._refuse_if_closed()
         with self.engine.connect() as connection:
             raw = connection.connection.dbapi_connection
             assert isinstance(raw, sqlite3.Connection)
-            # Out of the write-ahead log, which only works while nobody else has the file open.
+            # Empties the write-ahead log; fails while another program has the file open.
             try:
                 mode = raw.execute("PRAGMA journal_mode = DELETE").fetchone()[0]
             except sqlite3.OperationalError:
@@ -109,7 +109,7 @@ class DiaryFile:
         return Rows(connection, self.path, self.key, self.chain_key)
 
     def _check_file(self, create: bool) -> None:
-        """Refuse what is not a diary, or one of a later version; make a new file."""
+        """Refuse files that are no diary or of a later version; make a new file if allowed."""
         if create:
             with contextlib.suppress(FileExistsError):
                 os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
@@ -131,7 +131,7 @@ class DiaryFile:
                     self._check_pages(plain)
         except sqlite3.DatabaseError as error:
             raise _told(error, self.path) from error
-        # A file without tables: new, or its maker was killed before it was a diary.
+        # A file without tables is new, or its program was killed before it had made the diary.
         if create and holds == 0 and mark == 0:
             return
         if mark != schema.APPLICATION:
@@ -154,11 +154,11 @@ class DiaryFile:
             )
 
     def _migrate(self, connection: sql.Connection, version: int) -> None:
-        """Bring the file to the version of today; 0: it is new."""
+        """Migrate the file from a version to the current one; 0: it is new."""
         audit = self._old_audit(connection) if 0 < version < schema.WITH_CHAIN else []
         schema.migrate(connection, version)
         marks = {}
-        if version == 0:  # what a key is checked by when the diary is opened
+        if version == 0:  # encrypted, so that a key can be checked when the diary is opened
             marks["check"] = seal(self.key, _CHECK, "meta")
         if version < schema.WITH_STUDY:
             marks["study"] = seal(self.key, str(uuid.uuid4()).encode(), _STUDY)
@@ -232,20 +232,20 @@ class DiaryFile:
             raise self._told(context.original_exception) from context.original_exception
 
     def _told(self, error: sqlite3.DatabaseError) -> Exception:
-        """A full disk, a lock or a file that cannot be written; else the file is damaged."""
+        """Return the OSError of a full disk, a lock or a read-only file, else a FormatError."""
         if isinstance(error, sqlite3.OperationalError):
             return OSError(f"{self._told_as}: {_words_of(error, self.path)}")
         return FormatError(f"the diary is damaged: {error}", file=str(self.path))
 
 
 def _make(path: Path, key: bytes | None) -> None:
-    """Make a diary, whole or not at all; none if somebody was quicker."""
+    """Make a diary completely or not at all; do nothing if another program made it first."""
     with folder_beside(path, path) as folder:
         made = folder / path.name
         DiaryFile(made, key, create=True, told_as=path).close()
         try:
             with contextlib.closing(sqlite3.connect(made)) as plain:
-                # Closing says nothing of a full disk, where the write-ahead log holds the content.
+                # close() does not report a full disk; the content is then in the write-ahead log.
                 plain.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         except sqlite3.DatabaseError as error:
             raise OSError(f"{path}: {error}") from error
@@ -262,7 +262,7 @@ def _on_begin(connection: sql.Connection) -> None:
 
 
 def _words_of(error: sqlite3.DatabaseError, path: Path) -> str:
-    """SQLite's words, and that the disk is full where it is: reading needs some room beside it."""
+    """Return SQLite's message, and whether the disk is full: even reading needs some space."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code == sqlite3.SQLITE_IOERR:
         with contextlib.suppress(OSError):
@@ -273,7 +273,7 @@ def _words_of(error: sqlite3.DatabaseError, path: Path) -> str:
 
 
 def _told(error: sqlite3.DatabaseError, path: Path) -> Exception:
-    """Turn an error of SQLite while a file is looked at into one about the file or the disk."""
+    """Turn errors of SQLite while a file is opened into errors about the file or the disk."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code == sqlite3.SQLITE_NOTADB:
         return FormatError(f"expected a diary: {error}", file=str(path))

@@ -172,8 +172,11 @@ _RECENT_DAYS = 7
 
 
 def _names_of_pages(people: Sequence[str]) -> dict[str, str]:
-    """Never that of the overview, and no two that differ by capital letters alone: many a disk
-    takes them for one."""
+    """Return the file name of a participant's page.
+
+    It never is that of the overview, and no two names differ only in capital letters, which many
+    file systems ignore.
+    """
     names: dict[str, str] = {}
     taken = set[str]()
     for identifier in people:
@@ -303,7 +306,7 @@ def _left_out(simulated: int) -> str:
 
 
 def _is_simulated(session: DiarySession) -> bool:
-    """Whether nobody was there: all games are of a simulated person."""
+    """Return whether all games of a session are those of a simulated person."""
     return bool(session.games) and all(game.is_simulated for game in session.games)
 
 
@@ -364,7 +367,7 @@ def _charts(
 
 
 def _trends(diary: Diary, person: Participant, sessions: Sequence[DiarySession]) -> str:
-    """The charts that have points, all over the same days."""
+    """Return the charts that have points, all over the same days."""
     charts = _charts(diary, person, sessions)
     days = [point.day for _, points, _ in charts for point in points]
     drawn = [
@@ -404,7 +407,7 @@ def _mcgill(diary: Diary, identifier: str) -> str:
 
 
 def _forms(diary: Diary, identifier: str) -> list[str]:
-    """A table of scores for each other questionnaire; of another wording, it is another one."""
+    """Return a table of scores for each other questionnaire; wordings are told apart."""
     filled: dict[Questionnaire, list[Answers]] = {}
     # Compared by row: the same questions filled in by hand are shown here.
     elsewhere = {one.number for one in diary.ownership(identifier)}

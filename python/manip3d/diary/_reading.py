@@ -1,4 +1,4 @@
-"""`DiaryReading`: what a diary's file says, as the records of `_records.py`."""
+"""`DiaryReading`: reads the file of a diary as the records of `_records.py`."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ class DiaryReading(Closing):
         self._file = DiaryFile(self.path, require_key_material(key), create=create)
 
     def close(self) -> None:
-        """Let the file go; may be called twice, and nothing is lost without it.
+        """Close the file; may be called twice, and nothing is lost without it.
 
-        Other methods raise InputError from then on.
+        Other methods raise an InputError afterwards.
         """
         self._file.close()
 

@@ -18,7 +18,7 @@ Moment = Literal["before", "after", "other"]
 Occasion = Literal["baseline", "week-1", "week-4", "other"]
 
 CORRECTION_S = 30.0
-"""For so long after the first rating of a session, and before any play, another one corrects it."""
+"""Seconds in which a second rating, before any play, corrects the first one of a session."""
 
 _IDENTIFIER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
@@ -122,12 +122,12 @@ class DiaryGame:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether nobody played: the person before the camera was a simulated one."""
+        """Whether the person before the camera was simulated."""
         return self.source.startswith("sim:")
 
     @property
     def counts(self) -> bool:
-        """Whether it counts for the protocol and its trends: a person played it to its end."""
+        """Whether the game counts for protocol and trends: a person played it to its end."""
         return self.ending not in ("stopped", "interrupted") and not self.is_simulated
 
 
@@ -194,8 +194,10 @@ class Rating:
 
 
 def first_pain(ratings: Iterable[Rating]) -> int | None:
-    """The rating that later ones of a session, ordered by time, are compared with: the first one,
-    or its correction if that came at once."""
+    """Return the rating with which later ones of a session are compared.
+
+    That is the first one, or its correction (`CORRECTION_S`). ``ratings`` are sorted by time.
+    """
     first: Rating | None = None
     pain = None
     for rating in ratings:

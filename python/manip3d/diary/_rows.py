@@ -139,7 +139,7 @@ class Rows:
         fields: Mapping[str, Any],
         **parents: int,
     ) -> bool:
-        """Write other fields into a row; False where its parents have no such row."""
+        """Replace the fields of a row; return False if its parents have no such row."""
         check_texts(fields)
         payload = seal_fields(participant.key, fields, _about(participant.number, table, row))
         is_row = [table.c.id == row, *(table.c[name] == of for name, of in parents.items())]

@@ -1,4 +1,4 @@
-"""Times in which a player scored nothing though they could have."""
+"""Times in which a player scored nothing although a target was in reach."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from manip3d.phantom.games import GameState, can_reach
 
 ANOMALY_S = 10.0
-"""Seconds of play without a point while a target was in reach."""
+"""Seconds of play without a point, with a target in reach, that make an anomaly."""
 
 
 @dataclass(frozen=True)
 class Anomaly:
-    """A time without a point; seconds of play.
+    """A time without a point although a target was in reach, in seconds of play.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class Anomaly:
 
 
 class AnomalyWatch:
-    """Follows one game from step to step.
+    """Finds the anomalies of a game, step by step.
 
     Attributes
     ----------
@@ -47,11 +47,11 @@ class AnomalyWatch:
 
     @property
     def since(self) -> float | None:
-        """When that began which may become an anomaly; None: nothing has."""
+        """Start of the current time without a point, which may become an anomaly, or None."""
         return self._start
 
     def update(self, state: GameState) -> None:
-        """Take the state after a step."""
+        """Add the state after a step."""
         before, self._clock = self._clock, state.clock
         if state.score > self._score:
             self._score = state.score
@@ -61,7 +61,7 @@ class AnomalyWatch:
             self._idle += state.clock - before
 
     def finish(self) -> None:
-        """A point was made, or the game is over."""
+        """End the current time without a point, by a point or the end of the game."""
         if self._start is not None and self._idle >= ANOMALY_S - 1e-6:
             self.found.append(Anomaly(round(self._start, 3), round(self._clock, 3)))
         self._start, self._idle = None, 0.0

@@ -24,18 +24,18 @@ from manip3d.phantom._state import (
 from manip3d.rgbd import Skeleton
 
 _UP = np.array([0.0, -1.0, 0.0])
-_WITH_END = 1.2  # a hand or a foot reaches so much farther than the wrist or the ankle
+_WITH_END = 1.2  # metres from the wrist or ankle to the end of the hand or foot
 
 
 def play_bubbles(
     state: GameState, seconds: float, touch: Touch, skeleton: Skeleton | None
 ) -> GameState:
-    """The bubbles after some more seconds; `seconds` were added to the clock already."""
+    """Return the state after the bubbles moved for `seconds`, which the clock already includes."""
     return _spawned(_touched(state, seconds * state.speed, touch))
 
 
 def can_reach_bubble(state: GameState) -> bool:
-    """Whether a bubble is as near to the shoulder, or knee, of its side as the limb is long."""
+    """Return whether a bubble is within the limb's length of the shoulder or knee of its side."""
     field = state.field
     assert isinstance(field, ArmField)
     reach = field.reach + state.game.radius
@@ -46,7 +46,7 @@ def can_reach_bubble(state: GameState) -> bool:
 
 
 def _touched(state: GameState, way: float, touch: Touch) -> GameState:
-    """Moves the targets; those that were touched or have arrived are gone."""
+    """Move the targets, and remove those that were touched or have reached the ceiling."""
     targets = state.targets
     before = np.array([t.place for t in targets], np.float32).reshape(-1, 3)
     after = before + np.float32(way) * _UP.astype(np.float32)
@@ -77,7 +77,7 @@ def _touched(state: GameState, way: float, touch: Touch) -> GameState:
 
 
 def _spawned(state: GameState) -> GameState:
-    """Pairs whose time has come; the n-th appears at n intervals, at a place that the seed says."""
+    """Add the pairs that are due: the n-th after n intervals, at a place drawn by the seed."""
     interval = state.game.intervals[state.difficulty - 1]
     targets, spawned = list(state.targets), state.spawned
     while spawned * interval <= state.clock:
@@ -89,7 +89,7 @@ def _spawned(state: GameState) -> GameState:
 
 
 def arm_field(skeleton: Skeleton, reaches: tuple[float, ...]) -> ArmField | None:
-    """Beside the shoulders, at shares of the longer arm's length; from the hips to above them."""
+    """Lay out the field for arms: beside the shoulders, from the hips to above them."""
     shoulders = joints(skeleton, "ShoulderLeft", "ShoulderRight")
     base = joints(skeleton, "SpineBase")
     arms = [
@@ -114,7 +114,7 @@ def arm_field(skeleton: Skeleton, reaches: tuple[float, ...]) -> ArmField | None
 
 
 def leg_field(skeleton: Skeleton, reaches: tuple[float, ...]) -> ArmField | None:
-    """Before the knees, at a share of the shank's length towards where the hips face."""
+    """Lay out the field for legs: before the knees, in the direction in which the hips face."""
     hips = joints(skeleton, "HipLeft", "HipRight")
     knees = joints(skeleton, "KneeLeft", "KneeRight")
     ankles = joints(skeleton, "AnkleLeft", "AnkleRight")

@@ -1,4 +1,4 @@
-"""Short films of difficulties in a game, from pictures of the last seconds that are kept."""
+"""Short films of anomalies of a game, from a buffer of pictures of the last seconds."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
     from manip3d.phantom._state import GameState
 
 BEFORE_S = 5.0
-"""Seconds that a film shows before the difficulty begins."""
+"""Seconds that a film shows before the anomaly begins."""
 LONGEST_S = 30.0
 """Longest film, seconds; later pictures are left out."""
 RATE = 10.0
-"""Pictures a second."""
+"""Pictures per second."""
 
-_GROUND = 32  # grey behind the person: nothing of the room is kept
+_GROUND = 32  # grey background: films show nothing of the room
 _PHANTOM_BLUE = np.array([40, 130, 255], np.float32)
 _TINT = 0.35
-_EDGE = 320  # pixels, at most, of the longer side
+_EDGE = 320  # largest number of pixels of the longer side
 _QUALITY = 70
 _PHANTOM = 2  # PixelKind.PHANTOM
 
 
 class ClipRing:
-    """Keep the pictures of the last five seconds of play, or of all play since a difficulty began.
+    """Buffer of the pictures of the last five seconds of play, or since an anomaly may have begun.
 
     While a game is paused, no pictures are taken.
     """
@@ -49,7 +49,7 @@ class ClipRing:
     def add(
         self, shown: PhantomFrame, game: GameState, camera: Intrinsics, since: float | None
     ) -> None:
-        """Take a picture where it is time for one.
+        """Add a picture if it is due.
 
         ``since``: when that began which may become worth a clip, seconds of play; pictures of more
         than `BEFORE_S` before it, or before now, are dropped.
@@ -65,12 +65,12 @@ class ClipRing:
         self._pictures.append((clock, _jpeg(picture(shown, game, camera))))
 
     def take(self, start: float, end: float) -> tuple[tuple[float, bytes], ...]:
-        """Seconds of play and JPEG of the pictures from `BEFORE_S` before a start to an end."""
+        """Return play time (seconds) and JPEG of pictures from `BEFORE_S` before start to end."""
         return tuple(one for one in self._pictures if start - BEFORE_S <= one[0] <= end)
 
 
 def picture(shown: PhantomFrame, game: GameState, camera: Intrinsics) -> NDArray[np.uint8]:
-    """The person before a grey ground, the phantom limb bluish, targets as rings; (H, W, 3)."""
+    """Draw the person on grey, the phantom limb bluish, targets as rings; return (H, W, 3)."""
     from PIL import Image, ImageDraw
 
     kinds = shown.kinds
@@ -101,7 +101,7 @@ def picture(shown: PhantomFrame, game: GameState, camera: Intrinsics) -> NDArray
 
 
 def _texels(color: NDArray[np.uint8], texcoords: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The nearest pixels; grey where the colour camera sees nothing."""
+    """Sample the colour image at the nearest pixels; grey where the colour camera sees nothing."""
     height, width = color.shape[:2]
     known = np.asarray(np.isfinite(texcoords).all(axis=1))
     u, v = np.where(known[:, None], texcoords, 0.0).T

@@ -1,4 +1,8 @@
-"""The part of a live session that writes into a diary."""
+"""`DiaryRecorder`: writes what happens in a live session into a diary.
+
+A *sitting* is a session in the diary: from a first rating of the pain to a last one. A live session
+(one run of the program) can hold several sittings.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +26,15 @@ if TYPE_CHECKING:
 RATE_FIRST = "Please say first how strong the pain is now; then a game or a touch can begin."
 
 
-_END_S = 15.0  # for so long the end of a session waits for the disk
+_END_S = 15.0  # seconds that the end of a live session waits for entries to be written
 
 
 class DiaryRecorder:
-    """A session of a participant, written by a thread of its own, in order.
+    """Writes the live session of a participant into a diary, in order, by a thread of its own.
 
-    What a locked file or a full disk keeps from being written is tried again until the session
-    ends; `trouble` says so meanwhile. Only the constructor and `start` raise errors of the diary.
+    Entries that cannot be written, because the file is locked or the disk is full, are tried again
+    until the live session ends; `trouble` lists them meanwhile. Only the constructor and `start`
+    raise errors of the diary.
 
     Attributes
     ----------
@@ -66,28 +71,29 @@ class DiaryRecorder:
         self._participant, self._wants_clips = person.identifier, person.clips
         self.limb = person.limb
         names = FeltLimb.__dataclass_fields__
-        # The last one of each limb; records of before told none: they are of the enrolled one.
+        # The last record of each limb. Records of older versions state no limb, and are of the
+        # enrolled one.
         self._felt = {
             one.limb or self.limb: FeltLimb(**{n: getattr(one, n) for n in names}) for one in felt
         }
         self._source = source if source.startswith("sim:") else "".join(source.partition(":")[:2])
         self._latency: Callable[[], float | None] | None = None
-        self._session: list[int] = []  # its row, as soon as it is written
-        self._is_open = False
-        self._latest = _now()  # when something was told last
-        self._over = self._latest  # the sitting before
-        self._row: list[int] | None = None  # of the game that goes on, as soon as it is written
-        self._withdrawals = 0  # of consent
-        self._remaining_films = ""  # that were exported before consent was withdrawn
-        self._ratings: list[Rating] = []
-        self._unanswered: list[Rating] = []  # of sittings that were closed without a last rating
+        self._session: list[int] = []  # number of the sitting in the diary, once it is written
+        self._is_open = False  # whether a sitting has begun and is not over
+        self._latest = _now()  # time of the last entry
+        self._over = self._latest  # end of the previous sitting
+        self._row: list[int] | None = None  # number of the current game, once it is written
+        self._withdrawals = 0  # number of times that consent to films was withdrawn
+        self._remaining_films = ""  # a sentence on exported films that still exist
+        self._ratings: list[Rating] = []  # of the current sitting
+        self._unanswered: list[Rating] = []  # see `_unanswered_so_far`
         self._has_begun = False
         self._writer: OrderedWriter | None = None
 
     def start(self, latency: Callable[[], float | None] | None = None) -> str:
-        """The page is there; return why the patient must not play any more today, or nothing.
+        """Begin the first sitting; return why the patient must not play today, or an empty text.
 
-        ``latency``: gives milliseconds to the page, if they are known by now.
+        ``latency`` returns the latency to the page in milliseconds, or None if it is not known yet.
         """
         self._latency = latency
         self._unanswered = self._unanswered_so_far()
@@ -100,10 +106,11 @@ class DiaryRecorder:
         return self._diary.halt_reason(self._participant)
 
     def _unanswered_so_far(self) -> list[Rating]:
-        """Ratings of sittings that go on (`goes_on`) and were closed without a last one; a sitting
-        with ratings that was closed otherwise ends the comparison, as in `close_session`.
+        """Return the ratings of earlier sittings with which new ratings must be compared.
 
-        A program that was stopped or killed after a game had begun could not ask for the last one.
+        These are sittings that ended without a last rating so recently that they count as going on
+        (`goes_on`), for example because the program was killed after a game had begun. A sitting
+        with ratings that was closed properly ends the comparison, as in `close_session`.
         """
         found: list[Rating] = []
         for sitting in self._diary.sessions(self._participant):
@@ -117,9 +124,9 @@ class DiaryRecorder:
         return found
 
     def end(self, is_hurried: Callable[[], bool] | None = None) -> list[str]:
-        """The page is gone; return what was not kept, in words.
+        """End the last sitting and close the diary; return descriptions of entries that were lost.
 
-        ``is_hurried``: wait for the disk no longer as soon as it returns True.
+        Waits for the disk up to `_END_S`, but no longer once ``is_hurried`` returns True.
         """
         unkept: list[str] = []
         if self._writer is not None:
@@ -130,11 +137,11 @@ class DiaryRecorder:
         return unkept
 
     def close_session(self, *, answered: bool = True) -> None:
-        """The sitting is over; a second call changes nothing.
+        """End the sitting; a second call changes nothing.
 
-        ``answered``: whether the patient gave the last rating, where it was asked for. Without it
-        nobody knows whether the pain rose: ratings of another sitting are compared with the first
-        one of this sitting, or a new one would switch the stop rule off.
+        ``answered``: False if the patient was asked for the last rating and gave none. It is then
+        unknown whether the pain rose, and ratings of the next sitting are also compared with the
+        first one of this sitting. Otherwise a new sitting would switch the stop rule off.
         """
         if not self._is_open:
             return
@@ -143,7 +150,7 @@ class DiaryRecorder:
             self._unanswered = []
         else:
             self._unanswered = [*self._unanswered, *self._ratings]
-        # A program that ran on over night was not a sitting of a night.
+        # If the program ran past midnight, the sitting ended with its last entry.
         at = _now() if _now().date() == self._latest.date() else self._latest
         self._over = at
         self._keep_of_session(
@@ -152,7 +159,7 @@ class DiaryRecorder:
         )
 
     def open_session(self) -> None:
-        """Another sitting begins, with a first rating of its own; one that is open is closed."""
+        """Begin another sitting, with a first rating of its own; an open one is closed."""
         self.close_session()
         row: list[int] = []
         at = _now()
@@ -167,18 +174,17 @@ class DiaryRecorder:
         self._keep("", write)
 
     def begin_message(self) -> None:
-        """Begin a group: `when_kept` waits for all that is told from now on."""
+        """Begin a group of entries, for which `when_kept` waits."""
         assert self._writer is not None
         self._writer.begin()
 
     def when_kept(self, done: Callable[[], object]) -> None:
-        """Call something as soon as what was told since `begin_message` is written; never where
-        any of it is lost."""
+        """Call ``done`` once all entries since `begin_message` are written; not if one is lost."""
         assert self._writer is not None
         self._writer.when_written(done)
 
     def last_felt(self, limb: str) -> FeltLimb | None:
-        """How the patient felt that limb when they last said so."""
+        """Return the patient's last description of a limb as it is felt."""
         return self._felt.get(limb)
 
     @property
@@ -188,19 +194,19 @@ class DiaryRecorder:
 
     @property
     def trouble(self) -> str:
-        """Return what is not kept yet and why, and which films remain without consent."""
+        """Sentences on entries not written yet, and on films that exist without consent."""
         unkept = "" if self._writer is None else self._writer.trouble
         return " ".join(part for part in (unkept, self._remaining_films) if part)
 
     def game_goes_on(self, summary: GameSummary) -> None:
-        """Keep how a game stands, in case the program is killed."""
+        """Write the current state of a game, in case the program is killed."""
         assert self._writer is not None
-        # While the disk keeps one waiting, there is no need to write down every state.
+        # If the disk is slow, some states are left out.
         if self._row is None or self._writer.is_idle:
             self._keep_game("", summary)
 
     def game(self, summary: GameSummary, clips: Sequence[Pictures] = ()) -> None:
-        """Keep a game that is over, and what was filmed of it."""
+        """Write a game that is over, with its films."""
         what = f"game {summary.game}, {summary.score} points, {_now():%H:%M}"
         self._keep_game(what, summary, clips)
         self._row = None
@@ -210,7 +216,7 @@ class DiaryRecorder:
         game, withdrawals = self._game_of(summary), self._withdrawals
 
         def write(session: int) -> None:
-            # Who has taken back their consent meanwhile is filmed no longer, and plays on.
+            # If consent was withdrawn in the meantime, the game is written without films.
             films = clips if self._wants_clips and withdrawals == self._withdrawals else ()
             replaces = row[0] if row else None
             try:
@@ -236,18 +242,18 @@ class DiaryRecorder:
         return DiaryGame(at=_now(), **fields)
 
     def may_play(self) -> str:
-        """Why no game may start yet, or nothing: without a rating the stop rule would be off."""
+        """Return why no game may start yet: without a first rating there is no stop rule."""
         return "" if self._ratings else RATE_FIRST
 
     def play_begins(self) -> None:
-        """A game or a touch cue begins; ratings are no longer those before the session."""
+        """Note that a game or touch cue begins: later ratings are "after", not "before"."""
         if not self._has_begun:
             self._has_begun = True
             at = _now()
             self._keep_of_session("", lambda row: self._diary.begin_play(row, at=at))
 
     def pain(self, value: int) -> str:
-        """Keep a rating; return why the session must stop, or nothing."""
+        """Write a rating of the pain; return why the session must stop, or an empty text."""
         from manip3d.diary import Rating
         from manip3d.diary._protocol import judge_rating
 
@@ -258,8 +264,8 @@ class DiaryRecorder:
 
         self._keep_of_session(
             f"pain {value}, {at:%H:%M}",
-            # The diary compares ratings of one sitting only. One transaction: what is tried again
-            # is written once, and no rating is kept without the reason to stop.
+            # `reason` may come from ratings of earlier sittings, which the diary does not compare.
+            # Rating and reason are written in one transaction.
             lambda row: self._diary.add_rating(
                 self._participant, value, session=row, at=at, reason=reason
             ),
@@ -267,7 +273,7 @@ class DiaryRecorder:
         return reason
 
     def event(self, text: str) -> None:
-        """Keep an adverse event in words."""
+        """Write an adverse event."""
         if text.strip():
             self._keep_event("other", text.strip())
 
@@ -279,7 +285,7 @@ class DiaryRecorder:
         )
 
     def consent(self, clips: bool) -> None:
-        """Keep whether the patient consents to films; without consent theirs are deleted."""
+        """Write whether the patient consents to films; without consent all films are deleted."""
         if clips == self._wants_clips:
             return
         self._wants_clips = clips
@@ -290,23 +296,24 @@ class DiaryRecorder:
             self._diary.set_consent(self._participant, clips=clips)
             self._remaining_films = "" if clips else self._exported_films()
 
-        # Clips are deleted only while no other program reads: nothing else waits for that.
+        # Films can be deleted only while no other program reads the diary. Other entries do not
+        # wait for that.
         what = f"consent to films: {'yes' if clips else 'no, and the films to be deleted'}"
         self._writer.add(what, write, holds=False)
 
     def _exported_films(self) -> str:
-        """Tell the therapist which exported files still show films."""
+        """Return a sentence on the number of exported files that still show films."""
         number = sum(one.has_films for one in self._diary.exports(self._participant))
         if not number:
             return ""
-        # The patient reads it too: no names of files here.
+        # The patient reads this too, so it names no files.
         files = (
             "1 exported file still shows" if number == 1 else f"{number} exported files still show"
         )
         return f"{files} films; see `manip3d diary consent`."
 
     def ownership(self, mode: Mode, answers: Sequence[int]) -> None:
-        """Keep the answers after a touch cue."""
+        """Write the answers after a touch cue."""
         at = _now()
         self._keep_of_session(
             f"answers after a touch cue ({mode}): {', '.join(map(str, answers))}",
@@ -316,7 +323,7 @@ class DiaryRecorder:
         )
 
     def felt(self, felt: FeltLimb, limb: str) -> None:
-        """Keep how the patient feels a limb."""
+        """Write the patient's description of a limb as it is felt."""
         self._felt[limb] = felt
         told = ", ".join(f"{name} {value}" for name, value in vars(felt).items())
         at = _now()
@@ -328,14 +335,17 @@ class DiaryRecorder:
         )
 
     def unwell(self) -> str:
-        """Keep that the patient feels sick; return that the session must stop."""
+        """Write that the patient feels sick; return why the session must stop."""
         from manip3d.diary import SICKNESS
 
         self._keep_event("sickness")
         return SICKNESS
 
     def _keep_of_session(self, what: str, write: Callable[[int], object]) -> None:
-        """Have something written that belongs to the sitting of now; ``write`` gets its row."""
+        """Write an entry of the current sitting; ``write`` is called with the sitting's number.
+
+        ``what`` describes the entry if it is lost; empty: it is not listed.
+        """
         session, self._latest = self._session, _now()
 
         def write_to_row() -> None:

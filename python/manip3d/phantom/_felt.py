@@ -1,4 +1,4 @@
-"""The limb as the patient feels it: often shorter, drawn up into the stump, in its own pose."""
+"""The phantom limb as the patient feels it: often shorter than the intact limb, or telescoped."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from manip3d.phantom._state import joints
 from manip3d.rgbd import Skeleton
 
 LIMITS = {"length": (20, 150), "telescoping": (0, 100), "raised": (-30, 180), "bent": (0, 150)}
-"""Least and largest values: per cent of the intact limb's length, per cent, degrees, degrees."""
+"""Smallest and largest value of each field of `FeltLimb`."""
 
 _ARM, _LEG = ("Shoulder", "Elbow", "Wrist"), ("Hip", "Knee", "Ankle")
 

@@ -1,4 +1,4 @@
-"""Signals that end a live session, so that nobody who is impatient loses what was to be kept."""
+"""Handling of signals that end a live session, so that a second Ctrl-C loses no diary entries."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ _Handler = Callable[[int, FrameType | None], object]
 
 
 class Interrupts:
-    """The first signal does what it did before, as to raise KeyboardInterrupt; later ones interrupt
-    nothing and are only noted, so that the end of the session waits no longer than it must. A first
-    one that interrupts nothing, as where the earlier handler only notes it, does not count.
+    """Context in which only the first signal interrupts.
 
-    Signals are left alone outside the main thread, where none arrives, and where no handler of
-    Python's is installed: where they are ignored, as under nohup, or end the process (`SIG_DFL`).
+    The first signal is passed to the earlier handler, which usually raises KeyboardInterrupt. Later
+    signals interrupt nothing and are only noted, so that the end of the session waits no longer
+    than necessary (`is_hurried`). A first signal whose handler raises nothing does not count.
+
+    Signals are not handled outside of the main thread, which receives none, or if no Python handler
+    is installed: they are ignored (nohup) or end the process (`SIG_DFL`).
     """
 
     def __init__(self) -> None:
@@ -42,20 +44,22 @@ class Interrupts:
         trace: TracebackType | None,
     ) -> None:
         for number, before in self._before.items():
-            if signal.getsignal(number) == self._hear:  # else somebody ignores it by now
+            if signal.getsignal(number) == self._hear:  # no other handler was installed since
                 signal.signal(number, before)
 
     def note_end(self) -> None:
-        """The session ends, for whatever reason: from now on no signal interrupts."""
+        """Note that the session ends: from now on no signal interrupts."""
         self._is_ending = True
 
     def is_hurried(self) -> bool:
-        """Whether a signal came while the session ended."""
+        """Return whether a signal arrived while the session was ending."""
         return self._is_hurried
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
         if self._is_ending:
-            self._is_hurried = True  # no lock, as in an Event: the thread interrupted may hold it
+            self._is_hurried = (
+                True  # a plain attribute: the interrupted thread may hold the lock of an Event
+            )
             return
         try:
             self._before[number](number, frame)

@@ -1,4 +1,4 @@
-"""`run_live`: a source of frames, a session and a page, until somebody has had enough."""
+"""`run_live`: run a live session from a source of frames to a page in the browser."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ if TYPE_CHECKING:
 
 __all__ = ["LiveReport", "run_live", "simulated_patient"]
 
-_ENDLESS = 1 << 31  # frames of a simulated person, who exercises until the session ends
-_MOST_UNREAD = 100  # frames in a row, after which the recording is given up
-_AGAIN_S = 1.0  # between attempts to open a camera that is gone
+_ENDLESS = 1 << 31  # frames of a simulated person: more than any session lasts
+_MOST_UNREAD = 100  # unreadable frames in a row after which a recording is given up
+_AGAIN_S = 1.0  # seconds between attempts to open a camera that was disconnected
 
 
 @dataclass(frozen=True)
@@ -59,22 +59,25 @@ class LiveReport:
     affected : str
         The limb that was replaced.
     frames : int
+        Number of frames that were shown.
     seconds : float
+        Duration of the session.
     first_frame_s : float or None
-        From the call to the first frame's being published.
+        Seconds from the call to the first published frame.
     states : mapping of str to int
-        Frames by the state of the phantom limb.
+        Number of frames in each state of the phantom limb.
     stage_ms : mapping of str to float
-        Mean time of pipeline, rules and encoder over the last frames.
+        Mean time of pipeline, rules and encoder over the last frames, milliseconds.
     clients : sequence of mapping
-        As for `manip3d.serve.LocalServer.report`.
+        Result of `manip3d.serve.LocalServer.report`.
     refused : mapping of str to int
-        What the server refused, by reason.
+        Number of requests that the server refused, by reason.
     games : sequence of GameSummary
+        Games of the session.
     unkept : sequence of str
-        What the diary does not hold, and why, in words to be noted elsewhere.
+        Descriptions of entries that could not be written to the diary, with the reason.
     lost_log_lines : int
-        Lines of the log that could not be written, as on a full disk.
+        Number of log lines that could not be written, for example because the disk was full.
     """
 
     affected: str
@@ -159,50 +162,49 @@ def run_live(
     Parameters
     ----------
     source : str, optional
-        An address for `manip3d.capture.open_rgbd`: a camera, a recording, which is played in real
-        time and over again, or a simulated person; by default `simulated_patient`. A recording's
-        path will do.
+        Address or path for `manip3d.capture.open_rgbd`: a camera, a recording (played in real time,
+        repeatedly) or a simulated person; default: `simulated_patient`.
     affected : str, optional
-        The limb to replace; by default that of the participant's enrolment, else the one that a
-        simulated person has lost, else the right arm, or leg for a game of legs.
+        The limb to replace. Default: the limb of the participant's enrolment, else the limb that a
+        simulated person has lost, else the right arm, or the right leg for a game of legs.
     game : str, optional
-        Name out of `manip3d.phantom.games.GAMES`; by default one for that limb.
+        Key of `manip3d.phantom.games.GAMES`; default: a game for that limb.
     difficulty, seed : int
         Difficulty and seed of the first game.
     host : str
-        Address of this machine at which the page is served. Other than a loopback address other
-        machines reach it, a headset for instance; the connection is encrypted then.
+        Address of this machine at which the page is served. Other machines, such as a headset, can
+        reach an address that is not a loopback address; the connection is encrypted then.
     port : int
-        0: one that is free.
+        Port of the page; 0: a free one.
     certificate : path, optional
-        Private key and certificate (PEM) of an encrypted connection; made where there is no such
-        file. Without it a new one is made for each session with another ``host`` than a loopback
-        address, which browsers ask about each time.
+        File with private key and certificate (PEM) of an encrypted connection; made if it does not
+        exist. By default a new certificate is made for each session whose ``host`` is not a
+        loopback address, and browsers ask about each new certificate.
     seconds : float, optional
-        Stop after so many; without it at Ctrl-C. While the end waits for the diary's disk, another
-        Ctrl-C cuts the waiting short.
+        Duration of the session; default: until Ctrl-C. Another Ctrl-C ends the wait for diary
+        entries to be written.
     jpeg_quality : int
         JPEG quality of the colour images, 1 to 100.
     gain : float
-        Virtual enhancement, as of `LiveSession`; the page changes it.
+        Virtual enhancement, see `LiveSession`; the page can change it.
     pose : bool
         Find the person's joints in the colour images with `manip3d.modify.PoseTracker`, for cameras
         and recordings without skeletons.
     camera, units_per_metre
-        As for `manip3d.capture.open_rgbd`: of a folder of images without a camera of its own.
+        As for `manip3d.capture.open_rgbd`, for a folder of images without calibration.
     diary, participant, diary_key : path, str, path, optional
-        A diary file, who of its participants plays, and its key file where it is encrypted. A
-        participant has one live session at a time: ratings of two would not be compared. Games
-        and ratings of pain are kept as they come, by a thread of their own; what could not be is
-        listed in the report. Games of a simulated person are marked, and `manip3d.diary.analyse`
-        and `manip3d.diary.adherence` leave them out.
+        A diary file, the pseudonym of the participant who plays, and the key file of an encrypted
+        diary. A participant can have only one live session at a time, because ratings of two
+        sessions would not be compared. Games and ratings of pain are written at once, by a thread
+        of their own; entries that are lost are listed in the report. Games of a simulated person
+        are marked, and `manip3d.diary.analyse` and `manip3d.diary.adherence` leave them out.
     log : path, optional
-        A file of JSON lines: every ten seconds frames, states, latency, times of stages and memory.
+        File of JSON lines, one every ten seconds: frames, states, latency, times of stages, memory.
     on_start : callable(str, Certificate or None), optional
-        Gets the page's address as soon as it can be opened, and what encrypts it.
+        Called with the page's address, as soon as it can be opened, and its certificate.
     open_page : callable(str), optional
-        Gets a second address, for a browser on this machine: each lets one browser in, so that a
-        headset can still use the first one.
+        Called with a second address for a browser on this machine. Each address admits one browser,
+        so that a headset can still use the first one.
 
     Returns
     -------
@@ -211,9 +213,8 @@ def run_live(
     Raises
     ------
     InputError, FormatError, DeviceError, OSError
-        The source raised it before anything is shown; a camera that goes away later is waited for.
-        Or the participant has a live session open in another program, or ``log`` is a file of
-        something else.
+        The source cannot be opened (a camera that is disconnected later is waited for), the
+        participant has a live session in another program, or ``log`` is a file with other content.
     MissingExtraError
         aiohttp or, for simulated people, Open3D is not installed; SQLAlchemy for a diary,
         MediaPipe for ``pose``.
@@ -240,7 +241,7 @@ def run_live(
     if source is None or source.startswith("sim:"):
         require("live")
     unkept: list[str] = []
-    # The stack is closed before the server, and if anything here is refused.
+    # `opened` is closed before the server stops, and after any error.
     with Interrupts() as interrupts, ExitStack() as opened:
         recorder = None
         if diary is not None:
@@ -282,7 +283,7 @@ def run_live(
             try:
                 _announce(server, on_start, open_page)
                 show.run(feed, end, journal)
-            except KeyboardInterrupt:  # how a session without a limit ends
+            except KeyboardInterrupt:  # the usual end of a session without `seconds`
                 pass
             finally:
                 interrupts.note_end()
@@ -292,7 +293,7 @@ def run_live(
 
 
 def _default_limb(source: str | None, game: str | None) -> str:
-    """The limb that a simulated person has lost, else the right one of those a game is played with.
+    """Return the limb that a simulated person has lost, else the right limb that the game is for.
 
     The limb of a participant of the diary takes precedence over both.
     """
@@ -307,7 +308,7 @@ def _announce(
     on_start: Callable[[str, Certificate | None], object] | None,
     open_page: Callable[[str], object] | None,
 ) -> None:
-    """Hand out the page's addresses: each lets one browser in."""
+    """Pass on the page's addresses, each of which admits one browser."""
     if on_start is not None:
         on_start(server.new_url(), server.certificate)
     if open_page is not None:
@@ -316,7 +317,7 @@ def _announce(
 
 @dataclass
 class _Show:
-    """The way of each frame from the source to the page, and the counts of the report."""
+    """Passes frames from the source through the session to the page, and counts them."""
 
     session: LiveSession
     server: LocalServer
@@ -327,7 +328,7 @@ class _Show:
     states: dict[str, int] = field(default_factory=dict)
 
     def run(self, feed: Iterator[_Found], end: float, journal: SessionLog) -> None:
-        """Show what the source gives until it or the time is over."""
+        """Show frames until the source ends, or the time ``end`` of `time.monotonic` has come."""
         for found in feed:
             if found is None:
                 self._begin_again()
@@ -344,7 +345,8 @@ class _Show:
 
     def _take(self, found: RgbdFrame | str) -> None:
         grabbed_ns = 0 if isinstance(found, str) else found.grabbed_ns
-        captured_ns = grabbed_ns or time.time_ns()  # of a camera, with the waiting to be read
+        # For cameras this includes the time that the frame waited to be read.
+        captured_ns = grabbed_ns or time.time_ns()
         sequence = self.session.sequence
         message = self._message(found, captured_ns)
         if message is None:
@@ -381,7 +383,7 @@ class _Show:
 
 
 def _latency(server: LocalServer) -> float | None:
-    """Milliseconds to the page, 95 %, of the client that came last."""
+    """Return the latency (95 %, milliseconds) of the client that connected last."""
     known = (client["latency_ms"] for client in reversed(server.report()))
     return next((round(float(times[1]), 1) for times in known if times), None)
 
@@ -392,47 +394,48 @@ def _certificate(host: str, path: str | os.PathLike[str] | None) -> Certificate 
     try:
         is_here = ipaddress.ip_address(host).is_loopback
     except ValueError:
-        is_here = True  # no address at all: the server says so
+        is_here = True  # not an address, which LocalServer refuses
     return None if is_here else make_certificate(host)
 
 
 def hear(
     session: LiveSession, client: StreamClient, text: str, new_code: Callable[[], str]
 ) -> None:
-    """Take what a page says: of the connection here, all else to the session.
+    """Handle a message of a page: those about the connection here, all others by the session.
 
-    ``new_code`` makes what lets another screen in. What must not be lost is answered at once
-    (``taken``) and when it is on the diary's disk (``heard``); until then the page says it again
-    over each new connection.
+    ``new_code`` makes a code that admits another screen. A message with a ``number`` must not be
+    lost: it is answered at once (``taken``) and when it is written to the diary (``heard``). Until
+    then the page sends it again over each new connection.
 
     Raises
     ------
     FormatError
-        It is not one of `MESSAGES`.
+        The message is not one of `MESSAGES`.
     """
     name, fields = read_message(text, MESSAGES)
     if name == "ack":
         client.acknowledge(int(fields["sequence"]), float(fields["decoded_ms"]))
     elif name == "bad":
         client.fail()
-    elif name == "clock":  # a page on another machine learns how far its clock is off
+    elif name == "clock":  # a page on another machine measures the offset of its clock
         client.say(json.dumps({"clock": [fields["sent_ms"], time.time_ns() / 1e6]}))
     elif name == "screen":
         client.say(json.dumps({"code": new_code()}))
     else:
         answer = functools.partial(client.say, json.dumps({"heard": fields.get("number")}))
         session.command(name, fields, done=answer if "number" in fields else None)
-        if "number" in fields:  # however long the disk takes, it was not lost on the way
+        if "number" in fields:  # the message has arrived, even if writing it takes long
             client.say(json.dumps({"taken": fields["number"]}))
 
 
 def _frames(
     address: str, end: float, begin: Callable[[str], RgbdSource]
 ) -> Generator[_Found, None, None]:
-    """Frames in real time; a sentence where there is none for the moment; None before a recording
-    begins again. The monotonic time ``end`` stops the waiting for a frame.
+    """Open a source by ``begin``, and return an iterator over its frames in real time.
 
-    ``begin`` opens an address. What is wrong with it is said at once, not with the first frame.
+    Errors of opening are raised at once, not with the first frame. The iterator yields a sentence
+    if there is no frame at the moment, and None before a recording is repeated. Waiting for a frame
+    stops at the time ``end`` of `time.monotonic`.
     """
     is_simulated = address.startswith("sim:body")
     has_end = is_simulated and "frames" in parse_qs(urlsplit(address).query)
@@ -448,9 +451,9 @@ def _frames(
 def _captured(
     address: str, source: RgbdSource, end: float, again: Callable[[], RgbdSource] | None
 ) -> Generator[_Found, None, None]:
-    """A camera, waited for where it is gone; or a recording, over and over again.
+    """Yield the frames of a source, and repeat it from its end.
 
-    ``again`` opens the source after its end; None: that is the end.
+    ``again`` opens the source again; None: it is not repeated.
     """
     while True:
         seen = False
@@ -469,11 +472,12 @@ def _captured(
 
 
 def _until_the_end(source: RgbdSource, end: float) -> Iterator[RgbdFrame | str]:
+    """Yield the frames of a source until its end; wait for a camera that was disconnected."""
     is_there = True
     unread = 0
     while True:
         asked = time.monotonic()
-        # The first frame is waited for even where it took longer than that to open the source.
+        # Wait for a first frame even if opening the source took longer than the session may last.
         wait = min(_AGAIN_S, end - asked) if asked < end else _AGAIN_S
         try:
             if not is_there:
@@ -499,5 +503,5 @@ def _until_the_end(source: RgbdSource, end: float) -> Iterator[RgbdFrame | str]:
         now = time.monotonic()
         if now - asked < 0.9 * wait or now >= end:  # the recording or the session is over
             return
-        if source.is_live:  # a slow recording is waited for
+        if source.is_live:  # a slow recording needs no message
             yield "The camera gives no frames."

@@ -25,7 +25,7 @@ _EVERY_S = 10.0
 
 
 class SessionLog:
-    """A file that grows by a line every ten seconds; without a path nothing is written.
+    """Log file that gets a line every ten seconds; without a path nothing is written.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class SessionLog:
         if self._path is not None and self._path.is_file():
             with open_regular(self._path) as file:
                 first = file.read(1)
-            if first not in (b"", b"{"):  # lines would be added behind what is there
+            if first not in (b"", b"{"):  # lines would be appended to other content
                 raise InputError(
                     f"log: expected a new file or the log of a session, got {self._path}"
                 )
@@ -71,7 +71,7 @@ class SessionLog:
     def tell(
         self, session: LiveSession, server: LocalServer, frames: int, states: Mapping[str, int]
     ) -> None:
-        """Write a line where it is time for one."""
+        """Write a line if it is due."""
         if self._file is None or time.monotonic() < self._due:
             return
         self._due += _EVERY_S
@@ -89,12 +89,12 @@ class SessionLog:
         }
         try:
             self._write(json.dumps(record).encode() + b"\n")
-        except OSError as error:  # a full disk does not end a patient's session
+        except OSError as error:  # a full disk must not end a patient's session
             self.lost_lines += 1
             LOG.warning("%s: a line of the log is lost: %s", self._path, error.strerror)
 
     def _write(self, line: bytes) -> None:
-        """The whole line, or nothing of it."""
+        """Append a whole line, or nothing."""
         assert self._file is not None
         written = self._file.write(line)
         if written != len(line):
@@ -103,6 +103,6 @@ class SessionLog:
 
 
 def memory_mib() -> float | None:
-    """Resident memory of this process; None where the system does not say."""
+    """Return the resident memory of this process; None if the system does not state it."""
     size = resident_bytes()
     return None if size is None else round(size / 2**20, 1)

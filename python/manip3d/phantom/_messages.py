@@ -1,4 +1,4 @@
-"""The messages of pages, which come from any thread and wait until a frame obeys them."""
+"""Queue of messages from pages, which arrive in any thread and are handled with the next frame."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _KEPT: dict[str, Kind] = {
     "page": Kind(int, 0, 2**32 - 1, optional=True),
     "number": Kind(int, 1, 2**31, optional=True),
 }
-"""Fields that a page adds to a message that must not be lost: it says so again until the answer
-``heard`` comes, and the session takes each number of a page once."""
+"""Fields that a page adds to a message that must not be lost. The page repeats the message until
+the answer ``heard`` arrives, and the session handles each number of a page once."""
 
 MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
@@ -55,32 +55,32 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
 """Names and fields of the messages that a page may send."""
 
 NOT_LOST = tuple(name for name, fields in MESSAGES.items() if "number" in fields)
-"""Messages that are taken even when the session ends before the next frame."""
+"""Messages that are handled even if the session ends before the next frame."""
 
 OF_THE_CONNECTION = ("ack", "bad", "clock", "screen")
-"""Messages that `hear` takes itself; all others are the session's."""
+"""Messages that `hear` handles itself; all others go to the session."""
 
 Command = tuple[str, dict[str, Any], Callable[[], object] | None]
-"""Name, fields, and what is called when it is kept."""
+"""Name, fields, and a function to call when the message is written to the diary."""
 
-_PAGES = 64  # of which the last number is known
+_PAGES = 64  # pages whose last number is remembered
 
 
 class Inbox:
-    """The messages that wait to be obeyed; each number of a page is taken once."""
+    """Queue of messages; a message that a page repeats with the same number is queued once."""
 
     def __init__(self) -> None:
         self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self._entry = threading.Lock()
         self._is_closed = False
         self._heard: dict[int, int] = {}  # last number of each page
-        # Callbacks by page and number of the message, until it is kept; those of lost ones stay.
+        # Functions to call, by page and number, until the message is written; lost ones stay.
         self._waiting: dict[tuple[int, int], list[Callable[[], object]]] = {}
 
     def put(
         self, name: str, fields: Mapping[str, Any] | None, done: Callable[[], object] | None
     ) -> None:
-        """Take a message, from any thread; see `LiveSession.command`."""
+        """Queue a message, from any thread; see `LiveSession.command`."""
         if name not in MESSAGES or name in OF_THE_CONNECTION:
             expected = ", ".join(known for known in MESSAGES if known not in OF_THE_CONNECTION)
             raise InputError(f"name: expected one of {expected}, got {name!r}")
@@ -100,21 +100,21 @@ class Inbox:
             waiting = self._waiting.get((page, number))
             if waiting is not None and done is not None:
                 waiting.append(done)
-        if waiting is None and done is not None:  # said again, as the answer was lost
+        if waiting is None and done is not None:  # a repetition, because the answer was lost
             done()
 
     def close(self) -> None:
-        """Take no further message."""
+        """Refuse further messages."""
         with self._entry:
             self._is_closed = True
 
     def taken(self) -> Iterator[Command]:
-        """The messages that have come, in their order."""
+        """Remove and return the queued messages, in order."""
         while not self._commands.empty():
             yield self._commands.get()
 
     def _expect(self, page: int, number: int) -> None:
-        """Note that a page has said something that is not kept yet."""
+        """Note that a message of a page is not written yet."""
         self._heard[page] = number
         self._waiting[page, number] = []
         while len(self._heard) > _PAGES:
@@ -123,7 +123,7 @@ class Inbox:
             self._waiting = {key: told for key, told in self._waiting.items() if key[0] != gone}
 
     def _answer(self, page: int, number: int) -> None:
-        """Tell all who wait for it that something is kept."""
+        """Call the functions that wait for a message to be written."""
         with self._entry:
             waiting = self._waiting.pop((page, number), ())
         for done in waiting:

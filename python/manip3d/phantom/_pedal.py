@@ -23,12 +23,12 @@ from manip3d.phantom._state import (
 )
 from manip3d.rgbd import JOINTS, Skeleton
 
-_BESIDE_M = 0.22  # the way of a ball, from the foot outwards
-_RISE_SHANKS = 1.6  # and how high it is
+_BESIDE_M = 0.22  # distance of a ball from its foot, outwards
+_RISE_SHANKS = 1.6  # height that a ball rises
 
 
 def pedal_field(skeleton: Skeleton, game: Game, difficulty: int) -> PedalField | None:
-    """Balls beside the feet; the disks are above the knees, where they are seen."""
+    """Lay out the balls beside the feet, with disks above the knees, where they can be seen."""
     feet = joints(skeleton, "FootLeft", "FootRight")
     knees = joints(skeleton, "KneeLeft", "KneeRight")
     ankles = joints(skeleton, "AnkleLeft", "AnkleRight")
@@ -46,11 +46,11 @@ def pedal_field(skeleton: Skeleton, game: Game, difficulty: int) -> PedalField |
 def play_pedal(
     state: GameState, seconds: float, touch: Touch, skeleton: Skeleton | None
 ) -> GameState:
-    """Each move of a foot by enough degrees lifts its ball by half a stroke.
+    """Lift a ball by half a stroke for each sufficiently large move of its foot.
 
-    The angle is that between shank and foot, so that moving the whole leg counts nothing. A move
-    counts from where the foot last turned round: there is no position of rest to be found, and
-    shaking by less than a move counts nothing either.
+    The angle is that between shank and foot, so that moving the whole leg does not count. A move
+    is measured from the last turning point of the foot: no rest position has to be known, and
+    tremor by less than a move does not count.
     """
     needed = 2 * state.game.strokes[state.difficulty - 1]
     feet, events, by_bone = [], list[Event](), dict(state.by_bone)
@@ -82,7 +82,7 @@ def play_pedal(
 
 
 def ankle_angle(skeleton: Skeleton, side: str) -> float | None:
-    """Degrees between shank and foot; less when the toes are drawn up. None: not tracked."""
+    """Return the degrees between shank and foot, smaller with the toes up; None: not tracked."""
     found = joints(skeleton, *(f"{part}{side.title()}" for part in ("Knee", "Ankle", "Foot")))
     if found is None:
         return None
@@ -99,7 +99,7 @@ def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64] | None:
 
 
 def _moved(foot: Foot, angle: float, swing: float) -> Foot:
-    """The foot after it was seen at an angle."""
+    """Return the state of a foot after its angle was measured."""
     if foot.turn is None:
         return replace(foot, turn=angle)
     way = angle - foot.turn if foot.is_up else foot.turn - angle

@@ -23,14 +23,14 @@ from manip3d.phantom._state import (
 )
 from manip3d.rgbd import JOINTS, Skeleton
 
-_DOWN_M = 0.04  # a foot is down that is no higher above the floor
-_REST_S = 0.6  # between one key and the next
+_DOWN_M = 0.04  # metres above the floor up to which a foot counts as down
+_REST_S = 0.6  # seconds between one key and the next
 
 
 def piano_field(
     skeleton: Skeleton, game: Game, difficulty: int, floor: float | None
 ) -> PianoField | None:
-    """From where each foot is outwards, at shares of the shank's length."""
+    """Lay out the keys from each foot outwards, at multiples of the shank's length."""
     feet = joints(skeleton, "FootLeft", "FootRight")
     hips = joints(skeleton, "HipLeft", "HipRight")
     knees = joints(skeleton, "KneeLeft", "KneeRight")
@@ -52,7 +52,7 @@ def piano_field(
 def play_piano(
     state: GameState, seconds: float, touch: Touch, skeleton: Skeleton | None
 ) -> GameState:
-    """A foot that was lifted and comes down on the key that is up plays its note."""
+    """Play the active key if a foot that was lifted comes down on it."""
     state = _popped(state, seconds)
     feet, stomps = _stepped(state, skeleton)
     events, by_bone, targets = list[Event](), dict(state.by_bone), list(state.targets)
@@ -83,7 +83,7 @@ def play_piano(
 
 
 def keys_of(field: PianoField) -> list[tuple[str, Point]]:
-    """The keys with their sides, from the player's left to their right."""
+    """Return the keys with their sides, from the player's left to their right."""
     lefts = [("left", place) for place in reversed(field.lefts)]
     return lefts + [("right", place) for place in field.rights]
 
@@ -93,7 +93,7 @@ def _life(state: GameState) -> float:
 
 
 def _popped(state: GameState, seconds: float) -> GameState:
-    """Keys grow older; where none is up and the rest is over, the seed says which comes."""
+    """Age the active key; if there is none and the pause is over, draw the next one by the seed."""
     assert isinstance(state.field, PianoField)
     if state.targets:
         older = tuple(replace(target, age=target.age + seconds) for target in state.targets)
@@ -111,7 +111,7 @@ def _popped(state: GameState, seconds: float) -> GameState:
 def _stepped(
     state: GameState, skeleton: Skeleton | None
 ) -> tuple[tuple[Foot, Foot], list[tuple[str, Point]]]:
-    """The feet now, and where one came down."""
+    """Return the new state of the feet, and the place where one came down, if any."""
     assert isinstance(state.field, PianoField)
     feet, stomps = [], list[tuple[str, Point]]()
     for side, foot in zip(SIDES, state.feet, strict=True):

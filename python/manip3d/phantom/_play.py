@@ -1,4 +1,4 @@
-"""The game of a session: chosen, begun, played while the limb is followed, filmed and kept."""
+"""The game of a session: choice, course, films of anomalies, and storage by the recorder."""
 
 from __future__ import annotations
 
@@ -31,14 +31,16 @@ if TYPE_CHECKING:
     from manip3d.camera import Intrinsics
     from manip3d.modify import PhantomFrame
 
-_EVENTS_NS = 1_000_000_000  # for so long an event is told: a slow page leaves frames out
-_TELL_S = 10.0  # between what is kept of a game that goes on
-_FLOOR_S = 4.0  # for so long the lowest place of a foot is the floor
+_EVENTS_NS = (
+    1_000_000_000  # seconds for which frames repeat an event, because slow pages skip frames
+)
+_TELL_S = 10.0  # seconds between stored states of the current game
+_FLOOR_S = 4.0  # seconds over which the lowest place of a foot is taken as the floor
 _FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
 
 
 class Play:
-    """At most one game at a time.
+    """The current game of a session, if any, and those that are over.
 
     Attributes
     ----------
@@ -69,11 +71,15 @@ class Play:
         self._watch = AnomalyWatch()
         self._ring: ClipRing | None = None
         self._clips: list[Pictures] = []
-        self._seen = Counter[bool]()  # frames of the game, by whether the limb was followed
+        self._seen = Counter[
+            bool
+        ]()  # numbers of frames of the game in which the limb was and was not tracked
         self._paused_s = self._told_s = 0.0
-        self._ends = ColliderTracker()  # of hands or feet alone
+        self._ends = ColliderTracker()  # colliders of hands or feet alone
         self._lowest: deque[tuple[int, float]] = deque()
-        self._events: deque[tuple[int, list[Any]]] = deque()  # when, and what is told
+        self._events: deque[tuple[int, list[Any]]] = (
+            deque()
+        )  # time and content of each recent event
         self._num_events = 0
 
     @property
@@ -82,7 +88,7 @@ class Play:
 
     @property
     def has_game(self) -> bool:
-        """Whether a game has begun and is not over."""
+        """Return whether a game has begun and is not over."""
         return self.game is not None and self.game.phase != "over"
 
     def want(self) -> None:
@@ -90,37 +96,37 @@ class Play:
         self.game, self.is_wanted = None, True
 
     def stop(self) -> None:
-        """End the game that goes on, or that was to begin."""
+        """End the current game, or cancel one that was to begin."""
         self.is_wanted = False
         if self.game is not None and self.game.phase == "playing":
             self._finish("stopped")
             self.game = replace(self.game, phase="over", targets=(), events=())
 
     def forget_person(self) -> None:
-        """The next frame is of another recording, or of somebody else."""
+        """Forget the person: the next frame shows another recording or person."""
         self._ends.reset()
         self.forget_times()
 
     def forget_times(self) -> None:
-        """The camera's clock began again."""
+        """Note that the camera's clock was reset."""
         self._lowest.clear()
         self._events.clear()
 
     def drop_films(self) -> None:
-        """Drop what was filmed, and film no more."""
+        """Drop the buffered pictures, and take no more."""
         self._ring, self._clips = None, [() for _ in self._clips]
 
     def go_on(
         self, shown: PhantomFrame, seconds: float, now: int, measured: Skeleton | None
     ) -> bool:
-        """Take the next frame; whether the game went on in it.
+        """Process the next frame; return whether the game continued in it.
 
         ``now``: the frame's time, nanoseconds; ``measured``: the patient's body, if it was.
         """
         if self.is_playing:
             self._seen[shown.state == PhantomState.TRACKING] += 1
         if shown.state != PhantomState.TRACKING:
-            self._ends.reset()  # what moves while nothing counts is swept over by nobody
+            self._ends.reset()  # movements during a pause touch nothing
             if self.is_playing:
                 self._paused_s += seconds
             return False
@@ -138,7 +144,7 @@ class Play:
         return True
 
     def tell(self) -> None:
-        """Keep a game that goes on as it begins and every ten seconds."""
+        """Store the state of the game at its beginning and every ten seconds."""
         if self._recorder is None or self.game is None or self.game.phase != "playing":
             return
         if self.game.clock + self._paused_s >= self._told_s:
@@ -146,12 +152,12 @@ class Play:
             self._recorder.game_goes_on(self._summary("interrupted"))
 
     def film(self, shown: PhantomFrame, camera: Intrinsics) -> None:
-        """Keep the frame for a film of an anomaly, where the patient consented."""
+        """Buffer the frame for a film of an anomaly, if the patient consented."""
         if self._ring is not None and self.game is not None:
             self._ring.add(shown, self.game, camera, self._watch.since)
 
     def shown(self, now: int, *, playing: bool) -> dict[str, Any]:
-        """The game as the page shows it."""
+        """Return the state of the game for the page."""
         game, (chosen, difficulty) = self.game, self.choice
         if game is None:
             phase = "starting" if self.is_wanted else "waiting"
@@ -177,7 +183,7 @@ class Play:
         return found
 
     def _begin(self, body: Skeleton, measured: Skeleton | None, floor: float | None) -> None:
-        """Begin a game; somebody who does not face the camera is waited for."""
+        """Begin a game once the person faces the camera."""
         name, difficulty = self.choice
         if measured is not None:
             body = moved_to(measured, body)
@@ -207,7 +213,7 @@ class Play:
             self._clips.append(() if ring is None else ring.take(anomaly.start, anomaly.end))
 
     def _floor(self, skeleton: Skeleton, now: int) -> float | None:
-        """The lowest place (the largest y) of a foot in the last seconds."""
+        """Return the lowest place (largest y) of a foot in the last seconds."""
         feet = [float(skeleton.positions[j][1]) for j in _FEET if skeleton.states[j] != NOT_TRACKED]
         if feet:
             self._lowest.append((now, max(feet)))
@@ -241,13 +247,15 @@ class Play:
 
     def _by_phantom(self, game: GameState) -> int:
         own = bones_of(game.game.limbs, self.limb.partition("_")[0])
-        if not self.limb.endswith(game.game.limbs[:-1]):  # a game for the other limbs
+        if not self.limb.endswith(game.game.limbs[:-1]):  # the colliders are of the other limbs
             return 0
         return sum(number for bone, number in game.by_bone.items() if bone in own)
 
     def _told_events(self, game: GameState | None, now: int) -> list[list[Any]]:
-        """Events of the last second, each with a number, so that a page that leaves frames out
-        misses none and plays none twice."""
+        """Return the events of the last second with numbers.
+
+        A page that skips frames misses none of them and plays none twice.
+        """
         for event in () if game is None else game.events:
             self._num_events += 1
             told = [event.kind, event.number, event.bone, *rounded(event.place), event.key]
@@ -258,12 +266,12 @@ class Play:
 
 
 def rounded(values: Any) -> Any:
-    """Nested lists of numbers to a tenth of a millimetre; JSON has no others than finite ones."""
+    """Round nested lists of numbers to a tenth of a millimetre; JSON allows finite numbers only."""
     return (np.rint(np.nan_to_num(np.asarray(values, np.float64)) * 1e4) / 1e4).tolist()
 
 
 def _field_status(game: GameState) -> dict[str, Any]:
-    """The things around the player."""
+    """Return the objects of the game for the page."""
     field = game.field
     if isinstance(field, PianoField):
         up = game.targets[0].key if game.targets else -1
@@ -279,7 +287,7 @@ def _field_status(game: GameState) -> dict[str, Any]:
 
 
 def _ends_of(skeleton: Skeleton, game: GameState) -> Skeleton:
-    """The skeleton with hands or feet alone."""
+    """Return the skeleton with the joints of hands or feet only."""
     kept = [*bones_of(game.game.limbs, "left"), *bones_of(game.game.limbs, "right")]
     states = np.full(25, NOT_TRACKED, np.uint8)
     states[kept] = skeleton.states[kept]

@@ -1,4 +1,4 @@
-"""The interface between a session and the diary that keeps it."""
+"""The interface between a session and its diary."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Pictures = Sequence[tuple[float, bytes]]
 
 @runtime_checkable
 class Recorder(Protocol):
-    """Keeps what a session tells it, as a diary does."""
+    """Stores the entries of a session; `DiaryRecorder` is the implementation."""
 
     @property
     def wants_clips(self) -> bool:
@@ -23,41 +23,41 @@ class Recorder(Protocol):
 
     @property
     def trouble(self) -> str:
-        """Words on what is not kept yet, and why; or nothing."""
+        """Sentence on entries that are not stored yet, and why; empty if there are none."""
 
     def game_goes_on(self, summary: GameSummary) -> None:
-        """Keep how a game stands, in case the program is killed; `game` replaces it."""
+        """Store the state of the current game in case the program is killed; `game` replaces it."""
 
     def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
         """Keep a game that is over; for each anomaly its pictures (seconds of play, JPEG), or
         none."""
 
     def may_play(self) -> str:
-        """Why no game may start yet, in words for the patient, or nothing."""
+        """Return why no game may start yet, for the patient; empty: games may."""
 
     def play_begins(self) -> None:
-        """A game or a touch cue begins; ratings of pain are no longer those before the session."""
+        """Note that a game or touch cue begins: later ratings of the pain are "after"."""
 
     def pain(self, value: int) -> str:
-        """Keep a rating from 0 to 10; return why the session must stop, or nothing."""
+        """Store a rating from 0 to 10; return why the session must stop, or an empty text."""
 
     def unwell(self) -> str:
-        """Keep that the patient feels sick; return why the session must stop."""
+        """Store that the patient feels sick; return why the session must stop."""
 
     def event(self, text: str) -> None:
-        """Keep an adverse event in words."""
+        """Store an adverse event."""
 
     def consent(self, clips: bool) -> None:
-        """Keep whether the patient consents to films; without consent theirs are deleted."""
+        """Store whether the patient consents to films; without consent all films are deleted."""
 
     def ownership(self, mode: Mode, answers: Sequence[int]) -> None:
-        """Keep the answers after a touch cue."""
+        """Store the answers after a touch cue."""
 
     def felt(self, felt: FeltLimb, limb: str) -> None:
-        """Keep how the patient feels a limb."""
+        """Store the patient's description of a limb as it is felt."""
 
     def last_felt(self, limb: str) -> FeltLimb | None:
-        """How the patient felt that limb when they last said so."""
+        """Return the patient's last description of a limb as it is felt."""
 
     def close_session(self, *, answered: bool = True) -> None:
         """The patient has had enough: the sitting is over; a second call changes nothing.
@@ -65,10 +65,10 @@ class Recorder(Protocol):
         ``answered``: whether the patient gave the rating that was asked for at the end."""
 
     def open_session(self) -> None:
-        """Another sitting begins, with a first rating of its own; one that is open is closed."""
+        """Begin another sitting, with a first rating of its own; an open one is closed."""
 
     def begin_message(self) -> None:
-        """A page has said something: `when_kept` is about what is told from now on."""
+        """Begin a group of entries, for which `when_kept` waits."""
 
     def when_kept(self, done: Callable[[], object]) -> None:
         """Call something as soon as all that was told since `begin_message` is on the disk; from
@@ -77,7 +77,7 @@ class Recorder(Protocol):
 
 @dataclass(frozen=True)
 class GameSummary:
-    """Result of a game that is over.
+    """Result of a game that is over, or the state of the current one.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""`LiveSession`: from a camera's frames and a page's messages to what the page shows."""
+"""`LiveSession`: turns frames of a camera and messages of pages into messages for the page."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from manip3d.modify import BodyColliders, PhantomFrame
 
 _ENHANCED = {"arm": ("Shoulder", "Elbow"), "leg": ("Hip", "Knee", "Ankle")}
-_LONGEST_STEP_S = 0.25  # a longer gap between frames is none of the player's time
-_PEOPLE = 64  # of which the number is known
-_FRAMES = 90  # over which times of stages are averaged
+_LONGEST_STEP_S = 0.25  # seconds: longer gaps between frames do not count as played time
+_PEOPLE = 64  # people whose number is remembered
+_FRAMES = 90  # frames over which times of stages are averaged
 
 
 @checked
 class LiveSession:
-    """Frames in, messages for the page out; the game goes by the frames' own times.
+    """Turns each frame into a message for the page; the game's clock is the frames' times.
 
     The same frames, commands and seed give the same game. While the phantom limb is not
     ``tracking`` the game stands still: nothing can be hit and nothing is missed.
@@ -139,17 +139,18 @@ class LiveSession:
         *,
         done: Callable[[], object] | None = None,
     ) -> None:
-        """Take a message of a page, of `MESSAGES`; from any thread. The next frame obeys it.
+        """Queue a message of a page for the next frame; may be called from any thread.
 
         Parameters
         ----------
         name : str
+            Key of `MESSAGES`.
         fields : mapping, optional
+            Fields of the message.
         done : callable, optional
-            Called, from any thread, when the message was obeyed and what it says is on the disk of
-            the recorder, if there is one; never where it is lost, nor for what comes after `end`.
-            What a page says again, by its number, is not obeyed again, but answered once it is
-            kept.
+            Called, from any thread, when the message was handled and, with a recorder, its entries
+            are on the disk. Never called if an entry is lost, nor after `end`. A repeated message
+            (with the same number) is not handled again, but ``done`` is called.
 
         Raises
         ------
@@ -177,9 +178,9 @@ class LiveSession:
         self._sitting.halt(reason)
 
     def end(self) -> None:
-        """Keep what was said, stop a game that goes on, and tell the recorder.
+        """Handle the queued messages, stop the current game, and close the recorder's session.
 
-        No game begins any more, and what pages say from now on is not taken.
+        No game begins any more, and further messages are refused.
         """
         self._inbox.close()
         self._obey(only=NOT_LOST)
@@ -204,7 +205,7 @@ class LiveSession:
         return self._encoded(None, status | self._game_status(playing=False), 0, time.time_ns())
 
     def process(self, frame: RgbdFrame, *, captured_ns: int | None = None) -> bytes | None:
-        """The next frame as a message for the page.
+        """Process the next frame, and return a message for the page.
 
         Parameters
         ----------
@@ -261,7 +262,7 @@ class LiveSession:
         return message
 
     def _enhanced(self, shown: PhantomFrame) -> PhantomFrame:
-        """The person with joints turned further; the measured body is at rest."""
+        """Return the person with joint angles, relative to the rest pose, times the gain."""
         gain = self._play.gain
         if gain == 1.0 or len(shown.vertices) == 0:
             return shown
@@ -272,7 +273,7 @@ class LiveSession:
             return shown
         return replace(shown, vertices=found.vertices, skeleton=found.skeleton)
 
-    # --- what pages say --------------------------------------------------------------------------
+    # --- messages of pages -----------------------------------------------------------------------
 
     def _seconds_since_last(self, now: int) -> float:
         last, self._last_time = self._last_time, now
@@ -283,7 +284,7 @@ class LiveSession:
         return gap if 0.0 <= gap <= _LONGEST_STEP_S else 0.0
 
     def _obey(self, only: Sequence[str] = tuple(MESSAGES)) -> None:
-        """Do what pages have said since the last frame."""
+        """Handle the messages of pages since the last frame."""
         for name, fields, done in self._inbox.taken():
             if name not in only:
                 continue
@@ -325,7 +326,7 @@ class LiveSession:
         self._sitting.begin()
 
     def _end_sitting(self) -> None:
-        """The patient has had enough."""
+        """End the sitting at the patient's wish."""
         if self._sitting.state != "open":
             return
         self._stop()
@@ -333,19 +334,19 @@ class LiveSession:
         self._sitting.end()
 
     def _start_game(self) -> None:
-        """The next frame of a tracked limb begins one, if nothing speaks against it."""
+        """Begin a game with the next frame of a tracked limb, if it is allowed."""
         if not self._play.has_game and self._sitting.may_begin():
             self._play.want()
             self._sitting.note_play()
 
     def _stop(self) -> None:
-        """End the game or the touch cue that goes on; questions about a cue that is over stay."""
+        """End the current game or touch cue; questions about a cue that is over stay."""
         if self._cue is not None and not self._cue.is_over:
             self._cue = None
         self._play.stop()
 
     def _heed(self, name: str, fields: Mapping[str, Any]) -> None:
-        """Take a message about the patient; it may end the play for today."""
+        """Handle a message about the patient; it may end play for today."""
         assert self._recorder is not None
         if name == "pain":
             halt = self._sitting.rate(int(fields["value"]))
@@ -371,11 +372,10 @@ class LiveSession:
             answers = [int(fields[f"q{number}"]) for number in range(1, len(STATEMENTS) + 1)]
             self._recorder.ownership(fields["mode"], answers)
             if self._cue is not None and self._cue.is_over:
-                self._cue = None  # no screen asks again
+                self._cue = None  # no screen shows the questions again
 
     def _set_up(self, name: str, fields: Mapping[str, Any]) -> None:
-        """What the therapist says before a game; a game that goes on is stopped by another limb or
-        patient."""
+        """Handle the therapist's settings; another limb or patient stops the current game."""
         if name == "limb":
             self._change_limb(fields["limb"])
         elif name == "patient":
@@ -395,12 +395,12 @@ class LiveSession:
     def _choose_patient(self, person: int) -> None:
         self._stop()
         if self._measured is not None and self._measured.id != person:
-            self._measured = None  # games would be laid out for somebody else's body
+            self._measured = None  # measures of another body do not fit
         self._chosen = person
         self._pipeline.select(person)
 
     def _begin_cue(self, mode: str) -> None:
-        """Begin a minute of touches in place of what goes on, or none (``off``)."""
+        """End what is played; begin a minute of touches unless the mode is ``off``."""
         if mode == "off":
             self._stop()
             self._cue = None
@@ -425,7 +425,7 @@ class LiveSession:
         if not GAMES[name].limbs.startswith(limb.partition("_")[2]):
             self._play.choice = _game_for(limb), difficulty
 
-    # --- what the page shows ---------------------------------------------------------------------
+    # --- the message for the page ----------------------------------------------------------------
 
     def _encoded(
         self, shown: PhantomFrame | None, status: Mapping[str, Any], frame_time: int, captured: int
@@ -442,8 +442,7 @@ class LiveSession:
         return message
 
     def _told(self, message: str) -> str:
-        """What the page says: what is to be done first, how the limb is followed, what is not kept
-        in the diary."""
+        """Return the sentences of the page: next instruction, tracking, trouble of the diary."""
         trouble = "" if self._recorder is None else self._recorder.trouble
         return " ".join(part for part in (self._sitting.ask, message, trouble) if part)
 
@@ -496,7 +495,7 @@ class LiveSession:
         }
 
     def _number(self, person: int) -> int:
-        """Small numbers for people in view, as they come; a tracker's ids may have 64 bits."""
+        """Return the number of a person in view, counted from 1; tracker ids may have 64 bits."""
         if person not in self._numbers:
             self._numbers[person] = max(self._numbers.values(), default=0) + 1
             while len(self._numbers) > _PEOPLE:

@@ -1,4 +1,4 @@
-"""A lock that keeps a second live session of the same participant away."""
+"""A lock against two live sessions of one participant at a time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from manip3d.errors import InputError
 
 
 class SessionLock:
-    """Held by one session of a participant; the operating system frees it when a program is killed.
+    """A lock on a participant; the operating system frees it when the program is killed.
 
     Two sessions would compare the pain with ratings of their own only, and the stop rule would miss
     a rise from one to the other. Participants of one diary play beside each other.
@@ -38,7 +38,7 @@ class SessionLock:
                 )
             if self._is_ours(lock):
                 break
-            os.close(lock)  # the session that held it has removed the file meanwhile
+            os.close(lock)  # the session that held the lock has removed the file in the meantime
         self._close = weakref.finalize(self, os.close, lock)
 
     def _is_ours(self, lock: int) -> bool:
@@ -49,6 +49,6 @@ class SessionLock:
     def release(self) -> None:
         """Let another session begin; may be called twice."""
         if self._close.alive:
-            with contextlib.suppress(OSError):  # the file alone locks nothing
+            with contextlib.suppress(OSError):  # a file that remains locks nothing
                 self._path.unlink()
             self._close()

@@ -1,4 +1,4 @@
-"""One sitting of a patient: whether play may begin, and the ratings that are asked for."""
+"""One sitting of a patient: ratings of the pain, and whether a game may begin."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from typing import Any, Literal
 
 from manip3d.phantom._recorder import Recorder
 
-_REST = timedelta(hours=1)  # without a word: who goes on at midnight is in the same sitting
+_REST = timedelta(hours=1)  # without a message: a longer time around midnight ends a sitting
 
 
 def goes_on(since: datetime, now: datetime) -> bool:
-    """Whether what was said then holds: on the same day, or where no rest lies between."""
+    """Return whether two times are in one sitting: on one day, or without a rest between them."""
     return since.astimezone().date() == now.date() or now - since <= _REST
 
 
 class Sitting:
-    """From the first rating of the pain to the last one, and what stops the play for today.
+    """State of a sitting, from the first rating of the pain to the last one.
 
     Attributes
     ----------
     state : {"open", "ending", "over"}
         ``ending`` waits for the last rating of the pain.
     ask : str
-        What is to be done before a game may begin, in words for the patient.
+        Instruction for the patient: what must be done before a game may begin.
     """
 
     def __init__(self, recorder: Recorder | None) -> None:
@@ -35,9 +35,9 @@ class Sitting:
         self._last_said = _now()
 
     def hear(self) -> bool:
-        """Note that a page said something; whether that is after a rest, on another day.
+        """Note a message of a page; return whether it comes after a rest, on another day.
 
-        What was said before, such as why nothing more is played, holds no longer then.
+        Such a rest ends the halt of the day before.
         """
         now, (halt, day) = _now(), self._halt
         is_another_day = now.date() != (day if halt else self._last_said.date())
@@ -48,31 +48,31 @@ class Sitting:
         return is_rested
 
     def halt(self, reason: str) -> None:
-        """Let nothing begin any more today; an empty reason changes nothing."""
+        """Let no game begin any more today; an empty reason changes nothing."""
         if reason:
             self._halt = reason, _now().date()
 
     @property
     def halted(self) -> str:
-        """Why nothing more is played today, or nothing; no midnight within a sitting ends it."""
+        """Why no game may begin today, or empty. Midnight within a sitting does not end that."""
         reason, day = self._halt
         now = _now()
         return reason if day == now.date() or now - self._last_said <= _REST else ""
 
     def may_begin(self) -> bool:
-        """Whether a game or a touch cue may begin; the page says why not."""
+        """Return whether a game or a touch cue may begin; `ask` or `halt` states why not."""
         if self.halted or self.state != "open":
             return False
         self.ask = "" if self._recorder is None else self._recorder.may_play()
         return not self.ask
 
     def note_play(self) -> None:
-        """A game or a touch cue begins."""
+        """Note that a game or a touch cue begins."""
         if self._recorder is not None:
             self._recorder.play_begins()
 
     def rate(self, pain: int) -> str:
-        """Keep a rating; return why the session must stop, or nothing."""
+        """Pass on a rating; return why the session must stop, or an empty text."""
         assert self._recorder is not None
         self._pain, self.ask = pain, ""
         halt = self._recorder.pain(pain)
@@ -81,23 +81,23 @@ class Sitting:
         return halt
 
     def begin(self) -> None:
-        """Another sitting begins, with a first rating of its own."""
+        """Begin another sitting, with a first rating of its own."""
         self.state, self._pain, self.ask = "open", None, ""
         if self._recorder is not None:
             self._recorder.open_session()
 
     def end(self) -> None:
-        """The patient has had enough; a last rating is asked for, where it is kept."""
+        """End the sitting at the patient's wish; with a diary, ask for a last rating first."""
         self.ask = ""
         self.state = "over" if self._recorder is None else "ending"
 
     def note_unanswered(self) -> None:
-        """The rating that was asked for at the end comes no more."""
+        """End the sitting without the last rating that was asked for."""
         if self.state == "ending":
             self._close(answered=False)
 
     def shown(self) -> dict[str, Any]:
-        """The sitting as the page shows it."""
+        """Return the state of the sitting for the page."""
         return {"halt": self.halted, "ask": self.ask, "pain": self._pain, "sitting": self.state}
 
     def _close(self, *, answered: bool) -> None:

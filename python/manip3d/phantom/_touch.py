@@ -15,8 +15,8 @@ MODES: Sequence[Mode] = ("synchronous", "asynchronous")
 
 SECONDS = 60.0
 TOUCH_S = 0.4
-_PAUSES = (1.0, 1.8)  # seconds between the end of one touch and the next one
-_DELAYS = (0.5, 0.9)  # of the felt touch after the seen one, where they are not synchronous
+_PAUSES = (1.0, 1.8)  # seconds from the end of a touch to the next one
+_DELAYS = (0.5, 0.9)  # seconds from the seen touch to the felt one in asynchronous mode
 
 ARM = ("Elbow", "Wrist", "Hand")
 LEG = ("Knee", "Ankle", "Foot")
@@ -52,7 +52,7 @@ class Touch:
 
 
 def touches(mode: Mode, seed: int) -> tuple[Touch, ...]:
-    """The touches of a minute; the same seed gives the same ones.
+    """Return the touches of a minute; the same seed gives the same touches.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def touches(mode: Mode, seed: int) -> tuple[Touch, ...]:
 
 
 class TouchCue:
-    """Follows one minute of touches; time passes only while the phantom limb is followed.
+    """One minute of touches; time passes only while the phantom limb is tracked.
 
     Attributes
     ----------
@@ -100,11 +100,11 @@ class TouchCue:
 
     @property
     def due(self) -> Touch | None:
-        """The next touch to be felt, so that a therapist can make ready for it."""
+        """Return the next touch to be felt, for which the therapist can prepare."""
         return next((touch for touch in self._coming if touch.felt > self.clock), None)
 
     def pass_time(self, seconds: float) -> tuple[int | None, bool]:
-        """The joint that is seen to be touched now, if any, and whether a touch is to be felt."""
+        """Advance the clock; return the joint that the ball touches, and whether a touch is due."""
         self.clock = min(SECONDS, self.clock + seconds)
         seen = next(
             (t.joint for t in self._touches if t.seen <= self.clock < t.seen + TOUCH_S), None

@@ -1,4 +1,4 @@
-"""A thread that writes, so that nobody who plays waits for a disk."""
+"""A thread that writes to the disk, so that the game does not wait for it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-_AGAIN_S = 1.0  # between attempts to write what could not be written
-_LOOK_S = 0.1  # between looks at whether somebody is in a hurry
-_HURRY_S = 1.0  # a disk that works writes all in this time, and nothing is reported as lost
+_AGAIN_S = 1.0  # seconds between attempts to write an entry
+_LOOK_S = 0.1  # seconds between calls of `is_hurried`
+_HURRY_S = (
+    1.0  # seconds in which a working disk writes all entries, so that none is reported as lost
+)
 
 
 @dataclass(eq=False)
@@ -27,16 +29,16 @@ class _Waiter:
 
 
 class OrderedWriter:
-    """Writes one thing after the other, in the order in which they were given.
+    """Calls writing functions one after the other, in the order in which they were added.
 
-    What an OSError keeps from being written, as a locked file or a full disk, is tried again every
-    second; all that came after it waits, so that the order holds. What fails otherwise would fail
-    again: it is lost, and told.
+    A task that raises an OSError (locked file, full disk) is tried again every second, and later
+    tasks wait for it, so that the order is kept. A task that raises another error would fail again:
+    it is reported as lost.
     """
 
     def __init__(self) -> None:
         self._tasks: list[_Task] = []
-        self._given: set[_Task] = set()  # since `begin`, and not written
+        self._given: set[_Task] = set()  # tasks since `begin` that are not written
         self._waiters: list[_Waiter] = []
         self._lost: list[str] = []
         self._trouble = ""
@@ -46,10 +48,11 @@ class OrderedWriter:
         self._thread.start()
 
     def add(self, what: str, write: Callable[[], object], *, holds: bool = True) -> None:
-        """Have something written; returns at once.
+        """Add a task, and return at once.
 
-        ``what``: in words for who must note it elsewhere if it cannot be written; empty: nobody
-        must. ``holds``: what comes later waits for it; without this only others without it do.
+        ``what``: description for the therapist, who must note the entry elsewhere if it is lost;
+        empty: it is not reported. ``holds``: later tasks wait for this one; False: only later tasks
+        that do not hold others wait.
         """
         with self._changed:
             task = _Task(what, write, holds)
@@ -58,31 +61,31 @@ class OrderedWriter:
             self._changed.notify_all()
 
     def begin(self) -> None:
-        """Begin a group: `when_written` waits for all tasks that are added from now on."""
+        """Begin a group of tasks, for which `when_written` waits."""
         with self._changed:
             self._given.clear()
 
     def when_written(self, then: Callable[[], object]) -> None:
-        """Call something when all that was given since `begin` is written, or at once where it is.
+        """Call ``done`` when all tasks since `begin` are written, or at once if they are.
 
-        It is called by the writing thread, and never where any of that is lost; it must return at
+        It is called by the writing thread, never if one of these tasks is lost, and must return at
         once.
         """
         with self._changed:
-            if self._given:  # what is lost stays there: nobody calls for it any more
+            if self._given:  # a lost task stays in the group, so that `done` is never called
                 self._waiters.append(_Waiter(set(self._given), then))
                 return
         then()
 
     @property
     def is_idle(self) -> bool:
-        """Whether all is written."""
+        """Whether all tasks are written."""
         with self._changed:
             return not self._tasks
 
     @property
     def trouble(self) -> str:
-        """Return what is not written and why, in words; empty while all goes well."""
+        """Return a sentence on tasks that are not written and why; empty if there is no problem."""
         with self._changed:
             parts = []
             if self._trouble and self._tasks:
@@ -95,14 +98,14 @@ class OrderedWriter:
             return " ".join(parts)
 
     def close(self, seconds: float, is_hurried: Callable[[], bool] | None = None) -> list[str]:
-        """Wait until all is written, but no longer than so many seconds; list what is not.
+        """Wait until all tasks are written, for at most ``seconds``; list those that are not.
 
-        ``is_hurried``: as soon as it returns True, wait for one more second only.
+        ``is_hurried``: once it returns True, the wait ends after one more second.
         """
         end = time.monotonic() + seconds
         with self._changed:
             while self._tasks and time.monotonic() < end:
-                # Who is in a hurry may be a signal's handler, which must not notify.
+                # `is_hurried` is polled, because a signal handler must not notify a condition.
                 self._changed.wait(min(_LOOK_S, max(0.0, end - time.monotonic())))
                 if is_hurried is not None and is_hurried():
                     end, is_hurried = min(end, time.monotonic() + _HURRY_S), None
@@ -128,12 +131,12 @@ class OrderedWriter:
             except OSError as error:
                 self._postpone(task, str(error))
                 continue
-            except Exception as error:  # whatever it was: the others must be written
+            except Exception as error:  # any error: the other tasks must still be written
                 failed = f"{task.what or 'state of the session'}: {error}"
             self._done(task, failed)
 
     def _next(self) -> _Task | None:
-        """The first one that need not wait for another one."""
+        """Return the first task that need not wait for another one."""
         now = time.monotonic()
         waits = False
         for task in self._tasks:
@@ -153,7 +156,7 @@ class OrderedWriter:
         with self._changed:
             if failed:
                 self._lost.append(failed)
-            if task in self._tasks:  # else nobody waits for it any more
+            if task in self._tasks:  # close() may have given it up
                 self._tasks.remove(task)
             if failed:
                 self._waiters = [one for one in self._waiters if task not in one.tasks]

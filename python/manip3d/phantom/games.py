@@ -161,7 +161,7 @@ def begin(
 def step(
     state: GameState, seconds: float, touch: Touch, skeleton: Skeleton | None = None
 ) -> GameState:
-    """The game after some more seconds of play.
+    """Return the state of a game after some more seconds of play.
 
     Bubbles rise, are burst by what touches them on the way, or stain the ceiling; new ones appear
     in pairs, left and right at the same time. Balls rise by strokes of the feet, keys pop up and
@@ -193,7 +193,7 @@ def step(
 
 
 def can_reach(state: GameState) -> bool:
-    """Whether there is something in reach that would score.
+    """Return whether there is a target in reach.
 
     Examples
     --------

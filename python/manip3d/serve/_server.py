@@ -1,4 +1,8 @@
-"""`LocalServer`: HTTP and one WebSocket for this machine or, encrypted, for one on its network."""
+"""`LocalServer`: a web server with a stream of frames, for this machine or (by HTTPS) its network.
+
+A *stranger* is a client without the server's cookie, a *stream* a WebSocket connection to
+``/stream``.
+"""
 
 from __future__ import annotations
 
@@ -35,18 +39,20 @@ if TYPE_CHECKING:
 LOG = logging.getLogger("manip3d.serve")
 
 START_SECONDS = 10.0
+"""Seconds within which a server must be ready, or have stopped."""
 GOODBYE_SECONDS = 0.5
-_HISTORY = 1000  # latencies that are remembered: half a minute
-_MOST_REASONS = 64  # that are counted apart
+"""Seconds for which a closing encrypted connection waits for the client's closing message."""
+_HISTORY = 1000  # latencies kept per client: half a minute at 30 frames a second
+_MOST_REASONS = 64  # different reasons in `LocalServer.refused`; further ones are "other reasons"
 _MOST_REASON_BYTES = 200
 CODE_SECONDS = 120.0
-"""Seconds for which a code of `LocalServer.new_code` lets a browser in."""
-_CODE_ATTEMPTS = 5  # wrong ones, of all strangers together, after which a code is void
+"""Seconds for which a code of `LocalServer.new_code` is valid."""
+_CODE_ATTEMPTS = 5  # wrong codes, from all strangers together, after which a code is void
 _MOST_CLOCK_SKEW_MS = 60_000.0  # a page whose clock is farther off is on another machine
 
 
 class _RequestLog(logging.Handler):
-    """Counts requests that are not HTTP, and passes on what else aiohttp has to say."""
+    """Counts malformed requests, and passes aiohttp's other warnings to this module's log."""
 
     def __init__(self, refuse: Callable[[str], None]) -> None:
         super().__init__()
@@ -63,7 +69,7 @@ class _RequestLog(logging.Handler):
 
 
 def _request_log(refuse: Callable[[str], None]) -> logging.Logger:
-    """A logger for aiohttp, which would print a traceback of each request that strangers garble."""
+    """Return a logger for aiohttp that prints no traceback for each malformed request."""
     log = logging.Logger("manip3d.serve.requests", logging.DEBUG)
     log.addHandler(_RequestLog(refuse))
     return log
@@ -77,20 +83,21 @@ class Limits:
     Attributes
     ----------
     message_bytes : int
-        Largest message of a client; a larger one ends its connection before it is read.
+        Largest message of a client. A client that sends a larger one is disconnected before the
+        message is read.
     messages_per_second, message_burst : float
-        Messages of one client: how many a second in the long run, and how many at once.
+        Messages of one client: average rate, and number at once.
     requests_per_second, request_burst : float
-        Requests of all clients together: how many a second in the long run, and how many at once.
+        Requests of all clients together: average rate, and number at once.
     connections, streams : int
-        Open at the same time.
+        Largest numbers of connections and streams that are open at the same time.
     request_seconds : float
-        Time within which a connection must have sent a whole request.
+        Time within which a connection must have sent a complete request.
     send_seconds : float
-        Time after which a client that takes no bytes is disconnected.
+        Time after which a client that accepts no bytes is disconnected.
     frames_in_flight : int
-        Frames that a client has not acknowledged; while it has so many, newer frames replace the
-        one that waits for it.
+        Largest number of frames that are sent to a client without an acknowledgement. Until one
+        arrives, each new frame replaces the one that waits to be sent.
 
     Raises
     ------
@@ -119,15 +126,15 @@ class Limits:
 
 @dataclass(frozen=True)
 class Page:
-    """Something to be fetched: its media type and its bytes, or the file that holds them.
-
-    A file is read when somebody asks for it; it may be written while the server runs.
+    """A resource of the server.
 
     Attributes
     ----------
     type : str
         Media type, such as ``text/html; charset=utf-8``.
     content : bytes or Path
+        The content, or a file that is read at each request; it may be written while the server
+        runs.
     """
 
     type: str
@@ -175,7 +182,7 @@ class _Bucket:
         self._left, self._time = burst, time.monotonic()
 
     def take(self) -> bool:
-        """Whether one more is within the rate."""
+        """Take a token; return False if there is none, which means that the rate is exceeded."""
         now = time.monotonic()
         self._left = min(self._burst, self._left + (now - self._time) * self._rate)
         self._time = now
@@ -193,14 +200,14 @@ class _Frame:
 
 
 class StreamClient:
-    """One open stream. The newest frame waits in one place; older ones are dropped and counted.
+    """One open stream. Only the newest frame waits to be sent; older ones are dropped and counted.
 
     Attributes
     ----------
     number : int
-        Counts the streams of a server.
-    sent, dropped, unreadable : int
-        Frames; the last are those that the client could not decode.
+        Number of the stream among those of the server, from 1.
+    sent, dropped, acknowledged, unreadable : int
+        Numbers of frames; unreadable ones could not be decoded by the client.
     """
 
     def __init__(self, number: int, frames_in_flight: int) -> None:
@@ -212,28 +219,29 @@ class StreamClient:
         self._window = frames_in_flight
         self._next: _Frame | None = None
         self._loop = asyncio.get_running_loop()
-        self._said: deque[str] = deque()
-        self._flying: dict[int, int] = {}  # by sequence number: when the frame was captured
+        self._texts: deque[str] = deque()
+        self._in_flight: dict[int, int] = {}  # sequence number -> time of capture, nanoseconds
         self._changed = asyncio.Event()
         self._latencies: deque[float] = deque(maxlen=_HISTORY)
         self._round_trips: deque[float] = deque(maxlen=_HISTORY)
 
     def acknowledge(self, sequence: int, decoded_ms: float | None = None) -> None:
-        """The client has decoded a frame.
+        """Note that the client has decoded a frame.
 
         Parameters
         ----------
         sequence : int
+            Number of the frame.
         decoded_ms : float, optional
-            When, in milliseconds since 1970 by the client's clock. On one machine it is the
-            server's clock too, and gives the latency without the way back.
+            Time of decoding in milliseconds since 1970, by the client's clock. If client and server
+            are on one machine, this gives the latency without the way back of the acknowledgement.
 
         Raises
         ------
         FormatError
             The frame was never sent, or is acknowledged already.
         """
-        captured_ns = self._flying.pop(sequence, None)
+        captured_ns = self._in_flight.pop(sequence, None)
         if captured_ns is None:
             raise FormatError(f"sequence: expected a frame in flight, got {sequence}")
         self.acknowledged += 1
@@ -243,43 +251,44 @@ class StreamClient:
         self._changed.set()
 
     def fail(self) -> None:
-        """The client could not decode the oldest frame in flight; it gets further ones.
+        """Note that the client could not decode the oldest frame in flight; it gets further ones.
 
         Raises
         ------
         FormatError
             No frame is in flight.
         """
-        if not self._flying:
+        if not self._in_flight:
             raise FormatError("bad: expected a frame in flight, there is none")
-        del self._flying[next(iter(self._flying))]
+        del self._in_flight[next(iter(self._in_flight))]
         self.unreadable += 1
         self._changed.set()
 
     def say(self, text: str) -> None:
-        """Send a text to this client: in order, before frames, never dropped; from any thread.
+        """Send a text message to this client; may be called from any thread.
 
         Parameters
         ----------
         text : str
-            Sent as one text message.
+            Content of the message.
 
         Notes
         -----
-        A client that takes no bytes is disconnected, and texts that wait for it are lost.
+        Texts are sent in order, before waiting frames, and are never dropped. A client that accepts
+        no bytes is disconnected, and texts that wait for it are lost.
         """
-        with contextlib.suppress(RuntimeError):  # the server has stopped since
+        with contextlib.suppress(RuntimeError):  # the server has stopped in the meantime
             self._loop.call_soon_threadsafe(self._add, text)
 
     def _add(self, text: str) -> None:
-        self._said.append(text)
+        self._texts.append(text)
         self._changed.set()
 
     def report(self) -> dict[str, Any]:
-        """Frames, and percentiles 50 and 95 of latencies in milliseconds.
+        """Return numbers of frames, and percentiles 50 and 95 of latencies in milliseconds.
 
-        ``latency_ms`` is from when the frame was captured to its being decoded in the page
-        by the clock of both; ``round_trip_ms`` to the arrival of the acknowledgement.
+        Both latencies start when the frame was captured. ``latency_ms`` ends when the page had
+        decoded it, by the page's clock; ``round_trip_ms`` ends when the acknowledgement arrived.
         """
         return {
             "sent": self.sent,
@@ -296,14 +305,14 @@ class StreamClient:
         self._changed.set()
 
     async def _take(self) -> _Frame | str:
-        while not self._said and (self._next is None or len(self._flying) >= self._window):
+        while not self._texts and (self._next is None or len(self._in_flight) >= self._window):
             self._changed.clear()
             await self._changed.wait()
-        if self._said:
-            return self._said.popleft()
+        if self._texts:
+            return self._texts.popleft()
         assert self._next is not None
         frame, self._next = self._next, None
-        self._flying[frame.sequence] = frame.captured_ns
+        self._in_flight[frame.sequence] = frame.captured_ns
         self.sent += 1
         return frame
 
@@ -317,27 +326,29 @@ def _percentiles(values: deque[float]) -> tuple[float, float] | None:
 
 @checked
 class LocalServer:
-    """Serve pages and a stream of frames to browsers on this machine or, encrypted, on its network.
+    """Serve pages and a stream of frames to browsers on this machine or, by HTTPS, on its network.
 
-    Whoever knows `url` gets a cookie for it and is let in; everybody else, pages of other origins
-    in the same browser included, is refused, counted in `refused` and logged. A client that is
-    slow, silent, loud or wrong has no effect on the others or on who publishes frames.
+    A browser that opens an address of `new_url`, or enters a code of `new_code`, gets a cookie and
+    is admitted. All others, also pages of other origins in the same browser, are refused, counted
+    in `refused` and logged. A client that reads slowly, sends nothing, sends too much or sends
+    invalid data affects neither the other clients nor the publisher of frames.
 
     Parameters
     ----------
     pages : mapping of str to Page
-        By path; ``/`` is the page itself.
+        Resources by path; ``/`` is the page that a browser opens.
     on_message : callable(StreamClient, str)
-        Gets what a client says, in the server's thread; raises `FormatError` to have the client
-        disconnected.
+        Is called with each message of a client, in the server's thread. If it raises `FormatError`,
+        the client is disconnected.
     host : str
-        A loopback address; with a certificate also another one of this machine, which other
-        machines reach.
+        A loopback address; with a certificate also another address of this machine, which other
+        machines can reach.
     port : int
-        0: one that is free.
+        Port to listen on; 0: a free one.
     limits : Limits
+        Limits on the resources of clients.
     certificate : Certificate, optional
-        HTTPS with it, for ``host``.
+        Certificate for ``host``; with it the server speaks HTTPS.
 
     Raises
     ------
@@ -349,9 +360,9 @@ class LocalServer:
 
     Notes
     -----
-    Connections: one request each, to be complete within ``limits.request_seconds``, so that nobody
-    holds them by sending slowly. Streams: ``/stream``, for which the browser must name the server's
-    own origin. There are no other methods than GET, and nothing a client uploads is read.
+    Each connection serves one request, which must be complete within ``limits.request_seconds``, so
+    that slow clients cannot occupy all connections. A request for ``/stream`` must name the
+    server's own origin. GET is the only method, and request bodies are not read.
     """
 
     def __init__(
@@ -384,7 +395,7 @@ class LocalServer:
         self.refused: Counter[str] = Counter()
         self._pages = dict(pages)
         self._on_message = on_message
-        self._tokens: set[str] = set()  # that let in, each once
+        self._tokens: set[str] = set()  # unused ones; each admits one browser, once
         self._code: _Code | None = None
         self._cookie = secrets.token_urlsafe(32)
         self._clients: dict[int, tuple[StreamClient, web.WebSocketResponse]] = {}
@@ -392,8 +403,9 @@ class LocalServer:
         self._opened = 0
         self._opening = 0  # streams whose handshake is under way
         self._transports: weakref.WeakSet[asyncio.BaseTransport] = weakref.WeakSet()
+        # Connections that have sent a complete request.
         self._heard: weakref.WeakSet[asyncio.BaseTransport] = weakref.WeakSet()
-        # Whoever was let in has requests of their own: strangers cannot use them up.
+        # Two rates, so that strangers cannot use up the requests of admitted browsers.
         self._requests, self._strangers = (
             _Bucket(self.limits.requests_per_second, self.limits.request_burst) for _ in range(2)
         )
@@ -405,17 +417,17 @@ class LocalServer:
     # --- from any thread -------------------------------------------------------------------------
 
     def new_url(self) -> str:
-        """Make an address that lets one browser in, once; who has it may watch and steer."""
+        """Make an address that admits one browser, once; whoever opens it may watch and steer."""
         token = secrets.token_urlsafe(32)
         with self._lock:
             self._tokens.add(token)
         return f"{self.origin}/?token={token}"
 
     def new_code(self) -> str:
-        """Make a short code that lets one more browser in, for people to type on another screen.
+        """Make a short code that admits one more browser, for people to type on another screen.
 
-        It is to be typed at ``/join``, works once and for `CODE_SECONDS`, in place of the code
-        before, and is void after five wrong ones.
+        It is entered at ``/join``, and is valid once and for `CODE_SECONDS`. It replaces the
+        previous code, and is void after five wrong attempts.
 
         Returns
         -------
@@ -435,7 +447,7 @@ class LocalServer:
         return f"{scheme}://{host}" + ("" if self.port == usual else f":{self.port}")
 
     def start(self) -> Self:
-        """Listen from a thread of its own; return when connections are accepted.
+        """Start the server in a thread of its own; return when it accepts connections.
 
         Returns
         -------
@@ -445,9 +457,9 @@ class LocalServer:
         Raises
         ------
         InputError
-            It was started before.
+            The server was started before.
         DeviceError
-            The port is taken; nothing is ready within ten seconds.
+            The port is in use; the server is not ready within ten seconds.
         """
         ready = threading.Event()
         failed: list[BaseException] = []
@@ -474,38 +486,38 @@ class LocalServer:
         return self
 
     def stop(self) -> None:
-        """Say goodbye to all clients and stop listening; may be called twice."""
+        """Close all streams and stop listening; may be called twice."""
         loop, stopping, thread = self._loop, self._stopping, self._thread
         if loop is not None and stopping is not None:
-            with contextlib.suppress(RuntimeError):  # closed since
+            with contextlib.suppress(RuntimeError):  # the loop is closed
                 loop.call_soon_threadsafe(stopping.set)
         if thread is not None and thread is not threading.current_thread():
             thread.join(START_SECONDS)
 
     def publish(self, content: bytes, *, sequence: int, captured_ns: int) -> None:
-        """Offer a frame to all clients; never waits for one.
+        """Offer a frame to all clients, without waiting for any of them.
 
         Parameters
         ----------
         content : bytes
-            Sent as one binary message.
+            Content of the binary message.
         sequence : int
-            Acknowledged by that number.
+            Number of the frame, by which clients acknowledge it.
         captured_ns : int
-            When the frame came in, by `time.time_ns`.
+            Time at which the frame was captured, by `time.time_ns`.
         """
         loop = self._loop
         if loop is not None:
-            with contextlib.suppress(RuntimeError):  # closed since
+            with contextlib.suppress(RuntimeError):  # the loop is closed
                 loop.call_soon_threadsafe(self._broadcast, _Frame(content, sequence, captured_ns))
 
     @property
     def num_clients(self) -> int:
-        """Open streams."""
+        """Number of open streams."""
         return len(self._clients)
 
     def report(self) -> list[dict[str, Any]]:
-        """`StreamClient.report` of each stream so far, the open ones last."""
+        """Return `StreamClient.report` of each stream so far, the open ones last."""
         with self._lock:
             open_now = [client.report() for client, _ in tuple(self._clients.values())]
             return [*self._finished, *open_now]
@@ -578,15 +590,15 @@ class LocalServer:
             self._loop = None
             await runner.cleanup()
             if encryption:
-                # An encrypted connection waits so long for the other end's goodbye; only then is
-                # its socket closed, which needs the loop.
+                # Encrypted connections wait this long for the client's closing message before they
+                # close their sockets, for which the loop must still run.
                 await asyncio.sleep(GOODBYE_SECONDS + 0.1)
 
     def _admit(self, protocol: Any, waits: int = 100) -> None:
-        """Close a connection at once where there are too many."""
+        """Close a new connection at once if there are too many."""
         transport = protocol.transport
         if transport is None:
-            if self.certificate is not None and waits > 0:  # it is there after the handshake
+            if self.certificate is not None and waits > 0:  # set after the TLS handshake
                 later = self.limits.request_seconds / 100
                 asyncio.get_running_loop().call_later(later, self._admit, protocol, waits - 1)
             return
@@ -596,7 +608,7 @@ class LocalServer:
             transport.abort()
 
     def _drop_if_silent(self, protocol: Any) -> None:
-        """Close a connection that has not sent one whole request in the time it has."""
+        """Close a connection that has not sent a complete request within the time limit."""
         transport = protocol.transport
         if transport is not None and transport not in self._heard:
             self._refuse("request too slow")
@@ -605,7 +617,7 @@ class LocalServer:
     def _refuse(self, reason: str) -> None:
         counted = _cut(reason, _MOST_REASON_BYTES).decode()
         if counted not in self.refused and len(self.refused) >= _MOST_REASONS:
-            counted = "other reasons"  # clients choose the words of what they send
+            counted = "other reasons"  # some reasons quote clients, who could fill the memory
         self.refused[counted] += 1
         LOG.warning("refused: %s", counted)
 
@@ -651,12 +663,12 @@ class LocalServer:
         }
 
     def _refusal(self, request: web.Request) -> tuple[int, str] | None:
-        """Status and reason why a request is not answered."""
+        """Return status and reason if a request is refused, else None."""
         is_known = _equal_in_constant_time(request.cookies.get(self._cookie_name, ""), self._cookie)
         if not (self._requests if is_known else self._strangers).take():
             return 429, "too many requests"
         own = self.origin.partition("//")[2]
-        if request.headers.getall("Host", []) != [own]:  # a name that was bent to this machine
+        if request.headers.getall("Host", []) != [own]:  # DNS rebinding
             return 403, "foreign host"
         if any(origin != self.origin for origin in request.headers.getall("Origin", [])):
             return 403, "foreign origin"
@@ -678,19 +690,19 @@ class LocalServer:
         return None if is_known else (403, "no session: open the address that 'manip3d' printed")
 
     def _redeem_token(self, token: str) -> bool:
-        """Whether a token lets in; it does so once."""
+        """Return whether a token is valid; it is not valid again."""
         with self._lock:
             found = [kept for kept in self._tokens if _equal_in_constant_time(token, kept)]
             self._tokens.difference_update(found)
         return bool(found)
 
     def _open_code(self) -> _Code | None:
-        """The code that lets in now, if any."""
+        """Return the code that is valid now, if any."""
         code = self._code
         return code if code is not None and time.monotonic() < code.due else None
 
     def _redeem_code(self, given: str) -> bool:
-        """Whether a code lets in; it does so once. Too many wrong ones make it void."""
+        """Return whether a code is valid; it is not valid again, nor after too many wrong ones."""
         with self._lock:
             code = self._open_code()
             if code is None:
@@ -702,7 +714,7 @@ class LocalServer:
         return is_right
 
     async def _join(self, request: web.Request) -> web.StreamResponse:
-        """The page on which a code is typed; self-contained, as it may load nothing else."""
+        """Return the page for entering a code: a single file, as strangers may load no other."""
         from aiohttp import web
 
         policy = (
@@ -714,13 +726,13 @@ class LocalServer:
 
     @property
     def _cookie_name(self) -> str:
-        return f"manip3d-{self.port}"  # cookies do not tell ports apart
+        return f"manip3d-{self.port}"  # browsers share cookies among all ports of a host
 
     async def _page(self, request: web.Request) -> web.StreamResponse:
         from aiohttp import web
 
         if request.path == "/" and not {"token", "code"}.isdisjoint(request.query):
-            # The token, or the code, leaves the address bar and the history.
+            # A redirect, so that the token or code is not in the address bar and the history.
             moved = web.Response(status=303, headers={"Location": "/"})
             moved.set_cookie(
                 self._cookie_name,
@@ -750,7 +762,7 @@ class LocalServer:
         stream = web.WebSocketResponse(
             max_msg_size=self.limits.message_bytes, compress=False, heartbeat=15.0, timeout=2.0
         )
-        self._opening += 1  # one that others must count while this one waits
+        self._opening += 1  # counts for the limit of other streams during the handshake
         try:
             await stream.prepare(request)
         finally:
@@ -763,7 +775,7 @@ class LocalServer:
             await self._receive(client, stream)
         finally:
             sender.cancel()
-            with self._lock:  # else a report would see the stream neither open nor finished
+            with self._lock:  # report() must see the stream either as open or as finished
                 del self._clients[client.number]
                 self._finished = [*self._finished, client.report()][-100:]
             with contextlib.suppress(asyncio.CancelledError):
@@ -821,9 +833,10 @@ class LocalServer:
 
 @functools.cache
 def _whole_file() -> type[web.FileResponse]:
-    """A class of responses that send a file itself, never a compressed one of the same name.
+    """Return a response class that sends the file itself.
 
-    aiohttp sends ``a.png.gz`` in place of ``a.png`` where it is there, whatever it holds.
+    `aiohttp.web.FileResponse` would send ``a.png.gz`` in place of ``a.png`` if it exists, whatever
+    it holds.
     """
     from aiohttp import hdrs, web
 
@@ -837,7 +850,7 @@ def _whole_file() -> type[web.FileResponse]:
 
 
 def _cut(text: str, most: int) -> bytes:
-    """UTF-8 of at most so many bytes, which ends between two characters."""
+    """Return at most ``most`` bytes of UTF-8 that end between two characters."""
     whole = text.encode(errors="replace")[:most]
     return whole.decode(errors="ignore").encode()
 

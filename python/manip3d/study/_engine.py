@@ -1,4 +1,4 @@
-"""The engine that all studies share: from a participant's code to the last answer, step by step."""
+"""The engine of all studies: a participant's steps, from the code to the last answer."""
 
 from __future__ import annotations
 

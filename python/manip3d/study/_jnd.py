@@ -42,7 +42,7 @@ CLASSES = ("manifold", "boundaries", "non-manifold")
 """Kinds of models: manifold without boundaries, manifold with boundaries, non-manifold."""
 
 LEVELS = "levels.csv"
-"""In a folder of stimuli: which files show how much of which model."""
+"""Name of the table in a folder of stimuli: model, method and level of each file."""
 
 Side = Literal["left", "right"]
 
@@ -341,7 +341,7 @@ class JndStudy(Study):
         if (measure := next_screen_step(session)) is not None:
             return measure
         trial = sum(len(stairs.trials) for stairs in staircases)
-        # Staircases are interleaved by chance, so that nobody sees where one is going.
+        # Staircases are interleaved at random, so that participants cannot follow one of them.
         rng = self.generator(session, f"trial {trial}")
         place = open_ones[int(rng.integers(len(open_ones)))]
         original: Side = "left" if rng.random() < 0.5 else "right"

@@ -24,14 +24,14 @@ VERDICTS = (("real", "Real"), ("manipulated", "Manipulated"), ("undecidable", "U
 TRUTHS = ("real", "type1", "type2", "added", "deformed")
 """Real; streams forged by type I and II; LiDAR scans with an object added, or deformed."""
 
-_TURN_S = 8.0  # in which a mesh turns round once
+_TURN_S = 8.0  # seconds for one revolution of a mesh
 
 MODALITIES = ("depth", "color", "rendered", "surface")
 FORMS = ("image", "clip")
 RESOLUTIONS = ("full", "low")
 
 MANIFEST = "stimuli.csv"
-"""In a folder of stimuli: what each file shows."""
+"""Name of the table in a folder of stimuli: truth and form of each file."""
 
 COLUMNS = ("file", "truth", "modality", "form", "resolution", "background", "example")
 

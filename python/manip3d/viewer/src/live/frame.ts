@@ -1,4 +1,4 @@
-// Frames of the live session as they come over the wire; the layout is in stream_frame.hpp.
+// Decoder of the frames of a live session; stream_frame.hpp describes their layout.
 
 const MAGIC = 0x4c44334d; // "M3DL"
 const VERSION = 1;
@@ -18,28 +18,28 @@ export interface GameStatus {
   ceiling?: number;
   targets?: number[][]; // number, x, y, z
   stains?: number[][];
-  keys?: number[][]; // of the piano, from the player's left
-  up?: number; // the key that lights up; -1: none
-  disks?: number[][]; // over the pedals: left, right
+  keys?: number[][]; // places of the piano's keys, from the player's left
+  up?: number; // number of the key that lights up; -1: none
+  disks?: number[][]; // places of the disks over the pedals: left, right
   starts?: number[][];
   strokes?: number[];
   needed?: number;
   events?: (string | number)[][]; // kind, number, bone, x, y, z, key, a count of all events
   ending?: "time" | "misses" | "done" | "stopped";
   paused_s?: number;
-  halt: string; // why nothing more is played today
-  ask: string; // what the patient is asked to say before a game starts
-  pain: number | null; // last rating
-  sitting: "open" | "ending" | "over"; // ending: a last rating is asked for
+  halt: string; // why no further game may start today; empty: games may start
+  ask: string; // question that the patient must answer before a game starts
+  pain: number | null; // last rating of the pain
+  sitting: "open" | "ending" | "over"; // ending: waiting for the last rating
 }
 
 export interface TouchStatus {
   mode: "synchronous" | "asynchronous";
   left_s: number;
   place: number[] | null; // where the ball touches the limb now
-  felt: boolean; // whether the patient is to be touched now
-  due: [number, string] | null; // seconds to the next time, and the joint
-  ticks: number; // how often they were to be touched so far
+  felt: boolean; // whether the therapist should touch the patient now
+  due: [number, string] | null; // seconds to the next touch, and its joint
+  ticks: number; // number of touches so far
 }
 
 export interface Status {
@@ -52,14 +52,14 @@ export interface Status {
   torso?: { centre: number[]; axes: number[][]; half: number[] } | null;
   stage_ms?: Record<string, number>;
   affected?: string;
-  gain?: number; // of virtual enhancement
-  checks?: [string, boolean, string][]; // name, whether it is met, what to do
-  people?: [number, boolean][]; // in view, from left to right: a number, whether it is the patient
-  calibrated?: number | null; // share of the time that is over; 1: done
+  gain?: number; // gain of virtual enhancement
+  checks?: [string, boolean, string][]; // checks of the set-up: name, whether it is met, advice
+  people?: [number, boolean][]; // people in view, from left to right: number, is it the patient
+  calibrated?: number | null; // share of the calibration's duration that is over; 1: done
   clips?: boolean | null; // consent; null: there is no diary
   touch?: TouchStatus | null;
-  felt_as?: Record<string, number> | null; // what the patient said of that limb
-  felt?: number[][] | null; // root, middle and end of the limb that the patient feels
+  felt_as?: Record<string, number> | null; // the patient's description of the limb as it is felt
+  felt?: number[][] | null; // root, middle and end of the limb as it is felt
   game: GameStatus;
 }
 
@@ -81,7 +81,7 @@ export interface Frame {
   status: Status;
 }
 
-/** Reads a message; throws an Error that says what is wrong with it. */
+/** Decodes a message; throws an Error that states what is wrong with it. */
 export function readFrame(buffer: ArrayBuffer): Frame {
   const view = new DataView(buffer);
   if (buffer.byteLength < HEADER_BYTES) throw new Error("frame: too short");

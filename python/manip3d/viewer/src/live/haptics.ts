@@ -1,4 +1,4 @@
-// A short pulse at a hit: in the controller of that hand, else in another one, else in the device.
+// A short vibration at a hit: of that hand's controller, else of another one, else of the device.
 
 const STRENGTH = 0.7;
 const MS = 80;
@@ -6,9 +6,9 @@ const LEFT_BONES = new Set([5, 6, 7, 21, 22, 13, 14, 15]);
 
 export class Haptics {
   on = true;
-  pulses: { hand: string; ms: number }[] = []; // the last ones, for tests
+  pulses: { hand: string; ms: number }[] = []; // the last pulses, for tests
 
-  /** @param session  of a headset, while there is one */
+  /** @param session  session of a headset, if one is running */
   hit(bone: number, session: XRSession | null): void {
     if (!this.on) return;
     const hand = LEFT_BONES.has(bone) ? "left" : "right";

@@ -1,16 +1,16 @@
-// Still things of the games for feet: the keys of the piano; the pedals' columns and disks.
+// Fixed objects of the games for feet: keys of the piano, columns and disks of the pedals.
 
 import * as THREE from "three";
 import type { GameStatus } from "./frame";
 
 const KEY = { wide: 0.14, high: 0.03, long: 0.3 };
-const SIDES = ["#38b6ff", "#ff7ab8"]; // as the balls: left, right
+const SIDES = ["#38b6ff", "#ff7ab8"]; // colours of the balls: left, right
 
 function matt(color: string, more: object = {}): THREE.MeshStandardMaterial {
   return new THREE.MeshStandardMaterial({ color, roughness: 0.6, ...more });
 }
 
-/** A row of keys on the floor; the one that is up glows and stands higher. */
+/** A row of keys on the floor; the active key glows and is raised. */
 export class Piano {
   readonly root = new THREE.Group();
   private keys: THREE.Mesh[] = [];
@@ -35,7 +35,7 @@ export class Piano {
   }
 }
 
-/** Over each pedal a column with a disk at its upper end, which the ball rises to. */
+/** A column over each pedal; the ball rises to the disk at its upper end. */
 export class Pedals {
   readonly root = new THREE.Group();
   private parts: { rail: THREE.Mesh; disk: THREE.Mesh; foot: THREE.Mesh }[];

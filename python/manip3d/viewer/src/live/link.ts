@@ -1,24 +1,24 @@
-// The connection: newest frames in, acknowledgements and commands out; comes back when it is lost.
+// The connection to the program: receives frames, sends acknowledgements and commands, reconnects.
 
 import { readFrame, type Frame } from "./frame";
 import type { Message } from "./parts";
 
 const AGAIN_MS = 1000;
-const HISTORY = 300; // frames that latency is told of: ten seconds
+const HISTORY = 300; // frames over which latency is computed: ten seconds
 const CLOCK_EXCHANGES = 10;
-const MOST_ATTEMPTS = 3; // to say something that the program never takes
+const MOST_ATTEMPTS = 3; // attempts to send a message that the program does not answer
 
 /** Counts of the frames so far. */
 export interface Stats {
   frames: number;
-  lost: number; // never sent to this page, as it was still busy with older ones
+  lost: number; // frames that were not sent, because this page was busy with older ones
   bad: number;
   perSecond: number;
   latencyMs: { p50: number; p95: number } | null;
-  clockWithinMs: number; // of the server's clock, that latencies are told to
+  clockWithinMs: number; // accuracy of the clock offset to the server, and so of latencies
 }
 
-/** How far the server's clock is ahead of this one; an exchange says it to half its own length. */
+/** Offset of the server's clock to this one, to within half of the duration of an exchange. */
 class Clock {
   private best = Infinity;
   aheadMs = 0;
@@ -27,7 +27,7 @@ class Clock {
     return performance.timeOrigin + performance.now();
   }
 
-  /** Takes an exchange: said at `sentMs` here, answered at `serverMs` there, heard now. */
+  /** Adds an exchange: sent at `sentMs` here, answered at `serverMs` there, received now. */
   take(sentMs: number, serverMs: number): void {
     const heardMs = Clock.now();
     const length = heardMs - sentMs;
@@ -36,21 +36,21 @@ class Clock {
     this.aheadMs = serverMs - (sentMs + heardMs) / 2;
   }
 
-  /** To half of what an exchange takes. */
+  /** Accuracy of the offset: half of the duration of the shortest exchange. */
   get withinMs(): number {
     return this.best / 2;
   }
 }
 
-/** Answers of the program in words. */
+/** Text messages of the program. */
 interface Said {
   clock?: [number, number];
-  taken?: number; // a number of what the page said
-  heard?: number; // the same, as soon as it is kept
+  taken?: number; // number of a message that the program has received
+  heard?: number; // number of a message that is written to the diary
   code?: string;
 }
 
-/** Something that must not be lost. */
+/** A message that must not be lost. */
 interface Kept {
   number: number;
   message: Message;
@@ -73,9 +73,9 @@ export class Link {
   private newestAt = performance.now();
 
   /**
-   * @param decode  takes a frame to where it can be drawn
-   * @param onState  is told whether there is a connection
-   * @param onCode  gets what lets another screen in
+   * @param decode  prepares a frame for drawing
+   * @param onState  called when the connection opens or closes
+   * @param onCode  called with a code that admits another screen
    */
   constructor(
     private decode: (frame: Frame) => Promise<void>,
@@ -89,7 +89,7 @@ export class Link {
     if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 
-  /** Says something until the program has heard it, over connections that are lost and come back. */
+  /** Sends a message, again over each new connection, until the program has confirmed it. */
   keep(message: Message): Promise<void> {
     return new Promise((heard, failed) => {
       const one = { number: ++this.said, message, attempts: 0, heard, failed };
@@ -104,7 +104,7 @@ export class Link {
     this.send({ ...one.message, page: this.page, number: one.number });
   }
 
-  /** It has come to the program, which may still wait for its disk. */
+  /** Notes that a message has arrived at the program, which may still have to write it. */
   private taken(number: number): void {
     const one = this.kept.find((kept) => kept.number === number);
     if (one) one.attempts = 0;
@@ -116,7 +116,7 @@ export class Link {
     one?.heard();
   }
 
-  /** Seconds since a picture came that could be shown. */
+  /** Seconds since the last picture that could be shown. */
   get silentS(): number {
     return (performance.now() - this.newestAt) / 1000;
   }
@@ -124,7 +124,7 @@ export class Link {
   stats(): Stats {
     const sorted = [...this.latencies].sort((a, b) => a - b);
     const share = (p: number): number => sorted[Math.round(p * (sorted.length - 1))];
-    // Up to now, so that the number falls while no picture comes.
+    // The time until now counts, so that the rate falls while no picture arrives.
     const span = this.times.length > 1 ? performance.now() - this.times[0] : 0;
     return {
       ...this.counted,
@@ -160,7 +160,7 @@ export class Link {
         if (said.code !== undefined) this.onCode(said.code);
         return;
       }
-      // One after the other: images are decoded asynchronously.
+      // Images are decoded asynchronously; the chain keeps frames in order.
       this.chain = this.chain.then(() => this.take(data as ArrayBuffer, socket));
     });
     socket.addEventListener("close", () => {
@@ -171,7 +171,7 @@ export class Link {
   }
 
   private async take(data: ArrayBuffer, socket: WebSocket): Promise<void> {
-    if (socket !== this.socket) return; // what came before the connection was lost
+    if (socket !== this.socket) return; // a frame of an older connection
     let frame: Frame;
     try {
       frame = readFrame(data);
@@ -179,11 +179,11 @@ export class Link {
     } catch (error) {
       this.counted.bad += 1;
       console.error(error);
-      // The program waits for an answer to each frame before it sends the next but one.
+      // The program sends at most two frames without an answer.
       if (socket === this.socket) this.send({ type: "bad" });
       return;
     }
-    if (socket !== this.socket) return; // the new connection knows nothing of this frame
+    if (socket !== this.socket) return; // the frame came over an older connection
     const decodedMs = Clock.now() + this.clock.aheadMs;
     this.send({ type: "ack", sequence: frame.sequence, decoded_ms: decodedMs });
     if (this.last !== null && frame.sequence > this.last) {

@@ -1,4 +1,4 @@
-// The page of `manip3d phantom live`: a person with a phantom limb, a game, and what is going on.
+// The page of `manip3d phantom live`: a person with a phantom limb, a game, controls and state.
 
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -23,14 +23,14 @@ interface Content extends SetupContent, TouchContent {
 }
 
 const content = JSON.parse(document.getElementById("manip3d-live")!.textContent!) as Content;
-const VIEW_ANGLE = 40; // degrees, vertical
-const OWN_ANGLE = 75; // through one's own eyes
-const SHOWN_M = { width: 1.9, height: 2.2 }; // around the person, at any shape of the window
-const ARM_M = 0.8; // from one's own eyes to what is on the screen of a 3D television
-const TURN = 0.004; // radians a pixel
-const SILENT_S = 3; // without a picture
-const CODE_MS = 120_000; // for so long the program takes a code
-const WORDS_MS = 500; // between two readings of latency, lest the numbers flicker
+const VIEW_ANGLE = 40; // vertical field of view, degrees
+const OWN_ANGLE = 75; // the same in the view from the patient's own eyes
+const SHOWN_M = { width: 1.9, height: 2.2 }; // region around the person that any window shows
+const ARM_M = 0.8; // distance of the screen plane of a 3D television from the patient's own eyes
+const TURN = 0.004; // radians of rotation per dragged pixel
+const SILENT_S = 3; // without a picture for this long, the page says so
+const CODE_MS = 120_000; // validity of a code for another screen
+const WORDS_MS = 500; // between two updates of the latency, so that the numbers can be read
 
 const HOLD = "To end this session, hold the grip of a controller for a second.";
 const BLIND =
@@ -46,7 +46,7 @@ const STATES: Record<string, string> = {
   lost: "Not visible",
 };
 
-// --- what stands on the page -----------------------------------------------------------------------
+// --- elements of the page --------------------------------------------------------------------------
 
 const canvas = element("canvas", { "aria-label": `Person with a phantom ${content.limb}` });
 const blind = element("p", { id: "blind", role: "alert" });
@@ -114,14 +114,14 @@ for (let value = 0; value <= 10; value++) {
   pain.append(element("option", { value: String(value) }, word));
 }
 const painTold = element("span", { id: "pain-told", role: "status" });
-// Said with a button: who looks through the list with the arrow keys has not said anything yet.
+// A rating is sent by a button, since arrow keys change the selected value of the list.
 const rating = element(
   "form",
   { id: "rating", class: "row" },
   element("label", {}, "Phantom pain now, 0 to 10 ", pain),
   element("button", { id: "say-pain" }, "Say it"),
 );
-// For the therapist of a patient who gives no last rating: the session would else never be over.
+// Lets the therapist end the session of a patient who gives no last rating.
 const unanswered = element(
   "button",
   { id: "unanswered", type: "button", hidden: "" },
@@ -177,7 +177,7 @@ openTouch.addEventListener("click", () => {
   tellPanels();
 });
 
-/** The card about the game makes room for panels. */
+/** Hides the card about the game while a panel is open. */
 function tellPanels(): void {
   document.body.dataset.panel = String(setup.isOpen || !touching.root.hidden);
   openSetup.setAttribute("aria-pressed", String(setup.isOpen));
@@ -261,7 +261,7 @@ world.add(cues.root);
 if (renderer) renderer.xr.enabled = true;
 const views = new Views(renderer, camera, world);
 scene.add(world, views.rig, panel.root);
-/** The renderer; null where the browser has no WebGL: all else of the page works without it. */
+/** The renderer; null if the browser has no WebGL. The rest of the page works without it. */
 function drawing(): THREE.WebGLRenderer | null {
   try {
     return new THREE.WebGLRenderer({ canvas, antialias: true });
@@ -272,12 +272,12 @@ function drawing(): THREE.WebGLRenderer | null {
 }
 
 let session: XRSession | null = null;
-const outside = new THREE.Vector3(); // where the camera was before it became one's own eyes
+const outside = new THREE.Vector3(); // camera position before the view from the patient's own eyes
 
 let placed = false;
 let newest: Status | null = null;
 
-/** Puts the person in the middle, once, from in front. */
+/** Places the camera once, in front of the person. */
 function place(status: Status): void {
   const middle = status.joints?.[1];
   if (placed || !middle || !status.joint_states?.[1]) return;
@@ -311,7 +311,7 @@ function settle(): void {
   views.way = way.value as Way;
   document.body.dataset.way = views.way;
   document.body.dataset.own = String(views.own);
-  // From one's own eyes the world is no mirror image.
+  // The view from the patient's own eyes is not mirrored.
   world.scale.set(isOn(toggles.mirror) && !views.own ? -1 : 1, -1, -1);
   controls.enabled = !views.own;
   bones.root.visible = isOn(toggles.skeleton);
@@ -325,10 +325,10 @@ function settle(): void {
 
 // --- frames ----------------------------------------------------------------------------------------
 
-let played: number | null = null; // the last event of the game
+let played: number | null = null; // number of the last event of the game
 let ticked: number | null = null;
 
-/** The events that no earlier frame told; those before the first frame are over. */
+/** Events of the game that are new in this frame. Events before the first frame are ignored. */
 function unplayed({ events = [] }: GameStatus): (string | number)[][] {
   const before = played ?? Infinity;
   played = Math.max(played ?? 0, ...events.map((event) => Number(event[7])));
@@ -382,14 +382,14 @@ function tell(status: Status): void {
 }
 
 let phase = "";
-let rated = ""; // what becomes of what the patient just said, in words
+let rated = ""; // state of the rating that was just sent, in words
 
 /** Whether a ball touches the limb now. */
 function isTouching(status: Status | null): boolean {
   return (status?.touch?.left_s ?? 0) > 0;
 }
 
-/** The card after the patient has had enough. */
+/** Updates the card that is shown after the end of a session. */
 function closing(game: GameStatus): string[] {
   const place = views.inHeadset ? "You may take the headset off." : "Say so below.";
   if (game.sitting === "ending") return [`How strong is the phantom pain now? ${place}`];
@@ -402,7 +402,7 @@ function tellGame(status: Status, message: string): void {
   const { game } = status;
   const { title, how, most_misses: most } = content.games[game.name];
   const idle = game.phase === "waiting" || game.phase === "over";
-  start.disabled = Boolean(game.halt) || game.sitting === "ending"; // the last rating comes first
+  start.disabled = Boolean(game.halt) || game.sitting === "ending"; // waits for the last rating
   const goesOn = isTouching(status);
   const isOver = game.sitting !== "open";
   enough.disabled = isOver;
@@ -428,7 +428,7 @@ function tellGame(status: Status, message: string): void {
   card.hidden = game.phase === "playing";
   const lines: string[] = [];
   let heading = title;
-  // Narrow pages are phones: like the style sheet, they leave keys out.
+  // Narrow pages are phones, which have no keyboard; the style sheet hides keys there, too.
   const isNarrow = matchMedia("(max-width: 640px)").matches;
   const atPage = isNarrow ? "Start below" : "Start below, or the space bar,";
   const button = views.inHeadset ? "the trigger of a controller" : atPage;
@@ -476,9 +476,9 @@ function isHere(): boolean {
   return /^(localhost|127(\.\d+){3}|\[::1\])$/.test(location.hostname);
 }
 
-let codeGone = 0; // a timer
+let codeGone = 0; // timer that removes an expired code
 
-/** Show what is to be typed on another screen, in two groups that people can remember. */
+/** Shows the code for another screen, in two groups of four digits. */
 function tellCode(code: string): void {
   const digits = `${code.slice(0, 4)} ${code.slice(4)}`;
   const where = isHere()
@@ -517,11 +517,11 @@ setInterval(() => {
   );
 }, WORDS_MS);
 
-// --- what people do --------------------------------------------------------------------------------
+// --- user input ------------------------------------------------------------------------------------
 
-let isTyped = false; // what was done last
+let isTyped = false; // whether the last input came from the keyboard
 
-/** Keys are the page's again after a choice with a pointer; who types goes on in the list. */
+/** After a choice by pointer, keys control the page again; after one by keyboard, the list. */
 function letGo(list: HTMLElement): void {
   if (!isTyped) list.blur();
 }
@@ -535,7 +535,7 @@ function press(): void {
   link.send({ type: isIdle() ? "ready" : "stop" });
 }
 
-/** The patient has had enough: only the button begins again, no trigger and no key by mistake. */
+/** Ends the session. Only a button begins a new one, so that no key or trigger does by mistake. */
 function endSession(): void {
   write(enoughTold, "");
   link
@@ -565,7 +565,7 @@ rating.addEventListener("submit", (event) => {
   pain.value = "";
 });
 unanswered.addEventListener("click", () => keepOfPatient({ type: "unanswered" }));
-/** Asks whether somebody who feels sick wants no more today; the play stops at once. */
+/** Stops the game of a patient who feels sick, and asks whether to end play for today. */
 function askWhetherSick(isAsked: boolean): void {
   sure.hidden = !isAsked;
   unwell.disabled = isAsked;
@@ -613,7 +613,7 @@ for (const kind of ["pointerdown", "keydown"]) {
 start.addEventListener("click", () => {
   if (newest && newest.game.sitting !== "open") link.send({ type: "again" });
   else press();
-  start.blur(); // else the space bar would press it a second time
+  start.blur(); // so that the space bar, which stops the game, does not press it again
 });
 for (const list of [gameChoice, difficulty]) {
   list.addEventListener("change", () => {
@@ -698,14 +698,14 @@ renderer?.setAnimationLoop(() => {
   views.render(scene, views.own ? ARM_M : camera.position.distanceTo(controls.target));
 });
 
-/** Beside the person in front of whoever looks, never over them. */
+/** Places the board beside the person, as seen by the viewer, so that it never covers them. */
 function placePanel(level: number): void {
   if (!panel.root.visible) return;
   const { x, y, z } = controls.target;
   if (views.own) {
     const eye = camera.getWorldPosition(new THREE.Vector3());
     const ahead = camera.getWorldDirection(new THREE.Vector3());
-    if (views.inHeadset) ahead.setY(0).normalize(); // stays where it is when the head nods
+    if (views.inHeadset) ahead.setY(0).normalize(); // does not follow the head up and down
     panel.root.position.copy(eye).addScaledVector(ahead, 2.2);
     panel.root.position.y += views.inHeadset ? 0.5 : 0.55;
     panel.root.lookAt(eye);
@@ -716,7 +716,7 @@ function placePanel(level: number): void {
   else panel.root.position.set(x, card.hidden ? y + 0.95 : y - 0.88, z + 0.1);
 }
 
-// For tests and for whoever looks with the browser's own tools.
+// For tests, and for the browser's developer tools.
 Object.assign(globalThis, {
   manip3dLive: {
     stats: () => link.stats(),

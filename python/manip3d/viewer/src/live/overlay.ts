@@ -1,4 +1,4 @@
-// Beside the person: skeleton, colliders, bubbles, stains and the room.
+// Everything drawn besides the person: skeleton, colliders, bubbles, stains and the room.
 
 import * as THREE from "three";
 import type { GameStatus, Status } from "./frame";
@@ -7,7 +7,7 @@ const BURST_MS = 450;
 const SPARKS_MS = 900;
 const SPARKS = 24;
 
-/** Lines between joints; yellow where a joint is a guess. */
+/** Lines between joints; yellow at inferred joints. */
 export class Bones {
   readonly root: THREE.LineSegments;
   private place: THREE.BufferAttribute;
@@ -173,7 +173,7 @@ export class Bubbles {
     while (this.stains.length > places.length) this.root.remove(this.stains.pop() as THREE.Mesh);
     while (this.stains.length < places.length) {
       const made = new THREE.Mesh(this.disk, this.stain);
-      made.rotation.x = Math.PI / 2.4; // seen from below and before
+      made.rotation.x = Math.PI / 2.4; // tilted towards the viewer
       this.stains.push(made);
       this.root.add(made);
     }
@@ -232,7 +232,7 @@ export class Bubbles {
     });
   }
 
-  /** Lets rings and sparks grow and vanish. */
+  /** Advances the animation of rings and sparks. */
   animate(now: number): void {
     this.animateSparks(now);
     this.bursts = this.bursts.filter(({ ring, began }) => {
@@ -248,7 +248,7 @@ export class Bubbles {
   }
 }
 
-/** The ball that strokes the phantom limb, and the limb that the patient feels. */
+/** The ball of the touch cue that strokes the phantom limb, and the limb as the patient feels it. */
 export class Cues {
   readonly root = new THREE.Group();
   private ball: THREE.Mesh;
@@ -294,7 +294,7 @@ export class Cues {
   }
 }
 
-/** The floor, so that the person stands somewhere. */
+/** The floor under the person. */
 export function room(): THREE.GridHelper {
   const floor = new THREE.GridHelper(6, 12, "#7c8aa0", "#3d4656");
   floor.position.set(0, 0.95, 2.4);

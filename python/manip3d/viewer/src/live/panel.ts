@@ -1,4 +1,4 @@
-// The texts of the page, as a board in the scene: for headsets and for two pictures side by side.
+// A board in the scene with the texts of the page, for headsets and the side-by-side view.
 
 import * as THREE from "three";
 
@@ -25,7 +25,7 @@ export class Panel {
     this.root.visible = false;
   }
 
-  /** Lines, the first one large; drawn only where they changed. */
+  /** Draws lines of text, the first one large, if they have changed. */
   say(lines: string[]): void {
     const text = lines.join("\n");
     if (text === this.said) return;

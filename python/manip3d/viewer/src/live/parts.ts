@@ -1,4 +1,4 @@
-// Parts of the page.
+// Helpers that make elements of the page.
 
 /** An element with attributes and children. */
 export function element<K extends keyof HTMLElementTagNameMap>(
@@ -12,20 +12,20 @@ export function element<K extends keyof HTMLElementTagNameMap>(
   return made;
 }
 
-/** Changes a text where it is another one; else screen readers repeat it. */
+/** Sets a text if it differs: screen readers would repeat an unchanged one. */
 export function write(where: HTMLElement, text: string): void {
   if (where.textContent !== text) where.textContent = text;
 }
 
 export type Message = Record<string, string | number>;
 
-/** Says something now, or never where there is no connection. */
+/** Sends a message if there is a connection now. */
 export type Send = (message: Message) => void;
 
-/** Says something until it was heard; the promise fails where it cannot be said. */
+/** Sends a message until it is confirmed; the promise is rejected if it cannot be sent. */
 export type Keep = (message: Message) => Promise<void>;
 
-/** A free text as the program takes it: on one line, without signs that are no text. */
+/** A free text in the form that the program accepts: one line, without control characters. */
 export function plain(text: string): string {
   return text.replace(/[\p{Cc}\p{Cs}]+/gu, " ").trim();
 }

@@ -1,4 +1,4 @@
-// The person and the phantom limb: one set of vertices, two ranges of triangles, two images.
+// Mesh of the person and the phantom limb: shared vertices, a range of triangles and an image each.
 
 import * as THREE from "three";
 import type { Frame } from "./frame";
@@ -20,8 +20,8 @@ const FRAGMENT = /* glsl */ `
   uniform sampler2D map;
   uniform float opacity;
   uniform float tint;
-  uniform float hatch; // whether what the camera cannot see is marked
-  uniform vec4 hidden; // a ball that is not drawn: around one's own head
+  uniform float hatch; // 1: hatch surfaces that the camera cannot see
+  uniform vec4 hidden; // centre and radius of a ball that is not drawn: the patient's own head
   varying vec2 vTexel;
   varying float vBare;
   varying vec3 vPlace;
@@ -84,7 +84,7 @@ class Range {
     this.mesh.frustumCulled = false; // bounds change with each frame
   }
 
-  /** `release` frees what both ranges have on the graphics card, where this one grows. */
+  /** @param release  frees the buffers of both ranges on the graphics card; called on growth */
   setIndex(faces: Uint16Array | Uint32Array, release: () => void): void {
     const old = this.geometry.getIndex();
     if (old === null || old.array.constructor !== faces.constructor || old.count < faces.length) {
@@ -113,12 +113,12 @@ export class Person {
     this.root.add(this.body.mesh, this.phantom.mesh);
   }
 
-  /** Whether the phantom limb is blue, to tell it from the body. */
+  /** Sets whether the phantom limb is tinted blue, to distinguish it from the body. */
   set tint(on: boolean) {
     this.phantom.mesh.material.uniforms.tint.value = on ? 0.45 : 0;
   }
 
-  /** From one's own eyes: no own head before them, and what the camera cannot see is hatched. */
+  /** For the view from the patient's own eyes: hides the head, hatches what the camera cannot see. */
   ownEyes(head: THREE.Vector3 | null): void {
     for (const { mesh } of [this.body, this.phantom]) {
       const { hatch, hidden } = mesh.material.uniforms;
@@ -149,7 +149,7 @@ export class Person {
     drawn.transparent = frame.opacity < 1;
   }
 
-  /** Both at once: they share their vertices, and one that was not told would draw freed ones. */
+  /** Frees both ranges together: they share vertices, and the other would draw freed ones. */
   private release(): void {
     for (const { geometry } of [this.body, this.phantom]) geometry.dispose();
   }

@@ -1,11 +1,11 @@
-// Before a session, step by step: hazards, camera, patient and limb, measures, pain and consent.
+// The set-up before a session, in steps: hazards, camera, patient, limb, measures, pain, consent.
 
 import type { Status } from "./frame";
 import { element, write, type Keep, type Send } from "./parts";
 
 export interface SetupContent {
   limbs: string[];
-  asks: boolean; // whether there is a diary that wants to know how strong the pain is
+  asks: boolean; // whether a diary needs ratings of the pain
   intended_use: string;
 }
 
@@ -42,7 +42,7 @@ export class Setup {
     });
     this.still.addEventListener("click", () => send({ type: "calibrate" }));
     this.clips.addEventListener("change", () => {
-      // The box shows what the program holds, and thereby what became of this.
+      // The box shows the program's state, and so whether this change was accepted.
       keep({ type: "consent", clips: Number(this.clips.checked) }).catch(console.error);
     });
     this.read.addEventListener("change", () => this.show());
@@ -152,7 +152,7 @@ export class Setup {
     const isLast = this.step === this.steps.length - 1;
     const word = isDone() ? (isLast ? "Done" : "Next") : "Skip";
     write(this.next, this.step === 0 ? "Next" : word);
-    this.next.disabled = this.step === 0 && !isDone(); // this one cannot be skipped
+    this.next.disabled = this.step === 0 && !isDone(); // the hazards cannot be skipped
     this.next.classList.toggle("main", isDone());
     if (this.newest) this.fill(this.newest);
   }

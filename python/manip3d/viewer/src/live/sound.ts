@@ -1,4 +1,4 @@
-// Short sounds, made here: a pop for a bubble, a tick for a stroke, a note for a key.
+// Synthesised sounds: a pop for a bubble, a tick for a touch, a note for a key.
 
 const SCALE = [0, 2, 4, 5, 7, 9, 11]; // semitones of a major scale
 const MIDDLE_C = 261.63; // hertz
@@ -10,13 +10,13 @@ export function pitch(key: number): number {
   return MIDDLE_C * 2 ** (octave + SCALE[key % SCALE.length] / 12);
 }
 
-/** Plays what happened; browsers let a page sound only after a person pressed something. */
+/** Plays the sounds of events. Browsers allow sound only after the user has pressed something. */
 export class Sound {
   private context: AudioContext | null = null;
   on = true;
-  played: { kind: string; hertz: number }[] = []; // the last ones, for tests
+  played: { kind: string; hertz: number }[] = []; // the last sounds, for tests
 
-  /** To be called when somebody presses something. */
+  /** Must be called when the user presses something. */
   wake(): void {
     this.context ??= "AudioContext" in globalThis ? new AudioContext() : null;
     if (this.context?.state === "suspended") void this.context.resume();
@@ -31,7 +31,7 @@ export class Sound {
     if (kind === "note") this.tone(kind, pitch(key), 0.8, 1);
   }
 
-  /** A tone that dies away; `bend` is where its pitch goes. */
+  /** Plays a decaying tone, whose pitch ends at `bend` times `hertz`. */
   private tone(kind: string, hertz: number, seconds: number, bend: number): void {
     this.played = [...this.played.slice(-31), { kind, hertz }];
     const context = this.context;

@@ -15,7 +15,7 @@ const WORDS: Record<string, string> = {
   raised: "Raised to the side, degrees",
   bent: "Bent, degrees",
 };
-const READY_S = 0.8; // in which the bar fills; people need 0.2 to react to the tick alone
+const READY_S = 0.8; // the bar fills before the tick, to which people react only 0.2 s later
 const START: Record<string, number> = { length: 100, telescoping: 0, raised: 0, bent: 0 };
 
 export class TouchPanel {
@@ -27,7 +27,7 @@ export class TouchPanel {
   private where = element("span");
   private due = element("p", { id: "touch-due", hidden: "" }, this.bar, " ", this.where);
   private mode = "";
-  private filled = ""; // what the sliders were set to
+  private filled = ""; // the values that the sliders were set to, as JSON
   private sliders: Record<string, { range: HTMLInputElement; shown: HTMLOutputElement }> = {};
 
   constructor(
@@ -100,7 +100,7 @@ export class TouchPanel {
     });
   }
 
-  /** Sets the sliders when what was kept is another: of another limb, or from another page. */
+  /** Sets the sliders if the stored values have changed: for another limb, or from another page. */
   private fillFelt(felt: Record<string, number>): void {
     const key = JSON.stringify(felt);
     if (key === this.filled) return;
@@ -137,7 +137,7 @@ export class TouchPanel {
   }
 
   tell({ touch, felt_as: felt }: Status): void {
-    // Undefined: a message without a frame tells nothing of it.
+    // Undefined: the message has no frame, and so no state of the cue.
     if (felt !== undefined) this.fillFelt(felt ?? START);
     if (this.root.hidden) return;
     if (touch) this.mode = touch.mode;
@@ -150,7 +150,7 @@ export class TouchPanel {
       this.bar.value = Math.max(0, 1 - seconds / READY_S);
       write(this.where, `Next: ${joint}`);
     }
-    // The program ends a cue that was answered: what is asked is asked on every screen, once.
+    // The questions are shown on every screen; after an answer the program ends the cue on all.
     this.questions.hidden = !(over && this.content.asks);
   }
 }

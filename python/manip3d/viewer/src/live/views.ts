@@ -1,5 +1,5 @@
-// From where the person is seen: on a screen, side by side on a 3D television, in a headset, and from
-// the person's own eyes.
+// Views of the person: on a screen, side by side on a 3D television, in a headset, and from the
+// person's own eyes.
 
 import * as THREE from "three";
 import type { Status } from "./frame";
@@ -7,20 +7,20 @@ import type { Status } from "./frame";
 export const WAYS = ["screen", "side-by-side"] as const;
 export type Way = (typeof WAYS)[number];
 
-const EYES_M = 0.064; // between them
-const EYES_AHEAD_M = 0.09; // of the middle of the head
+const EYES_M = 0.064; // distance between the eyes
+const EYES_AHEAD_M = 0.09; // distance of the eyes before the middle of the head
 const EYES_ABOVE_M = 0.04;
-const LOOK_DOWN = THREE.MathUtils.degToRad(35); // where one's own limbs are
-const EYE_S = 0.15; // in which the eyes follow the joints, lest the picture trembles
-const RIG_S = 0.6; // in which the room follows the joints; a headset knows its own movements
-const HOLD_MS = 1000; // nobody holds a grip for so long by mistake
-const STAND_OFF_M = 2.2; // from the mirror image to who looks at it in a headset
-const [SPINE, HEAD, LEFT, RIGHT] = [1, 3, 4, 8]; // joints
+const LOOK_DOWN = THREE.MathUtils.degToRad(35); // pitch of the own view, towards the limbs
+const EYE_S = 0.15; // time constant with which the eyes follow the joints, against jitter
+const RIG_S = 0.6; // the same for the room in a headset, which tracks the head itself
+const HOLD_MS = 1000; // duration of an intended grip; accidental ones are shorter
+const STAND_OFF_M = 2.2; // distance of a headset's wearer from the mirror image
+const [SPINE, HEAD, LEFT, RIGHT] = [1, 3, 4, 8]; // numbers of joints; the sides are shoulders
 
 /** Place and direction of the eyes, in the camera's frame (x right, y down, z ahead). */
 export interface Eyes {
   place: THREE.Vector3;
-  ahead: THREE.Vector3; // level, of length 1
+  ahead: THREE.Vector3; // horizontal unit vector
 }
 
 /** Position and direction of the eyes from the joints; null where a joint is not known. */
@@ -30,7 +30,7 @@ export function eyesOf({ joints, joint_states: states }: Status): Eyes | null {
   const across = right.sub(left).setY(0); // to the person's right
   if (across.lengthSq() < 1e-6) return null;
   across.normalize();
-  // Ahead is up x across; somebody who faces the camera has the right hand at smaller x.
+  // Ahead is the cross product of up and across.
   const ahead = new THREE.Vector3(-across.z, 0, across.x);
   const place = head.addScaledVector(ahead, EYES_AHEAD_M);
   place.y -= EYES_ABOVE_M;
@@ -42,9 +42,9 @@ export class Views {
   readonly rig = new THREE.Group();
   readonly stereo = new THREE.StereoCamera();
   way: Way = "screen";
-  own = false; // whether the person's own eyes are looked through
+  own = false; // whether the view is from the person's own eyes
   private eyes: Eyes | null = null;
-  private turned = { yaw: 0, pitch: 0 }; // by who drags the picture
+  private turned = { yaw: 0, pitch: 0 }; // rotation by dragging the picture
   private last = 0;
 
   constructor(
@@ -54,19 +54,19 @@ export class Views {
   ) {
     this.rig.add(camera);
     this.stereo.eyeSep = EYES_M;
-    this.stereo.aspect = 1; // the television draws each half out to its full width
+    this.stereo.aspect = 1; // the television stretches each half to its full width
   }
 
   get inHeadset(): boolean {
     return this.renderer?.xr.isPresenting ?? false;
   }
 
-  /** Whether what stands on the page over the picture would be seen wrongly, or not at all. */
+  /** Whether elements of the page over the picture cannot be read, as in a headset. */
   get wantsPanel(): boolean {
     return this.inHeadset || this.way === "side-by-side";
   }
 
-  /** Dragging in one's own view. */
+  /** Rotates the view from the patient's own eyes by dragging. */
   turn(yaw: number, pitch: number): void {
     this.turned.yaw += yaw;
     this.turned.pitch = THREE.MathUtils.clamp(this.turned.pitch + pitch, -1.2, 1.2);
@@ -85,12 +85,12 @@ export class Views {
     this.eyes.ahead.lerp(found.ahead, share).normalize();
   }
 
-  /** Place of the head that would be in one's own way; null: it is seen from outside. */
+  /** Place of the patient's head if the view is from their own eyes, else null. */
   get hidden(): THREE.Vector3 | null {
     return this.own && this.eyes ? this.eyes.place : null;
   }
 
-  /** To be called before each picture; says whether it placed the camera itself. */
+  /** Must be called before each picture; returns whether it has placed the camera. */
   place(target: THREE.Vector3, floor: number, seconds: number): boolean {
     const own = this.own && this.eyes ? this.ownPlace(this.eyes) : null;
     if (this.inHeadset) {
@@ -133,7 +133,7 @@ export class Views {
     else this.rig.position.lerp(wanted, 1 - Math.exp(-seconds / RIG_S));
   }
 
-  /** One picture, or one for each eye. */
+  /** Draws one picture, or one for each eye. */
   render(scene: THREE.Scene, distance: number): void {
     const { renderer, camera } = this;
     if (!renderer) return;
@@ -141,7 +141,7 @@ export class Views {
       renderer.render(scene, camera);
       return;
     }
-    camera.focus = distance; // what is there is on the screen
+    camera.focus = distance; // objects at this distance appear in the plane of the screen
     scene.updateMatrixWorld();
     this.stereo.update(camera);
     const size = renderer.getSize(new THREE.Vector2());
@@ -180,18 +180,18 @@ export class Views {
     });
     this.rig.userData.own = false;
     try {
-      // Where this fails within setSession, three.js leaves a canvas without pixels.
+      // If this fails within setSession, three.js leaves a canvas of size 0.
       await this.renderer?.getContext().makeXRCompatible();
       await this.renderer?.xr.setSession(session);
     } catch (error) {
-      await session.end().catch(() => undefined); // it may have ended by itself
+      await session.end().catch(() => undefined); // the session may have ended already
       throw error;
     }
     return session;
   }
 }
 
-/** Whether there is a headset; browsers tell pages of an encrypted or local address only. */
+/** Whether there is a headset. Browsers tell this only to pages with an encrypted or local address. */
 export async function hasHeadset(): Promise<boolean> {
   try {
     return (await navigator.xr?.isSessionSupported("immersive-vr")) ?? false;
