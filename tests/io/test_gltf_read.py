@@ -482,6 +482,61 @@ def test_materials() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("core", "old", "expected"),
+    [
+        (None, {"diffuseFactor": [0.25, 0.5, 0.75, 1]}, ((0.25, 0.5, 0.75, 1.0), None)),
+        ({}, {"diffuseFactor": [0.25, 0.5, 0.75, 1]}, ((0.25, 0.5, 0.75, 1.0), None)),
+        ({"baseColorFactor": [1, 0, 0, 1]}, {"diffuseFactor": [0, 1, 0, 1]}, ((1, 0, 0, 1), None)),
+        ({"baseColorFactor": [1, 0, 0, 1]}, {"diffuseTexture": {"index": 1}}, ((1, 1, 1, 1), 1)),
+        ({"baseColorTexture": {"index": 0}}, {"diffuseTexture": {"index": 1}}, ((1, 1, 1, 1), 0)),
+        ({"baseColorTexture": {"index": 0}}, {"diffuseFactor": [0, 1, 0, 1]}, ((1, 1, 1, 1), 0)),
+    ],
+)
+def test_diffuse_colours_stand_for_base_colours_that_the_core_lacks(
+    tmp_path: Path, core: dict[str, Any] | None, old: dict[str, Any], expected: Any
+) -> None:
+    scene = Scene()
+    name = "KHR_materials_pbrSpecularGlossiness"
+    material: dict[str, Any] = {"extensions": {name: old | {"glossinessFactor": 0.75}}}
+    if core is not None:
+        material["pbrMetallicRoughness"] = core
+    scene.json |= {
+        "materials": [material],
+        "textures": [{"source": i} for i in range(2)],
+        "images": [{"uri": f"{i}.png"} for i in range(2)],
+        "extensionsUsed": [name],
+    }
+    scene.primitive({"POSITION": scene.accessor(SQUARE)}, mode=5, material=0)
+    seen = report(tmp_path, scene.glb())
+    (read_material,) = seen.mesh.materials
+    color, image = expected
+    assert read_material.base_color == color
+    named = None if image is None else manip3d.Texture(path=f"{image}.png")
+    assert read_material.textures.get("base_color") == named
+    from_core = core is not None and material["pbrMetallicRoughness"] != {} and image != 1
+    assert (read_material.metallic, read_material.roughness) == ((1, 1) if from_core else (0, 0.25))
+    assert f"of extension {name} only diffuse colors and glossiness are read" in seen.warnings
+
+
+def test_a_diffuse_texture_is_placed_as_a_base_colour_is(tmp_path: Path) -> None:
+    scene = Scene()
+    position = scene.accessor(SQUARE)
+    old = {"diffuseTexture": {"index": 0, "texCoord": 1}}
+    scene.json |= {
+        "materials": [{"extensions": {"KHR_materials_pbrSpecularGlossiness": old}}],
+        "textures": [{"source": 0}],
+        "images": [{"uri": "0.png"}],
+    }
+    second = scene.accessor(np.full((4, 2), 0.25, np.float32))
+    attributes = {"POSITION": position, "TEXCOORD_1": second}
+    scene.primitive(attributes, mode=5, material=0)
+    mesh = read(scene.glb())
+    assert mesh.materials[0].textures == {"base_color": manip3d.Texture(path="0.png")}
+    assert mesh.texcoords is not None
+    np.testing.assert_array_equal(mesh.texcoords, [[0.25, 0.75]] * 4)
+
+
 # --- Files beside it --------------------------------------------------------------------------
 
 

@@ -49,7 +49,10 @@ void check_gltf_asset(GltfDocument& document, const IsKeptExtension& is_kept,
   if (const auto used = document.root().find("extensionsUsed")) {
     for (std::int64_t i = 0; i < used->size(); ++i) {
       const std::string& name = used->item(i).text();
-      if (!is_known(name)) warn(warnings, "extension " + name + " is left out");
+      if (is_known(name)) continue;
+      warn(warnings, name == kSpecularGlossiness
+                         ? "of extension " + name + " only diffuse colors and glossiness are read"
+                         : "extension " + name + " is left out");
     }
   }
   if (document.place_meshes_without_nodes()) {

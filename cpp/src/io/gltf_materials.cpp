@@ -43,6 +43,18 @@ AlphaMode read_alpha_mode(const JsonPlace& place) {
   return static_cast<AlphaMode>(found - kModes.begin());
 }
 
+/// The colours that KHR_materials_pbrSpecularGlossiness gives a material; null where its core gives
+/// colours to fall back on, unless only the extension names a texture of them.
+std::optional<JsonPlace> specular_glossiness_of(const JsonPlace& material) {
+  const auto extensions = material.find("extensions");
+  const auto found = extensions ? extensions->find(kSpecularGlossiness) : std::nullopt;
+  if (!found) return std::nullopt;
+  const auto core = material.find("pbrMetallicRoughness");
+  const char* told = found->has("diffuseTexture") ? "baseColorTexture" : "baseColorFactor";
+  const bool falls_back = core && (core->has("baseColorTexture") || core->has(told));
+  return falls_back ? std::nullopt : found;
+}
+
 /// Reads one material.
 class MaterialReader {
  public:
@@ -57,7 +69,9 @@ class MaterialReader {
     m.metallic = 1.0;  // glTF's defaults, where ours are 0 and true
     m.double_sided = false;
     if (const auto name = place_.find("name")) m.name = name->text();
-    if (const auto pbr = place_.find("pbrMetallicRoughness")) {
+    if (const auto old = specular_glossiness_of(place_)) {
+      read_specular_glossiness(*old, m);
+    } else if (const auto pbr = place_.find("pbrMetallicRoughness")) {
       if (const auto color = pbr->find("baseColorFactor")) {
         Eigen::Map<Eigen::Vector4d>(m.base_color) = vector_of<4>(*color);
       }
@@ -76,6 +90,17 @@ class MaterialReader {
   }
 
  private:
+  /// A metal, which has a dark diffuse and a coloured specular part, becomes a dark non-metal.
+  void read_specular_glossiness(const JsonPlace& place, Material& m) {
+    if (const auto color = place.find("diffuseFactor")) {
+      Eigen::Map<Eigen::Vector4d>(m.base_color) = vector_of<4>(*color);
+    }
+    m.metallic = 0.0;
+    const auto glossiness = place.find("glossinessFactor");
+    m.roughness = 1.0 - (glossiness ? std::clamp(glossiness->number(), 0.0, 1.0) : 1.0);
+    read_texture(place, "diffuseTexture", "base_color", m);
+  }
+
   /// Reads the texture `key` of `owner` as the material's `role`.
   void read_texture(const JsonPlace& owner, const char* key, const char* role, Material& material) {
     const auto info = owner.find(key);
@@ -160,7 +185,9 @@ Eigen::RowVector2d GltfTextureTransform::operator()(double u, double v) const {
 }
 
 GltfTextureTransform first_texture_transform(const JsonPlace& material) {
-  if (const auto pbr = material.find("pbrMetallicRoughness")) {
+  if (const auto old = specular_glossiness_of(material)) {
+    if (const auto placement = placement_of(*old, "diffuseTexture")) return *placement;
+  } else if (const auto pbr = material.find("pbrMetallicRoughness")) {
     for (const char* key : {"baseColorTexture", "metallicRoughnessTexture"}) {
       if (const auto placement = placement_of(*pbr, key)) return *placement;
     }

@@ -15,6 +15,9 @@ namespace manip3d {
 
 inline constexpr const char* kTextureTransform = "KHR_texture_transform";
 
+/// Older model of materials, without core colours in many files.
+inline constexpr const char* kSpecularGlossiness = "KHR_materials_pbrSpecularGlossiness";
+
 /// Which texture coordinates a mesh gets, and so which textures its materials keep.
 enum class GltfTexcoords {
   /// One set for each material: that of its first texture, with the transform of that texture.
