@@ -61,8 +61,8 @@ def read(path: Path, limit: int) -> LidarFrame:
     if unit := stated_unit(las.header):
         told["unit"] = unit
         warnings.warn(
-            f"{path}: its coordinate system is in {unit}; its numbers are kept, so that what is "
-            f"called metres is in {unit}",
+            f"{path}: its coordinate system is in {unit}; coordinates are not converted, so that "
+            f"results which are said to be in metres are in {unit}",
             stacklevel=caller_level(),
         )
     layout = ScanFormat("las", header=told, to_file=near_zero(exact))
