@@ -135,6 +135,7 @@ Fields quality_fields(const PhantomQuality& quality) {
   fields["lost"] = py::float_(quality.lost);
   fields["left"] = py::float_(quality.left);
   fields["cloth"] = py::float_(quality.cloth);
+  fields["stray"] = py::float_(quality.stray);
   fields["score"] = py::float_(quality.score);
   return fields;
 }

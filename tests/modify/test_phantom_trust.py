@@ -1079,6 +1079,26 @@ def test_a_forearm_that_floats_is_not_tracking() -> None:
     assert result.reason is PhantomReason.DETACHED
 
 
+def test_an_arm_that_its_joints_miss_is_not_tracking() -> None:
+    """The forearm is held up, and the tracker tells it folded onto the upper arm."""
+    up = {"ElbowLeft": (0.42, 0.42, 0.0), "WristLeft": (0.45, 0.67, 0.0)}
+    up |= {"HandLeft": (0.45, 0.75, 0.0), "HandTipLeft": (0.45, 0.83, 0.0)}
+    up |= {"ThumbLeft": (0.42, 0.75, 0.0)}
+    folded = {"WristLeft": (0.22, 0.44, -0.05), "HandLeft": (0.19, 0.44, -0.05)}
+    folded |= {"HandTipLeft": (0.17, 0.44, -0.05), "ThumbLeft": (0.19, 0.44, -0.05)}
+    whole = once(frame(pose(up), KINECT, without=ARM))
+    assert whole.state is PhantomState.TRACKING
+    assert whole.quality.stray < 0.05
+    image = frame(pose(up), KINECT, without=ARM)
+    result = once(replace(image, skeletons=(pose(up | folded),)))
+    assert result.visible > 0.5
+    assert result.quality.stray > 0.25
+    assert result.state is PhantomState.DEGRADED
+    assert result.reason is PhantomReason.INFERRED
+    # A leg does not depend on it.
+    assert PhantomPipeline("right_leg").process(image).quality.stray == 0.0
+
+
 def test_every_reason_has_a_sentence() -> None:
     for reason in PhantomReason:
         assert reason.message.endswith(".")

@@ -28,6 +28,12 @@ constexpr double kMostLeft = 0.10;  // of the affected limb's pixels
 constexpr double kMostCloth = 0.05;   // of the intact limb's pixels
 constexpr double kLeastLimb = 250.0;  // pixels: of a small limb, slivers are a large share
 
+// Chosen on the tuning half.
+constexpr double kMostStray = 0.2;                         // of the intact arm's pixels
+constexpr float kBesideArm = 0.08F, kBesideTrunk = 0.15F;  // metres from every skin
+constexpr float kAside = 0.20F;                            // metres from the plane
+constexpr float kAboveHips = 0.10F, kBehindBone = 0.05F;   // metres
+
 constexpr float kAwayFromRoot = 0.10F;  // metres: nearer to it, a stump may show
 constexpr float kBehind = 0.15F;        // metres behind all joints of a limb there is none of it
 
@@ -40,17 +46,59 @@ bool is_trunk_bone(std::uint8_t bone) {
          bone == static_cast<std::uint8_t>(Joint::kSpineShoulder);
 }
 
-/// Distance to the skin of the trunk, metres.
-float trunk_distance(const Eigen::Vector3f& p, const BoneSegments& bones) {
-  float nearest = std::numeric_limits<float>::max();
+struct NearestSkin {
+  float distance = std::numeric_limits<float>::max();  ///< Metres.
+  std::uint8_t label = 0;
+  float depth = 0.0F;  ///< Depth of the bone's nearest point, metres.
+};
+
+/// The nearest skin of the bones whose label counts.
+template <typename Counts>
+NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
+                         const Counts& counts) {
+  NearestSkin nearest;
   for (std::size_t k = 0; k < bones.count; ++k) {
-    if (!is_trunk_bone(bones.label[k])) continue;
+    if (!counts(bones.label[k])) continue;
     const Eigen::Vector3f off = p - bones.start[k], bone = bones.end[k] - bones.start[k];
     const float t = std::clamp(off.dot(bone) / std::max(bone.squaredNorm(), 1e-9F), 0.0F, 1.0F);
     const float radius = bones.radii[k].start + t * (bones.radii[k].end - bones.radii[k].start);
-    nearest = std::min(nearest, (off - t * bone).norm() - radius);
+    const float distance = (off - t * bone).norm() - radius;
+    if (distance >= nearest.distance) continue;
+    nearest = {distance, bones.label[k], bones.start[k].z() + t * bone.z()};
   }
   return nearest;
+}
+
+/// Flesh above the hips that no bone explains, as of an arm whose joints are elsewhere, over the
+/// flesh of the intact arm. Thighs of seated people rise above their joints, who leans ahead has
+/// back and head farther from theirs than an arm, hats are high, and a chair may be behind.
+double stray_share(const PersonPoints& points, Limb affected, const Skeleton& person,
+                   const BoneSegments& bones, const Girth& girth, const BodyFrame& frame,
+                   const PhantomImage& image) {
+  if (!is_usable(person, Joint::kSpineBase)) return 0.0;
+  const Eigen::Vector3f hips = person[Joint::kSpineBase], up = frame.y.cast<float>();
+  const float stout = girth.around_trunk();
+  const auto is_above = [&](const Eigen::Vector3f& p) {
+    return hips.y() - p.y() > kAboveHips && up.dot(p - hips) > kAboveHips;
+  };
+  const Eigen::Vector3f n = frame.n.cast<float>(), origin = frame.origin.cast<float>();
+  const auto is_beside = [&](const Eigen::Vector3f& p, const NearestSkin& nearest) {
+    const auto is_of = [&](Limb limb) { return is_limb_bone(limb, nearest.label); };
+    if (is_of(Limb::kLeftLeg) || is_of(Limb::kRightLeg)) return false;
+    if (is_of(Limb::kLeftArm) || is_of(Limb::kRightArm)) return true;
+    return nearest.distance > stout + kBesideTrunk && std::abs(n.dot(p - origin)) > kAside;
+  };
+  std::int64_t intact = 0, stray = 0;
+  for (std::int64_t i = 0; i < points.count; ++i) {
+    intact += is_limb_bone(opposite(affected), points.label[i]);
+    if (!(points.skin_distance[i] > stout + kBesideArm)) continue;
+    if (image.kind[points.pixel[i]] != PixelKind::kBody) continue;
+    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
+    if (!is_above(p)) continue;
+    const NearestSkin nearest = nearest_skin(p, bones, [](std::uint8_t) { return true; });
+    stray += is_beside(p, nearest) && p.z() < nearest.depth + kBehindBone;
+  }
+  return static_cast<double>(stray) / std::max(kLeastLimb, static_cast<double>(intact));
 }
 
 /// Would the camera see the trunk in the direction of p, were nothing before it?
@@ -170,6 +218,9 @@ void PictureJudge::measure(const PersonPoints& points, std::int64_t num_given,
   measure_pieces(root, box, rays, image, quality);
   quality.lost = is_arm(affected) ? lost_trunk(points, bones, image)
                                   : lost_below(points, phantom, frame, image);
+  if (is_arm(affected)) {
+    quality.stray = stray_share(points, affected, phantom, bones, girth, frame, image);
+  }
   float farthest = 0.0F;
   for (const Joint joint : limb_chain(affected)) {
     if (is_usable(phantom, joint)) farthest = std::max(farthest, phantom[joint].z());
@@ -185,8 +236,8 @@ void PictureJudge::measure(const PersonPoints& points, std::int64_t num_given,
     const bool is_left = image.kind[pixel] == PixelKind::kBody &&
                          image.label[pixel] == limb_label(affected) &&
                          (p - root).squaredNorm() > kAwayFromRoot * kAwayFromRoot;
-    left +=
-        is_left && !(unsure > 0.0F && trunk_distance(p, bones) < points.skin_distance[i] + unsure);
+    left += is_left && !(unsure > 0.0F && nearest_skin(p, bones, is_trunk_bone).distance <
+                                              points.skin_distance[i] + unsure);
   }
   if (!options.keep_residual) {
     quality.left = static_cast<double>(left) / std::max(kLeastLimb, static_cast<double>(limb));
@@ -236,7 +287,7 @@ PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature
   const double most_gap = (is_arm(affected) ? kMostGapArm : kMostGapLeg) +
                           kOfTrunk * static_cast<double>(girth.around_trunk());
   const double most_lost = is_arm(affected) ? kMostLostTrunk : kMostLostLegs;
-  const std::array<std::pair<PhantomReason, double>, 11> measures = {{
+  const std::array<std::pair<PhantomReason, double>, 12> measures = {{
       {PhantomReason::kCalibration, (1.0 - quality.fit) / (1.0 - kLeastFit)},
       {PhantomReason::kCalibration, (stature.misfit() - 1.0) / (stature.limit() - 1.0)},
       {PhantomReason::kCalibration, offset.metres() / offset.limit()},
@@ -248,6 +299,7 @@ PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature
       {PhantomReason::kCut, quality.lost / most_lost},
       {PhantomReason::kDoubled, quality.left / kMostLeft},
       {PhantomReason::kCloth, quality.cloth / kMostCloth},
+      {PhantomReason::kInferred, quality.stray / kMostStray},
   }};
   const auto worst =
       std::ranges::max_element(measures, {}, &decltype(measures)::value_type::second);

@@ -42,7 +42,7 @@ class PictureJudge {
  public:
   void reserve(std::int64_t rows, std::int64_t cols);
 
-  /// Fills in gap, largest, lost and left.
+  /// Fills in gap, largest, lost, left and stray.
   /// @param points    of the person, as segmented.
   /// @param num_given of these, flesh of the affected leg by its joints and of the other by the
   /// plane:

@@ -64,7 +64,7 @@ class PhantomReason(enum.StrEnum):
     NO_PERSON = "no_person"  #: the key person's skeleton, or its pixels, are not there
     NO_PLANE = "no_plane"  #: the axes of the body have not been found yet
     OCCLUDED = "occluded"  #: too little of the intact limb is seen, or of the person
-    INFERRED = "inferred"  #: one of its joints was guessed for too long, and is not seen
+    INFERRED = "inferred"  #: a joint of it is guessed for long and not seen, or an arm is elsewhere
     NO_SKELETON = "no_skeleton"  #: no skeleton has been seen at all
     CALIBRATION = "calibration"  #: the joints lie beside the person's pixels, or differ in height
     STOPPED = "stopped"  #: the joints stand still while the person moves
@@ -157,6 +157,10 @@ class PhantomQuality:
         camera. Above 0.05 the state is not ``tracking``. 0 where the affected limb itself is seen,
         with ``keep_residual``, and without a true reflection. It misses cloth whose mirrored place
         something else hides, and that of an arm within 16 cm of the plane of symmetry.
+    stray : float
+        Pixels of the body above the hips that lie more than 8 cm from the skin of the nearest bone,
+        over those of the intact limb: an arm that the tracker's joints miss. Where that bone is no
+        arm's, 15 cm, and 20 from the plane. Above 0.2 the state is not ``tracking``. 0 for legs.
     score : float
         The worst of these over its limit; above 1 the state is not ``tracking``.
     """
@@ -173,6 +177,7 @@ class PhantomQuality:
     lost: float
     left: float
     cloth: float
+    stray: float
     score: float
 
 

@@ -92,14 +92,14 @@ enum class PhantomState : std::uint8_t {
   kLate       ///< The frame is not newer than the last one; nothing was done.
 };
 /// Why a state is not kTracking. Where several hold, kCalibration goes first, since joints beside
-/// the person explain all else, then kOccluded, then kSides; of kShaky to kCloth the one that is
-/// farthest beyond its limit.
+/// the person explain all else, then kOccluded, then kSides; of kShaky to kCloth, and an arm beside
+/// its bones, the one that is farthest beyond its limit.
 enum class PhantomReason : std::uint8_t {
   kNone,         ///< The state is kTracking.
   kNoPerson,     ///< The key person's skeleton is not there.
   kNoPlane,      ///< The axes of the body never were there.
   kOccluded,     ///< Too little of the intact limb is seen, or of the person.
-  kInferred,     ///< A joint of the intact limb was guessed for too long.
+  kInferred,     ///< A joint of the intact limb was guessed for long, or an arm is elsewhere.
   kNoSkeleton,   ///< No skeleton has been seen at all.
   kCalibration,  ///< The joints are beside the person's pixels, or of another height than these.
   kStopped,      ///< The joints stand still while the person moves.
@@ -133,6 +133,8 @@ struct PhantomQuality {
   /// Pixels that may be an empty sleeve or leg of trousers, as the intact limb hides their mirrored
   /// places, over the intact limb's own.
   double cloth = 0.0;
+  /// Pixels above the hips that lie beside all bones, over those of the intact arm; legs: 0.
+  double stray = 0.0;
   /// The worst of these over its limit: above 1 the state is not kTracking.
   double score = 0.0;
 };
