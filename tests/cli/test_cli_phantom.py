@@ -54,6 +54,21 @@ def test_a_limb_that_nobody_has_lost_is_refused_by_the_option_s_name(tmp_path: P
     assert "got 'tail'" in refused
 
 
+def test_pictures_without_a_phantom_limb_are_no_success(tmp_path: Path) -> None:
+    """The camera is told wrong: somebody is there, and nothing can be mirrored."""
+    with capture.open_rgbd(SOURCE) as simulated:
+        capture.record(simulated, tmp_path / "walk")
+    calibration = tmp_path / "walk" / "calibration.json"
+    told = calibration.read_text()
+    assert '"fx": 365.0' in told
+    calibration.write_text(told.replace('"fx": 365.0', '"fx": 36500.0'))
+    words = ("phantom", "render", tmp_path / "walk", "--limb", "left-arm", "-o", tmp_path / "out")
+    done = run(*words)
+    assert done.exit_code == 1, done.output
+    assert "3 frames, left arm; no frame shows a phantom limb" in done.stderr
+    assert len(list((tmp_path / "out").iterdir())) == 3
+
+
 def test_a_sheet_of_the_worst_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The worst by the score of the pipeline's gate comes first; three of 43 are left out."""
     output = tmp_path / "worst.png"
@@ -93,7 +108,7 @@ def test_a_folder_of_images_gets_its_camera_and_a_word_about_joints(tmp_path: Pa
     assert "expected the camera of its images (--intrinsics, or camera= in Python)" in refused
     camera = ("--intrinsics", "60,60,31.5,23.5", "--units-per-metre", "5000")
     done = run(*words, *camera)
-    assert done.exit_code == 0, done.output
+    assert done.exit_code == 1, done.output  # the pictures show no phantom limb
     assert "2 frames, right arm; no frame of the source has a skeleton" in done.stderr
     assert "nor a colour image, in which --pose would find the joints" in done.stderr
     assert "not in view" not in done.stderr  # nobody was looked for

@@ -168,8 +168,8 @@ def phantom_render(
 
     The output is a film (.mp4), a contact sheet of the 40 worst frames by the pipeline's own score
     (.png), or a folder of PNG pictures (a name without a suffix). Frames that cannot be read are
-    reported and passed over; the exit code is then 1. Frames whose times are no later than those
-    before are left out, which is reported, too.
+    reported and passed over; the exit code is then 1, as where no frame shows a phantom limb.
+    Frames whose times are no later than those before are left out, which is reported, too.
 
     Example: manip3d phantom render 'sim:body?amputated=right-arm&frames=30' -o phantom
     """
@@ -200,8 +200,9 @@ def phantom_render(
             threads=jobs,
             progress=progress,
         )
+    is_shown = any(film.states.get(state) for state in ("tracking", "degraded", "holding"))
     damaged = film.counters.get("damaged", 0) if not film.errors else 0
-    _tell_film(shell, film, output, damaged, pose=pose)
+    _tell_film(shell, film, output, damaged, is_shown=is_shown, pose=pose)
     shell.result(
         {
             "source": source,
@@ -216,17 +217,25 @@ def phantom_render(
             "counters": dict(film.counters),
         }
     )
-    if film.errors or damaged:
+    if film.errors or damaged or not is_shown:
         raise typer.Exit(1)
 
 
 def _tell_film(
-    shell: Terminal, film: PhantomFilm, output: Path, damaged: int, *, pose: bool
+    shell: Terminal,
+    film: PhantomFilm,
+    output: Path,
+    damaged: int,
+    *,
+    is_shown: bool,
+    pose: bool,
 ) -> None:
     """Print what was written, implausible frames, and frames that could not be read."""
     told = film.affected.replace("_", " ")
     if not film.frames_with_skeleton:
         told += f"; {_why_no_skeleton(film, pose=pose)}"
+    elif not is_shown:
+        told += "; no frame shows a phantom limb"
     shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {told}")
     for message, number in film.messages.items() if film.frames_with_skeleton else ():
         shell.say(f"{counted(number, 'frame')}: {message}")
