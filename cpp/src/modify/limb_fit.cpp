@@ -15,26 +15,31 @@ namespace manip3d {
 namespace {
 
 constexpr std::size_t kMostSamples = 1024;
-// Lengths in metres.
-constexpr std::array kScales = {0.12F, 0.08F, 0.05F, 0.03F};  // width of the weights, by step
-constexpr float kFarthest = 0.15F;     // points farther from every skin belong to no limb
-constexpr double kPointNoise = 0.015;  // error of a girth with its clothes
-// The points of one bone share their error: together they count as this many independent ones.
-constexpr double kTold = 25.0;
-constexpr double kJointNoise = 0.05;  // bias and jitter of a tracked joint
-constexpr double kMostMoved = 0.12;   // farthest that a fitted joint may be from the tracked one
-constexpr std::size_t kMostMoving = 4;
-constexpr std::size_t kBlock = 32;  // samples that are passed over together
+// Lengths are in metres.
+// Scale of the Geman-McClure weights in each step. Points farther than this from the skin hardly
+// count; it decreases as the skins come nearer to their points.
+constexpr std::array kScales = {0.12F, 0.08F, 0.05F, 0.03F};
+constexpr float kFarthest = 0.15F;     // points farther than this from every skin are not used
+constexpr double kPointNoise = 0.015;  // standard error of a skin's radius, clothes included
+// The errors of points on one bone are not independent: together they weigh as much as this many
+// independent points.
+constexpr double kIndependentPoints = 25.0;
+constexpr double kJointNoise = 0.05;    // standard deviation of the prior: error of a tracked joint
+constexpr double kMostMoved = 0.12;     // largest distance of a fitted joint from the tracked one
+constexpr std::size_t kMostMoving = 4;  // joints of a limb beyond its root
+constexpr std::size_t kBlock = 32;      // samples with a common bounding box
 constexpr std::uint8_t kNoBone = 0xff;
 
-/// A sample of the person's points, and the bone whose skin is nearest to each.
+/// A sample of the person's points, with the bone whose skin is nearest to each.
 struct Samples {
   std::size_t count = 0;
   alignas(32) std::array<float, kMostSamples> x, y, z;
-  /// To the nearest skin that does not move; kFarthest if there is none so near.
+  /// Distance from the nearest skin of a bone that is not fitted; at most kFarthest.
   alignas(32) std::array<float, kMostSamples> other;
-  alignas(32) std::array<float, kMostSamples> skin;  ///< To the nearest skin at all.
-  alignas(32) std::array<std::int32_t, kMostSamples> bone;
+  alignas(
+      32) std::array<float, kMostSamples> skin;  ///< Distance from the nearest skin of any bone.
+  alignas(
+      32) std::array<std::int32_t, kMostSamples> bone;  ///< Fitted bone of that skin, or kNoBone.
   std::array<Eigen::AlignedBox3f, kMostSamples / kBlock> boxes;  ///< Around each block.
 
   explicit Samples(const PersonPoints& points) {
@@ -47,14 +52,14 @@ struct Samples {
     }
   }
 
-  /// Lowers `to`, which is kFarthest or less, to the distance from a bone's skin where that is
-  /// less.
+  /// Updates the least distances `to`, which are at most kFarthest, and `bone` by the distances
+  /// from the skin of bone `number`.
   void measure(const Eigen::Vector3f& from, const Eigen::Vector3f& end, const BoneRadii& radii,
                std::int32_t number, std::array<float, kMostSamples>& to) {
     const Eigen::Vector3f b = end - from;
     const Eigen::Vector3f t = b / std::max(b.squaredNorm(), 1e-9F);
     const float taper = radii.end - radii.start;
-    constexpr float kRounding = 1e-3F;  // metres: far above that of these floats
+    constexpr float kRounding = 1e-3F;  // metres: far above the rounding of these floats
     const float reach = kFarthest + std::max(radii.start, radii.end) + kRounding;
     const Eigen::AlignedBox3f around(from.cwiseMin(end), from.cwiseMax(end));
     for (std::size_t begin = 0; begin < count; begin += kBlock) {
@@ -79,11 +84,11 @@ struct Samples {
   }
 };
 
-/// The joints of a limb from its root as far as they are usable, and the radii between them.
+/// The joints of a limb from its root to the last usable one, with the radii of its bones.
 struct Chain {
   std::size_t count = 0;
   std::array<Joint, kMostMoving + 1> joint;
-  std::array<Eigen::Vector3f, kMostMoving + 1> told, place;
+  std::array<Eigen::Vector3f, kMostMoving + 1> tracked, place;  ///< Tracked and fitted positions.
   std::array<BoneRadii, kMostMoving + 1> radii;  ///< Radii of the bone that ends at the joint.
 
   Chain(const Skeleton& skeleton, Limb limb, const BoneSegments& bones) {
@@ -93,13 +98,14 @@ struct Chain {
       const auto found = std::find(bones.label.begin(), end, static_cast<std::uint8_t>(next));
       if (count > 0 && found == end) break;
       joint[count] = next;
-      told[count] = place[count] = skeleton[next];
+      tracked[count] = place[count] = skeleton[next];
       if (count > 0) radii[count] = bones.radii[found - bones.label.begin()];
       ++count;
     }
   }
 };
 
+/// Solves for the joints of all four limbs; see fit_limbs().
 class LimbFit {
  public:
   LimbFit(const Skeleton& skeleton, const BoneSegments& bones, const PersonPoints& points)
@@ -107,7 +113,7 @@ class LimbFit {
         chains_{Chain(skeleton, Limb::kLeftArm, bones), Chain(skeleton, Limb::kRightArm, bones),
                 Chain(skeleton, Limb::kLeftLeg, bones), Chain(skeleton, Limb::kRightLeg, bones)} {
     for (std::size_t i = 0; i < bones.count; ++i) {
-      if (moves(bones.label[i])) continue;
+      if (is_fitted(bones.label[i])) continue;
       samples_.measure(bones.start[i], bones.end[i], bones.radii[i], kNoBone, samples_.other);
     }
   }
@@ -126,7 +132,7 @@ class LimbFit {
   using Vector = Eigen::Matrix<double, 3 * kMostMoving, 1>;
   static constexpr std::size_t kBonesOfLimb = 8;  // numbers of bones: limb * 8 + place in the chain
 
-  [[nodiscard]] bool moves(std::uint8_t bone) const {
+  [[nodiscard]] bool is_fitted(std::uint8_t bone) const {
     for (const Chain& chain : chains_) {
       for (std::size_t k = 1; k < chain.count; ++k) {
         if (static_cast<std::uint8_t>(chain.joint[k]) == bone) return true;
@@ -135,7 +141,7 @@ class LimbFit {
     return false;
   }
 
-  /// Each sample to the nearest skin.
+  /// Assigns each sample to the nearest skin.
   void assign() {
     const std::size_t count = samples_.count;
     for (std::size_t i = 0; i < count; ++i) {
@@ -155,7 +161,7 @@ class LimbFit {
     }
   }
 
-  /// Moves the joints of one limb.
+  /// Moves the joints of one limb by one Gauss-Newton step.
   void step(std::size_t limb, float scale) {
     Chain& chain = chains_[limb];
     if (chain.count < 2) return;
@@ -164,7 +170,7 @@ class LimbFit {
     Vector gradient = Vector::Zero();
     for (std::size_t k = 1; k < chain.count; ++k) {
       gradient.segment<3>(static_cast<Eigen::Index>(3 * (k - 1))) =
-          kPrior * (chain.told[k] - chain.place[k]).cast<double>();
+          kPrior * (chain.tracked[k] - chain.place[k]).cast<double>();
     }
     for (std::size_t i = 0; i < samples_.count; ++i) {
       const std::size_t bone = samples_.bone[i];
@@ -174,14 +180,16 @@ class LimbFit {
     const Vector moved = information.ldlt().solve(gradient);  // reads the lower triangle only
     for (std::size_t k = 1; k < chain.count; ++k) {
       chain.place[k] += moved.segment<3>(static_cast<Eigen::Index>(3 * (k - 1))).cast<float>();
-      const Eigen::Vector3f off = chain.place[k] - chain.told[k];
+      const Eigen::Vector3f off = chain.place[k] - chain.tracked[k];
       const float most = static_cast<float>(kMostMoved) / std::max(off.norm(), 1e-6F);
-      if (most < 1.0F) chain.place[k] = chain.told[k] + most * off;
+      if (most < 1.0F) chain.place[k] = chain.tracked[k] + most * off;
     }
   }
 
-  /// A point P at Q = A + t (B - A) with u = (P - Q) / |P - Q|: the skin comes nearer to it by
-  /// (1 - t) u dA + t u dB.
+  /// Adds the normal equations of sample i on bone k of a limb. Let A and B be the ends of the
+  /// bone, P the sample, Q = A + t (B - A) the point of the bone nearest to it and u = (P - Q) / |P
+  /// - Q|. If the ends move by dA and dB, the distance of the skin from P decreases by (1 - t) u.dA
+  /// + t u.dB.
   void add(std::size_t limb, std::size_t k, std::size_t i, float scale, Matrix& information,
            Vector& gradient) const {
     const Chain& chain = chains_[limb];
@@ -189,13 +197,13 @@ class LimbFit {
     const Eigen::Vector3f a = chain.place[k - 1], b = chain.place[k] - a;
     const float along = b.dot(p - a) / std::max(b.squaredNorm(), 1e-9F);
     const bool is_past_the_end = along >= 1.0F && k + 1 == chain.count;
-    if (is_past_the_end || along < 0.0F) return;  // says nothing across the bone
+    if (is_past_the_end || along < 0.0F) return;  // beyond the ends u is not across the bone
     const float t = std::min(along, 1.0F);
     const Eigen::Vector3f off = p - a - t * b;
     const Eigen::Vector3d u = off.normalized().cast<double>();
-    const float share = 1.0F + samples_.skin[i] * samples_.skin[i] / (scale * scale);
-    const double told = std::min(1.0, kTold / num_of_[kBonesOfLimb * limb + k]);
-    const double weight = told / (kPointNoise * kPointNoise * share * share);
+    const float outlier = 1.0F + samples_.skin[i] * samples_.skin[i] / (scale * scale);
+    const double share = std::min(1.0, kIndependentPoints / num_of_[kBonesOfLimb * limb + k]);
+    const double weight = share / (kPointNoise * kPointNoise * outlier * outlier);
     const double of_start = 1.0 - t, of_end = t;
     const Eigen::Matrix3d block = weight * u * u.transpose();
     const Eigen::Vector3d pull = weight * samples_.skin[i] * u;
@@ -211,7 +219,7 @@ class LimbFit {
 
   Samples samples_;
   std::array<Chain, kNumLimbs> chains_;
-  std::array<std::int32_t, 256> num_of_{};
+  std::array<std::int32_t, 256> num_of_{};  ///< Number of samples assigned to each bone.
 };
 
 }  // namespace
@@ -230,7 +238,7 @@ Skeleton fit_limbs(const Skeleton& skeleton, const PersonPoints& points, float t
       result.positions[static_cast<std::size_t>(chain.joint[k])] = chain.place[k];
     }
   }
-  // Joints below a hand that were not fitted move with it.
+  // Joints that were not fitted, such as fingers and thumbs, move with their parents.
   for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
     const std::size_t parent = kJointParents[joint];
     const bool is_fitted = result.positions[joint] != skeleton.positions[joint];

@@ -21,7 +21,7 @@ BoneSet limb_bones(Limb limb) {
 
 bool is_phantom(PixelKind kind) { return kind >= PixelKind::kPhantom; }
 
-/// Points of a depth image around a pixel.
+/// Points and normals of a depth image.
 class Surface {
  public:
   Surface(const PixelRays& rays, const PhantomImage& image) : rays_(rays), image_(image) {}
@@ -30,7 +30,7 @@ class Surface {
     return lift(rays_, u, v, image_.depth[v * image_.cols + u]);
   }
 
-  /// Across the surface at a pixel, to either side of it; 0 where nothing is beside it.
+  /// Normal of the surface at a pixel, of any length and to either side; 0 for a lone pixel.
   [[nodiscard]] Eigen::Vector3f normal(std::int64_t u, std::int64_t v) const {
     constexpr std::int64_t kStep = 2;  // pixels: less noise than next neighbours, and still narrow
     return difference(u, v, kStep, 0).cross(difference(u, v, 0, kStep));
@@ -43,7 +43,7 @@ class Surface {
     const Eigen::Vector3f behind = beside(u, v, u - du, v - dv);
     return ahead - behind;
   }
-  /// The point of a pixel nearby, or of (u, v) itself where that is of another surface.
+  /// The point of a nearby pixel, or that of (u, v) itself if the pixel shows another surface.
   [[nodiscard]] Eigen::Vector3f beside(std::int64_t u, std::int64_t v, std::int64_t to_u,
                                        std::int64_t to_v) const {
     if (to_u < 0 || to_v < 0 || to_u >= image_.cols || to_v >= image_.rows) return point(u, v);
@@ -67,13 +67,15 @@ void draw(const MirroredPoint& point, std::int32_t pixel, PixelKind kind,
   image.source_depth[pixel] = point.source_depth;
 }
 
-/// Depth in front of which a mirrored point is drawn at a pixel.
+/// The depth that a mirrored point must be in front of to be drawn at a pixel. A stump hides points
+/// up to kSameSurface before it, which would otherwise pierce its noisy surface.
 float barrier(std::int32_t pixel, Limb affected, const PhantomImage& image) {
   const bool stump =
       image.kind[pixel] == PixelKind::kBody && image.label[pixel] == limb_label(affected);
   return stump ? image.depth[pixel] - kSameSurface : image.depth[pixel];
 }
 
+/// Mirrors points of the person in single precision.
 class LimbMirror {
  public:
   explicit LimbMirror(const Mirror& mirror)
@@ -107,7 +109,7 @@ std::int32_t PixelProjector::pixel(float x, float y, float z) const {
   const float ray_x = x / z, ray_y = y / z;
   float u = fx_ * ray_x + cx_, v = fy_ * ray_y + cy_;
   if (!rays_->is_separable()) {
-    // Newton's steps on the table of rays, with the pinhole's derivative.
+    // Newton steps on the table of rays, with the derivative of the pinhole model.
     constexpr int kSteps = 4;
     for (int i = 0; i < kSteps; ++i) {
       const auto col =
@@ -157,6 +159,7 @@ void take_out(std::int32_t pixel, const PhantomImage& image) {
 
 namespace {
 
+/// Draws a pixel of the person with the measured point as its own source.
 void put_back(std::int32_t pixel, float z, std::uint8_t label, const PhantomImage& image,
               PixelKind kind = PixelKind::kBody) {
   const auto cols = static_cast<std::int32_t>(image.cols);
@@ -227,13 +230,13 @@ std::int64_t remove_rest(const PersonPoints& points, Limb limb, const PhantomIma
 namespace {
 
 struct NearestSkin {
-  float distance = std::numeric_limits<float>::max();
-  std::uint8_t label = 0;
-  Eigen::Vector3f on_bone = Eigen::Vector3f::Zero();  ///< The nearest point of that bone,
-  float radius = 0.0F;                                ///< and its radius there.
+  float distance = std::numeric_limits<float>::max();  ///< Metres; below 0 inside of the capsule.
+  std::uint8_t label = 0;                              ///< Bone of the skin; 0: there is none.
+  Eigen::Vector3f on_bone = Eigen::Vector3f::Zero();   ///< Nearest point of the bone.
+  float radius = 0.0F;                                 ///< Radius of the bone there.
 };
 
-/// The nearest skin among bones whose label counts.
+/// The skin nearest to p among the bones for whose label counts(label) holds.
 template <typename Counts>
 NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
                          const Counts& counts) {
@@ -252,8 +255,9 @@ NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
   return nearest;
 }
 
-NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones, std::uint8_t but) {
-  return nearest_skin(p, bones, [but](std::uint8_t label) { return label != but; });
+NearestSkin nearest_other_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
+                               std::uint8_t left_out) {
+  return nearest_skin(p, bones, [left_out](std::uint8_t label) { return label != left_out; });
 }
 
 }  // namespace
@@ -266,8 +270,8 @@ std::int64_t keep_to_side(Limb leg, bool is_there, const BoneSegments& bones,
   const auto point = [&](std::int64_t i) {
     return Eigen::Vector3f(points.x[i], points.y[i], points.z[i]);
   };
-  const auto beyond = [&](const Eigen::Vector3f& p) {
-    const float left = n.dot(p - origin);  // n points to the person's left
+  const auto beyond = [&](const Eigen::Vector3f& p) {  // metres beyond the plane of symmetry
+    const float left = n.dot(p - origin);              // n points to the person's left
     return leg == Limb::kLeftLeg ? -left : left;
   };
   std::int64_t count = 0, more = 0;
@@ -287,7 +291,7 @@ std::int64_t keep_to_side(Limb leg, bool is_there, const BoneSegments& bones,
     const std::int32_t i = given[k];
     const NearestSkin other =
         nearest_skin(point(i), bones, [&](std::uint8_t label) { return is_other[label]; });
-    if (other.label == 0) return 0;  // no bone of it is known
+    if (other.label == 0) return 0;  // no bone of the other leg is known
     points.label[i] = image.label[points.pixel[i]] = other.label;
   }
   return count;
@@ -300,7 +304,7 @@ std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments
     const std::int32_t pixel = points.pixel[i];
     if (points.label[i] != limb_label(limb) || image.kind[pixel] != PixelKind::kNone) continue;
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
-    const NearestSkin nearest = nearest_skin(p, bones, limb_label(limb));
+    const NearestSkin nearest = nearest_other_skin(p, bones, limb_label(limb));
     if (!(nearest.distance <= static_cast<float>(reach))) continue;
     put_back(pixel, points.z[i], nearest.label, image);
     ++given;
@@ -349,8 +353,8 @@ std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSe
     if (beside_body < beside_others) continue;
     for (std::size_t k = 0; k < count; ++k) {
       const std::int32_t pixel = stack[k];
-      put_back(pixel, image.source_depth[pixel], nearest_skin(point(pixel), bones, label).label,
-               image);
+      put_back(pixel, image.source_depth[pixel],
+               nearest_other_skin(point(pixel), bones, label).label, image);
     }
     given += static_cast<std::int64_t>(count);
   }
@@ -434,12 +438,13 @@ void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root,
 
 namespace {
 
-/// May a point of the phantom be drawn at a pixel? The back of a surface does not hide its front,
-/// but a limb whose back alone is known hides the body behind it. It has to be before the body by
-/// more than noise: the back of a limb that lies on the body does.
+/// May a point of the phantom be drawn at a pixel? Points that face the camera hide all that is
+/// behind them. Points that face away hide no point of the phantom that faces the camera, but a
+/// limb of which only such points are known hides the body behind it; for this it has to be before
+/// the body by more than the noise, unlike the back of a limb that lies on the body.
 bool may_draw(const MirroredPoint& point, PixelKind kind, std::int32_t pixel, Limb affected,
               const PhantomImage& image) {
-  constexpr float kClear = 0.02F;  // metres: a step of a Kinect V1
+  constexpr float kClear = 0.02F;  // metres: a depth step of a Kinect V1
   const PixelKind there = image.kind[pixel];
   if (there == PixelKind::kNone) return true;
   const float before = barrier(pixel, affected, image) - point.z;
@@ -485,10 +490,10 @@ PixelBox write_root(const std::vector<MirroredPoint>& mirrored, const PixelProje
 
 namespace {
 
-/// Draws the line between two mirrored points, ends excluded, where it hides no point of a limb.
+/// Draws the line between two mirrored points without its ends, where may_draw() allows it.
 void draw_between(const MirroredPoint& a, const MirroredPoint& b, Limb affected,
                   const PixelProjector& projector, const PhantomImage& image, PixelBounds& bounds) {
-  constexpr std::int64_t kReach = 6;  // pixels; wider gaps are left as what was not seen
+  constexpr std::int64_t kReach = 6;  // pixels; wider gaps are parts that the camera did not see
   const std::int32_t from = projector.pixel(a.x, a.y, a.z), to = projector.pixel(b.x, b.y, b.z);
   if (from < 0 || to < 0) return;
   const std::int64_t steps = std::max(std::abs(from % image.cols - to % image.cols),
@@ -539,11 +544,12 @@ namespace {
 /// Two opposite neighbours of an empty pixel.
 struct Pair {
   std::int64_t a, b;
-  bool present;  ///< Both are there.
+  bool present;  ///< Both are drawn.
 };
 
+/// Source and label for a pixel between a pair; its pixel and depth are not set.
 HoleFill filled_from(const Pair& pair, const PhantomImage& image) {
-  // If only one of the two is of the phantom, the other's source says nothing about it.
+  // If only one of the two shows the phantom, the other's source is no part of the limb.
   const bool a_is = is_phantom(image.kind[pair.a]), b_is = is_phantom(image.kind[pair.b]);
   const std::int64_t a = a_is ? pair.a : pair.b, b = b_is ? pair.b : pair.a;
   const auto middle = [](std::int32_t x, std::int32_t y) { return (x + y + 1) / 2; };
@@ -592,7 +598,7 @@ std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const Phanto
   const auto pair_around = [&](std::int64_t p, std::int64_t step) {
     return Pair{p - step, p + step, is_there(p - step) && is_there(p + step)};
   };
-  // One pixel further, where the nearer one is empty too.
+  // Neighbours within two pixels.
   const auto wider_pair = [&](std::int64_t p, std::int64_t step) {
     const std::int64_t a = is_there(p - step) ? p - step : p - 2 * step;
     const std::int64_t b = is_there(p + step) ? p + step : p + 2 * step;
@@ -633,7 +639,7 @@ void list_phantom(const PixelBox& box, const PhantomImage& image,
 
 PixelBox fill_remembered(const std::vector<std::int32_t>& before, const PixelRays& rays,
                          const PhantomImage& image, std::vector<HoleFill>& fills) {
-  constexpr int kLeast = 3;  // of eight: a straight border has so many
+  constexpr int kLeast = 3;  // of eight: a pixel beside a straight border has three
   fills.clear();
   PixelBounds bounds;
   for (const std::int32_t pixel : before) {

@@ -48,7 +48,7 @@ void check_all_options(const PhantomOptions& o) {
   check_options(o.mask);
 }
 
-/// Measures the stages of a frame: end() adds the time since the last end() to a stage.
+/// Measures the time of the stages of a frame: end() adds the time since the last end() to a stage.
 class StageClock {
  public:
   explicit StageClock(std::array<double, kNumPhantomStages>& seconds) : seconds_(seconds) {}
@@ -64,12 +64,14 @@ class StageClock {
   Clock::time_point last_ = Clock::now();
 };
 
-/// Measures how much farther the end of the phantom moves in a frame than that of the intact limb.
+/// Measures how much farther the end of the phantom (hand or foot) moves from frame to frame than
+/// the end of the intact limb: a mirrored limb moves as far as its original.
 class LeapMeter {
  public:
-  /// Takes the ends in a new frame. Returns metres; 0 if there was no frame shortly before.
+  /// Adds the ends in a new frame.
+  /// @return  the leap, metres, at least 0; 0 if the previous frame is too old.
   double add(const Eigen::Vector3f& phantom, const Eigen::Vector3f& intact, double time_s) {
-    constexpr double kUnseen = 0.25;  // seconds in which a limb may be anywhere
+    constexpr double kUnseen = 0.25;  // seconds after which a limb may be anywhere
     double leap = 0.0;
     if (last_ && time_s - last_->time_s <= kUnseen) {
       const float mine = (phantom - last_->phantom).norm();
@@ -157,6 +159,7 @@ class PhantomPipeline::Workspace {
   }
 
  private:
+  /// @throws InputError  the images do not have the sizes of the camera and the registration.
   static void check_input(const PhantomInput& input) {
     check_intrinsics(input.camera, "camera");
     const DepthView& depth = input.depth;
@@ -178,12 +181,14 @@ class PhantomPipeline::Workspace {
     }
   }
 
+  /// Forgets all that earlier frames told, except the camera.
   void start_anew() {
     patient_.reset();
     plane_.forget_down();
     forget_person();
   }
 
+  /// Forgets all that was learnt about the person.
   void forget_person() {
     inferred_.reset();
     presence_.reset();
@@ -201,6 +206,7 @@ class PhantomPipeline::Workspace {
     border_.forget();
   }
 
+  /// If the camera changed: resizes memory for it, and forgets what depends on the camera.
   void follow_camera(const Intrinsics& camera) {
     if (camera_ && same_camera(*camera_, camera)) return;
     camera_.reset();
@@ -229,8 +235,8 @@ class PhantomPipeline::Workspace {
             out.source,       source_depth_.data(), removal_.data()};
   }
 
-  /// Who the patient is in this frame. If it may be somebody else, all that was learnt is
-  /// forgotten.
+  /// Finds the patient in this frame. If it may be somebody else than in earlier frames, all that
+  /// was learnt about the person is forgotten.
   PatientFrame find_patient(const PhantomInput& input, double time_s) {
     const auto& frame = plane_.frame();
     const PatientFrame now =
@@ -248,7 +254,8 @@ class PhantomPipeline::Workspace {
     return lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
   }
 
-  /// Does the body index show the person, whose joints are at another depth than these pixels?
+  /// Does the body index have measured pixels of the person? Called if none of them is at the depth
+  /// of the joints.
   static bool shows_elsewhere(const Skeleton& person, const PhantomInput& input) {
     if (input.body_index == nullptr || person.body == kNoBody) return false;
     const std::int64_t num_pixels = input.depth.rows * input.depth.cols;
@@ -258,7 +265,7 @@ class PhantomPipeline::Workspace {
     return false;
   }
 
-  /// Has the source had time to show a skeleton, and has not?
+  /// Has the source shown no skeleton, although body trackers find one within this time?
   [[nodiscard]] bool lacks_skeletons() const {
     constexpr double kPatience = 1.0;  // seconds
     return !patient_.has_been_seen() && clock_.seconds() >= kPatience;
@@ -268,23 +275,27 @@ class PhantomPipeline::Workspace {
     return is_arm(options_.affected) ? options_.arm_radius : options_.leg_radius;
   }
 
-  /// By skins, what is nearest to the limb belongs to it even where the joints are off.
+  /// Metres from a limb's bones within which its points are removed. With BoneRule::kSkin, only
+  /// points nearest to the limb are labelled as the limb, so that the radius can allow for errors
+  /// of the joints.
   [[nodiscard]] double removal_radius() const {
-    constexpr double kOff = 0.08;  // metres: error of a joint
-    return goes_by_skin() ? radius() + kOff : radius();
+    constexpr double kJointError = 0.08;  // metres
+    return goes_by_skin() ? radius() + kJointError : radius();
   }
 
   [[nodiscard]] bool goes_by_skin() const { return options_.segmentation == BoneRule::kSkin; }
 
-  /// Metres from the skin of a bone: points farther away are not of the body, such as a seat
-  /// between two thighs.
+  /// Largest distance of the body's points from the skin of a bone, metres: points farther away are
+  /// something else, such as a seat between two thighs.
   [[nodiscard]] double flesh() const {
-    constexpr double kClothes = 0.06;  // metres, and what girths and joints are off by
+    constexpr double kClothes = 0.06;  // metres, for clothes and errors of girths and joints
     return goes_by_skin() ? kClothes + static_cast<double>(girth_.limb()) : kInfinity;
   }
 
-  /// Finds the person's points. Returns its joints, with limbs moved to where the points show flesh
-  /// (fit_limbs), for all steps that follow the points; report and fit take the tracker's joints.
+  /// Finds the person's points.
+  /// @return  the joints of the person, with limbs moved into the flesh that the points show
+  ///          (fit_limbs), for all steps that work on points. The report and the measures of fit
+  ///          use the tracker's joints instead.
   std::optional<Skeleton> find_points(const PatientFrame& now, const PhantomInput& input) {
     points_.count = 0;
     is_beside_all_ = false;
@@ -297,7 +308,8 @@ class PhantomPipeline::Workspace {
     return goes_by_skin() ? fit_limbs(believed, points_, girth_.trunk()) : believed;
   }
 
-  /// Without a body index, floor and furniture between the depths of the joints are no person.
+  /// Removes floor and furniture from the person's points. Needed without a body index, where all
+  /// points at the depths of the joints count as the person.
   void leave_surroundings(const Skeleton& person, const PhantomInput& input) {
     const bool has_points = points_.count > 0;
     drop_surroundings(input.depth, bones_of(person), options_.affected, static_cast<float>(flesh()),
@@ -312,9 +324,10 @@ class PhantomPipeline::Workspace {
                : body_bones(person, rule, girth_.trunk());
   }
 
-  /// The person without joints of the affected limb that the picture refutes: bones to them would
-  /// take chest and neck out on their way. If the person has the limb, joints that are off for a
-  /// moment are still the best that is known of it.
+  /// Returns the person without the joints of the affected limb if the depth image shows nothing at
+  /// them: with bones to such joints, chest and neck on their way would be removed as the limb. The
+  /// joints stay if the person has been seen to have the limb, since joints that are wrong for a
+  /// moment are then the best estimate.
   [[nodiscard]] Skeleton without_unseen_limb(const Skeleton& person,
                                              const PhantomInput& input) const {
     const PixelProjector projector(*camera_, rays_);
@@ -326,6 +339,7 @@ class PhantomPipeline::Workspace {
     return without_limb(person, affected);
   }
 
+  /// Updates the plane of symmetry, gives each point its bone, and draws the person's points.
   void segment(const PatientFrame& now, const std::optional<Skeleton>& fitted,
                const PhantomInput& input, const PhantomImage& image, PhantomReport& report) {
     if (fitted) {
@@ -339,11 +353,12 @@ class PhantomPipeline::Workspace {
     if (plane_.follows_trunk()) report.quality.plane_deg = plane_.deviation_deg();
   }
 
-  /// Gives each point its bone, and learns the girth of the trunk. Bones depend on the girth: in
-  /// the first frame both are found in turns until the girth settles.
+  /// Gives each point its bone, and learns the girth of the trunk. Bones depend on the girth, and
+  /// the girth on the points of the bones: in the first frame both are estimated in turns until the
+  /// girth hardly changes.
   void segment_by_bones(const Skeleton& person) {
     constexpr int kRounds = 10;
-    constexpr float kSame = 0.02F;  // metres that the girth changes by
+    constexpr float kSame = 0.02F;  // metres: a smaller change of the girth ends the rounds
     for (int round = 0; round < kRounds; ++round) {
       bones_ = bones_of(person);
       segment_bones(bones_, points_);
@@ -374,14 +389,14 @@ class PhantomPipeline::Workspace {
                        plane_.mirror()};
   }
 
-  /// Do the joints belong to the depth image?
+  /// Measures whether the joints lie where the depth image shows the person.
   void measure_joints(const Skeleton& person, const PhantomInput& input, const PhantomImage& image,
                       PhantomQuality& quality) const {
     const PixelProjector projector(*camera_, rays_);
     const auto [on_person, hidden] =
         joint_fit(person, options_.affected, input.depth, projector, image);
-    // Without a body index, furniture within the person's depths is far from all bones too; with
-    // half of the bones, the person is.
+    // The share of points near bones says nothing without a body index, where furniture is among
+    // the points, or if half of the bones are missing.
     const double most = input.body_index != nullptr && has_main_joints(person, options_.affected)
                             ? bone_fit(points_, girth_)
                             : 1.0;
@@ -389,11 +404,13 @@ class PhantomPipeline::Workspace {
     quality.hidden = std::min(hidden, most - quality.fit);
   }
 
-  /// Do the joints lie where the depth image shows the person, are they as tall, and in its flesh?
+  /// Measures whether the joints lie on the person, are as tall as the person, and are inside of
+  /// the limbs.
   void measure_fit(const PatientFrame& now, const PhantomInput& input, const PhantomImage& image,
                    PhantomQuality& quality) {
     measure_joints(*now.person, input, image, quality);
-    // Without a body index a floor would be the person's, and without skins there are no soles.
+    // Without a body index the floor could be taken for the person's soles; without skins the
+    // distance of soles from the foot's bone is unknown.
     if (input.body_index != nullptr && goes_by_skin()) {
       stature_.learn(*now.person, bones_, points_, input.depth);
       learn_offset(now.raw);
@@ -402,24 +419,26 @@ class PhantomPipeline::Workspace {
     quality.offset = offset_.metres();
   }
 
-  /// Learns from the joints before they are smoothed, since these lag. Where half of the bones are
-  /// not told, their flesh is given to the others.
+  /// Learns the offset of the joints from the limbs, from joints before smoothing, because smoothed
+  /// ones lag. Without the main joints nothing is learnt: points of missing bones would count as
+  /// those of other bones.
   void learn_offset(const Skeleton& raw) {
     if (has_main_joints(raw, options_.affected)) offset_.learn(raw, options_.affected, points_);
   }
 
-  /// Has the person the affected limb, and what does it tell of the plane?
+  /// Learns whether the person has the affected limb, and aligns the plane of symmetry with the
+  /// legs.
   void look_for_limb(const Skeleton& person, const Skeleton& fitted, const PhantomImage& image) {
     presence_.add(person, options_.affected, PixelProjector(*camera_, rays_), image);
     plane_.follow_legs(points_, fitted, presence_.is_there());
   }
 
   struct TakenOut {
-    std::optional<ClothSearch> cloth;  ///< Place in which cloth was looked for.
-    std::int64_t num_given = 0;        ///< Points that a leg gave to the other one, both there.
+    std::optional<ClothSearch> cloth;  ///< Region in which an empty sleeve or leg was searched.
+    std::int64_t num_given = 0;        ///< Points relabelled from one leg to the other (two legs).
   };
 
-  /// Takes out the affected limb.
+  /// Removes the affected limb from the image.
   TakenOut remove(const Skeleton& fitted, const PhantomInput& input, const PhantomImage& image,
                   PhantomReport& report) {
     const Limb affected = options_.affected;
@@ -441,7 +460,8 @@ class PhantomPipeline::Workspace {
     return taken;
   }
 
-  /// Can the intact limb be mirrored, and if not, what becomes of the last phantom?
+  /// Decides whether the intact limb can be mirrored, and if not, whether the last phantom is held,
+  /// fades or is lost.
   void decide_state(const PatientFrame& now, const Skeleton& person, double time_s,
                     const PhantomImage& image, PhantomReport& report) {
     const Limb intact = opposite(options_.affected);
@@ -462,7 +482,7 @@ class PhantomPipeline::Workspace {
     } else if (report.visible < options_.least_visible) {
       report.reason = PhantomReason::kOccluded;
     }
-    // Joints beside the person explain all else.
+    // Joints that do not fit the person are the cause of the other reasons.
     const bool misses = report.reason != PhantomReason::kNone &&
                         report.reason != PhantomReason::kStopped && now.is_here;
     if (const auto beside = misfit(report.quality, stature_, offset_);
@@ -481,7 +501,7 @@ class PhantomPipeline::Workspace {
     report.opacity = fate.opacity;
   }
 
-  /// Measures what was drawn. A phantom beyond a limit of PhantomQuality is kDegraded.
+  /// Measures the quality of the drawn phantom. Beyond a limit of PhantomQuality it is kDegraded.
   void judge_picture(const Skeleton& person, const TakenOut& taken, double time_s,
                      const PixelBox& box, const PhantomImage& image, PhantomReport& report) {
     if (report.state != PhantomState::kTracking) {
@@ -550,9 +570,9 @@ class PhantomPipeline::Workspace {
                        plane_.mirror(), behind, image, mirrored.root);
   }
 
-  /// Closes the phantom: bridges between mirrored points that were neighbours, the filling of its
-  /// holes, the second filling around its root, and what that leaves open between pixels, since
-  /// mirrored points lie farther apart. Returns the box of person and phantom.
+  /// Closes gaps of the phantom: bridges mirrored points that were neighbours in the image, fills
+  /// holes of the phantom, fills holes around its root, and fills what is still open at its border.
+  /// @return  the box of person and phantom.
   PixelBox fill(const Shown& shown, double time_s, const PhantomImage& image,
                 PhantomReport& report) {
     const bool is_lost = report.state == PhantomState::kLost;
@@ -578,18 +598,18 @@ class PhantomPipeline::Workspace {
     return all.box();
   }
 
-  /// Gives pixels of a lap back that went with the affected leg: unlike an arm beside the trunk, a
-  /// thigh has no border to the lap.
+  /// Restores pixels of the lap that were removed with the affected leg. A thigh has no visible
+  /// border to the lap, unlike an arm beside the trunk.
   void give_back_lap(const PhantomImage& image) {
-    constexpr double kSeam = 0.05;  // metres from the skin of a bone that stays
+    constexpr double kSeam = 0.05;  // metres: farthest restored pixel from the skin of other bones
     if (options_.keep_residual || !goes_by_skin() || is_arm(options_.affected)) return;
     give_back(points_, options_.affected, bones_, kSeam, image);
     give_back_holes(points_, options_.affected, bones_, rays_, image, vertex_of_);
   }
 
-  /// Closes the mirrored leg with the affected one where that is at its place. Points that are so
-  /// near to the intact leg's skin are mirrored as its flesh; the affected leg's are taken as near
-  /// to the phantom's skin. Only persons who have the leg have such points.
+  /// Fills holes of the mirrored leg with points of the affected leg that are within flesh() of the
+  /// phantom's skin, the distance within which points of the intact leg are mirrored. Only for
+  /// persons who have the affected leg.
   std::int64_t fill_from_own_limb(const PhantomImage& image) const {
     if (options_.keep_residual || !plane_.follows_trunk() || !goes_by_skin()) return 0;
     if (is_arm(options_.affected) || !presence_.is_there()) return 0;
@@ -608,7 +628,7 @@ class PhantomPipeline::Workspace {
   std::optional<Intrinsics> camera_;
   PixelRays rays_;
 
-  // Learnt of the person over the frames.
+  // Learnt about the person from all frames.
   LimbPresence presence_;
   InferredClock inferred_;
   BodyPlane plane_;
@@ -617,13 +637,13 @@ class PhantomPipeline::Workspace {
   JointOffset offset_;
   StoppedJoints stopped_;
 
-  // The phantom over the frames.
+  // State of the phantom that lasts from frame to frame.
   HeldPhantom held_;
   BorderMemory border_;
   LeapMeter leap_;
 
-  // Memory for one frame.
-  bool is_beside_all_ = false;  ///< No measured point is near the joints.
+  // Results and scratch memory of one frame.
+  bool is_beside_all_ = false;  ///< All points at the depths of the joints were surroundings.
   BoneSegments bones_;
   PersonPoints points_;
   std::vector<HoleFill> fills_;

@@ -53,7 +53,7 @@ class Hits:
     Attributes
     ----------
     time : (N,) float64
-        0 at the frame before, 1 now; NaN: nothing was touched.
+        0 at the previous frame, 1 now; NaN: nothing was touched.
     bone : (N,) int8
         Whose capsule, or `TORSO`; -1: nothing.
     point : (N, 3) float32

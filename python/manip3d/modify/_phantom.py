@@ -122,47 +122,51 @@ class PhantomQuality:
     fit : float
         Share of the tracked joints that lie on the person's pixels.
     hidden : float
-        Share of the tracked joints that something hides which is nearer by at least 15 %.
+        Share of the tracked joints that are hidden by something at least 15 % nearer.
     stature : float
-        Height of the person's pixels, from crown to sole, over that of its joints; a mean over
-        about three seconds, which tells a wrong focal length. 1 while head and a foot are not
+        Height of the person's pixels, from crown to sole, divided by that of the joints: a mean
+        over about three seconds, which shows a wrong focal length. 1 until head and a foot are
         tracked within the image, without a body index, and with ``segmentation="paper"``.
     offset : float, metres
-        How far the pixels of the limbs lie beside their bones, or behind them; a mean over
-        about two seconds, which tells joints beside the person, as by a wrong principal point or
-        unit of depth. 0 where ``stature`` is 1 for want of a body index.
+        Distance of the limbs' pixels from their bones, sideways or behind them: a mean over about
+        two seconds, which shows joints beside the person, as from a wrong principal point or unit
+        of depth. 0 without a body index.
     plane_deg : float, degrees
-        Standard deviation of the plane of symmetry's normal, with what it is turned by against the
-        shoulders and hips beyond their errors, as where the chest twists above a missing leg; 0
-        with ``plane="joints"``.
+        Standard deviation of the normal of the plane of symmetry, including its rotation against
+        shoulders and hips as far as this exceeds their errors, for example when the chest twists
+        above a missing leg. 0 with ``plane="joints"``.
     across : float, metres
-        Standard deviation of the intact leg's distance from the plane, the largest of its joints
-        that are nearer to it than two of them, or beyond: they may be on its other side. 0 where
-        there are none, and for arms.
+        Standard deviation of the intact leg's distance from the plane: the largest one among joints
+        that are within two standard deviations of the plane or beyond it, and so may be on its
+        other side. 0 without such joints, and for arms.
     leap : float, metres
-        How much farther than the intact limb's end the phantom's end moved since the last frame.
+        How much farther the end of the phantom moved since the last frame than the end of the
+        intact limb.
     gap : float, metres
-        From the root to the largest connected piece of the phantom.
+        Distance from the root of the limb to the largest connected piece of the phantom.
     largest : float
-        Share of the phantom's pixels that are in that piece.
+        Share of the phantom's pixels in that piece.
     lost : float
-        Share of the person's pixels that show nothing now: of those below the hips for legs, of
-        those where the camera should see the trunk for arms.
+        Share of the person's pixels that are empty now. For legs, of the pixels below the hips; for
+        arms, of the pixels at which the camera should see the trunk.
     left : float
-        Share of the affected limb's pixels that still show the body, of those farther than 10 cm
-        from its root and no farther from the camera than the phantom (as a chair is).
+        Share of the affected limb's pixels that still show the body. Pixels within 10 cm of its
+        root, and pixels farther from the camera than the phantom (such as a chair), do not count.
     cloth : float
-        Pixels of the body that may be an empty sleeve or leg of trousers, over those of the intact
-        limb: symmetry does not tell, as the intact limb hides their mirrored places from the
-        camera. Above 0.05 the state is not ``tracking``. 0 where the affected limb itself is seen,
-        with ``keep_residual``, and without a true reflection. It misses cloth whose mirrored place
-        something else hides, and that of an arm within 16 cm of the plane of symmetry.
+        Number of body pixels that may be an empty sleeve or leg of trousers, divided by that of the
+        intact limb. Symmetry cannot decide about these pixels, because the intact limb hides their
+        mirrored places from the camera. Above 0.05 the state is not ``tracking``. 0 if the affected
+        limb itself is seen, with ``keep_residual``, and without a true reflection. Cloth is missed
+        if something else hides its mirrored place, or if the arm's is within 16 cm of the plane of
+        symmetry.
     stray : float
-        Pixels of the body above the hips that lie more than 8 cm from the skin of the nearest bone,
-        over those of the intact limb: an arm that the tracker's joints miss. Where that bone is no
-        arm's, 15 cm, and 20 from the plane. Above 0.2 the state is not ``tracking``. 0 for legs.
+        Number of body pixels above the hips that lie more than 8 cm from the skin of the nearest
+        bone, divided by that of the intact limb: an arm at which the tracker has no joints. Where
+        the nearest bone is not an arm's, the limit is 15 cm, and only pixels more than 20 cm from
+        the plane of symmetry count. Above 0.2 the state is not ``tracking``. 0 for legs.
     score : float
-        The worst of these over its limit; above 1 the state is not ``tracking``.
+        The largest ratio of one of these measures to its limit; above 1 the state is not
+        ``tracking``.
     """
 
     fit: float
@@ -183,12 +187,12 @@ class PhantomQuality:
 
 @dataclass(frozen=True, eq=False)
 class BodyPlane:
-    """The plane that a limb was mirrored at.
+    """The plane at which a limb was mirrored.
 
     Attributes
     ----------
     origin : (3,) float64, metres
-        A point of it, in the trunk.
+        A point of the plane, in the trunk.
     normal : (3,) float64
         Unit normal, towards the person's left.
     """
@@ -211,15 +215,15 @@ class PhantomFrame:
     depth : (H, W) float32
         Metres; person and phantom, 0 elsewhere.
     labels : (H, W) uint8
-        Bone, 1 to 24 by its far joint; 0: none. What was left of the affected limb has the number
-        of that limb's first bone, the phantom those of all its bones.
+        Bone of each pixel, 1 to 24 by its far joint; 0: none. Remaining pixels of the affected limb
+        have the number of its first bone; pixels of the phantom have those of all its bones.
     kinds : (H, W) uint8
         `PixelKind` of each pixel.
     source : (H, W, 2) int32
         Row and column of the depth pixel whose texture is shown; -1: none.
     vertices : (n, 3) float32
-        Metres. Those of the pixels that show something, row by row, then ``n - num_points`` that
-        repeat some with the phantom's texture, where body and phantom meet.
+        Points in metres: first those of the drawn pixels, row by row, then ``n - num_points``
+        repeated ones with the phantom's texture, where body and phantom meet.
     pixels : (n, 2) int32
         Column and row of each vertex.
     texcoords : (n, 2) float32
@@ -232,7 +236,7 @@ class PhantomFrame:
     state : PhantomState
     reason : PhantomReason
     opacity : float
-        To draw the phantom with: less than 1 while it fades.
+        Opacity of the phantom: less than 1 while it fades.
     visible : float
         Share of the intact limb, by length, that the camera sees.
     quality : PhantomQuality
@@ -242,11 +246,11 @@ class PhantomFrame:
         `RgbdFrame.number` of the frame whose colours belong to the phantom: an older one while
         the phantom is held.
     num_person, num_removed, num_mirrored, num_away, num_filled : int
-        Pixels of the person, taken out, mirrored, of these with a surface that mirroring turned
+        Numbers of pixels: of the person, removed, mirrored, mirrored with a surface that then faces
         away from the camera, and filled as holes.
     late_frames : int
-        Frames that were older than the one before, or had its time and no later number; ten in a
-        row at most are passed over.
+        Number of frames that were older than the previous frame, or had its time and no later
+        number. At most ten in a row are skipped.
     color : (H', W', 3) uint8 or None
         The frame's own, for the body.
     phantom_color : (H', W', 3) uint8 or None
@@ -337,7 +341,7 @@ class PhantomFrame:
 
 @dataclass(frozen=True, eq=False)
 class _Buffers:
-    """Memory that the core writes a frame into."""
+    """Arrays into which the core writes a frame."""
 
     depth: NDArray[np.float32]
     labels: NDArray[np.uint8]
@@ -350,7 +354,7 @@ class _Buffers:
 
     @staticmethod
     def of_size(rows: int, cols: int, pool: _core.ArrayPool | None = None) -> _Buffers:
-        """Take arrays from a pool, which gets each back when the last view of it is gone."""
+        """Pool of arrays; an array returns to the pool when its last view is deleted."""
         empty = (pool or _core.ArrayPool()).empty
         capacity = rows * cols  # no page of it is touched before it is written
         return _Buffers(

@@ -51,7 +51,7 @@ def smoother_options(
 class JointSmoother:
     """Double exponential smoothing of one person's joints, frame by frame.
 
-    With raw X, filtered F, trend B, output Y and primes for the frame before: F = X, B = 0 at
+    With raw X, filtered F, trend B, output Y and primes for the previous frame: F = X, B = 0 at
     first and F = (X + X') / 2 in the second frame; then, d being the distance of X from F',
     X* = X if d > J else F' + (d / J) (X - F'); F = (1 - s) X* + s (F' + B');
     B = c (F - F') + (1 - c) B'; Y = F + p B, pulled to within D of X. J and D are doubled for

@@ -7,15 +7,17 @@ namespace manip3d {
 
 /// Moves the joints of arms and legs to where the flesh around their bones is.
 ///
-/// A tracker's knee may lie a hand's breadth beside the leg, and one between two thighs takes both
-/// for one. Each bone of a limb is a capsule that tapers (body_bones); a sample of the person's
-/// points is given to the bones whose skins are nearest, and the joints beyond the roots are moved
-/// so that the points lie on the skins: articulated iterative closest points, Gauss-Newton steps
-/// with Geman-McClure weights whose scale falls from step to step, and a prior at the tracker's
-/// joints, which decides along the bones and where nothing is seen. Roots stay; fingers and thumbs
-/// go with their hands. No joint goes farther than 12 cm. Without lengths to tell the person's size
-/// from, the skeleton is returned as it is. `trunk` as for body_bones. O(points + samples x bones),
-/// no allocation.
+/// A tracked knee may lie a hand's breadth beside the leg, or between the two thighs. Each bone of
+/// a limb is a tapered capsule (body_bones), whose surface is called its skin. The method is an
+/// articulated iterative closest point: a sample of the person's points is assigned to the nearest
+/// skins, and a Gauss-Newton step moves the joints so that the points lie on the skins. Points are
+/// weighted by the Geman-McClure function, whose scale decreases from step to step; a prior keeps
+/// the joints near the tracked ones and decides where points say nothing, such as along the bones.
+/// The roots of the limbs stay, and fingers and thumbs move with their hands. No joint moves by
+/// more than 12 cm. If the skeleton has too few bones to estimate the person's size, it is returned
+/// unchanged.
+/// O(points + samples x bones) time, no allocation.
+/// @param trunk  girth of the trunk, as for body_bones.
 Skeleton fit_limbs(const Skeleton& skeleton, const PersonPoints& points, float trunk = 1.0F);
 
 }  // namespace manip3d
