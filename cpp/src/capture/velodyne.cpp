@@ -16,14 +16,15 @@ namespace manip3d {
 namespace {
 
 constexpr std::size_t kBlocks = 12;
-constexpr std::size_t kFirings = 32;  // of a block
+constexpr std::size_t kFirings = 32;  // firings of a block
 constexpr std::size_t kBlockBytes = 100;
 constexpr std::size_t kPositionPacketBytes = 512;
-constexpr std::uint32_t kTurnTicks = 36000;  // 0.01 degrees
+constexpr std::uint32_t kTurnTicks = 36000;  // a full turn, in hundredths of a degree
 constexpr std::uint32_t kUpperFlag = 0xEEFF;
 constexpr std::uint32_t kLowerFlag = 0xDDFF;
 constexpr std::uint32_t kHour = 3'600'000'000;  // microseconds
-// At 20 turns a second a VLP-16 turns 0.8 degrees from column to column; more is a gap.
+// Hundredths of a degree: a larger step from column to column is a gap. At 20 turns per second a
+// VLP-16 turns by 0.8 degrees.
 constexpr double kLargestTurn = 200.0;
 
 enum ReturnMode : std::uint8_t { kModeStrongest = 0x37, kModeLast = 0x38, kModeDual = 0x39 };
@@ -31,9 +32,9 @@ enum ReturnMode : std::uint8_t { kModeStrongest = 0x37, kModeLast = 0x38, kModeD
 struct Product {
   VelodyneModel model;
   const char* name;
-  std::uint8_t byte;  // 0: the packet does not say
+  std::uint8_t byte;  // product byte of a packet; 0: packets do not state the product
   std::size_t num_lasers;
-  double column_time_s;  // between blocks of the same return
+  double column_time_s;  // seconds between blocks of the same return
   double range_unit_m;
 };
 constexpr Product kProducts[] = {
@@ -45,8 +46,9 @@ constexpr Product kProducts[] = {
 
 const Product& product(VelodyneModel model) { return kProducts[static_cast<int>(model)]; }
 
-// Seconds after its block that each firing happens. VLP-16: two rounds of 16 lasers; VLP-32C: two
-// lasers at a time. The HDL-64E's blocks say nothing of it.
+// Seconds from the begin of a block to a firing. A VLP-16 fires 16 lasers twice per block, a
+// VLP-32C two lasers at a time. For the HDL-64E the delay is not documented per block, and 0 is
+// returned.
 double firing_delay(VelodyneModel model, std::size_t firing) {
   const auto n = static_cast<double>(firing);
   switch (model) {
@@ -201,9 +203,9 @@ VelodyneCalibration factory_calibration(VelodyneModel model) {
 struct VelodyneDecoder::Block {
   bool is_good = false;
   bool is_lower = false;      // lasers 32 to 63
-  std::uint32_t azimuth = 0;  // 0.01 degrees
-  double turn = 0.0;          // to the next column
-  double time = 0.0;          // seconds after the packet
+  std::uint32_t azimuth = 0;  // hundredths of a degree
+  double turn = 0.0;          // to the next column, hundredths of a degree
+  double time = 0.0;          // seconds after the packet's time
   ReturnType type = ReturnType::kUnknown;
   std::size_t twin = kBlocks;  // block with the other return of the same firings; kBlocks: none
 };

@@ -20,16 +20,17 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kMargin = 4.0 * kAngleError;  // of every bound, against errors of the angles
-constexpr std::int64_t kFewPoints = 1000;      // for these a tree is as quick
+constexpr double kMargin = 4.0 * kAngleError;  // added to each bound, since angles have errors
+constexpr std::int64_t kFewPoints = 1000;      // up to this number a k-d tree is as quick
 constexpr std::int64_t kMostCells = 1 << 28;
-constexpr double kCrowded = 32.0;           // mean number of points in a point's own cell
-constexpr std::int64_t kWidestWindow = 16;  // cells to each side; beyond, blocks are searched
-constexpr std::int64_t kBlockSide = 16;     // cells
-constexpr std::int64_t kAhead = 1 << 20;    // cells; windows begin at most so far before the first
+// A k-d tree is used if the mean number of points in a point's own cell is larger than this.
+constexpr double kCrowded = 32.0;
+constexpr std::int64_t kWidestWindow = 16;  // cells to each side; blocks are searched beyond
+constexpr std::int64_t kBlockSide = 16;     // cells along a side of a block
+constexpr std::int64_t kAhead = 1 << 20;    // cells: an offset with which truncation rounds down
 constexpr std::int64_t kSampleSize = 1 << 16;
 
-// sin(a) <= this is never true of a smaller angle: a lower bound of sin on [0, pi/2].
+// Lower bound of sin on [0, pi/2].
 double sine_bound(double angle) {
   const double a = std::clamp(angle, 0.0, kPi / 2.0);
   return a - a * a * a / 6.0;
@@ -86,8 +87,8 @@ class DirectionGrid {
     float x, y, z;
     double range, rho, azimuth, elevation;
     std::int64_t row, column;
-    double best = kInfinity;                                // squared
-    float cutoff = std::numeric_limits<float>::infinity();  // a little above it
+    double best = kInfinity;                                // squared distance so far
+    float cutoff = std::numeric_limits<float>::infinity();  // `best`, rounded up
   };
   struct Window {
     std::int64_t low, high, left, right;  // first and last row, first and last column
@@ -123,8 +124,8 @@ class DirectionGrid {
   double azimuth_step_ = 0.0, elevation_step_ = 0.0;
   double columns_per_radian_ = 0.0, rows_per_radian_ = 0.0;
   double crowding_ = 0.0;
-  LargeArray<std::int32_t> cells_;   // of each point of the view
-  LargeArray<std::int32_t> starts_;  // of each cell among the items; one more at the end
+  LargeArray<std::int32_t> cells_;   // cell of each point of the view
+  LargeArray<std::int32_t> starts_;  // first item of each cell, and the number of items
   LargeArray<Item> items_;
   std::int64_t block_rows_ = 0, block_columns_ = 0;
   std::vector<Block> blocks_;

@@ -33,7 +33,7 @@ _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 """NumPy's names of sensor_msgs/PointField's types."""
 _MOST_POINTS = 1 << 28
 _FIXED_FRAMES = ("base", "map", "odom", "world", "earth", "utm")
-"""How frames are called in which the scanner is somewhere else than at the origin (REP 105)."""
+"""Names of coordinate frames whose origin is not the scanner (REP 105)."""
 
 
 _ROS1 = b"#ROSBAG V2.0\n"
@@ -217,7 +217,7 @@ class BagPicture(NamedTuple):
 
 
 class BagRecording:
-    """Frames of one topic of a bag; the same face as the core's sources."""
+    """Frames of one topic of a bag; the same interface as the core's sources."""
 
     def __init__(
         self,
@@ -230,7 +230,7 @@ class BagRecording:
         if importlib.util.find_spec("rosbags") is None:
             raise MissingExtraError("rosbags", "bags")
         if not path.is_dir():
-            check_regular(path)  # raises OSError before the parser runs
+            check_regular(path)  # raises an OSError before the parser runs
         elif not (path / "metadata.yaml").is_file():
             raise FormatError("a folder of a ROS 2 bag has a metadata.yaml", file=str(path))
         self._path = path
@@ -240,7 +240,7 @@ class BagRecording:
         self._lock = threading.RLock()
         self._ended = False
         script = Path(__file__).with_name("_bag_process.py")
-        # -P: this folder does not say what the script imports.
+        # -P: the script must not import modules from this folder.
         self._process = subprocess.Popen(
             [
                 *(sys.executable, "-P", str(script), str(path.absolute()), topic, str(_MEMORY)),
@@ -249,7 +249,7 @@ class BagRecording:
             stdin=subprocess.DEVNULL if mode == "clouds" else subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C is for the reader of the frames
+            start_new_session=True,  # Ctrl-C must reach only the process that reads the frames
         )
         weakref.finalize(self, _end, self._process)
 

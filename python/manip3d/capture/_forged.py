@@ -1,4 +1,4 @@
-"""A source whose person stands before another scene, switched on and off while it runs."""
+"""An RGB-D source whose frames are forged (`forge.stream`), switched on and off while it runs."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from manip3d.modify import skeletons_from_motion
 from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 
 LEARNED = 30
-"""First frames of a source, from which the scene behind its person is learnt; they stay real."""
+"""Number of first frames from which the scene behind the person is learnt; they are not forged."""
 
 MOST_KEPT = 300
-"""Frames of a background or a motion that are kept."""
+"""Largest number of frames of a background or a motion that are kept in memory."""
 
 _RATE = 30.0
 
@@ -137,7 +137,7 @@ _OPTIONS: dict[str, tuple[str, Callable[[str], dict[str, Any]]]] = {
 
 
 class SwitchedForgery:
-    """Frames of another source, real or forged; the same face as the core's sources.
+    """Frames of another source, real or forged; the same interface as the core's sources.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ class SwitchedForgery:
         )
 
     def read(self, timeout_ms: int) -> RgbdFrame | bool:
-        """The next frame; True: not yet; False: there is none."""
+        """Return the next frame; True: there is none yet; False: there are no more."""
         with self._lock:
             found = self._inner._source.read(timeout_ms)
             if isinstance(found, bool):
@@ -222,7 +222,7 @@ class SwitchedForgery:
         return frame
 
     def _same_kind(self, frame: RgbdFrame) -> RgbdFrame:
-        """The frame with the one calibration; without colour where forged frames have none."""
+        """Return a frame with the common calibration, without colour if forged frames have none."""
         color = frame.color if self._has_color else None
         return replace(frame, calibration=self._calibration, color=color)
 
@@ -233,7 +233,7 @@ class SwitchedForgery:
             self._learnt = []
 
     def _wanted(self, time_ns: int) -> bool:
-        """Whether the frame of a time is to be forged."""
+        """Return whether the frame at a time is to be forged."""
         if self._switch is not None:
             with contextlib.suppress(OSError, FormatError), open_regular(self._switch) as file:
                 word = file.read(16).strip()
@@ -260,11 +260,11 @@ class SwitchedForgery:
         return found
 
     def is_live(self) -> bool:
-        """Whether the source it reads from is."""
+        """Whether the source it reads from is live."""
         return bool(self._inner.is_live)
 
     def start(self) -> None:
-        """Open the device again; a recording begins anew, and with it all that goes with frames."""
+        """Open the device again; a recording begins again, with background and poses."""
         with self._lock:
             if not self._is_started:  # it was opened before it came here
                 self._is_started = True
@@ -292,7 +292,7 @@ def _same(one: Registration | None, other: Registration | None) -> bool:
 
 
 def motion_of(place: str, rate: float = _RATE) -> list[Skeleton] | None:
-    """The poses of a BVH file at a rate; None: the place is no such file."""
+    """Return the poses of a BVH file at a rate; None if the place is no BVH file."""
     if not place.lower().endswith(".bvh"):
         return None
     return list(skeletons_from_motion(read_bvh(place), rate=rate))

@@ -12,7 +12,7 @@ from typing import Any, Generic, Self, TypeVar
 from manip3d.errors import InputError
 
 Frame = TypeVar("Frame")
-_POLL_MS = 100  # how long a wait goes on before Python looks for Ctrl-C
+_POLL_MS = 100  # milliseconds of a wait after which Python checks for Ctrl-C
 
 
 class FrameSource(ABC, Generic[Frame]):
@@ -41,7 +41,7 @@ class FrameSource(ABC, Generic[Frame]):
     def _to_frame(self, fields: Mapping[str, Any]) -> Frame: ...
 
     def _wait(self, timeout: float | None) -> Frame | None:
-        """The next frame within so many seconds; without a limit until there is one."""
+        """Return the next frame; None if none comes within ``timeout`` seconds (None: no limit)."""
         if timeout is not None and not timeout >= 0.0:
             raise InputError(f"timeout: expected seconds >= 0, got {timeout}")
         end = math.inf if timeout is None else time.monotonic() + timeout
@@ -63,7 +63,7 @@ class FrameSource(ABC, Generic[Frame]):
                 return None
 
     def _rewind(self) -> None:
-        """Begin a recording anew, if that can be done."""
+        """Begin a recording again, if the source can."""
 
     def __iter__(self) -> Iterator[Frame]:
         if self._has_ended:

@@ -11,14 +11,14 @@ from typing import Protocol, runtime_checkable
 from manip3d.errors import InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
-_LATE_S = 0.05  # of the reader's time, behind which a frame is not shown
-_MOST_SEARCH_S = 0.1  # in a read(), for a frame that is not late
+_LATE_S = 0.05  # seconds of real time by which a frame may be late and is still given
+_MOST_SEARCH_S = 0.1  # seconds that one read() searches for a frame that is not late
 
 
 class FrameClock:
     """Tells when frames are due at a playback speed; 0: at once, 1: in real time.
 
-    It begins with the first frame that it is asked for.
+    The clock starts with the first frame.
     """
 
     def __init__(self, speed: float) -> None:
@@ -26,8 +26,8 @@ class FrameClock:
         self._began: tuple[float, int] | None = None
 
     def late_s(self, time_ns: int) -> float:
-        """Return by how much the time of a frame is over, in seconds of the source."""
-        speed = self._speed  # another thread may stop the clock meanwhile
+        """Return by how much a frame is late, in seconds of the source."""
+        speed = self._speed  # another thread may stop the clock in the meantime
         if not speed > 0.0:
             return 0.0
         if self._began is None:
@@ -41,7 +41,7 @@ class FrameClock:
         self._began = time.monotonic(), time_ns
 
     def is_due(self, time_ns: int, timeout_ms: int) -> bool:
-        """Wait for the time of a frame, at most so long."""
+        """Wait until a frame is due, for at most ``timeout_ms``; return whether it is due."""
         speed = self._speed
         if not speed > 0.0:
             return True
@@ -50,7 +50,7 @@ class FrameClock:
         return left <= timeout_ms / 1000.0
 
     def stop(self) -> None:
-        """No frame is waited for any more."""
+        """Stop the clock: all frames are due at once."""
         self._speed = 0.0
 
 
@@ -67,7 +67,7 @@ def _length_of(frames: Iterable[RgbdFrame]) -> int | None:
 
 
 class IteratedFrames:
-    """Any iterable of frames; the same face as the core's sources.
+    """Any iterable of frames; the same interface as the core's sources.
 
     Played by their times, frames whose time is over are left out, as of recordings. A simulator
     says its ``rate``, and such frames of it are not even made.

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 _TO_BVH = np.array([100.0, -100.0, -100.0])  # metres, y down, z ahead -> centimetres, y up
 _SHORTEST_STEP = 1e-3  # seconds between two poses of a motion
-_MOST_IDS = 10  # that a message lists
-_LONGEST_GAP = 3600.0  # seconds that a motion repeats a pose for
+_MOST_IDS = 10  # names that a message lists
+_LONGEST_GAP = 3600.0  # seconds for which a motion may repeat a pose
 _SPINE = [JOINTS.index(name) for name in ("SpineMid", "SpineShoulder", "Neck", "Head")]
 _CHILDREN = [[j for j in range(1, 25) if PARENTS[j] == parent] for parent in range(25)]
 

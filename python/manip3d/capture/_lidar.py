@@ -307,7 +307,7 @@ def expect_scans(
 
 
 class _Drive:
-    """The scans of a drive; the same face as the core's sources."""
+    """The scans of a drive; the same interface as the core's sources."""
 
     def __init__(self, folder: Path) -> None:
         from manip3d.datasets import open_kitti

@@ -24,7 +24,7 @@ _NOT_COLUMNS = ("FLAGS", "RANGE")
 
 
 class OusterRecording:
-    """Frames of one sensor of a recording; the same face as the core's sources."""
+    """Frames of one sensor of a recording; the same interface as the core's sources."""
 
     def __init__(self, path: Path, sensor: str, metadata: str | os.PathLike[str] | None) -> None:
         meta = None if metadata is None else path_of(metadata, "metadata")

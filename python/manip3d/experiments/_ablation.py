@@ -38,18 +38,25 @@ def weight_ablation(
     source_value: float,
     note: str,
 ) -> Experiment:
-    """QEM4VR at several values of one weight.
+    """Return an experiment that runs QEM4VR with several values of one weight.
 
     Parameters
     ----------
+    option, symbol : str
+        Name of the weight as an option of QEM4VR, and in the report.
+    weights : sequence of float
+        Values of the weight.
     readings : sequence of dict
-        Other options to combine each weight with; they become columns too.
+        Further options; each weight is run with each of them, and they become columns.
     titles : dict
-        What the report calls these options.
+        Titles of these options in the report.
     meshes : dict of scale to labels
-        Models that it looks at.
+        Models for a quick and for a full run.
     measures : dict of column to scale
-        Columns in which the source's value is judged.
+        Columns in which the dissertation's value of the weight is claimed to be the best, and the
+        factor with which the report shows them.
+    source_value : float
+        The dissertation's value of the weight.
     """
 
     def cases(plan: Plan) -> list[Case]:

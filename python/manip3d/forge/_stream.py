@@ -1,4 +1,4 @@
-"""Forged RGB-D streams: a recorded person before another scene, doing what somebody else did."""
+"""Forged RGB-D streams: a recorded person before another scene, or in another person's poses."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
 
 
 class _Reader:
-    """The words of a file one after the other, with the line that each stands in."""
+    """Reads the words of a file one after the other, and knows the line of each."""
 
     def __init__(self, lines: list[bytes], file: str, look: Callable[[float], None] | None) -> None:
         self._lines, self._file = lines, file
@@ -206,7 +206,7 @@ class _Reader:
 
 
 def _float(text: str) -> float:
-    """The number that a text is; NaN of any other, also of what only Python takes for one."""
+    """Return the number in a text; NaN for other texts, also for forms that only Python knows."""
     try:
         return math.nan if "_" in text else float(text)
     except ValueError:

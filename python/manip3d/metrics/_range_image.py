@@ -77,7 +77,7 @@ class Flicker:
     unstable : float
         Share of the pixels covered by some frame that another one does not cover.
     changed : float or None
-        Mean share of a frame's vertices that were not vertices of the frame before. None where
+        Mean share of a frame's vertices that were not vertices of the previous frame. None where
         vertices are not pixels.
     frames : int
     """
@@ -411,7 +411,7 @@ def boundary_noise(
 def _distance_to_surfaces(
     shown: NDArray[np.float64], truth: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """To the nearest in depth of the surfaces in the 3x3 pixels around; NaN where there is none."""
+    """Return the distance in depth from the nearest true surface within 3x3 pixels; NaN: none."""
     rows, columns = truth.shape
     padded = np.pad(np.asarray(truth, dtype=np.float64), 1, mode="edge")
     distance = np.full(truth.shape, np.nan)
@@ -436,7 +436,7 @@ def _lifted(
 
 
 def _plain(mesh: Mesh | DepthMesh) -> Mesh:
-    """Without texture: nobody looks at it here."""
+    """Return the mesh without its texture."""
     return Mesh(mesh.vertices, mesh.faces) if isinstance(mesh, DepthMesh) else mesh
 
 

@@ -1,4 +1,4 @@
-"""A limit on bytes a second: how many bytes, and so how many points, each frame may have."""
+"""A limit on bytes per second, and the number of points of a frame that fits into its share."""
 
 from __future__ import annotations
 
@@ -83,22 +83,22 @@ def fit_bytes(
     bytes_per_point: float,
     least_share: float,
 ) -> Item | None:
-    """Make something of as many points as fit into so many bytes.
+    """Make an item of as many points as fit into an allowance of bytes.
 
     Parameters
     ----------
     make : callable
-        Takes a number of points; returns the item, how many points it has and its bytes.
+        Takes a number of points; returns the item, its number of points and its bytes.
     most_points : int
     allowance : int
         Bytes.
     guess : float
-        Points to begin with.
+        Number of points of the first try.
     bytes_per_point : float
-        What another point is taken to add, before two tries tell.
+        Bytes that a further point is assumed to add, until two tries show it.
     least_share : float
-        An item of fewer bytes than this share of the allowance is tried again with more points,
-        unless it has no more points than the one of fewer that fitted before: there are no more.
+        If an item has fewer bytes than this share of the allowance, more points are tried, unless
+        the last try had no more points than the one before.
 
     Returns
     -------

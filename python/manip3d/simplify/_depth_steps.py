@@ -52,7 +52,7 @@ def cut_depth_steps(
         The image, in millimetres or metres if the camera is known, else in any unit; 0 and NaN
         mean no measurement.
     step : float
-        A change of depth by more than this share of it is a step; see Notes.
+        A change of depth by more than this share of the depth is a step; see Notes.
     intrinsics : Intrinsics, optional
         The camera. Default: that of ``found``, if it was simplified; else ``step`` alone decides.
 
@@ -68,19 +68,20 @@ def cut_depth_steps(
 
     Notes
     -----
-    Where the camera is known no change of depth is a step that a surface inclined by 78 degrees
-    against the image plane shows from one pixel to the next, with three standard deviations of a
-    Kinect's noise: z / f tan 78 degrees + 3 * 0.0014 z^2 (metres). Where pixels are coarse, a floor
+    If the camera is known, a change of depth must also be larger than that of a surface inclined by
+    78 degrees against the image plane from one pixel to the next, plus three standard deviations of
+    a Kinect's noise: z / f tan 78 degrees + 3 * 0.0014 z^2 (metres). With coarse pixels, a floor
     changes by more than 5 percent between them.
 
-    A face is left out if the depth at the ends of one of its edges differs by a step, and on the
-    way from the one to the other, through the image, changes by a step from one measured pixel to
-    the next. What only stands in front of an edge, such as one noisy pixel, is no step.
+    A face is left out if the depths at the ends of one of its edges differ by a step, and the depth
+    changes by a step between two successive measured pixels on the straight line between them in
+    the image. Something that only stands in front of an edge, such as one noisy pixel, is no step.
 
-    In a `Relief` with ``depth_step``, steps are boundaries already, and a long edge may well pass
-    behind something. A face of it is left out only if along one of its edges the steps, those down
-    taken from those up, make more than half of the difference of the ends, and more than a quarter
-    of the measured pixels over it, corners aside, lie a step before or behind it.
+    In a `Relief` with ``depth_step``, steps are boundaries already, and a long edge may pass behind
+    something. Its faces are left out only if both conditions hold: along one edge, the sum of the
+    steps (with their signs) is more than half of the difference of the ends, and more than a
+    quarter of the measured pixels over the face, without its corners, are a step before or behind
+    it.
 
     Examples
     --------
@@ -122,7 +123,7 @@ def cut_depth_steps(
 
 @dataclass(frozen=True)
 class StepRule:
-    """Which change of depth is a step, in the unit of the image."""
+    """Rule that tells which change of depth is a step, in the unit of the image."""
 
     step: float
     slope: float = 0.0
@@ -130,13 +131,13 @@ class StepRule:
 
     @staticmethod
     def of(step: float, focal: float, metres: float = 1.0) -> StepRule:
-        """With a camera unless ``focal`` is 0; ``metres`` is the unit of the image."""
+        """Make a rule; ``focal`` 0: without a camera. ``metres`` is the unit of the image."""
         if focal == 0:
             return StepRule(step)
         return StepRule(step, _TAN_78 / focal, 3 * _NOISE_AT_1_M * metres)
 
     def differ(self, one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Whether two measured depths differ by a step."""
+        """Return whether measured depths differ by a step."""
         nearest = np.minimum(one, other).astype(np.float64)
         with np.errstate(over="ignore"):  # steps may be as large as numbers are
             limit = nearest * np.maximum(self.step, self.slope + self.noise * nearest)
@@ -146,7 +147,7 @@ class StepRule:
 def _known_off(
     found: DepthMesh, image: NDArray[Any], step: float, focal: float
 ) -> OffSurface | None:
-    """The faces across steps that a relief of the same image by the same rule has found itself."""
+    """Faces across steps that a relief has found, for its image and rule."""
     if not (isinstance(found, Relief) and isinstance(found.surface, DenseImage)):
         return None
     own = found.surface
@@ -170,7 +171,10 @@ def across_steps(
     rule: StepRule,
     surface: DenseGrid | None,
 ) -> NDArray[np.bool_]:
-    """Which faces span a step; ``surface``: where they come from one whose boundaries are steps."""
+    """Return which faces span a step.
+
+    ``surface``: given if the faces come from a surface whose boundaries are steps.
+    """
     corners = np.ascontiguousarray(faces, np.int32)
     places = np.ascontiguousarray(pixels, np.int32)
     crosses = _core.faces_across_steps(
@@ -204,9 +208,10 @@ def across_gaps(
     valid: NDArray[np.bool_],
     max_edge: float,
 ) -> NDArray[np.bool_]:
-    """Which faces join surfaces that no chain of dense edges up to ``max_edge`` joins there.
+    """Return which faces bridge a gap: an edge whose measured points are too far apart.
 
-    What only stands in front of an edge is passed: the leaps there and back cancel out.
+    No chain of dense edges up to ``max_edge`` joins the ends of such an edge. Something
+    that only stands in front of the edge does not count: the leaps to it and back cancel out.
     """
     codes, of_side = _sides(faces, len(pixels))
     begin, end = pixels[codes // len(pixels)], pixels[codes % len(pixels)]
@@ -224,7 +229,7 @@ def _leaps(
     valid: NDArray[np.bool_],
     max_edge: float,
 ) -> NDArray[np.bool_]:
-    """For each row of pixels: whether the leaps between its points add up to more than one."""
+    """Return for each row of pixels whether the leaps between its points exceed ``max_edge``."""
     last = np.maximum.accumulate(np.where(valid[v, u], np.arange(u.shape[1]), 0), axis=1)
     u, v = np.take_along_axis(u, last, axis=1), np.take_along_axis(v, last, axis=1)
     between = np.diff(points[v, u].astype(np.float64), axis=1)
@@ -236,13 +241,13 @@ def _leaps(
 
 
 def _sides(faces: NDArray[np.int32], num_pixels: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Each edge once, as one number, and the edge of each side of each face."""
+    """Return each edge once, as one number, and the edge of each side of each face."""
     sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     return np.unique(sides[:, 0].astype(np.int64) * num_pixels + sides[:, 1], return_inverse=True)
 
 
 def _lines(begin: NDArray[Any], end: NDArray[Any]) -> Iterator[tuple[NDArray[np.intp], int]]:
-    """Lines of about one length together, and how many pixels the longest of them has."""
+    """Yield groups of lines of similar length, and the number of pixels of the longest line."""
     length = np.abs(end - begin).max(axis=1)
     longest_of_all = length.max(initial=0)  # without faces there are no lines
     longest = 1
@@ -258,7 +263,7 @@ def _lines(begin: NDArray[Any], end: NDArray[Any]) -> Iterator[tuple[NDArray[np.
 def _on_line(
     begin: NDArray[Any], end: NDArray[Any], samples: int
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Each pixel of the lines, u and v; shorter ones repeat their last pixel."""
+    """Return the pixels (u, v) of the lines; shorter lines repeat their last pixel."""
     length = np.maximum(np.abs(end - begin).max(axis=1), 1)[:, None]
     way = np.minimum(np.arange(samples), length)
     u, v = (

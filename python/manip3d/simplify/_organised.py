@@ -19,25 +19,25 @@ if TYPE_CHECKING:
     from manip3d.io import RangeGrid
 
 _MOST_PIXELS = 20_000
-"""Pixels that the camera is fitted to: far more than its four numbers need."""
+"""Largest number of pixels to which the four numbers of the camera are fitted."""
 
 _MOST_OFF = 0.05
-"""Share of the image's size by which a pixel may be off a pinhole's: lenses bend less."""
+"""Share of the image size by which a pixel may differ from the pinhole model; lenses do less."""
 
 
 _MOST_SKEW = 0.02
-"""Share of the focal length: pixels of a camera are square to each other."""
+"""Largest skew as a share of the focal length; rows and columns of a camera are orthogonal."""
 
 
 def is_cloud_file(path: Path) -> bool:
-    """Whether a file may be an organised cloud: a .pcd, or an array that is no depth image."""
+    """Return whether a file may be an organised cloud: a .pcd, or an array of points."""
     suffix = scan_suffix(path)
     return suffix == ".pcd" or (suffix in (".npy", ".npz") and holds_points(path))
 
 
 @dataclass(frozen=True, eq=False)
 class CloudCamera:
-    """The camera of a cloud, which may have been moved to another frame, such as a robot's.
+    """The camera of a cloud that may have been transformed to another frame, such as a robot's.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class CloudCamera:
     centre: NDArray[np.float64]
 
     def to_file(self, points: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
-        """Points of the camera in the file's axes, both in a unit that is so many of the file's."""
+        """Transform points from the camera's frame to the file's, both in ``unit`` file units."""
         if self.rotation is None:
             return points
         moved: NDArray[np.float64] = points @ self.rotation + self.centre / unit

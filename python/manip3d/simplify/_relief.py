@@ -260,35 +260,35 @@ def relief(
     color : (H', W', 3 or 4) uint8, optional
         Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
-        Where the colour camera stands; without it both images share their pixels.
+        Position of the colour camera; without it both images share their pixels.
     mask : (H, W) bool, optional
-        Pixels to use; where it is False there is no measurement.
+        Pixels to use; the others count as not measured.
     confidence : (H, W) float, 0 to 1, optional
-        How far each pixel is believed: its error, area times distance from the mesh, counts this
-        many times. 0: the pixel says nothing about the shape, but what it shows is a surface still
-        and is covered. `confidence_of_levels` makes it from a camera's levels; see Notes.
+        Weight of the error (area times distance from the mesh) of each pixel. A pixel with weight 0
+        does not shape the surface, but is still covered. `confidence_of_levels` converts the levels
+        of a camera; see Notes.
     move_points : bool
-        Let vertices leave the measured points along their lines of sight, where the least-squares
-        fit of all pixels wants it and the error around them falls; ``mean_move`` and ``max_move``
-        say how far. Texture coordinates stay those of the line of sight (re-projected if there is
+        Let vertices leave the measured points along their lines of sight, towards the least-squares
+        fit of all pixels, where this lowers the error around them; ``mean_move`` and ``max_move``
+        state how far. Texture coordinates stay those of the line of sight (re-projected if there is
         a registration).
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
-        Each is slower and nearer to the surface than the one before; but ``live`` is about as near
-        as ``fast``.
+        Each effort is slower and has a smaller error than the one before it, except that ``live``
+        has about the error of ``fast``.
     max_edge : float, metres, optional
-        Triangles of the dense surface with a longer edge are left out of it.
+        Triangles with a longer edge are left out of the dense surface.
     depth_step : float, optional
-        Triangles of the dense surface whose corners' depths differ by more than this share of the
-        least of them are left out of it, unless a surface that is inclined by 78 degrees would show
-        as much from one pixel to the next (`cut_depth_steps` has the rule): steps are boundaries
-        from the start. What `cut_depth_steps` cuts afterwards are triangles that most of the pixels
-        over them lie a step away from, where bays were filled and holes closed.
+        Triangles across steps in depth are left out of the dense surface, so that steps are
+        boundaries of the mesh. At a step the depths of the corners differ by more than this share
+        of the smallest depth, and by more than on a surface inclined by 78 degrees
+        (`cut_depth_steps` states the rule). Where bays were filled and holes closed, triangles may
+        still be a step away from most of the pixels over them; `cut_depth_steps` removes these.
     levels : sequence of int
-        Sizes of smaller meshes over the first of the same vertices: strictly decreasing, below
-        ``target_points``; `Relief.prefix` returns them. The smallest has the triangles that a call
-        of its own returns, but where its parts meet at a pixel that is one vertex of a larger size,
-        they share it. Each larger one keeps the vertices of the one before, which costs some
-        accuracy, and all together take the time of a call for each. Not with ``move_points``.
+        Numbers of vertices of smaller meshes, strictly decreasing and below ``target_points``. Each
+        uses the first vertices; `Relief.prefix` returns them. The smallest mesh has the triangles
+        of a separate call, except that parts of it which touch at a pixel may share a vertex. Each
+        larger mesh keeps the vertices of the one before, which costs some accuracy. All together
+        take as long as separate calls. Not with ``move_points``.
     threads : int
         0: all cores. The result is the same for any number.
 

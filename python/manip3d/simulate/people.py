@@ -586,7 +586,7 @@ class BodySimulator:
 
     @functools.cached_property
     def _last(self) -> list[_Seen]:
-        """The views of the frame before, for somebody who keeps still."""
+        """The views of the previous frame, for somebody who keeps still."""
         return []
 
     def _visiting(self, seconds: float) -> PosedFigure:
