@@ -329,12 +329,11 @@ class Watermarker(Closing):
     sensor : str
         Name of the sensor, at most 16 bytes of UTF-8; the records are bound to it.
     embedding : 'lbm', 'qim' or 'detached'
-        ``lbm`` (lowest bit modification) stores bits in the lowest bits of x, y and z, which moves
-        points by up to sqrt(3) mm; it also works for coordinates that need float64 (LAS, a national
-        grid). ``qim`` (quantisation index modulation) stores bits in cells of z of 2.5 mm, which
-        moves points by up to 1.875 mm. Both need coordinates on a grid: of 1 mm, as in KITTI's raw
-        scans, or as ``units_per_m`` states. ``detached`` changes no point, and takes the points of
-        any scanner.
+        ``lbm`` stores bits in the lowest bits of x, y and z, which moves points by up to sqrt(3)
+        mm; it also works for coordinates that need float64 (LAS, a national grid). ``qim``
+        (quantisation index modulation) stores bits in cells of z of 2.5 mm, which moves points by
+        up to 1.875 mm. Both need coordinates on a grid: of 1 mm, as in KITTI's raw scans, or as
+        ``units_per_m`` states. ``detached`` changes no point, and takes the points of any scanner.
     slices : int
         Number of equal azimuth slices of the full turn, 4 to 360. Each is a sector (`Tile`), or
         part of one.
