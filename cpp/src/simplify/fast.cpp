@@ -14,6 +14,7 @@
 #include "simplify/fast_pieces.hpp"
 #include "simplify/fast_prices.hpp"
 #include "simplify/fast_quadrics.hpp"
+#include "simplify/turned_normals.hpp"
 #include "simplify/usual_unit.hpp"
 
 namespace manip3d {
@@ -152,6 +153,7 @@ class FastSimplifier {
       result_.stop = CollapseStop::kNoLegalCollapse;
     }
     mesh_.write(result_);
+    mend_turned_normals(mesh_.input, result_.face_map, result_.mesh);
     return std::move(result_);
   }
 

@@ -14,6 +14,7 @@
 #include "simplify/distance_guard.hpp"
 #include "simplify/legality.hpp"
 #include "simplify/quadric.hpp"
+#include "simplify/turned_normals.hpp"
 #include "simplify/usual_unit.hpp"
 
 namespace manip3d {
@@ -422,6 +423,7 @@ class QemSimplifier {
       result.locked_vertices += is_locked_now(classify_vertex(mesh_, ring_, v)) ? 1 : 0;
     }
     result.mesh = mesh_.extract(input_, result.kept, result.vertex_map, result.face_map);
+    mend_turned_normals(input_, result.face_map, result.mesh);
     follow_collapses(result);
     return result;
   }

@@ -22,6 +22,7 @@
 #include "simplify/quality_rules.hpp"
 #include "simplify/rounding_weld.hpp"
 #include "simplify/surface_fit.hpp"
+#include "simplify/turned_normals.hpp"
 #include "simplify/usual_unit.hpp"
 
 namespace manip3d {
@@ -497,6 +498,7 @@ class QualitySimplifier {
         result_.mesh.vertices.row(row) = input_.vertices.row(static_cast<Eigen::Index>(v));
       }
     }
+    mend_turned_normals(input_, result_.face_map, result_.mesh);
   }
 
   const MeshView& input_;
