@@ -24,14 +24,16 @@ def meshed_box(num: int = 8) -> manip3d.Mesh:
     row = np.arange(num * (num + 1)).reshape(num, num + 1)[:, :-1].ravel()
     quads = np.stack([row, row + 1, row + num + 2, row + num + 1], axis=1)
     halves = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    vertices, faces, face_normals = [], [], []
+    vertices: list[NDArray[np.float64]] = []
+    faces: list[NDArray[np.int64]] = []
+    face_normals: list[NDArray[np.int64]] = []
     normals = np.concatenate([np.eye(3), -np.eye(3)])
     for side, normal in enumerate(normals):
         axis = side % 3
         points = np.empty((len(u), 3))
         points[:, axis] = float(side < 3)
         points[:, (axis + 1) % 3], points[:, (axis + 2) % 3] = u, v
-        corners = halves + sum(map(len, vertices))
+        corners = halves + side * len(u)
         faces.append(corners if normal[axis] > 0 else corners[:, ::-1])
         vertices.append(points * [4.0, 2.0, 1.0])
         face_normals.append(np.full((len(halves), 3), side))
@@ -50,7 +52,8 @@ def cosines(mesh: manip3d.Mesh) -> NDArray[np.float64]:
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     assert mesh.normals is not None
     assert mesh.face_normals is not None
-    return np.einsum("fcx,fx->fc", mesh.normals[mesh.face_normals], direction)
+    found: NDArray[np.float64] = (mesh.normals[mesh.face_normals] * direction[:, None]).sum(axis=2)
+    return found
 
 
 @pytest.mark.parametrize("method", MODES)
@@ -98,7 +101,7 @@ def test_unchanged_faces_keep_their_normals(
     tilted = np.array([[0.0, 1.0, 1.0]]) / np.sqrt(2.0)
     faces = [[0, 1, 2], [0, 2, 3]]
     mesh = manip3d.Mesh(
-        [[0, 0, 0], [1, 0, 0], [1, 1, 0.25], [0, 1, 0]],
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.25], [0.0, 1.0, 0.0]],
         faces,
         normals=tilted,
         face_normals=np.zeros_like(faces),
