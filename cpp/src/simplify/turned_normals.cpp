@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <numeric>
 
 namespace manip3d {
 namespace {
@@ -15,7 +17,9 @@ constexpr double kSmooth = 0.766044443118978;         // cos 40 deg: faces that 
 constexpr std::ptrdiff_t kMostCorners = 512;  // of a fan, above which each face has its own normal
 
 Vector3d unit_or_zero(const Vector3d& v) {
-  const double length = v.stableNorm();
+  const double squared = v.squaredNorm();
+  const bool is_exact = squared > 1e-280 && squared < 1e280;  // neither underflow nor overflow
+  const double length = is_exact ? std::sqrt(squared) : v.stableNorm();
   return length > 0.0 ? Vector3d(v / length) : Vector3d::Zero();
 }
 
@@ -42,27 +46,26 @@ class TurnedNormals {
   }
 
   void mend() {
-    struct Corner {
-      std::int32_t vertex, normal, index;
-      auto operator<=>(const Corner&) const = default;
-    };
-    std::vector<Corner> corners;
+    const std::vector<std::int32_t> first = first_corners();
+    std::vector<std::int32_t> corners(static_cast<std::size_t>(first.back()));
+    std::vector<std::int32_t> next(first.begin(), first.end() - 1);
     for (Eigen::Index i = 0; i < mesh_.faces.size(); ++i) {
-      const std::int32_t normal = mesh_.face_normals.data()[i];
-      if (normal < 0 || !faces_[i / 3].counts) continue;
-      corners.push_back({mesh_.faces.data()[i], normal, static_cast<std::int32_t>(i)});
+      if (counts(i)) corners[next[mesh_.faces.data()[i]]++] = static_cast<std::int32_t>(i);
     }
-    std::sort(corners.begin(), corners.end());
-    for (auto first = corners.begin(); first != corners.end();) {
-      group_.clear();
-      auto last = first;
-      for (;
-           last != corners.end() && last->vertex == first->vertex && last->normal == first->normal;
-           ++last) {
-        group_.push_back(last->index);
+    const auto normal_of = [&](std::int32_t corner) { return mesh_.face_normals.data()[corner]; };
+    for (std::size_t v = 0; v + 1 < first.size(); ++v) {
+      const auto end = corners.begin() + first[v + 1];
+      auto begin = corners.begin() + first[v];
+      std::stable_sort(begin, end,
+                       [&](std::int32_t a, std::int32_t b) { return normal_of(a) < normal_of(b); });
+      while (begin != end) {
+        const std::int32_t normal = normal_of(*begin);
+        const auto last = std::find_if(
+            begin, end, [&](std::int32_t corner) { return normal_of(corner) != normal; });
+        group_.assign(begin, last);
+        mend_group(unit_or_zero(mesh_.normals.row(normal).transpose()));
+        begin = last;
       }
-      mend_group(unit_or_zero(mesh_.normals.row(first->normal).transpose()));
-      first = last;
     }
     store();
   }
@@ -73,6 +76,20 @@ class TurnedNormals {
     bool counts = false;  // has an area, and had normals near its own where it comes from
     bool is_changed = false;
   };
+
+  [[nodiscard]] bool counts(Eigen::Index corner) const {
+    return mesh_.face_normals.data()[corner] >= 0 && faces_[corner / 3].counts;
+  }
+
+  /// The corners that count, by vertex: for each vertex, the number of those of earlier vertices.
+  [[nodiscard]] std::vector<std::int32_t> first_corners() const {
+    std::vector<std::int32_t> first(static_cast<std::size_t>(mesh_.vertices.rows()) + 1, 0);
+    for (Eigen::Index i = 0; i < mesh_.faces.size(); ++i) {
+      if (counts(i)) ++first[mesh_.faces.data()[i] + 1];
+    }
+    std::partial_sum(first.begin(), first.end(), first.begin());
+    return first;
+  }
 
   /// Fills the face `f` of the mesh, which was `from` in the input.
   void look_at(const MeshView& input, Eigen::Index from, std::int32_t f) {
@@ -108,6 +125,11 @@ class TurnedNormals {
   void mend_group(const Vector3d& normal) {
     const auto is_changed = [&](std::int32_t corner) { return faces_[corner / 3].is_changed; };
     if (std::none_of(group_.begin(), group_.end(), is_changed)) return;
+    const auto is_off_its_face = [&](std::int32_t corner) {
+      return normal.dot(faces_[corner / 3].direction) < kMostFromMean;
+    };
+    // Where the normal is near each face, it is near their mean, too.
+    if (std::none_of(group_.begin(), group_.end(), is_off_its_face)) return;
     Vector3d mean = Vector3d::Zero();
     for (const std::int32_t corner : group_) {
       mean += weight_of(corner) * faces_[corner / 3].direction;
