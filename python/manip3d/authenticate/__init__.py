@@ -1,7 +1,7 @@
-"""Has this scan or stream been edited? Detectors that look at it, watermarks that prove it.
+"""Detect edited LiDAR scans and RGB-D streams, and prove by watermarks that scans are unchanged.
 
-Begin with `inspect` (a LiDAR scan), `inspect_drive` or `inspect_stream` (an RGB-D recording), and
-with `Watermarker` where a key can be kept. The other names, by what they are for:
+Begin with `inspect` (a LiDAR scan), `inspect_drive` or `inspect_stream` (an RGB-D recording), or
+with `Watermarker` if a key can be kept. The names by purpose:
 
 Verdict of all detectors
     `inspect`, `inspect_drive`, `combined_verdict`, `judge_drive`, `verdict_of_drive`,
@@ -11,20 +11,20 @@ One detector alone, I to V
     `reflectance_consistency`.
 The scanner
     `identify_sensor`, `estimate_lattice`, `kitti_lattice`, `estimate_origin`, `estimate_grid`.
-Measuring what is found
+Rates of detection and of false alarms
     `measure_power`, `calibrate_lattice`, and the classes of edits, `EDITS`.
 Copies
     `are_same_points`, `points_id`.
 RGB-D streams
     `inspect_stream`, `judged_frames`, `depth_noise`, `inter_frame_noise`.
 Keyed watermark
-    `KeyFile`, `KeyRing`, `Watermarker`, `Policy`; of files `embed_files`, `verify_files`,
+    `KeyFile`, `KeyRing`, `Watermarker`, `Policy`; for files `embed_files`, `verify_files`,
     `verdict_of_stream`.
 Records beside scans, and in pictures
     `find_record`, `read_record`, `record_path`, `scan_of_record`, `write_watermarked`, `as_stored`,
     `drive_scans`, `drive_numbers`, `drive_pictures`, `read_carrier`, `write_carrier`,
     `record_of_picture`, `without_record`.
-Printed watermark (dissertation section 7.3.1), to compare with
+Watermark as printed in the dissertation (section 7.3.1), for comparison
     `embed_paper`, `compare_paper`, `noise_blocks`.
 Cameras beside the LiDAR
     `cross_modal_consistency`, `surround_consistency`, `stereo_disparity`, `attack_type`,

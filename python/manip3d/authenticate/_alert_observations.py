@@ -1,4 +1,4 @@
-"""Attacks in a frame as the risk counts them, by the regions that were accused."""
+"""Attack observations for the risk of a frame, made from the regions that its witnesses accuse."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def accused_boxes(
     cross: CrossModalResult | SurroundResult | None,
     forensics: Inspection | None,
 ) -> tuple[Box, ...]:
-    """Boxes of all witnesses that accuse, narrowest first: the watermark knows sectors only."""
+    """Boxes of all accusing witnesses, narrowest first: the watermark only locates sectors."""
     boxes: tuple[Box, ...] = ()
     if cross is not None and cross.verdict == "tampered":
         boxes += cross.boxes
@@ -35,7 +35,7 @@ def attack_observations(
     speed_mps: float,
     region: RiskParameters,
 ) -> list[AttackObservation]:
-    """The attack as each witness that accuses saw it; the one that knows most of it first."""
+    """One observation per accusing witness, most specific first: cameras, forensics, watermark."""
     observed = []
     if cross is not None:
         by_cameras = cross.observation(speed_mps=speed_mps, parameters=region)
@@ -48,7 +48,7 @@ def attack_observations(
 
 
 def _by_forensics(found: Inspection, region: RiskParameters, speed_mps: float) -> AttackObservation:
-    """Suspected points say where; of what kind the attack is they do not tell."""
+    """The place is that of the nearest region; forensics do not tell the type of an attack."""
     places = [each.box.center[:2] for each in found.regions] or [(region.nearest_m, 0.0)]
     x, y = min(places, key=lambda place: math.hypot(*place))
     if found.scan is None:
@@ -60,7 +60,7 @@ def _by_forensics(found: Inspection, region: RiskParameters, speed_mps: float) -
 
 
 def _by_tiles(found: WatermarkResult, region: RiskParameters) -> AttackObservation:
-    """The watermark knows sectors only: the worst place in them is assumed."""
+    """The watermark only locates sectors, so that the most dangerous place in them is assumed."""
     azimuths = [
         azimuth for number in found.changed_tiles for azimuth in found.tiles[number].azimuths_deg
     ]
@@ -71,7 +71,7 @@ def _by_tiles(found: WatermarkResult, region: RiskParameters) -> AttackObservati
 
 
 def _to_ahead(begin_deg: float, end_deg: float) -> float:
-    """Radians from straight ahead to the nearest place of a sector."""
+    """Smallest angle between straight ahead and a direction in the sector, radians."""
     if (end_deg - begin_deg) >= 360.0 or (-begin_deg) % 360.0 <= (end_deg - begin_deg) % 360.0:
         return 0.0
     return min(abs(math.radians(math.remainder(a, 360.0))) for a in (begin_deg, end_deg))

@@ -1,4 +1,4 @@
-"""The verdict on a stream of frames, by the alerts of each."""
+"""Verdict on a stream of frames from the alerts of its frames."""
 
 from __future__ import annotations
 
@@ -22,16 +22,17 @@ def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[
     Parameters
     ----------
     alerts : sequence of Alert
-        In the order of the stream; also those of `Alert.brief`.
+        Alerts in the order of the stream. Results of `Alert.brief` are accepted, too.
     whole : bool
-        The frames are to be one whole session of the watermark, from its first frame to the one
-        that says that it is the last, as for `verdict_of_stream`.
+        Require one complete session of the watermark, from its first frame to the frame that is
+        marked as its last, as in `verdict_of_stream`.
 
     Returns
     -------
     (verdict, reason)
-        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or was skipped, or if a
-        whole session is not there; else ``authentic`` if every frame is, else ``no_trace``.
+        ``tampered`` if a frame is; else ``undecidable`` if a frame is undecidable or was skipped,
+        or if ``whole`` is set and the session is incomplete; else ``authentic`` if every frame is;
+        else ``no_trace``.
 
     Raises
     ------
@@ -40,11 +41,12 @@ def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[
 
     Notes
     -----
-    Cameras accuse one clean frame in 120, so that a drive of some minutes always has frames that
-    they alone doubt. The drive is doubted for these where there are more of them than clean drives
-    of as many frames have in 99 of 100 cases (binomial); else the reason names them, and they count
-    by what the other witnesses say. Neighbouring frames see the same street: false accusations come
-    several in a row, so that more than one clean drive in 100 is doubted.
+    Cameras accuse one clean frame in 120, so that every drive of some minutes has frames that the
+    cameras alone accuse. Such frames make the drive ``undecidable`` only if there are more of them
+    than 99 of 100 clean drives with as many frames have (binomial). Otherwise they count by the
+    verdicts of the other witnesses, and the reason states their number. Neighbouring frames show
+    the same street, so that false accusations come in runs, and more than one clean drive in 100
+    becomes undecidable.
 
     Examples
     --------
@@ -61,9 +63,9 @@ def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[
 
 
 class AlertTally:
-    """The verdict of a stream so far, in memory that does not grow with its frames.
+    """Verdict of a stream so far, in memory that does not grow with the number of frames.
 
-    `verdict_of_alerts` says the same of alerts that were kept.
+    `verdict_of_alerts` returns the same verdict for a list of alerts.
 
     Examples
     --------
@@ -77,23 +79,23 @@ class AlertTally:
 
     def __init__(self) -> None:
         self._told = _Gravest()
-        self._without_cameras = _Gravest()  # where chance explains how often the cameras accuse
-        self._accused = self._seen = 0  # frames, by the cameras
+        self._without_cameras = _Gravest()  # used if chance explains the cameras' accusations
+        self._accused = self._seen = 0  # frames that the cameras accused and judged
         self._stream = StreamTally()
 
     @property
     def num_frames(self) -> int:
-        """Frames so far."""
+        """Number of frames so far."""
         return self._told.count
 
     @checked
     def add(self, alert: Alert) -> None:
-        """Take the next frame.
+        """Add the alert of the next frame.
 
         Parameters
         ----------
         alert : Alert
-            Also one of `Alert.brief`.
+            Alert of the next frame; results of `Alert.brief` are accepted, too.
         """
         self._told.add(alert.verdict, alert.reason)
         self._without_cameras.add(*_without_cameras(alert))
@@ -119,7 +121,7 @@ class AlertTally:
         Raises
         ------
         InputError
-            There was no frame.
+            No frame was added.
         """
         if not self.num_frames:
             raise InputError("alerts: expected at least one, got none")
@@ -134,13 +136,13 @@ class AlertTally:
 
 
 class _Gravest:
-    """The gravest verdict of frames, the first reason for it, and of how many frames it is."""
+    """The gravest verdict of the frames so far, its first reason, and the number of such frames."""
 
     def __init__(self) -> None:
         self.count = 0
         self._first = ""
         self._every_authentic = True
-        self._loud: dict[str, tuple[str, int]] = {}  # the first reason, and frames
+        self._loud: dict[str, tuple[str, int]] = {}  # first reason, number of frames
 
     def add(self, verdict: str, reason: str) -> None:
         self._first = self._first if self.count else reason
@@ -162,11 +164,11 @@ class _Gravest:
 
 
 LEAST_CHANCE = 0.01
-"""Share of clean drives, at most, that are doubted because of the cameras alone."""
+"""Largest share of clean drives that may become undecidable because of the cameras alone."""
 
 
 def _accused_by_cameras(accused: int, judged: int) -> tuple[bool, str]:
-    """Whether chance explains how many frames the cameras accuse, and a note of these frames."""
+    """Whether chance explains the number of frames that the cameras accuse, and a note about it."""
     if not accused:
         return True, ""
     of_clean, clean = CLEAN_ACCUSED
@@ -181,7 +183,7 @@ _UNHEARD = ("absent", "skipped", "undecidable")
 
 
 def _without_cameras(alert: Alert) -> tuple[str, str]:
-    """The verdict as if the cameras had found nothing where they alone accuse, and its reason."""
+    """The alert's verdict and reason; if the cameras alone accuse, as if they had found nothing."""
     told = alert.witnesses
     if alert.verdict != "undecidable" or told["cross-modal"].verdict != "tampered":
         return alert.verdict, alert.reason

@@ -1,4 +1,4 @@
-"""Verdict of ALERT on a frame: the reports of its witnesses, joined."""
+"""Verdict on a frame of a drive (alert): the reports of its witnesses and their combination."""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ class WitnessReport:
         ``undecidable``, ``skipped`` (no time in this frame) or ``absent`` (there is no key, or
         there are no pictures).
     reason : str
+        Reason of the verdict in words.
     seconds : float
-        It took.
+        Time that the witness took.
     """
 
     verdict: str
@@ -49,29 +50,34 @@ class Alert:
     Attributes
     ----------
     number : int
-        Index of the frame in the monitor's stream, from 0 on; skipped ones count.
+        Index of the frame in the monitor's stream, from 0; skipped frames count.
     verdict : 'authentic', 'no_trace', 'tampered', 'undecidable' or 'skipped'
-        ``tampered`` if watermark or forensics say so; ``undecidable`` if the cameras alone do,
-        which accuse too many clean frames to decide. ``authentic`` rests on the watermark alone. A
-        frame without one is at best ``no_trace``.
+        ``tampered`` if watermark or forensics accuse; ``undecidable`` if the cameras alone accuse,
+        because they accuse too many clean frames to decide. ``authentic`` rests on the watermark
+        alone: a frame without one is at best ``no_trace``.
     reason : str
+        Reason of the verdict in words.
     witnesses : mapping of str to WitnessReport
-        ``watermark``, ``cross-modal``, ``forensics``.
+        Reports of ``watermark``, ``cross-modal`` (cameras) and ``forensics``.
     attack : str
-        Type, one of `ATTACK_TYPES`, by the witness that knows most of it: cameras, then forensics,
-        then the watermark; empty where none was located.
+        Type of the attack, one of `ATTACK_TYPES`, from the most specific accusing witness: cameras,
+        then forensics, then the watermark; empty if no attack was located.
     boxes : tuple of Box
-        Where, in the LiDAR's frame, by all witnesses that accuse. The watermark knows sectors.
+        Boxes around the attacks in the LiDAR's frame, from all accusing witnesses. Boxes of the
+        watermark are whole sectors.
     risk : Risk
-        By the gravest of what these witnesses saw.
+        Risk of the gravest observation of these witnesses.
     seconds : float
-        From receiving the frame to this verdict.
+        Time from receiving the frame to this verdict.
     is_late : bool
-        It took longer than the budget.
+        Whether that time exceeds the budget.
     cross_modal : CrossModalResult, SurroundResult or None
-        The second of a monitor with several pairs.
+        Result of the cameras; a `SurroundResult` if the monitor has several stereo pairs. None:
+        they did not judge the frame.
     watermark : WatermarkResult or None
+        Result of the watermark; None: it was not verified.
     forensics : Inspection or None
+        Result of the detectors; None: they did not judge the frame.
     """
 
     number: int
@@ -88,9 +94,9 @@ class Alert:
     forensics: Inspection | None = field(default=None, repr=False)
 
     def brief(self) -> Alert:
-        """Return the alert without scans, maps and points, of which a whole drive fits in memory.
+        """Return the alert without scans, maps and points, so that a whole drive fits in memory.
 
-        The tiles of a watermark that holds are left out, too.
+        The tiles of an authentic watermark are left out, too.
 
         Examples
         --------
@@ -107,7 +113,7 @@ class Alert:
         return replace(self, cross_modal=None, watermark=kept, forensics=None)
 
     def record(self) -> dict[str, Any]:
-        """Return the alert without maps, ready for JSON; the watermark's with its tiles."""
+        """Return the alert without maps, ready for JSON; tiles of the watermark are included."""
         return {
             "frame": self.number,
             "verdict": self.verdict,
@@ -133,17 +139,16 @@ class AlertCounts:
     Attributes
     ----------
     frames : int
-        All that arrived.
+        Frames that arrived.
     verdicts : mapping of str to int
-        ``skipped`` counts frames that no witness saw.
+        Number of frames by verdict; ``skipped`` counts frames that no witness judged.
     skipped : mapping of str to int
-        By witness: frames in which it had no time, or was not due. Of several stereo pairs also
-        each by itself, as ``cross-modal NAME``.
+        By witness: number of frames in which it had no time, or was not due. Several stereo pairs
+        are also counted separately, as ``cross-modal NAME``.
     late : int
         Frames whose verdict took longer than the budget.
-    slowest_s : float
-    mean_s : float
-        Over the frames that were judged.
+    slowest_s, mean_s : float
+        Longest and mean time for a verdict, over the frames that were judged.
     """
 
     frames: int
@@ -166,7 +171,11 @@ class AlertCounts:
 
 
 def joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, str]:
-    """One verdict: watermark and forensics accuse, cameras doubt, the watermark alone clears."""
+    """Combine the reports into a verdict and its reason.
+
+    An accusation by watermark or forensics makes the frame ``tampered``, one by the cameras alone
+    ``undecidable``. Only the watermark can make it ``authentic``.
+    """
     for name in ("watermark", "forensics"):
         if told[name].verdict == "tampered":
             return "tampered", f"{name}: {told[name].reason}"

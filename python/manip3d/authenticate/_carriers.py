@@ -1,4 +1,4 @@
-"""Traces of a watermark in a scan, and how far its embedding moved the points."""
+"""Find traces of a watermark in a scan, and bound how far its embedding moved the points."""
 
 from __future__ import annotations
 
@@ -20,38 +20,41 @@ if TYPE_CHECKING:
 
     Points = NDArray[np.float32]
     _Test = Callable[[NDArray[np.float64]], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
-    """Which points carry a bit, and the bits."""
+    """Maps points to two masks: which of them carry a bit, and their bits."""
 
 FEWEST_CARRIERS = 1000
-"""Points from which an embedding is recognised."""
+"""Fewest points in which an embedding is recognised."""
 
 LEAST_CARRYING = 0.9
-"""Share of the points that must carry a bit. Chance makes the lowest bits of x, y and z equal for a
-quarter of the points, and puts a thousandth of the heights in whole millimetres at a quarter of a
-QIM cell."""
+"""Least share of points that carry a bit. Without a watermark the lowest bits of x, y and z are
+equal for a quarter of the points, and a thousandth of the heights in whole millimetres lie at a
+quarter of a QIM cell."""
 
 BALANCE = (0.25, 0.75)
-"""Share of ones among the bits. Clouds in whole centimetres have equal lowest bits, too: zeros."""
+"""Limits of the share of ones among the bits. Clouds in whole centimetres also have equal lowest
+bits, but all of them are zeros."""
 
 OF_CELL = 1600.0
-"""Quarters of a QIM cell of 2.5 mm in a metre."""
+"""Quarters of a QIM cell (2.5 mm) per metre."""
 
 
 @dataclass(frozen=True)
 class Allowance:
-    """How far the points of a watermarked scan may be from where the scanner measured them.
+    """Largest error of watermarked points after `without_bits`.
 
-    The carriers are put in the middle of what they may have been, which takes the bits off again.
+    `without_bits` removes the bits: it sets each coordinate that carries one to the middle of the
+    values that the coordinate may have had before.
 
     Attributes
     ----------
     tolerance : float
-        Metres by which that middle may be wrong.
+        Metres: largest distance between the restored and the measured point.
     azimuth_error : float
-        Metres of that along the arc.
+        Metres: largest part of that distance along the arc, which is horizontal.
     range_incoherence : float or None
-        Share of clean ranges, at most, that are a quarter of a step of 2 mm off then; None: ranges
-        tell nothing any more. Whole millimetres alone leave 0.12 in `generic_consistency`.
+        Largest share of clean ranges that are a quarter of a step of 2 mm or more off the range
+        steps; None: range steps cannot be tested after this embedding. In `generic_consistency`
+        rounding to whole millimetres alone has a share of 0.12.
     """
 
     tolerance: float
@@ -61,23 +64,25 @@ class Allowance:
 
 ALLOWED: Mapping[str, Allowance] = ReadOnlyMapping(
     {
-        # Half a millimetre along each axis. Cells of 2 mm hide steps of 2 mm: along an axis every
-        # second range is a quarter of a step off.
+        # The error is half a millimetre along each axis. Cells of 2 mm hide range steps of 2 mm:
+        # along an axis every second range is a quarter of a step off.
         "lbm": Allowance(math.sqrt(3.0) / 2000.0, math.sqrt(2.0) / 2000.0, None),
-        # Half of a cell in height, of which a beam 25 degrees below the horizon, the lowest of an
-        # HDL-64E, has 0.53 mm. With the rounding of three coordinates that is a normal distribution
-        # of 0.42 mm, of which 0.23 are beyond half a millimetre.
+        # The error is half a cell in height. Along the lowest beam of an HDL-64E, 25 degrees below
+        # the horizon, it is at most 0.53 mm. With the rounding of three coordinates, the error of
+        # ranges has a standard deviation of 0.42 mm, so that 0.23 of them are more than half a
+        # millimetre off.
         "qim": Allowance(0.00125, 0.0, 0.30),
     }
 )
-"""By embedding, on the grid of 1 mm (`allowance`); a detached watermark moves nothing."""
+"""Allowance of each embedding on a grid of 1 mm; `allowance` scales it to other grids. A detached
+watermark moves no point and needs none."""
 
 MILLIMETRES = 1000
-"""Steps a metre of the grid that scans of an HDL-64E have, and of QIM's."""
+"""Steps per metre of the grid of QIM and of KITTI's scans (HDL-64E)."""
 
 
 def allowance(embedding: str, units_per_m: int = MILLIMETRES) -> Allowance:
-    """The displacement that an embedding of `ALLOWED` causes on a grid of so many steps a metre."""
+    """The allowance of an embedding of `ALLOWED` on a grid of ``units_per_m`` steps per metre."""
     found, scale = ALLOWED[embedding], MILLIMETRES / units_per_m
     return replace(
         found, tolerance=found.tolerance * scale, azimuth_error=found.azimuth_error * scale
@@ -85,10 +90,11 @@ def allowance(embedding: str, units_per_m: int = MILLIMETRES) -> Allowance:
 
 
 def find_carrier(points: Points, units_per_m: int = MILLIMETRES) -> str | None:
-    """Name the watermark whose traces a scan has: lbm, qim or qim-printed; None: none of them.
+    """Name the watermark whose traces a scan has: lbm, qim or qim-printed; None if it has no trace.
 
-    LBM writes one bit into the lowest bits of x, y and z in steps of its grid; QIM puts z at a
-    quarter or three quarters of a cell of 2.5 mm, as printed at a whole or half one.
+    LBM writes the same bit into the lowest bits of x, y and z, counted in steps of its grid. QIM
+    sets z to one or three quarters of a cell of 2.5 mm; ``qim-printed``, QIM as the dissertation
+    prints it, to a whole or half cell.
     """
     some = points[:: max(1, len(points) // 5000)]
     tests: Mapping[str, _Test] = _OF_CELLS | {"lbm": functools.partial(_carries_lbm, units_per_m)}
@@ -99,7 +105,7 @@ def find_carrier(points: Points, units_per_m: int = MILLIMETRES) -> str | None:
 
 
 def _holds(points: Points, carries: _Test) -> bool:
-    """Whether nearly all points carry a bit, and the bits are of both kinds."""
+    """Whether nearly all points carry a bit, and zeros and ones are both frequent."""
     scaled = points[np.any(points != 0.0, axis=1)].astype(np.float64)
     if len(scaled) < FEWEST_CARRIERS:
         return False
@@ -112,7 +118,7 @@ def _holds(points: Points, carries: _Test) -> bool:
 def _whole(
     values: NDArray[np.float64], units: float
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The nearest whole numbers of units per metre, and which values are such, as float32 can."""
+    """Values rounded to whole units, and which of them are whole to the precision of float32."""
     scaled = values * units
     nearest = np.round(scaled)
     wide: NDArray[np.bool_] = np.abs(scaled - nearest) < 0.01 + 1e-7 * np.abs(scaled)
@@ -146,7 +152,7 @@ _OF_CELLS: dict[str, _Test] = {
 
 
 def trace_of(points: Points) -> tuple[Processing, ...]:
-    """The traces of a watermark that is not verified, as processing; empty: there is none."""
+    """Traces of a watermark that no key verifies, as processing; empty if there are none."""
     from manip3d.authenticate._verdict import Processing
 
     name = find_carrier(points)
@@ -159,7 +165,7 @@ def trace_of(points: Points) -> tuple[Processing, ...]:
 
 
 def rounding_of(embedding: str, units_per_m: int) -> tuple[Processing, ...]:
-    """The grid as processing if it is coarser than whole millimetres; else empty."""
+    """The watermark's rounding, as processing, if its grid is coarser than 1 mm; else empty."""
     from manip3d.authenticate._verdict import Processing
 
     if embedding != "lbm" or units_per_m >= MILLIMETRES:
@@ -169,7 +175,8 @@ def rounding_of(embedding: str, units_per_m: int) -> tuple[Processing, ...]:
 
 
 def without_bits(points: Points, embedding: str, units_per_m: int = MILLIMETRES) -> Points:
-    """Put each carrier in the middle of what it may have been before a bit was written into it."""
+    """Set each coordinate that carries a bit to the middle of its possible values before
+    embedding."""
     if embedding == "lbm":
         units = np.round(points.astype(np.float64) * units_per_m)
         middle = (2.0 * np.floor(units / 2.0) + 0.5) / units_per_m
@@ -183,6 +190,6 @@ def without_bits(points: Points, embedding: str, units_per_m: int = MILLIMETRES)
 
 
 def allowing(lattice: SensorLattice, embedding: str) -> SensorLattice:
-    """The lattice without the steps that an embedding blurs."""
+    """The lattice without the steps that an embedding makes untestable."""
     blurred = ALLOWED[embedding].range_incoherence is None
     return replace(lattice, coordinate_step=0.0, range_step=0.0 if blurred else lattice.range_step)

@@ -1,4 +1,4 @@
-"""Points that a file has twice."""
+"""Points that a scan contains more than once."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 
 MOST_FIRED_TWICE = 0.02
-"""Share of points that repeat the one of the firing before. A VLP-16 close to its surroundings has
-0.008, a VLP-32C 0.0006."""
+"""Largest share of points that repeat the laser's previous firing in a clean scan. A VLP-16 close
+to its surroundings has 0.008, a VLP-32C 0.0006."""
 
 
 def copies_of_earlier(points: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Return which points repeat an earlier one to the bit; points at the origin do not.
+    """Return which points equal an earlier point bit for bit; points at the origin do not count.
 
     Parameters
     ----------
@@ -26,12 +26,12 @@ def copies_of_earlier(points: NDArray[np.float32]) -> NDArray[np.bool_]:
     """
     order, same = _equal_rows(points)
     copies = np.zeros(len(points), np.bool_)
-    copies[order[1:][same]] = True  # a stable sort leaves the first of equal rows in front
+    copies[order[1:][same]] = True  # the sort is stable: the first of equal rows stays first
     return copies & points.any(axis=1)
 
 
 def _equal_rows(points: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """An order in which equal rows follow each other, and which rows equal the one before."""
+    """An order in which equal rows are adjacent, and which rows of it equal the previous row."""
     words = np.ascontiguousarray(points).view(np.uint32).astype(np.uint64)
     order = np.lexsort((words[:, 2], words[:, 1], words[:, 0]))
     return order, (words[order[1:]] == words[order[:-1]]).all(axis=1)
@@ -40,18 +40,19 @@ def _equal_rows(points: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[
 def one_of_each(
     points: NDArray[np.float32], copies: NDArray[np.bool_], reading: LatticeReading
 ) -> NDArray[np.bool_]:
-    """Return which rows are left if each point is kept once: where it stands in the file's order.
+    """Return which rows remain if each point is kept once, at its place in the scanner's order.
 
-    That is the first of its places between rows, of points that are not repeated, before and behind
-    which the scanner writes it; else the first of all its places.
+    The scanner writes ring after ring, each by azimuth. Of several equal points, the first row is
+    kept that lies, in this order, between the nearest unrepeated points before and after it in the
+    file. If no row does, the first one is kept.
 
     Parameters
     ----------
     points : (N, 3) float32
     copies : (N,) bool
-        As for `copies_of_earlier`.
+        Result of `copies_of_earlier`.
     reading : LatticeReading
-        Where the points lie on the lattice.
+        Places of the points on the lattice.
     """
     order, same = _equal_rows(points)
     group = np.empty(len(points), np.int64)
@@ -74,17 +75,17 @@ def one_of_each(
 def are_fired_twice(
     points: NDArray[np.float32], copies: NDArray[np.bool_], lattice: SensorLattice
 ) -> bool:
-    """Return whether all copies are of the same laser's firing before, with the azimuth it had.
+    """Return whether each copy repeats, with its azimuth, the previous firing of the same laser.
 
-    Scanners whose azimuths are interpolated between packets say the same one of two firings now and
-    then, and a wall is at the same range in many.
+    Scanners that interpolate azimuths between packets occasionally give two firings the same
+    azimuth. On a wall their ranges are often equal, too.
 
     Parameters
     ----------
     points : (N, 3) float32
-        In the order of the scanner.
+        Points in the order of the scanner.
     copies : (N,) bool
-        As for `copies_of_earlier`.
+        Result of `copies_of_earlier`.
     lattice : SensorLattice
     """
     rows = np.flatnonzero(copies)
@@ -92,6 +93,6 @@ def are_fired_twice(
         return False
     again = points[rows]
     found = np.zeros(len(rows), np.bool_)
-    for back in range(1, 2 * len(lattice.slope) + 1):  # rows without a return may be left out
+    for back in range(1, 2 * len(lattice.slope) + 1):  # firings without a return may be missing
         found |= (points[np.maximum(rows - back, 0)] == again).all(axis=1)
     return bool(found.all()) and len(np.unique(again, axis=0)) == len(again)

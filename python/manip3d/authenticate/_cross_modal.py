@@ -1,4 +1,4 @@
-"""Do LiDAR and cameras see the same scene? (dissertation section 7.3.2)"""
+"""Contradictions between a LiDAR scan and a stereo pair of cameras (dissertation section 7.3.2)."""
 
 from __future__ import annotations
 
@@ -21,24 +21,26 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 LEAST_JUDGED = 0.05
-"""Share of the map's cells below which nothing is said: darkness, fog, a covered lens."""
+"""Least share of the map's cells that must be judged; with less, as in darkness, in fog or with a
+covered lens, the result is undecidable."""
 
 NEAR_M = 5.0
-"""Something added and something missing within this distance are one thing that was changed."""
+"""An added and a missing region within this distance, metres, are one object that was modified."""
 
 SHARE = 0.65
-"""Exponent by which the least areas grow with the number of stereo pairs. Of 440 views of 88 clean
-frames (simulated streets of seeds 0 to 29, five pairs, three frames a street) 23 reach the areas of
-a single pair, 9 reach twice and 2 three times as much; five pairs of 2.85 times the area accuse
-about as many frames as a single one does."""
+"""The least areas of regions grow with this power of the number of stereo pairs. Of 440 views of 88
+clean frames (simulated streets of seeds 0 to 29, five pairs, three frames per street) 23 reach the
+areas of a single pair, 9 reach twice and 2 three times these areas. Five pairs with 2.85 times the
+areas accuse about as many frames as a single pair does."""
 
 STILL_THERE = 0.25
-"""Least share of a missing object that points at most `NEAR_M` behind it cover where it was moved
-away. At 4.5 m, the nearest range judged, an object moved by 5 m covers (4.5 / 9.5)^2 = 0.22 of its
-outline, at 6 m 0.30."""
+"""A missing object was moved away if points at most `NEAR_M` behind it cover at least this share of
+it. An object at 4.5 m, the nearest range that is judged, that is moved by 5 m covers (4.5 / 9.5)^2
+= 0.22 of its former outline; one at 6 m covers 0.30."""
 
 COMPARABLE = 3.0
-"""Ratio of areas up to which two regions in the same direction are one thing as well."""
+"""An added and a missing region in the same direction are one object, too, if the ratio of their
+areas is at most this."""
 
 
 CALIBRATION = Calibration(
@@ -47,11 +49,11 @@ CALIBRATION = Calibration(
     3,
     "KITTI's cameras and scanner by day; rain, night and other baselines are not covered",
 )
-"""Frames on which the parameters were chosen, those at the ends of streets among them."""
+"""Frames on which the parameters were chosen, including those at the ends of streets."""
 
 CLEAN_ACCUSED = (1, 120)
-"""Clean frames that are accused, and all that were judged, of streets on which no parameter was
-chosen: the stated rate of false accusations of a frame (experiment ``table-7.2-cross-modal``)."""
+"""Number of accused and of judged clean frames, of streets on which no parameter was chosen. Their
+ratio is the stated rate of false accusations per frame (experiment ``table-7.2-cross-modal``)."""
 
 
 @checked
@@ -64,36 +66,37 @@ class CrossModalParameters:
     azimuth_step, elevation_step : float, degrees
         Size of a cell of the maps.
     half_azimuth : float, degrees
-        The maps reach this far to each side of the heading.
+        Extent of the maps to each side of the heading.
     lowest, highest : float, degrees
-        Elevations of the maps: the scanner's own field of view.
+        Extent of the maps in elevation: the scanner's field of view.
     min_range, max_range : float, metres
-        What is nearer or farther is not judged. Added points must also be that far along the
-        cameras' axis: what is nearer to them they cannot match.
+        Nearer and farther surfaces are not judged. Added points must also be at least ``min_range``
+        away along the cameras' axis, because the cameras cannot match nearer points.
     tolerance : float, pixels of disparity
-        Largest difference between the two disparities that counts as agreement. A pixel is 0.26 m
-        at 10 m with KITTI's cameras, 1 m at 20 m.
+        LiDAR and cameras agree if their disparities differ by at most this. With KITTI's cameras a
+        pixel corresponds to 0.26 m at 10 m, and to 1 m at 20 m.
     dark_level : float, grey levels
-        Where the picture is darker, that the scan has no point is weak evidence: dark paint, tyres
-        and glass seen at a grazing angle return nothing to a scanner either.
+        Where the picture is darker than this, a missing point of the scan is weak evidence, because
+        dark paint, tyres and glass at a grazing angle return nothing to a scanner.
     dark_weight : float
-        0 to 1: what the area of a dark cell without a point counts.
+        Weight, 0 to 1, of the area of a dark cell without a point.
     min_cells : int
         Fewest cells of a region.
     min_added_area, min_missing_area : float, square metres
-        Least evidence of a region: its area, each cell at its own range, dark empty cells at their
-        weight.
+        Least evidence of a region: the sum of its cells' areas, each at its own range; dark cells
+        without a point have ``dark_weight``.
     heading : float or None, degrees
-        Azimuth of the maps' middle, counter-clockwise from straight ahead; None: where the cameras
-        look (`StereoRig.heading_deg`), to the nearest 5 degrees.
+        Azimuth of the maps' middle, counter-clockwise from straight ahead; None: the direction of
+        the cameras (`StereoRig.heading_deg`), rounded to 5 degrees.
 
     Notes
     -----
-    Chosen on 275 clean frames of simulated streets (seeds 0 to 39), 120 of them attacked, and 11
-    real frames (KITTI raw drive 2011_09_26_0002 and odometry 00). Of 120 clean frames of other
-    streets 1 is accused, of 6 other real ones none (experiment ``table-7.2-cross-modal``). At ten
-    frames a second that is a false alarm every few seconds: one contradiction in one frame is a
-    reason to look, not a proof. `RiskTracker` weighs how long it lasts.
+    The defaults were chosen on 275 clean frames of simulated streets (seeds 0 to 39), 120 of them
+    also with attacks, and on 11 real frames (KITTI raw drive 2011_09_26_0002 and odometry 00). Of
+    120 clean frames of other streets one is accused, of 6 other real frames none (experiment
+    ``table-7.2-cross-modal``). At ten frames per second this is a false alarm every few seconds, so
+    that a contradiction in a single frame is a reason to look, not a proof. `RiskTracker` takes
+    into account how long an attack lasts.
     """
 
     azimuth_step: float = 0.3
@@ -112,20 +115,20 @@ class CrossModalParameters:
     heading: float | None = None
 
     def shared(self, pairs: int) -> CrossModalParameters:
-        """Return the parameters of each of several pairs, which share a frame's false alarms.
+        """Return the parameters for each of several pairs, at the false-alarm rate of a single one.
 
-        A frame is accused if a pair accuses it: as many pairs with the areas of a single one accuse
-        as many times the clean frames.
+        A frame is accused if any pair accuses it. With the areas of a single pair, several pairs
+        would accuse several times as many clean frames; the areas are therefore larger.
 
         Parameters
         ----------
         pairs : int
-            Stereo pairs that judge each frame.
+            Number of stereo pairs that judge each frame.
 
         Raises
         ------
         InputError
-            Fewer than one.
+            ``pairs`` is less than 1.
 
         Examples
         --------
@@ -143,7 +146,7 @@ class CrossModalParameters:
         )
 
     def to_core(self) -> _core.CrossModalOptions:
-        """Return the same for the core."""
+        """Return the parameters as options of the core."""
         options = _core.CrossModalOptions()
         for each in fields(self):
             value = getattr(self, each.name)
@@ -159,27 +162,30 @@ class CrossModalRegion:
     Attributes
     ----------
     kind : 'added' or 'missing'
-        What the LiDAR scan has, or lacks, by the cameras.
+        Whether the LiDAR scan shows, or lacks, an object that the cameras do not, or do, show.
     cells : int
+        Number of cells of the map.
     empty : int
-        Cells without any point of the scan.
+        Number of cells without any point of the scan.
     solid_angle : float, steradians
+        Solid angle of the cells.
     area : float, square metres
-        Each cell at its own range.
+        Sum of the cells' areas, each at its own range.
     difference : float, pixels of disparity
-        Mean; the LiDAR is nearer where it is positive.
+        Mean disparity of the LiDAR minus that of the cameras; positive: the LiDAR is nearer.
     box : Box
-        Around the added points, or around what the cameras see and the LiDAR does not.
+        Box around the added points, or around the missing surface that the cameras see.
     score : float
-        Evidence over the least that counts.
+        Evidence divided by the least evidence of a region of its kind.
     dark : int
-        Cells without any point that are dark in the picture.
+        Number of empty cells that are dark in the picture.
     evidence : float, square metres
-        The area with those cells at their weight.
+        Area in which dark empty cells have the weight `CrossModalParameters.dark_weight`.
     rows : (K,) int64
-        Rows of the added points; none where something is missing.
+        Rows of the added points; empty for a missing region.
     behind : int
-        Cells of something missing with a point at most 5 m behind what the cameras see.
+        Number of cells of a missing region with a point at most 5 m behind the surface that the
+        cameras see.
     """
 
     kind: str
@@ -199,12 +205,12 @@ class CrossModalRegion:
 
     @property
     def p_value(self) -> float | None:
-        """None: the tail of clean scenes is not known well enough to state one."""
+        """None, because the scores of clean scenes are not known well enough for a p-value."""
         return None
 
     @property
     def azimuth(self) -> tuple[float, float]:
-        """Azimuths between which the box lies, radians, counter-clockwise from the first.
+        """Right and left end of the box in azimuth, radians, counter-clockwise.
 
         The middle of the box lies within pi of straight ahead; the ends may lie beyond.
         """
@@ -245,33 +251,37 @@ class CrossModalResult(WithoutRate):
     verdict : 'no_trace', 'tampered' or 'undecidable'
         Verdict on the field of view that LiDAR and cameras share, and on nothing else.
     reason : str
-        In words.
+        Reason of the verdict in words.
     attack : str
         ``additive``, ``subtractive``, ``both`` or ``modification``; empty: no region.
     regions : tuple of CrossModalRegion
-        The largest area first.
+        Contradictions, the largest area first.
     boxes : tuple of Box
         Boxes of the regions, in the LiDAR's frame.
     suspected : int32 array
         Rows of added points, ascending.
     lidar, stereo : (H, W) float32, metres
-        Ranges; 0: nothing. Row 0 is the highest elevation, column 0 the leftmost azimuth.
+        Maps of ranges; 0: no measurement. Row 0 is the highest elevation, column 0 the leftmost
+        azimuth.
     heading : float, degrees
         Azimuth of the maps' middle.
     difference : (H, W) float32, pixels of disparity
-        LiDAR minus stereo; 0 where nothing is judged.
+        Disparity of the LiDAR minus that of stereo; 0 in cells that are not judged.
     mask : (H, W) int8
-        Cells of regions: 1 added, -1 missing.
+        Cells of the regions: 1 added, -1 missing, 0 none.
     judged : (H, W) bool
-        Where a contradiction would have been seen.
+        Cells in which a contradiction would have been found.
     judged_points : float
-        Share of the scan's points that lie in judged cells; nothing is said of the others.
+        Share of the scan's points that lie in judged cells; the verdict does not concern the
+        others.
     judged_cells : float
-        Share of the map's cells.
+        Share of the map's cells that are judged.
     score : float
-        Largest score of a region above the thresholds; 0: none.
+        Largest score of a region; 0: no region.
     parameters : CrossModalParameters
+        Parameters of the comparison.
     scan : LidarFrame or None
+        The scan that was judged; the viewer shows it.
     """
 
     verdict: Verdict
@@ -293,14 +303,14 @@ class CrossModalResult(WithoutRate):
 
     @property
     def calibration(self) -> Calibration | None:
-        """The clean frames that the areas and the tolerance were held against."""
+        """Clean frames on which the areas and the tolerance were chosen."""
         return CALIBRATION
 
     @property
     def judged_azimuth_deg(self) -> tuple[float, float]:
-        """Leftmost and rightmost azimuth that is judged at all, degrees; (0, 0): none.
+        """Leftmost and rightmost azimuth of the judged cells, degrees; (0, 0): none.
 
-        Of cameras that look to the side or back they may lie beyond 180 degrees.
+        If cameras look to the side or to the rear, azimuths may lie beyond 180 degrees.
         """
         columns = np.flatnonzero(self.judged.any(axis=0))
         if not len(columns):
@@ -315,12 +325,12 @@ class CrossModalResult(WithoutRate):
     def observation(
         self, *, speed_mps: float, parameters: RiskParameters | None = None
     ) -> AttackObservation | None:
-        """Return the attack as `RiskTracker.update` takes it; None: no region.
+        """Return the attack for `RiskTracker.update`; None if the frame is not accused.
 
         Parameters
         ----------
         speed_mps : float, m/s
-            Speed of the car, which says how far the safety region reaches.
+            Speed of the car, which determines the length of the safety region.
         parameters : RiskParameters, optional
             The safety region.
         """
@@ -333,12 +343,12 @@ class CrossModalResult(WithoutRate):
     def cells_in_region(
         self, speed_mps: float, parameters: RiskParameters | None = None
     ) -> tuple[int, int]:
-        """Return how many cells of the safety region were changed, and how many are judged.
+        """Return the number of changed and of judged cells in the safety region.
 
         Parameters
         ----------
         speed_mps : float, m/s
-            Speed of the car, which says how far the safety region reaches.
+            Speed of the car, which determines the length of the safety region.
         parameters : RiskParameters, optional
             The safety region.
         """
@@ -347,7 +357,7 @@ class CrossModalResult(WithoutRate):
         return int(np.count_nonzero(inside & (self.mask != 0))), int(np.count_nonzero(inside))
 
     def _in_region(self, region: RiskParameters, speed_mps: float) -> NDArray[np.bool_]:
-        """Cells whose surface lies in the safety region: what is missing counts where it was."""
+        """Cells whose surface lies in the safety region; missing surfaces by the cameras' range."""
         p = self.parameters
         rows, columns = self.mask.shape
         left = self.heading + p.half_azimuth
@@ -361,7 +371,7 @@ class CrossModalResult(WithoutRate):
         return np.asarray((distance > 0.0) & region.contains(places, speed_mps))
 
     def record(self) -> dict[str, object]:
-        """Return what was found without the maps, ready for JSON."""
+        """Return the result without the maps, ready for JSON."""
         return {
             "verdict": self.verdict,
             "reason": self.reason,
@@ -382,21 +392,23 @@ def cross_modal_consistency(
     *,
     parameters: CrossModalParameters | None = None,
 ) -> CrossModalResult:
-    """Compare a LiDAR scan with what a stereo pair saw at the same moment.
+    """Compare a LiDAR scan with the disparity of a stereo pair from the same moment.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres; x forward, y left, z up, the scanner at the origin.
+        Scan in metres; x forward, y left, z up, the scanner at the origin.
     disparity : Disparity
         Disparity of the left image, see `stereo_disparity`.
     rig : StereoRig
+        The stereo pair, and its pose in the LiDAR's frame.
     parameters : CrossModalParameters, optional
+        Default: ``CrossModalParameters()``.
 
     Returns
     -------
     CrossModalResult
-        ``undecidable`` where the cameras measured too little to say anything.
+        ``undecidable`` if the cameras measured too little to judge the scan.
 
     Raises
     ------
@@ -405,11 +417,11 @@ def cross_modal_consistency(
 
     Notes
     -----
-    Both become equirectangular maps of inverse range, in which the error of stereo is the same
-    near and far. Something is added where a point is nearer than all that the cameras see in the
-    3 x 3 cells around, missing where all that the cameras see there is nearer than every point.
-    Where a dark surface returns nothing at all, that counts a quarter (`CrossModalParameters`).
-    The cameras must be trustworthy themselves, by a watermark of their own.
+    Both are projected to equirectangular maps of inverse range, in which the error of stereo is the
+    same near and far. A cell is added if its point is nearer than all surfaces that the cameras see
+    in the 3 x 3 cells around it, and missing if all these surfaces are nearer than every point of
+    the scan there. A dark surface without any return counts a quarter (`CrossModalParameters`). The
+    pictures must be trustworthy, which a watermark of their own can ensure.
 
     Examples
     --------
@@ -422,7 +434,7 @@ def cross_modal_consistency(
     >>> scan = np.stack([np.full_like(y, 20), y, z], axis=1).astype(np.float32)
     >>> cross_modal_consistency(scan, wall, rig).verdict
     'no_trace'
-    >>> scan[(abs(y) < 2) & (abs(z) < 1.5)] *= 0.5  # halfway stands what the cameras do not see
+    >>> scan[(abs(y) < 2) & (abs(z) < 1.5)] *= 0.5  # an object halfway that the cameras do not see
     >>> found = cross_modal_consistency(scan, wall, rig)
     >>> found.verdict, found.attack
     ('tampered', 'additive')
@@ -444,7 +456,7 @@ def cross_modal_consistency(
     cells = float(np.mean(judged))
     suspected = found["suspected"]
     component = found["suspected_component"]
-    if cells < LEAST_JUDGED:  # nothing is said, so nobody is suspected
+    if cells < LEAST_JUDGED:  # undecidable: no points are suspected
         suspected, component = suspected[:0], component[:0]
     regions = tuple(
         _region(values, chosen, disparity.step, heading, suspected[component == number])
@@ -480,7 +492,7 @@ def cross_modal_consistency(
 
 
 def _to_five_degrees(heading: float) -> float:
-    """Cameras that look ahead but for their mounting are compared in the LiDAR's own axes."""
+    """Round, so that cameras that look ahead are compared in the LiDAR's own axes."""
     return 5.0 * round(heading / 5.0) + 0.0  # never -0
 
 
@@ -488,16 +500,18 @@ def _to_five_degrees(heading: float) -> float:
 def attack_type(regions: Sequence[CrossModalRegion]) -> str:
     """Return the type of an attack from its regions (section 7.4).
 
-    Something added and something missing within 5 m of each other, or of comparable area in the
-    same direction, are one object that was moved, turned or replaced: a modification. An object
-    that was moved away stands behind what the cameras see, and is added nowhere: something missing
-    is a modification where most points of the scan there lie at most 5 m behind it and cover a
-    quarter of it. A removed object passes as one, too, where the ground behind it is so near, as
-    behind something 0.8 m high at 8 m, or where a wall was filled in so near behind it.
+    An added and a missing region within 5 m of each other, or of comparable area in the same
+    direction, are one object that was moved, turned or replaced: a modification. An object that was
+    moved away from the scanner is behind the place where the cameras see it, so that no region is
+    added. A missing region alone is therefore a modification if most points of the scan there lie
+    at most 5 m behind it and cover at least a quarter of it. A removed object is also taken for a
+    modification if the ground is that near behind it, as behind an object 0.8 m high at 8 m, or if
+    a wall was filled in that near behind it.
 
     Parameters
     ----------
     regions : sequence of CrossModalRegion
+        Regions of a `CrossModalResult`.
 
     Returns
     -------
@@ -507,7 +521,7 @@ def attack_type(regions: Sequence[CrossModalRegion]) -> str:
     Raises
     ------
     InputError
-        ``regions`` holds something else than regions.
+        ``regions`` holds an item of another type.
 
     Examples
     --------
@@ -534,10 +548,10 @@ def attack_type(regions: Sequence[CrossModalRegion]) -> str:
 
 
 def _is_moved_away(missing: CrossModalRegion) -> bool:
-    """Whether the points that the scan has in place of an object may be the object itself.
+    """Whether the points behind a missing object may be the object itself.
 
-    Walls that a removed object hid lie farther behind it, as a rule, and so does the ground behind
-    most of what is taller than a metre.
+    Walls behind a removed object, and the ground behind objects taller than a metre, are usually
+    farther away.
     """
     points = missing.cells - missing.empty
     return missing.behind >= max(STILL_THERE * missing.cells, points / 2)
@@ -551,7 +565,7 @@ def _is_one_object(added: CrossModalRegion, missing: CrossModalRegion) -> bool:
 
 
 def _overlap(a: tuple[float, float], b: tuple[float, float]) -> bool:
-    """Whether two ranges of azimuths have one in common, also across straight behind."""
+    """Whether two ranges of azimuths overlap, modulo a full turn."""
     turn = 2.0 * math.pi
     return any(a[0] <= b[1] + shift and b[0] + shift <= a[1] for shift in (-turn, 0.0, turn))
 
@@ -602,7 +616,7 @@ def _region(
 
 
 def nearest_place(box: Box) -> tuple[float, float]:
-    """Place of a box over the ground that is nearest to the scanner."""
+    """Point of a box's outline on the ground that is nearest to the scanner, metres."""
     cosine, sine = math.cos(box.yaw), math.sin(box.yaw)
     x, y, _ = box.center
     own = (cosine * x + sine * y, cosine * y - sine * x)  # along the sides of the box

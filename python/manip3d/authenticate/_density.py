@@ -1,4 +1,4 @@
-"""Detector I: does the spacing of points follow from their distance? (IsDensityConsistent)"""
+"""Detector I: points whose spacing does not follow from their distance (IsDensityConsistent)."""
 
 from __future__ import annotations
 
@@ -23,13 +23,15 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 FEWEST_POINTS = 1000
-"""Below, a scan has too few levels to compare."""
+"""With fewer points, a scan has too few levels to compare."""
 
 FEWEST_PEERS = 10
-"""Sectors that must reach a level before it says what is usual there: more than one object's."""
+"""Fewest sectors with enough points at a level for its median spacing: more than one object
+covers."""
 
 USUAL = 0.05
-"""Share of the sectors' levels from which being off is not an exception: the law does not hold."""
+"""If at least this share of all levels of all sectors is off, spacing does not follow from distance
+in this scan, and nothing is judged."""
 
 
 @dataclass(frozen=True)
@@ -39,20 +41,22 @@ class DensityParameters:
     Attributes
     ----------
     sector : int
-        Degrees of azimuth and elevation within which levels are compared; 0: the whole scan.
+        Size of a sector in azimuth and elevation, degrees; each sector has its own levels. 0: the
+        whole scan is one sector.
     level_width, level_growth : float
-        A level of range is ``max(level_width, level_growth * range)`` metres wide.
+        A level is an interval of range, ``max(level_width, level_growth * range)`` metres wide.
     window : int
-        Levels of the moving average; odd.
+        Number of levels of the moving average; odd.
     run : int
-        Consecutive levels that must be off: "sudden and persistent".
+        Number of consecutive levels that must be off: "sudden and persistent".
     fall, rise : float
-        Ratio of measured to expected spacing that flags a level.
+        A level is off if the ratio of measured to expected spacing is at most ``fall``, or at least
+        ``rise``.
     deviation : float
-        Or, where above 0: robust standard deviations (of the median absolute deviation) from the
-        fit, instead of ``fall`` and ``rise``.
+        If above 0, it replaces ``fall`` and ``rise``: a level is off if it is this many robust
+        standard deviations (from the median absolute deviation) from the fit.
     fewest : int
-        Points of a level that counts.
+        Fewest points of a level that is judged.
     """
 
     sector: int = 3
@@ -79,7 +83,8 @@ class DensityParameters:
 PAPER_DENSITY = DensityParameters(
     sector=0, level_width=0.2, level_growth=0.0, window=7, deviation=3.5, fewest=10
 )
-"""Parameters of the dissertation: one signal over range, its moving average, sudden, persistent."""
+"""Parameters of the dissertation: one signal over range, its moving average, and deviations that
+are sudden and persistent."""
 
 CALIBRATED_DENSITY = DensityParameters()
 """For terrestrial scans of millions of points."""
@@ -123,29 +128,31 @@ class DensityResult(WithoutRate):
     ----------
     verdict : 'no_trace', 'tampered' or 'undecidable'
     reason : str
-        In words.
+        Reason of the verdict in words.
     ranges : (L,) float64, metres
         Middles of the levels.
     signal : (L,) float64, metres
         Mean nearest-neighbour distance of each level (median over the sectors), after the moving
-        average; NaN where too few points are.
+        average; NaN at levels with too few points.
     fit : (L,) float64, metres
-        The monotone law of the scan itself.
+        Expected spacing at each level, fitted to the scan itself.
     ratio : (S, L) float64
-        Spacing of each sector and level over the fit; NaN where too few points are.
+        Spacing of each sector and level divided by the fit; NaN at levels with too few points.
     offending : (K, 2) float64, metres
-        Ranges that are off, from and to.
+        Begin and end of the ranges that are off.
     suspected : int32 array
-        Rows of the points there, ascending.
+        Rows of the points in levels that are off, ascending.
     regions : tuple of Region
-        One, of all suspected points; none where there are none.
+        One region with all suspected points; empty if there are none.
     score : float
-        The largest deviation that persists, over its threshold: tampered from 1 on.
+        The largest persistent deviation divided by its threshold; tampered if it is at least 1.
     parameters : DensityParameters
+        Parameters of the detector.
     calibration : Calibration or None
-        None: the thresholds are a publication's or a user's.
+        Clean scans on which the thresholds were chosen; None: they come from a publication or a
+        user.
     scan : LidarFrame or None
-        What was judged, so that the result can be shown.
+        The scan that was judged; the viewer shows it.
     """
 
     verdict: Verdict
@@ -173,20 +180,21 @@ def density_consistency(
     threads: int = 0,
     progress: Progress = None,
 ) -> DensityResult:
-    """Look for points that are not as dense as their distance says: detector I.
+    """Find points whose density does not follow from their distance: detector I.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
         A scan taken from one position.
     parameters : DensityParameters, optional
-        `CALIBRATED_DENSITY`, `SPARSE_DENSITY` for fewer than half a million points; or
-        `PAPER_DENSITY` for the dissertation's single signal.
+        Default: `CALIBRATED_DENSITY`, or `SPARSE_DENSITY` for fewer than half a million points.
+        `PAPER_DENSITY` uses the dissertation's single signal.
     origin : (3,), optional
-        Where the scanner stood; by default as the frame says, else as `estimate_origin` finds;
-        (0, 0, 0) for an array.
+        Position of the scanner, metres; default: that of the frame, else the result of
+        `estimate_origin`; (0, 0, 0) for an array.
     distances : (N,) float64, optional
-        As from `manip3d.metrics.nearest_distances`, where they are known already.
+        Distance of each point from its nearest neighbour, as `manip3d.metrics.nearest_distances`
+        returns it; default: computed here.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -203,19 +211,19 @@ def density_consistency(
 
     Notes
     -----
-    Dissertation, algorithm 1. The text quantises z "which represents the distance from the sensor":
-    here it is the range. The usual spacing at a range is a r for a single signal, and for sectors
-    a monotone fit (pool adjacent violators) to the median over them: they are compared with each
-    other at equal range, because an object of a few thousand points is lost in the mean of a
-    whole level.
+    Dissertation, algorithm 1. The text quantises z "which represents the distance from the sensor";
+    here that distance is the range r. For a single signal the expected spacing is a r, with a
+    constant a. For sectors it is a monotone fit (pool adjacent violators) to the median over the
+    sectors. Sectors are compared with each other at equal range, because an object of a few
+    thousand points has no effect on the mean of a whole level.
 
-    Where sectors are compared, the law is tested on the scan itself: a spacing off its range's in
-    5 % of all places or more is the scanner's or the scenery's, not an object's, and nothing is
-    judged. So it is with a tilting planar scanner, whose points crowd at two poles (3DTK: 5 % of
-    the places have less than half the usual spacing), with leaves in cells 13 times as wide as
-    high (the forest of a Riegl VZ-400i), and where all points are there twice, so that no spacing
-    is known. On simulated terrestrial scans, clean or forged, 5 % lie at 0.87 of the usual spacing
-    or below (0.75 is off), on frames of an HDL-64E at 0.74 to 0.87 (0.6 is off).
+    If sectors are compared, the scan itself shows whether spacing follows from range. If it does
+    not in 5 % or more of all levels of all sectors, the reason is the scanner or the scenery, not
+    an object, and nothing is judged. Examples are a tilting planar scanner, whose points crowd at
+    two poles (3DTK: 5 % of the levels have less than half the usual spacing); leaves, in cells 13
+    times as wide as high (the forest of a Riegl VZ-400i); and duplicated points, which have no
+    spacing. On simulated terrestrial scans, clean or forged, 5 % of the levels have at most 0.87 of
+    the usual spacing (0.75 is off); on frames of an HDL-64E, at most 0.74 to 0.87 (0.6 is off).
 
     Examples
     --------
@@ -250,7 +258,8 @@ def density_consistency(
     fit = _proportional_fit(signal, ranges) if len(spacing) == 1 else _monotone_fit(signal, ranges)
     if not np.count_nonzero(np.isfinite(signal)) > parameters.run:
         return _undecidable("too few levels of range hold enough points", parameters)
-    with np.errstate(divide="ignore", invalid="ignore"):  # duplicates everywhere: no spacing
+    # if all points are duplicated, the fit is 0
+    with np.errstate(divide="ignore", invalid="ignore"):
         ratio = spacing / fit
     if parameters.deviation == 0.0 and not (usual := _share_off(ratio, parameters)) < USUAL:
         return _undecidable(_no_law(usual), parameters)
@@ -284,7 +293,7 @@ def _levels(
     parameters: DensityParameters,
     threads: int,
 ) -> tuple[Floats, Floats]:
-    """Borders of the levels of range, (L + 1,), and the smoothed spacing of each sector, (S, L)."""
+    """Borders of the levels of range, (L + 1,), and smoothed spacings, (sectors, L)."""
     sectors, edges, counts, means = _core.density_levels(
         points,
         spacing_of,
@@ -301,7 +310,7 @@ def _levels(
 
 
 def _moving_average(values: Floats, window: int) -> Floats:
-    """Mean of the finite values of a window of levels around each; NaN stays."""
+    """Mean of the finite values in the window of levels around each; NaN remains NaN."""
     if window == 1:
         return values
     known = np.isfinite(values)
@@ -310,14 +319,14 @@ def _moving_average(values: Floats, window: int) -> Floats:
     number = np.pad(known.astype(np.int64), half)
     levels = values.shape[1]
     total, count = np.zeros(values.shape), np.zeros(values.shape, np.int64)
-    for shift in range(window):  # in this order: sums must not depend on the CPU
+    for shift in range(window):  # a fixed order, so that sums do not depend on the CPU
         total = total + padded[:, shift : shift + levels]
         count = count + number[:, shift : shift + levels]
     return np.where(known, total / np.maximum(count, 1), np.nan)
 
 
 def _typical(spacing: Floats) -> Floats:
-    """Median over the sectors of each level that enough of them reach."""
+    """Median over the sectors at each level; NaN if fewer than FEWEST_PEERS sectors are known."""
     if len(spacing) == 1:
         signal: Floats = spacing[0]
         return signal
@@ -331,7 +340,7 @@ def _typical(spacing: Floats) -> Floats:
 
 
 def _proportional_fit(signal: Floats, ranges: Floats) -> Floats:
-    """MID = a r, with the median of the levels' own a; NaN where the signal is."""
+    """Expected spacing a r, where a is the median of signal / r; NaN where the signal is NaN."""
     known = np.isfinite(signal)
     if not known.any():
         return signal
@@ -340,12 +349,15 @@ def _proportional_fit(signal: Floats, ranges: Floats) -> Floats:
 
 
 def _monotone_fit(signal: Floats, ranges: Floats) -> Floats:
-    """Isotonic regression by pooling adjacent violators; levels that say nothing of themselves are
-    interpolated, and before the first and after the last proportional to range."""
+    """Isotonic regression by pooling adjacent violators.
+
+    Unknown levels are interpolated; before the first and after the last known level the fit is
+    proportional to range.
+    """
     levels = np.flatnonzero(np.isfinite(signal))
     if not len(levels):
         return signal
-    pools: list[tuple[float, int]] = []  # mean and size
+    pools: list[tuple[float, int]] = []  # each pool: mean, number of levels
     for value in signal[levels].tolist():
         pools.append((value, 1))
         while len(pools) > 1 and pools[-2][0] > pools[-1][0]:
@@ -360,7 +372,7 @@ def _monotone_fit(signal: Floats, ranges: Floats) -> Floats:
 
 
 def _off(ratio: Floats, parameters: DensityParameters) -> tuple[NDArray[np.bool_], float]:
-    """Levels that are off with enough neighbours that are, and how far the farthest of them is."""
+    """Levels in runs of at least ``run`` levels that are off, and the score of the result."""
     if parameters.deviation > 0.0:
         residual = ratio - 1.0
         known = residual[np.isfinite(residual)]
@@ -387,7 +399,7 @@ def _off(ratio: Floats, parameters: DensityParameters) -> tuple[NDArray[np.bool_
 
 
 def _share_off(ratio: Floats, parameters: DensityParameters) -> float:
-    """Share of the known levels of sectors that are off to the one side that has more of them."""
+    """Share of the known levels that are off; the larger one of too dense and too sparse."""
     known = ratio[np.isfinite(ratio)]
     if not len(known):
         return float("nan")
@@ -396,7 +408,7 @@ def _share_off(ratio: Floats, parameters: DensityParameters) -> float:
 
 
 def _no_law(usual: float) -> str:
-    """Why nothing is judged where the share of places that are off is not small, or not known."""
+    """Reason of an undecidable result: too many levels are off, or no spacing is known."""
     if np.isnan(usual):
         return "no spacing is known: the points are there twice"
     return f"spacing off its range's in {usual:.0%} of the places: not a law of this scan"
@@ -425,7 +437,7 @@ def _points_of(
 
 
 def _ranges(off: NDArray[np.bool_], edges: Floats) -> Floats:
-    """From and to of each run of levels that are off."""
+    """Begin and end, metres, of each run of levels that are off."""
     steps = np.diff(np.concatenate([[0], off.astype(np.int8), [0]]))
     return np.column_stack([edges[np.flatnonzero(steps == 1)], edges[np.flatnonzero(steps == -1)]])
 

@@ -1,4 +1,4 @@
-"""Inspecting the scans of a drive one after the other, each with its neighbours."""
+"""Inspect the scans of a drive, each with its neighbours, and judge the drive as a whole."""
 
 from __future__ import annotations
 
@@ -39,30 +39,33 @@ if TYPE_CHECKING:
 GRAVEST_FIRST: tuple[Verdict, ...] = ("tampered", "processed", "undecidable", "no_trace")
 
 DRIVE_RATE = 0.01
-"""Clean drives, at most, that have as many episodes of accused scans as one that is tampered, or as
-many alarms of `drive_evidence`."""
+"""Largest share of clean drives that chance may make ``tampered``: by their number of episodes of
+accused scans, or by their number of alarms of `drive_evidence`."""
 
 FRAMES_PER_HOUR = 3600.0 * FRAMES_PER_SECOND
 
 _OF_MANY_TURNS = {"turns", "reflectance"}
-"""Detectors IV and V: what looks odd to them in one turn looks odd in the next."""
+"""Detectors IV and V: a false accusation by them in one turn recurs in the next."""
 
 _MOST_NAMED = 10
 
 _FASTER_THAN_BACKING, _FEWEST_MOVING, _FARTHER_THAN_BACKING = 0.5, 3, 20.0
-"""Metres a turn of a tenth of a second, 18 km/h; turns; metres in all: cars that reverse are slower
-and stop before."""
+"""A drive is ``backwards`` if it moves to the rear in all of at least _FEWEST_MOVING turns with
+more than _FASTER_THAN_BACKING metres (18 km/h at ten turns per second), or in all turns that move
+and by more than _FARTHER_THAN_BACKING metres in total: cars that reverse are slower, or stop
+before."""
 
 _MOVING = 0.05
-"""Metres a turn: what is less may be the alignment's error."""
+"""Metres per turn: smaller motions may be errors of the alignment."""
 
 _MOST_GAINED, _SAME_MOTION = 0.5, 0.2
-"""Metres: so much more or less than in the turn beside is five times gravity; and how far two
-alignments of the same two scans may be apart."""
+"""Metres per turn: a larger change of motion between neighbouring turns is a jump, since it takes
+five times the acceleration of gravity. Metres: largest difference between two alignments of the
+same two scans (forwards and backwards)."""
 
 _LONGER = 1.5
-"""Intervals of the median after which a scan is missing: that of a scanner is steady to a few
-hundredths of it."""
+"""A scan is missing after an interval of more than this many median intervals. The intervals of a
+scanner vary by a few hundredths."""
 
 
 @checked
@@ -79,41 +82,42 @@ def inspect_drive(
     printed: bool = False,
     threads: int = 0,
 ) -> Iterator[Inspection | None]:
-    """Judge the scans of a drive, each with the one before and the one after it.
+    """Judge the scans of a drive, each with the previous and the following scan.
 
     Parameters
     ----------
     frames : iterable of LidarFrame or None
-        In the order of the drive, of one scanner; None: a frame that is missing, whose result is
-        None and whose neighbours are judged without it.
+        Scans of one scanner in the order of the drive. None: a missing frame; its result is None,
+        and its neighbours are judged without it.
     lattice : SensorLattice, optional
-        Lattice of the scanner. Without it the lattice by which the first scan that has one was
-        judged is tried first on all later scans, unless that scan told it itself: such a lattice
-        judges that scan alone.
+        Lattice of the scanner; default: once a scan was judged by a known lattice, that lattice is
+        tried first on all later scans. A lattice that was estimated from a scan judges that scan
+        alone.
     sensor, origin, power, printed, threads
         As for `inspect`.
     numbers : iterable of int, optional
-        Number of each frame: only those that differ by one are a turn apart, and neighbours. By
-        default all follow each other. What a turn saw and another one did not is evidence, so that
-        scans of other places must not be taken for neighbours.
+        Number of each frame. Only frames whose numbers differ by one are neighbours, one turn
+        apart; default: all frames follow each other. Differences between turns are evidence, so
+        that scans of other places must not be given as neighbours.
     records : iterable of (bytes or None), optional
-        The watermark's record of each frame; they are verified as one chain.
+        Watermark record of each frame; the records are verified as one chain.
     key : KeyFile or KeyRing, optional
-        Verifies the records.
+        Key that verifies the records.
 
     Yields
     ------
     Inspection or None
-        One for each frame, in their order; a frame with nine tenths of the points of an earlier one
-        of the drive, to the bit and in any order, is ``processed`` (repeated) unless it is
-        tampered, and ``repeats`` is the place of that one. With one thread as soon as the frame
-        after it was judged, which tells whether it is whole, and five frames are held at a time;
-        with several, once the scanner's lattice is known, as many frames later and more.
+        One result for each frame, in their order. A frame that has nine tenths of the points of an
+        earlier frame, bit for bit and in any order, is ``processed`` (repeated) unless it is
+        tampered, and its ``repeats`` is the place of the earlier frame. With one thread, a result
+        is yielded once the following frame was judged, because only then it is known whether that
+        frame is whole; five frames are held at a time. With several threads, once the lattice is
+        known, results are yielded at least as many frames later as there are threads.
 
     Raises
     ------
     InputError
-        As `inspect`; a key without records; fewer ``numbers`` than frames, when they end.
+        As `inspect`; a key is given without records; ``numbers`` ends before the frames do.
 
     Examples
     --------
@@ -149,7 +153,7 @@ def inspect_drive(
 def _numbered(
     frames: Iterable[LidarFrame | None], numbers: Iterable[int]
 ) -> Iterator[tuple[LidarFrame | None, int]]:
-    """Frames and their numbers, of which there may be more than frames, but not fewer."""
+    """Frames with their numbers; there may be more numbers than frames, but not fewer."""
     following = iter(numbers)
     for count, frame in enumerate(frames):
         number = next(following, None)
@@ -159,7 +163,7 @@ def _numbered(
 
 
 def _check_each(name: str, values: object, *kinds: type) -> None:
-    """Refuse what is in no order, and items of another kind where all are there already."""
+    """Raise InputError for unordered collections, and for lists with items of another type."""
     if isinstance(values, set | frozenset | dict | str | bytes):
         raise InputError(f"{name}: expected a sequence, got {type(values).__name__}")
     if isinstance(values, list | tuple | np.ndarray):
@@ -172,30 +176,30 @@ def _check_each(name: str, values: object, *kinds: type) -> None:
 
 @dataclass(frozen=True, eq=False)
 class DriveInspection:
-    """Verdict of a drive from all of its scans; see `judge_drive`.
+    """Verdict on a drive from all of its scans; see `judge_drive`.
 
     Attributes
     ----------
     verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
-        As `verdict_of_drive` says.
+        Verdict of `verdict_of_drive`.
     reason : str
-        The verdict's reason in words, and the remarks.
+        Reason of the verdict in words, followed by the remarks.
     accused : tuple of int
-        Places of the scans that are called tampered, from 0.
+        Places of the tampered scans in the drive, from 0.
     evidence : DriveEvidence
-        What the scans add up to.
+        Combined evidence of the scans.
     num_scans, num_missing : int
-        All scans, and those that could not be read.
+        Number of scans, and of scans that could not be read.
     remarks : tuple of Processing
-        What the scans tell beside each other: ``repeated`` (some have the points of earlier ones),
-        ``missing`` (between two more time passes than between others, or file names are left out:
-        somebody removed scans, or a recorder lost them, so that this alone changes no verdict) and
-        ``unordered`` (times go back), ``jumps`` (between two turns the scanner moves as no car
-        does), ``unaligned`` (scans show another place than those beside them, as in a drive whose
-        order was changed, or nothing to align them by), ``foreign`` (scans show another place than
-        those before and after them, which show the same: such scans are ``processed``) and
-        ``backwards`` (it moves to the rear, faster or farther than cars reverse: the scans may be
-        in the reverse order).
+        Findings from comparing the scans with each other. ``repeated``: scans have the points of
+        earlier scans. ``missing``: the time between two scans is too long, or numbers of files are
+        left out. Somebody may have removed scans, or the recorder lost them, so that this alone
+        changes no verdict. ``unordered``: times go back. ``jumps``: between two turns the scanner
+        moves as no car can. ``unaligned``: scans show another place than their neighbours, as in a
+        drive whose order was changed, or nothing that could be aligned. ``foreign``: scans show
+        another place than the scans before and after them, which show the same place; such scans
+        are ``processed``. ``backwards``: the scanner moves to the rear, faster or farther than cars
+        reverse; the scans may be in reverse order.
     """
 
     verdict: Verdict
@@ -234,14 +238,14 @@ def judge_drive(
     *,
     times_ns: Sequence[int | None] | None = None,
 ) -> DriveInspection:
-    """Return the verdict of a drive with the scans that are accused and what they add up to.
+    """Return the verdict on a drive with its accused scans, combined evidence and remarks.
 
     Parameters
     ----------
     found, numbers
         As for `verdict_of_drive`.
     times_ns : sequence of (int or None), optional
-        When each scan was taken, nanoseconds; None: not known.
+        Time of each scan, nanoseconds; None: unknown.
 
     Returns
     -------
@@ -282,7 +286,7 @@ def judge_drive(
 
 
 def _repeated(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
-    """The scans that have the points of an earlier one."""
+    """Remark on the scans that have the points of an earlier scan."""
     copies = [k for k, each in enumerate(found) if each is not None and each.repeats is not None]
     if not copies:
         return ()
@@ -293,7 +297,7 @@ def _repeated(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
 
 
 def _remarks_of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
-    """Remarks from the times of the scans: some are missing, or in another order."""
+    """Remarks from the times of the scans: ``unordered`` and ``missing``."""
     timed = [(k, time) for k, time in enumerate(times_ns) if time is not None]
     steps = [(a, b, late - early) for (a, early), (b, late) in itertools.pairwise(timed)]
     back = [b for _, b, step in steps if step < 0]
@@ -313,7 +317,7 @@ def _remarks_of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
 
 
 def _remarks_of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
-    """Remarks from the way of the scanner: it jumps, moves backwards, or cannot be followed."""
+    """Remarks from the scanner's motion: ``jumps``, ``foreign``, ``unaligned``, ``backwards``."""
     steps = _steps(found)
     foreign = [k for k, each in enumerate(found) if each and each.turns and each.turns.foreign]
     remarks = (
@@ -326,7 +330,7 @@ def _remarks_of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, 
 
 
 def _jumps(steps: Mapping[int, NDArray[np.float64]]) -> Processing | None:
-    """The steps that are unlike those before and after by more than a car can accelerate."""
+    """Remark on steps that differ from both neighbouring steps as no car can accelerate."""
     lengths = {k: float(np.linalg.norm(step)) for k, step in steps.items()}
     jumps = []
     for k, step in steps.items():
@@ -345,7 +349,7 @@ def _jumps(steps: Mapping[int, NDArray[np.float64]]) -> Processing | None:
 
 
 def _foreign(foreign: Sequence[int]) -> Processing | None:
-    """The scans that show another place than the scans beside them."""
+    """Remark on the scans that show another place than the scans before and after them."""
     if not foreign:
         return None
     detail = (
@@ -356,7 +360,7 @@ def _foreign(foreign: Sequence[int]) -> Processing | None:
 
 
 def _unaligned(found: Sequence[Inspection | None], foreign: Sequence[int]) -> Processing | None:
-    """The scans that cannot be aligned with those beside them, unless a foreign one is why."""
+    """Remark on scans that cannot be aligned with their neighbours; foreign ones excuse these."""
     explained = {k + beside for k in foreign for beside in (-1, 0, 1)}
     apart = [
         k
@@ -373,7 +377,7 @@ def _unaligned(found: Sequence[Inspection | None], foreign: Sequence[int]) -> Pr
 
 
 def _backwards(ahead: NDArray[np.float64]) -> Processing | None:
-    """Whether the scanner moves backwards, by its steps ahead in metres a turn."""
+    """Remark on a scanner that moves backwards; ``ahead``: its steps forwards, metres per turn."""
     fast = ahead[np.abs(ahead) > _FASTER_THAN_BACKING]
     moving = ahead[np.abs(ahead) > _MOVING]
     is_fast = len(fast) >= _FEWEST_MOVING and bool((fast < 0.0).all())
@@ -389,7 +393,7 @@ def _backwards(ahead: NDArray[np.float64]) -> Processing | None:
 
 
 def _steps(found: Sequence[Inspection | None]) -> dict[int, NDArray[np.float64]]:
-    """Motion of the scanner after each scan, in its coordinates: what both scans say alike."""
+    """Motion to the next scan, in each scan's coordinates, if both scans' alignments agree."""
     steps = {}
     for k, (each, after) in enumerate(itertools.pairwise(found)):
         if each is None or after is None or each.turns is None or after.turns is None:
@@ -401,10 +405,10 @@ def _steps(found: Sequence[Inspection | None]) -> dict[int, NDArray[np.float64]]
 
 
 def _remarks_of_numbers(numbers: Sequence[int]) -> tuple[Processing, ...]:
-    """Numbers that are left out where others follow each other: scans are missing."""
+    """Remark on missing scans from gaps in numbers that are otherwise consecutive."""
     steps = [b - a for a, b in itertools.pairwise(numbers)]
     if 1 not in steps:
-        return ()  # those of scans that are not a sequence, as `drive_numbers` makes them
+        return ()  # no sequence: `drive_numbers` then makes no scans neighbours
     gaps = [(k, step - 1) for k, step in enumerate(steps) if step > 1]
     return _missing(gaps, "by the numbers in the names of their files")
 
@@ -422,22 +426,22 @@ def _missing(gaps: Sequence[tuple[int, int]], told_by: str) -> tuple[Processing,
 def verdict_of_drive(
     found: Sequence[Inspection | None], numbers: Iterable[int] | None = None
 ) -> tuple[Verdict, str]:
-    """Return the verdict of a drive by what its scans say together, and its reason.
+    """Return the verdict on a drive from all of its scans, and the reason.
 
     Parameters
     ----------
     found : sequence of Inspection or None
-        None: a frame that is missing, which counts as undecidable.
+        Inspections in the order of the drive. None: a missing frame, which counts as undecidable.
     numbers : iterable of int, optional
-        Number of each scan, as of `inspect_drive`: those that differ by one are a turn apart. By
-        default all follow each other.
+        Number of each scan, as in `inspect_drive`: scans whose numbers differ by one are one turn
+        apart; default: all follow each other.
 
     Returns
     -------
     (verdict, reason)
-        ``tampered`` if the accused scans are more than chance explains; else ``processed`` if a
-        scan is; else ``undecidable`` if a scan is accused or undecidable, or there is none; else
-        ``no_trace``. Of accused scans the reason names the places in ``found``, from 0.
+        ``tampered`` if scans are accused and chance does not explain it; else ``processed`` if a
+        scan is; else ``undecidable`` if a scan is accused or undecidable, or if there is no scan;
+        else ``no_trace``. The reason names the places of accused scans in ``found``, from 0.
 
     Raises
     ------
@@ -446,25 +450,24 @@ def verdict_of_drive(
 
     Notes
     -----
-    Of clean scans 1 % may be accused, so that of 100 clean scans one is. Scans count that a
-    detector judged; those that none could judge cannot be accused by chance, and excuse no others.
-    Detectors I and II state no p-value: each scan that they judge counts with the rate of 1 % that
-    `inspect` states for all detectors. Chance does not explain
+    One clean scan in 100 may be accused by chance. Only scans that a detector judged count: the
+    others cannot be accused by chance, and must not excuse accused scans. Detectors I and II state
+    no p-value; for each scan that they judge, the rate of 1 % is assumed that `inspect` states for
+    all detectors together. Chance does not explain
 
-    - a watermark that does not hold;
-    - a scan whose points are so far off the lattice that one of all clean drives in a thousand had
-      one (detector III, Bonferroni over the scans that were judged);
-    - so many episodes of accused scans that one clean drive in a hundred has as many (the binomial
-      law; scans a turn apart that detectors IV and V alone accuse are one episode with the one
-      before, since what looks odd to them in one turn looks odd in the next; every other accused
-      scan is one of its own);
-    - so many alarms of `drive_evidence`, at one an hour, that one clean drive in a hundred has as
-      many: one within 36 s, five within an hour.
+    - a watermark that accuses a scan;
+    - a scan whose points are so far off the lattice that only one clean drive in a thousand has
+      such a scan (detector III, Bonferroni over the judged scans);
+    - as many episodes of accused scans as at most one clean drive in a hundred has (binomial law).
+      A scan that only detectors IV and V accuse belongs to the episode of the previous turn if that
+      is accused as well, because a false accusation by them recurs in the next turn. Every other
+      accused scan begins an episode;
+    - as many alarms of `drive_evidence` as at most one clean drive in a hundred has, at one alarm
+      per hour: one within 36 s, or five within an hour.
 
-    Of clean drives 2.1 % at most are called tampered, however long they are, if episodes are
-    independent of each other: 1.1 % and N / 36000 where fewer than 360 scans were judged. An edit
-    of a single scan that only detectors IV and V see makes a long drive undecidable: look at the
-    scan.
+    If episodes are independent, at most 2.1 % of clean drives of any length are called tampered; if
+    N < 360 scans were judged, at most 1.1 % + N / 36000. If only detectors IV and V see the edit of
+    a single scan, a long drive becomes undecidable: look at that scan.
 
     Examples
     --------
@@ -513,14 +516,14 @@ def _listed(numbers: Sequence[int]) -> str:
 
 
 def _accusers(found: Inspection) -> set[str]:
-    """The detectors that call a scan tampered."""
+    """Names of the detectors that call a scan tampered."""
     return {report.name for report in found.detectors if report.verdict == "tampered"}
 
 
 def _why_no_chance(
     found: Sequence[Inspection | None], accused: Mapping[int, Inspection], places: Sequence[int]
 ) -> str | None:
-    """The reason why chance does not explain the accused scans of a drive; None: it does."""
+    """The reason why chance does not explain the accused scans; None if chance explains them."""
     judged = sum(_could_be_accused(each) for each in found)
     for number, each in accused.items():
         for report in each.detectors:
@@ -546,16 +549,17 @@ def _why_no_chance(
 
 
 def share_with_alarms(alarms: int, judged: int) -> float:
-    """Return the share of clean drives, at most, with so many alarms of `drive_evidence`.
+    """Return an upper bound of the share of clean drives with this many alarms of `drive_evidence`.
 
-    At one an hour, the time to an alarm is at most as often below ``n`` scans as one that is even
-    over an hour, however the time before passed: the sum of ``k`` such times is below ``N`` scans
-    with probability ``(N / 36000)**k / k!`` at most.
+    Clean drives have at most one alarm per hour (36000 scans). The time to the next alarm is below
+    ``n`` scans no more often than a time that is uniform over one hour, whatever happened before.
+    The sum of ``k`` such times is therefore below ``N`` scans with a probability of at most ``(N /
+    36000)**k / k!``.
 
     Parameters
     ----------
     alarms, judged : int
-        Alarms, and scans that were judged.
+        Number of alarms, and of scans that were judged.
     """
     expected = judged / FRAMES_PER_HOUR
     if alarms == 0 or expected == 0.0:
@@ -566,8 +570,8 @@ def share_with_alarms(alarms: int, judged: int) -> float:
 def _could_be_accused(found: Inspection | None) -> bool:
     """Whether a detector that may accuse a clean scan judged this one.
 
-    Scans that nobody judged cannot be accused by chance: counted, they would excuse accused ones.
-    A watermark accuses no clean scan.
+    A scan that no detector judged cannot be accused by chance; if it counted, it would excuse
+    accused scans. A watermark never accuses a clean scan.
     """
     return found is not None and any(
         report.p_value is not None or report.verdict in ("no_trace", "tampered")
@@ -577,7 +581,7 @@ def _could_be_accused(found: Inspection | None) -> bool:
 
 
 def _lattice_p_value(report: DetectorReport) -> float:
-    """By the model of detector III, whose score is -log10 of it for one kind of evidence."""
+    """p-value of detector III, whose score is -log10 of the p-value of one test of NUM_TESTS."""
     return 1.0 if report.score is None else NUM_TESTS * 10.0**-report.score
 
 
@@ -587,7 +591,7 @@ _Numbered = tuple["LidarFrame | None", int]
 def _with_following(
     frames: Iterator[_Numbered],
 ) -> Iterator[tuple[_Numbered, _Numbered | None]]:
-    """Each frame with its number, and the one after it."""
+    """Each frame with its number, and the following frame with its number."""
     ahead, behind = itertools.tee(frames)
     next(behind, None)
     return zip(ahead, itertools.chain(behind, [None]), strict=False)
@@ -595,16 +599,16 @@ def _with_following(
 
 @dataclass
 class _Scan:
-    """A scan of a drive while it is judged; one without turns could not be read."""
+    """A scan of a drive while it is judged; ``turns`` is empty if it could not be read."""
 
-    turns: tuple[LidarFrame | None, ...] = ()  # the frame, the one before and the one after
+    turns: tuple[LidarFrame | None, ...] = ()  # this frame, previous, following
     signed: WatermarkResult | None = None
     repeat: tuple[int, str] | None = None
     lattice: SensorLattice | None = None
     found: Future[Inspection] | Inspection | None = None
 
     def result(self) -> Inspection | None:
-        """The frame's inspection, between turns that were taken to be whole."""
+        """The frame's inspection, made as if the neighbouring turns were whole."""
         if isinstance(self.found, Future):
             self.found = self.found.result()
         return self.found
@@ -615,9 +619,9 @@ def _scans(
     records: Iterator[bytes | None],
     key: KeyFile | KeyRing | None,
 ) -> Generator[_Scan, None, None]:
-    """Each scan with the turns beside it, what its watermark says, and which one it repeats.
+    """Each scan with its neighbours, the result of its watermark, and the earlier scan it repeats.
 
-    Watermarks are verified in order, one after the other.
+    Watermarks are verified in the order of the scans.
     """
 
     def beside(other: _Numbered | None, number: int) -> LidarFrame | None:
@@ -642,7 +646,7 @@ def _scans(
 
 
 class _Judges:
-    """Judges a drive: frame by frame until the lattice is known, then a frame a thread."""
+    """Judges a drive: frame by frame until the lattice is known, then one frame per thread."""
 
     def __init__(
         self, judge: Callable[..., Inspection], lattice: SensorLattice | None, threads: int
@@ -652,7 +656,7 @@ class _Judges:
         self._pool = ThreadPoolExecutor(self.number)  # starts threads when they are first needed
 
     def begin(self, scan: _Scan) -> None:
-        """Judge a scan between turns that are taken to be whole, here or on a thread."""
+        """Judge a scan as if its neighbours were whole, here or on another thread."""
         if not scan.turns:
             return
         scan.lattice = self._lattice
@@ -665,7 +669,7 @@ class _Judges:
         scan.found = found
 
     def settled(self, scan: _Scan, *beside: _Scan | None) -> Inspection | None:
-        """The inspection of a scan, made again if one of those beside it is not whole."""
+        """The inspection of a scan, repeated with regard to cuts if a neighbour is not whole."""
         found = scan.result()
         results = [None if other is None else other.result() for other in beside]
         if found is None or found.turns is None or all(map(_is_whole, results)):
@@ -677,7 +681,7 @@ class _Judges:
         return repeating(found, scan.repeat)
 
     def close(self) -> None:
-        """Leave what nobody waits for any more undone."""
+        """Cancel the inspections that have not begun."""
         self._pool.shutdown(cancel_futures=True)
 
 
@@ -687,7 +691,7 @@ def _each(
     lattice: SensorLattice | None,
     threads: int,
 ) -> Iterator[Inspection | None]:
-    """Yield each inspection once the scan after it was judged, which tells whether it is whole."""
+    """Yield each inspection once the following scan was judged, as that may be cut."""
     last: _Scan | None = None
     waiting: deque[_Scan] = deque()
 
@@ -711,11 +715,11 @@ def _each(
 
 
 def _taken_for_whole(_turn: LidarFrame, _lattice: SensorLattice) -> None:
-    """Say nothing of what was left out of a turn: its own inspection tells."""
+    """Stand in for `left_out_of_turn`: take a turn to be whole until its own inspection is done."""
 
 
 def _is_whole(turn: Inspection | None) -> bool:
-    """Whether nothing tells that a turn lacks points that it had; None: there is no turn."""
+    """Whether nothing shows that points were removed from a turn; also true if there is no turn."""
     return turn is None or (
         turn.verdict in ("no_trace", "tampered", "processed")
         and all(step.kind in (*STILL_COMPARED, "neighbours", "foreign") for step in turn.processing)

@@ -1,4 +1,5 @@
-"""Lattices of clouds whose coordinates are those that the scanner's driver computed."""
+"""Estimate the lattice from exact clouds: with the unrounded coordinates of the scanner's
+driver."""
 
 from __future__ import annotations
 
@@ -30,26 +31,26 @@ if TYPE_CHECKING:
     Floats: TypeAlias = NDArray[np.float64]
 
 EXACT_TOLERANCE = 1e-4
-"""Metres from a line or a step, in a cloud whose coordinates are those that the scanner's driver
-computed, in single precision: they are within 3e-5 of them 100 m away."""
+"""Metres: largest distance of points of an exact cloud from their line or step. Single precision
+leaves an error of 3e-5 m at 100 m."""
 
 EXACT_STEPS = (512, 1024, 1800, 2048, 3600, 4096, 9000, 18_000, 36_000)
-"""Counts of encoders that are looked for in exact clouds, the coarsest first: Ouster's columns of a
-turn, and whole numbers of 0.01 degrees, in which Hesai's packets state azimuths."""
+"""Numbers of encoder counts per turn that are tried for exact clouds, the coarsest first: Ouster's
+columns per turn, and multiples of 0.01 degrees, in which Hesai's packets state azimuths."""
 
 MOST_STEPS_BESIDE = 4096
-"""Counts of encoders up to which beams may pass beside the axis: the places that are tried are too
-far apart for finer ones, whose scanners have their beams pass through it."""
+"""Up to this number of counts, beams may pass beside the axis. The lateral distances that are tried
+(`LATERALS`) are too coarse for finer encoders, whose scanners have beams through the axis."""
 
 EXACT_RANGE_STEPS = (*RANGE_STEPS, 1e-3)
-"""Range steps that are tried for exact clouds; Ouster measures whole millimetres."""
+"""Range steps, metres, that are tried for exact clouds; Ouster measures whole millimetres."""
 
 MOST_FITS = 40
-"""Fits of a line to the points near the one before, which mostly end after five. Eight were too few
-for a laser of an OS1-128, whose points were off its steps by 0.1 mm."""
+"""Largest number of line fits, each to the points near the previous line. Most converge after five;
+eight were too few for a laser of an OS1-128, and left its points 0.1 mm off its steps."""
 
 TRIED_AGAIN = 16
-"""Places of the grid that a laser's fit begins at where it fails from the likeliest one."""
+"""Number of starting points, from `LATERALS`, for the fit of a laser if the likeliest one fails."""
 
 
 def exact_lattice(
@@ -60,7 +61,7 @@ def exact_lattice(
     slope: Floats,
     offset: Floats,
 ) -> SensorLattice | None:
-    """The lattice of clouds with unrounded coordinates; None if these are rounded."""
+    """The lattice of exact clouds; None if their coordinates are rounded."""
     errors = [np.abs(z[rows] - slope[k] * rho[rows] - offset[k]) for k, rows in enumerate(members)]
     if np.median(np.concatenate(errors)) > EXACT_TOLERANCE:
         return None
@@ -73,7 +74,7 @@ def exact_lattice(
         rows[np.abs(z[rows] - slope[k] * rho[rows] - offset[k]) < EXACT_TOLERANCE]
         for k, rows in enumerate(members)
     ]
-    # A line that no point is on to what single precision leaves is none of a laser.
+    # A line without any point within EXACT_TOLERANCE is not the line of a laser.
     kept = [k for k in _one_below_the_other(slope, on) if len(on[k])]
     slope, offset, on = slope[kept], offset[kept], [on[k] for k in kept]
     if sum(map(len, on)) < LEAST_EXACT * len(rho):
@@ -100,8 +101,11 @@ def exact_lattice(
 
 
 def _one_below_the_other(slope: Floats, on: Sequence[NDArray[np.int64]]) -> list[int]:
-    """Lines whose slopes descend; of two that do not the one with more points, as a line that was
-    found between the lasers of moved points is none of a laser."""
+    """Indices of lines with strictly descending slopes.
+
+    Of two lines out of order, the one with more points is kept, because the other one was found on
+    moved points, between two lasers.
+    """
     kept: list[int] = []
     for k in range(len(slope)):
         while kept and not slope[k] < slope[kept[-1]] and len(on[k]) > len(on[kept[-1]]):
@@ -112,9 +116,9 @@ def _one_below_the_other(slope: Floats, on: Sequence[NDArray[np.int64]]) -> list
 
 
 def _fit_exactly(x: Floats, y: Floats, slope: float, offset: float) -> tuple[float, float]:
-    """The line that most points are on to what single precision leaves, near the one that is given.
+    """The line near a given one on which most points lie to single precision.
 
-    Without such points it is the given one.
+    If there are too few such points, the given line is returned.
     """
     found = slope, offset
     before: NDArray[np.bool_] | None = None
@@ -130,7 +134,7 @@ def _fit_exactly(x: Floats, y: Floats, slope: float, offset: float) -> tuple[flo
 
 
 def _median(values: Floats) -> float:
-    """Return `numpy.median`, in a quarter of its time for the few points of a ring; 0 of none."""
+    """Return `numpy.median` in a quarter of its time for the few points of a ring; 0 if empty."""
     half = len(values) // 2
     if len(values) == 0 or np.isnan(values.max()):
         return 0.0 if len(values) == 0 else math.nan
@@ -143,9 +147,9 @@ def _median(values: Floats) -> float:
 def _exact_steps(
     rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]]
 ) -> tuple[int, Floats, Floats]:
-    """Counts of the encoder, and each laser's lateral distance and angle at count 0.
+    """Number of encoder counts, and each laser's lateral distance (m) and angle at count 0 (rad).
 
-    0 counts where most points are on none of `EXACT_STEPS`.
+    The number of counts is 0 if most points lie on the steps of none of `EXACT_STEPS`.
     """
     zero = np.zeros(len(members))
     for steps in EXACT_STEPS:  # beams through the axis
@@ -167,10 +171,10 @@ def _exact_steps(
 def _fit_again(
     rho: Floats, angle: Floats, steps: int, lateral: float, azimuth: float
 ) -> tuple[float, float]:
-    """The fit of `_fit_beside` from other places of the grid, if many points are off the given one.
+    """Repeat the fit from other starting points, if too few points are on the given steps.
 
-    Points at two distances only, as of a laser that looks over the roofs, leave several lateral
-    distances nearly as likely; the right one has the points on the steps.
+    If the points of a laser lie at two distances only, as over roofs, several lateral distances are
+    almost equally likely; the right one has the most points on its steps.
     """
 
     def share_on_steps(fit: tuple[float, float]) -> float:
@@ -199,7 +203,7 @@ def _fit_all_beside(
     azimuth: Floats,
     steps: int,
 ) -> tuple[Floats, Floats]:
-    """Lateral distance and angle at count 0 of each laser, near those that are given."""
+    """Lateral distance (m) and angle at count 0 (rad) of each laser, near the given ones."""
     fits = [
         _fit_beside(rho[rows], angle[rows], steps, beside, first)
         for rows, beside, first in zip(members, lateral, azimuth, strict=True)
@@ -233,7 +237,7 @@ def _share_on_steps(
     azimuth: Floats,
     steps: int,
 ) -> float:
-    """Share of the points that are on a step, of those where steps are far enough apart to tell."""
+    """Share of points on a step, of those at which neighbouring steps are far enough apart."""
     on = apart = 0
     for k, rows in enumerate(members):
         far = rows[rho[rows] * (2.0 * math.pi / steps) > 8.0 * EXACT_TOLERANCE]
@@ -251,7 +255,7 @@ def _step_trust(
     azimuth: Floats,
     steps: int,
 ) -> Floats:
-    """Standard error of each laser's azimuth, as the points on its steps tell it."""
+    """Standard error of each laser's azimuth, from the points on its steps; 1 without any."""
     found = np.ones(len(members))
     for k, rows in enumerate(members):
         off = off_the_steps(rho[rows], angle[rows], lateral[k], azimuth[k], steps)
@@ -265,9 +269,9 @@ def _step_trust(
 def slope_trust(
     rho: Floats, z: Floats, members: Sequence[NDArray[np.intp]], slope: Floats, offset: Floats
 ) -> tuple[Floats, Floats]:
-    """Mean distance of each line's points, and the standard error of its slope.
+    """Mean distance of each line's points from the axis, and the standard error of its slope.
 
-    The error is 1 where all points of a line are equally far, which leaves its slope open.
+    The error is 1 if all points of a line are at the same distance, as its slope is unknown then.
     """
     center, error = np.zeros(len(slope)), np.ones(len(slope))
     for k, rows in enumerate(members):

@@ -1,4 +1,4 @@
-"""Parts of a turn that were cut off: gaps, ends at one distance or height, a silent own car."""
+"""Find parts that were cut off a turn: gaps, ends at one distance or height, a missing own car."""
 
 from __future__ import annotations
 
@@ -34,58 +34,67 @@ if TYPE_CHECKING:
     from manip3d.lidar import LidarFrame
 
 CHANCE_GAP = 10.0
-"""Degrees without any point that may be left by chance where few of the points are kept."""
+"""Degrees: widest gap in azimuth that chance may leave where few points are kept at random."""
 
 WIDEST_GAP = 0.5
-"""Degrees of azimuth without any point. Whole frames of an HDL-64E have 0.15 at most (47 of nine
-drives), all but one 0.07: its lower lasers always meet the road, or its own car."""
+"""Degrees: widest gap in azimuth of a whole turn. The widest gap of 47 whole frames of an HDL-64E
+(nine drives) is 0.15, and at most 0.07 in all but one of them, because the lower lasers always meet
+the road or the scanner's own car."""
 
 NARROW_GAP, FEWEST_GAPS, AZIMUTH_CELL = 0.2, 3, 0.025
-"""Degrees, sectors, degrees of the cells in which they are counted: gaps that are no whole
-`WIDEST_GAP`. Of 53 whole frames one has gaps of 0.1 to 0.15 degrees, in 16 places; all others have
-none of 0.08."""
+"""Sectors were cut out if at least FEWEST_GAPS gaps in azimuth are NARROW_GAP degrees or wider,
+even if none reaches `WIDEST_GAP`. Gaps are counted in cells of AZIMUTH_CELL degrees. Of 53 whole
+frames one has gaps of 0.1 to 0.15 degrees, in 16 places; all others have none of 0.08."""
 
 LEAST_RANGE = 78.5
-"""Metres: whole frames of KITTI (47 of nine drives were looked at) reach to 79.8 m and farther."""
+"""Metres: a turn that ends nearer may have been cut. 47 whole frames of nine drives of KITTI reach
+to 79.8 m or farther."""
 
 LAST_METRES, MOST_RANGE, FEWEST_CUT_OFF = 10.0, 80.0, 65
-"""Metres; metres beyond which KITTI keeps no point; points: so many, at the density of the last
-metres, would lie between the farthest point and that range. Where it is fewer, the farthest point
-says little: 52 at most in 12 simulated streets that end between 77.4 and 78.5 m. Of frames of
-KITTI cut at 76 m or nearer it is 72 and more, of those cut at 77 m 43 and more (13 frames)."""
+"""A turn is cut at a distance only if at least FEWEST_CUT_OFF points would lie between the farthest
+point and MOST_RANGE metres, beyond which KITTI keeps no point, at the density of the last
+LAST_METRES metres. With fewer, the farthest point says little: the number is at most 52 in 12
+simulated streets that end between 77.4 and 78.5 m. In 13 frames of KITTI it is at least 72 if they
+are cut at 76 m or nearer, and at least 43 if they are cut at 77 m."""
 
 LAST_SHARE, FEWEST_AT_END = 0.98, 40
-"""Share of the largest range, points: frames that were cut at 20 to 55 m have 49 and more beyond it
-(24 of KITTI and of simulated streets), those of which a filter of outliers left nothing beyond 60 m
-24 at most (14)."""
+"""A filter of outliers may be the reason of the cut if fewer than FEWEST_AT_END points lie beyond
+the share LAST_SHARE of the largest range. Frames that were cut at 20 to 55 m have at least 49 such
+points (24 frames of KITTI and of simulated streets); frames of which a filter of outliers left
+nothing beyond 60 m have at most 24 (14 frames)."""
 
 SAME_END, WIDEST_STRIP, STRIP_EDGE, POINTS_AT_ENDS, LEAST_SILENT_AT_ENDS = 0.03, 70.0, 0.5, 9, 0.3
-"""Metres, metres, metres, points, share: where a strip was cut out, x or y ends at the same
-distance on both sides, nearer than this, in several points, some of which have a neighbour along
-the ring that was cut off. In 227 whole frames (47 of KITTI) no two sides end within 0.1 m of the
-same, nearer than 70 m."""
+"""A strip was cut out if x or y ends on both sides at the same distance (to SAME_END metres),
+nearer than WIDEST_STRIP metres; if the POINTS_AT_ENDS outermost points of either side lie within
+STRIP_EDGE metres; and if at least the share LEAST_SILENT_AT_ENDS of them have a neighbour along the
+ring without a return, since it was cut off. In 227 whole frames (47 of KITTI) no two opposite sides
+end within 0.1 m of the same distance, nearer than 70 m."""
 
 NEAREST_RANGE, LEAST_OF_LOWEST = 2.5, 0.25
-"""Metres; share of the firings in which one of the lowest eighth of the lasers must have a return.
-Where a scanner's own car does not answer (1.5 m in KITTI), the road does, which the lowest lasers
-meet 4 m away; where nothing answers them, what is near was cut off."""
+"""The surroundings were cut off if no point is nearer than NEAREST_RANGE metres, and one of the
+lowest eighth of the lasers has returns in less than the share LEAST_OF_LOWEST of the firings. Whole
+turns have returns from the scanner's own car (1.5 m in KITTI), or else from the road, which the
+lowest lasers meet 4 m away."""
 
 OWN_CAR, OF_OWN_CAR, FEWEST_OF_OWN_CAR = 2.0, (120.0, 140.0), 5
-"""Metres, degrees of azimuth to the left and to the right, points: the rack of KITTI's own car
-answers the lowest eighth of the lasers nearer than this, by 28 points and more in each of the whole
-frames. Fewer are left of it where what is near was cut off, in whatever shape. Elsewhere walls and
-other cars answer them, too."""
+"""The rack of KITTI's own car returns points of the lowest eighth of the lasers nearer than OWN_CAR
+metres, at azimuths of OF_OWN_CAR degrees to the left and to the right. Each whole frame has at
+least 28 of them; fewer than FEWEST_OF_OWN_CAR mean that the surroundings of the scanner were cut
+off, in whatever shape. At other azimuths walls and other cars return points, too."""
 
 NEAREST_OF_OWN_CAR = 1.59
-"""Metres: the rack begins nearer than this, at 1.48 m at most in the 30 frames of drives 0002 and
-0005 and at 1.58 m in 24 simulated ones, which chose the limit. In 17 others of KITTI it begins at
-1.49 m at most. A sphere of 1.6 m that is cut out takes no more than a third of the rack."""
+"""Metres: the nearest point of the rack is nearer than this. It is at most 1.48 m away in the 30
+frames of drives 0002 and 0005, and 1.58 m in 24 simulated frames; these chose the limit. In 17
+other frames of KITTI it is at most 1.49 m away. A sphere of 1.6 m that is cut out removes at most a
+third of the rack."""
 
 FIRST_AZIMUTH = 1.0
-"""Degrees from straight ahead at which rings of whole frames begin at most."""
+"""Degrees: largest azimuth, to either side of straight ahead, at which rings of whole frames
+begin."""
 
 MOST_OFF_FIRINGS = 0.1
-"""Share of such points in a turn whose extent is reported; KITTI's have none, rounded ones most."""
+"""Largest share of points off lines, steps or the coordinate grid in a turn whose extent is judged.
+KITTI's turns have no such points; in rounded turns most points are."""
 
 OWN_CAR_SILENT = "the scanner's own car does not answer"
 OWN_CAR_CUT = f"{OWN_CAR_SILENT} nearer than {NEAREST_OF_OWN_CAR:g} m"
@@ -97,11 +106,11 @@ class Lacking(NamedTuple):
     Attributes
     ----------
     reason : str
-        What was done to the turn.
+        How the turn was processed.
     is_in_place : bool
-        Whether what is left lies where it was measured, to a few centimetres.
+        Whether the remaining points lie where they were measured, to a few centimetres.
     whole_up_to_m : float
-        Nothing is missing nearer than this, metres.
+        Distance, metres, up to which no points are missing.
     """
 
     reason: str
@@ -110,16 +119,16 @@ class Lacking(NamedTuple):
 
 
 def left_out_of_turn(turn: LidarFrame, lattice: SensorLattice) -> Lacking | None:
-    """Say why a turn beside a scan may lack points that it had; None: nothing tells that it does.
+    """Return why a neighbouring turn may lack points; None if nothing shows that it does.
 
-    Parts of it were cut off or thinned out; or its points were moved off their firings, so that
-    nothing tells which answered. Whole lasers that are missing do not count: they are left out of
-    the comparison.
+    Either parts of the turn were cut off or thinned out, or its points were moved off their
+    firings, so that it is unknown which firings had returns. Missing whole lasers do not count,
+    because they are left out of the comparison.
 
     Parameters
     ----------
     turn : LidarFrame
-        The scanner in (0, 0, 0).
+        Turn with the scanner at (0, 0, 0).
     lattice : SensorLattice
         Lattice of the scan's scanner.
     """
@@ -146,8 +155,8 @@ def left_out_of_turn(turn: LidarFrame, lattice: SensorLattice) -> Lacking | None
 
 
 def _gaps(azimuth: NDArray[np.float32]) -> tuple[float, int]:
-    """Degrees of the widest gap between azimuths, 0 where it is certainly below `WIDEST_GAP`, and
-    how many are wider than `NARROW_GAP`."""
+    """Width of the widest gap in azimuth, degrees (0 if it is at most `WIDEST_GAP`), and the number
+    of gaps of at least `NARROW_GAP`."""
     cells = round(360.0 / AZIMUTH_CELL)
     cell = np.minimum((azimuth * (cells / (2.0 * math.pi))).astype(np.intp), cells - 1)
     filled = np.flatnonzero(np.bincount(cell, minlength=cells))
@@ -169,9 +178,9 @@ def processing_of_extent(
     *,
     is_in_order: bool,
 ) -> list[Processing]:
-    """Find what was cut off or thinned out, and whether the rings begin elsewhere than usual.
+    """Find parts that were cut off or thinned out, and rings that begin at an unusual azimuth.
 
-    Each kind of cut leaves silence: firings that have no return although those beside them do.
+    A cut is recognised by silence beside it: firings without a return next to firings with one.
 
     Parameters
     ----------
@@ -179,9 +188,9 @@ def processing_of_extent(
     lattice : SensorLattice or None
         Lattice of the scanner; None: nothing is found.
     reading : LatticeReading or None
-        Where the points lie on it; None: it is read here.
+        Places of the points on the lattice; None: they are computed here.
     is_in_order : bool
-        The points are in the order of the scanner.
+        Whether the points are in the order of the scanner.
     """
     if lattice is None or len(points) == 0:
         return []
@@ -210,7 +219,7 @@ def processing_of_extent(
             lasers = "laser has" if silent == 1 else f"{silent} lasers have"
             found.append(Processing("lasers", f"the {which} {lasers} nearly no returns"))
     turned = _turned(reading) if is_whole_turn and is_in_order else []
-    is_as_mounted = not (found or thinned or turned)  # else the own car may be cut off or elsewhere
+    is_as_mounted = not (found or thinned or turned)  # else parts of the own car may be cut off
     if is_as_mounted and (silence := _silence_of_own_car(reading, distance, lattice)):
         found.append(Processing("cropped", silence))
     return found + _cropped_in_height(wide, firings) + thinned + turned
@@ -219,15 +228,15 @@ def processing_of_extent(
 def _cuts_far_away(
     points: NDArray[np.float64], distance: NDArray[np.float64], firings: Firings | None
 ) -> list[tuple[float, str]]:
-    """Cuts at a distance from the scanner, or at the same x or y on both sides of it.
+    """Cuts at a distance from the scanner, or at the same distance in x or y on both sides of it.
 
-    Metres up to which nothing is missing, and the cut in words.
+    Each as the distance (metres) up to which no points are missing, and the cut in words.
     """
     found = []
     x, y = points[:, 0], points[:, 1]
     is_short = distance.max() < LEAST_RANGE and _cut_off_beyond(distance) >= FEWEST_CUT_OFF
     if is_short and any(ends_in_silence(end, firings) for end in (distance, x, -x, y, -y)):
-        ends = np.abs(points).max(axis=0)[:2].min()  # of a box or a strip, which ends nearer
+        ends = np.abs(points).max(axis=0)[:2].min()  # a box or a strip ends nearer
         farthest = float(distance.max())
         detail = f"no points beyond {farthest:.1f} m"
         if np.count_nonzero(distance > LAST_SHARE * farthest) < FEWEST_AT_END:
@@ -241,7 +250,7 @@ def _cuts_far_away(
 
 
 def _cropped_in_height(points: NDArray[np.float64], firings: Firings | None) -> list[Processing]:
-    """The highest lasers without returns, and cuts at a height."""
+    """Missing returns of the highest lasers, and cuts at a height."""
     found = []
     z = points[:, 2]
     if firings is not None and highest_are_silent(firings):
@@ -254,7 +263,7 @@ def _cropped_in_height(points: NDArray[np.float64], firings: Firings | None) -> 
 
 
 def _turned(reading: LatticeReading) -> list[Processing]:
-    """Whether a whole turn in the scanner's order begins at another azimuth than the scanner."""
+    """Whether a whole turn in the scanner's order begins at another azimuth than straight ahead."""
     first = first_azimuth(reading.ring, reading.azimuth)
     if abs(first) <= FIRST_AZIMUTH:
         return []
@@ -262,7 +271,7 @@ def _turned(reading: LatticeReading) -> list[Processing]:
 
 
 def _is_cut_on_both_sides(along: NDArray[np.float64], firings: Firings | None) -> bool:
-    """Whether points end at the same distance on both sides because what lay beyond was cut off."""
+    """Whether points end at the same distance on both sides because the rest was cut off."""
     farthest, other = float(along.max()), -float(along.min())
     if firings is None or farthest > WIDEST_STRIP or abs(farthest - other) > SAME_END:
         return False
@@ -279,7 +288,7 @@ def _is_cut_on_both_sides(along: NDArray[np.float64], firings: Firings | None) -
 
 
 def _cut_off_beyond(distance: NDArray[np.float64]) -> float:
-    """Points that would lie beyond the farthest one if they went on as densely as before it."""
+    """Number of points between the farthest one and MOST_RANGE if they went on equally densely."""
     farthest = float(distance.max())
     last = np.count_nonzero(distance > farthest - LAST_METRES)
     return last * (MOST_RANGE - farthest) / LAST_METRES
@@ -297,7 +306,7 @@ def _lowest_are_silent(reading: LatticeReading, lattice: SensorLattice) -> bool:
 def _silence_of_own_car(
     reading: LatticeReading, distance: NDArray[np.float64], lattice: SensorLattice
 ) -> str:
-    """Say what KITTI's own car returns and is not there; other scanners stand on other cars."""
+    """Return how KITTI's own car is cut; '' if it is whole, or for other scanners."""
     if not is_unit_of_kitti(lattice):
         return ""
     lowest = reading.ring >= len(lattice.slope) - len(lattice.slope) // 8
@@ -311,15 +320,15 @@ def _silence_of_own_car(
 
 
 def first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> float:
-    """Degrees in (-180, 180] at which the rings of the file begin, in the median.
+    """Median azimuth at which the rings of the file begin, degrees in (-180, 180].
 
-    A ring begins where the file first has it: points that were appended say nothing of it. Where
-    nothing of the ring lies between straight ahead and its first point, it begins straight ahead:
-    the laser had no return there, from a dark car for example.
+    A ring begins at its first row in the file, so that appended points do not matter. If no point
+    of the ring lies between straight ahead and that first point, the ring counts as beginning
+    straight ahead: the laser had no return there, as from a dark car.
     """
     rings = int(ring.max(initial=-1)) + 1
     first = np.full(rings + 1, -1)
-    first[ring[::-1]] = np.arange(len(ring) - 1, -1, -1)  # the last to be written is the first row
+    first[ring[::-1]] = np.arange(len(ring) - 1, -1, -1)  # in reverse order: the first row remains
     least = _least_of_rings(ring, azimuth, rings)
     numbers = 1 + np.flatnonzero(first[1:rings] >= 0)
     if len(numbers) < 8:
@@ -333,7 +342,7 @@ def first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> floa
 def _least_of_rings(
     ring: NDArray[np.int32], azimuth: NDArray[np.float32], rings: int
 ) -> NDArray[np.float64]:
-    """The least azimuth of each ring; infinity where it has no point."""
+    """Smallest azimuth of each ring, radians; infinity if the ring has no point."""
     least = np.full(rings, np.inf)
     order = np.argsort(ring, kind="stable")
     starts = np.searchsorted(ring, np.arange(rings), sorter=order)

@@ -1,4 +1,4 @@
-"""Firings of a scanner: which lasers answered, and the silence beside a cut."""
+"""Firings of a scanner: which lasers had returns, and cuts found by the silence beside them."""
 
 from __future__ import annotations
 
@@ -13,63 +13,70 @@ if TYPE_CHECKING:
     from manip3d.authenticate._lattice import LatticeReading
 
 OFF_LATTICE = 0.002
-"""Metres from a line or a step: what lies farther is of no firing."""
+"""Metres: a point farther than this from its line or step belongs to no firing."""
 
 FARTHEST_POINTS, LEAST_SILENT_FAR = 500, 0.25
-"""Points; share of them with a neighbour in the lasers or the firings that has no return. Of frames
-of KITTI that were cut at 12 to 78 m 0.43 and more have one, because what they saw was cut off; of
-frames in halls, garages and narrow courts 0.03 at most, and 0.12 in tunnels: walls answer around
-their farthest points."""
+"""A frame was cut at a distance if, of its FARTHEST_POINTS farthest points, at least the share
+LEAST_SILENT_FAR has a neighbouring laser or firing without a return. In frames of KITTI that were
+cut at 12 to 78 m the share is at least 0.43, because their neighbours' returns were cut off. In
+frames of halls, garages and narrow courts it is at most 0.03, and in tunnels 0.12, because walls
+surround the farthest points."""
 
 FACE, MOST_ON_FACE = 0.05, 50
-"""Metres, points: where a frame was cut at a height, many points lie next to the cut; the lowest
-and highest 5 cm of KITTI's whole frames hold 42 at most. A flat street has many, too, and one in 25
-ends at a round height by chance."""
+"""A frame that was cut at a height has more than MOST_ON_FACE points within FACE metres of the cut;
+the lowest and the highest 5 cm of KITTI's whole frames hold at most 42. A flat street has many
+points there as well, and one in 25 ends at a round height by chance."""
 
 ROUND_HEIGHT, OFF_ROUND = 0.1, 0.002
-"""Metres: heights that people cut at, and how near to the cut the next point lies."""
+"""Metres: people cut at multiples of ROUND_HEIGHT, and the point nearest to the cut is less than
+OFF_ROUND from it."""
 
 MOST_ANYWHERE = 200
-"""Points on a face at another height, which only tell of a cut where firings are known."""
+"""Largest number of points on a face at a height that is not round, without a cut. Such a face
+counts only if firings are known."""
 
 CUT_EDGES, FEWEST_AT_EDGE, LEAST_SILENT = (0.005, 0.01, 0.02, FACE), 20, 0.4
-"""Metres, points, share: of the points so near to a cut at the top (in the narrowest of the bands
-with enough of them), many have a neighbour in the lasers or the firings that was cut off."""
+"""The edge of a cut is the narrowest of the bands CUT_EDGES, metres, with at least FEWEST_AT_EDGE
+points. At a cut at the top at least the share LEAST_SILENT of these points has a neighbouring laser
+or firing without a return, since it was cut off."""
 
 STEEP, BEYOND_OWN_CAR, LEAST_SILENT_BESIDE = 5.0, 8.0, 0.12
-"""Degrees below the horizon, metres, share: where lasers meet the ground so steeply, and beyond the
-scanner's own car, a road answers nearly every pulse. Of the lowest points there, at a cut through
-the ground, many have a neighbour to a side that was cut off. Farther away a hollow of the road is
-met too flatly to answer; in the lasers above and below silence is that of a dark car on the road.
-Of 50 frames of five flat simulated streets 0.05 at most have one, of KITTI's frames cut at 1 to
-1.9 m below the scanner 0.21 and more; where a cut takes a few hollows only, it can stay below."""
+"""A cut through the ground is searched for among points more than STEEP degrees below the horizon
+and more than BEYOND_OWN_CAR metres away, beyond the scanner's own car: a road returns nearly every
+pulse there. The ground was cut if at least the share LEAST_SILENT_BESIDE of the lowest of these
+points has a neighbouring firing without a return. At flatter angles a hollow of the road returns
+nothing, and neighbouring lasers are not used because dark cars on the road silence them. The share
+is at most 0.05 in 50 frames of five flat simulated streets, and at least 0.21 in KITTI's frames cut
+1 to 1.9 m below the scanner; it can be smaller if a cut removes only a few hollows."""
 
 LEAST_SILENT_LOWER, DEGREES, FEWEST_PLACES = 0.6, 5.0, 4
-"""Share; degrees of azimuth, number: what is cut off above the ground leaves the lasers below the
-lowest points silent, however far these are, in several sectors. It is 0.64 to 1, in at least five
-of them, of KITTI's frames cut 1.3 m below the scanner to 0.3 m above it. In flat simulated streets
-it is 0.43 at most, but for the end of a road 35 m away, in two sectors."""
+"""A cut above the ground silences the lasers below the lowest points, at any distance: it is found
+if at least the share LEAST_SILENT_LOWER of these points has no return in the laser below, in at
+least FEWEST_PLACES sectors of DEGREES degrees of azimuth. In KITTI's frames cut 1.3 m below the
+scanner to 0.3 m above it the share is 0.64 to 1, in at least five sectors. In flat simulated
+streets it is at most 0.43, except at the end of a road 35 m away, which spans two sectors."""
 
 Neighbours: TypeAlias = tuple[tuple[int, int], ...]
 
 LOWER: Neighbours = ((1, 0),)
 SIDES: Neighbours = ((0, -1), (0, 1))
 ALL_SIDES: Neighbours = (*SIDES, *LOWER, (-1, 0))
-"""Neighbours of a point: lasers downwards, firings onwards."""
+"""Neighbours of a point as offsets: number of lasers downwards, number of firings onwards."""
 
 
 class Firings(NamedTuple):
-    """Which lasers answered at which firings.
+    """Firings of a turn, and the lasers that had returns at each.
 
     Attributes
     ----------
     answered : (rings, F) bool
+        Whether the laser has a return at the firing.
     firing : (N,) int64
         Firing that each point belongs to; -1: none.
     ring : (N,) int32
         Laser of each point.
     cells, rows : (M,) int64
-        Places in ``answered``, row after row, of the points on a firing, and their rows.
+        Flat indices into ``answered`` of the points that belong to a firing, and their rows.
     """
 
     answered: NDArray[np.bool_]
@@ -80,7 +87,7 @@ class Firings(NamedTuple):
 
 
 def firings_of(reading: LatticeReading, rings: int) -> Firings | None:
-    """Return the firings of the head; None: the lattice has no encoder, or no point is on it."""
+    """Return the firings of a turn; None if the lattice has no encoder, or no point is on it."""
     on = (reading.ring >= 0) & (reading.count >= 0)
     on &= (np.abs(reading.line_error) < OFF_LATTICE) & (np.abs(reading.step_error) < OFF_LATTICE)
     rows = np.flatnonzero(on)
@@ -101,13 +108,13 @@ def firings_of(reading: LatticeReading, rings: int) -> Firings | None:
 
 
 def is_cut_above(height: NDArray[np.float64], firings: Firings | None) -> bool:
-    """Return whether points end at a height because what lay above it was cut off.
+    """Return whether points above a height were cut off.
 
     Parameters
     ----------
     height : (N,) float64, metres
     firings : Firings or None
-        None: firings are not known, and the points at the edge say it alone.
+        None: firings are unknown; only the number of points at the edge decides.
     """
     if not _ends_in_a_face(height, firings):
         return False
@@ -118,14 +125,14 @@ def is_cut_above(height: NDArray[np.float64], firings: Firings | None) -> bool:
 
 
 def is_cut_below(points: NDArray[np.float64], firings: Firings | None) -> bool:
-    """Return whether points end at a height because what lay below it was cut off.
+    """Return whether points below a height were cut off.
 
     Parameters
     ----------
     points : (N, 3) float64, metres
-        The scanner in (0, 0, 0).
+        Points with the scanner at (0, 0, 0).
     firings : Firings or None
-        None: firings are not known, and the points at the edge say it alone.
+        None: firings are unknown; only the number of points at the edge decides.
     """
     x, y, z = points.T
     if not _ends_in_a_face(-z, firings):
@@ -149,7 +156,7 @@ def is_cut_below(points: NDArray[np.float64], firings: Firings | None) -> bool:
 
 
 def _ends_in_a_face(height: NDArray[np.float64], firings: Firings | None) -> bool:
-    """Whether more points lie next to the highest one than a whole frame leaves there."""
+    """Whether more points lie next to the highest one than in a whole frame."""
     top = float(height.max())
     count = int(np.count_nonzero(height > top - FACE))
     if abs(top - ROUND_HEIGHT * round(top / ROUND_HEIGHT)) < OFF_ROUND:
@@ -158,7 +165,7 @@ def _ends_in_a_face(height: NDArray[np.float64], firings: Firings | None) -> boo
 
 
 def _edge(height: NDArray[np.float64], among: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Rows of the highest points of some: of the narrowest band with enough, or of the widest."""
+    """Rows of the highest points ``among`` all: the narrowest band with enough, else the widest."""
     top = float(height.max())
     bands = (np.flatnonzero(among & (height > top - band)) for band in CUT_EDGES)
     rows = np.empty(0, np.intp)
@@ -169,14 +176,14 @@ def _edge(height: NDArray[np.float64], among: NDArray[np.bool_]) -> NDArray[np.i
 
 
 def ends_in_silence(distance: NDArray[np.float64], firings: Firings | None) -> bool:
-    """Return whether nothing stands around the farthest points: what lay beyond was cut off.
+    """Return whether silence beside the farthest points shows that points beyond were cut off.
 
     Parameters
     ----------
     distance : (N,) float64, metres
-        From the scanner, or along an axis.
+        Distance of each point from the scanner, or along an axis.
     firings : Firings or None
-        None: firings are not known, and a whole frame is taken to have points far away.
+        None: firings are unknown, and the frame counts as cut, because whole frames reach farther.
     """
     if firings is None or len(distance) <= FARTHEST_POINTS:
         return True
@@ -188,14 +195,14 @@ def ends_in_silence(distance: NDArray[np.float64], firings: Firings | None) -> b
 
 
 def _share_beside_silence(edge: NDArray[np.intp], firings: Firings) -> float:
-    """Share of points with a neighbour, in lasers or firings, without a return."""
+    """Share of points with a neighbouring laser or firing without a return."""
     return float(np.mean(beside_silence(edge, firings, ALL_SIDES)))
 
 
 def beside_silence(
     edge: NDArray[np.intp], firings: Firings, beside: Neighbours
 ) -> NDArray[np.bool_]:
-    """Return which points have a neighbour, in lasers and firings, without a return.
+    """Return which points have a neighbouring laser or firing without a return.
 
     Parameters
     ----------
@@ -203,7 +210,7 @@ def beside_silence(
         Rows of points that belong to a firing.
     firings : Firings
     beside : tuple of (int, int)
-        The neighbours that are looked at: lasers downwards, firings onwards.
+        Neighbours to test, as offsets: lasers downwards, firings onwards.
     """
     ring, firing = firings.ring[edge], firings.firing[edge]
     rings, count = firings.answered.shape

@@ -1,4 +1,4 @@
-"""All detectors together: `inspect` runs each that can judge a scan."""
+"""Inspect a scan by all detectors that can judge it (`inspect`)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 
 SENSORS = ("auto", "lattice", "terrestrial", "other")
-"""Kinds of scanner that a caller can name; ``auto``: `identify_sensor` finds out."""
+"""Kinds of scanner that a caller can state; ``auto``: `identify_sensor` recognises the scanner."""
 
 
 @checked
@@ -82,41 +82,42 @@ def inspect(
     frame : LidarFrame, (N, 3) or (N, 4) float32
         One scan of one scanner, metres.
     previous, following : the same, optional
-        The frames a turn earlier and later: what was answered then is missed now. One of them is
-        a further witness of detector III; with both, detector IV compares what the turns saw, and
-        detector III looks at the frame alone. Frames whose ``time_ns`` are more than 0.15 s apart
-        are no neighbours. A frame between two of which one was cut, thinned or moved off its
-        firings is ``processed`` (neighbours) unless what they still show accuses it, and one whose
-        neighbour has nine tenths of its points, in any order, is ``processed`` (repeated). One that
-        shows another place than both, which show the same, is ``processed`` (foreign).
+        Frames one turn earlier and later, which show what is missing in this one. If only one is
+        given, detector III uses it; if both are, detector IV compares the three turns, and detector
+        III judges the frame alone. Frames whose ``time_ns`` differ by more than 0.15 s are no
+        neighbours. The frame is ``processed`` (neighbours) if a neighbour was cut, thinned or moved
+        off its firings, unless the remaining points accuse it; ``processed`` (repeated) if a
+        neighbour has nine tenths of its points, in any order; and ``processed`` (foreign) if both
+        neighbours show the same place and it shows another one.
     lattice : SensorLattice, optional
-        Lattice of the scanner, from `estimate_lattice` on clean scans. Without it that of KITTI's
-        scanner is tried, then one estimated from the frame.
+        Lattice of the scanner, from `estimate_lattice` on clean scans; default: the lattice of
+        KITTI's scanner is tried, then one is estimated from the frame.
     sensor : 'auto', 'lattice', 'terrestrial' or 'other'
-        The scanner: recognised from the scan; one on a lattice (HDL-64E); a terrestrial one;
-        another, which no detector is calibrated for. A scan that does not stand on the lattice, or
-        on a grid of azimuth and elevation, is undecidable whatever is stated.
+        Kind of scanner: recognised from the scan (``auto``), spinning on a known lattice
+        (``lattice``, as HDL-64E), terrestrial, or one that no detector is calibrated for
+        (``other``). Whatever is stated, a scan that does not lie on the lattice, or on a grid of
+        azimuth and elevation, is undecidable.
     origin : (3,), optional
-        Position of the scanner, metres; by default that of the frame, else what
-        `estimate_origin` finds. Where none is given and KITTI's scanner stands above or
-        below that, as in clouds with the ground at a height of 0, it is judged from there.
+        Position of the scanner, metres; default: that of the frame, else the result of
+        `estimate_origin`. If it is not given and a scan of KITTI's scanner was moved up or down, as
+        in clouds with the ground at height 0, the scanner's height is found as well.
     watermark : bytes or WatermarkResult, optional
-        The scan's record, which ``key`` verifies, or what `Watermarker.verify` said of this scan.
-        What the embedding moved is allowed for then, and nothing more. Without it a scan whose
-        points carry a watermark's bits is ``processed``, and so is one whose record does not hold.
+        The scan's record, which ``key`` verifies, or the result of `Watermarker.verify` for this
+        scan. The detectors then allow for the displacement by the embedding. Without a usable
+        record, a scan whose points carry the bits of a watermark is ``processed``.
     key : KeyFile or KeyRing, optional
-        Verifies a record; without it, a record says nothing.
+        Key that verifies the record; without it a record is ignored.
     power : bool
-        State the share of edits of each class that are found in scans of this scanner.
+        State the share of edits of each class that the detectors find in scans of this scanner.
     plant : int
-        Edits of each class that are planted in copies of this very scan, with its neighbours if
-        both were given: ``power`` says in ``here_found`` how many are found. Only a scan that is
-        ``no_trace``, of a spinning scanner and without a watermark, is planted in. Each edit takes
-        as long as an inspection. A scan on an exact lattice whose power is not known becomes
-        ``no_trace`` by them, if half of the edits of some class are found.
+        Number of edits of each class that are planted in copies of this scan, with its neighbours
+        if both are given; ``here_found`` of ``power`` states how many of them are found. Each edit
+        takes as long as an inspection. Edits are planted only in scans of a spinning scanner that
+        are ``no_trace`` and have no watermark, and in scans on an exact lattice whose power is
+        unknown: these become ``no_trace`` if half of the edits of some class are found.
     printed : bool
-        Ask detectors I and II with the thresholds printed in the dissertation. They were printed
-        for terrestrial scanners: scans of all others are undecidable then.
+        Use detectors I and II with the thresholds printed in the dissertation. They hold for
+        terrestrial scanners; scans of all others become undecidable.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -135,28 +136,29 @@ def inspect(
 
     Notes
     -----
-    Detector III judges scanners whose lattice is known, detectors IV and V beside it, detectors I
-    and II the terrestrial scanners that they are calibrated for; scans of other scanners are
-    ``undecidable``. Clouds that nobody has rounded since the driver of a Hesai, an Ouster or a
-    Velodyne computed them are exact, and tell their lattice themselves: detector III judges them,
-    too, but what share of edits it finds is not known unless edits are planted in them (``plant``)
-    or `calibrate_lattice` has measured it. Of the clean scans of a spinning scanner 1 % at most may
-    be called tampered, whichever detector does it: III may use up 0.1 % of them, IV 0.7 %, V 0.2 %.
-    No verdict says that a scan is authentic: an attacker who rewrites ranges of existing firings
-    leaves no trace in it. Only a keyed watermark proves that nothing was changed.
+    Detectors III, IV and V judge spinning scanners whose lattice is known, detectors I and II the
+    terrestrial scanners that they are calibrated for; scans of other scanners are ``undecidable``.
+    A cloud is exact if its coordinates are those that the driver of a Hesai, an Ouster or a
+    Velodyne computed, without later rounding. The lattice of its scanner can be estimated from an
+    exact cloud itself, so that detector III judges it, too; the share of edits that are found is
+    then only known if edits are planted (``plant``) or if `calibrate_lattice` has measured it. All
+    detectors together call at most 1 % of the clean scans of a spinning scanner tampered: III 0.1
+    %, IV 0.7 %, V 0.2 %. No verdict says that a scan is authentic, because an attacker who rewrites
+    ranges of existing firings leaves no trace in it. Only a keyed watermark proves that nothing was
+    changed.
 
-    A watermark that holds proves nothing of what came before it: the detectors look at the scan as
-    it was signed. The lowest bits (`lbm`) take the steps of the scanner's ranges with them, so that
-    fewer edits that were made before embedding are found; ``power`` says how many.
+    An intact watermark does not exclude edits before embedding; the detectors look for these. The
+    embedding `lbm` blurs the scanner's range steps, so that fewer of them are found; ``power``
+    states how many.
 
-    Rows that are no returns (markers farther away than the scanner measures, one range for all
-    firings without a return), and further copies of a point, are named and set apart, and the
-    others are judged. Points that stand elsewhere in the file than the scanner writes them are
-    named, too; that alone accuses nobody.
+    Rows that are no returns (markers beyond the range of the scanner, or one range for all firings
+    without a return) and further copies of a point are reported as processing; only the other rows
+    are judged. Points at another place in the file than the scanner writes them are reported, too,
+    but are no evidence of an edit.
 
-    Where a scan was processed as a whole, detector III does not judge what is missing, and IV and
-    V do not run: it is ``processed``, whether or not something was removed from it as well. Only
-    where whole lasers were left out, IV and V judge what the others saw.
+    If a scan was processed as a whole, detector III does not judge missing points, and detectors IV
+    and V do not run: the scan is ``processed``, whether or not points were removed as well. As an
+    exception, detectors IV and V judge scans of which only whole lasers are missing.
 
     Examples
     --------
@@ -189,9 +191,9 @@ def inspect_beside(
     plant: int = 0,
     progress: Progress = None,
 ) -> Inspection:
-    """Judge as `inspect` does, and ask ``left_out`` whether the turns beside the frame are whole.
+    """Judge as `inspect` does, with ``left_out`` to tell whether the neighbouring turns are whole.
 
-    The scans of a drive ask twice for each turn, which needs one look only.
+    `inspect_drive` passes a function of its own, so that each turn is examined once and not twice.
     """
     if sensor not in SENSORS:
         raise InputError(f"sensor: expected one of {', '.join(SENSORS)}, got {sensor!r}")
@@ -229,7 +231,7 @@ def _planted(
     threads: int,
     progress: Progress,
 ) -> Inspection:
-    """The result with what is found of edits in copies of the scan, where nothing was found yet."""
+    """The result with the power by planted edits, if the scan itself has no trace."""
     scan, sensor, position = result.scan, result.sensor, result.origin
     is_unmeasured = _is_unmeasured(result)
     if not is_unmeasured and result.verdict != "no_trace":
@@ -250,7 +252,7 @@ def _planted(
 
 
 def _is_unmeasured(result: Inspection) -> bool:
-    """Whether detector III found nothing by an exact lattice, and its power is not known."""
+    """Whether detector III found no trace on an exact lattice, and its power is unknown."""
     sensor, generic = result.sensor, result.generic
     if result.verdict != "undecidable" or result.processing or generic is None or sensor is None:
         return False
@@ -259,7 +261,7 @@ def _is_unmeasured(result: Inspection) -> bool:
 
 
 def _measured_here(result: Inspection, here: Mapping[str, Power]) -> Inspection:
-    """The result of a scan whose own planted edits are all that is known of the power."""
+    """The result of a scan whose power is only known from the edits that were planted in it."""
     power = ReadOnlyMapping(
         {name: replace(each, source="edits planted in this scan") for name, each in here.items()}
     )
@@ -276,7 +278,7 @@ def _measured_here(result: Inspection, here: Mapping[str, Power]) -> Inspection:
 
 
 class _Asked(NamedTuple):
-    """Arguments of `inspect` beside the scan."""
+    """Arguments of `inspect` except for the scan, the watermark and options of the power."""
 
     previous: ScanLike | None
     following: ScanLike | None
@@ -337,14 +339,14 @@ def _inspected(
 
 
 def _stated_unit(scan: LidarFrame) -> str:
-    """The unit of length that the scan's file states, if it is not the metre; else ''."""
+    """Unit of length that the scan's file states, if it is not the metre; else ''."""
     return "" if scan.format is None else str(scan.format.header.get("unit", ""))
 
 
 def _verified(
     scan: LidarFrame, watermark: bytes | WatermarkResult | None, key: KeyFile | KeyRing | None
 ) -> WatermarkResult | None:
-    """Result of the verifier for the record; None where there is no record or no key."""
+    """Result of the verifier for the record; None if there is no key."""
     if isinstance(watermark, WatermarkResult):
         if watermark.scan is None or not np.array_equal(watermark.scan.points, scan.points):
             raise InputError("watermark: expected the result of this scan, got another scan's")
@@ -365,7 +367,7 @@ def _with_watermark(result: Inspection, signed: WatermarkResult | None) -> Inspe
     if signed is None:
         return result
     verdict: Verdict = "no_trace"
-    if "tampered" in (signed.verdict, signed.content):  # or a replay of what was signed
+    if "tampered" in (signed.verdict, signed.content):  # ``verdict`` is also tampered for a replay
         verdict = "tampered"
     elif signed.content != "intact":
         verdict = "undecidable"
@@ -379,7 +381,7 @@ def _with_watermark(result: Inspection, signed: WatermarkResult | None) -> Inspe
 
 
 def _carrying(scan: LidarFrame, trace: tuple[Processing, ...]) -> Inspection:
-    """A scan with the bits of a watermark that nobody verified: points lie where it put them."""
+    """Result for a scan that carries the bits of an unverified watermark: points are displaced."""
     reports = tuple(DetectorReport(name, "undecidable", trace[0].detail) for name in FORENSIC)
     known = None
     if scan.origin is not None:
@@ -414,7 +416,7 @@ def _by_angles(
     told: Callable[[float], object],
 ) -> Inspection:
     """Judge by detectors I and II."""
-    # At the origin this was looked at: `_by_grid` names a terrestrial scanner where its grid holds.
+    # For a scanner at (0, 0, 0), `identify` has already tested the grid around it.
     is_stated = source in ("argument", "file") and any(position)
     if is_stated and _fused(scan, position, threads):
         return without_position(scan, "several positions fused, or the scanner stood elsewhere")
@@ -457,13 +459,14 @@ def _not_judged(
 
 
 def repeating(found: Inspection, repeat: tuple[int, str] | None) -> Inspection:
-    """Return the result of a scan that has the points of an earlier one of its drive, if it has.
+    """Return the result of a scan, marked as repeated if it has the points of an earlier scan.
 
     Parameters
     ----------
     found : Inspection
     repeat : (int, str) or None
-        Place of the earlier scan, and what of its points this one has; None: there is none.
+        Place of the earlier scan in the drive, and in words what points are equal; None: no earlier
+        scan has the points.
     """
     if repeat is None:
         return found
@@ -478,7 +481,7 @@ def repeating(found: Inspection, repeat: tuple[int, str] | None) -> Inspection:
 
 
 def _fused(scan: LidarFrame, position: Position, threads: int) -> bool:
-    """Whether a scan with a grid has one that does not hold around the stated position."""
+    """Whether the scan has a grid of angles that does not hold around the stated position."""
     grid = estimate_grid(scan, origin=position, threads=threads)
     return (
         grid.elevation_strength > 0.0

@@ -1,4 +1,4 @@
-"""Results of an inspection: the reports of all detectors, and the verdict that follows."""
+"""Results of an inspection: the reports of all detectors, and the combined verdict."""
 
 from __future__ import annotations
 
@@ -48,19 +48,23 @@ TITLES = {
 
 @dataclass(frozen=True, eq=False)
 class DetectorReport:
-    """Verdict of one detector on a scan, in the words that all of them share.
+    """Verdict of one detector on a scan; all detectors share its attributes (`Detection`).
 
     Attributes
     ----------
     name : 'density', 'occlusion', 'generic', 'turns', 'reflectance' or 'watermark'
+        Name of the detector; `title` describes its test.
     verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
+        Verdict of this detector.
     reason : str
-        The verdict's reason in words.
+        Reason of the verdict in words.
     score : float or None
-        The detector's own measure, larger is more suspicious; None: it could not judge.
+        The detector's own measure of suspicion, larger is more suspicious; None: it could not
+        judge.
     p_value : float or None
-        Probability, at most, that a clean scan shows as much; None: the detector states none. It is
-        never below 1 / (n + 1) of the n clean scans of ``calibration``, which support no less.
+        Upper bound of the probability that a clean scan shows as much evidence; None: the detector
+        states none. If it was calibrated on ``n`` clean scans, it is never below 1 / (n + 1),
+        because ``n`` scans do not support a smaller value.
     regions : tuple of Region
         Places with evidence, the most significant first.
     suspected : (K,) int64
@@ -69,7 +73,8 @@ class DetectorReport:
         Share of the edits of each class that the detector finds in clean scans of this scanner;
         empty: not measured for this scanner.
     calibration : Calibration or None
-        Where the thresholds come from; None: a publication, a user, or the detector needs none.
+        Scans on which the thresholds were chosen; None: the thresholds come from a publication or a
+        user, or the detector needs none.
     """
 
     name: str
@@ -84,7 +89,7 @@ class DetectorReport:
 
     @property
     def title(self) -> str:
-        """The test that the detector makes."""
+        """Test that the detector makes."""
         return TITLES[self.name]
 
     @property
@@ -94,7 +99,7 @@ class DetectorReport:
 
     @property
     def could_object(self) -> bool:
-        """Whether the detector finds half of the edits of some class at least, as measured."""
+        """Whether the detector finds at least half of the edits of some class, as measured."""
         return any(power.share >= 0.5 for power in self.power.values())
 
 
@@ -105,37 +110,38 @@ class Inspection(Showable):
     Attributes
     ----------
     verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
-        The verdict of all detectors together, see `combined_verdict`.
+        Combined verdict of all detectors, see `combined_verdict`.
     reason : str
-        The verdict's reason in words.
+        Reason of the verdict in words.
     num_points : int
-        Points of the scan.
+        Number of points of the scan.
     sensor : Sensor or None
-        The scanner that made it; None: its position is not known.
+        Scanner of the scan; None: its position is unknown.
     processing : tuple of Processing
         What was done to the scan as a whole.
     origin : (float, float, float) or None
-        Position of the scanner, metres; None: it is not known, and nothing can be judged.
+        Position of the scanner, metres; None: unknown, and nothing can be judged.
     origin_from : str
-        ``argument``, ``file``, the words of `estimate_origin`, or why the position is not known.
+        Source of the position: ``argument``, ``file``, the words of `estimate_origin`, or the
+        reason why it is unknown.
     detectors : tuple of DetectorReport
-        One report each of detectors I, II and III; of detector IV where the frames before and
-        after were given; of detector V where a spinning scanner's frame has reflectances; and of
-        the watermark where a record was given and a key.
+        Reports of detectors I, II and III; of detector IV if the previous and following frames were
+        given; of detector V if a frame of a spinning scanner has reflectances; and of the watermark
+        if a record and a key were given.
     blind : tuple of str
         Classes of edits that no detector finds in scans of this scanner.
     planted_here : mapping of str to Power
-        What all detectors together find of the edits that were planted in copies of this very scan,
-        by class, which ``power`` states too; empty: none were planted.
+        By class of edit: how many of the edits that were planted in copies of this scan all
+        detectors together find (also stated by ``power``); empty: none were planted.
     density, occlusion, generic, turns, reflectance
-        The detectors' own results with their maps; None where a detector did not run.
+        Full results of the detectors with their maps; None: the detector did not run.
     scan : LidarFrame or None
-        What was judged, so that the result can be shown.
+        The scan that was judged; the viewer shows it.
     watermark : WatermarkResult or None
-        What the verifier says of the record that was given; None: none was, or no key.
+        Result of the watermark's verifier; None: no record or no key was given.
     repeats : int or None
-        Place in its drive, from 0, of the earlier scan whose points this one has; None: there is
-        none, or the scan was inspected alone.
+        Place in the drive, from 0, of an earlier scan with the same points; None: there is none, or
+        the scan was inspected alone.
     """
 
     verdict: Verdict
@@ -159,25 +165,26 @@ class Inspection(Showable):
 
     @property
     def accusing(self) -> DetectorReport | None:
-        """The detector that says ``tampered``; None: no detector does."""
+        """Report of the last detector whose verdict is ``tampered``; None: there is none."""
         return next((r for r in reversed(self.detectors) if r.verdict == "tampered"), None)
 
     @property
     def score(self) -> float | None:
-        """The largest score that a detector with the common verdict gives."""
+        """Largest score of the detectors with the combined verdict."""
         return max((r.score for r in self._deciding() if r.score is not None), default=None)
 
     @property
     def p_value(self) -> float | None:
-        """The smallest p-value that a detector with the common verdict states."""
+        """Smallest p-value of the detectors with the combined verdict."""
         return min((r.p_value for r in self._deciding() if r.p_value is not None), default=None)
 
     @property
     def likelihood_ratio(self) -> float | None:
         """Lower bound of the likelihood ratio of the evidence: edited against clean.
 
-        Of the smallest p-value of the detectors that looked, times their number; see
-        `likelihood_ratio`. None: none of them states a p-value, or the scan was processed.
+        The bound is that of the smallest p-value of the detectors, times the number of detectors
+        with a p-value; see `likelihood_ratio`. None: no detector states a p-value, or the scan was
+        processed.
         """
         p_values = [r.p_value for r in self.detectors if r.p_value is not None]
         if not p_values or self.verdict == "processed":
@@ -186,18 +193,18 @@ class Inspection(Showable):
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        """Places with evidence, of all detectors whose verdict is the common one."""
+        """Places with evidence, from all detectors with the combined verdict."""
         return tuple(region for report in self._deciding() for region in report.regions)
 
     @property
     def suspected(self) -> NDArray[np.int64]:
-        """Rows of the points that the detectors with the common verdict suspect, ascending."""
+        """Rows of the points that the detectors with the combined verdict suspect, ascending."""
         rows = [report.suspected for report in self._deciding()]
         return np.unique(np.concatenate(rows)) if rows else np.empty(0, np.int64)
 
     @property
     def power(self) -> Mapping[str, Power]:
-        """By class of edit: of the detector that finds most of them, and in this scan of all."""
+        """Power by class of edit: that of the best detector, with the counts of `planted_here`."""
         best: dict[str, Power] = {}
         for report in self.detectors:
             for name, power in report.power.items():
@@ -210,7 +217,7 @@ class Inspection(Showable):
 
     @property
     def power_notes(self) -> tuple[str, ...]:
-        """Sentences: for which edits ``power`` was measured, and what would raise it."""
+        """Sentences that state for which edits ``power`` was measured, and what would raise it."""
         power = self.power
         if self.generic is None or self.sensor is None or not power:
             return ()
@@ -231,7 +238,7 @@ class Inspection(Showable):
 
     @property
     def calibration(self) -> Calibration | None:
-        """Calibration of the first detector with the common verdict that has one, else None."""
+        """Calibration of the first detector with the combined verdict that has one, else None."""
         return next((r.calibration for r in self._deciding() if r.calibration is not None), None)
 
     def _deciding(self) -> tuple[DetectorReport, ...]:
@@ -297,21 +304,22 @@ def combined_verdict(
     Parameters
     ----------
     reports : sequence of DetectorReport
+        Reports of the detectors.
     processing : sequence of Processing
         What was done to the scan as a whole.
 
     Returns
     -------
     'no_trace', 'tampered', 'processed' or 'undecidable'
-        ``tampered`` if a detector has localised evidence. Else ``processed`` if something was done
-        to the whole scan, which can hide an edit. Else ``no_trace`` if a detector that finds edits
-        of some class, as measured on clean scans of this scanner, looked and found none. Else
-        ``undecidable``.
+        ``tampered`` if a detector's verdict is. Else ``processed`` if the scan was processed as a
+        whole, which can hide an edit. Else ``no_trace`` if that is the verdict of a detector that
+        finds at least half of the edits of some class, as measured on clean scans of this scanner.
+        Else ``undecidable``.
 
     Raises
     ------
     InputError
-        ``reports`` or ``processing`` holds something else.
+        ``reports`` or ``processing`` holds an item of another type.
 
     Examples
     --------

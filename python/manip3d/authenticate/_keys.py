@@ -1,4 +1,4 @@
-"""Keys of the watermark: a file for each, and the ring of those that a sensor has had."""
+"""Keys of the watermark: key files, and the ring of all keys that a sensor has had."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ class KeyFile(Closing):
     Attributes
     ----------
     key_id : str
-        Tells keys apart, hexadecimal; it is not a secret.
+        Hexadecimal identifier of the key; it is not a secret.
     created_ns, expires_ns : int
-        Nanoseconds since 1970; an ``expires_ns`` of 0 means never.
+        Times of creation and of expiry, nanoseconds since 1970; an ``expires_ns`` of 0 means never.
 
     Raises
     ------
     InputError
-        Others than the owner can read the file.
+        Users other than the owner can read the file.
     FormatError
-        It is not a key file, or damaged.
+        The file is not a key file, or is damaged.
     OSError
-        It cannot be read.
+        The file cannot be read.
 
     Notes
     -----
-    Keys are replaced by giving a sensor a new file, under a new name; a verifier of old records
-    needs the old file, too, see `KeyRing`. The key is symmetric: whoever can verify could also
-    embed. It is held in memory that swap and core dumps leave out, and wiped by `close`.
+    To replace a key, create a new file under a new name; a verifier of old records also needs the
+    old file, see `KeyRing`. The key is symmetric: whoever can verify can also embed. It is held in
+    memory that is excluded from swap and core dumps, and `close` wipes it.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -52,14 +52,14 @@ class KeyFile(Closing):
 
     @classmethod
     def create(cls, path: str | os.PathLike[str], *, expires_ns: int = 0) -> KeyFile:
-        """Draw a new key, write it to a file that only its owner can read, and open that.
+        """Create a random key, write it to a file that only its owner can read, and open that file.
 
         Parameters
         ----------
         path : path
-            Where the new file is written.
+            Path of the new file.
         expires_ns : int
-            When the key expires, nanoseconds since 1970; 0: never.
+            Time at which the key expires, nanoseconds since 1970; 0: never.
 
         Returns
         -------
@@ -78,17 +78,17 @@ class KeyFile(Closing):
 
     @property
     def key_id(self) -> str:
-        """Identifier, hexadecimal."""
+        """Hexadecimal identifier of the key."""
         return self._key.id.hex()
 
     @property
     def created_ns(self) -> int:
-        """Time of its creation, nanoseconds since 1970."""
+        """Time at which the key was created, nanoseconds since 1970."""
         return self._key.created_ns
 
     @property
     def expires_ns(self) -> int:
-        """Time from which it must not embed, nanoseconds since 1970; 0: it does not expire."""
+        """Time from which the key must not embed, nanoseconds since 1970; 0: it does not expire."""
         return self._key.expires_ns
 
     def close(self) -> None:
@@ -102,12 +102,12 @@ class KeyFile(Closing):
 
 @checked
 class KeyRing(Closing):
-    """The keys that a sensor has had, one after the other; a verifier takes all of them.
+    """All keys that a sensor has had, one after the other, for a verifier of its records.
 
-    A record names no key: its own tag tells which key made it. The newest key embeds. Older ones
-    verify only records that state a time before the next key was made, and no key verifies records
-    that state a time at which it had expired. In a stream that has gone on to a newer key, also by
-    the verifier's state file, frames of an older one are replays.
+    A record does not name its key: the key that verifies its tag made it. The newest key embeds. An
+    older key only verifies records that state a time before the next key was created, and no key
+    verifies records that state a time at which it had expired. Once a stream has frames of a newer
+    key (the verifier's state file remembers that), frames of an older key are replays.
 
     Parameters
     ----------
@@ -121,12 +121,12 @@ class KeyRing(Closing):
 
     Notes
     -----
-    Make the new key when the sensor is to use it: what the old one signs from then on is refused.
-    The time that a record states is the embedder's word. Of scans that bring their own time, that
-    one is stated: a drive of 2011 that is signed today with the old key verifies. Whoever has
-    stolen an old key can sign with an earlier time, which only a verifier notices that has seen a
-    newer key in the stream: leave a stolen key out of the ring, and its records are unverifiable. A
-    state file whose last frame was of a key that is left out is refused.
+    Create the new key only when the sensor begins to use it, because records that the old key signs
+    from then on are refused. The embedder states the time of a record. If a scan has a time, that
+    is stated: a drive of 2011 that is signed today with the old key verifies. Whoever has stolen an
+    old key can sign with an earlier time, and only a verifier that has seen a newer key in the
+    stream notices it. Leave a stolen key out of the ring: its records then are unverifiable. A
+    state file whose last frame was signed by a key outside the ring is refused.
 
     Examples
     --------
@@ -161,7 +161,7 @@ class KeyRing(Closing):
         Parameters
         ----------
         paths : sequence of path
-            Key files, and folders whose files that end in ``.key`` are taken.
+            Key files, and folders, of which all files that end in ``.key`` are opened.
 
         Returns
         -------
@@ -170,7 +170,7 @@ class KeyRing(Closing):
         Raises
         ------
         InputError
-            A folder without key files, or as `KeyFile` and `KeyRing`.
+            A folder has no key files; or as `KeyFile` and `KeyRing`.
         FormatError, OSError
             As `KeyFile`.
         """
@@ -200,7 +200,7 @@ class KeyRing(Closing):
 
 
 def _key_files(path: Path) -> list[Path]:
-    """The key file, or those of a folder."""
+    """The given key file, or the key files of the given folder."""
     if not path.is_dir():
         return [path]
     found = sorted(path.glob("*.key"))

@@ -1,4 +1,4 @@
-"""The lattice on which a spinning scanner measures, estimated from its own clean scans."""
+"""The lattice of a spinning scanner: the places where it can measure (`SensorLattice`)."""
 
 from __future__ import annotations
 
@@ -37,72 +37,74 @@ if TYPE_CHECKING:
         NDArray[np.float32],
     ]
 
-_MOST_BYTES = 1 << 20  # a file of 128 lasers takes 20000
+_MOST_BYTES = 1 << 20  # a file with 128 lasers has 20000
 
 LINE_TOLERANCE = 2e-3
-"""Metres from a line: coordinates of whole millimetres leave 0.8 mm."""
+"""Metres: largest distance of clean points from their line. Rounding to whole millimetres causes
+0.8 mm."""
 
 EXACT_REACH = 100.0
-"""Metres within which single precision leaves less than that tolerance. Drivers compute directions
-to 6e-7 radians, so that returns from 160 m on, and most of a clean cloud in centimetres, are off
-their own lattice."""
+"""Coordinates below this, metres, are exact to the tolerance of exact clouds. Drivers compute
+directions to 6e-7 radians, so that returns from 160 m on are off their own lattice; in a clean
+cloud in centimetres most points are."""
 
 FIVE_DIGITS_TO = 10.0
-"""Metres within which texts of five significant digits (MATLAB's ``dlmwrite``) leave that tolerance
-too; farther coordinates are whole millimetres there, which no driver computes."""
+"""Coordinates below this, metres, are still exact to that tolerance in text files with five
+significant digits (MATLAB's ``dlmwrite``). These files round farther coordinates to whole
+millimetres, which no driver computes."""
 
 FEWEST_WHOLE = 5
-"""Coordinates, at least, that tell this: one of 50 is a whole millimetre by chance."""
+"""Fewest coordinates that show such rounding: one in 50 is a whole millimetre by chance."""
 
 WIDE_GAP = 1.4
-"""Times the narrower of the gaps beside it: a wider one between lines may hold a laser that
-answered too little for a line."""
+"""A gap between two lines that is wider than this many times the narrower of its neighbouring gaps
+may contain a laser with too few returns for a line."""
 
 LINES_APART = 1.5
-"""Metres from the axis: there the lines of KITTI's HDL-64E are 7 to 20 mm apart. Nearer to a
-scanner, chance puts many points within `LINE_TOLERANCE` of a line."""
+"""Metres from the axis. The lines of KITTI's HDL-64E are 7 to 20 mm apart there; nearer to the
+scanner, many points lie within `LINE_TOLERANCE` of a line by chance."""
 
 FEWEST_TOLD = 30
-"""Fewest points of a laser at similar distances that tell whether its line and steps hold there.
-Chosen, with that distance and the share of a half, on crops of one frame of an OS-0-128 and one of
-an OS-1-128. Of 34 crops of the same two that chose nothing and tell a lattice, none is accused."""
+"""Fewest points of a laser at similar distances that confirm its line and steps there. It was
+chosen, with `LINES_APART` and the share of a half, on crops of one frame of an OS-0-128 and one of
+an OS-1-128. None of 34 other crops of these frames that have a lattice is accused."""
 
 COLUMNS = ("slope", "offset", "lateral", "azimuth", "range_phase", "center", "slope_error")
-"""Columns of the table of lasers."""
+"""Columns of `SensorLattice.table`."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorLattice:
-    """Lattice of possible returns of one scanner; see :func:`estimate_lattice`.
+    """Lattice of the possible returns of one scanner; see :func:`estimate_lattice`.
 
     Attributes
     ----------
     slope, offset : (R,) float64
-        Laser's line ``z = slope * rho + offset``, ``rho = hypot(x, y)``, metres; from the highest
-        laser to the lowest.
+        Line ``z = slope * rho + offset`` of each laser, ``rho = hypot(x, y)`` in metres; from the
+        highest laser to the lowest.
     lateral : (R,) float64
-        Distance at which its beam passes the axis, metres, positive to the left.
+        Distance at which the laser's beam passes the axis, metres, positive to the left.
     azimuth : (R,) float64
-        Its horizontal angle at count 0 of the encoder, radians.
+        Horizontal angle of the beam at count 0 of the encoder, radians.
     range_phase : (R,) float64
-        Its ranges are this and whole numbers of ``range_step``, metres.
+        Ranges of the laser are this plus whole multiples of ``range_step``, metres.
     center, slope_error : (R,) float64
-        Mean ``rho`` of the points that the line was fitted to, metres, and the slope's standard
-        error: how far the line can be trusted elsewhere.
+        Mean ``rho`` of the points to which the line was fitted, metres, and standard error of the
+        slope. They determine the error of the line at other distances.
     steps : int
-        Counts of the encoder per revolution; 0: none found.
+        Encoder counts per revolution; 0: unknown.
     range_step : float
-        Metres; 0: none found.
+        Step of the ranges, metres; 0: unknown.
     coordinate_step : float
-        Coordinates are whole numbers of it, metres; 0: none found.
+        Coordinates are whole multiples of this, metres; 0: of no step.
     incoherence : float
-        Share of clean ranges more than a quarter of ``range_step`` off.
+        Share of clean ranges that are more than a quarter of ``range_step`` off the steps.
     power : mapping of str to Power
         Share of the edits of each class that detector III finds in clean scans of this scanner, as
-        `calibrate_lattice` measures it; empty: not measured. Without it `inspect` says
-        ``no_trace`` of no scanner but the HDL-64E.
+        `calibrate_lattice` measures it; empty: not measured. Without it `inspect` never returns
+        ``no_trace``, except for the HDL-64E.
     tolerance : float
-        How far from lines and steps clean points may be, metres.
+        Largest distance of clean points from lines and steps, metres.
     """
 
     slope: Floats
@@ -121,24 +123,24 @@ class SensorLattice:
 
     @property
     def is_exact(self) -> bool:
-        """Whether its scans have the coordinates that the scanner's driver computed, unrounded."""
+        """Whether scans have the unrounded coordinates that the scanner's driver computed."""
         return self.tolerance < LINE_TOLERANCE
 
     @property
     def table(self) -> Floats:
-        """(R, 7): the columns above, in their order."""
+        """The columns `COLUMNS`, (R, 7)."""
         columns = [getattr(self, name) for name in COLUMNS]
         return np.ascontiguousarray(np.column_stack(columns), np.float64)
 
     def read(self, points: ArrayLike, *, threads: int = 0) -> LatticeReading:
-        """Say where points lie on the lattice, and how far off it.
+        """Return the places of points on the lattice, and their distances from it.
 
         Parameters
         ----------
         points : (N, 3) float32, metres
             A C-contiguous array is not copied.
         threads : int
-            0: ``MANIP3D_THREADS``, else all cores. The answer does not depend on it.
+            0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
         """
         cloud = as_rows(points, 3, np.float32, "points")
         return LatticeReading(
@@ -153,13 +155,14 @@ class SensorLattice:
         )
 
     def points_at(self, ring: ArrayLike, count: ArrayLike, distance: ArrayLike) -> Floats:
-        """Points that lasers see at counts of the encoder, at distances along their beams.
+        """Return the points that lasers measure at encoder counts, at distances along their beams.
 
         Parameters
         ----------
         ring, count : (N,) integers
+            Index of the laser, and encoder count.
         distance : (N,) float, metres
-            As the scanner measures it: from the foot of the perpendicular from the axis.
+            Distance as the scanner measures it: from the point of the beam nearest to the axis.
 
         Returns
         -------
@@ -170,8 +173,9 @@ class SensorLattice:
         cosine = 1.0 / np.sqrt(1.0 + slope**2)
         span = np.asarray(distance, np.float64)
         reach = span * cosine
-        for _ in range(4):  # the height goes by rho, which is a hair longer than the reach
-            height = slope * (np.hypot(reach, lateral) - reach) + offset  # of a level beam
+        for _ in range(4):  # the height depends on rho, slightly longer than the reach
+            # relative to a beam through the axis
+            height = slope * (np.hypot(reach, lateral) - reach) + offset
             reach = (span - height * slope * cosine) * cosine
         turn = 2.0 * math.pi / self.steps if self.steps else 0.0
         angle = self.azimuth[rows] + np.asarray(count, np.float64) * turn
@@ -180,12 +184,12 @@ class SensorLattice:
         return np.column_stack([reach * cos - lateral * sin, reach * sin + lateral * cos, height])
 
     def distance(self, points: ArrayLike, ring: ArrayLike) -> Floats:
-        """Return the distance of points along the beams of their lasers, as it is measured, metres.
+        """Return the distance of points along the beams of their lasers, as measured, metres.
 
         Parameters
         ----------
         points : (N, 3), metres
-            In the scanner's frame.
+            Points in the scanner's frame.
         ring : (N,) int
             Index of each point's laser.
         """
@@ -199,24 +203,24 @@ class SensorLattice:
     def is_told_by_scan(
         self, points: NDArray[np.float32], reading: LatticeReading | None = None
     ) -> NDArray[np.bool_]:
-        """Return the points that the lattice can judge when it was estimated from their own scan.
+        """Return which points a lattice that was estimated from their own scan can judge.
 
-        A laser that saw little, or little but the scanner's own case, has no line or one that holds
-        nowhere else, and a line far from what it was fitted to is a guess.
+        A laser with few returns, or with few returns except from the scanner's own case, has no
+        line, or one that is wrong elsewhere. Far from the points of its fit, any line is a guess.
 
         Parameters
         ----------
         points : (N, 3) float32, metres
         reading : LatticeReading or None
-            Where they lie on the lattice; None: it is read here.
+            Places of the points on the lattice; None: they are computed here.
 
         Returns
         -------
         (N,) bool
-            False nearer to the axis than `LINES_APART`; farther above or below all lines
-            than half of the distance between the two outermost; and where of the points of the same
-            laser, at distances that differ by less than a third, fewer than `FEWEST_TOLD` or
-            fewer than half are on the lattice.
+            False for points nearer to the axis than `LINES_APART`; for points above or below all
+            lines by more than half of the distance between the two outermost lines; and for points
+            of a laser if, of its points in the same interval of distance (each interval ends at 4/3
+            of its begin), fewer than `FEWEST_TOLD` or fewer than half are on the lattice.
         """
         reading = self.read(points) if reading is None else reading
         told = self._is_between_lines(points) & (reading.ring >= 0)
@@ -235,23 +239,25 @@ class SensorLattice:
     def is_told_exactly(
         self, frame: LidarFrame, reading: LatticeReading | None = None
     ) -> NDArray[np.bool_]:
-        """Return the points of a frame that an exact lattice can judge.
+        """Return which points of a frame an exact lattice can judge.
 
         Parameters
         ----------
         frame : LidarFrame
+            Frame of the scanner.
         reading : LatticeReading or None
-            Where its points lie on the lattice; None: it is read here.
+            Places of its points on the lattice; None: they are computed here.
 
         Returns
         -------
         (N,) bool
-            False nearer to the axis than `LINES_APART`, farther than coordinates are exact
-            (`EXACT_REACH`, or `FIVE_DIGITS_TO`), farther above or below all lines than half of the
-            distance between the two outermost, and for points of lasers that may have no line:
-            fewer than half of those of a ring are on any, and they look as high as one laser does;
-            or nothing but the order of the file tells rings, and there is room for a laser, as
-            there is beside all lines.
+            False for points nearer to the axis than `LINES_APART`; for points beyond the reach of
+            exact coordinates (`EXACT_REACH`, or `FIVE_DIGITS_TO`); for points above or below all
+            lines by more than half of the distance between the two outermost lines; and for points
+            of lasers that may have no line. These are points of a ring of which fewer than half are
+            on any line, at elevations as close together as those of one laser; and, if only the
+            order of the file tells rings, points off all lines in a gap that is wide enough for a
+            laser, or beyond the outermost line.
         """
         reading = self.read(frame.points) if reading is None else reading
         told = self._is_between_lines(frame.points) & (reading.ring >= 0)
@@ -263,7 +269,7 @@ class SensorLattice:
         label = np.unique(cloud.labels[known], return_inverse=True)[1]
         on = np.abs(reading.line_error[cloud.there]) < self.tolerance
         no_line = 2 * np.bincount(label, on[known]) < np.bincount(label)
-        # Above the scanner, which stands elsewhere than at the origin in a cloud that was lifted.
+        # Height above the scanner, which is not at the origin if the cloud was moved up or down.
         height = (cloud.points[:, 2] - np.median(self.offset)) / cloud.rho
         apart = float(np.median(np.abs(np.diff(self.slope))))
         rows = np.flatnonzero(cloud.there)
@@ -276,9 +282,9 @@ class SensorLattice:
         return told
 
     def _is_in_wide_gap(self, height: Floats) -> NDArray[np.bool_]:
-        """Whether heights over distances lie where a laser that answered little may look.
+        """Which tangents of elevation lie where a laser with few returns may be.
 
-        Lines are farther apart there than their neighbours, or all lie on one side.
+        These are wide gaps between two lines, and all elevations beyond the outermost lines.
         """
         lines = np.sort(self.slope)
         gaps = np.diff(lines)
@@ -288,7 +294,7 @@ class SensorLattice:
         return np.asarray(wide[gap + 1])
 
     def _is_between_lines(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Return the points that are far from the axis, and not far above or below all lines."""
+        """Which points are far from the axis, and not far above or below all lines."""
         x, y, z = points.astype(np.float64).T
         rho = np.hypot(x, y)
         order = np.argsort(self.slope)
@@ -300,7 +306,7 @@ class SensorLattice:
         return inside
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it as JSON.
+        """Write the lattice as JSON.
 
         Parameters
         ----------
@@ -322,11 +328,12 @@ class SensorLattice:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SensorLattice:
-        """Read what :meth:`save` wrote.
+        """Read a file of :meth:`save`.
 
         Parameters
         ----------
         path : path
+            File of a lattice.
 
         Returns
         -------
@@ -375,7 +382,7 @@ def _tolerance_of(value: Any) -> float:
 
 
 def _power_of(values: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Power]:
-    """Power of detector III from a file; ValueError where the counts are impossible."""
+    """Power of detector III from a file; raises ValueError if a count is impossible."""
     power = {}
     for name, said in values.items():
         found, planted = int(said["found"]), int(said["planted"])
@@ -389,18 +396,19 @@ def _power_of(values: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Power]:
 
 @dataclass(frozen=True, eq=False)
 class LatticeReading:
-    """Positions of points on a lattice, one per point; see :meth:`SensorLattice.read`.
+    """Places of points on a lattice, one per point; see :meth:`SensorLattice.read`.
 
     Attributes
     ----------
     ring : (N,) int32
         Nearest laser, 0 the highest; -1: at the scanner itself.
     count : (N,) int32
-        Count of the encoder, in ``[0, steps)``; -1: no ring, or no encoder known.
+        Encoder count in ``[0, steps)``; -1: no ring, or the encoder is unknown.
     azimuth : (N,) float32
-        ``atan2(y, x)`` in [0, 2 pi).
+        ``atan2(y, x)`` in [0, 2 pi), radians.
     line_error, step_error, range_error : (N,) float32
-        Metres from the line, from the middle of the step, from the nearest range.
+        Distance from the line, from the nearest encoder step and from the nearest range step,
+        metres.
     """
 
     ring: NDArray[np.int32]
@@ -412,20 +420,20 @@ class LatticeReading:
 
     @property
     def columns(self) -> ReadingColumns:
-        """The arrays above, in their order: what detectors take that need not read again."""
+        """The arrays above, in their order, as functions of the core take them."""
         return (
             self.ring, self.count, self.azimuth, self.line_error, self.step_error, self.range_error
         )  # fmt: skip
 
 
 def has_whole_millimetres(points: NDArray[np.float32], beyond: float) -> bool:
-    """Return whether nearly all coordinates from a distance on are whole millimetres.
+    """Return whether nearly all coordinates of at least ``beyond`` metres are whole millimetres.
 
     Parameters
     ----------
     points : (N, 3) float32
     beyond : float
-        Metres: shorter coordinates, and those of `EXACT_REACH` and more, are not looked at.
+        Metres: smaller coordinates, and those of at least `EXACT_REACH`, are ignored.
     """
     lengths = np.abs(points)
     some = points[(lengths >= beyond) & (lengths < EXACT_REACH)].astype(np.float64)

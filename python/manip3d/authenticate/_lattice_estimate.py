@@ -37,13 +37,13 @@ ANGLE_STEPS = (
     *(math.radians(degrees) for degrees in (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)),
     *(1e-3, 1e-4),
 )
-"""Radians to which angles are rounded where a cloud was written in polar coordinates, the coarsest
-of each unit first."""
+"""Radians: steps to which angles are rounded in clouds that were written in polar coordinates, the
+coarsest of each unit first."""
 
 ON_ROUNDED, ROUNDED_APART = 0.05, 1.5
-"""Share of a step of rounded coordinates that single precision leaves at most; and steps by which a
-point may lie beside its line or count: where a laser looks half-way between two, rounding takes it
-to either."""
+"""ON_ROUNDED: largest deviation of rounded coordinates from whole steps, in steps, that single
+precision causes. ROUNDED_APART: largest error of a point, in steps, that the rounding explains; a
+laser that looks half-way between two steps is rounded to either of them."""
 
 
 @checked
@@ -52,14 +52,14 @@ def estimate_lattice(
 ) -> SensorLattice:
     """Estimate the lattice of a scanner from scans of it.
 
-    A minority of forged points does no harm: every fit goes by the majority.
+    A minority of forged points has no effect, because every fit follows the majority.
 
     Parameters
     ----------
     frames : LidarFrame or (N, 3) points, metres, or several of them
-        Scans as the scanner gave them, the scanner at the origin. Without ``ring`` the points must
-        be in KITTI's order, ring after ring, azimuths ascending or descending in each, or each
-        laser's elevation must be the same to a millionth of a degree.
+        Scans as the scanner recorded them, with the scanner at the origin. Without ``ring``, either
+        the points must be in KITTI's order, ring after ring with ascending or descending azimuths,
+        or the elevation of each laser must be constant to a millionth of a degree.
 
     Returns
     -------
@@ -68,17 +68,19 @@ def estimate_lattice(
     Raises
     ------
     InputError
-        No rings can be distinguished: another order, or a cloud that was moved.
+        No rings can be distinguished, because the points are in another order or the cloud was
+        moved.
 
     Notes
     -----
-    KITTI's HDL-64E: 64 lines to 0.3 mm (rounding to whole millimetres), an encoder of 4000 counts,
-    lasers 26 mm left or right of the axis, ranges in steps of 2 mm. The lasers' order is their
-    slope's. Velodyne, HDL-64E S2 manual, appendix: the calibration whose numbers these are.
+    KITTI's HDL-64E has 64 lines (accurate to 0.3 mm, because of rounding to whole millimetres), an
+    encoder of 4000 counts, lasers 26 mm left or right of the axis, and ranges in steps of 2 mm.
+    Lasers are ordered by slope. The appendix of Velodyne's HDL-64E S2 manual describes these
+    numbers of a calibration.
 
-    Clouds of other scanners, as their drivers compute them (Hesai, Ouster), are exact: their points
-    are on the lines, on whole steps of azimuth and at whole ranges to what single precision leaves.
-    The lattice then has a ``tolerance`` of 0.1 mm.
+    Clouds of other scanners (Hesai, Ouster), as their drivers compute them, are exact: to single
+    precision, points lie on the lines, at whole steps of azimuth and at whole steps of range. The
+    lattice then has a ``tolerance`` of 0.1 mm.
 
     Examples
     --------
@@ -146,21 +148,22 @@ def estimate_lattice(
 def without_roundings(
     reading: LatticeReading, points: NDArray[np.float32], tolerance: float
 ) -> LatticeReading:
-    """Return a reading without the errors that rounding of polar coordinates explains.
+    """Return a reading without the errors that are due to rounding of polar coordinates.
 
     Parameters
     ----------
     reading : LatticeReading
+        Reading of the points.
     points : (N, 3) float32, metres
-        Seen from the scanner.
+        Points in the scanner's frame.
     tolerance : float
-        Metres up to which errors are none in any case.
+        Metres: smaller errors are kept.
 
     Returns
     -------
     LatticeReading
-        Where nearly all azimuths, elevations or distances from the origin are whole numbers of one
-        step, points that are so too have no error that is hardly larger than that step.
+        If nearly all azimuths, elevations or distances from the origin are whole multiples of one
+        step, errors of such points up to 1.5 steps become 0.
     """
     errors = reading.line_error, reading.step_error, reading.range_error
     if not any((np.abs(error) > tolerance).any() for error in errors):
@@ -183,15 +186,15 @@ def _unless_rounded(
     arm: Floats,
     tolerance: float,
 ) -> NDArray[np.float32]:
-    """Errors (m), 0 where a rounding of the coordinate to one of the steps explains them.
+    """Errors (m), set to 0 if a rounding of the coordinate to one of the steps explains them.
 
-    A step of the coordinate is ``arm`` times as many metres.
+    A step of the angle or range corresponds to ``arm`` times as many metres.
     """
     off = np.abs(error) > tolerance
     for step in steps if off.any() else ():
         turns = value / step
         is_whole = np.abs(turns - np.round(turns)) < ON_ROUNDED
-        if np.mean(is_whole) >= LEAST_EXACT:  # finer steps would only excuse more by chance
+        if np.mean(is_whole) >= LEAST_EXACT:  # finer steps would excuse more errors by chance
             explained = off & is_whole & (np.abs(error) <= ROUNDED_APART * step * arm)
             return np.where(explained, np.float32(0.0), error)
     return error

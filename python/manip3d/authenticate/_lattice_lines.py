@@ -1,4 +1,4 @@
-"""The lines on which the returns of a spinning scanner lie: one for each laser."""
+"""Find the lines on which the returns of a spinning scanner lie, one per laser."""
 
 from __future__ import annotations
 
@@ -21,24 +21,26 @@ if TYPE_CHECKING:
     Floats: TypeAlias = NDArray[np.float64]
 
 LEAST_LINES, MOST_LINES = 4, 128
-"""Fewest and most lines that are the lasers of a scanner: none has more lasers. Clouds whose
-elevations were rounded are on hundreds of lines, and few points between them are no edit."""
+"""Smallest and largest number of lines of a scanner: no scanner has more lasers. Clouds with
+rounded elevations lie on hundreds of lines; they are refused, because points between such lines are
+no evidence."""
 
 NARROW = 0.05
-"""Metres: a ring of less extent from the axis (the scanner's own car, a wall around it) says where
-its line passes there, not how it goes on."""
+"""Metres: if the distances of a ring's points from the axis differ by less (the scanner's own car,
+or a wall around it), they do not determine the slope of its line."""
 
 MOST_PAIRED = 250
-"""Points of a ring (twice as many at most); pairs, one from either half, propose the line."""
+"""Number of points of a ring (at most twice as many) from which lines are proposed, each through
+one point of the nearer half and one of the farther half."""
 
 
 def find_lines(clouds: Sequence[Cloud]) -> tuple[Floats, Floats]:
-    """Lines that the rings of the clouds agree on, from the highest to the lowest."""
+    """Slopes and offsets of the lines on which the rings of the clouds agree, the highest first."""
     rings = [(cloud, ring) for cloud in clouds for ring in cloud.rings]
-    # A ring is wide where it was forged if nowhere else; then what is left of it decides.
+    # A ring may be wide only because of forged points; its other points then decide.
     wide = [_fit_wide_ring(cloud, ring) for cloud, ring in rings]
     known = [line[1] for line in wide if line is not None]
-    height = float(np.median(known)) if known else 0.0  # of the scanner in a cloud that was lifted
+    height = float(np.median(known)) if known else 0.0  # not 0 if the cloud was moved up or down
     found = [
         line or _fit_narrow_ring(cloud, ring, height)
         for line, (cloud, ring) in zip(wide, rings, strict=True)
@@ -61,7 +63,7 @@ def find_lines(clouds: Sequence[Cloud]) -> tuple[Floats, Floats]:
         for k, rows in enumerate(members)
         if len(rows) >= FEWEST_LABELLED
     ]
-    _check_lines(len(fits))  # rounded or noisy rings agree on lines that few points are on
+    _check_lines(len(fits))  # rounded or noisy rings may agree on lines with few points
     return np.array(fits)[:, 0], np.array(fits)[:, 1]
 
 
@@ -74,7 +76,7 @@ def _check_lines(found: int) -> None:
 
 
 def _fit_wide_ring(cloud: Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
-    """Slope, offset and support of the line through pairs of points that most others lie on."""
+    """Slope, offset and number of points of the best line through two points; None: none fits."""
     some = ring[:: max(1, len(ring) // MOST_PAIRED)]
     rho, z = cloud.rho[some], cloud.points[some, 2]
     order = np.argsort(rho, kind="stable")
@@ -103,7 +105,7 @@ def _fit_wide_ring(cloud: Cloud, ring: NDArray[np.intp]) -> tuple[float, float, 
 def _fit_narrow_ring(
     cloud: Cloud, ring: NDArray[np.intp], height: float
 ) -> tuple[float, float, int] | None:
-    """The line through the scanner, where it holds for nearly all points of a ring."""
+    """The line through the scanner, if nearly all points of a ring lie on it; else None."""
     rho, rise = cloud.rho[ring], cloud.points[ring, 2] - height
     slope = float(np.median(rise / rho))
     inside = int(np.count_nonzero(np.abs(rise - slope * rho) < LINE_TOLERANCE))
@@ -111,7 +113,7 @@ def _fit_narrow_ring(
 
 
 def on_lines(rho: Floats, z: Floats, slope: Floats, offset: Floats) -> NDArray[np.int32]:
-    """Line of each point; -1: off all of them."""
+    """Index of the line on which each point lies; -1: on none."""
     table = np.zeros((len(slope), len(COLUMNS)))
     table[:, 0], table[:, 1] = slope, offset
     cloud = np.ascontiguousarray(np.column_stack([rho, np.zeros_like(rho), z]), np.float32)

@@ -1,4 +1,4 @@
-"""The steps in which a spinning scanner measures: of its encoder, of ranges and of coordinates."""
+"""Find the steps in which a spinning scanner measures: of encoder, ranges and coordinates."""
 
 from __future__ import annotations
 
@@ -22,56 +22,59 @@ if TYPE_CHECKING:
 COORDINATE_STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 1e-4)
 
 RANGE_STEPS = (1e-2, 5e-3, 4e-3, 2e-3)
-"""Metres that are looked for, the coarsest first: every finer one fits a coarser one's data."""
+"""Range steps that are tried, metres; the coarsest first, since finer steps fit coarse data,
+too."""
 
 LEAST_SPREAD = 1e-3
-"""Metres from nearest to farthest that a line of an exact cloud needs; how far it can be trusted is
-in ``slope_error``."""
+"""Metres: least difference between the nearest and the farthest point of a line fit in an exact
+cloud; ``slope_error`` states how accurate the line is."""
 
 FEWEST_PAIRS = 30
-"""Fewest pairs of points a given number of firings apart, for the encoder's counts."""
+"""Fewest pairs of points at a given number of firings apart for estimating the encoder's counts."""
 
 MOST_SEARCHED = 300
-"""Points of a ring for a search over a grid; of longer rings so many to twice as many are taken."""
+"""Number of points of a ring for the search over the grid `LATERALS`; of longer rings a subset of
+this many to twice as many is used."""
 
 LIKELY = 4
-"""Places of the grid that are kept of that search."""
+"""Number of lateral distances that are kept after that search."""
 
 MOST_POINTS = 1000
-"""Points of a ring (twice as many at most) by which the best of these places is chosen. A ring that
-mostly meets the road has all but one distance, and few points tell the places apart."""
+"""Number of points of a ring (at most twice as many) that choose the best of these. A ring that
+mostly meets the road has almost a single distance, so that only few points distinguish them."""
 
 MOST_COMBED = 16_000
-"""Pairs of points for each number of firings apart, and points (twice as many at most), to which a
-comb of steps is laid: 36 000 combs agree with so many by chance to 0.04 at most, where half is
-asked for."""
+"""Number (at most twice as many are used) of pairs of points per number of firings apart, and of
+points, on which steps are tested. With this many, the best coherence of 36 000 numbers of counts is
+at most 0.04 by chance, while 0.5 is required."""
 
 SECTORS = 16
-"""Sectors of a ring, judged one by one."""
+"""Number of sectors of a ring that are judged separately."""
 
 LATERALS = np.arange(-0.08, 0.0801, 0.002)
-"""Metres between beam and axis that are tried; the fit behind the search finds the rest."""
+"""Metres: lateral distances between beam and axis that are tried; a fit then refines them."""
 
 
 def parallax(lateral: float | Floats, rho: Floats) -> Floats:
-    """Angle between a beam that passes the axis at a distance and what it meets, from the axis.
+    """Angle, seen from the axis, between a laser's direction and its return; radians.
 
-    Points nearer than that, which are on no such beam, are taken to lie where it is nearest.
+    The beam passes the axis at the distance ``lateral``, metres. Points nearer than that cannot be
+    on it; they are treated as its nearest point.
     """
     angle: Floats = np.arcsin(np.clip(lateral / rho, -1.0, 1.0))
     return angle
 
 
 def find_steps(rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]]) -> int:
-    """Counts per revolution that make whole numbers of the differences within rings."""
-    size, fewest, most = 1 << 18, 600, 36000  # bins: seven for each of the most counts
+    """Encoder counts per revolution, found from azimuth differences within rings; 0: none."""
+    size, fewest, most = 1 << 18, 600, 36000  # bins of a revolution: seven per count
     turns = np.zeros(size)
     rows = np.concatenate([ring for ring in members if len(ring)])
     same_ring = np.concatenate([np.full(len(ring), k) for k, ring in enumerate(members)])
     for lag in (1, 7, 49, 343):
         first, second = rows[:-lag], rows[lag:]
         alike = (same_ring[:-lag] == same_ring[lag:]) & (rho[first] > 10.0)
-        # Equal parallax: a beam 0.1 m beside the axis turns by less than 2e-5 more.
+        # Equal parallax: for a beam 0.1 m beside the axis it differs by less than 2e-5 radians.
         alike &= np.abs(1.0 / rho[first] - 1.0 / rho[second]) < 2e-4
         pairs = np.flatnonzero(alike)
         pairs = pairs[:: max(1, len(pairs) // MOST_COMBED)]
@@ -80,7 +83,7 @@ def find_steps(rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]]) 
         turn = np.mod(angle[second[pairs]] - angle[first[pairs]], 2.0 * math.pi)
         bins = np.minimum((turn * (size / (2.0 * math.pi))).astype(np.int64), size - 1)
         turns += np.bincount(bins, minlength=size) / (4.0 * len(turn))
-    middle = np.exp(-1j * math.pi / size * np.arange(most))  # of the bins
+    middle = np.exp(-1j * math.pi / size * np.arange(most))  # shifts to the bins' middles
     coherence = np.real(np.fft.rfft(turns)[:most] * middle)
     best = fewest + int(coherence[fewest:].argmax())
     return best if coherence[best] > 0.5 else 0
@@ -89,10 +92,10 @@ def find_steps(rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]]) 
 def first_encoders(
     rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]], steps: int
 ) -> list[tuple[float, float]]:
-    """Lateral distance and angle at count 0 of each laser, as the grid of `LATERALS` tells them.
+    """Lateral distance (m) and angle at count 0 (rad) of each laser, by search over `LATERALS`.
 
-    They maximise the mean of ``exp(i steps (angle - lateral / rho))`` over its points. The grid is
-    evenly spaced: a product for each point leads from one place to the next.
+    They maximise the absolute mean of ``exp(i steps (angle - lateral / rho))`` over the laser's
+    points. Since the grid is evenly spaced, one product per point leads to its next value.
     """
     some = [rows[:: max(1, len(rows) // MOST_SEARCHED)] for rows in members]
     rows = np.concatenate(some)
@@ -111,7 +114,7 @@ def first_encoders(
 
 
 def best_encoder(rho: Floats, angle: Floats, laterals: Floats, steps: int) -> tuple[float, float]:
-    """The lateral distance, of some, that a laser's points agree on, and the angle they give."""
+    """The most coherent lateral distance for a laser's points, and the angle at count 0."""
     if len(rho) == 0:
         return 0.0, 0.0
     some = slice(None, None, max(1, len(rho) // MOST_POINTS))
@@ -145,9 +148,13 @@ def stands_on_steps(
     azimuth: Floats,
     steps: int,
 ) -> bool:
-    """Whether three quarters of all places, a sector of a ring each, are as good as free of points
-    off the steps: of an HDL-64E all are, forgeries spoil a few. Where azimuths are interpolated
-    between packets (HDL-32E, VLP) there may be a period, but it holds for a part of the turn."""
+    """Whether fewer than 1 % of the points are off the steps in three quarters of all sectors of
+    all rings.
+
+    In scans of an HDL-64E that holds for all sectors, apart from a few with forgeries. If azimuths
+    are interpolated between packets (HDL-32E, VLP), a period may be found, but it only holds for a
+    part of the turn.
+    """
     shares = []
     for k, rows in enumerate(members):
         error = off_the_steps(rho[rows], angle[rows], lateral[k], azimuth[k], steps)
@@ -160,13 +167,13 @@ def stands_on_steps(
 
 
 def off_step(angle: Floats, steps: int) -> Floats:
-    """Radians from the nearest of so many steps in a revolution."""
+    """Deviation of angles from the nearest of ``steps`` steps per revolution, radians."""
     step = 2.0 * math.pi / steps
     return angle - np.round(angle / step) * step
 
 
 def off_the_steps(rho: Floats, angle: Floats, lateral: float, azimuth: float, steps: int) -> Floats:
-    """Metres from the nearest step of the encoder."""
+    """Distance along the arc from the nearest encoder step, metres."""
     beam = angle - parallax(lateral, rho) - azimuth
     return off_step(beam, steps) * rho
 
@@ -180,10 +187,11 @@ def align_counts(
     azimuth: Floats,
     steps: int,
 ) -> Floats:
-    """Counts by which each laser looks ahead of the first, from the pattern of the firings.
+    """Number of counts by which each laser looks ahead of the one with the most returns.
 
-    All lasers fire at the same counts, which the revolution spaces unevenly, but look in different
-    directions then: the correlation of who answered when peaks at the difference.
+    All lasers fire at the same encoder counts, which are unevenly spaced in a revolution, but look
+    in different directions. The cross-correlation of two lasers' returns over counts therefore
+    peaks at the difference of their directions.
     """
     known = ring >= 0
     beam = angle[known] - parallax(lateral[ring[known]], rho[known]) - azimuth[ring[known]]
@@ -192,7 +200,7 @@ def align_counts(
     answered = np.zeros(shape)
     answered[frame[known], ring[known], count] = 1.0
     window = np.zeros(steps)
-    window[np.arange(-10, 11)] = 1.0 / 21.0  # what varies slowly is the street, not the firings
+    window[np.arange(-10, 11)] = 1.0 / 21.0  # slow variations are due to the street, not to firings
     waves = np.fft.rfft(answered, axis=-1) * (1.0 - np.fft.rfft(window))
     total = answered.sum(axis=(0, 2))
     leader = int(total.argmax())
@@ -216,7 +224,7 @@ def find_range_step(
     lateral: Floats,
     steps: Sequence[float] = RANGE_STEPS,
 ) -> tuple[float, Floats, float]:
-    """Step of the ranges, each laser's phase (m), and the share of ranges a quarter step off."""
+    """Step of the ranges (m), phase of each laser (m), and share of ranges a quarter step off."""
     cosine = 1.0 / np.sqrt(1.0 + slope**2)
     ranges = [
         np.sqrt(np.maximum(rho[rows] ** 2 - lateral[k] ** 2, 0.0)) * cosine[k]
@@ -237,13 +245,13 @@ def find_range_step(
 
 
 def _range_waves(ranges: Sequence[Floats], step: float) -> NDArray[np.complex128]:
-    """Mean of ``exp(2 pi i range / step)`` of each laser; 0 where it has no range."""
+    """Mean of ``exp(2 pi i range / step)`` of each laser; 0 if it has no range."""
     turn = 2j * math.pi / step
     return np.array([np.exp(turn * r).mean() if len(r) else 0.0j for r in ranges])
 
 
 def find_coordinate_step(points: Floats) -> float:
-    """The coarsest step, in metres, of which coordinates are whole numbers; 0: none is."""
+    """The coarsest step, metres, of which nearly all coordinates are whole multiples; 0: none."""
     some = points[:: max(1, len(points) // 20_000)]
     for step in COORDINATE_STEPS:
         off = np.abs(some - np.round(some / step) * step).max(axis=1)

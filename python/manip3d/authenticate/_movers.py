@@ -1,4 +1,4 @@
-"""Things that drive through a place between two turns, as opposed to things put there."""
+"""Distinguish objects that drive through a place between two turns from objects pasted there."""
 
 from __future__ import annotations
 
@@ -12,35 +12,36 @@ if TYPE_CHECKING:
     Points = NDArray[np.floating]
 
 FARTHEST_MOVE = 4.0
-"""Metres between two turns: 144 km/h in a tenth of a second, the limit of the alignment, too."""
+"""Metres: largest motion between two turns, 144 km/h in 0.1 s; also the limit of the alignment."""
 
 NEAREST_MOVE = 0.5
-"""Metres: what moved less still covers the place in the turns beside."""
+"""Metres: an object that moved less still covers its place in the neighbouring turns."""
 
 LEAST_MET = 0.9
-"""Share of the points that must be met in either turn."""
+"""Least share of the points that must meet the moved object in both turns."""
 
 _CELL = 0.25  # metres
 _MOST_POINTS = 200
-_MARGIN = 2  # cells around what can be reached
+_MARGIN = 2  # cells around the reachable volume
 
 
 def passes_by(points: Points, previous: Points, following: Points) -> bool:
-    """Return whether a thing stood as far behind its place a turn before as beyond it a turn after.
+    """Return whether an object moved evenly through a place from the previous to the next turn.
 
     Parameters
     ----------
     points : (K, 3), metres
-        Points of a frame at a place that the turns before and after looked through.
+        Points of a frame at a place that was empty in the neighbouring turns.
     previous, following : (N, 3), metres
-        The turns in the frame's coordinates.
+        Neighbouring turns in the frame's coordinates.
 
     Notes
     -----
-    What only one of the two turns shows moved, or came into view. If the points, shifted back by
-    some vector along the ground, meet such things in the turn before, and shifted on by the same
-    vector in the turn after, something with their shape drove through their place at a constant
-    speed. What was put into a frame alone has no such pair.
+    Surfaces that only one of the neighbouring turns shows have moved or come into view. If the
+    points meet such surfaces in the previous turn when they are shifted back by some vector along
+    the ground, and in the following turn when they are shifted forwards by the same vector, an
+    object of their shape drove through the place at constant speed. An object that was pasted into
+    a single frame has no such counterparts.
     """
     if not len(points):
         return False
@@ -74,7 +75,7 @@ def _occupied(cells: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.bo
 
 
 def _spread(grid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Each occupied cell with those around it: positions are known to about a cell."""
+    """Dilate by one cell in each direction, because positions are known to about a cell."""
     for axis in range(3):
         first, last = [slice(None)] * 3, [slice(None)] * 3
         first[axis], last[axis] = slice(1, None), slice(None, -1)
@@ -86,7 +87,7 @@ def _spread(grid: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _met(grid: NDArray[np.bool_], cells: NDArray[np.int64], way: int) -> NDArray[np.float64]:
-    """Share of cells that are occupied after each shift along the ground."""
+    """Share of the cells that are occupied in ``grid`` after each shift along the ground."""
     most = int(FARTHEST_MOVE / _CELL)
     steps = np.arange(-most, most + 1)
     x, y = (each.ravel() for each in np.meshgrid(steps, steps, indexing="ij"))

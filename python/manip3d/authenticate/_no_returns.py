@@ -1,4 +1,4 @@
-"""Rows of a scan that are no returns of its scanner: markers, fill values, decoders' leftovers."""
+"""Find rows of a scan that are no returns: markers, fill values, leftovers of decoders."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ if TYPE_CHECKING:
     from manip3d.lidar import LidarFrame
 
 LARGEST_COUNT, MOST_CORRECTED = 2**16 - 1, 2.0
-"""The largest number that packets state a range by, which stands for no return: 131.07 m of an
-HDL-64E, which is made for 120 m; metres by which the calibration of a laser moves a range at most
-(an HDL-64E's 1.6)."""
+"""LARGEST_COUNT: largest range in packets, in range steps, which stands for no return (131.07 m for
+an HDL-64E, which is specified for 120 m). MOST_CORRECTED: largest correction of a range by the
+calibration of a laser, metres (1.6 for an HDL-64E)."""
 
 HOUSING = 0.1
-"""Metres from the scanner's origin: nearer there is the scanner itself."""
+"""Metres from the scanner's origin: nearer points lie inside the scanner itself."""
 
 LAST_RANGES, FEWEST_FILLED = 4.0, 60
-"""Metres before the farthest point, wider than calibrations of lasers differ; rows of one range for
-each laser that make a fill value."""
+"""Fill values are searched for within LAST_RANGES metres of the farthest point, which is more than
+calibrations of lasers differ by. At least FEWEST_FILLED rows must have one."""
 
 SAME_RANGE, FEWEST_OF_LASER, FEWEST_LASERS = 0.003, 5, 4
-"""Metres by which rounding to millimetres leaves one range of a laser; rows of a laser, lasers: so
-many at once have their farthest points at one range where firings without a return were filled with
-one."""
+"""Firings without a return were filled with one range if at least FEWEST_OF_LASER rows of a laser
+are at the laser's farthest range (to SAME_RANGE metres, because of rounding to millimetres), and at
+least FEWEST_LASERS lasers have such rows."""
 
 NOISE = 0.1
-"""Metres over which a scanner's noise spreads the returns of a wall. Scanners that state ranges in
-steps of 8 mm put many of them at the farthest step, but more at those before it; before a fill
-value there is next to nothing."""
+"""Metres over which noise spreads the returns of a wall. Scanners with range steps of 8 mm measure
+many of them at the farthest step, but more at the steps before it; just below a fill value there
+are almost no points."""
 
 
 def farthest_range(lattice: SensorLattice) -> float:
-    """Return how far away a return of a scanner can lie at most, metres; infinity: not known.
+    """Return the largest distance of a return of a scanner, metres; infinity: unknown.
 
     Parameters
     ----------
     lattice : SensorLattice
-        An HDL-64E states ranges in 16 bits of 2 mm. Exact clouds are of scanners with other
-        packets, and may be in another unit.
+        Lattice of the scanner. An HDL-64E states ranges in 16 bits, in steps of 2 mm. Exact clouds
+        come from scanners with other packets, and may be in another unit.
     """
     if lattice.is_exact or not lattice.range_step:
         return math.inf
@@ -55,30 +55,31 @@ def farthest_range(lattice: SensorLattice) -> float:
 def returns_of(
     scan: LidarFrame, lattice: SensorLattice, reading: LatticeReading | None = None
 ) -> tuple[NDArray[np.int64] | None, tuple[Processing, ...]]:
-    """Return the rows of a scan that may be returns, and what the others are.
+    """Return the rows of a scan that may be returns, and descriptions of the other rows.
 
-    Rows at (0, 0, 0) stay: scanners write them themselves.
+    Rows at (0, 0, 0) are kept, because scanners themselves write them.
 
     Parameters
     ----------
     scan : LidarFrame
-        The scanner in (0, 0, 0).
+        Scan with the scanner at (0, 0, 0).
     lattice : SensorLattice
+        Lattice of the scanner.
     reading : LatticeReading or None
-        Where the points lie on the lattice; None: it is read here, if need be.
+        Places of the points on the lattice; None: they are computed here if needed.
 
     Returns
     -------
     (rows, processing)
-        Rows in ascending order; None: all of them.
+        Rows in ascending order (None: all rows), and what the others are.
     """
-    with np.errstate(over="ignore"):  # an infinite distance is far
+    with np.errstate(over="ignore"):  # a squared distance of infinity is too far, too
         squared = np.einsum("ij,ij->i", scan.points, scan.points)
     reach = farthest_range(lattice)
     too_far = squared > reach * reach
     too_near = (squared < HOUSING * HOUSING) & (squared > 0.0)
     if lattice.is_exact:
-        too_near[:] = False  # in some files a firing without a return stands where its laser does
+        too_near[:] = False  # some files put firings without a return at their laser
     squared[too_far] = 0.0
     filled = _filled(scan.points, squared, lattice, reading)
     found = (
@@ -102,9 +103,9 @@ def _filled(
     lattice: SensorLattice,
     reading: LatticeReading | None,
 ) -> NDArray[np.bool_]:
-    """Which rows were filled with the range that stands for no return: the farthest of each laser.
+    """Which rows have the range that stands for no return: the farthest range of each laser.
 
-    Lasers whose calibrations differ have it at different distances.
+    That range differs between lasers with different calibrations.
     """
     filled = np.zeros(len(points), np.bool_)
     begin = max(0.0, math.sqrt(squared.max(initial=0.0)) - LAST_RANGES)

@@ -1,4 +1,5 @@
-"""Detector II: is anything seen behind something else? (IsOcclusionConsistent)"""
+"""Detector II: points that lie behind other points in the same direction
+(IsOcclusionConsistent)."""
 
 from __future__ import annotations
 
@@ -21,10 +22,10 @@ if TYPE_CHECKING:
 
 
 FEWEST_POINTS = 1000
-"""Below, a scan covers too little of the sphere."""
+"""A scan with fewer points covers too little of the sphere."""
 
 FEWEST_CELLS = 500
-"""Cells with points, of a scan that can be judged: copies of a few points hide nothing."""
+"""Fewest cells with points of a scan that can be judged; copies of a few points cannot."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,12 @@ class AngularGrid:
     Attributes
     ----------
     azimuth_deg, elevation_deg : float
-        Size of a cell.
+        Size of a cell, degrees.
     azimuth_phase_deg, elevation_phase_deg : float
-        Centre of some column and of some row.
+        Centre of any one column and of any one row, degrees.
     azimuth_strength, elevation_strength : float
-        How sharply the scan's angles stand on the grid, 0 to 1; 0: no period was found, the size
-        comes from the density of points.
+        Coherence of the scan's angles with the grid, 0 to 1; 0: no period was found, and the size
+        follows from the density of points.
     """
 
     azimuth_deg: float
@@ -57,18 +58,21 @@ class OcclusionParameters:
     Attributes
     ----------
     min_gap : float, metres
-        Between the nearest and the farthest point of a cell; ``max(0.1, 5 sigma)`` of the
-        scanner's range noise.
+        Least difference of the nearest and the farthest range of a cell with a gap; ``max(0.1, 5
+        sigma)``, with the standard deviation ``sigma`` of the scanner's ranges.
     accumulate : bool
-        Sum the gaps over a cell's points in their order, as printed.
+        Sum the gaps between a cell's successive points, as printed in the dissertation.
     min_cells : int
-        A_th in cells: what closing and median can make of noise.
+        Least size A_th of a region in cells; smaller regions can arise from noise by closing and
+        median.
     min_area : float, square metres
-        A_th as the silhouette of the smallest object looked for: solid angle times squared range.
+        Least size A_th of a region as the silhouette of the smallest object to find: solid angle
+        times squared range.
     max_range : float, metres
-        Components farther away are not judged.
+        Regions farther away are ignored.
     fused : float
-        Share of the occupied cells with a gap beyond which no single position explains the scan.
+        If more than this share of the occupied cells has a gap, no single position explains the
+        scan.
     """
 
     min_gap: float = 0.1
@@ -89,17 +93,19 @@ PAPER_OCCLUSION = OcclusionParameters(accumulate=True, min_cells=200, min_area=0
 """Parameters of the dissertation, whose A_th is "empirical" and not printed."""
 
 CALIBRATED_OCCLUSION = OcclusionParameters()
-"""For scanners whose points stand on a grid of azimuth and elevation."""
+"""Parameters for scanners whose points lie on a grid of azimuth and elevation."""
 
 RINGS_OCCLUSION = OcclusionParameters(min_gap=1.0, min_cells=60, min_area=2.0, max_range=25.0)
-"""For scanners whose rows are not lines of equal elevation (HDL-64E): neighbouring rows share
-cells, so only larger gaps and objects count. With an area of 0.5 m2 three of 332 clean frames of
-KITTI that chose nothing were accused, by areas of 0.54 to 0.97 m2; 2 m2 is twice the largest."""
+"""Parameters for scanners whose rows are not lines of equal elevation (HDL-64E): neighbouring rows
+share cells, so that only larger gaps and objects count. With an area of 0.5 m2, three of 332 clean
+frames of KITTI that chose no parameter were accused, because of areas of 0.54 to 0.97 m2; 2 m2 is
+twice the largest."""
 
 RING_ROW = 0.6
-"""Height of a cell over the mean spacing of rings. KITTI's HDL-64E has rings as close as 0.59 of
-it: in higher cells two of them meet, and whether what they see at an edge becomes a region is a
-matter of how the cells happen to lie. With 0.75 three of 53 clean frames of KITTI were accused."""
+"""Height of a cell divided by the mean spacing of rings. Rings of KITTI's HDL-64E are as close as
+0.59 of that spacing. Higher cells contain two rings, and their different ranges at edges can form
+regions, depending on where the cells happen to lie. With 0.75, three of 53 clean frames of KITTI
+were accused."""
 
 GRID_CALIBRATION = Calibration(
     scenes="calibration-indoor-00..05, calibration-outdoor-00..05 of manip3d.simulate.scenes",
@@ -117,23 +123,25 @@ RINGS_CALIBRATION = Calibration(
 
 @dataclass(frozen=True, eq=False)
 class OcclusionRegion:
-    """Cells in which something is seen behind something else, grown together.
+    """A connected region of cells in which points lie behind other points.
 
     Attributes
     ----------
     cells : int
+        Number of cells.
     solid_angle : float, steradians
+        Solid angle of the cells.
     range : float, metres
-        Median of what is in front.
+        Median range of the points in front.
     area : float, square metres
         Solid angle times squared range.
     mask_rows, mask_columns : (int, int)
         First and last row and column in `OcclusionResult.mask`; ``mask_columns[0] >
         mask_columns[1]``: the region crosses azimuth 180 degrees.
     box : Box
-        Around its suspected points.
+        Box around the suspected points.
     rows : (K,) int64
-        Rows of its suspected points, ascending.
+        Rows of the suspected points, ascending.
     """
 
     cells: int
@@ -147,7 +155,7 @@ class OcclusionRegion:
 
     @property
     def p_value(self) -> float | None:
-        """None: the detector states none."""
+        """None, because the detector states no p-values."""
         return None
 
 
@@ -159,28 +167,32 @@ class OcclusionResult(WithoutRate):
     ----------
     verdict : 'no_trace', 'tampered' or 'undecidable'
     reason : str
-        In words.
+        Reason of the verdict in words.
     mask : (H, W) uint8
-        After closing and median; row 0 is the lowest elevation, column 0 azimuth -180 degrees.
+        Cells with gaps after closing and median; row 0 is the lowest elevation, column 0 azimuth
+        -180 degrees.
     raw_mask : (H, W) uint8
-        Before.
+        Cells with gaps before closing and median.
     regions : tuple of OcclusionRegion
-        Above A_th, the largest first.
+        Regions above A_th, the largest first.
     suspected : int32 array
         Rows of the points in front, ascending.
     multiple : float
         Share of the occupied cells with a gap.
     score : float
-        Area of the largest region that has cells enough and is near enough, square metres, over
-        ``min_area`` (over ``min_cells`` in cells where that is 0).
+        Area of the largest region with enough cells that is near enough, square metres, divided by
+        ``min_area``; if that is 0, its number of cells divided by ``min_cells``.
     grid : AngularGrid
+        Cells of the masks.
     lowest_deg : float
         Elevation of the lower border of the mask's row 0.
     parameters : OcclusionParameters
+        Parameters of the detector.
     calibration : Calibration or None
-        None: the thresholds are a publication's or a user's.
+        Clean scans on which the thresholds were chosen; None: they come from a publication or a
+        user.
     scan : LidarFrame or None
-        What was judged, so that the result can be shown.
+        The scan that was judged; the viewer shows it.
     """
 
     verdict: Verdict
@@ -207,15 +219,16 @@ def estimate_grid(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
+        A scan taken from one position.
     origin : (3,), optional
-        Where the scanner stood; by default as the frame says, else (0, 0, 0).
+        Position of the scanner, metres; default: that of the frame, else (0, 0, 0).
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------
     AngularGrid
-        Strengths are 0 where azimuths or elevations have no period.
+        The grid; a strength is 0 if azimuths or elevations have no period.
 
     Raises
     ------
@@ -257,29 +270,29 @@ def occlusion_consistency(
     origin: ArrayLike | None = None,
     threads: int = 0,
 ) -> OcclusionResult:
-    """Look for points behind what stands in front of them: detector II.
+    """Find points that lie behind other points in the same direction: detector II.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        A scan taken from one position. Of a pulse with several echoes only the first is looked at,
-        where the fields ``target_index`` or ``return_number`` number the echoes.
+        A scan taken from one position. If the fields ``target_index`` or ``return_number`` number
+        the echoes of a pulse, only first echoes are judged.
     parameters : OcclusionParameters, optional
-        `CALIBRATED_OCCLUSION`, or `RINGS_OCCLUSION` where elevations have no grid; or
-        `PAPER_OCCLUSION`.
+        Default: `CALIBRATED_OCCLUSION`, or `RINGS_OCCLUSION` if elevations have no period.
+        `PAPER_OCCLUSION` has the dissertation's parameters.
     grid : AngularGrid, optional
-        Cells of the image; the scan's own by default.
+        Cells of the image; default: estimated from the scan.
     origin : (3,), optional
-        Where the scanner stood; by default as the frame says, else as `estimate_origin` finds;
-        (0, 0, 0) for an array.
+        Position of the scanner, metres; default: that of the frame, else the result of
+        `estimate_origin`; (0, 0, 0) for an array.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------
     OcclusionResult
-        ``undecidable`` where no single position explains the scan: several were fused, or the
-        origin is not the scanner's.
+        ``undecidable`` if no single position explains the scan: scans of several positions were
+        fused, or ``origin`` is wrong.
 
     Raises
     ------
@@ -288,8 +301,9 @@ def occlusion_consistency(
 
     Notes
     -----
-    Dissertation section 6.5.2 with farthest minus nearest range instead of a sum that depends on
-    the order of points. An object that hides what is behind it passes.
+    Dissertation section 6.5.2, but with the farthest minus the nearest range of a cell instead of a
+    sum that depends on the order of points. An added object is not found if the points behind it
+    were removed.
 
     Examples
     --------
@@ -338,7 +352,7 @@ def occlusion_consistency(
         for number, values in enumerate(found)
     )
     regions = tuple(region for region in every if region.area >= parameters.min_area)
-    suspected = suspected[component < len(regions)]  # the largest come first
+    suspected = suspected[component < len(regions)]  # regions are sorted by area
     share = multiple / max(occupied, 1)
     verdict, reason = _judged(len(regions), occupied, share, parameters)
     return OcclusionResult(
@@ -359,7 +373,7 @@ def occlusion_consistency(
 
 
 def _first_echoes(scan: Scan) -> NDArray[np.int64] | None:
-    """Rows without second and further echoes of a pulse; None: the file does not tell them."""
+    """Rows of first echoes of pulses; None if the file does not number echoes."""
     if scan.frame is None:
         return None
     for name in ("target_index", "return_number"):
@@ -370,7 +384,7 @@ def _first_echoes(scan: Scan) -> NDArray[np.int64] | None:
 
 
 def _grid_of(points: NDArray[np.float32], place: NDArray[np.float64], threads: int) -> AngularGrid:
-    """The scan's own grid, with rows for rings where elevations have no period."""
+    """Grid estimated from the scan; if elevations have no period, its rows follow the rings."""
     grid = estimate_grid(points, origin=place, threads=threads)
     return grid if grid.elevation_strength > 0.0 else _ring_cells(grid)
 
@@ -385,7 +399,7 @@ def _parameters_for(grid: AngularGrid) -> tuple[OcclusionParameters, Calibration
 def _judged(
     num_regions: int, occupied: int, share: float, parameters: OcclusionParameters
 ) -> tuple[Verdict, str]:
-    """Verdict and reason; ``share`` of the ``occupied`` cells hold several ranges."""
+    """Verdict and reason; ``share`` of the ``occupied`` cells has a gap."""
     if occupied < FEWEST_CELLS:
         return "undecidable", f"all points lie in {occupied} directions"
     if share > parameters.fused:
@@ -420,7 +434,7 @@ def _radians(grid: AngularGrid) -> tuple[float, float, float, float, float, floa
 
 
 def _region(values: tuple[Any, ...], first: int, members: NDArray[np.int64]) -> OcclusionRegion:
-    """The core counts rows of the whole grid; the mask begins with row ``first`` of that."""
+    """Region from values of the core; the mask's row 0 is row ``first`` of the core's grid."""
     cells, solid_angle, distance, area, row0, row1, column0, column1, box = values
     center, size, yaw = box
     return OcclusionRegion(

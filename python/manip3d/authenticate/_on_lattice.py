@@ -1,4 +1,4 @@
-"""Scans on the lattice of a spinning scanner, judged by detectors III, IV and V."""
+"""Judge scans on the lattice of a spinning scanner by detectors III, IV and V."""
 
 from __future__ import annotations
 
@@ -55,20 +55,20 @@ if TYPE_CHECKING:
 
 
 Beside = tuple["LidarFrame | None", "LidarFrame | None"]
-"""The frames one revolution before and after."""
+"""The previous and the following frame, one revolution apart."""
 
 LeftOut: TypeAlias = "Callable[[LidarFrame, SensorLattice], Lacking | None]"
-"""How to tell what a turn lacks, as `left_out_of_turn` does."""
+"""Function that tells why a turn may lack points, as `left_out_of_turn` does."""
 
 
 class Case(NamedTuple):
-    """A scan on the lattice of its scanner, with what each stage of its judging must know of it."""
+    """A scan on the lattice of its scanner, and the data that all stages of its inspection need."""
 
     scan: LidarFrame
     position: Position
-    source: str  # who states the position
+    source: str  # source of the position
     identified: Identified
-    embedding: str  # of a verified watermark; empty: there is none
+    embedding: str  # of the verified watermark; empty: none
     units_per_m: int
     left_out: LeftOut
     threads: int
@@ -79,12 +79,12 @@ class Case(NamedTuple):
 
     @property
     def centred(self) -> LidarFrame:
-        """The scan with the scanner in (0, 0, 0)."""
+        """The scan with the scanner at (0, 0, 0)."""
         return at_origin(self.scan, self.position)
 
 
 def by_lattice(case: Case, beside: Beside) -> Inspection:
-    """Judge the returns of a scan, and of the turns beside it; name its rows that are none."""
+    """Judge the returns of a scan beside its neighbours, and report rows that are no returns."""
     sensor, reading = case.identified
     rows, padded = _returns_of(case.centred, sensor, reading)
     before, after = (_returns(turn, sensor) for turn in beside)
@@ -102,7 +102,7 @@ def _returns_of(
 
 
 def _returns(turn: LidarFrame | None, sensor: Sensor) -> LidarFrame | None:
-    """The turn without the rows that are no returns of the scanner."""
+    """The turn without the rows that are no returns."""
     if turn is None:
         return None
     rows, _ = _returns_of(turn, sensor, None)
@@ -110,7 +110,7 @@ def _returns(turn: LidarFrame | None, sensor: Sensor) -> LidarFrame | None:
 
 
 def _with_rows(found: Inspection, rows: NDArray[np.int64], scan: LidarFrame) -> Inspection:
-    """The result of some rows of a scan as one of the whole scan."""
+    """The result on some rows of a scan as a result on the whole scan."""
     reports = tuple(
         replace(
             report,
@@ -132,7 +132,7 @@ def _with_rows(found: Inspection, rows: NDArray[np.int64], scan: LidarFrame) -> 
 
 
 def _returns_by_lattice(case: Case, beside: Beside, padded: tuple[Processing, ...]) -> Inspection:
-    """Judge by detectors III, IV and V, allowing for what a verified embedding moved."""
+    """Judge by detectors III, IV and V, allowing for displacements by a verified embedding."""
     sensor, position, embedding = case.sensor, case.position, case.embedding
     centred = case.centred
     neighbours, why_not, repeats = _usable(centred, beside)
@@ -169,7 +169,7 @@ def _processing_of_points(
     generic: GenericResult | None,
     once: NDArray[np.int64] | None,
 ) -> tuple[Processing, ...]:
-    """Find what was done to all points; roundings of an embedding are named as the embedding's."""
+    """Find processing of all points; rounding by an embedding is attributed to the embedding."""
     sensor, reading = case.identified
     coarse = rounding_of(case.embedding, case.units_per_m)
     seen, reading = (centred, reading) if once is None else (centred.select(once), None)
@@ -178,22 +178,22 @@ def _processing_of_points(
 
 
 def _changed(processing: Sequence[Processing]) -> list[Processing]:
-    """The steps after which points are missing or lie elsewhere."""
+    """Steps of processing that removed or moved points."""
     return [step for step in processing if step.kind not in COORDINATES_KEPT]
 
 
 def _are_comparable(sensor: Sensor, processing: Sequence[Processing]) -> bool:
-    """Whether detectors IV and V know the scanner, and what was done leaves them something."""
+    """Whether detectors IV and V know the scanner, and can judge the scan after its processing."""
     return sensor.name == HDL64E and all(step.kind in STILL_COMPARED for step in processing)
 
 
 class _Compared(NamedTuple):
-    """Results of the detectors that compare a scan with the turns beside it."""
+    """Results of the detectors that compare a scan with its neighbouring turns."""
 
     turns: TurnResult | None
     reflectance: ReflectanceResult | None
     processing: tuple[Processing, ...]
-    why_not: list[str]  # reasons why the turns beside it were not used
+    why_not: list[str]  # reasons why neighbouring turns were not used
 
 
 def _compared(
@@ -203,7 +203,7 @@ def _compared(
     why_not: list[str],
     processing: Sequence[Processing],
 ) -> _Compared:
-    """Judge by detectors IV and V, with what the turns beside the scan still have."""
+    """Judge by detectors IV and V, with the points that neighbouring turns still have."""
     before, after = compared = neighbours
     lacking: list[str] = []
     of_turns: tuple[Processing, ...] = ()
@@ -225,8 +225,8 @@ def _compared(
 def _unless_foreign(
     found: ReflectanceResult | None, processing: Sequence[Processing]
 ) -> ReflectanceResult | None:
-    """The result of detector V; reflectances that are not those of the points say nothing, unless
-    they accuse."""
+    """The result of detector V; undecidable instead of ``no_trace`` if reflectances were
+    processed."""
     why = next((step.detail for step in processing if step.kind == "reflectances"), None)
     if found is None or why is None or found.verdict != "no_trace":
         return found
@@ -234,7 +234,7 @@ def _unless_foreign(
 
 
 def _reports_of_part(reports: tuple[DetectorReport, ...]) -> tuple[DetectorReport, ...]:
-    """The reports on a part of a turn, which only accuse: the rest of it was never recorded."""
+    """The reports on a partly recorded turn: undecidable, unless a detector accuses it."""
     if any(each.verdict == "tampered" for each in reports):
         return reports
     why = "the recording holds a part of this turn only"
@@ -242,22 +242,22 @@ def _reports_of_part(reports: tuple[DetectorReport, ...]) -> tuple[DetectorRepor
 
 
 def _is_part_of_turn(scan: LidarFrame) -> bool:
-    """Whether the packets say so, as where a recording begins and ends: nobody cropped it."""
+    """Whether the packets state that the turn is incomplete, as at the ends of a recording."""
     return scan.format is not None and scan.format.header.get("is_complete") is False
 
 
 def _judged_by_lattice(
     case: Case, centred: LidarFrame, beside: Beside
 ) -> tuple[GenericResult | None, tuple[Processing, ...], NDArray[np.int64] | None]:
-    """Detector III's result, and what was done to rows: which are repeated, or stand elsewhere.
+    """Result of detector III, processing of rows (repeated, regrouped), and the judged rows.
 
-    Then the rows that were judged, each point once; None: all.
+    The judged rows have each point once; None: all rows.
     """
     sensor, reading = case.identified
     if sensor.off_lattice != 0.0 or sensor.lattice is None:
         return None, (), None
     before, after = beside
-    both = before is not None and after is not None  # what is missing is detector IV's to find
+    both = before is not None and after is not None  # detector IV then judges missing points
     judge = functools.partial(
         consistency_allowing,
         case.embedding,
@@ -296,10 +296,10 @@ def _judged_by_lattice(
 
 
 def _number_elsewhere(generic: GenericResult) -> int:
-    """Number of points at places that only the order of the file speaks of.
+    """Number of points in regions whose only evidence is the order of the file.
 
-    They stand where the scanner measures: whoever sorts a file by distance, height or class puts
-    them elsewhere in it, and none of `EDITS` is found by that alone.
+    These points lie where the scanner measures. Sorting a file by distance, height or class also
+    moves points within the file, and none of `EDITS` is found by the order alone.
     """
     if not generic.evidence["order"].used or generic.values_changed:
         return 0
@@ -314,9 +314,9 @@ def _where_told(
     *,
     reading: LatticeReading | None = None,
 ) -> GenericResult:
-    """Judge the points that a lattice read off the scan tells of.
+    """Judge the points for which a lattice that was estimated from the scan itself is reliable.
 
-    One scan tells neither holes and firings, nor places to a fraction of a millimetre.
+    A lattice from a single scan is too uncertain for the evidence of voids, firings and places.
     """
     kept = np.flatnonzero(lattice.is_told_by_scan(scan.points, reading))
     judged = judge(scan.select(kept)).with_rows(kept, scan)
@@ -326,7 +326,7 @@ def _where_told(
 def _in_lasers_of(
     centred: LidarFrame, identified: Identified, beside: Beside, threads: int
 ) -> Beside:
-    """The turns before and after without the lasers that the frame lacks."""
+    """The neighbouring turns without the lasers that are missing from the frame."""
     (sensor, reading), (before, after) = identified, beside
     if sensor.lattice is None or before is None or after is None:
         return beside
@@ -346,9 +346,10 @@ def _beside_turns(
     lacking: Sequence[str],
     threads: int,
 ) -> tuple[TurnResult | None, ReflectanceResult | None]:
-    """Results of detectors IV and V, where there is what they need.
+    """Results of detectors IV and V, if the frame has the data that they need.
 
-    Turns that are not whole accuse by what they saw, but that they saw no more says nothing.
+    Neighbouring turns that are not whole can show that points are missing from the frame, but
+    points that are missing from them prove nothing.
     """
     (sensor, reading), (before, after) = identified, beside
     if sensor.lattice is None:
@@ -376,10 +377,10 @@ _NO_SKETCH = sketch_of(np.empty((0, 3), np.float32))
 
 
 def _usable(scan: LidarFrame, beside: Beside) -> tuple[Beside, list[str], list[str]]:
-    """The neighbours that are a turn apart; why others are not; which of them repeat a turn.
+    """The usable neighbours; why others are not usable; which of these have the points of a turn.
 
-    No two turns of a scanner have the same points: a recorder that stalled, or somebody who put a
-    turn in twice, writes them, and nothing is missing then or new.
+    No two turns of a scanner have the same points. A stalled recorder, or somebody who inserts a
+    turn twice, writes such turns, and their comparison shows nothing.
     """
     kept: list[LidarFrame | None] = []
     why, repeats = [], []
@@ -408,11 +409,11 @@ def _usable(scan: LidarFrame, beside: Beside) -> tuple[Beside, list[str], list[s
 def _lacking(
     beside: Beside, lattice: SensorLattice, left_out: LeftOut
 ) -> tuple[list[str], bool, tuple[Processing, ...]]:
-    """Why turns may lack points that they had; whether what is left lies where it was measured.
+    """Why neighbouring turns may lack points, whether the rest is in place, and the processing.
 
-    Then what somebody did to them, which can hide edits of the frame: nobody cropped the parts of
-    turns with which a recording of packets begins and ends, and what is cut off farther away than
-    detector IV looks hides nothing from it.
+    Processing of neighbours is reported because it can hide edits of the frame. It is not reported
+    for the incomplete turns at the ends of a recording of packets, which nobody cropped, and for
+    cuts beyond the reach of detector IV, which hide nothing from it.
     """
     why: list[str] = []
     processing: list[Processing] = []
@@ -432,7 +433,7 @@ def _apart_ns(scan: LidarFrame, other: LidarFrame) -> int:
 
 
 def _spoiled(generic: GenericResult, processing: Sequence[Processing]) -> Sequence[str]:
-    """Kinds of evidence that say nothing of a scan that was processed as a whole."""
+    """Kinds of evidence that are invalid for a scan that was processed as a whole."""
     if generic.values_changed or any(step.kind == "averaged" for step in processing):
         return EVIDENCE
     is_fused = any(step.kind == "fused" for step in processing)

@@ -1,4 +1,4 @@
-"""The position of the scanner, estimated from its angular grid."""
+"""Estimate the position of the scanner from the angular grid of its scan."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ if TYPE_CHECKING:
     from manip3d.lidar import Scan
 
 LEAST_EXPLAINED = 0.94
-"""Share of a scan that one grid explains; below, several positions were fused. Of the scenes
-``calibration-indoor-03``, ``-05``, ``-outdoor-03`` and ``-05`` of `manip3d.simulate.scenes`: one
-position, with or without a pasted object, at least 0.99; with a fifth of a second one at most 0.92;
-with all of it, no grid is found. A forest of a Riegl VZ-400i: 0.966."""
+"""Least share of a scan that one grid explains; with less, scans of several positions were fused.
+In the scenes ``calibration-indoor-03``, ``-05``, ``-outdoor-03`` and ``-05`` of
+`manip3d.simulate.scenes` it is at least 0.99 for a single position, with or without a pasted
+object, and at most 0.92 with a fifth of a second scan; with all of the second scan, no grid is
+found. It is 0.966 in a forest scanned by a Riegl VZ-400i."""
 
 LEAST_OF_SOURCE = 0.01
-"""Share of the points that one flight line or position has at least, to count as one."""
+"""A flight line or position counts if it has at least this share of the points."""
 
 NO_ORIGIN = "no single position explains the scan; give it (origin, --origin) if it is known"
 
@@ -39,17 +40,18 @@ class OriginEstimate:
     Attributes
     ----------
     position : (float, float, float) or None
-        Metres, in the frame of the scan; None: no single position explains it.
+        Position of the scanner in the frame of the scan, metres; None: no single position explains
+        the scan.
     axis : 'x', 'y' or 'z'
-        About which azimuth is counted; z for all scanners that stand upright.
+        Axis of the azimuth; z for all upright scanners.
     azimuth_deg, elevation_deg : float
-        Steps of the grid; 0: none was found.
+        Steps of the grid, degrees; 0: no grid was found.
     azimuth_coherence, elevation_coherence : float
-        How well neighbouring points agree on where columns and rows are, 0 to 1.
+        Coherence of neighbouring points about the places of columns and rows, 0 to 1.
     explained : float
-        Share of the scan that stands on the grid, 0 to 1.
+        Share of the scan that lies on the grid, 0 to 1.
     reason : str
-        In words.
+        How the position was found, or why not, in words.
     """
 
     position: tuple[float, float, float] | None
@@ -66,14 +68,14 @@ class OriginEstimate:
 def estimate_origin(
     scan: ScanLike, *, known: ArrayLike | None = None, threads: int = 0, progress: Progress = None
 ) -> OriginEstimate:
-    """Find the position from which a scan's points stand on a grid of azimuth and elevation.
+    """Find the position around which a scan's points lie on a grid of azimuth and elevation.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        In any order; what its file says of the position is not looked at.
+        Scan with points in any order; the position that its file states is not used.
     known : (3,), optional
-        Judge this position only, by whether the scan stands on a grid around it.
+        Only test whether the scan lies on a grid around this position.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -82,11 +84,11 @@ def estimate_origin(
     Returns
     -------
     OriginEstimate
-        Without a position for clouds fused from several, for scans without such a grid, and for
-        those turned out of their upright. Scanners like the HDL-64E have no grid of elevations, or
-        (VLP-32C: five lasers of 32 are off it) none for all lasers: (0, 0, 0) where detector III
-        finds their lattice around it, else none. It is not looked for where the coordinates were
-        moved to 0 from those of a map.
+        It has no position if scans of several positions were fused, if the scan has no such grid,
+        or if it was tilted. Scanners like the HDL-64E have no grid of elevations, or none for all
+        lasers (in a VLP-32C, five of 32 lasers are off it): the position then is (0, 0, 0) if
+        detector III finds a lattice around it, else None. That test is skipped if coordinates of a
+        map were moved near 0.
 
     Raises
     ------
@@ -95,8 +97,9 @@ def estimate_origin(
 
     Notes
     -----
-    Simulated scans of 0.12 degrees, moved by tens of metres: within 0.1 mm. Real ones, from the
-    place their publishers say: 3DTK's and PCL's rooms 0.1 mm, a pump 6 mm, a forest 11 mm.
+    The error is at most 0.1 mm for simulated scans of 0.12 degrees that were moved by tens of
+    metres. For real scans, the distance from the published position is 0.1 mm in 3DTK's and PCL's
+    rooms, 6 mm for a pump and 11 mm in a forest.
 
     Examples
     --------
@@ -113,7 +116,7 @@ def estimate_origin(
     """
     scene = to_scan(scan)
     around = None if known is None else place(known, "known")
-    # The 0 of coordinates that were moved there from a map is no scanner's place.
+    # If coordinates of a map were moved near 0, the scanner is not at 0.
     is_own = around is None and not is_on_map(scene.frame)
     with reporting(progress, "origin") as report:
         found, position, axis, across, up, columns, rows, explained = _core.estimate_scan_origin(
@@ -131,7 +134,7 @@ def estimate_origin(
             share = f"the grid explains {explained:.0%} of the scan"
             reason = f"{share}: several positions fused, or a spinning scanner"
         if report is not None:
-            report(1.0)  # the search may end early
+            report(1.0)  # the search may end before it reports 1
     return OriginEstimate(
         position if found else None,
         "xyz"[axis],
@@ -147,8 +150,10 @@ def estimate_origin(
 def scanner_position(
     origin: ArrayLike | None, scan: Scan, threads: int
 ) -> NDArray[np.float64] | None:
-    """Where the scanner stood: as given, else as the frame says, else as its grid tells; None: no
-    single position explains the scan. An array of points without a frame is the scanner's own."""
+    """Position of the scanner: as given, else from the frame, else estimated from the grid.
+
+    None: no single position explains the scan. For an array of points it is (0, 0, 0).
+    """
     if origin is not None:
         return place(origin, "origin")
     if scan.frame is None:
@@ -170,8 +175,11 @@ def is_on_map(frame: LidarFrame | None) -> bool:
 
 
 def several_sources(frame: LidarFrame) -> str | None:
-    """Why no single position explains a scan on a map whose points name their flight lines or
-    positions (``point_source_id`` of LAS); None: they name one, or none."""
+    """Reason why a scan on a map has no single position: its points have several sources.
+
+    ``point_source_id`` of LAS names the flight line or position of each point. None: the points
+    name at most one, or the scan is not on a map.
+    """
     if not is_on_map(frame):
         return None
     names = {name.lower().replace("_", ""): name for name in frame.fields}
@@ -189,6 +197,6 @@ def several_sources(frame: LidarFrame) -> str | None:
 
 
 def _stands_on_lattice(scene: Scan, threads: int) -> bool:
-    """Whether the points lie on the lines of a spinning scanner in (0, 0, 0)."""
+    """Whether the points lie on the lattice of a spinning scanner at (0, 0, 0)."""
     judged = scene.points if scene.frame is None else scene.frame
     return generic_consistency(judged, threads=threads).verdict != "undecidable"

@@ -1,4 +1,4 @@
-"""Filters of outliers: how the distances of lone points from their neighbours end."""
+"""Recognise filters of outliers by the distances of isolated points from their neighbours."""
 
 from __future__ import annotations
 
@@ -13,50 +13,52 @@ if TYPE_CHECKING:
 
 
 SPARSE = (4, 0.24, 0.012, 2.0, 2)
-"""Number of the last neighbour; metres, and the share of the range, from which distances count: it
-is twice as far as the firings of one laser lead, so that only points that stand alone count, not
-the far end of a wall; metres up to which it is looked for; one point in so many is."""
+"""Options of `_core.sparse_distances`: number of neighbours; least distance from a neighbour,
+metres, and as a share of the range (twice the spacing of two firings of a laser, so that only
+isolated points count, not the far end of a wall); largest distance of the search, metres; one in
+this many points is searched for."""
 
 _FAR = 1000.0
-"""Metres: stray coordinates farther away are not returns."""
+"""Metres: points with larger coordinates are no returns."""
 
 CUT_BELOW, CUT_ABOVE, LEAST_ABOVE, MOST_CUT = 0.8, 1.25, 40, (8.0, 7.0, 7.0, 5.5)
-"""Shares of a distance, points, ratios of the first to the fourth neighbour. Filters of outliers
-leave out points whose neighbours are farther than some distance, so that hardly any is left beyond
-it. Points that stand alone with the fourth neighbour farther than 0.8 of a distance are at most 3.7
-times as many as those with it farther than 1.25 of it in 53 clean frames of KITTI, whatever the
-distance is, and 6 times and more after most filters. With the first to the third neighbour they are
-at most 4.6, 3.6 and 3.9 times as many; filters that ask for one or two neighbours show there. It
-holds for whole frames of an HDL-64E only: it is 10 in the clean court of a Hesai QT64, up to 7.8 in
-frames that were cropped at 40 m and 6.2 in three quarters of a turn."""
+"""Filters of outliers remove points whose neighbours are farther than some distance d, so that
+hardly any points remain beyond it. The test compares the number of isolated points whose neighbour
+is farther than CUT_BELOW d (at least LEAST_ABOVE points) with the number of those whose neighbour
+is farther than CUT_ABOVE d, for the first to the fourth neighbour; a ratio above MOST_CUT shows a
+filter. For the fourth neighbour and any d, the ratio is at most 3.7 in 53 clean frames of KITTI,
+and at least 6 after most filters. For the first to the third neighbour, which reveal filters that
+require one or two neighbours, it is at most 4.6, 3.6 and 3.9. This holds for whole frames of an
+HDL-64E only: the ratio is 10 in the clean court of a Hesai QT64, up to 7.8 in frames cropped at 40
+m, and 6.2 in three quarters of a turn."""
 
 SOFT_CUT, MOST_SOFT = (0.26, 0.5), 3.5
-"""Metres, a ratio. Filters that set the distances against their mean, or count neighbours, leave
-some points that stand alone, but fewer the farther they are from their neighbours. Points farther
-from the first to the fourth neighbour than the first distance are at most 2.7 times as many as
-those farther than the second one in 8 clean frames of KITTI and in 38 of simulated streets, which
-chose the limit, and 4 times and more after most filters."""
+"""Filters that compare distances with their mean, or count neighbours, leave some isolated points,
+but fewer the more isolated they are. The test compares the number of points that are farther from
+their first to fourth neighbour than SOFT_CUT[0] metres with that of points farther than
+SOFT_CUT[1]; a ratio above MOST_SOFT shows a filter. The ratio is at most 2.7 in 8 clean frames of
+KITTI and in 38 of simulated streets, which chose the limit, and at least 4 after most filters."""
 
 FAR_CUT, MOST_SOFT_FAR, MOST_CUT_FAR = 60.0, 5.0, 2.0
-"""Metres, the same ratio, and a multiple of `MOST_CUT`, where nothing lies beyond 60 m or more, as
-a filter may leave a scan, too. The eight frames cut at 60 m reach 2.9 and 1, and cut to a box of
-51 m to each side 3.8."""
+"""If no points lie beyond FAR_CUT metres or a larger distance, the limits are MOST_SOFT_FAR and
+MOST_CUT_FAR times `MOST_CUT`: a filter may be the reason, too. The eight frames, cut at 60 m, reach
+a ratio of 2.9 and a multiple of 1; cut to a box of 51 m to each side, a ratio of 3.8."""
 
 
 def why_filtered(points: NDArray[np.float32], *, is_short: bool) -> str | None:
-    """Say how the distances between points end if they end as a filter of outliers leaves them.
+    """Return in words why the scan went through a filter of outliers; None if it did not.
 
     Parameters
     ----------
     points : (N, 3) float32
-        In the order of the scanner, which makes it quick.
+        Points, preferably in the order of the scanner, which is faster.
     is_short : bool
-        Nothing lies as far as the scanner measures, as other cuts leave a scan, too.
+        Whether the farthest points are missing, which may also be due to a cut.
 
     Returns
     -------
     str or None
-        None: lone points are as far from their neighbours as they are in clean scans.
+        None: the distances of isolated points from their neighbours are those of clean scans.
     """
     if is_short and np.linalg.norm(points.astype(np.float64), axis=1).max() < FAR_CUT:
         return None
@@ -72,17 +74,17 @@ def why_filtered(points: NDArray[np.float32], *, is_short: bool) -> str | None:
 
 
 def lone_distances(points: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-    """Return the distances of lone points from their first to their last neighbour of `SPARSE`.
+    """Return the distances of isolated points from their nearest neighbours, see `SPARSE`.
 
     Parameters
     ----------
     points : (N, 3) float32
-        In the order of the scanner, which makes it quick.
+        Points, preferably in the order of the scanner, which is faster.
 
     Returns
     -------
     list of (M,) float32
-        Metres, ascending.
+        For the first to the last neighbour: distances in metres, ascending.
     """
     if len(points) and max(points.max(), -points.min()) >= _FAR:
         points = points[np.abs(points).max(axis=1) < _FAR]
@@ -90,18 +92,19 @@ def lone_distances(points: NDArray[np.float32]) -> list[NDArray[np.float32]]:
 
 
 def sharpest_end(distances: NDArray[np.float32]) -> tuple[float, float]:
-    """Return how sharply distances of lone points from a neighbour end, and where.
+    """Return how sharply the distances of isolated points from a neighbour end, and where.
 
     Parameters
     ----------
     distances : (M,) float32
-        Metres, ascending.
+        Distances in metres, ascending.
 
     Returns
     -------
     ratio, distance : float
-        Points farther from the neighbour than 0.8 of the distance (metres), to those farther than
-        1.25 of it, where this is largest. 0 where there are too few of them.
+        The largest ratio, over all distances, of the number of points farther than 0.8 of the
+        distance to the number farther than 1.25 of it (0 if there are too few points), and that
+        distance in metres.
     """
     at = np.geomspace(SPARSE[1] / CUT_BELOW, SPARSE[3] / CUT_ABOVE, 60)
     above = len(distances) - np.searchsorted(distances, CUT_BELOW * at)
@@ -112,6 +115,6 @@ def sharpest_end(distances: NDArray[np.float32]) -> tuple[float, float]:
 
 
 def _softness(distances: NDArray[np.float32]) -> float:
-    """How many times as many distances exceed the first of `SOFT_CUT` as the second one."""
+    """Ratio of the number of distances above SOFT_CUT[0] to the number above SOFT_CUT[1]."""
     first, second = (len(distances) - np.searchsorted(distances, end) for end in SOFT_CUT)
     return float(first / (second + 5.0)) if first >= LEAST_ABOVE else 0.0

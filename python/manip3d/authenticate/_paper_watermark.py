@@ -1,4 +1,4 @@
-"""The fragile watermark as the dissertation prints it: reproduces its tables, proves nothing."""
+"""The fragile watermark as printed in the dissertation, to reproduce its tables; not secure."""
 
 from __future__ import annotations
 
@@ -31,15 +31,17 @@ class PaperMetadata:
     Attributes
     ----------
     embedding : 'lbm', 'qim' or 'qim-printed'
+        Embedding, see `embed_paper`.
     key_2 : int
-        Assigns blocks to slices and bits to points; 64 bits.
+        Secret key of 64 bits for the assignment of blocks to slices and of bits to points.
     frame : int
+        Number of the frame.
     block_bits : int
-        M, the bits of a block.
+        M, the number of bits of a block.
     tile_of_slice : (S,) uint16
-        Slices that were merged have the same tile.
+        Tile of each slice; merged slices have the same tile.
     counts : (T,) uint32
-        Points of each tile.
+        Number of points of each tile.
     """
 
     embedding: PaperEmbedding
@@ -57,7 +59,9 @@ class PaperMarked:
     Attributes
     ----------
     frame : LidarFrame
+        The scan with points that carry the watermark.
     metadata : PaperMetadata
+        Metadata for the receiver.
     """
 
     frame: LidarFrame
@@ -66,14 +70,15 @@ class PaperMarked:
 
 @dataclass(frozen=True, eq=False)
 class PaperComparison:
-    """Bits of a scan beside those that were expected.
+    """Comparison of the bits in a scan with the expected bits.
 
     Attributes
     ----------
     verdict : 'consistent' or 'inconsistent'
-        Never authentic: the bits are not bound to the points.
+        Never authentic, because the bits do not depend on the points.
     mismatches : (T,) int64
-        Points of each tile whose bits differ; of ``paper_and``: bits of its block.
+        Number of points of each tile whose bits differ; for ``paper_and`` number of bits of its
+        block.
     changed_tiles : tuple of int
         Tiles with mismatches or with another number of points.
     suspected : (K,) int32
@@ -88,16 +93,16 @@ class PaperComparison:
 
 @checked
 def noise_blocks(rng: Rng = None, *, slices: int = 36, block_bits: int = 1000) -> NDArray[np.uint8]:
-    """Draw a pseudo-random watermark image, the simplest of section 7.6.
+    """Draw a pseudo-random watermark image, the simplest kind of section 7.6.
 
     Parameters
     ----------
     rng : int, numpy.random.Generator or None
-        Seed: the receiver makes the same image from the same one.
+        Seed; the receiver makes the same image from the same seed.
     slices : int
-        Parts of the full turn.
+        Number of slices of the full turn.
     block_bits : int
-        Bits of each slice.
+        Number of bits of each slice.
 
     Returns
     -------
@@ -135,34 +140,36 @@ def embed_paper(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres, on a grid of 1 mm.
+        Scan in metres, on a grid of 1 mm.
     blocks : (S, M) of 0 and 1
-        The watermark image: a block of M bits for each of S slices of the full turn.
+        Watermark image: a block of M bits for each of the S slices of the full turn.
     embedding : 'lbm', 'qim' or 'qim-printed'
-        Lowest bits; QIM of z in cells of 2.5 mm, whose order survives; QIM by equations 7.1 to 7.3.
+        ``lbm``: lowest bits of x, y and z. ``qim``: QIM of z in cells of 2.5 mm, after which the
+        receiver finds the same order of points. ``qim-printed``: QIM by equations 7.1 to 7.3.
     key_2 : int
-        Secret number from which the permutations of the blocks follow.
+        Secret number that determines the permutations of the blocks, with ``frame``.
     frame : int
-        Number of the frame, from which the permutations of the blocks follow, too.
+        Number of the frame.
     merge : 'adjacent' or 'paper'
-        What slices with fewer than M points are merged with: their smaller neighbour, or the two
+        How slices with fewer than M points are merged: with their smaller neighbour, or the two
         smallest with each other.
 
     Returns
     -------
     PaperMarked
-        The scan with the watermark, and what the receiver needs to compare it.
+        The scan with the watermark, and metadata for the receiver.
 
     Raises
     ------
     InputError
-        Points off the grid, or none; a block of other shape or values.
+        Points are off the grid, or there are none; ``blocks`` has another shape or values.
 
     Notes
     -----
-    The order of points is derived from what embedding leaves alone, which the printed one is not:
-    read literally, a third of the bits come out wrong. Largest moves: sqrt(3) mm, 1.875 mm and
-    1.25 mm. Use `Watermarker` to protect anything.
+    The order of points is derived from data that embedding does not change. The printed order is
+    not: read literally, a third of the bits are read wrongly. The largest moves of points are
+    sqrt(3) mm (``lbm``), 1.875 mm (``qim``) and 1.25 mm (``qim-printed``). Use `Watermarker` to
+    protect data.
 
     Examples
     --------
@@ -196,23 +203,24 @@ def compare_paper(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        In any order.
+        Scan with points in any order.
     blocks : (S, M) of 0 and 1
-        The watermark as the receiver makes it.
+        The expected watermark image.
     metadata : PaperMetadata
+        Metadata of `embed_paper`.
     extraction : 'compare_all' or 'paper_and'
-        Every copy of a bit by itself, or the logical AND over its copies, as printed, which hides
-        changes from 0 to 1.
+        Compare every copy of a bit separately, or the logical AND over its copies, as printed,
+        which hides changes from 0 to 1.
 
     Returns
     -------
     PaperComparison
-        ``consistent`` or ``inconsistent``, with the slices that differ and the rows suspected.
+        ``consistent`` or ``inconsistent``, with the tiles that differ and the suspected rows.
 
     Raises
     ------
     InputError
-        Blocks and metadata do not fit each other.
+        ``blocks`` and ``metadata`` do not fit each other.
 
     Examples
     --------

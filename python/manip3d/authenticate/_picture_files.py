@@ -1,4 +1,4 @@
-"""Pictures in files that carry the records of scans."""
+"""Read and write picture files that carry watermark records of scans."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ def picture_path(scan: str | os.PathLike[str]) -> Path:
     Parameters
     ----------
     scan : path
+        Path of the scan.
 
     Returns
     -------
@@ -67,6 +68,7 @@ def read_carrier(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
     Parameters
     ----------
     path : path
+        Path of the PNG file.
 
     Returns
     -------
@@ -75,10 +77,11 @@ def read_carrier(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
     Raises
     ------
     FormatError
-        It is no such picture: damaged, interlaced, transparent, animated, with a palette, or with
-        bytes behind its end, all of which could show others something else than what was signed.
+        The file is no such picture: it is damaged, interlaced, transparent or animated, or has a
+        palette or bytes behind its end. Viewers could show such files differently from the pixels
+        that were signed.
     OSError
-        It cannot be read.
+        The file cannot be read.
     MissingExtraError
         Pillow is not installed.
 
@@ -113,15 +116,16 @@ def write_carrier(picture: ArrayLike, path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     picture : (H, W) or (H, W, 3) uint8
+        Pixels, grey or RGB.
     path : path
-        Path of the PNG file, which is replaced at once if it exists.
+        Path of the PNG file; an existing file is replaced atomically.
 
     Raises
     ------
     InputError
-        Another kind of picture.
+        ``picture`` has another shape or dtype.
     OSError
-        It cannot be written.
+        The file cannot be written.
     MissingExtraError
         Pillow is not installed.
 
@@ -147,7 +151,7 @@ def carrier_bytes(picture: ArrayLike) -> bytes:
 
 
 def _check_chunks(data: bytes) -> None:
-    """Check the parts of a PNG file: no decoder is asked to guess."""
+    """Check the chunks of a PNG file strictly, so that all decoders show the same pixels."""
     if not data.startswith(_SIGNATURE):
         raise FormatError("expected a PNG file")
     names: list[bytes] = []
@@ -179,7 +183,7 @@ def _check_header(body: bytes) -> None:
 
 
 def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Name and content of each part; their checksums hold, and none stands behind the last."""
+    """Name and content of each chunk; raises FormatError on a wrong checksum or trailing bytes."""
     at = len(_SIGNATURE)
     while at < len(data):
         if len(data) - at < 12:

@@ -1,4 +1,4 @@
-"""Pictures that carry the record of a watermark in their lowest bits."""
+"""Read and clear watermark records in the lowest bits of pictures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def checked_picture(picture: ArrayLike) -> NDArray[np.uint8]:
-    """Return a picture as an array of 8 bits a sample, grey or RGB."""
+    """Return a picture as a uint8 array, grey or RGB."""
     pixels = np.asarray(picture)
     if pixels.dtype != np.uint8 or not (
         pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)
@@ -33,6 +33,7 @@ def record_of_picture(picture: ArrayLike) -> bytes:
     Parameters
     ----------
     picture : (H, W) or (H, W, 3) uint8
+        Picture that carries a record.
 
     Returns
     -------
@@ -41,7 +42,7 @@ def record_of_picture(picture: ArrayLike) -> bytes:
     Raises
     ------
     InputError
-        Another shape or dtype, or fewer than 16384 samples.
+        ``picture`` has another shape or dtype, or fewer than 16384 samples.
     FormatError
         The picture carries no record.
 
@@ -64,24 +65,25 @@ def record_of_picture(picture: ArrayLike) -> bytes:
 
 @checked
 def without_record(picture: ArrayLike) -> NDArray[np.uint8]:
-    """Return a picture with the bits cleared that carry a record.
+    """Return a copy of a picture in which the bits that can carry a record are 0.
 
-    What both ends make of the picture, such as the stereo depth of the printed watermark, is the
-    same before embedding and after it.
+    Results that sender and receiver both compute from it, such as the stereo depth of the printed
+    watermark, are the same before and after embedding.
 
     Parameters
     ----------
     picture : (H, W) or (H, W, 3) uint8
+        Picture with or without a record.
 
     Returns
     -------
     (H, W) or (H, W, 3) uint8
-        A copy.
+        The copy.
 
     Raises
     ------
     InputError
-        Another kind of picture, or one of fewer than 16384 samples.
+        ``picture`` has another shape or dtype, or fewer than 16384 samples.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""How many edits of each class are found: measured by planting them in clean scans."""
+"""Measure the share of edits of each class that detectors find, by planting them in clean scans."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from manip3d.forge import Forgery
 
     Points = NDArray[np.float32]
-    Cloud = NDArray[np.float32]  # x, y, z and, where it was measured, the reflectance
+    Cloud = NDArray[np.float32]  # x, y, z and, if it was measured, reflectance
     Rows = NDArray[np.int64]
     Edit = Callable[[Cloud, Rows, SensorLattice, np.random.Generator], Cloud]
 
@@ -50,20 +50,20 @@ BLIND = (
 """Classes of edits that no detector here finds."""
 
 BLIND_WITHOUT_REFLECTANCES = "reflectance rewritten: the scan has none that can be judged"
-"""Beside those, where detector V says nothing."""
+"""A further blind class if detector V cannot judge the scan."""
 
 BLIND_TERRESTRIAL = "points removed, cropped or moved together: only what was added is looked for"
-"""Beside the others, in scans that detectors I and II judge."""
+"""A further blind class in scans that detectors I and II judge."""
 
 NEAREST, FARTHEST = 5.0, 25.0
-"""Metres: where planted edits stand."""
+"""Metres: range of distances at which edits are planted."""
 
 FEWEST_POINTS = 100
-"""Returns of an object that is edited."""
+"""Fewest returns of an object that is edited."""
 
 
 def _rounded(points: NDArray[np.float64]) -> Points:
-    """Whole millimetres, as the scanner's files have them."""
+    """Round to whole millimetres, as in the scanner's files."""
     return np.ascontiguousarray(np.round(points * 1000.0) / 1000.0, np.float32)
 
 
@@ -72,7 +72,7 @@ def _xyz(cloud: Cloud) -> Points:
 
 
 def _written(cloud: Cloud, lattice: SensorLattice) -> Cloud:
-    """Ring after ring, each by azimuth: as an attacker would write it who knows the format."""
+    """Sort points ring by ring and by azimuth, as an attacker who knows the format does."""
     reading = lattice.read(_xyz(cloud))
     return cloud[np.lexsort((reading.azimuth, reading.ring))]
 
@@ -91,21 +91,21 @@ def _with(cloud: Cloud, rows: Rows, places: NDArray[np.float64]) -> Cloud:
 
 
 def _added(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """A copy of the object a quarter of a turn away, give or take."""
+    """Paste a copy of the object, turned about the scanner by 1 to 5 radians."""
     pasted = cloud[rows]
     pasted[:, :3] = _rounded(_turned(pasted[:, :3].astype(np.float64), rng.uniform(1.0, 5.0)))
     return _written(np.concatenate([cloud, pasted]), lattice)
 
 
 def _moved(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """The object 0.5 to 3 m away on the ground."""
+    """Move the object by 0.5 to 3 m along the ground."""
     angle, length = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(0.5, 3.0)
     shift = length * np.array([math.cos(angle), math.sin(angle), 0.0])
     return _written(_with(cloud, rows, cloud[rows, :3] + shift), lattice)
 
 
 def _rotated(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """The object rotated about its own centre by 5 to 30 degrees."""
+    """Rotate the object about its own centre by 5 to 30 degrees."""
     center = cloud[rows, :3].mean(axis=0, dtype=np.float64)
     angle = math.radians(rng.uniform(5.0, 30.0)) * rng.choice([-1.0, 1.0])
     turned = _turned(cloud[rows, :3] - center, angle) + center
@@ -113,7 +113,7 @@ def _rotated(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Ge
 
 
 def _resampled(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """The object's points replaced by points between pairs of them."""
+    """Replace the object's points by points between pairs of them."""
     first, second = cloud[rows, :3], cloud[rng.permutation(rows), :3]
     weight = rng.uniform(0.2, 0.8, (len(rows), 1))
     return _written(_with(cloud, rows, first * weight + second * (1.0 - weight)), lattice)
@@ -126,7 +126,7 @@ def _removed(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Ge
 def _along_rays(
     cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
 ) -> Cloud:
-    """The object 10 cm nearer or farther along the rays from the scanner."""
+    """Move the object by 10 cm along the rays, nearer to the scanner or farther from it."""
     far = cloud[rows, :3].astype(np.float64)
     distance = np.sqrt((far * far).sum(axis=1, keepdims=True))
     shift = 0.1 * rng.choice([-1.0, 1.0])
@@ -134,7 +134,7 @@ def _along_rays(
 
 
 def _bump(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """A smooth bump of 5 cm towards the scanner, half a metre wide, in the object's face."""
+    """Add a smooth bump to the object, 5 cm towards the scanner and half a metre wide."""
     far = cloud[rows, :3].astype(np.float64)
     distance = np.sqrt((far * far).sum(axis=1, keepdims=True))
     apart = far - far[rng.integers(len(far))]
@@ -145,7 +145,7 @@ def _bump(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Gener
 def _few_points(
     cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
 ) -> Cloud:
-    """Five points of the object, each 0.5 m away."""
+    """Move five points of the object by up to 0.5 m along each axis."""
     some = np.sort(rng.choice(rows, 5, replace=False))
     return _written(_with(cloud, some, cloud[some, :3] + rng.uniform(-0.5, 0.5, (5, 3))), lattice)
 
@@ -167,7 +167,7 @@ def _cloud_of(forgery: Forgery) -> Cloud:
 def _overwritten(
     cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
 ) -> Cloud:
-    """White-box: the firings that saw the object see what stands beside it."""
+    """Rewrite the object's firings to ranges of its surroundings (white-box)."""
     from manip3d import forge
 
     box = _box_of(cloud[:, :3], rows)
@@ -177,7 +177,7 @@ def _overwritten(
 def _duplicated(
     cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
 ) -> Cloud:
-    """White-box: firings elsewhere see the object, on the lattice."""
+    """Rewrite firings elsewhere to ranges of the object, on the lattice (white-box)."""
     from manip3d import forge
 
     turn = float(rng.uniform(0.5, 5.5))
@@ -185,7 +185,7 @@ def _duplicated(
 
 
 def _spoofed(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """At most 200 returns of the object elsewhere, on the lattice."""
+    """Insert at most 200 returns of the object elsewhere, on the lattice."""
     from manip3d import forge
 
     turn = float(rng.uniform(0.5, 5.5))
@@ -193,34 +193,34 @@ def _spoofed(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Ge
 
 
 def _shining(cloud: Cloud, rows: Rows, values: NDArray[np.float64]) -> Cloud:
-    """The object with other reflectances, as the scanner writes them."""
+    """Give the object other reflectances, in the scanner's hundredths."""
     edited = cloud.copy()
     edited[rows, 3] = np.round(np.clip(values, 0.0, 0.99), 2)
     return edited
 
 
 def _painted(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """The object in one reflectance."""
+    """Give the whole object one reflectance."""
     return _shining(cloud, rows, np.full(len(rows), rng.uniform(0.1, 0.9)))
 
 
 def _scaled(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """The object half as bright, or half as bright again."""
+    """Multiply the object's reflectances by 0.5 or 1.5."""
     return _shining(cloud, rows, cloud[rows, 3] * rng.choice([0.5, 1.5]))
 
 
 def _shifted(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """The object brighter or darker by 0.2."""
+    """Add 0.2 to the object's reflectances, or subtract it."""
     return _shining(cloud, rows, cloud[rows, 3] + rng.choice([-0.2, 0.2]))
 
 
 def _exchanged(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """The reflectances of the object in another order."""
+    """Permute the reflectances of the object."""
     return _shining(cloud, rows, cloud[rng.permutation(rows), 3].astype(np.float64))
 
 
 def _borrowed(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """The reflectances of as many rows of the file elsewhere."""
+    """Give the object the reflectances of other rows of the file."""
     shift = int(rng.integers(len(cloud) // 4, 3 * len(cloud) // 4))
     return _shining(cloud, rows, cloud[(rows + shift) % len(cloud), 3].astype(np.float64))
 
@@ -243,7 +243,7 @@ REFLECTANCE_EDITS: Mapping[str, Edit] = MappingProxyType(
         "reflectance: from elsewhere": _borrowed,
     }
 )
-"""Edits of the reflectances alone; the frames need some that detector V can judge."""
+"""Edits of the reflectances alone; frames need reflectances that detector V can judge."""
 
 EDITS: Mapping[str, Edit] = MappingProxyType(
     {
@@ -259,7 +259,8 @@ EDITS: Mapping[str, Edit] = MappingProxyType(
         **REFLECTANCE_EDITS,
     }
 )
-"""Classes of edits that are planted, by attackers who write whole millimetres in file order."""
+"""Classes of edits that can be planted. Edited points are whole millimetres in the scanner's
+order."""
 
 EDIT_MEANINGS: Mapping[str, str] = MappingProxyType(
     {
@@ -281,7 +282,7 @@ EDIT_MEANINGS: Mapping[str, str] = MappingProxyType(
         "reflectance: from elsewhere": "an object with the reflectances of another place",
     }
 )
-"""The edits of each class in words, for reports."""
+"""Description of each class of edits, for reports."""
 
 
 @checked
@@ -305,24 +306,24 @@ def measure_power(
     Parameters
     ----------
     frames : iterable of LidarFrame
-        Clean frames, the scanner at the origin; consecutive ones with ``neighbours``.
+        Clean frames with the scanner at the origin; they must be consecutive with ``neighbours``.
     lattice : SensorLattice
         Lattice of the scanner.
     planted : int
-        Edits of each class in each frame.
+        Number of edits of each class in each frame.
     classes : sequence of str, optional
-        Names out of `EDITS`; by default all of them.
+        Names of classes in `EDITS`; default: all.
     neighbours : bool
-        Give the detectors the frames before and behind, which are clean; without them detector IV
-        says nothing, and detector V looks at one frame.
+        Give the detectors the previous and the following frame, which are clean. Without them,
+        detector IV cannot judge, and detector V judges the frame alone.
     embedding : str
-        'lbm' or 'qim': the edited frame is watermarked, and its record verified, before the
-        detector looks at it; empty: it is not.
+        'lbm' or 'qim': edited frames get a watermark, which is verified before detection, so that
+        detectors allow for it; empty: no watermark.
     false_alarm_rate : float
-        Share of clean frames that the detectors together may call tampered; each may use up its
-        part of it, as in `inspect`.
+        Largest share of clean frames that all detectors together may call tampered; each has a part
+        of it, as in `inspect`.
     rng : int
-        Seed of what is edited where.
+        Seed of the edits.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -331,8 +332,8 @@ def measure_power(
     Returns
     -------
     dict of str to Power
-        By class of edit, of `EDITS`; classes of which nothing could be planted are left out: those
-        of reflectances in frames without any, or with a watermark.
+        Power by class of edit. Classes that could not be planted are left out, such as those of
+        reflectances in frames without reflectances or with a watermark.
 
     Raises
     ------
@@ -388,17 +389,18 @@ def measure_power(
 
 
 def _can_be_planted(name: str, cloud: Cloud, lattice: SensorLattice) -> bool:
-    """Whether a class of edits can be made of a scan, with what is known of its scanner."""
+    """Whether a class of edits can be planted in a scan, given its reflectances and lattice."""
     if name in REFLECTANCE_EDITS and cloud.shape[1] == 3:
         return False
     return name not in WHITE_BOX or bool(lattice.steps)
 
 
 FEWEST_CALIBRATED = 4
-"""Fewest scans of which every second one gives the lattice, and the others are judged by it."""
+"""Fewest scans for `calibrate_lattice`; the lattice is estimated from every second one."""
 
 CHANCE = 0.01
-"""Lattices of clean scans that are refused because detector III accuses too many of them."""
+"""Largest share of correct lattices that may be refused because detector III accuses too many clean
+scans by chance."""
 
 
 @checked
@@ -412,26 +414,26 @@ def calibrate_lattice(
     threads: int = 0,
     progress: Progress = None,
 ) -> SensorLattice:
-    """Estimate the lattice of a scanner and measure what detector III finds in its scans.
+    """Estimate the lattice of a scanner and measure the power of detector III on its scans.
 
-    Every second scan gives the lattice. The others are judged by it: first as they are, then with
-    edits of each class planted in them. `inspect` with the lattice then says ``no_trace`` of scans
-    of this scanner if half of the edits of some class are found.
+    The lattice is estimated from every second scan. The other scans are judged by it, first
+    unedited, then with planted edits of each class. With this lattice, `inspect` can return
+    ``no_trace`` for scans of this scanner if half of the edits of some class are found.
 
     Parameters
     ----------
     frames : iterable of LidarFrame or path
-        At least four clean scans as the scanner gave them, the scanner at the origin; the path of a
-        folder means all scans of that drive (`drive_scans`), or all scans that lie in it.
+        At least four clean scans as the scanner recorded them, with the scanner at the origin. A
+        path of a folder stands for all scans in it, or for all scans of that drive (`drive_scans`).
     most : int, optional
-        At most so many of them are read, evenly spread over all; at least four. Default: all.
+        Largest number of scans to read, evenly spread over all; at least four. Default: all.
     planted : int
-        Edits of each class in each scan that is judged.
+        Number of edits of each class in each scan that is judged.
     source : str
         Name of the scans, for ``SensorLattice.power``; default: their number, and their file's or
         folder's name.
     rng : int
-        Seed of what is edited where.
+        Seed of the edits.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -440,7 +442,7 @@ def calibrate_lattice(
     Returns
     -------
     SensorLattice
-        With its ``power``; it is empty where nothing could be planted.
+        Lattice with ``power``, which is empty if no edits could be planted.
 
     Raises
     ------
@@ -504,7 +506,7 @@ def calibrate_lattice(
 
 
 def _scans_of(given: LidarFrame | str | os.PathLike[str]) -> list[LidarFrame | Path]:
-    """The scan itself, or those of a folder, which may be a drive."""
+    """The given scan, or the scans of a folder, which may be a drive."""
     if isinstance(given, LidarFrame):
         return [given]
     path = path_of(given, "frames")
@@ -516,14 +518,14 @@ def _scans_of(given: LidarFrame | str | os.PathLike[str]) -> list[LidarFrame | P
 
 
 def _spread(scans: Sequence[LidarFrame | Path], most: int | None) -> list[LidarFrame | Path]:
-    """At most so many of the scans, evenly spread over all."""
+    """At most ``most`` of the scans, evenly spread over all."""
     if most is None or len(scans) <= most:
         return list(scans)
     return [scans[k * len(scans) // most] for k in range(most)]
 
 
 def _places_in_words(given: Sequence[LidarFrame | str | os.PathLike[str]]) -> str:
-    """Words for the files and folders: the first one's name, and how many more there are."""
+    """Name of the first file or folder, and the number of further ones, in words."""
     names = [Path(each).name for each in given if not isinstance(each, LidarFrame)]
     if not names:
         return ""
@@ -531,7 +533,7 @@ def _places_in_words(given: Sequence[LidarFrame | str | os.PathLike[str]]) -> st
 
 
 def _with_reflectance(frame: LidarFrame, embedding: str) -> Cloud:
-    """Points with the reflectances that detector V can judge, which a watermark's owner keeps."""
+    """Points, with reflectances if detector V can judge them and no watermark is embedded."""
     usable = not embedding and why_not_judged(frame) is None
     if not usable or frame.intensity is None:
         return frame.points
@@ -563,7 +565,7 @@ class _Judge(NamedTuple):
         if result.verdict == "tampered":
             return True
         if not is_hdl64e(self.lattice):
-            return False  # as in `inspect`: detectors IV and V have no thresholds for it
+            return False  # as in `inspect`: detectors IV and V only have thresholds for it
         turns = None
         if before is not None and after is not None:
             turns = turn_consistency(
@@ -587,7 +589,7 @@ class _Judge(NamedTuple):
 
 
 def _marked(points: Points, embedding: str, random: np.random.Generator) -> Points:
-    """The points with bits, and what a verifier makes of them."""
+    """The points after embedding and after removing the bits, as detectors judge them."""
     if not embedding:
         return points
     from manip3d.authenticate._paper_watermark import embed_paper, noise_blocks
@@ -597,8 +599,8 @@ def _marked(points: Points, embedding: str, random: np.random.Generator) -> Poin
 
 
 def _some_object(points: Points, random: np.random.Generator) -> Rows | None:
-    """Rows of what stands within 1.2 m of a random point above the ground; None: there is hardly
-    anything in reach."""
+    """Rows of the points within 1.2 m of a random point above the ground; None: no object was
+    found."""
     rho = np.hypot(points[:, 0], points[:, 1])
     above = (points[:, 2] > -1.3) & (points[:, 2] < 1.0)
     seeds = np.flatnonzero(above & (rho > NEAREST) & (rho < FARTHEST))
@@ -717,20 +719,23 @@ MEASURED: Mapping[str, Mapping[str, Power]] = ReadOnlyMapping(
         "occlusion": _measured(_SCENES, added=(32, 32), resampled=(32, 32)),
     }
 )
-"""What `measure_power` found at a false-alarm rate of 1 % for all detectors of a scan together, by
-detector and embedding; `benchmarks/bench_power.py` measures it, but for detectors I and II."""
+"""Power at a false-alarm rate of 1 % for all detectors of a scan together, by detector and
+embedding. `benchmarks/bench_power.py` measures it with `measure_power`, except for detectors I and
+II."""
 
 
 def known_power(detector: str, sensor: Sensor, embedding: str = "") -> Mapping[str, Power]:
-    """Return what was measured for a detector on scans of a scanner; empty: nothing was.
+    """Return the measured power of a detector on scans of a scanner; empty: not measured.
 
-    What the scanner's own lattice says of detector III comes first: it was measured on its scans.
+    For detector III, the power that the scanner's lattice states has priority, because it was
+    measured on scans of this scanner.
 
     Parameters
     ----------
     detector : 'density', 'occlusion', 'generic', 'turns', 'reflectance' or 'reflectance alone'
-        The last one without the frames before and after.
+        Detector; ``reflectance alone``: detector V without neighbouring frames.
     sensor : Sensor
+        The scanner.
     embedding : str
         Embedding of the watermark whose bits the scan carries.
     """

@@ -1,4 +1,4 @@
-"""Changes of a scan as a whole: what was done to it, from its coordinates, lattice and values."""
+"""Find processing of a whole scan from its coordinates, its lattice and its reflectances."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
     from manip3d.lidar import LidarFrame
 
 OF_FLOAT16 = 0.01
-"""Metres: the median distance from the lines, at most, that numbers of 16 bits leave, whose steps
-are 4 to 31 mm from 4 to 64 m on."""
+"""Metres: largest median distance from the lines that is due to 16-bit floats. Their steps are 4 mm
+from 4 to 8 m, and 31 mm from 32 to 64 m."""
 
 OF_PLACES = {"grid", "step", "range"}
-"""Kinds of evidence that a change of all coordinates by a millimetre contradicts."""
+"""Kinds of evidence that all points contradict if all coordinates change by a millimetre."""
 
 CUT_OFF = (
     "coordinates are whole millimetres and the scanner's ranges are not: they were cut off, "
@@ -45,37 +45,44 @@ CUT_OFF = (
 )
 
 MOST_OF_TURN = 150_000
-"""Points of one turn of an HDL-64E: 64 lasers fire 2083 times, and up to a tenth more often."""
+"""Largest number of points of one turn of an HDL-64E: 64 lasers fire 2083 times, or up to a tenth
+more often."""
 
 DARK, MOST_DARK = 0.05, 0.002
-"""Reflectance, share: where so many are nearly 0, some are 0. KITTI's whole frames have 0.09 of 0,
-and 0.01 to 0.03 between it and this."""
+"""If more than the share MOST_DARK of the reflectances is below DARK, some must be 0. In KITTI's
+whole frames the share of 0 is 0.09, and that of values between 0 and DARK is 0.01 to 0.03."""
 
 BRIGHT, LAST_REFLECTANCES, FEWEST_NEAR_END = 0.975, 0.1, 60
-"""Reflectances, points: scans of KITTI's scanner go on to 0.99, where it saturates; 22 points and
-more do in each of 53 whole frames. In a scene without anything so bright few points would come near
-the brightest: above 0.9, below 0.99 there are 17 of a frame and more, from 0.8 to 0.9 21 to 336."""
+"""Bright points were left out if the largest reflectance is below BRIGHT and at least
+FEWEST_NEAR_END points are within LAST_REFLECTANCES of it. KITTI's scanner saturates at 0.99, which
+at least 22 points of each of 53 whole frames reach. In a scene without bright surfaces few points
+would be near the largest value: each frame has at least 17 points from 0.9 to 0.99, and 21 to 336
+from 0.8 to 0.9."""
 
 MOST_TWICE = 0.3
-"""Share of a laser's points in a sector that share a firing with another one, in one turn."""
+"""Largest share of a laser's points in a sector that share a firing with another point, if the scan
+is one turn."""
 
 SECTORS, LEAST_SEEN_TWICE, FEWEST_SEEN_TWICE = 72, 30.0, 500
-"""Sectors of the horizon; degrees in which most lasers answered twice where a scan holds more than
-a turn; points, at least. What is pasted stands in the way of a few lasers, or is narrower."""
+"""SECTORS: number of sectors of the horizon. A scan holds more than one turn if most lasers have
+two returns per firing in at least LEAST_SEEN_TWICE degrees of azimuth, and if there are more than
+FEWEST_SEEN_TWICE such points. Pasted objects are met by few lasers, or are narrower."""
 
 VOXELS, FEWEST_SHARED, TIMES_SHIFTED = (0.008, 0.01, 0.012, 0.015, 0.02), 40, 4
-"""Metres, points, a multiple: edges of voxels whose few means stand near the scanner, as an edit
-does. Coarser ones leave means all around, finer ones none. Where a filter left one point a voxel,
-hardly two share one of its cells, and many share one of a grid that is shifted by half a cell."""
+"""A voxel filter left one point per voxel with one of the edges VOXELS (metres) if hardly any two
+points share a cell of its grid, while at least FEWEST_SHARED, and TIMES_SHIFTED times as many,
+share a cell of a grid that is shifted by half a cell. With these edges a few means lie near the
+scanner, like an edit; coarser voxels leave means all around, finer voxels none."""
 
 COORDINATES_KEPT = ("repeated", "reflectances", "padded", "regrouped")
-"""Kinds of processing that leave every return where it was measured."""
+"""Kinds of processing that move and remove no return."""
 
 STILL_COMPARED = (*COORDINATES_KEPT, "lasers", "outliers")
-"""Kinds after which the turns before and after still tell what is missing: in the lasers that the
-file has. In 17 frames of KITTI without the lowest 1, 3, 8 or 16 lasers, one in the middle or every
-fourth, detectors III to V accused none, and found as many removed objects as in whole ones. Of 60
-frames after filters of outliers, beside turns with and without, they accused none either."""
+"""Kinds of processing after which detectors IV and V can still compare the scan with its
+neighbours, in the lasers that it has. Without the lowest 1, 3, 8 or 16 lasers, one in the middle or
+every fourth laser, none of 17 frames of KITTI was accused by detectors III to V, and as many
+removed objects were found as in whole frames. None of 60 frames after filters of outliers was
+accused either, with filtered and unfiltered neighbours."""
 
 
 def find_processing(
@@ -85,20 +92,22 @@ def find_processing(
     reflectance: NDArray[np.float32] | None = None,
     reading: LatticeReading | None = None,
 ) -> tuple[Processing, ...]:
-    """Say what was done to the scan as a whole; nothing where nothing is known.
+    """Return the processing of the scan as a whole; empty if none is recognised.
 
     Parameters
     ----------
     points : (N, 3) float32
+        Points with the scanner at the origin.
     sensor : Sensor
+        The scanner.
     generic : GenericResult or None
-        What detector III says by the sensor's lattice.
+        Result of detector III by the sensor's lattice.
     reflectance : (N,) float32 or None
-        Reflectance of each point, looked at only for an HDL-64E on its lattice.
+        Reflectance of each point; only used for an HDL-64E on its lattice.
     reading : LatticeReading or None
-        Where the points lie on the sensor's lattice; None: it is read here.
+        Places of the points on the sensor's lattice; None: they are computed here.
     """
-    if sensor.unit:  # steps of a rounding are those of metres
+    if sensor.unit:  # steps of roundings only apply to metres
         return (Processing("scaled", f"coordinates are in {sensor.unit}"),)
     found = list(processing_of_coordinates(points))
     is_float16 = any(step.kind == "float16" for step in found)
@@ -117,7 +126,7 @@ def find_processing(
         is_explained = any(step.kind in ("rounded", "float16", "scaled") for step in found)
         found += [step for step in of_lattice if not (is_explained and step.kind == "moved")]
         if sensor.name != HDL64E or not generic.evidence["order"].used:
-            reflectance = None  # another scanner's unit, or neighbours that were sorted apart
+            reflectance = None  # the unit differs, or rows are no neighbours
         if reflectance is not None:
             found += _processing_of_reflectance(reflectance, points, generic.lattice, reading)
         if sensor.name == HDL64E and _holds_no_pasted_points(generic):
@@ -126,13 +135,16 @@ def find_processing(
 
 
 def _holds_no_pasted_points(generic: GenericResult) -> bool:
-    """Whether nothing but missing returns accuses: pasted points stand alone as outliers do."""
+    """Whether at most missing returns accuse the scan; pasted points can look like outliers."""
     return generic.verdict != "tampered" or generic.without(MISSING).verdict != "tampered"
 
 
 def _with_outliers(points: NDArray[np.float32], found: list[Processing]) -> list[Processing]:
-    """Add a filter of outliers to what was found, where nothing else leaves points alone or takes
-    them. What such a filter takes far away, or off the scanner's own car, was not cropped."""
+    """Add a filter of outliers to the processing, if no other processing explains missing points.
+
+    The filter replaces a crop of far points, or of the scanner's own car, which it can also
+    cause.
+    """
     others = [step for step in found if step.kind not in COORDINATES_KEPT]
     kept = [step for step in found if step.kind in COORDINATES_KEPT]
     if not all(step.detail.startswith((OWN_CAR_SILENT, "no points beyond")) for step in others):
@@ -164,8 +176,7 @@ def _processing_of_reflectance(
 
 
 def _why_none_is_bright(values: NDArray[np.float32]) -> str | None:
-    """Say up to where reflectances go if many come near their end, as where brighter ones were left
-    out; None: they go on to the scanner's largest, or end with few."""
+    """Return in words why brighter points seem to be left out; None if they do not."""
     largest = float(values.max())
     near = int(np.count_nonzero(values > largest - LAST_REFLECTANCES))
     if largest >= BRIGHT or near < FEWEST_NEAR_END:
@@ -174,15 +185,16 @@ def _why_none_is_bright(values: NDArray[np.float32]) -> str | None:
 
 
 def padding(scan: LidarFrame, sensor: Sensor) -> tuple[Processing, ...]:
-    """Say of a scan of an HDL-64E that it has rows without a return, which its files do not have.
+    """Report rows without a return in a scan of an HDL-64E, whose files do not have them.
 
-    Scanners that write a row for each firing have such rows by themselves.
+    Scanners that write a row for each firing have such rows in clean scans.
 
     Parameters
     ----------
     scan : LidarFrame
-        In the file's own coordinates.
+        Scan in the file's own coordinates.
     sensor : Sensor
+        The scanner.
     """
     if sensor.name != HDL64E:
         return ()
@@ -203,7 +215,7 @@ def _processing_of_lattice(
 ) -> list[Processing]:
     found = []
     contradicted, lattice = generic.contradicted, sensor.lattice
-    if sensor.is_own:  # such a lattice tells neither the order of the points nor what is missing
+    if sensor.is_own:  # such a lattice knows neither order nor missing points
         fused = Processing("fused", "most directions hold several returns")
         return [fused] if "duplicate" in contradicted else []
     if "line" in contradicted:
@@ -236,7 +248,7 @@ def _processing_of_lattice(
         found.append(Processing("fused", "most directions hold several returns"))
     elif (twice := _degrees_seen_twice(points, sensor, generic, reading)) >= LEAST_SEEN_TWICE:
         found.append(Processing("fused", f"{twice:.0f} degrees of azimuth were seen twice"))
-    if contradicted & {"grid", "step"}:  # no point is on its firing: nothing tells which answered
+    if contradicted & {"grid", "step"}:  # no point is on its firing: silence is unknown
         return found
     return found + processing_of_extent(
         points, lattice, reading, is_in_order=generic.evidence["order"].used
@@ -244,9 +256,9 @@ def _processing_of_lattice(
 
 
 def edge_of_voxels(points: NDArray[np.float32]) -> float:
-    """Return the edge, in metres, of voxels in which a filter left one point each; 0: none did.
+    """Return the edge, metres, of voxels in which a filter left one point each; 0: no filter.
 
-    Cells are counted from 0, or from half an edge below the least coordinates, as filters do.
+    Cells begin at 0, or half an edge below the least coordinates, as in common filters.
 
     Parameters
     ----------
@@ -264,8 +276,8 @@ def edge_of_voxels(points: NDArray[np.float32]) -> float:
 def _number_sharing_cells(
     points: NDArray[np.float32], edge: float, start: NDArray[np.float64]
 ) -> int:
-    """Number of points beside the first of each cell of a grid."""
-    # Filters whose cells begin at 0 compute in single precision: a point on a face is in one cell.
+    """Number of points that are not the only or the first one in their cell of a grid."""
+    # Filters whose cells begin at 0 compute in single precision, which decides on points on a face.
     own = np.float32 if not start.any() else np.float64
     cells = np.floor((points - start.astype(own)) * own(1.0 / edge)).astype(np.int64)
     cells -= cells.min(axis=0)
@@ -275,15 +287,17 @@ def _number_sharing_cells(
 
 
 FAR_ENOUGH, LEAST_ALIKE, LEAST_TURN = 10.0, 0.5, 0.01
-"""Metres; length of the mean direction; share of a step. Points so far away, whose azimuths do not
-suffer from rounding, stand beside the scanner's steps by one part of a step where all were turned.
-It is 0.001 at most where they were scaled, cut, made 16 bits or noisy by a millimetre."""
+"""A scan was turned about the vertical if points farther than FAR_ENOUGH metres, whose azimuths
+rounding does not affect, are all off the scanner's steps by the same part of a step: the mean of
+the parts, as directions on a circle, has at least the length LEAST_ALIKE and is more than
+LEAST_TURN of a step. That part is at most 0.001 if scans were scaled, cut, converted to 16 bits or
+made noisy by a millimetre."""
 
 
 def _is_turned_by_part_of_step(
     points: NDArray[np.float32], sensor: Sensor, reading: LatticeReading | None
 ) -> bool:
-    """Whether azimuths are steps of the scanner, all turned by a part of one about the vertical."""
+    """Whether azimuths are the scanner's steps, all turned by one part of a step."""
     lattice = sensor.lattice
     if lattice is None or not lattice.steps:
         return False
@@ -304,12 +318,12 @@ REARRANGED = (
     ("mirrored", "the scan is a mirror image, left and right exchanged or front and back", -1, 1),
     ("mirrored", "the scan is a mirror image in the reverse order of the scanner", -1, -1),
 )
-"""Ways to rearrange a scan: kind, words, sign of y, and the direction in which rows follow each
-other. A mirror image in x is one in y that was turned."""
+"""Ways to rearrange a scan: kind, description, sign of y, and direction of the rows. A mirror image
+in x equals one in y that is turned by 180 degrees."""
 
 
 def _rearranged(points: NDArray[np.float32], generic: GenericResult) -> Processing | None:
-    """The way a scan was rearranged, if undoing it leaves neither order nor steps contradicted."""
+    """How a scan was rearranged, if neither order nor steps are contradicted after undoing it."""
     for kind, words, sign, direction in REARRANGED:
         undone = points[::direction] * np.array([1, sign, 1], np.float32)
         told = generic_consistency(
@@ -326,7 +340,7 @@ def _degrees_seen_twice(
     generic: GenericResult,
     reading: LatticeReading | None,
 ) -> float:
-    """Degrees of azimuth in which most lasers have two returns a firing: more than one turn."""
+    """Degrees of azimuth in which most lasers have two returns per firing."""
     lattice = sensor.lattice
     if lattice is None or not lattice.steps:
         return 0.0

@@ -1,5 +1,4 @@
-"""Detector V: reflectances that the scanner cannot have measured, or that the turns beside do not
-have."""
+"""Detector V: reflectances that contradict the scanner's noise or the neighbouring turns."""
 
 from __future__ import annotations
 
@@ -29,91 +28,100 @@ if TYPE_CHECKING:
     from manip3d.authenticate._turns import Seen
 
 REFLECTANCE_EVIDENCE = ("grid", "even", "changed")
-"""Kinds of evidence. ``grid``: values that are not the hundredths that the rest of the frame has;
-``even``: neighbours along a ring have the same value, without the scanner's shot noise;
-``changed``: the turns before and after agree on a value that the frame does not have."""
+"""Kinds of evidence. ``grid``: values are not hundredths like those of the rest of the frame.
+``even``: neighbours along a ring have the same value, without the scanner's shot noise.
+``changed``: the neighbouring turns agree on a value that the frame does not have."""
 
 STEP = 0.01
-"""Reflectances of KITTI's scanner are whole numbers of this."""
+"""Step of the reflectances of KITTI's scanner."""
 
 MOST_OFF_STEP = 0.2
-"""Share of values off the hundredths above which the scanner does not write hundredths."""
+"""Largest share of values off the hundredths if the scanner writes hundredths."""
 
 FEWEST_VALUES = 16
-"""Different reflectances of a frame, at least: fewer hold no noise to judge by."""
+"""Fewest different reflectances of a frame; with fewer, no noise is visible."""
 
 OTHER_STEPS = (1.0, 1.0 / 255.0)
-"""Steps of other files of the scanner: its own unit of 0 to 255, and that divided by 255."""
+"""Steps of reflectances in other files of the scanner: its own unit from 0 to 255, and this unit
+divided by 255."""
 
 FULL_OF_16_BITS = 65535.0
-"""A reflectance of 1 in files of whole numbers of 16 bits, such as LAS."""
+"""Value of a reflectance of 1 in files with 16-bit integers, such as LAS."""
 
 UNITS_OF_ONE, LEAST_OF_ONE, MOST_FOREIGN = (100.0, 255.0, FULL_OF_16_BITS), 0.9, 0.01
-"""Numbers that stand for a reflectance of 1 in files of whole numbers; share of one that the
-brightest point has at least; share of values that are no hundredths, at most. A file in the
-scanner's own unit of 0 to 255 has 0.6 of them."""
+"""UNITS_OF_ONE: values of a reflectance of 1 in files with integers. LEAST_OF_ONE: least value of
+the brightest point, as a share of one of these. MOST_FOREIGN: largest share of values that are no
+hundredths; in a file in the scanner's own unit of 0 to 255 it is 0.6."""
 
 SAMPLE = 7
-"""One pair of rows in so many is looked at to tell rewritten reflectances: a prime, since files may
-have values that repeat in powers of two (in one of KITTI every eighth row has none)."""
+"""One pair of rows in this many is tested for rewritten reflectances. It is a prime, because values
+in files may repeat with a power of two (in one file of KITTI every eighth row has none)."""
 
 MOST_UNUSED = 0.15
-"""Share of the hundredths between the 5th and the 95th percentile that no point has. All occur in
-47 whole frames of KITTI; of reflectances whose root was rounded a third is missing."""
+"""Largest share of hundredths between the 5th and the 95th percentile that no point has. All of
+them occur in 47 whole frames of KITTI; a third is missing if square roots of reflectances were
+rounded."""
 
 MOST_ALIKE = 0.2
-"""Share of points with the reflectance of the next one in the file. Whole frames of KITTI have 0.08
-to 0.14, their mean over five points 0.3, their median over five 0.5, 20 levels 0.35."""
+"""Largest share of points with the same reflectance as the next point in the file. It is 0.08 to
+0.14 in whole frames of KITTI, 0.3 after a mean over five points, 0.5 after a median over five
+points, and 0.35 after rounding to 20 levels."""
 
 SATURATED, FEWEST_CLIPPED, TIMES_BEFORE = 0.985, 20, 2
-"""Reflectance, points, a multiple: KITTI's scanner saturates at 0.99, which each of 53 whole frames
-has. So many points have the largest value where others were clipped to it, and more than have the
-hundredth below it: of values that nobody clipped, the larger ones are rarer."""
+"""KITTI's scanner saturates at 0.99, which each of 53 whole frames reaches. Reflectances were
+clipped if the largest is below SATURATED, if at least FEWEST_CLIPPED points have it, and if these
+are more than TIMES_BEFORE times the points with the hundredth below it. Without clipping, larger
+values are rarer."""
 
 MOST_AT_LARGEST = 0.025
-"""Share of the points with the largest reflectance, where it is also more than have the smallest.
-Dark things answer with 0: 0.12 to 0.17 of the points in 17 frames of KITTI, 0.05 to 0.09 in 16 of
-simulated streets, of which 0.004 at most have the largest. In inverted ones it is the reverse."""
+"""Reflectances were inverted if more than this share of the points has the largest value, and more
+than have the smallest. Dark surfaces have 0: 0.12 to 0.17 of the points in 17 frames of KITTI, 0.05
+to 0.09 in 16 frames of simulated streets, while at most 0.004 have the largest value."""
 
 MOST_UNLIKE, FEWEST_PAIRS = 0.9, 1000
-"""Half the mean squared difference of every other row of the file, in variances of all of them, of
-reflectances that are neither the smallest nor the largest; pairs of such rows, at least. It is 1
-where reflectances stand at points that they do not belong to. Rows next to each other differ more:
-odd and even firings of KITTI's scanner do, by 0.85 in a clean crop that has 0.63 here."""
+"""Reflectances were permuted if half the mean squared difference of rows two apart, divided by the
+variance of all, exceeds MOST_UNLIKE; reflectances that are the smallest or the largest are
+excluded, and FEWEST_PAIRS pairs are needed. The ratio is 1 for permuted reflectances. Adjacent rows
+are not used, because odd and even firings of KITTI's scanner differ: their ratio is 0.85 in a clean
+crop in which that of rows two apart is 0.63."""
 
 FEWEST_EDGES, FEWEST_ON_SURFACE = 1000, 10_000
-"""Pairs of rows over an edge and on a surface, at least, that tell the contrast of reflectances."""
+"""Fewest pairs of rows across an edge, and fewest on a surface, for the contrast of
+reflectances."""
 
 LEAST_CONTRAST = 2.6
-"""How many times as large the mean squared difference of reflectances is over edges as on surfaces.
-It is 4.0 and more in 26 frames of KITTI's drives 0005 and a, and at most 1.8 with reflectances of
-other points: those that stand 200 rows and more away, or were permuted within each laser."""
+"""Least contrast: mean squared difference of reflectances across edges, divided by that on
+surfaces. It is at least 4.0 in 26 frames of KITTI's drives 0005 and a, and at most 1.8 with
+reflectances of other points: of points at least 200 rows away, or permuted within each laser."""
 
 SLIPS: Mapping[int, float] = MappingProxyType(
     {-16: 1.05, -4: 1.05, -2: 1.05, -1: 1.15, 1: 0.93, 2: 1.05, 4: 1.05, 16: 1.05}
 )
-"""By rows of the file by which reflectances may have slipped, the contrast there as a multiple of
-that where they stand, at most. In clean frames it is 0.8 at most two rows away and farther. One row
-away it is 1.01 and 0.83 in drives 0002 and 0005 (the next point, the one before), 1.06 and 0.88 in
-their half turns; where reflectances slipped by one row it is 1.20 and 0.99 at least. The limits lie
-between. In 16 frames of other drives it is 1.06 and 0.83 at most, and 1.20 and 0.94 at least."""
+"""Limits for reflectances that were shifted by a number of rows of the file: the contrast after
+shifting them by these rows is at most this multiple of the contrast of unshifted ones. In clean
+frames the multiple is at most 0.8 two or more rows away. One row away (next row, previous row) it
+is at most 1.01 and 0.83 in drives 0002 and 0005, and 1.06 and 0.88 in their half turns; if
+reflectances were shifted by one row it is at least 1.20 and 0.99. The limits lie between. In 16
+frames of other drives it is at most 1.06 and 0.83, and at least 1.20 and 0.94."""
 
 FEWEST_EDGES_OF_ROW = 1500
-"""Pairs over an edge, at least, that tell of one row: camera crops with fewer reach 1.01."""
+"""Fewest pairs across an edge for detecting a shift by one row: the multiple reaches 1.01 in camera
+crops with fewer."""
 
 LEVELS, MOST_SHIFTED = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), 0.0125
-"""Shares of the points, and by how much the reflectances that so many do not exceed differ from
-those of a turn beside, in the median over the shares, of all points or of those above 0. Of 157
-clean frames none differs from the nearer turn by more than 0.01, nor of 375 with one thing edited.
-What differs by more from both was changed as a whole."""
+"""LEVELS: quantiles of the reflectances, of all points and of those above 0. MOST_SHIFTED: largest
+difference of a frame's quantiles from those of a neighbouring turn, as a median over the quantiles;
+if it is larger for both neighbours, all reflectances were changed. None of 157 clean frames, and
+none of 375 frames with one edited object, differs from the more similar neighbour by more than
+0.01."""
 
 UNITS: Mapping[str, float] = ReadOnlyMapping({"grid": 3.0, "even": 100.0, "changed": 3800.0})
-"""Points (``grid``), log likelihood ratio (``even``) and weighted points (``changed``) of a region
-whose strength is 1. They only say how the kinds compare; what is rare is told by `TAIL`. Evenness
-of clean simulated frames reaches 9, of KITTI's drive 0002 9.7; its unit was raised from 20 to 100
-after a clean frame of drive 0005 had 38.9, the largest of 53 clean frames of KITTI, most of them of
-four drives. That of changes was raised from 3000 to 3800 when means and dark returns came in, so
-that the other kinds alarm at what they did."""
+"""Number of points (``grid``), log likelihood ratio (``even``) and weighted number of points
+(``changed``) of a region whose strength is 1. They only relate the kinds to each other; `TAIL`
+states how rare a strength is. Evenness reaches 9 in clean simulated frames, 9.7 in KITTI's drive
+0002, and 38.9 in a clean frame of drive 0005, the largest of 53 clean frames of KITTI, most of them
+of four drives; that frame raised its unit from 20 to 100. The unit of changes is 3800 instead of
+3000 since means and dark returns are compared, so that the other kinds keep their thresholds."""
 
 # fmt: off
 TAIL: tuple[float, ...] = (
@@ -128,12 +136,12 @@ TAIL: tuple[float, ...] = (
 )
 # fmt: on
 TAIL_FRAMES = 1050
-"""The largest strengths of clean simulated frames, in descending order, and how many frames these
-are: streets 70000 to 70059 of `manip3d.simulate.street`, and 72000 to 72044, where the car weaves
-and turns by up to 0.9 degrees from one turn of the scanner to the next. They are in no report;
-`benchmarks/bench_alarms.py --calibrate` judges them. A new clean frame is as strong as the k-th of
-n with probability k / (n + 1), so that one that is stronger than all has p = 1 / 1051: rates below
-that never alarm."""
+"""The largest strengths of clean simulated frames, in descending order, and the number of frames:
+streets 70000 to 70059 of `manip3d.simulate.street`, and 72000 to 72044, where the car weaves and
+turns by up to 0.9 degrees from one turn of the scanner to the next. Reported rates are measured on
+other streets; `benchmarks/bench_alarms.py --calibrate` computes the strengths. A new clean frame is
+as strong as the k-th of n with probability k / (n + 1). A frame that is stronger than all has p = 1
+/ 1051, so that smaller false-alarm rates never accuse."""
 
 CALIBRATION = Calibration(
     "105 simulated streets from 70000 to 72044, on 45 of which the car weaves; ten frames each, "
@@ -155,11 +163,11 @@ class ReflectanceRegion:
     kind : 'grid', 'even' or 'changed'
         See `REFLECTANCE_EVIDENCE`.
     p_value : float
-        Probability, at most, that a clean frame has a region as strong.
+        Upper bound of the probability that a clean frame has a region as strong.
     strength : float
         For ranking; a clean frame seldom reaches 1.
     box : Box
-        The tight box, turned about the vertical, around the suspected points.
+        The smallest box, rotated about the vertical, around the suspected points.
     rows : (K,) int64
         Rows of the suspected points.
     """
@@ -178,26 +186,27 @@ class ReflectanceResult(BesideTurns):
     Attributes
     ----------
     verdict : 'no_trace', 'tampered' or 'undecidable'
-        ``undecidable``: the frame has no reflectances, or of another unit, or all of them were
+        ``undecidable``: the frame has no reflectances, they have another unit, or all of them were
         changed.
     reason : str
-        In words.
+        Reason of the verdict in words.
     p_value : float
-        Probability, at most, that a clean frame shows as much.
+        Upper bound of the probability that a clean frame shows as much evidence.
     score : float
-        The largest strength of a region; larger is more suspicious.
+        Largest strength of a region; larger is more suspicious.
     false_alarm_rate : float
-        As asked for.
+        The argument of this name.
     regions : tuple of ReflectanceRegion
         Regions whose own ``p_value`` does not exceed ``false_alarm_rate``, the strongest first.
     suspected : (K,) int64
-        Rows of the points in them.
+        Rows of the points in these regions.
     with_turns : bool
-        Whether the turns before and after were compared, too.
+        Whether the neighbouring turns were compared as well.
     calibration : Calibration
+        Clean frames on which the thresholds were chosen.
     rewritten : str
-        How all reflectances differ from those of both turns; empty: they do not, or there are no
-        turns beside the frame.
+        How all reflectances differ from those of both neighbouring turns; empty: they do not, or
+        there are no neighbouring turns.
     """
 
     regions: tuple[ReflectanceRegion, ...]
@@ -224,23 +233,23 @@ def reflectance_consistency(
     false_alarm_rate: float = 0.01,
     threads: int = 0,
 ) -> ReflectanceResult:
-    """Look for rewritten reflectances in one frame, alone and beside the turns around it.
+    """Find rewritten reflectances in one frame, alone and in comparison with neighbouring turns.
 
     Parameters
     ----------
     frame : LidarFrame
-        Metres, the scanner at the origin, with reflectances in [0, 1].
+        Frame in metres, with the scanner at the origin and reflectances in [0, 1].
     lattice : SensorLattice
-        Lattice of the scanner, from :func:`estimate_lattice`; only its lines are looked at.
+        Lattice of the scanner, from :func:`estimate_lattice`; only its lines are used.
     previous, following : LidarFrame, optional
-        The frames a turn earlier and later, of the same scanner; not edited in the same way.
-        Both, or neither.
+        Frames of the same scanner one turn earlier and later, which must not be edited in the same
+        way. Give both or neither.
     turns : TurnResult, optional
-        What `turn_consistency` said of the three frames, which knows how they lie to each other;
-        else they are aligned here.
+        Result of `turn_consistency` for the three frames, whose alignment is used; default: they
+        are aligned here.
     false_alarm_rate : float
-        Share of clean frames that may be called tampered; in (0, 1). Rates below 1 / 1051 never
-        alarm: the threshold stands on so many frames.
+        Largest share of clean frames that may be called tampered; in (0, 1). Rates below 1 / 1051
+        never accuse, because the threshold was chosen on 1050 frames.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -255,20 +264,20 @@ def reflectance_consistency(
 
     Notes
     -----
-    The scanner's shot noise leaves neighbouring firings different hundredths of reflectance: what
-    was painted with one value, or filled with values of its surroundings, is too even. With both
-    neighbours, the reflectance of a point, less what its laser adds, is compared with what the
-    turns before and after saw within 35 cm. The variance of its difference from their mean is half
-    as large again as one laser's; the variance of the difference between the turns, twice.
-    Patterns and moving things raise both, an edit raises only the first, or the mean of the
-    difference (a test over windows of 6 lasers and 4.3 degrees, which must hold without any two of
-    them as well: one laser may run along a kerb, on one side of it in this turn and on the other in
-    the turns beside). Returns that are clipped, at 0 and at the largest value, are compared as
-    well, unless they are in all three turns; the test is made with them and without, and the
-    stronger result counts.
+    The scanner's shot noise gives neighbouring firings different hundredths of reflectance: an area
+    with one value, or filled with values of its surroundings, is too even. With both neighbours,
+    the reflectance of a point, minus the bias of its laser, is compared with that of points within
+    35 cm in the neighbouring turns. If one laser's values have the variance s^2, the difference of
+    a point from the mean of the two turns has 1.5 s^2, and the difference between the turns 2 s^2.
+    Patterns and moving objects raise both variances; an edit raises only the first, or the mean of
+    the difference. This is tested over windows of 6 lasers and 4.3 degrees, and must also hold
+    without any two of the lasers, because one laser may run along a kerb, on one side of it in this
+    turn and on the other side in the neighbouring turns. Clipped returns, at 0 and at the largest
+    value, are compared as well, unless they are clipped in all three turns. The test is made with
+    and without them, and the stronger result counts.
 
-    Values that were changed by a little, or copied from another turn's firings, stay unseen, and
-    about half of those that were exchanged within an object.
+    Small changes of values, and values copied from the firings of another turn, are not found, nor
+    are about half of the exchanges within an object.
 
     Examples
     --------
@@ -297,17 +306,17 @@ def reflectances_read(
     threads: int,
     seen: Seen | None = None,
 ) -> ReflectanceResult:
-    """Return what `reflectance_consistency` does, of a frame whose lattice may have been read.
+    """Return the result of `reflectance_consistency`, given readings that were computed before.
 
     Parameters
     ----------
     reading : LatticeReading or None
-        Where the frame's points lie on the lattice; None: it is read here.
+        Places of the frame's points on the lattice; None: they are computed here.
     frame, lattice, previous, following, turns, false_alarm_rate, threads
-        As for `reflectance_consistency`.
+        As in `reflectance_consistency`.
     seen : tuple of ReadingColumns or None
-        Where both turns lie on the lattice, as `turns_read` said with ``turns``; None: they are
-        read here.
+        Places of both neighbouring turns on the lattice, as `turns_read` returned them with
+        ``turns``; None: they are computed here.
     """
     if not 0.0 < false_alarm_rate < 1.0:
         raise InputError(f"false_alarm_rate: expected a share in (0, 1), got {false_alarm_rate!r}")
@@ -366,9 +375,10 @@ def reflectances_read(
 
 
 def _in_hundredths(frame: LidarFrame) -> LidarFrame:
-    """The frame with the hundredths of the scanner's files, where it holds them in another unit.
+    """The frame with reflectances in hundredths, if it has them in another unit of integers.
 
-    Each hundredth is another number of `UNITS_OF_ONE`, rounded or cut, so that none is lost.
+    In each of `UNITS_OF_ONE`, rounded or truncated, different hundredths are different numbers, so
+    that the conversion is exact.
     """
     values = frame.intensity
     if values is None or not len(values) or not np.isfinite(values).all() or values.max() <= 1.0:
@@ -386,20 +396,20 @@ def _in_hundredths(frame: LidarFrame) -> LidarFrame:
 
 
 def _share_foreign(values: NDArray[np.float64], one: float) -> float:
-    """Share of values that no hundredth is in a unit."""
+    """Share of values that are no hundredths in a unit, rounded or truncated."""
     hundredths = np.arange(101) * (one / 100.0)
-    near = np.add.outer((-1e-6, 1e-6), hundredths)  # single precision rounds to either side
+    near = np.add.outer((-1e-6, 1e-6), hundredths)  # errors of single precision
     return float(np.mean(~np.isin(values, np.floor([near, near + 0.5]))))
 
 
 def reflectance_p_value(strength: float) -> float:
-    """Return the probability, at most, that a clean frame has a region as strong."""
+    """Return an upper bound of the probability that a clean frame has a region as strong."""
     as_strong = sum(value >= strength for value in TAIL)
     return (1 + as_strong) / (1 + TAIL_FRAMES) if as_strong < len(TAIL) else 1.0
 
 
 def _shifted_as_a_whole(frame: LidarFrame, previous: LidarFrame, following: LidarFrame) -> str:
-    """Say how the reflectances of a frame differ as a whole from those of both turns beside it."""
+    """Return in words how all reflectances differ from both neighbours; empty: they do not."""
     own, before, after = (_levels(each) for each in (frame, previous, following))
     if min(_apart(own, before), _apart(own, after)) <= MOST_SHIFTED:
         return ""
@@ -409,9 +419,9 @@ def _shifted_as_a_whole(frame: LidarFrame, previous: LidarFrame, following: Lida
 
 
 def _levels(frame: LidarFrame) -> NDArray[np.float64]:
-    """Reflectances at `LEVELS`, of all points and of those that are not dark: (2, levels).
+    """Quantiles of the reflectances at `LEVELS`, of all points and of those above 0: (2, levels).
 
-    A shift that lifts dark returns above 0 changes the number of the others, too.
+    Both are needed because a shift that lifts dark returns above 0 adds them to the second kind.
     """
     values = _reflectance_of(frame)
     both = (values, values[values > 0.0])
@@ -419,17 +429,17 @@ def _levels(frame: LidarFrame) -> NDArray[np.float64]:
 
 
 def _apart(levels: NDArray[np.float64], others: NDArray[np.float64]) -> float:
-    """The median over the levels by which two frames differ; the larger of both rows."""
+    """Median over the levels of the difference of two frames; the larger one of both rows."""
     return float(np.median(np.abs(levels - others), axis=1).max())
 
 
 def why_rewritten(values: NDArray[np.float32]) -> str | None:
-    """Say how reflectances differ everywhere from what the scanner writes; None: they do not.
+    """Return in words how all reflectances differ from the scanner's; None if they do not.
 
     Parameters
     ----------
     values : (N,) float32
-        In the order of the scanner's file.
+        Reflectances in the order of the scanner's file.
     """
     in_hundredths = is_in_hundredths(values)
     if in_hundredths:
@@ -440,7 +450,7 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
         return None
     noisy = (first > first.min()) & (first < first.max())
     if not noisy.any():
-        return None  # none were measured, or none were kept
+        return None  # no reflectances are present
     unit = 1.0
     if not in_hundredths:
         steps = [step for step in OTHER_STEPS if _share_off(some, step, most=255) < MOST_OFF_STEP]
@@ -462,12 +472,12 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
 
 
 def why_of_no_scene(values: NDArray[np.float32]) -> str | None:
-    """Say why reflectances are not of what the points are of: constant, inverted or permuted.
+    """Return in words that reflectances are constant, inverted or permuted; None if they are not.
 
     Parameters
     ----------
     values : (N,) float32
-        In the order of the scanner's file, one at least.
+        Reflectances in the order of the scanner's file, at least one.
     """
     smallest, largest = float(values.min()), float(values.max())
     if smallest == largest:
@@ -489,19 +499,19 @@ def why_of_no_scene(values: NDArray[np.float32]) -> str | None:
 def why_of_other_points(
     values: NDArray[np.float32], points: NDArray[np.float32], reading: LatticeReading
 ) -> str | None:
-    """Say whether reflectances are those of other points; None: nothing tells it.
+    """Return in words that reflectances belong to other points; None if nothing shows it.
 
-    Where a laser passes from one thing to another behind it, its reflectance changes more than on
-    the things themselves, unless the reflectances are not of these points.
+    Where a laser passes from one object to another one behind it, its reflectance changes more than
+    on the objects themselves, unless the reflectances belong to other points.
 
     Parameters
     ----------
     values : (N,) float32
-        In the order of the scanner's file, one at least.
+        Reflectances in the order of the scanner's file, at least one.
     points : (N, 3) float32
-        Metres, the scanner at the origin.
+        Points in metres, with the scanner at the origin.
     reading : LatticeReading
-        Where the points lie on the scanner's lattice.
+        Places of the points on the scanner's lattice.
     """
     edges, surfaces, contrast = _core.reflectance_contrast(
         points, np.ascontiguousarray(values, np.float32), reading.ring, reading.azimuth, [0, *SLIPS]
@@ -519,7 +529,7 @@ def why_of_other_points(
 
 
 def _why_clipped(values: NDArray[np.float32]) -> str | None:
-    """Say where hundredths end, if many points have the largest of them."""
+    """Return in words that reflectances were clipped; None if they were not."""
     largest = float(values.max())
     at_end = int(np.count_nonzero(values == largest))
     before = int(np.count_nonzero(values > largest - 1.005 * STEP)) - at_end
@@ -529,9 +539,9 @@ def _why_clipped(values: NDArray[np.float32]) -> str | None:
 
 
 def _share_unused(values: NDArray[np.float64]) -> float:
-    """Share of the hundredths between the 5th and the 95th percentile that no value stands for.
+    """Share of the hundredths between the 5th and the 95th percentile that no value has.
 
-    Values in finer steps than hundredths stand for all of them.
+    It is 0 for values in finer steps.
     """
     low, high = np.quantile(values, (0.05, 0.95))
     hundredths = round(float(high - low) / STEP) + 1
@@ -545,38 +555,40 @@ def is_in_hundredths(values: NDArray[np.float32]) -> bool:
     Parameters
     ----------
     values : (N,) float32
+        Reflectances.
     """
     some = values[::SAMPLE].astype(np.float64)
     return len(some) > 0 and _share_off(some, STEP, most=100) < MOST_OFF_STEP
 
 
 def are_hundredths_of_16_bits(values: NDArray[np.float64]) -> bool:
-    """Return whether reflectances are hundredths of 65535, rounded or cut to whole numbers.
+    """Return whether reflectances are hundredths of 65535, rounded or truncated to integers.
 
     Parameters
     ----------
     values : (N,) float64
+        Reflectances.
     """
     hundredth = STEP * FULL_OF_16_BITS
     hundredths = np.round(values / hundredth)
     is_off = np.abs(values - hundredths * hundredth) > 1.0
     is_off |= (values != np.round(values)) | (hundredths < 0.0) | (hundredths > 100.0)
-    # Small values, such as those of 0 to 255, are all as near to 0 or to the first hundredth.
+    # In smaller units, such as 0 to 255, all values are near 0 or the first hundredth.
     return values.max(initial=0.0) > 255.0 and float(np.mean(is_off)) < MOST_OFF_STEP
 
 
 def _share_off(values: NDArray[np.float64], step: float, most: int) -> float:
-    """Share of values that are no whole numbers of a step, from 0 to the largest."""
+    """Share of values that are not whole multiples of a step, from 0 to ``most`` steps."""
     return float(np.mean(_is_off(values / step, most)))
 
 
 def _is_off(steps: NDArray[np.float64], most: int) -> NDArray[np.bool_]:
-    """Which numbers of steps are not whole, negative or above the largest."""
+    """Which numbers of steps are not whole, are negative, or exceed ``most``."""
     return (np.abs(steps - np.round(steps)) > 1e-3) | (steps < -0.5) | (steps > most + 0.5)
 
 
 def why_not_judged(frame: LidarFrame) -> str | None:
-    """Why nothing can be told of a frame's reflectances; None: they can be judged."""
+    """The reason why a frame's reflectances cannot be judged; None: they can."""
     values = frame.intensity
     if values is None or len(values) == 0:
         return "the frame has no reflectances"
@@ -595,16 +607,16 @@ def _points_of(frame: LidarFrame) -> NDArray[np.float32]:
 
 
 def _reflectance_of(frame: LidarFrame) -> NDArray[np.float32]:
-    """Reflectances in [0, 1]; the few that are beyond are evidence of `_between_steps`."""
+    """Reflectances, clipped to [0, 1]; `_between_steps` reports the few that are outside."""
     return np.clip(np.ascontiguousarray(frame.intensity, np.float32), 0.0, 1.0)
 
 
 def _between_steps(reflectance: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Rows whose values are not the hundredths that the scanner writes, where it writes hundredths.
+    """Rows whose values are no hundredths, if the scanner writes hundredths.
 
-    KITTI's files hold the single-precision number next to each hundredth. One that is a little
-    beside it was computed from another value. It only counts where most points of that hundredth
-    are exact: a program that computes all hundredths in another way changes all points of one.
+    KITTI's files have the single-precision number nearest to each hundredth. A number slightly
+    beside it was computed from another value. It only counts if most points of that hundredth are
+    exact, because a program that computes hundredths differently changes all points with one.
     """
     steps = reflectance.astype(np.float64) / STEP
     nearest = np.round(steps)

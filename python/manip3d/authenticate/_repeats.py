@@ -1,4 +1,4 @@
-"""Scans that hold the points of another one: no two turns of a scanner do."""
+"""Find scans with the points of another scan, which no two turns of a scanner have."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 LEAST_SHARED = 0.9
-"""Share of the points, to the bit, that two scans of different turns do not have in common: noise
-moves most of them to another step of the ranges even where nothing moves."""
+"""Scans that have at least this share of points in common, bit for bit, are copies. Different turns
+never do: noise moves most points to another range step even if nothing in the scene moves."""
 
 SKETCH, LOOKED_UP, FEWEST_COMPARED = 128, 16, 16
-"""Points that stand for a scan; those of them by which earlier scans are looked up; and fewest that
-tell a share. An hour of ten scans a second takes 100 MB."""
+"""SKETCH: number of hashes that represent a scan. LOOKED_UP: number of these by which earlier scans
+are looked up. FEWEST_COMPARED: fewest hashes from which a share is estimated. An hour at ten scans
+per second takes 100 MB."""
 
 _MIXERS = tuple(np.uint32(value) for value in (0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F))
 
 
 class Sketch(NamedTuple):
-    """A sketch of a scan's points, by which a copy of it is known in any order of the rows.
+    """Sketch of a scan's points, by which copies are recognised in any order of the rows.
 
     Attributes
     ----------
     num_points : int
-        Points away from the origin: scanners write missing returns there.
+        Number of points that are not at the origin, where scanners write missing returns.
     everything, in_order : int
-        Sums of the hashes of all points, without regard to their order and with it.
+        Sums of the hashes of all points, independent of their order and dependent on it.
     smallest : (K,) uint64
         The smallest distinct hashes, ascending: a sample that copies share [Broder, On the
         resemblance and containment of documents, 1997].
@@ -48,13 +49,14 @@ class Sketch(NamedTuple):
 
 
 GROUPS, GROUP_BITS, FEWEST_SAME_GROUPS = 8, 16, 6
-"""Groups of points that an id sums up, bits of each sum, and how many are the same of scans that
-have the same points but for a few: a changed point changes two groups at most."""
+"""GROUPS: number of groups of points in an id. GROUP_BITS: bits of each group's sum.
+FEWEST_SAME_GROUPS: fewest equal sums of scans that have the same points except for one, which
+changes at most two groups."""
 
 
 @checked
 def points_id(points: ArrayLike) -> str:
-    """Return an id of a scan's points, which is the same in any order of the rows.
+    """Return an id of a scan's points that does not depend on the order of the rows.
 
     Parameters
     ----------
@@ -64,7 +66,7 @@ def points_id(points: ArrayLike) -> str:
     Returns
     -------
     str
-        32 hexadecimal digits; ids of scans that differ in one point differ in eight at most, see
+        32 hexadecimal digits; if one point differs, at most eight digits differ, see
         `are_same_points`. Empty if there are no points.
 
     Raises
@@ -74,7 +76,8 @@ def points_id(points: ArrayLike) -> str:
 
     Notes
     -----
-    It tells copies from each other, not forgeries: whoever wants to can make two scans with one id.
+    The id recognises copies. It is no protection against forgery: two scans with the same id can be
+    constructed.
 
     Examples
     --------
@@ -94,17 +97,17 @@ def points_id(points: ArrayLike) -> str:
 
 @checked
 def are_same_points(one: str, other: str) -> bool:
-    """Return whether two ids are of the same points, but for one that was changed.
+    """Return whether two ids belong to the same points, except for at most one changed point.
 
     Parameters
     ----------
     one, other : str
-        From `points_id`.
+        Ids from `points_id`.
 
     Returns
     -------
     bool
-        False where one of them is empty.
+        False if one of the ids is empty.
 
     Raises
     ------
@@ -135,15 +138,15 @@ def are_same_points(one: str, other: str) -> bool:
 
 
 def first_copies(ids: Sequence[str]) -> list[int | None]:
-    """Return the place of the first id before each one that is of the same points, or None.
+    """Return for each id the place of the first earlier id of the same points, or None.
 
     Parameters
     ----------
     ids : sequence of str
-        From `points_id`.
+        Ids from `points_id`.
     """
     digits = GROUP_BITS // 4
-    # One group of these at least is the same where FEWEST_SAME_GROUPS of all are.
+    # If FEWEST_SAME_GROUPS of all groups are equal, at least one of these is.
     starts = range(0, (GROUPS - FEWEST_SAME_GROUPS + 1) * digits, digits)
     places: defaultdict[tuple[int, str], list[int]] = defaultdict(list)
     found: list[int | None] = []
@@ -171,7 +174,7 @@ def sketch_of(points: NDArray[np.float32]) -> Sketch:
         return Sketch(0, 0, 0, np.empty(0, np.uint64))
     rows = np.arange(1, len(hashes) + 1, dtype=np.uint32) * _MIXERS[3]
     in_order = int((hashes ^ rows).sum(dtype=np.uint64))
-    most = 8 * SKETCH  # a scan of few distinct points has more copies than these, and is sorted
+    most = 8 * SKETCH  # if a scan of few distinct points has more, all are sorted
     few = np.flatnonzero(hashes < min(2.0 * most / len(hashes), 1.0) * 2.0**32)
     if len(few) < most < len(hashes):
         few = np.argpartition(hashes, most)[:most]
@@ -190,7 +193,7 @@ def _words(points: NDArray[np.float32]) -> NDArray[np.uint32]:
 
 
 def _hashes(words: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """A hash of each point: each bit of a coordinate turns half of its bits."""
+    """A hash of each point; a changed bit of a coordinate changes about half of its bits."""
     x, y, z = (words[:, k] for k in range(3))
     hashes = x * _MIXERS[0]
     for column in (y, z):
@@ -202,18 +205,18 @@ def _hashes(words: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 
 def _longer(hashes: NDArray[np.uint32], words: NDArray[np.uint32]) -> NDArray[np.uint64]:
-    """Hashes of 64 bits in the order of those of 32, by which two points are seldom the same."""
+    """Hashes of 64 bits in the order of the 32-bit hashes; equal hashes of two points are rare."""
     more = _hashes(words[:, ::-1])
     return (hashes.astype(np.uint64) << np.uint64(32)) | more
 
 
 def share_in_common(one: Sketch, other: Sketch) -> float:
-    """Return the share of the points of the smaller scan that the other one has, too; an estimate.
+    """Return an estimate of the share of the smaller scan's points that the other scan has, too.
 
     Parameters
     ----------
     one, other : Sketch
-        0 where one of them has too few points to tell.
+        Sketches of the scans; the result is 0 if one of them has too few points.
     """
     if min(one.num_points, other.num_points) == 0:
         return 0.0
@@ -228,7 +231,7 @@ def share_in_common(one: Sketch, other: Sketch) -> float:
 
 
 def in_common(one: Sketch, other: Sketch) -> str:
-    """Return in words what a scan has of another one; empty: no more than chance explains.
+    """Return in words which points two scans have in common; empty if fewer than copies have.
 
     Parameters
     ----------
@@ -244,7 +247,7 @@ def in_common(one: Sketch, other: Sketch) -> str:
 
 
 class EarlierScans:
-    """The scans of a drive so far, by which one that repeats an earlier one is known."""
+    """Memory of the scans of a drive, to recognise a scan that repeats an earlier one."""
 
     def __init__(self) -> None:
         self._sketches: list[Sketch] = []
@@ -252,13 +255,14 @@ class EarlierScans:
         self._first: dict[int, int] = {}
 
     def repeated(self, points: NDArray[np.float32], place: int) -> tuple[int, str] | None:
-        """Return the place of the earlier scan with these points, and what it has of them; or None.
+        """Return the place of an earlier scan with these points, and their share in words; or None.
 
         Parameters
         ----------
         points : (N, 3) float32
+            Points of the scan.
         place : int
-            Place of the scan in the drive, at which later ones find it.
+            Place of the scan in the drive, which is returned for later copies of it.
         """
         sketch = sketch_of(points)
         keys = sketch.smallest[:LOOKED_UP].tolist()

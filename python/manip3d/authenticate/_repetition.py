@@ -1,4 +1,4 @@
-"""Still backgrounds: parts of a depth image that never change while others do."""
+"""Find still backgrounds: parts of depth images that never change while other parts do."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
 
 _REGION = 32  # pixels
-_LEAST_VALID = 200  # pixels of a region that is looked at
-_LEAST_REGIONS = 4  # of 1024 pixels, that are looked at or never change
+_LEAST_VALID = 200  # measured pixels of a region that is judged
+_LEAST_REGIONS = 4  # of 1024 pixels, that are judged, and that never change
 
 
 def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
-    """Whether a part of the image never changes while another does, and what does."""
+    """Whether a part of the image never changes while another does, and masks of moving pixels."""
     shape = frames[0].depth.shape
     nothing = np.zeros((0, *shape), np.bool_)
     pairs = whole_pairs(frames)
@@ -47,13 +47,14 @@ def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
         return StreamReport("repetition", "processed", "all frames are the same", share), nothing
     if frozen.sum() < _LEAST_REGIONS or share < 0.05:
         return StreamReport("repetition", "no_trace", "depth changes everywhere", share), nothing
-    # By itself no evidence of an edit: codecs and filters over time repeat what hardly changes.
+    # No evidence of an edit by itself: codecs and temporal filters repeat depths that hardly
+    # change.
     reason = f"{share:.0%} of the image never changes in {len(pairs)} pairs of frames"
     return StreamReport("repetition", "processed", reason, share), _unfrozen(frames)
 
 
 def _by_region(mask: Mask) -> NDArray[np.int64]:
-    """Pixels of a mask in each region."""
+    """Number of pixels of a mask in each region."""
     height, width = (-(-side // _REGION) * _REGION for side in mask.shape)
     padded = np.zeros((height, width), np.bool_)
     padded[: mask.shape[0], : mask.shape[1]] = mask
@@ -62,8 +63,8 @@ def _by_region(mask: Mask) -> NDArray[np.int64]:
 
 
 def _unfrozen(frames: Sequence[RgbdFrame]) -> Mask:
-    """Measured pixels that do not show the value that their place shows in most frames."""
+    """Measured pixels whose depth is not the one that their place has in most frames."""
     depths = np.stack([frame.depth for frame in frames])
-    middle = np.sort(depths, axis=0)[len(depths) // 2]  # a value of most frames is the median
+    middle = np.sort(depths, axis=0)[len(depths) // 2]  # the value of most frames is the median
     usual = (depths == middle).mean(axis=0) >= 0.6
     return np.asarray((depths > 0) & ~(usual & (depths == middle)))

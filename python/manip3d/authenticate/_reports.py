@@ -1,4 +1,4 @@
-"""Reports of the detectors on a scan, and the verdict that follows from them."""
+"""Make the reports of the detectors on a scan, and combine them to an inspection."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 FORENSIC = ("density", "occlusion", "generic")
-"""Detectors I, II and III, which look at the scan alone."""
+"""Detectors I, II and III, which judge the scan alone."""
 
 LATTICE_CALIBRATION = Calibration(
     "simulated streets 80000 to 80050, ten frames each, which fixed no threshold: those stand on "
@@ -34,8 +34,8 @@ LATTICE_CALIBRATION = Calibration(
     "Below a p-value of 1 / 511 the rate of false alarms was not measured; it is what points that "
     "strayed alone would have.",
 )
-"""The clean frames that detector III was asked about: its p-values below 1 / 511 are a model's, and
-`inspect` states none that is smaller."""
+"""Clean frames on which detector III was tested. Smaller p-values than 1 / 511 would rest on a
+model alone, and `inspect` does not state them."""
 
 EXACT_CALIBRATION = Calibration(
     "simulated streets 90000 to 91019, one turn each of a Hesai Pandar40P, a PandarXT-32 or an "
@@ -44,7 +44,7 @@ EXACT_CALIBRATION = Calibration(
     0,
     "Of five real clouds of five such scanners no point is off its own lattice.",
 )
-"""The clean frames that detector III was asked about whose lattices are exact."""
+"""Clean frames with exact lattices on which detector III was tested."""
 
 
 def combined(
@@ -56,7 +56,7 @@ def combined(
     processing: tuple[Processing, ...],
     **results: Any,
 ) -> Inspection:
-    """The inspection of a scan with the verdict of all reports and of what was done to it."""
+    """The inspection of a scan with the combined verdict of reports and processing."""
     verdict = combined_verdict(reports, processing)
     return Inspection(
         verdict, reason_of(verdict, reports, processing), scan.num_points, sensor, processing,
@@ -67,11 +67,11 @@ def combined(
 def reason_of(
     verdict: Verdict, reports: Sequence[DetectorReport], processing: Sequence[Processing]
 ) -> str:
-    """The reason of a verdict: what was done to the scan, or that of the detector that decides."""
+    """The reason of a verdict: the processing, or the reason of the deciding detector."""
     if verdict == "processed" and processing:
         return "; ".join(f"{step.kind}: {step.detail}" for step in processing)
     if verdict == "undecidable":
-        last = reports[-1]  # has a score where it looked at the scan, but has no measured power
+        last = reports[-1]  # a score: it judged the scan, without known power
         has_said = last.score is not None and last.verdict == "undecidable"
         return last.reason if has_said else reports[0].reason
     deciding = next(r for r in reports if r.verdict == verdict)
@@ -79,7 +79,7 @@ def reason_of(
 
 
 def without_position(frame: LidarFrame, why: str) -> Inspection:
-    """The inspection of a scan that nobody can judge, as its scanner's position is not known."""
+    """The inspection of a scan that cannot be judged because its scanner's position is unknown."""
     reports = tuple(DetectorReport(name, "undecidable", why) for name in FORENSIC)
     return Inspection(
         "undecidable", why, frame.num_points, None, (), None, why, reports, scan=frame
@@ -136,7 +136,7 @@ def turns_report(
     sensor: Sensor,
     embedding: str,
 ) -> tuple[DetectorReport, ...]:
-    """Report of detector IV, or why it could not judge frames that were given; else none."""
+    """Report of detector IV, or why it could not judge the given frames; empty: none were given."""
     if turns is not None:
         return (report_of("turns", turns, position, known_power("turns", sensor, embedding)),)
     if any(other is None for other in beside) or (not why_not and sensor.name == HDL64E):
@@ -148,7 +148,7 @@ def turns_report(
 def reflectance_report(
     found: ReflectanceResult | None, position: Position, sensor: Sensor, embedding: str
 ) -> tuple[DetectorReport, ...]:
-    """Report of detector V if it was run."""
+    """Report of detector V; empty if it did not run."""
     if found is None:
         return ()
     setting = "reflectance" if found.with_turns else "reflectance alone"
@@ -159,7 +159,7 @@ def reflectance_report(
 def report_of(
     name: str, found: TurnResult | ReflectanceResult, position: Position, power: Mapping[str, Power]
 ) -> DetectorReport:
-    """The report of detector IV or V, whose boxes are seen from the scanner at ``position``."""
+    """Report of detector IV or V; boxes are moved from the scanner's frame to the scan's."""
     regions = tuple(
         Region(
             _moved(region.box, position),
@@ -180,6 +180,6 @@ def report_of(
 
 
 def _moved(box: Box, position: Position) -> Box:
-    """The box in the scan's own frame, which is seen from the scanner."""
+    """The box in the frame of the scan, from one in the frame of the scanner."""
     x, y, z = box.center
     return replace(box, center=(x + position[0], y + position[1], z + position[2]))

@@ -29,8 +29,9 @@ class CameraPair(NamedTuple):
     Attributes
     ----------
     rig : StereoRig
+        Geometry of the pair.
     left, right : int
-        Numbers of the cameras, whose pictures are in ``image_NN`` of the drive; 0 to 99.
+        Numbers of the cameras, 0 to 99; the pictures of camera NN are in ``image_NN`` of the drive.
     """
 
     rig: StereoRig
@@ -45,13 +46,14 @@ def write_rigs(pairs: Mapping[str, CameraPair], path: str | os.PathLike[str]) ->
     Parameters
     ----------
     pairs : mapping of str to CameraPair
+        Stereo pairs by name.
     path : path
-        Commands find ``rigs.json`` in the drive's folder without being told.
+        Path of the file; commands find ``rigs.json`` in the drive's folder by default.
 
     Raises
     ------
     InputError
-        No pair, or a camera out of range.
+        There is no pair, or the number of a camera is out of range.
     OSError
         The file cannot be written.
 
@@ -89,9 +91,9 @@ def read_rigs(path: str | os.PathLike[str]) -> dict[str, CameraPair]:
     Parameters
     ----------
     path : path
-        As `write_rigs` makes it: for each pair its name, the numbers of its cameras, focal length
-        and principal point in pixels, baseline in metres, and the left camera's pose in the
-        LiDAR's frame, a (4, 4) matrix.
+        JSON file of `write_rigs`. For each pair it has the name, the numbers of the cameras, focal
+        length and principal point in pixels, the baseline in metres, and the left camera's pose in
+        the LiDAR's frame, a (4, 4) matrix.
 
     Returns
     -------
@@ -101,9 +103,9 @@ def read_rigs(path: str | os.PathLike[str]) -> dict[str, CameraPair]:
     Raises
     ------
     FormatError
-        It is no such file.
+        The file is not a file of stereo pairs.
     OSError
-        It cannot be read.
+        The file cannot be read.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Clouds by the rings of a spinning scanner: which points are of one laser."""
+"""Assign the points of a cloud to the rings (lasers) of a spinning scanner."""
 
 from __future__ import annotations
 
@@ -20,34 +20,41 @@ if TYPE_CHECKING:
     Floats: TypeAlias = NDArray[np.float64]
 
 LEAST_EXACT = 0.8
-"""Share of the points of an exact cloud that are on lines, steps and ranges: edits spoil a few."""
+"""Least share of the points of an exact cloud that are on lines, steps and ranges; a few may be
+edited."""
 
 SAME_ELEVATION = 4e-7
-"""Radians between neighbours among the sorted elevations of a laser of an exact cloud, of which
-single precision leaves 1e-7."""
+"""Radians: largest difference between successive sorted elevations of one laser in an exact cloud;
+single precision causes 1e-7."""
 
 FEWEST_ALIKE = 3
-"""Fewest points at one elevation that make a laser: chance leaves two as near to each other."""
+"""Fewest points at one elevation that make a laser: two may be that close by chance."""
 
 MOST_RINGS = 256
-"""Lasers that a spinning scanner has at most."""
+"""Largest number of lasers of a spinning scanner."""
 
 BEGIN_OF_TURN = math.radians(2.0)
-"""Azimuth before that of the first point at which rings may begin, where azimuths descend."""
+"""Radians: if azimuths descend, rings may begin up to this before the azimuth of the first
+point."""
 
 FEWEST_POINTS = 100
-"""A ring with fewer points is not taken for one, unless the frame says which points are its own."""
+"""Fewest points of a ring that is found from the order of points."""
 
 FEWEST_LABELLED = 8
-"""Fewest points of a ring that the frame names: enough to tell a line from an object."""
+"""Fewest points of a ring that the frame itself labels: enough to distinguish a line from an
+object."""
 
 NEAREST = 0.5
-"""Metres from the axis: nearer there is the scanner's own case, or no return at all."""
+"""Metres from the axis: nearer points are the scanner's own case, or no returns."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points that are not the scanner's own case, and the laser of each: -1 if none is known."""
+    """Points outside of the scanner's own case, with the laser of each.
+
+    ``there`` marks them among the frame's rows. ``labels`` are numbers of lasers, -1 if unknown;
+    ``is_by_order``: they were found from the order of points.
+    """
 
     there: NDArray[np.bool_]
     points: Floats
@@ -86,7 +93,7 @@ class Cloud:
 
 
 def _by_exact_elevation(rho: Floats, z: Floats) -> NDArray[np.int64] | None:
-    """Ring of each point, -1 where it has none, if elevations are the same in each; else None."""
+    """Ring of each point (-1: none) if each laser has one constant elevation; else None."""
     elevation = np.arctan2(z, rho)
     order = np.argsort(elevation, kind="stable")
     run = np.cumsum(np.r_[False, np.diff(elevation[order]) > SAME_ELEVATION])
@@ -101,11 +108,11 @@ def _by_exact_elevation(rho: Floats, z: Floats) -> NDArray[np.int64] | None:
 
 
 def _by_order(azimuth: Floats) -> NDArray[np.int64]:
-    """Number of the ring of each point of a file that has ring after ring."""
+    """Ring of each point of a file with ring after ring."""
     if len(azimuth) < 2:
         return np.zeros(len(azimuth), np.int64)
     step, back = np.diff(azimuth), -math.pi
-    if np.median(step) < 0.0:  # clockwise, from wherever the first ring begins
+    if np.median(step) < 0.0:  # clockwise, from the azimuth of the first point
         step = np.diff(np.mod(azimuth[0] + BEGIN_OF_TURN - azimuth, 2.0 * math.pi))
         back = -1.0
     return np.cumsum(np.r_[False, step < back])

@@ -1,4 +1,4 @@
-"""How dangerous an attack is for the car: the risk factor of dissertation section 7.3.3."""
+"""Risk of an attack for the car: the risk factor of dissertation section 7.3.3."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ATTACK_TYPES: Mapping[str, float] = ReadOnlyMapping(
         "additive": 1.0,
         "subtractive": 1.0,
         "both": 0.95,
-        "modification": 0.95,  # cannot be told apart further: the worst of the three below
+        "modification": 0.95,  # unknown which of the three below: the worst of them
         "translation": 0.95,
         "rotation": 0.5,
         "replacement": 0.3,
@@ -33,8 +33,8 @@ ATTACK_TYPES: Mapping[str, float] = ReadOnlyMapping(
 """Types of attack and their factor f_alpha, as in the authors' tool."""
 
 _FEWEST_FRAMES, _MOST_FRAMES = 5, 720
-_FARTHEST_M = 1e6  # metres, and radians, that nothing moves in a frame
-_OBSERVED_M = 100.0  # the way over which the past counts (section 7.3.3)
+_FARTHEST_M = 1e6  # largest motion per frame: metres, and radians
+_OBSERVED_M = 100.0  # metres: the past counts over this way (section 7.3.3)
 
 
 @checked
@@ -45,23 +45,24 @@ class RiskParameters:
     Attributes
     ----------
     reaction_s : float, seconds
-        Time before braking begins, t_r.
+        Reaction time before braking begins, t_r.
     braking_mps2 : float, m/s^2
         Deceleration, a.
     fps : float
         Frames per second.
     nearest_m : float, metres
-        The safety region begins this far ahead of the scanner.
+        Begin of the safety region, ahead of the scanner.
     half_width_m : float, metres
-        The safety region reaches this far to each side.
+        Extent of the safety region to each side.
     bottom_m, top_m : float, metres
-        The safety region's lowest and highest place, above the scanner.
+        Lowest and highest height of the safety region, relative to the scanner.
     sigma_m : float, metres
-        How far the place of an attack may move from one frame to the next to be the same.
+        Standard deviation of the place of one attack between two frames, in the Gaussian of f_s.
     low, high : float
-        Scores below ``low`` are low, from ``high`` on high, medium between.
+        Scores below ``low`` are low, scores of at least ``high`` are high, others medium.
     paper_literal : bool
-        f_s is the correlation of (d, theta) as printed. Of two pairs that is always +1 or -1.
+        Compute f_s as printed, as the correlation of two pairs (d, theta), which is always +1, -1
+        or 0.
     """
 
     reaction_s: float = 1.5
@@ -114,7 +115,7 @@ class RiskParameters:
         Parameters
         ----------
         points : (..., 3), metres
-            In the LiDAR's frame: ahead, to the left, up.
+            Points in the LiDAR's frame: ahead, to the left, up.
         speed_mps : float, m/s
             Speed of the car: the box ends at the stopping distance.
 
@@ -125,7 +126,7 @@ class RiskParameters:
         Raises
         ------
         InputError
-            Points of another shape, a negative speed.
+            ``points`` has another shape, or ``speed_mps`` is negative.
 
         Examples
         --------
@@ -181,12 +182,12 @@ class AttackObservation:
     type : str
         One of `ATTACK_TYPES`.
     position : (float, float), metres
-        Nearest place of the attacked region in the LiDAR's frame: ahead, to the left.
+        Nearest point of the attacked region in the LiDAR's frame: ahead, to the left.
     changed : int
-        Cells of the range image in the safety region that were changed: with something added, or
-        with a return missing.
+        Number of changed cells of the range image in the safety region: with an added point, or
+        with a missing return.
     cells : int
-        All cells of the safety region that can be judged.
+        Number of all cells of the safety region that can be judged.
     """
 
     type: str
@@ -204,12 +205,12 @@ class AttackObservation:
 
     @property
     def distance(self) -> float:
-        """Metres over the ground."""
+        """Distance along the ground, metres."""
         return math.hypot(*self.position)
 
     @property
     def angle_rad(self) -> float:
-        """Angle to straight ahead, counter-clockwise."""
+        """Angle from straight ahead, radians, counter-clockwise."""
         return math.atan2(self.position[1], self.position[0])
 
 
@@ -220,19 +221,20 @@ class Risk:
     Attributes
     ----------
     factor : float
-        R_f as printed: the product of ``factors``, 0 to 1 (as printed, f_s may be negative).
+        R_f as printed: the product of ``factors``, 0 to 1 (with ``paper_literal``, f_s may be
+        negative).
     score : float
-        Their geometric mean, 0 to 1: six factors below 1 multiply to nearly nothing.
+        Geometric mean of ``factors``, 0 to 1; the product of six factors below 1 is nearly 0.
     level : str
         ``low``, ``medium`` or ``high`` by ``score``; ``none`` while none of the last ``frames``
         frames shows an attack.
     action : str
-        What to do at this level.
+        Recommended action at this level.
     factors : mapping of str to float
         ``distance``, ``number``, ``angle``, ``type``, ``space``, ``time`` in a frame with an
         attack; only ``space`` and ``time`` in a clean one.
     frames, attacked_frames : int
-        X_n, the length of the window, and x_n, how many of its frames show an attack.
+        X_n, the number of frames of the window, and x_n, the number of these with an attack.
     """
 
     factor: float
@@ -268,18 +270,19 @@ ACTIONS: Mapping[str, str] = ReadOnlyMapping(
 
 
 class _Past(NamedTuple):
-    """Places of the attacks that the witnesses of one frame saw; empty: the frame is clean."""
+    """Places of the attacks in one frame, by all witnesses; empty: the frame is clean."""
 
-    places: tuple[tuple[float, float], ...]  # in the frame of the first
-    polars: tuple[tuple[float, float], ...]  # distance and angle, as the frame itself saw them
+    places: tuple[tuple[float, float], ...]  # (x, y) in the axes of the first frame
+    polars: tuple[tuple[float, float], ...]  # (distance, angle) in the frame's own axes
 
 
 class RiskTracker:
-    """The risk of one stream of frames, with the memory that f_s and f_t need.
+    """The risk of one stream of frames, with the past frames that f_s and f_t need.
 
     Parameters
     ----------
     parameters : RiskParameters, optional
+        Default: ``RiskParameters()``.
 
     Notes
     -----
@@ -306,7 +309,8 @@ class RiskTracker:
     def reset(self) -> None:
         """Forget all frames."""
         with self._lock:
-            # One more than X_n: the oldest frame of the window is compared with the one before.
+            # One more than X_n, because the oldest frame of the window is compared with its
+            # predecessor.
             self._past: deque[_Past] = deque(maxlen=_MOST_FRAMES + 1)
             self._pose = (0.0, 0.0, 0.0)
 
@@ -324,20 +328,20 @@ class RiskTracker:
         Parameters
         ----------
         attack : AttackObservation or None
-            None: the frame is clean.
+            Attack in the frame; None: the frame is clean.
         speed_mps : float, m/s
             Speed of the car, >= 0.
         motion : (float, float, float)
-            How the car moved since the previous frame: metres ahead and to the left, and radians
-            counter-clockwise. Zeros where it is not known.
+            Motion of the car since the previous frame: metres ahead and to the left, and radians
+            counter-clockwise; zeros if unknown.
         others : sequence of AttackObservation
-            What further witnesses saw in the frame. The gravest counts, so that no witness can make
-            the risk smaller than it is by what another one saw.
+            Observations of further witnesses in the frame. The gravest one counts, so that no
+            witness can reduce the risk that another one sees.
 
         Raises
         ------
         InputError
-            A negative speed, numbers that are not finite, a motion of more than 1e6 metres.
+            A speed is negative, a number is not finite, or a motion exceeds 1e6 metres or radians.
         """
         check_movement(speed_mps, motion)
         with self._lock:
@@ -376,7 +380,7 @@ class RiskTracker:
 
 
 def _factors(attack: AttackObservation, safe: float) -> dict[str, float]:
-    """The factors of a frame by itself."""
+    """The factors that depend on a single frame."""
     return {
         "distance": max(0.0, (safe - attack.distance) / safe) if safe > 0.0 else 0.0,
         "number": attack.changed / attack.cells if attack.cells else 0.0,
@@ -386,23 +390,23 @@ def _factors(attack: AttackObservation, safe: float) -> dict[str, float]:
 
 
 def _gravity(factors: Mapping[str, float]) -> tuple[float, float]:
-    """Orders attacks; where one factor is 0, by the others."""
+    """Sort key of attacks: the product of the factors; if products are 0, their sum."""
     return math.prod(factors.values()), sum(factors.values())
 
 
 @checked
 def temporal_factor(attacked: Sequence[bool], *, frames: int = 0) -> float:
-    """Return f_t = (x_n / X_n) (c_n / X_n), how much and how recently a stream was attacked.
+    """Return f_t = (x_n / X_n) (c_n / X_n), which grows with the share and recency of attacks.
 
-    x_n of the last X_n frames were attacked; c_n is X_n where the newest one was, and one less for
-    each clean frame since the last attack.
+    x_n is the number of attacked frames of the last X_n frames. c_n is X_n minus the number of
+    clean frames since the last attack.
 
     Parameters
     ----------
     attacked : sequence of bool
         Whether each frame was attacked, the oldest frame first; frames before them count as clean.
     frames : int
-        X_n, the number of frames that count; 0: as many as given.
+        X_n, the number of frames that count; 0: all given frames.
 
     Returns
     -------
@@ -412,7 +416,7 @@ def temporal_factor(attacked: Sequence[bool], *, frames: int = 0) -> float:
     Raises
     ------
     InputError
-        No frames, or more than X_n.
+        ``attacked`` is empty, or has more than X_n frames.
 
     Examples
     --------
@@ -426,12 +430,12 @@ def temporal_factor(attacked: Sequence[bool], *, frames: int = 0) -> float:
     flags = [bool(each) for each in attacked]
     if True not in flags:
         return 0.0
-    since = flags[::-1].index(True)  # c_n falls by one in each clean frame
+    since = flags[::-1].index(True)  # number of clean frames since the last attack
     return sum(flags) * max(0, count - since) / (count * count)
 
 
 def _spatial(past: Sequence[_Past], count: int, p: RiskParameters) -> float:
-    """f_s, the mean over X_n pairs of neighbouring frames; 0 where either is clean."""
+    """f_s, the mean over X_n pairs of neighbouring frames; a pair with a clean frame counts 0."""
     total = 0.0
     for before, after in itertools.pairwise(past):
         if p.paper_literal:
@@ -458,7 +462,7 @@ def _in_first_frame(
 def moved(
     pose: tuple[float, float, float], motion: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Return the place and direction of a car that moved on from a pose."""
+    """Return the pose (x, y, yaw) of a car after a motion in its own axes."""
     x, y, yaw = pose
     cosine, sine = math.cos(yaw), math.sin(yaw)
     ahead, left, turn = motion
@@ -472,7 +476,7 @@ def _level(score: float, p: RiskParameters) -> str:
 
 
 def check_movement(speed_mps: float, motion: tuple[float, float, float]) -> None:
-    """Refuse a speed or a motion that `RiskTracker.update` cannot use."""
+    """Raise InputError for a speed or a motion that `RiskTracker.update` cannot use."""
     _check_speed(speed_mps)
     if not all(math.isfinite(value) for value in motion):
         raise InputError(f"motion: expected finite numbers, got {motion}")

@@ -1,4 +1,4 @@
-"""Coordinates that were rounded, scaled or moved as a whole: what their digits and lines say."""
+"""Recognise coordinates that were rounded, scaled or moved as a whole."""
 
 from __future__ import annotations
 
@@ -20,40 +20,45 @@ if TYPE_CHECKING:
     from manip3d.authenticate._sensors import Sensor
 
 ROUNDINGS = (0.1, 0.05, 0.02, 0.01, 0.005)
-"""Metres that files are rounded to, the coarsest first; scanners write 2 mm and less."""
+"""Steps of roundings, metres, the coarsest first; scanners write steps of 2 mm and less."""
 
 FINE_ROUNDINGS = (0.002, 0.001)
-"""Metres: the same of files of an HDL-64E, whose own ranges are steps of 2 mm and whose coordinates
-are whole millimetres, where the scan contradicts both."""
+"""Further steps, metres, for scans of an HDL-64E that contradict the scanner's own steps: its
+ranges are multiples of 2 mm, and its coordinates whole millimetres."""
 
 OF_ROUNDING = 0.5
-"""Share of the step of a rounding that points may be off the lines for it, in the median."""
+"""Largest median distance from the lines that a rounding explains, in its steps."""
 
 OWN_ROUNDING = 0.0005
-"""Metres: the median distance of a scan's points from the scanner's lines, at most, which the
-roundings of its own files leave (0.25 mm in KITTI)."""
+"""Metres: largest median distance from the lines that is due to the rounding of the scanner's own
+files (0.25 mm in KITTI)."""
 
 NEAR_STEPS, LEAST_STEP, MOST_STEP, FEWEST_STEPS, MOST_STEPS_APART = 32.0, 2e-5, 0.1, 50, 32
-"""Metres up to which single precision leaves coordinates apart that are a step apart; the smallest
-and the largest step that is looked for, metres; different coordinates, at least; and steps between
-two that are next to each other, at most: whole millimetres leave most of finer steps out."""
+"""Search for the step of coordinates. NEAR_STEPS, metres: only smaller coordinates are used, for
+which single precision distinguishes steps. LEAST_STEP and MOST_STEP, metres: limits of the step.
+FEWEST_STEPS: fewest different coordinates. MOST_STEPS_APART: largest number of steps between
+successive different coordinates; rounding to whole millimetres before leaves most of finer steps
+unused."""
 
 SAME_STEP = 1e-5
-"""Share of a step by which steps of two axes that are the same may differ."""
+"""Largest relative difference of the steps of two axes that count as equal."""
 
 SINGLE = 2.0**-23
-"""Share of a coordinate that single precision may add to the difference of two."""
+"""Relative error of the difference of two coordinates in single precision."""
 
 NEAR_SCALED, FEWEST_SCALED, LEAST_SCALED, OFF_SCALED = (8.0, 25.0), 1000, 0.002, 0.001
-"""Metres; points; a difference from 1; metres. Points that were scaled stand so near to lines of
-the scanner whose offsets were scaled as well, where lines are apart by more."""
+"""Coordinates were scaled if the lines of the scanner fit after scaling their offsets, too: at
+least FEWEST_SCALED points at distances within NEAR_SCALED (metres), where lines are far apart, have
+a median error of at most OFF_SCALED metres. The factor differs from 1 by at least LEAST_SCALED."""
 
 FAR_DIGITS, FEWEST_FAR_DIGITS = 10.0, 1000
-"""Metres from which on coordinates of so many significant digits are whole numbers of a tenth, a
-hundredth or a thousandth, and nearer ones are not; and coordinates that tell."""
+"""Coordinates with few significant digits are multiples of a tenth or a hundredth of a metre if
+they are at least FAR_DIGITS metres, but smaller ones are not. At least FEWEST_FAR_DIGITS such
+coordinates are needed."""
 
 SAMPLE, FEW = 5000, 20
-"""Points that are looked at before all are, and one of how many of them before that."""
+"""Tests are made on about SAMPLE points before all points; and before these, on one of FEW of
+them."""
 
 
 def processing_off_lattice(
@@ -61,14 +66,14 @@ def processing_off_lattice(
     sensor: Sensor,
     reading: LatticeReading | None,
 ) -> list[Processing]:
-    """Say why points lie beside the lines of the scanner, unless a rounding explains it.
+    """Return the processing that moved points off the lines; empty if a known rounding explains it.
 
     Parameters
     ----------
     points : (N, 3) float32
     sensor : Sensor
     reading : LatticeReading or None
-        Where the points lie on the sensor's lattice; None: it is read here.
+        Places of the points on the sensor's lattice; None: they are computed here.
     """
     rounding = _rounding(points, sample_of(points), ROUNDINGS)
     if rounding is not None and sensor.off_lattice <= OF_ROUNDING * rounding[0]:
@@ -90,9 +95,9 @@ def processing_off_lattice(
 def _factor_of(
     points: NDArray[np.float32], sensor: Sensor, reading: LatticeReading | None
 ) -> float | None:
-    """The factor by which all coordinates were multiplied; None: that leaves them off the lines.
+    """The factor by which all coordinates were multiplied; None if scaling does not fit.
 
-    It changes the offset of each line and no slope.
+    Scaling changes the offsets of the lines but not their slopes.
     """
     lattice = sensor.lattice
     if lattice is None:
@@ -135,9 +140,9 @@ def sample_of(points: NDArray[np.float32]) -> NDArray[np.float32]:
 def finely_rounded(
     points: NDArray[np.float32], lattice: SensorLattice | None, reading: LatticeReading | None
 ) -> list[Processing]:
-    """Find a rounding to steps, as other scanners write or to any, that explains where points lie.
+    """Find a rounding to some step that explains the points' distances from the lines.
 
-    That to the scanner's own steps, counted from 0, tells nothing.
+    Multiples of the scanner's own step of 1 mm are no processing.
 
     Parameters
     ----------
@@ -145,7 +150,7 @@ def finely_rounded(
     lattice : SensorLattice or None
         Lattice of the scanner.
     reading : LatticeReading or None
-        Where the points lie on it; None: it is read here.
+        Places of the points on the lattice; None: they are computed here.
     """
     rounding = _rounding(points, sample_of(points), FINE_ROUNDINGS)
     if rounding == (FINE_ROUNDINGS[-1], _in_words(FINE_ROUNDINGS[-1])) or lattice is None:
@@ -162,7 +167,7 @@ def finely_rounded(
 def _scaled_to_step(
     points: NDArray[np.float32], steps: Sequence[float], lattice: SensorLattice
 ) -> Processing | None:
-    """The factor that made the scanner's own step the step of all axes; None: that was not it."""
+    """The scaling that makes the scanner's own step the step of all axes; None: none does."""
     if not lattice.coordinate_step or np.ptp(steps) > SAME_STEP * min(steps):
         return None
     factor = steps[0] / lattice.coordinate_step
@@ -173,7 +178,7 @@ def _scaled_to_step(
 
 
 def _rounded_to_steps(steps: Sequence[float]) -> Processing:
-    """The rounding to one step, or to one of each axis."""
+    """Rounding to one step, or to a step for each axis."""
     several = [f"{1000.0 * step:.3g}" for step in steps]
     words = " and ".join(
         (", ".join(several[:-1]), several[-1]) if len(set(several)) > 1 else several[:1]
@@ -182,16 +187,16 @@ def _rounded_to_steps(steps: Sequence[float]) -> Processing:
 
 
 def _steps_of_axes(points: NDArray[np.float32]) -> list[float]:
-    """Steps, in metres, of which x, y and z are whole numbers from a place; empty: one is not."""
+    """Steps of x, y and z, metres, from any offset; empty if one of them has no step."""
     steps = [_step_of(coordinates) for coordinates in points.T]
     return [] if None in steps else [step for step in steps if step is not None]
 
 
 def _step_of(coordinates: NDArray[np.float32]) -> float | None:
-    """The step, in metres, of which coordinates are whole numbers from a place; None: of none.
+    """Step of coordinates from any offset, metres; None if there is none.
 
-    The smallest difference between two is a few steps, and counting them from one coordinate to the
-    next tells the step exactly.
+    The smallest difference of two coordinates is a few steps. Counting steps from each coordinate
+    to the next, and fitting a line, gives the exact step.
     """
     values = np.unique(coordinates[np.abs(coordinates) < NEAR_STEPS]).astype(np.float64)
     if len(values) < FEWEST_STEPS:
@@ -213,8 +218,10 @@ def _step_of(coordinates: NDArray[np.float32]) -> float | None:
 def _rounding(
     points: NDArray[np.float32], some: NDArray[np.float32], steps: Sequence[float]
 ) -> tuple[float, str] | None:
-    """The coarsest of some steps that all coordinates are whole numbers of, or are so from a place
-    that the file states, as of LAS; in words, too."""
+    """The coarsest of some steps of which all coordinates are multiples, and a description.
+
+    Multiples may be counted from 0, or from an offset, as in LAS files.
+    """
     few, place = some[::FEW], some[0].astype(np.float64)
     for step in steps:
         if _are_rounded((few, some, points), step):
@@ -229,7 +236,7 @@ def _in_words(step: float) -> str:
 
 
 def _rounded_to_digits(points: NDArray[np.float32], some: NDArray[np.float32]) -> Processing | None:
-    """Coordinates of three or four digits: far ones are whole numbers, and near ones are not."""
+    """Rounding to three or four significant digits; None if there is none."""
     few = some[::FEW]
     for step, words in ((0.1, "three"), (0.01, "four")):
         if not _are_rounded((_far_of(few), _far_of(some)), step):
@@ -243,7 +250,7 @@ def _rounded_to_digits(points: NDArray[np.float32], some: NDArray[np.float32]) -
 
 
 def _far_of(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Coordinates of two digits before the point."""
+    """Coordinates with two digits before the decimal point."""
     lengths = np.abs(points)
     return points[(lengths >= FAR_DIGITS) & (lengths < 10.0 * FAR_DIGITS)]
 
@@ -251,7 +258,7 @@ def _far_of(points: NDArray[np.float32]) -> NDArray[np.float32]:
 def _are_rounded(
     samples: Sequence[NDArray[np.float32]], step: float, start: NDArray[np.float64] | float = 0.0
 ) -> bool:
-    """Whether coordinates are whole numbers of a step: first of a few, which are quick to try."""
+    """Whether coordinates are whole multiples of a step; small samples are tested first."""
     *tried, points = samples
     return all(
         len(each) > 0 and share_rounded(each, step, start) > least
@@ -267,7 +274,7 @@ def _is_float16(points: NDArray[np.float32]) -> bool:
 def share_rounded(
     points: NDArray[np.float32], step: float, start: NDArray[np.float64] | float = 0.0
 ) -> float:
-    """Return the share of coordinates that are whole numbers of a step from a place.
+    """Return the share of coordinates that are whole multiples of a step from an offset.
 
     Parameters
     ----------

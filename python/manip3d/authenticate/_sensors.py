@@ -1,4 +1,4 @@
-"""Which scanner made this scan? Told from the angles of its points."""
+"""Identify the scanner that made a scan from the angles of its points."""
 
 from __future__ import annotations
 
@@ -46,83 +46,92 @@ BEAMS: Mapping[str, Floats] = MappingProxyType(
         "Hesai PandarXT-32": np.arange(-16.0, 15.1, 1.0),
     }
 )
-"""Elevations of the lasers in degrees, as the makers' manuals print them."""
+"""Elevations of the lasers, degrees, from the makers' manuals."""
 
 BEAM_WIDTH = 0.12
-"""Degrees around a nominal elevation: calibrations of single units differ by less."""
+"""Largest deviation from a nominal elevation, degrees: calibrations of single units differ by
+less."""
 
 FEWEST_POINTS, FEWEST_RINGS = 1000, 16
 """Fewest points and rings of a scan on a lattice."""
 
 LEAST_OF_FEW_RINGS = 0.8
-"""Share of the points of fewer rings of an HDL-64E that lie on the lines and the steps of azimuth,
-as rows cut out of a file do. It is 1.00 in 940 pieces of 1200 to 20 000 rows of KITTI's frames, and
-0.28 at most in 916 such pieces of 19 clouds of other scanners."""
+"""A scan with fewer rings, as a part of a file, is recognised as one of an HDL-64E if more than
+this share of its points lies on the lines and on the steps of azimuth. The share is 1.00 in 940
+pieces of 1200 to 20 000 rows of KITTI's frames, and at most 0.28 in 916 such pieces of 19 clouds of
+other scanners."""
 
 FEWEST_OF_RING, MOST_OF_RINGS = 50, 0.8
-"""Fewest points of a ring whose median elevation tells its laser, and share of the rings that stand
-at a maker's elevation: a car's motion moves rings that see little but one direction."""
+"""FEWEST_OF_RING: fewest points of a ring for its median elevation. MOST_OF_RINGS: least share of
+rings at the nominal elevations of a model; the motion of a car moves rings that mostly see one
+direction."""
 
 FAR = 2.0
-"""Metres: nearer, offsets of the lasers blur the elevations."""
+"""Metres: nearer points are ignored, because offsets of the lasers blur their elevations."""
 
 FEWEST_DISTINCT = 500
-"""Fewest distinct ones among 20 000 points; copies of fewer are not a scan."""
+"""Fewest distinct points among 20 000; copies of fewer points are no scan."""
 
 SECTORS, FEWEST_OF_SECTOR, FEWEST_SECTORS = 72, 100, 8
-"""Sectors of the horizon, fewest points of one that counts, and fewest sectors that count."""
+"""Number of sectors of the horizon, fewest points of a sector that counts, and fewest such
+sectors."""
 
 NEAR_LINES = 0.02
-"""Metres: a cloud of the scanner that was moved, rounded or deskewed stays as near to the lines."""
+"""Metres: points of the scanner's clouds remain that near to its lines after small moves, rounding
+or deskewing."""
 
 TERRESTRIAL_ROWS, IN_ROWS = 160, 0.95
-"""A spinning scanner has 128 lasers at most; a terrestrial one looks along more elevations. That
-many rows are needed to hold so large a share of the points: a few stray ones, as of rain, stand in
-rows in which no laser looks. Simulated scans of 0.34 degrees need 190 and more."""
+"""A scan is terrestrial only if at least TERRESTRIAL_ROWS rows of elevation are needed for the
+share IN_ROWS of its points. A spinning scanner has at most 128 lasers, and a few stray points, as
+of rain, in rows without a laser. Simulated terrestrial scans of 0.34 degrees need at least 190
+rows."""
 
 LEAST_FILLED, MOST_AGAIN = 0.3, 0.25
-"""Share of the cells of a terrestrial scanner's grid above which one is filled, too, at least; and
-further points in a cell, at most, as a part of that share. Chance puts more than half of it there.
-A pump room fills 0.99 and its half drawn at random 0.5, both nearly without further points; rounded
-to steps of 0.05 to 0.2 degrees an Ouster, an HDL-32E and a Pandar64 fill 0.11 at most, and a Livox
-0.33, as by chance."""
+"""LEAST_FILLED: least share of occupied cells of a terrestrial scanner's grid below another
+occupied cell. MOST_AGAIN: largest mean number of further points per cell, divided by that share; it
+exceeds 0.5 for random directions. The share is 0.99 in a pump room and 0.5 in a random half of it,
+both almost without further points. With directions rounded to steps of 0.05 to 0.2 degrees it is at
+most 0.11 for an Ouster, an HDL-32E and a Pandar64, and 0.33 for a Livox, as by chance."""
 
 TERRESTRIAL_STEP = 0.35
-"""Degrees between rows; detectors I and II are calibrated for finer grids."""
+"""Largest spacing of rows, degrees; detectors I and II are calibrated for finer grids."""
 
 MOST_MEDIAN = 200.0
-"""Median distance from the scanner of points in metres, at most. In millimetres whatever is in a
-room is farther away, and the gaps that detector II looks for are those between any two points."""
+"""Largest median distance from the scanner of points in metres. In millimetres, points of a room
+are farther away, and any two points would have a gap for detector II."""
 
 MOST_LASERS = 128
 
 LARGEST_SLOPE_ERROR = 2e-4
-"""Standard error of a line's slope, of a lattice that is estimated from one scan and accuses it.
-Whole frames of KITTI reach 9e-5; camera crops, whose lattices accuse clean points, 2e-4 to 1e-3."""
+"""Largest standard error of a line's slope in a lattice that is estimated from a single scan and
+judges it. It is at most 9e-5 in whole frames of KITTI, and 2e-4 to 1e-3 in camera crops, whose
+lattices accuse clean points."""
 
 FEWEST_LINES = 60
-"""Fewest lines, of the 64 lasers of the only scanner whose encoder's steps its clouds keep."""
+"""Fewest lines of an HDL-64E's 64 lasers; no other scanner's clouds that are not exact keep the
+steps of the encoder."""
 
 FEWEST_EXACT_RINGS, MOST_OFF_EXACT = 8, 0.001
-"""Lasers of the smallest scanners; and share of the points of a direction that are off an exact
-lattice, in the median of directions. Of five clouds of five scanners by Hesai and Ouster none is,
-nor is any of Velodyne's packets of three scanners, whose azimuths have no steps."""
+"""FEWEST_EXACT_RINGS: number of lasers of the smallest scanners. MOST_OFF_EXACT: largest share of
+points of a sector off an exact lattice, as a median over the sectors. No point is off in five
+clouds of five scanners by Hesai and Ouster, or in Velodyne's packets of three scanners, whose
+azimuths have no steps."""
 
 SURELY_EXACT, MOST_BETWEEN = 40.0, 0.5
-"""Metres within which single precision leaves less than a quarter of the tolerance of an exact
-lattice; and points whose errors lie between that and the tolerance, at most, as a part of those
-that are farther off. What was moved by whole centimetres leaves 0.05, and up to 0.25 where steps
-are short. A cloud that was turned, deskewed or rounded by a little has more of them than points
-that are off."""
+"""SURELY_EXACT: coordinates below this, metres, have an error of less than a quarter of the
+tolerance of an exact lattice in single precision. MOST_BETWEEN: largest ratio of the number of
+points with errors between a quarter of the tolerance and the tolerance to the number of points
+beyond it. Objects that were moved by centimetres leave 0.05, and up to 0.25 if steps are short. In
+a cloud that was turned, deskewed or rounded by a little, the ratio exceeds 1."""
 
 MOST_EDITED = 0.1
-"""Share of the points of a scan that may be off an exact lattice: more are another scanner's. A car
-5 m from the scanners that were looked at is 0.07."""
+"""Largest share of a scan's points off an exact lattice; with more, a scan of another scanner was
+fused with it. A car 5 m from the tested scanners has 0.07."""
 
 UNIT_TOLERANCE = 0.75
-"""Degrees by which a laser of an HDL-64E may look higher or lower than that of KITTI's unit. The
-nominal angles of the manual are 0.51 off at most; scanners of 64 lasers by other makers, 7 and
-more."""
+"""Largest difference, degrees, of the elevations of corresponding lasers of an HDL-64E and of
+KITTI's unit. The nominal angles of the manual differ by at most 0.51; those of scanners with 64
+lasers by other makers by at least 7."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,24 +145,24 @@ class Sensor:
         ``terrestrial scanner``, or ``unknown``.
     kind : str
         ``lattice``: a spinning scanner whose lattice is known, which detector III judges;
-        ``spinning``: another one; ``terrestrial``: a grid of azimuth and elevation, which detectors
-        I and II are calibrated for; ``non-repetitive``; ``unknown``.
+        ``spinning``: another spinning scanner; ``terrestrial``: a grid of azimuth and elevation,
+        for which detectors I and II are calibrated; ``non-repetitive``; ``unknown``.
     reason : str
-        What tells it.
+        How the scanner was recognised, or why not.
     lattice : SensorLattice or None
-        Lattice of the scanner, where it is known.
+        Lattice of the scanner; None: unknown.
     off_lattice : float
-        Metres: median distance of the points from the lines of the lattice, where they were moved
-        off them; 0: they lie on it.
+        Median distance, metres, of the points from the lines if they were moved off them; 0: they
+        lie on the lines.
     turned : str
-        How the axes of the scan are rotated against x forward, y left, z up; empty: they are not.
+        Axes of the scan if they are not x forward, y left, z up; else empty.
     unit : str
         Unit of the scan's coordinates: ``millimetres``, ``centimetres``, ``inches`` or ``feet``;
-        empty: metres, or not known.
+        empty: metres, or unknown.
     is_own : bool
-        Whether the lattice was read off the scan itself, or is exact. Such a lattice says where
-        returns of its lasers lie; not whether the scanner has further lasers above or below them,
-        in which order it writes its points, or where it looks.
+        Whether the lattice was estimated from the scan itself, or is exact. Such a lattice states
+        where returns of its lasers lie, but not whether the scanner has further lasers above or
+        below, in which order it writes its points, or its field of view.
     """
 
     name: str
@@ -167,15 +176,16 @@ class Sensor:
 
 
 SAME_HEIGHT, LEAST_LIFTED, LEAST_IN_STEP = 0.01, 0.8, 0.9
-"""Metres; share of the lasers: so many of a scanner that was lifted are lifted alike; share of the
-points: the heights of its files are whole millimetres, lifted by the same part of one."""
+"""A cloud was moved up or down if at least the share LEAST_LIFTED of the lasers has the same change
+of offset, to SAME_HEIGHT metres, and if the heights of at least the share LEAST_IN_STEP of the
+points are whole millimetres plus the same part of one."""
 
 FARTHEST_HEIGHT = 1e6
-"""Metres: heights of markers farther away are no returns, and may have no whole nanometres."""
+"""Metres: heights are clipped to this; larger ones are markers, not returns, and may overflow."""
 
 PARTS_OF_STEP, WITHIN_STEP = 16, 8
-"""Parts of a step, the fullest of which tells where in it the heights are; those within an eighth
-of a step of its middle are lifted alike."""
+"""A step is divided into PARTS_OF_STEP parts. Heights agree if they are within 1 / WITHIN_STEP of a
+step of the middle of the part with the most heights."""
 
 UNKNOWN = Sensor("unknown", "unknown", "the angles are those of no scanner that is known here")
 
@@ -187,14 +197,14 @@ def kitti_lattice() -> SensorLattice:
 
 
 def is_hdl64e(lattice: SensorLattice) -> bool:
-    """Return whether a lattice is that of an HDL-64E that turns ten times a second.
+    """Return whether a lattice is that of an HDL-64E with ten revolutions per second.
 
-    Thresholds and power were measured for scanners with its lasers, its encoder and its ranges.
+    Thresholds and power were measured for scanners with its lasers, encoder counts and range steps.
 
     Parameters
     ----------
     lattice : SensorLattice
-        At least 60 of the 64 lasers, from the highest to the lowest.
+        Lattice with lasers from the highest to the lowest; at least 60 of the 64 lasers are needed.
     """
     known = kitti_lattice()
     same_steps = lattice.steps == known.steps and math.isclose(
@@ -212,7 +222,7 @@ def is_hdl64e(lattice: SensorLattice) -> bool:
 
 
 def is_unit_of_kitti(lattice: SensorLattice) -> bool:
-    """Return whether a lattice is that of the very scanner that KITTI was recorded with.
+    """Return whether a lattice is that of the unit with which KITTI was recorded.
 
     Parameters
     ----------
@@ -229,15 +239,15 @@ def _name_of(lattice: SensorLattice) -> str:
 def identify_sensor(
     scan: ScanLike, *, lattice: SensorLattice | None = None, threads: int = 0
 ) -> Sensor:
-    """Return which scanner made a scan.
+    """Return the scanner that made a scan.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres, the scanner at the origin, in any order.
+        Scan in metres, with the scanner at the origin, in any order.
     lattice : SensorLattice, optional
-        The scanner's, if it is known: is the scan on it? Else that of KITTI's HDL-64E is tried, and
-        one is estimated.
+        Lattice of the scanner, which is tried first; then that of KITTI's HDL-64E is tried, and one
+        is estimated from the scan.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -266,11 +276,11 @@ def identify_sensor(
     return identify_and_read(scan, lattice=lattice, threads=threads)[0]
 
 
-@np.errstate(over="ignore")  # a point too far away for float32 has an infinite distance: it is far
+@np.errstate(over="ignore")  # distances that overflow float32 become infinite
 def identify_and_read(
     scan: ScanLike, *, lattice: SensorLattice | None = None, threads: int = 0
 ) -> tuple[Sensor, LatticeReading | None]:
-    """Return the scanner, and where the points lie on its lattice if that was read already."""
+    """Return the scanner, and the places of the points on its lattice if they were computed."""
     scene = to_scan(scan)
     frame = scene.frame if scene.frame is not None else LidarFrame(scene.points)
     if (why := nothing_to_tell(frame.points)) is not None:
@@ -293,7 +303,7 @@ def identify_and_read(
 
 
 def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
-    """Say why points tell of no scanner: there are few, or copies of a few; None: they may."""
+    """Return why points cannot identify a scanner: too few, or copies; None if they may."""
     if len(points) < FEWEST_POINTS:
         return f"fewer than {FEWEST_POINTS} points"
     some = points[:: max(1, len(points) // 20_000)]
@@ -305,7 +315,7 @@ def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
 def _on_lattice(
     points: NDArray[np.float32], lattice: SensorLattice, reading: LatticeReading
 ) -> Sensor | None:
-    """The scanner of the lattice, if most points lie on its lines or were moved off them a bit."""
+    """The scanner of the lattice, if most points lie on its lines or near them; else None."""
     rho = np.hypot(points[:, 0], points[:, 1])
     apart = rho > LINES_APART
     if np.count_nonzero(apart) < FEWEST_POINTS:
@@ -323,7 +333,7 @@ def _on_lattice(
             lasers = "laser" if rings == 1 else "lasers"
             reason = f"its points lie where {rings} {lasers} of the lattice measure"
             return Sensor(name, "lattice", reason, lattice)
-    middle = (rho > 8.0) & (rho < 25.0)  # where lines are apart by more than they are blurred
+    middle = (rho > 8.0) & (rho < 25.0)  # where the distance of lines exceeds their blur
     if np.count_nonzero(middle) < FEWEST_POINTS:
         return None
     near = error[middle] < NEAR_LINES
@@ -340,10 +350,10 @@ def _on_lattice(
 def _on_exact_lattice(
     points: NDArray[np.float32], lattice: SensorLattice, reading: LatticeReading
 ) -> Sensor | None:
-    """The scanner of an exact lattice, if nearly all points of most directions lie on it.
+    """The scanner of an exact lattice, if nearly all points of most sectors lie on it.
 
-    An edit spoils some directions, a second scanner that was fused with this one spoils most, or
-    adds many points to some.
+    An edit moves points of some sectors off the lattice; a second scanner that was fused with this
+    one adds points off the lattice to most sectors, or many to some.
     """
     if not lattice.range_step or len(lattice.slope) < FEWEST_EXACT_RINGS:
         return None
@@ -375,9 +385,9 @@ def _errors_go_on(
     reading: LatticeReading,
     told: NDArray[np.bool_],
 ) -> bool:
-    """Whether points off an exact lattice are the far end of errors that many others have, too.
+    """Whether many errors are just below the tolerance, so that those above it are no edits.
 
-    Points of an exact cloud that nobody edited are on the lattice to a tenth of the tolerance.
+    Unedited points of an exact cloud are on the lattice to a tenth of the tolerance.
     """
     errors = (reading.line_error, reading.step_error, reading.range_error)
     error = np.max(np.abs(errors), axis=0)[told]
@@ -396,21 +406,21 @@ TURNED_AXES: Mapping[str, tuple[tuple[int, int], ...]] = MappingProxyType(
         "axes with x down": ((1, 1), (2, -1), (0, -1)),
     }
 )
-"""The five other directions that the upright can have, by what they are called: column and sign of
-x, y and z as the scanner has them. Which way is forward does not tell in a whole turn, so that one
-rotation of four about each upright is enough."""
+"""Names of the axes for the five other directions of the vertical, with column and sign of the
+scanner's x, y and z. A whole turn does not show which direction is forward, so that one of four
+rotations about each vertical is enough."""
 
 MOST_TURNED = 15_000
-"""Points that tell how the axes are turned."""
+"""Number of points on which other axes and units are tested."""
 
 
 LEAST_MEDIAN = 4.0
-"""Metres: median distance of points that may tell that they are turned, or in another unit. Nearer
-to the scanner its lines are so close to each other that any point lies on one."""
+"""Metres: least median distance of points for tests of other axes and units. Nearer to the scanner
+its lines are so close to each other that any point lies on one."""
 
 
 def _by_turned_axes(points: NDArray[np.float32], threads: int) -> Sensor | None:
-    """KITTI's scanner in other axes: some of the points lie on its lines when turned back."""
+    """KITTI's scanner in other axes, if points lie on its lines in the usual ones; else None."""
     some = points[:: -(-len(points) // MOST_TURNED)]
     for axes, columns in TURNED_AXES.items():
         upright = np.column_stack([sign * some[:, column] for column, sign in columns])
@@ -423,11 +433,11 @@ def _by_turned_axes(points: NDArray[np.float32], threads: int) -> Sensor | None:
 UNITS: Mapping[str, float] = MappingProxyType(
     {"millimetres": 1000.0, "centimetres": 100.0, "inches": 1.0 / 0.0254, "feet": 1.0 / 0.3048}
 )
-"""Units that exports have instead of metres, and how many are a metre."""
+"""Units of exported clouds other than metres, with their number per metre."""
 
 
 def _by_other_unit(points: NDArray[np.float32], threads: int) -> Sensor | None:
-    """KITTI's scanner in another unit: some of the points lie on its lines in metres."""
+    """KITTI's scanner in another unit, if points lie on its lines after conversion; else None."""
     some = points[:: -(-len(points) // MOST_TURNED)]
     for unit, a_metre in UNITS.items():
         if (found := _far_and_on_lattice(some / np.float32(a_metre), threads)) is not None:
@@ -437,7 +447,7 @@ def _by_other_unit(points: NDArray[np.float32], threads: int) -> Sensor | None:
 
 
 def _far_and_on_lattice(points: NDArray[np.float32], threads: int) -> Sensor | None:
-    """KITTI's scanner, if points that are far enough away to tell lie on its lines."""
+    """KITTI's scanner, if points lie on its lines and most are far enough away; else None."""
     if not np.median(np.hypot(points[:, 0], points[:, 1])) > LEAST_MEDIAN:
         return None
     known = kitti_lattice()
@@ -447,9 +457,9 @@ def _far_and_on_lattice(points: NDArray[np.float32], threads: int) -> Sensor | N
 
 
 def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) -> float:
-    """Mean share of points for which something holds in the sectors of the horizon with points.
+    """Mean over the sectors of the horizon of the share of points for which ``holds`` is true.
 
-    Every direction counts the same, however many points were pasted into one.
+    Every sector has the same weight, however many points were pasted into it.
     """
     sector = (azimuth * (SECTORS / (2.0 * np.pi))).astype(np.intp).clip(0, SECTORS - 1)
     points = np.bincount(sector, minlength=SECTORS)
@@ -460,7 +470,7 @@ def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) ->
 
 
 def _by_own_lattice(frame: LidarFrame) -> Sensor | None:
-    """A scanner whose lattice the scan itself tells, well enough to judge the scan by it."""
+    """A scanner whose lattice can be estimated from the scan accurately enough; else None."""
     try:
         lattice = estimate_lattice(frame)
     except InputError:
@@ -477,18 +487,19 @@ def _by_own_lattice(frame: LidarFrame) -> Sensor | None:
 
 
 def height_above_origin(sensor: Sensor, points: NDArray[np.float32]) -> float:
-    """Return how far above the origin of a cloud KITTI's scanner stands, metres.
+    """Return the height of KITTI's scanner above the origin of a cloud, metres.
 
-    Clouds with the ground at a height of 0 are lifted by that. Their own lattice is that of the
-    scanner but for its offsets, and tells neither what is missing nor the order of the points. 0:
-    nothing tells the height, or heights are not those that the scanner's files have, all lifted
-    alike.
+    Clouds with the ground at height 0 were moved up by it. The lattice that is estimated from such
+    a cloud differs from the scanner's in its offsets, and knows neither missing points nor the
+    order of points. The result is 0 if the height is unknown, or if heights are not those of the
+    scanner's files plus a common constant.
 
     Parameters
     ----------
     sensor : Sensor
-        As the cloud tells it.
+        Scanner that was identified from the cloud.
     points : (N, 3) float32
+        Points of the cloud, metres.
     """
     own, known = sensor.lattice, kitti_lattice()
     if not sensor.is_own or own is None or own.is_exact or sensor.name != HDL64E:
@@ -505,8 +516,10 @@ def height_above_origin(sensor: Sensor, points: NDArray[np.float32]) -> float:
 
 
 def _common_part(heights: NDArray[np.float32], step: float) -> tuple[float, float]:
-    """The part of a step, metres, that heights are beside whole steps, and the share of them that
-    are. Sums are over whole nanometres, so that they are the same on all machines."""
+    """The common remainder, metres, of heights divided by a step, and the share of heights with it.
+
+    Sums are over whole nanometres, so that they are the same on all machines.
+    """
     whole = round(step * 1e9)
     metres = np.clip(heights.astype(np.float64), -FARTHEST_HEIGHT, FARTHEST_HEIGHT)
     beside = np.rint(metres * 1e9).astype(np.int64) % whole
@@ -519,7 +532,7 @@ def _common_part(heights: NDArray[np.float32], step: float) -> tuple[float, floa
 
 
 def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
-    """A terrestrial scanner: a regular grid of more rows than a spinning one has lasers."""
+    """A terrestrial scanner, if the scan has a regular grid with many rows; else None."""
     grid = estimate_grid(frame, origin=(0.0, 0.0, 0.0), threads=threads)
     if grid.elevation_strength < 0.5 or grid.elevation_deg > TERRESTRIAL_STEP:
         return None
@@ -533,7 +546,7 @@ def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
         return None
     around = estimate_origin(frame, known=(0.0, 0.0, 0.0), threads=threads)
     if around.position is None or around.axis != "z" or around.explained < LEAST_EXPLAINED:
-        return None  # a scanner on its side, or rows that rounding made
+        return None  # a tilted scanner, or rows that are due to rounding
     if not is_in_metres(frame.points):
         return Sensor("terrestrial scanner", "unknown", NOT_IN_METRES)
     return Sensor(
@@ -544,7 +557,7 @@ def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
 
 
 def is_in_metres(points: NDArray[np.float32]) -> bool:
-    """Return whether points are as near to the scanner as a scan in metres has them.
+    """Return whether points are as near to the scanner as in a scan in metres.
 
     Parameters
     ----------
@@ -558,21 +571,21 @@ NOT_IN_METRES = f"half of its points are farther than {MOST_MEDIAN:g}: they are 
 
 
 def _is_scanned(row: Floats, column: Floats) -> bool:
-    """Whether directions were measured one beside the other, and not rounded to a grid.
+    """Whether directions were measured on a grid, and not rounded to it afterwards.
 
-    Returns of a scanner fill its grid cell by cell, and each cell once or twice. Rounded directions
-    of another scanner leave most cells empty, or hit many of them again.
+    Returns of a scanner fill its grid cell by cell, each once or twice. Rounded directions of
+    another scanner leave most cells empty, or fill many of them repeatedly.
     """
     up, along = (each - each.min() for each in (row, column))
-    height = up.max() + 2.0  # a row stays free: columns do not touch at their ends
+    height = up.max() + 2.0  # one free row, so that columns are not adjacent
     cells = np.unique((along * height + up).astype(np.int64))
-    beside = float(np.mean(np.diff(cells) == 1))  # the cell above is filled, too
+    beside = float(np.mean(np.diff(cells) == 1))  # the cell above is occupied, too
     again = len(row) / len(cells) - 1.0
     return beside >= LEAST_FILLED and again < MOST_AGAIN * beside
 
 
 def _by_beams(points: NDArray[np.float32]) -> Sensor:
-    """A spinning scanner by the elevations of its lasers, one without rings by their absence."""
+    """A spinning scanner by the elevations of its lasers, or a scanner without rings."""
     elevation = _elevations(points)
     if elevation.size < FEWEST_POINTS:
         return UNKNOWN
@@ -595,7 +608,7 @@ def _by_beams(points: NDArray[np.float32]) -> Sensor:
 
 
 def _by_rings(frame: LidarFrame) -> Sensor | None:
-    """A scanner by the median elevation of each ring, which deskewing leaves in its place."""
+    """A scanner by the median elevation of each labelled ring, which deskewing hardly changes."""
     if frame.ring is None:
         return None
     distance = np.linalg.norm(frame.points.astype(np.float64), axis=1)
@@ -618,7 +631,7 @@ def _by_rings(frame: LidarFrame) -> Sensor | None:
 
 
 def _elevations(points: NDArray[np.float32]) -> Floats:
-    """Degrees, of the points that are far enough away."""
+    """Elevations, degrees, of the points farther than FAR."""
     xyz = points.astype(np.float64)
     distance = np.sqrt((xyz * xyz).sum(axis=1))
     far = distance > FAR
@@ -627,7 +640,7 @@ def _elevations(points: NDArray[np.float32]) -> Floats:
 
 
 def _azimuths(points: NDArray[np.float32]) -> Floats:
-    """Degrees of the points that `_elevations` gives those of."""
+    """Azimuths, degrees, of the points farther than FAR."""
     xyz = points.astype(np.float64)
     far = np.sqrt((xyz * xyz).sum(axis=1)) > FAR
     azimuth: Floats = np.degrees(np.arctan2(xyz[far, 1], xyz[far, 0]))
@@ -635,8 +648,8 @@ def _azimuths(points: NDArray[np.float32]) -> Floats:
 
 
 def _share_on(elevation: Floats, beams: Floats) -> float:
-    """Share of points at the elevations of beams, beyond what chance puts there; 0 where fewer than
-    half of the beams within the field of view have any."""
+    """Share of points at the elevations of beams, corrected for chance; 0 if half of the beams are
+    unused."""
     order = np.sort(np.asarray(beams, np.float64))
     nearest = np.searchsorted((order[1:] + order[:-1]) / 2.0, elevation)
     on = np.abs(elevation - order[nearest]) < BEAM_WIDTH
@@ -649,7 +662,7 @@ def _share_on(elevation: Floats, beams: Floats) -> float:
 
 
 def _peaks(elevation: Floats) -> Floats:
-    """Elevations, in degrees, on which nine tenths of the points stand; none where they do not."""
+    """Elevations, degrees, that hold nine tenths of the points; empty if there are none."""
     count, edges = np.histogram(elevation, np.arange(-90.0, 90.01, 0.05))
     high = np.flatnonzero(count > 0.002 * elevation.size)
     if count[high].sum() < 0.9 * elevation.size:

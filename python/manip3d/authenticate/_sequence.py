@@ -1,4 +1,4 @@
-"""Evidence that adds up over the frames of a drive."""
+"""Combine the evidence of the frames of a drive."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FRAMES_PER_SECOND = 10.0
-"""Turns of KITTI's scanner in a second."""
+"""Turns of KITTI's scanner per second."""
 
 MEASURED_FRAMES, MEASURED_ALARMS = 5300, 0
-"""Clean simulated frames over which `drive_evidence` was run (310 drives of ten frames, on the
-streets 93000 to 93269 and 96000 to 96039, and 22 of a hundred, on 110000 to 110021, by
-`benchmarks/bench_alarms.py`), and how often it alarmed at one alarm an hour."""
+"""Clean simulated frames on which `drive_evidence` was tested by `benchmarks/bench_alarms.py` (310
+drives of ten frames, on the streets 93000 to 93269 and 96000 to 96039, and 22 drives of a hundred
+frames, on 110000 to 110021), and its number of alarms at a rate of one alarm per hour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +33,17 @@ class DriveEvidence:
     Attributes
     ----------
     log10_ratio : (N,) float64
-        Log10 of each frame's likelihood ratio; 0 where it was not judged.
+        log10 of each frame's likelihood ratio; 0 if the frame was not judged.
     evidence : (N,) float64
-        log10 of what has added up by each frame.
+        log10 of the accumulated evidence after each frame.
     threshold : float
-        log10 of what alarms.
+        log10 of the evidence that raises an alarm.
     alarms : tuple of int
-        Frames at which it was reached; it starts anew after each.
+        Frames at which the threshold was reached; the evidence restarts at 1 after each.
     alarms_per_hour : float
-        As asked for: of clean drives, in the mean, at most.
+        The argument of this name: largest mean rate of alarms in clean drives.
     judged : int
-        Frames that were judged.
+        Number of frames that were judged.
     """
 
     log10_ratio: NDArray[np.float64] = field(repr=False)
@@ -55,7 +55,7 @@ class DriveEvidence:
 
     @property
     def statement(self) -> str:
-        """The result in words, with what was measured of its rate."""
+        """The result in words, with the measured rate of false alarms."""
         found = "no alarm"
         if len(self.alarms) == 1:
             found = f"an alarm at frame {self.alarms[0]}"
@@ -81,16 +81,16 @@ def drive_evidence(
     alarms_per_hour: float = 1.0,
     frames_per_second: float = FRAMES_PER_SECOND,
 ) -> DriveEvidence:
-    """Add up the evidence of the frames of a drive.
+    """Combine the evidence of the frames of a drive.
 
     Parameters
     ----------
     found : sequence of Inspection or None
-        In the order of the drive, as `inspect_drive` yields them.
+        Inspections in the order of the drive, as `inspect_drive` yields them.
     alarms_per_hour : float
-        False alarms per hour of clean driving, at most; positive.
+        Largest mean number of false alarms per hour of clean driving; positive.
     frames_per_second : float
-        Turns of the scanner; positive.
+        Turns of the scanner per second; positive.
 
     Returns
     -------
@@ -99,16 +99,17 @@ def drive_evidence(
     Raises
     ------
     InputError
-        A rate that is not positive.
+        A rate is not positive.
 
     Notes
     -----
-    What is added up is the likelihood ratio of each inspection (`Inspection.likelihood_ratio`). The
-    evidence is their running product, which never falls below 1 before a frame: a CUSUM [Page,
-    Biometrika 1954] of e-values. Where a clean frame's ratio has a mean of 1 at most whatever came
-    before, the mean time to a false alarm is as long as the threshold at least [Shin, Ramdas and
-    Rinaldo, New England Journal of Statistics in Data Science 2023]. Frames of one place are not
-    independent: what looks odd in one looks odd in the next, so that the rate is measured, too.
+    The evidence is the running product of the likelihood ratios of the inspections
+    (`Inspection.likelihood_ratio`), which is raised to 1 before each frame if it is less: a CUSUM
+    [Page, Biometrika 1954] of e-values. If a clean frame's ratio has a mean of at most 1, whatever
+    came before, the mean number of frames to a false alarm is at least the threshold [Shin, Ramdas
+    and Rinaldo, New England Journal of Statistics in Data Science 2023]. Frames of one place are
+    not independent, because a misleading scene remains misleading in the next frame; therefore the
+    rate is also measured.
 
     Examples
     --------
@@ -138,17 +139,18 @@ def drive_evidence(
 
 
 def upper_rate(alarms: int, frames: int) -> float:
-    """Return the rate that so many alarms bound from above with 95 % [Clopper and Pearson, 1934].
+    """Return the upper limit of a rate with 95 % confidence [Clopper and Pearson, 1934].
 
     Parameters
     ----------
     alarms, frames : int
-        1 where there are no frames.
+        Number of alarms, and number of frames; without frames the limit is 1.
     """
     low, high = 0.0, 1.0
     if alarms >= frames:
         return 1.0
-    for _ in range(60):  # the rate at which so few alarms have a probability of 5 %
+    # bisection: at the limit, at most this many alarms have a probability of 5 %
+    for _ in range(60):
         rate = 0.5 * (low + high)
         fewer = 1.0 - binomial_tail(alarms + 1, frames, rate)
         low, high = (rate, high) if fewer > 0.05 else (low, rate)

@@ -1,4 +1,4 @@
-"""Returns that are missing one by one, and lasers without any."""
+"""Find single missing returns everywhere in a scan, and lasers without returns."""
 
 from __future__ import annotations
 
@@ -19,61 +19,65 @@ if TYPE_CHECKING:
     from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 
 LEAST_FILL = 0.6
-"""Share of the firings of the lower half of the lasers that return. Whole frames of KITTI have 0.77
-to 0.95, every second point of one 0.48."""
+"""Least share of firings with a return, in the lower half of the lasers. It is 0.77 to 0.95 in
+whole frames of KITTI, and 0.48 in every second point of a frame."""
 
 FEW_RETURNS = "fewer returns from the ground than a whole frame has"
 
 MOST_SINGLE_HOLES, SAME_RANGE, NEAR_HOLES = 0.0034, 0.005, 15.0
-"""Share of the firings of the lower half of the lasers without a return, of those whose neighbours
-along the ring both have one, nearer than so many metres, at ranges that differ by less than that
-share: on a smooth road, which always answers. It is that of the half of the sectors that lacks
-least: dark cars lose returns in some sectors, what is left out at random is missing in all. Whole
-frames of KITTI have 0.0002 at most, and 0.0036 at least without one point of 200 (24 frames of nine
-drives, all of which were looked at, twice each), frames of 8 simulated streets 0.0004 at most. The
-limit is near the thinned ones: a road that is wet or worn may lose more than those of nine
-drives."""
+"""Points were left out at random if more than the share MOST_SINGLE_HOLES of the firings of the
+lower half of the lasers has no return, of those whose two neighbours along the ring have returns
+nearer than NEAR_HOLES metres at ranges that differ by less than the share SAME_RANGE: on a smooth
+road, which always returns the pulse. Only the half of the sectors with the fewest missing returns
+counts, because dark cars lose returns in some sectors, while points left out at random are missing
+in all. The share is at most 0.0002 in whole frames of KITTI, at least 0.0036 without one point of
+200 (24 frames of nine drives, each thinned twice), and at most 0.0004 in frames of 8 simulated
+streets. The limit is close to the thinned frames, because a wet or worn road may lose more returns
+than those of nine drives."""
 
 HOLE_SECTORS, FEWEST_ON_ROAD = 16, 4000
-"""Sectors of the firings: what is missing everywhere is missing in half of them; and firings that
-could be missed there, at least, so that a few lost ones say nothing."""
+"""HOLE_SECTORS: number of sectors of the firings, of which the half with the fewest missing returns
+counts. FEWEST_ON_ROAD: fewest firings between two returns of a smooth surface in that half."""
 
 FAR_HOLES, MOST_FAR_HOLES, FEWEST_FAR = (25.0, 60.0), 0.05, 400
-"""Metres; the same share of all lasers between these ranges; and firings that could be missed. Of
-47 frames of KITTI, all of which were looked at, it is 0.007 at most, of ten simulated streets
-0.019; where the more returns were left out the farther they are, from 20 m to all at 100 m, 0.1 and
-more in the 36 with enough of them. Far roads that are wet lose returns one by one, too."""
+"""The same for all lasers and ranges within FAR_HOLES metres: MOST_FAR_HOLES is the largest share,
+FEWEST_FAR the fewest firings. The share is at most 0.007 in 47 frames of KITTI, and 0.019 in ten
+simulated streets. If returns are left out with a probability that rises from 20 m to 1 at 100 m, it
+is at least 0.1 in the 36 frames with enough firings. Distant wet roads also lose single returns."""
 
 WIDEST_HOLE = 8
-"""Firings from a return to the next on the same surface: far longer than holes are if every second
-one is missing at random (1 of 256), and shorter than what a dark thing leaves."""
+"""Largest number of firings from a return to the next one on the same surface. Only 1 of 256 holes
+is longer if every second return is missing at random; dark objects leave longer holes."""
 
 MOST_SILENT_ALONE = 190
-"""Firings in a row in which one laser has no return and both beside it have one. There are 119 at
-most in 47 whole frames of KITTI and 69 in 12 of four simulated streets; a page of a file that was
-lost, or was filled with zeros, leaves 256 rows of a laser out."""
+"""Largest number of successive firings in which a laser has no return while both neighbouring
+lasers have one. It is at most 119 in 47 whole frames of KITTI and 69 in 12 frames of four simulated
+streets. A page of a file that was lost, or filled with zeros, removes 256 rows of a laser."""
 
 LEAST_ANSWERED, ANSWERED_BESIDE = 0.02, 0.3
-"""Share of the firings with a return of a laser that was left out, and of the lasers above and
-below. The lasers of KITTI's whole frames have 0.4 and more."""
+"""A laser was left out if its share of firings with a return is below LEAST_ANSWERED, and that of
+the lasers above and below exceeds ANSWERED_BESIDE. Lasers of KITTI's whole frames have at least
+0.4."""
 
 LEAST_OF_HIGHEST = 0.01
-"""Share of the firings of the highest eighth of the lasers, which look to the horizon and above:
-where all that stands was taken away nothing answers them. KITTI's whole frames have 0.8."""
+"""Least share of firings with a return in the highest eighth of the lasers, which look at the
+horizon and above; with less, all upright objects were removed. In KITTI's whole frames it is
+0.8."""
 
 
 def thinned_out(
     firings: Firings, distance: NDArray[np.float64], *, whole: bool
 ) -> list[Processing]:
-    """Find points that were left out here and there, or laser by laser.
+    """Find single points that were left out everywhere, and lasers that were left out.
 
     Parameters
     ----------
     firings : Firings
+        Firings of the turn.
     distance : (N,) float64, metres
         Distance of each point from the scanner.
     whole : bool
-        The turn has no wide gap.
+        Whether the turn has no wide gap in azimuth.
     """
     found: list[Processing] = []
     rings, reach = len(firings.answered), _reach(firings, distance)
@@ -98,9 +102,9 @@ def thinned_out(
 
 
 def _longest_silence_alone(firings: Firings) -> int:
-    """Firings, most of any laser from one return to its next, in which both lasers beside answer.
+    """Largest number of firings between two returns of a laser in which both neighbours have one.
 
-    One laser meets what those above and below it meet, but for an edge that it runs along.
+    A laser meets the same surfaces as the lasers above and below it, except along edges.
     """
     answered = firings.answered
     beside = np.cumsum(answered[:-2] & answered[2:], axis=1, dtype=np.int32)
@@ -111,7 +115,7 @@ def _longest_silence_alone(firings: Firings) -> int:
 
 
 def _silent_between(firings: Firings) -> NDArray[np.intp]:
-    """Lasers without returns between two that have many."""
+    """Lasers with hardly any returns between two lasers with many."""
     answered = firings.answered.mean(axis=1)
     beside = np.minimum(answered[:-2], answered[2:])
     return 1 + np.flatnonzero((answered[1:-1] < LEAST_ANSWERED) & (beside > ANSWERED_BESIDE))
@@ -120,14 +124,16 @@ def _silent_between(firings: Firings) -> NDArray[np.intp]:
 def silent_lasers(
     points: NDArray[np.float32], lattice: SensorLattice, reading: LatticeReading | None = None
 ) -> NDArray[np.intp]:
-    """Return the lasers that a file lacks, as processing of the kind ``lasers`` counts them.
+    """Return the lasers that are missing from a file, as counted by processing of kind ``lasers``.
 
     Parameters
     ----------
     points : (N, 3) float32
+        Points with the scanner at the origin.
     lattice : SensorLattice
+        Lattice of the scanner.
     reading : LatticeReading or None
-        Where the points lie on the lattice; None: it is read here.
+        Places of the points on the lattice; None: they are computed here.
     """
     rings = len(lattice.slope)
     firings = firings_of(lattice.read(points) if reading is None else reading, rings)
@@ -145,10 +151,10 @@ def _single_holes(
     metres: tuple[float, float] = (0.0, NEAR_HOLES),
     fewest: int = FEWEST_ON_ROAD,
 ) -> float:
-    """Share of firings without a return among those between two with one on a smooth surface.
+    """Share of firings without a return, of those between two returns of a smooth surface.
 
-    That of the half of the sectors that lacks least. It is high for any loss that leaves a return
-    on either side of each hole, as of every third point: `_share_left_out` says how many are lost.
+    Only the half of the sectors with the smallest shares counts. The share is not that of all
+    missing returns, because holes need a return on either side; see `_share_left_out`.
     """
     before, behind = reach[lasers, :-2], reach[lasers, 2:]
     between = (before > metres[0]) & (behind > metres[0]) & (before < metres[1])
@@ -165,17 +171,17 @@ def _single_holes(
 
 
 def _reach(firings: Firings, distance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Metres that each laser measured at each firing; 0: no return."""
+    """Range that each laser measured at each firing, metres; 0: no return."""
     reach = np.zeros(firings.answered.size)
     reach[firings.cells] = distance[firings.rows]
     return reach.reshape(firings.answered.shape)
 
 
 def _share_left_out(reach: NDArray[np.float64]) -> float:
-    """Share of the returns of a smooth near surface that are missing, in the median sector.
+    """Share of missing returns of a smooth near surface; the median over the sectors.
 
-    A firing without a return counts if it lies between two of its laser, at most `WIDEST_HOLE`
-    firings apart, that have one on the same surface.
+    A firing without a return counts if it lies between two returns of its laser on the same
+    surface, at most `WIDEST_HOLE` firings apart.
     """
     laser, firing = np.nonzero((reach > 0.0) & (reach < NEAR_HOLES))
     here = reach[laser, firing]
@@ -189,7 +195,7 @@ def _share_left_out(reach: NDArray[np.float64]) -> float:
 
 
 def highest_are_silent(firings: Firings) -> bool:
-    """Return whether nothing answers the highest eighth of the lasers.
+    """Return whether the highest eighth of the lasers has hardly any returns.
 
     Parameters
     ----------
@@ -200,16 +206,19 @@ def highest_are_silent(firings: Firings) -> bool:
 
 
 def silent_at_the_ends(firings: Firings, lattice: SensorLattice) -> tuple[int, int]:
-    """Count lasers without returns above and below one with many, as in a file that ends too early.
+    """Count lasers without returns at the top and bottom, as in a file that ends too early.
 
-    How few returns are none was measured on the unit of KITTI. The lowest lasers of another
-    HDL-64E may mostly meet its own carrier, and those of other scanners may always do. Where the
-    highest eighth is silent, it is what stands that was taken away, not lasers.
+    The next laser must have many returns. LEAST_ANSWERED was chosen for KITTI's scanner; the lowest
+    lasers of another HDL-64E may mostly meet its own carrier, so that only lasers without any
+    return count there, and those of other scanners may always do, so that none are counted. If the
+    highest eighth of the lasers is silent, upright objects were removed, not lasers.
 
     Parameters
     ----------
     firings : Firings
+        Firings of the turn.
     lattice : SensorLattice
+        Lattice of the scanner.
 
     Returns
     -------

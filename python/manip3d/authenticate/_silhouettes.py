@@ -1,4 +1,4 @@
-"""Silhouettes in depth images: those that a camera measures, and those of what was cut out."""
+"""Distinguish silhouettes that a depth camera measures from those of objects that were cut out."""
 
 from __future__ import annotations
 
@@ -20,34 +20,37 @@ if TYPE_CHECKING:
     Depth = NDArray[np.uint16]
 
 SHARP = 0.6
-"""Share of sharp rows on the less sharp side of a silhouette from which on it is cut out. Clean
-frames on which it was fixed reach 0.42, forged ones with the person in place begin at 0.66."""
+"""Least share of sharp rows on the less sharp side of the silhouette of an object that was cut out.
+It is at most 0.42 in the clean frames on which the limit was chosen, and at least 0.66 in forged
+frames with a person."""
 
 BLENDED = 0.5
-"""Share of a silhouette's rows from which on it is blended into what is behind: on neither side a
-gap, nor a step from one pixel to the next. 123 clean frames of four cameras of structured light
-reach 0.03; images made smaller by averaging have 0.42 to 0.77, people who were blended in over a
-pixel or more medians of 0.53 to 1."""
+"""Least share of blended rows of a silhouette that is blended into its background. A row is blended
+if it has neither a gap nor a step from one pixel to the next on either side. The share is at most
+0.03 in 123 clean frames of four cameras with structured light, 0.42 to 0.77 in images that were
+made smaller by averaging, and has medians of 0.53 to 1 for people who were blended in over a pixel
+or more."""
 
-_NO_GAP = 1  # pixels; one may be missing by chance
-_RUN = 5  # frames; one sharp silhouette is chance
-_LEAST_ROWS = 40  # of a silhouette that is judged
+_NO_GAP = 1  # pixels; one pixel may be missing by chance
+_RUN = 5  # frames; a single sharp silhouette may be chance
+_LEAST_ROWS = 40  # rows of a silhouette that is judged
 _LEAST_NOISE = 0.5  # mm at 1 m: rendered images have less
 _LEAST_SPECKLES = 2e-4  # share of pixels; cameras lose 3e-4 and more, renderings 1.4e-4 at most
 _RIM = 3  # pixels of one surface on each side of a sharp step
-_KEPT = 0.5  # share of sharp rims; a filter that keeps what is missing has 0.65 to 0.69
-_KEPT_MORE = 1.7  # times the middle's share; such a filter has 2.1 and more, what was cut out 1.45
-_ALIKE = 0.05  # rims and middles whose shares differ by less are of pictures that are shown again
-_WIDE = 18  # pixels of a row whose middle is beyond its rims
-_LEAST_WIDE = 0.2  # of the rows: fewer are a narrow thing before something else
-_RELIEF = 0.25  # share of the depth: then a camera's shadow is several pixels wide
+_KEPT = 0.5  # share of sharp rims; filters that fill in old depths have 0.65 to 0.69
+_KEPT_MORE = 1.7  # times the middle's share; these filters have 2.1 or more, cut-outs 1.45
+_ALIKE = 0.05  # largest difference of the shares of rims and middles in repeated images
+_WIDE = 18  # pixels; least width of a row whose middle does not overlap its rims
+_LEAST_WIDE = 0.2  # least share of wide rows; with fewer the object is narrow
+# depth step as a share of the depth, at which a camera's shadow is several pixels wide
+_RELIEF = 0.25
 
 _TIME_OF_FLIGHT = {(512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024)}
-"""Images of the Kinect V2 and the Azure Kinect, which mix depths at silhouettes: filling what is
-missing beside them makes none sharp."""
+"""Image sizes of the Kinect V2 and the Azure Kinect, which mix depths at silhouettes. Filling gaps
+beside such silhouettes does not make them sharp."""
 
-_WIDE_GAP = 0.02  # of the image's width: 12 of 640 pixels
-_LEAST_WIDE_GAPS = 0.02  # of the gaps; cameras have 0.11 and more, filled images next to none
+_WIDE_GAP = 0.02  # share of the longer side: 12 of 640 pixels
+_LEAST_WIDE_GAPS = 0.02  # share of the gaps; at least 0.11 for cameras, almost 0 in filled images
 
 
 def judge_silhouettes(
@@ -55,13 +58,13 @@ def judge_silhouettes(
 ) -> tuple[StreamReport, tuple[StreamRegion, ...], Mask]:
     """Judge whether foreground objects were cut out of other recordings, and where they are.
 
-    Also returned are the regions and the masks, one for each frame, of what was cut out.
+    Returned are the report, the regions of cut-out objects, and a mask of them for each frame.
     """
     found = [_cut_out(frame) for frame in frames]
     best = [max((object_.share for object_ in objects), default=None) for objects in found]
     told = [share for share in best if share is not None]
     nothing = np.zeros((0, *frames[0].depth.shape), np.bool_)
-    # Few frames show silhouettes where somebody is there for a while only.
+    # If an object is visible for a short time only, few frames show silhouettes.
     is_seen = 2 * len(told) >= len(frames)
     score, first, last = _sharpest_run(best) if is_seen else _sharpest_whole_run(best)
     if not is_seen and score < SHARP:
@@ -117,7 +120,8 @@ def _cut_regions(
         for cut in objects:
             if cut.share < SHARP:
                 continue
-            edges = np.zeros((height, width + 1), np.int32)  # 1 where a span begins, -1 at its end
+            # 1 where a span begins, -1 behind its end
+            edges = np.zeros((height, width + 1), np.int32)
             np.add.at(edges, (cut.spans[:, 0], cut.spans[:, 1]), 1)
             np.add.at(edges, (cut.spans[:, 0], cut.spans[:, 2]), -1)
             inside = np.cumsum(edges, axis=1)[:, :-1] > 0
@@ -127,10 +131,9 @@ def _cut_regions(
 
 
 def _sharpest_run(best: Sequence[float | None]) -> tuple[float, int, int]:
-    """Largest median of five frames that follow each other, and the first and the last of them.
+    """Largest median share of five successive frames, and the first and the last of these.
 
-    A forgery may last for a part of a stream only. Of a stream without five such frames it is the
-    median of all.
+    A forgery may cover only a part of a stream. Without five such frames, it is the median of all.
     """
     shares = np.array([np.nan if share is None else share for share in best])
     found = (float(np.median(shares[~np.isnan(shares)])), 0, len(shares) - 1)
@@ -143,7 +146,7 @@ def _sharpest_run(best: Sequence[float | None]) -> tuple[float, int, int]:
 
 
 def _sharpest_whole_run(best: Sequence[float | None]) -> tuple[float, int, int]:
-    """Return what `_sharpest_run` does, of runs that show a silhouette in each frame."""
+    """Like `_sharpest_run`, but only with runs that show a silhouette in each frame."""
     starts = range(len(best) - _RUN + 1)
     runs = [(start, [s for s in best[start : start + _RUN] if s is not None]) for start in starts]
     whole = [(float(np.median(run)), start) for start, run in runs if len(run) == _RUN]
@@ -152,10 +155,10 @@ def _sharpest_whole_run(best: Sequence[float | None]) -> tuple[float, int, int]:
 
 
 def _blended(frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]) -> float:
-    """Share of blended rows of the most blended things, as `_sharpest_run`; 0: such mix by nature.
+    """Share of blended rows of the most blended objects in `_sharpest_run`; 0 for time of flight.
 
-    Time of flight mixes the light of both surfaces at silhouettes. Structured light and stereo
-    measure one of them or nothing, and see a part of what is behind not at all.
+    Time-of-flight cameras mix the light of both surfaces at silhouettes. Structured light and
+    stereo measure one of them or nothing, and cannot see a part of the background.
     """
     best = [max((thing.blended for thing in things), default=None) for things in found]
     if _is_time_of_flight(frames[0].depth) or all(share is None for share in best):
@@ -171,7 +174,7 @@ class _Cut:
 
 
 def _cut_out(frame: RgbdFrame) -> list[_Cut]:
-    """Things that stand before what is beside them, with how sharp their less sharp side is."""
+    """Foreground objects with the share of sharp rows on their less sharp side."""
     options = _core.SilhouetteOptions()
     options.min_relief = _RELIEF
     depth = np.ascontiguousarray(frame.depth)
@@ -193,13 +196,14 @@ def _cut_out(frame: RgbdFrame) -> list[_Cut]:
 def _repeated_rims(
     frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]
 ) -> tuple[float, float | None]:
-    """Shares of rows of sharp things whose rims (the side with more), and whose middles, repeat.
+    """Shares of rows of sharp objects whose rims, and whose middles, equal the previous frame.
 
-    The middle is None where no row is wide enough to have one.
+    For rims it is the larger share of both sides. The middle's share is None if too few rows are
+    wide enough.
 
-    Where the camera's shadow moves over a thing, a filter that keeps what is missing now leaves the
-    thing's rim as it was in the previous frame, but not its middle. Somebody who was cut out has a
-    rim of their own in each frame; of a picture that is shown twice the middle repeats, too.
+    Where the camera's shadow moves over an object, a filter that fills missing pixels with their
+    previous depth repeats the object's rim, but not its middle. A person who was cut out has a new
+    rim in each frame. If an image is shown twice, the middle repeats, too.
     """
     rims, repeated = np.zeros(3), np.zeros(3)
     things = {id(frame): objects for frame, objects in zip(frames, found, strict=True)}
@@ -223,7 +227,7 @@ def _repeated_rims(
 
 
 def _rendered(frames: Sequence[RgbdFrame]) -> str | None:
-    """Why images cannot be a camera's own; None: they can."""
+    """Reason why images are not from a camera; None: they may be."""
     speckles = float(np.mean([_speckles(frame.depth) for frame in frames]))
     if speckles < _LEAST_SPECKLES:
         return "hardly a pixel within a surface is missing: rendered, or filled afterwards"
@@ -234,9 +238,9 @@ def _rendered(frames: Sequence[RgbdFrame]) -> str | None:
 
 
 def _wide_gaps(frames: Sequence[RgbdFrame]) -> float | None:
-    """Share of the gaps between measured pixels of a row that are wide; None: no shadows expected.
+    """Share of wide gaps among the gaps within rows; None for time-of-flight cameras.
 
-    Beside what stands before a background structured light and stereo leave wide ones.
+    Structured light and stereo leave wide gaps beside foreground objects.
     """
     height, width = frames[0].depth.shape
     if _is_time_of_flight(frames[0].depth):
@@ -248,13 +252,13 @@ def _wide_gaps(frames: Sequence[RgbdFrame]) -> float | None:
 
 
 def _is_time_of_flight(depth: Depth) -> bool:
-    """Whether an image has the size of those of a time-of-flight camera, upright or turned."""
+    """Whether an image has the size of a time-of-flight camera's images, upright or turned."""
     height, width = depth.shape
     return not _TIME_OF_FLIGHT.isdisjoint({(width, height), (height, width)})
 
 
 def _gaps(depth: Depth) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Rows of missing pixels between measured ones, first columns and those behind the last."""
+    """Runs of missing pixels between measured pixels: row, first column, column after the last."""
     missing = np.pad(depth == 0, ((0, 0), (1, 1)))
     edges = np.diff(missing.astype(np.int8), axis=1)
     row, begin = np.nonzero(edges == 1)
@@ -264,7 +268,7 @@ def _gaps(depth: Depth) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.
 
 
 def _speckles(depth: Depth) -> float:
-    """Share of pixels at which up to four in a row have no measurement within one surface."""
+    """Number of gaps of at most four pixels within one surface, divided by the number of pixels."""
     row, begin, end = _gaps(depth)
     short = end - begin <= 4
     row, begin, end = row[short], begin[short], end[short]
@@ -273,7 +277,7 @@ def _speckles(depth: Depth) -> float:
 
 
 def _roughness(depth: Depth) -> float:
-    """Mean second difference along rows within surfaces, millimetres at 1 m."""
+    """Mean absolute second difference along rows within surfaces, scaled to millimetres at 1 m."""
     z = depth.astype(np.float64)
     a, b, c = z[:, :-2], z[:, 1:-1], z[:, 2:]
     near = 0.02 * b

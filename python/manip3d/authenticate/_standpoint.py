@@ -31,18 +31,19 @@ if TYPE_CHECKING:
 
 
 ON_LATTICE = "the lattice of a spinning scanner"
-"""Who states a position that a scanner's lattice told."""
+"""Source of a position that follows from a scanner's lattice."""
 
 Identified = tuple[Sensor, "LatticeReading | None"]
-"""The scanner, and the scan as its lattice reads it, if that was tried."""
+"""The scanner, and the places of the scan's points on its lattice if they were computed."""
 
 
 def scanner_of(
     frame: LidarFrame, origin: ArrayLike | None, lattice: SensorLattice | None, threads: int
 ) -> tuple[Position | None, str, Identified | None]:
-    """The scanner's position and who states it; or None and why the scan cannot be judged.
+    """The scanner's position and its source; or None and why the scan cannot be judged.
 
-    Then the scanner, where its lattice told the position or it stands at the coordinates' origin.
+    The third item is the scanner if it was identified: if its lattice determines the position, or
+    if it is at the origin of the coordinates.
     """
     stated = origin if origin is not None else frame.origin
     if stated is None:
@@ -50,7 +51,7 @@ def scanner_of(
             return None, "the scan has no points", None
         if (why := several_sources(frame)) is not None:
             return None, why, None
-        if lattice is None and is_on_map(frame):  # a scanner's lattice stands around its own 0
+        if lattice is None and is_on_map(frame):  # a lattice has the scanner at 0
             found = estimate_origin(frame, threads=threads)
             return found.position, found.reason, None
         identified = identify_and_read(frame, lattice=lattice, threads=threads)
@@ -70,9 +71,10 @@ def identify(
     threads: int,
     known: Identified | None,
 ) -> Identified:
-    """The scanner; what a caller states of it is believed where the scan can be one of it.
+    """The scanner; the kind that a caller states is accepted if the scan is consistent with it.
 
-    Beside it where the points lie on its lattice, if that was read; ``known``: it was found before.
+    The second item has the places of the points on its lattice, if they were computed. ``known``:
+    the result, if the scanner was identified before.
     """
     if sensor in ("auto", "lattice"):
         found = known or identify_and_read(scan, lattice=lattice, threads=threads)
@@ -82,7 +84,7 @@ def identify(
 
 
 def _stated(scan: LidarFrame, sensor: str, threads: int) -> Sensor:
-    """The scanner that a caller stated, and that was not told from the scan."""
+    """The scanner of the kind that a caller stated, if the scan does not contradict it."""
     if (why := nothing_to_tell(scan.points)) is not None:
         return Sensor("unknown", "unknown", why)
     if sensor == "terrestrial" and not is_in_metres(scan.points):
@@ -100,14 +102,14 @@ def _stated(scan: LidarFrame, sensor: str, threads: int) -> Sensor:
 
 
 def _tells_position(sensor: Sensor) -> bool:
-    """Whether a scanner was found whose lattice stands around the origin of the coordinates."""
+    """Whether the scanner was recognised by its lattice, which has the scanner at the origin."""
     return sensor.kind == "lattice" or bool(sensor.turned or sensor.unit)
 
 
 def lifted(
     scan: LidarFrame, position: Position, found: Sensor, threads: int
 ) -> tuple[Position, Identified] | None:
-    """KITTI's scanner and its position, if it stands above or below the stated one; else None."""
+    """KITTI's scanner and its position, if it is above or below the given position; else None."""
     if not (height := height_above_origin(found, scan.points)):
         return None
     raised = (position[0], position[1], position[2] + height)
@@ -117,7 +119,7 @@ def lifted(
 
 
 def at_origin(frame: LidarFrame, position: Position) -> LidarFrame:
-    """The frame with the scanner in (0, 0, 0), as detector III takes it."""
+    """The frame with the scanner at (0, 0, 0), as detector III expects it."""
     if not any(position):
         return frame
     moved = (frame.points - np.asarray(position)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Depth from a rectified stereo pair, by OpenCV's semi-global matching."""
+"""Disparity of a rectified stereo pair, by OpenCV's semi-global matching."""
 
 from __future__ import annotations
 
@@ -19,19 +19,21 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 BLOCK = 5
-"""Pixels of the matched windows, each way."""
+"""Side of the matched windows, pixels."""
 STEP = 2
-"""Both images are halved first: on KITTI 2015 that is as accurate and six times as fast."""
+"""Both images are reduced by this factor first: on KITTI 2015 that is equally accurate and six
+times as fast."""
 PATH_COST = 8 * BLOCK * BLOCK
-"""Penalty for a step of one pixel of disparity along a path; a longer one costs four times it."""
+"""Penalty for a disparity step of one pixel along a path; larger steps have four times this
+penalty."""
 WINDOW = 7
-"""Pixels of the map, each way, in which a pixel's surroundings must have texture."""
+"""Side, in pixels of the map, of the window around a pixel that must have texture."""
 TEXTURE = 0.7
-"""Least root mean square of the horizontal slope in the window, grey levels a pixel: twice what the
-noise of a camera leaves in halved pictures. Where there is less, as in the sky, semi-global
-matching fills in the depth of what stands beside."""
+"""Least root mean square of the horizontal slope in the window, grey levels per pixel: twice the
+noise of a camera in halved pictures. With less, as in the sky, semi-global matching fills in the
+depth of neighbouring objects."""
 MAX_DISPARITY = 96
-"""Pixels of the whole image: with KITTI's cameras everything from 4 m on."""
+"""Largest disparity, pixels of the full image: with KITTI's cameras it corresponds to 4 m."""
 
 
 class Calibration(Protocol):
@@ -46,21 +48,24 @@ class Calibration(Protocol):
 @checked
 @dataclass(frozen=True, eq=False)
 class StereoRig:
-    """A rectified stereo pair and where it looks from.
+    """Geometry of a rectified stereo pair, and its pose in the LiDAR's frame.
 
     Attributes
     ----------
     focal : float, pixels
+        Focal length.
     center : (float, float), pixels
         Principal point of the left camera, column and row; pixel centres lie at integers.
     baseline : float, metres
+        Distance between the cameras.
     T_lidar_camera : (4, 4) float64
-        Left camera (x right, y down, z forward) to LiDAR (x forward, y left, z up), metres.
+        Transform from the left camera (x right, y down, z forward) to the LiDAR (x forward, y left,
+        z up), metres.
 
     Raises
     ------
     InputError
-        A focal length or baseline that is not positive, a matrix of another shape.
+        ``focal`` or ``baseline`` is not positive, or the matrix has another shape.
     """
 
     focal: float
@@ -85,7 +90,7 @@ class StereoRig:
     def heading_deg(self) -> float:
         """Azimuth of the cameras' axis, degrees counter-clockwise from straight ahead.
 
-        0 where they look straight up or down.
+        0 if they look straight up or down.
         """
         x, y = self.T_lidar_camera[:2, 2]
         return math.degrees(math.atan2(y, x)) + 0.0  # never -0.0
@@ -99,13 +104,14 @@ class StereoRig:
         Parameters
         ----------
         calibration : manip3d.datasets.KittiCalibration
+            Calibration of the cameras.
         left, right : int
-            Cameras; 2 and 3 are the colour pair, 0 and 1 the grey one.
+            Numbers of the cameras; 2 and 3 are the colour pair, 0 and 1 the grey pair.
 
         Raises
         ------
         InputError
-            No such camera, or the two are not a rectified pair.
+            A camera does not exist, or the two are not a rectified pair.
         """
         for name, camera in (("left", left), ("right", right)):
             if camera not in calibration.projections:
@@ -136,11 +142,11 @@ class Disparity:
     values : (h, w) float32, pixels of this map
         Left column minus right column; 0: not measured.
     step : int
-        Pixels of the image that one pixel of the map stands for, each way.
+        Side, in pixels of the image, of the square that a pixel of the map represents.
     producer : str
-        What computed it.
+        Name of the method that computed the map.
     grey : (h, w) uint8, optional
-        The left picture at the size of this map: it tells dark surfaces, which LiDAR may not see.
+        The left picture at the size of this map. It shows dark surfaces, which LiDAR may not see.
     """
 
     values: NDArray[np.float32]
@@ -174,9 +180,9 @@ class Disparity:
         Returns
         -------
         focal, cx, cy, baseline : float
-            Pixels of the map, and metres.
+            Focal length and principal point in pixels of the map; baseline in metres.
         """
-        shift = (self.step - 1) / 2.0  # the middle of the pixels that one stands for
+        shift = (self.step - 1) / 2.0  # centre of the pixels that one pixel of the map represents
         u, v = rig.center
         return (
             rig.focal / self.step,
@@ -188,33 +194,34 @@ class Disparity:
 
 @checked
 def stereo_disparity(left: ArrayLike, right: ArrayLike) -> Disparity:
-    """Match a rectified pair: OpenCV's SGBM with three paths, at half resolution.
+    """Match a rectified pair by OpenCV's SGBM with three paths, at half resolution.
 
-    Kept is what is found again from the right picture and has texture around it.
+    A disparity is kept if matching from the right picture confirms it and its surroundings have
+    texture.
 
     Parameters
     ----------
     left, right : (H, W) or (H, W, 3) uint8
-        Grey, or red, green, blue.
+        Pictures, grey or RGB.
 
     Returns
     -------
     Disparity
-        The same bytes for any number of OpenCV's threads.
+        The disparity map; it does not depend on the number of OpenCV's threads.
 
     Raises
     ------
     InputError
-        Images of another kind, of different sizes, or too small.
+        A picture has another shape or dtype, sizes differ, or pictures are too small.
     MissingExtraError
         OpenCV is not installed (extra ``alert``).
 
     Notes
     -----
-    Hirschmueller, "Stereo Processing by Semiglobal Matching and Mutual Information", PAMI 2008.
-    On frames 2, 83, 124 and 131 of KITTI 2015 5.5, 1.8, 3.0 and 4.1 % of the pixels that are
-    measured are off by more than 3 pixels, and 77 to 90 % of those with truth are measured, in
-    30 ms on one core. Without the second match and the check for texture: 7.8, 2.1, 3.7 and 5.5 %
+    Hirschmueller, "Stereo Processing by Semiglobal Matching and Mutual Information", PAMI 2008. On
+    frames 2, 83, 124 and 131 of KITTI 2015, 5.5, 1.8, 3.0 and 4.1 % of the measured pixels have an
+    error of more than 3 pixels, and 77 to 90 % of the pixels with ground truth are measured, in 30
+    ms on one core. Without the second match and the test for texture, it is 7.8, 2.1, 3.7 and 5.5 %
     of 89 to 92 %, in 14 ms.
 
     Examples
@@ -222,7 +229,7 @@ def stereo_disparity(left: ArrayLike, right: ArrayLike) -> Disparity:
     >>> import numpy as np
     >>> from manip3d.authenticate import stereo_disparity
     >>> left = np.random.default_rng(0).integers(0, 255, (160, 640), np.uint8).repeat(2, 1)
-    >>> right = np.roll(left, -20, axis=1)  # all of it 20 pixels further left
+    >>> right = np.roll(left, -20, axis=1)  # everything 20 pixels further left
     >>> found = stereo_disparity(left, right)
     >>> float(np.median(found.values[found.values > 0]) * found.step)
     20.0
@@ -264,9 +271,10 @@ def _matched(cv2: Any, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDA
 
 
 def _agrees(left: NDArray[np.int16], right: NDArray[np.int16]) -> NDArray[np.bool_]:
-    """Mark the pixels that the right picture, matched by itself, finds again in the left one.
+    """Mark the pixels whose disparity agrees with that of matching from the right picture.
 
-    Its own right edge, for which all disparities would lie outside the left one, is not asked.
+    At the right edge of the right picture, whose matches may lie outside of the left one, every
+    pixel is accepted.
     """
     width = left.shape[1]
     columns = np.arange(width) - (left.astype(np.int32) + 8) // 16
@@ -277,7 +285,7 @@ def _agrees(left: NDArray[np.int16], right: NDArray[np.int16]) -> NDArray[np.boo
 
 
 def _has_texture(cv2: Any, grey: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Mark the pixels whose surroundings change along the row, as matching needs; in integers."""
+    """Mark the pixels whose surroundings have texture along the row, as matching needs."""
     slope = cv2.Sobel(grey, cv2.CV_64F, 1, 0, ksize=3)  # eight times the slope
     total = cv2.boxFilter(slope * slope, -1, (WINDOW, WINDOW), normalize=False)
     has_texture: NDArray[np.bool_] = total >= (8.0 * TEXTURE * WINDOW) ** 2
@@ -285,7 +293,7 @@ def _has_texture(cv2: Any, grey: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def checked_pair(left: ArrayLike, right: ArrayLike) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return the pictures of a pair as arrays that `stereo_disparity` takes.
+    """Return the pictures of a pair as arrays, checked as `stereo_disparity` requires.
 
     Raises
     ------

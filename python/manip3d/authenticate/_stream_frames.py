@@ -1,4 +1,4 @@
-"""Frames of an RGB-D stream that are judged, and which of them follow each other."""
+"""Select the frames of an RGB-D stream that are judged, and pairs of successive ones."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ from manip3d._util.checked import checked
 from manip3d.rgbd import RgbdFrame, check_frames, numbered
 
 MOST_FRAMES = 60
-"""Frames of a stream that are judged at most, in runs of six spread over it."""
+"""Largest number of frames of a stream that are judged, in runs of six spread over it."""
 
 LEAST_PAIRS = 5
-"""Pairs of frames that follow each other, from which on something is said about changes."""
+"""Fewest pairs of successive frames for judging changes."""
 
 
 @checked
 def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
     """Return the frames of a stream that `inspect_stream` judges.
 
-    All of up to `MOST_FRAMES`; of more, runs of six spread over a sequence or a recording that
-    knows its length, of which no others are kept in memory; the first ones of other iterables. A
-    recording whose file does not tell its length is gone through once before.
+    These are all frames if there are at most `MOST_FRAMES`. Of longer sequences and recordings,
+    runs of six frames spread over the whole are returned, and no others are kept in memory; of
+    other iterables, the first frames. A recording whose file does not state its length is read once
+    before to count its frames.
 
     Parameters
     ----------
     frames : iterable of RgbdFrame
-        Also a recording or a camera that `manip3d.capture.open_rgbd` opened.
+        Frames of the stream; also a recording or a camera of `manip3d.capture.open_rgbd`.
 
     Returns
     -------
@@ -38,7 +39,7 @@ def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
     Raises
     ------
     InputError
-        Something is not a frame.
+        ``frames`` holds an item of another type.
 
     Examples
     --------
@@ -51,7 +52,7 @@ def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
 
 
 def _length_of(frames: Iterable[RgbdFrame]) -> int | None:
-    """Return the number of frames; None if they can be gone through only once, or never end."""
+    """Return the number of frames; None if they can be read only once, or never end."""
     if isinstance(frames, Sequence):
         return len(frames)
     length: int | None = getattr(frames, "num_frames", None)
@@ -70,9 +71,9 @@ class _Recording(Protocol):
 
 
 def frames_to_judge(frames: Iterable[RgbdFrame]) -> tuple[list[RgbdFrame], bool]:
-    """Return the frames that are judged, and whether they are the first ones of more.
+    """Return the frames that are judged, and whether further frames were left unread.
 
-    Frames that nobody numbered get the numbers of their places in the stream.
+    Frames without numbers are numbered by their places in the stream.
     """
     length = _length_of(frames)
     has_more = False
@@ -94,24 +95,24 @@ def frames_to_judge(frames: Iterable[RgbdFrame]) -> tuple[list[RgbdFrame], bool]
 
 
 def following(frames: Sequence[RgbdFrame]) -> list[tuple[RgbdFrame, RgbdFrame]]:
-    """Pairs of frames that follow each other by their numbers; where few do, all neighbours."""
+    """Pairs of frames with successive numbers; if there are too few, all pairs of neighbours."""
     pairs = list(pairwise(frames))
     numbered = [(a, b) for a, b in pairs if b.number == a.number + 1]
     return numbered if len(numbered) >= LEAST_PAIRS else pairs
 
 
 def changed_shares(before: RgbdFrame, after: RgbdFrame) -> tuple[float, float]:
-    """Shares of the pixels whose measurement disappears, and appears."""
+    """Share of pixels whose measurement disappears, and of those where one appears."""
     a, b = before.depth > 0, after.depth > 0
     return float(np.mean(a & ~b)), float(np.mean(~a & b))
 
 
 def whole_pairs(frames: Sequence[RgbdFrame]) -> list[tuple[RgbdFrame, RgbdFrame]]:
-    """Pairs of `following` without frames that are empty in whole or in large part.
+    """Pairs of `following` without frames that are empty or mostly empty.
 
-    Those are of a camera that begins or fails.
+    Cameras give such frames when they start or fail.
     """
     return [(a, b) for a, b in following(frames) if max(changed_shares(a, b)) < _MOST_EMPTIED]
 
 
-_MOST_EMPTIED = 0.1  # of the pixels; a camera moved by hand has 0.04, such a filter 0.06 at most
+_MOST_EMPTIED = 0.1  # share of the pixels; at most 0.04 for a hand-held camera, 0.06 for a filter

@@ -1,4 +1,4 @@
-"""Processing of all depth images of a stream: cropped, rounded, coded, filtered, resampled."""
+"""Recognise processing of all depth images: cropped, rounded, coded, filtered, resampled."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ if TYPE_CHECKING:
 
     Depth = NDArray[np.uint16]
 
-_MOST_TINY = 5e-4  # share of pixels nearer than any camera measures
-_MOST_OFF_CENTRE = 0.1  # of the image's side
+_MOST_TINY = 5e-4  # largest share of pixels nearer than any camera measures
+# largest distance of the optical axis from the middle, as a share of the image's side
+_MOST_OFF_CENTRE = 0.1
 
 _AZURE_NARROW = {(640, 576), (320, 288)}
-"""Images of the Azure Kinect's narrow field of view: a part of the sensor, not about its middle."""
+"""Image sizes of the Azure Kinect's narrow field of view, which is not centred on the sensor."""
 
-_MOST_OFF_CENTRE_AZURE = 0.15  # that of the recorded device is 0.11 off
-_LEAST_VIEW_DEG = 50.0  # along the longer side; the narrowest camera of the data sees 57
+_MOST_OFF_CENTRE_AZURE = 0.15  # the recorded device has 0.11
+_LEAST_VIEW_DEG = 50.0  # along the longer side; the narrowest recorded camera has 57
 _SIZES = {
     (160, 120), (320, 240), (640, 480), (512, 424), (1280, 720), (848, 480), (640, 360),
     (480, 270), (424, 240), (1280, 800), (640, 400), (640, 576), (320, 288), (512, 512),
@@ -35,7 +36,7 @@ _SIZES = {
 
 
 def processing_of(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
-    """Processing that all images went through."""
+    """The processing that all images went through."""
     found = []
     height, width = frames[0].depth.shape
     if (width, height) not in _SIZES and (height, width) not in _SIZES:
@@ -77,16 +78,17 @@ def processing_of(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
 
 
 def _field_of_view(camera: Intrinsics) -> float:
-    """Degrees that a camera sees along the longer side of its image."""
+    """Field of view along the longer side of the image, degrees."""
     sides = ((camera.width, camera.fx), (camera.height, camera.fy))
     side, focal = max(sides, key=lambda each: each[0])
     return math.degrees(2.0 * math.atan(0.5 * side / abs(focal)))  # fy of renderings may be < 0
 
 
 def _is_held(frames: Sequence[RgbdFrame]) -> bool:
-    """Whether pixels keep their value until they change by much, as filters against flicker do.
+    """Whether pixels keep their depth until it changes by much, as after a temporal filter.
 
-    Where neighbours on a surface differ by little, so do a camera's pixels from frame to frame.
+    If neighbouring pixels of a camera differ by small amounts, its pixels also change by small
+    amounts from frame to frame.
     """
     pairs = [(a.depth, b.depth) for a, b in following(frames)]
     over_time = np.array([_changes(a, b) for a, b in pairs[:: max(1, len(pairs) // 6)]])
@@ -99,32 +101,33 @@ def _is_held(frames: Sequence[RgbdFrame]) -> bool:
 
 
 def _changes(one: Depth, other: Depth) -> tuple[int, int]:
-    """How many pixels differ by less than `_SMALL`, and by less than ten times as much."""
+    """Number of pixels that differ by less than `_SMALL`, and by less than ten times `_SMALL`."""
     change = np.abs(one.astype(np.int32) - other)[(one > 0) & (other > 0)]
     change = change[(change > 0) & (change < 10 * _SMALL)]
     return int((change < _SMALL).sum()), len(change)
 
 
 def _lost_and_gained(frames: Sequence[RgbdFrame]) -> tuple[float, float, int]:
-    """Shares of pixels that disappear and appear from a frame to the next, over so many pairs.
+    """Mean shares of pixels that disappear and appear between frames, and the number of pairs.
 
-    A camera loses as many as it gains, but for those at the edge of what it sees.
+    A camera loses as many pixels as it gains, except at the borders of its field of view.
     """
     shares = np.array([changed_shares(a, b) for a, b in whole_pairs(frames)]).reshape(-1, 2)
     lost, gained = shares.mean(axis=0) if len(shares) else (0.0, 0.0)
     return float(lost), float(gained), len(shares)
 
 
-_LEAST_LOST = 0.2  # of what is gained; clean recordings of five pairs and more have 0.65 at least
-_LEAST_GAINED = 2e-4  # of the pixels
+# of the gained share; clean recordings with at least five pairs have 0.65 or more
+_LEAST_LOST = 0.2
+_LEAST_GAINED = 2e-4  # share of the pixels
 _SMALL = 15  # mm
-_LEAST_CHANGED = 0.001  # of the pixels, from frame to frame
+_LEAST_CHANGED = 0.001  # share of the pixels that change from frame to frame
 _LEAST_DEPTH = 150  # mm; no depth camera measures nearer
 _MOST_DOUBLED = 0.2
 
 
 def _doubled(image: Depth) -> float:
-    """Share of neighbouring rows with relief that are the same wherever both are measured."""
+    """Share of pairs of neighbouring rows with relief that are equal where both are measured."""
     above, below = image[:-1], image[1:]
     both = (above > 0) & (below > 0)
     num_both = both.sum(axis=1)

@@ -23,7 +23,7 @@ CALIBRATION = Calibration(
     "structured light and time of flight; a few cameras of each; other people's compositors may "
     "draw softer silhouettes",
 )
-"""Origin of `SHARP`: clean frames, not those of `POWER`."""
+"""Clean frames on which `SHARP` was chosen; they are not those of `POWER`."""
 
 _STREAMS = "8 simulated people of other seeds, 8 of UTD-MHAD before the turning person's wall"
 _KITCHEN = "8 people of UTD-MHAD in the red kitchen of 7-Scenes"
@@ -36,9 +36,9 @@ POWER: Mapping[str, Power] = ReadOnlyMapping(
         "running background, moving camera": Power(10, 16, source=_KITCHEN),
     }
 )
-"""Forged streams of `manip3d.forge.stream`, both types, that are found; from ``figure-5.8``. It
-cuts people out from one pixel to the next; those whose silhouettes are blended are not found. The
-other 10 before a still frame of the kitchen, all of which repeats, are ``processed``."""
+"""Share of forged streams of `manip3d.forge.stream`, of both types, that are found; from experiment
+``figure-5.8``. The forgeries have sharp silhouettes; blended ones are not found. The other 10
+streams before a still frame of the kitchen, all of which repeats, are ``processed``."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,13 @@ class StreamReport:
     Attributes
     ----------
     name : 'repetition', 'silhouettes' or 'noise'
+        Name of the detector.
     verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
+        Verdict of the detector.
     reason : str
+        Reason of the verdict in words.
     score : float or None
-        The detector's own measure, larger is more suspicious; of ``noise`` smaller.
+        The detector's own measure, larger is more suspicious; for ``noise`` smaller.
     """
 
     name: str
@@ -87,25 +90,27 @@ class StreamInspection:
     ----------
     verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
     reason : str
+        Reason of the verdict in words.
     score : float or None
-        Suspicion of cut-out silhouettes, larger is worse; None: there is none to judge.
+        Sharpness of silhouettes, larger is more suspicious; None: there is no silhouette to judge.
     p_value : None
-        No probability is stated.
+        Always None: no probability is stated.
     regions : tuple of StreamRegion
-        Where something was inserted, frame by frame.
+        Places of inserted objects, frame by frame.
     masks : (T, H, W) bool
-        Pixels of what was inserted, of the frames in ``numbers``; empty without evidence.
+        Pixels of inserted objects in the frames of ``numbers``; empty without evidence.
     numbers : (T,) int64
-        Numbers of the frames that were judged; their places in the stream where all numbers are the
-        same.
+        Numbers of the frames that were judged; their places in the stream if all numbers are equal.
     processing : tuple of Processing
         What was done to all images.
     detectors : tuple of StreamReport
+        Reports of the detectors.
     noise : (N - 1,) float64
-        Inter-frame noise of the judged pairs, as published.
+        Inter-frame noise of the judged pairs of frames, as published.
     power : mapping of str to Power
-        Share of forged streams found, by kind, as measured on streams that fixed no threshold.
+        Share of forged streams found, by kind, measured on streams that chose no threshold.
     calibration : Calibration
+        Clean frames on which the thresholds were chosen.
     """
 
     verdict: Verdict

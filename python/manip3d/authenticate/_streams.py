@@ -1,4 +1,4 @@
-"""Was somebody put into this RGB-D stream? Frozen backgrounds, cut-out silhouettes, depth noise."""
+"""Inspect RGB-D streams for inserted people: still backgrounds, cut-out silhouettes, noise."""
 
 from __future__ import annotations
 
@@ -42,21 +42,22 @@ def depth_noise(
     Parameters
     ----------
     depth : (H, W) uint16, millimetres
-        Pixels without a measurement count as depth 0: those that come and go are most of it.
+        Depth image; pixels without a measurement count as depth 0, and contribute most of the
+        noise.
     region : int, pixels
-        Side of the regions; the last ones may be smaller.
+        Side of the regions; the last region of a row or column may be smaller.
     sigma : float, pixels
-        Standard deviation of the 5 x 5 Gaussian G; 1.1 is OpenCV's for that size.
+        Standard deviation of the 5 x 5 Gaussian G; 1.1 is OpenCV's value for that size.
 
     Returns
     -------
     (rows, cols) float64, millimetres
-        IFN of the frame is their mean.
+        Mean of each region; the IFN of a frame is their mean.
 
     Raises
     ------
     InputError
-        Another shape or dtype, or an option out of range.
+        ``depth`` has another shape or dtype, or an option is out of range.
 
     Examples
     --------
@@ -78,21 +79,22 @@ def depth_noise(
 
 @checked
 def inter_frame_noise(frames: Iterable[RgbdFrame]) -> NDArray[np.float64]:
-    """Return 2 abs(IFN_t - IFN_t+1) / (IFN_t + IFN_t+1) of each pair of neighbouring frames.
+    """Return 2 abs(IFN_t - IFN_t+1) / (IFN_t + IFN_t+1) for each pair of neighbouring frames.
 
     Parameters
     ----------
     frames : iterable of RgbdFrame
+        Frames of a stream.
 
     Returns
     -------
     (T - 1,) float64
-        0 where both frames have no noise at all.
+        Relative change of the noise IFN (`depth_noise`); 0 if both frames have no noise.
 
     Raises
     ------
     InputError
-        ``frames`` holds something else, or depth images that are not uint16.
+        ``frames`` holds an item of another type, or depth images that are not uint16.
 
     Examples
     --------
@@ -119,13 +121,13 @@ def _relative_change(noise: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @checked
 def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) -> StreamInspection:
-    """Judge whether somebody was put into an RGB-D stream, by its depth images.
+    """Judge from the depth images whether a person was inserted into an RGB-D stream.
 
     Parameters
     ----------
     frames : iterable of RgbdFrame
-        Consecutive frames of one camera. Of a sequence up to 60 are judged, in runs of 6 spread
-        over it; of an iterator the first 60, which the reason says where there were more.
+        Consecutive frames of one camera. Up to 60 frames are judged: of a sequence, runs of 6
+        spread over it; of an iterator the first 60, and the reason states if there are more.
     progress : None, True or callable(fraction, message)
         True shows a bar; a callable gets the fraction done and a message.
 
@@ -140,28 +142,29 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
 
     Notes
     -----
-    ``repetition``: a camera's depth is never the same twice; regions of 32 pixels without any
-    change over all pairs beside regions that change are a still background.
-    ``silhouettes``: where a person stands before a background, structured light casts a shadow
-    without measurements on one side, and time of flight mixes the light of both surfaces. A
-    silhouette that is sharp on both sides, from one pixel to the next, was cut out; the sharpest
-    five judged frames in a row decide, since a part of a stream may be forged. ``noise``: the
-    published inter-frame noise, as a number without a verdict. Rendered images (no noise, no
-    speckles without a measurement), images without silhouettes and streams of few frames are
-    ``undecidable``; images of unusual size, rounded, doubled or lossily coded ones, and those of
-    which a part repeats exactly behind a camera's own silhouettes, are ``processed``: codecs and
-    filters over time do that, too. So are those whose silhouettes are sharp because what a camera
-    misses beside them keeps the depth of the previous frame, as RealSense's filter over time does
-    before a moving camera, and because no wide gap is left in the image: large holes were filled.
-    Of time-of-flight cameras, recognised by the size of their images, the latter is not evidence.
-    Where silhouettes have neither a step nor a gap on both sides, as blended ones and those of time
-    of flight have, streams of other cameras are ``undecidable``; a person who was blended into a
-    stream of time of flight leaves no trace. No verdict says that a stream is authentic.
+    There are three detectors. ``repetition``: a camera never measures exactly the same depths
+    twice. Regions of 32 pixels that never change over all pairs of frames, while other regions
+    change, are a still background. ``silhouettes``: beside a person before a background, structured
+    light leaves a shadow without measurements on one side, and time of flight mixes the light of
+    both surfaces. A person whose silhouette is sharp on both sides, from one pixel to the next, was
+    cut out. The five successive judged frames with the sharpest silhouettes decide, since only a
+    part of a stream may be forged. ``noise``: the published inter-frame noise, without a verdict.
 
-    An image that was cut to the size of some camera is recognised by the field of view that its
-    calibration leaves, if that is below 50 degrees. One that was made smaller by leaving pixels
-    out, with a calibration that was scaled alike, cannot be distinguished from that of a smaller
-    camera.
+    Rendered images (without noise or speckles), images without silhouettes and streams of few
+    frames are ``undecidable``. Images of unusual size, rounded, resampled or lossily coded images,
+    and images of which a part repeats exactly behind a camera's own silhouettes, are ``processed``,
+    because codecs and temporal filters cause that as well. Images are also ``processed`` if
+    silhouettes are sharp because missing pixels beside them keep the depth of the previous frame,
+    as RealSense's temporal filter does with a moving camera, or if no wide gap is left in the
+    image, because large holes were filled. For time-of-flight cameras, which are recognised by the
+    size of their images, missing wide gaps are no evidence. If silhouettes have neither a step nor
+    a gap on either side, as blended silhouettes and those of time of flight, streams of other
+    cameras are ``undecidable``; a person who was blended into a time-of-flight stream leaves no
+    trace. No verdict says that a stream is authentic.
+
+    An image that was cropped to the size of another camera is recognised if the field of view of
+    its calibration is below 50 degrees. An image that was made smaller by leaving pixels out, with
+    a scaled calibration, cannot be distinguished from that of a smaller camera.
 
     Examples
     --------
@@ -200,7 +203,7 @@ def _concluded(
     repetition: tuple[StreamReport, Mask],
     silhouettes: tuple[StreamReport, tuple[StreamRegion, ...], Mask],
 ) -> StreamInspection:
-    """The verdict on frames by what each detector says."""
+    """The verdict on frames from the reports of all detectors."""
     frozen, frozen_masks = repetition
     edges, edge_regions, edge_masks = silhouettes
     median = float(np.median(noise)) if len(noise) else None
@@ -221,7 +224,7 @@ def _concluded(
         step = Processing("filtered", edges.reason)
         return StreamInspection("processed", edges.reason, edges.score, processing=(step,), **base)
     if len(frozen_masks) and edges.score is not None and edges.score >= SHARP:
-        if edges.verdict == "tampered":  # somebody who keeps still repeats depths, too
+        if edges.verdict == "tampered":  # a person who keeps still repeats depths, too
             frozen_masks = frozen_masks | edge_masks
         regions = tuple(
             StreamRegion(frame.number, box_of(mask), 1.0)

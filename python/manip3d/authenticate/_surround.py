@@ -1,4 +1,5 @@
-"""Do LiDAR and several stereo pairs, which look different ways, see the same scene?"""
+"""Contradictions between a LiDAR scan and several stereo pairs that look in different
+directions."""
 
 from __future__ import annotations
 
@@ -37,15 +38,15 @@ class SurroundResult(WithoutRate):
     Attributes
     ----------
     pairs : mapping of str to CrossModalResult
-        What each pair says of its own field of view.
+        Result of each pair for its own field of view.
     verdict : 'no_trace', 'tampered' or 'undecidable'
-        ``tampered`` if a pair says so; else ``undecidable`` if a pair measured too little, since
-        its directions are judged by nobody.
+        ``tampered`` if a pair accuses the scan; else ``undecidable`` if a pair measured too little,
+        since its directions are not judged.
     reason : str
-        In words.
+        Reason of the verdict in words.
     attack : str
-        As `CrossModalResult.attack`, of the regions of all pairs: an object that was moved from
-        the view of one pair into that of another is one modification.
+        `CrossModalResult.attack` for the regions of all pairs: an object that was moved from the
+        view of one pair into that of another is one modification.
     """
 
     pairs: Mapping[str, CrossModalResult]
@@ -68,7 +69,7 @@ class SurroundResult(WithoutRate):
     def regions(self) -> tuple[CrossModalRegion, ...]:
         """Regions of all pairs that accuse, the largest area first.
 
-        What two pairs see is reported by both.
+        An object in the view of two pairs is reported by both.
         """
         accusing = (found for found in self.pairs.values() if found.verdict == "tampered")
         return tuple(
@@ -82,7 +83,7 @@ class SurroundResult(WithoutRate):
 
     @property
     def suspected(self) -> NDArray[np.int32]:
-        """Rows of added points, ascending, each once."""
+        """Rows of added points, ascending, without duplicates."""
         accusing = [f.suspected for f in self.pairs.values() if f.verdict == "tampered"]
         return np.unique(np.concatenate([np.empty(0, np.int32), *accusing]))
 
@@ -99,14 +100,14 @@ class SurroundResult(WithoutRate):
     def observation(
         self, *, speed_mps: float, parameters: RiskParameters | None = None
     ) -> AttackObservation | None:
-        """Return the attack as `RiskTracker.update` takes it; None: no region.
+        """Return the attack for `RiskTracker.update`; None if no pair accuses the scan.
 
         Cells that two pairs judge count for both.
 
         Parameters
         ----------
         speed_mps : float, m/s
-            Speed of the car, which says how far the safety region reaches.
+            Speed of the car, which determines the length of the safety region.
         parameters : RiskParameters, optional
             The safety region.
         """
@@ -122,7 +123,7 @@ class SurroundResult(WithoutRate):
         )
 
     def record(self) -> dict[str, object]:
-        """Return what was found without the maps, ready for JSON."""
+        """Return the result without the maps, ready for JSON."""
         return {
             "verdict": self.verdict,
             "reason": self.reason,
@@ -141,22 +142,23 @@ def surround_consistency(
     *,
     parameters: CrossModalParameters | None = None,
 ) -> SurroundResult:
-    """Compare a LiDAR scan with what several stereo pairs saw at the same moment.
+    """Compare a LiDAR scan with the disparities of several stereo pairs from the same moment.
 
-    Each pair judges its own field of view by `cross_modal_consistency`, in maps that look where it
-    does. Results are in the LiDAR's frame.
+    Each pair judges its own field of view by `cross_modal_consistency`, in maps around its own
+    heading. Results are in the LiDAR's frame.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres; x forward, y left, z up, the scanner at the origin.
+        Scan in metres; x forward, y left, z up, the scanner at the origin.
     disparities : mapping of str to Disparity
         Disparities of the left images, by the names of their pairs.
     rigs : mapping of str to StereoRig
-        At least those of ``disparities``.
+        Stereo pairs by name, at least those of ``disparities``.
     parameters : CrossModalParameters, optional
-        Parameters of a single pair, without a heading: each pair has its own. The pairs share the
-        false alarms of a frame (`CrossModalParameters.shared`, by the number of rigs).
+        Parameters of a single pair, without a heading, because each pair has its own. They are
+        adapted to the number of rigs (`CrossModalParameters.shared`), so that the false-alarm rate
+        of a frame stays the same.
 
     Returns
     -------
@@ -165,7 +167,8 @@ def surround_consistency(
     Raises
     ------
     InputError
-        No pair; a pair without a rig; a heading; what `cross_modal_consistency` refuses.
+        There is no pair, a pair has no rig, ``parameters`` has a heading; or as
+        `cross_modal_consistency`.
 
     Examples
     --------

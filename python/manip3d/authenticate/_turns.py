@@ -1,4 +1,4 @@
-"""Detector IV: what the turns before and after a frame saw, and the frame does not show."""
+"""Detector IV: objects that both neighbouring turns of a frame show, or neither of them."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ if TYPE_CHECKING:
     Seen = tuple[ReadingColumns, ReadingColumns]
 
 TURN_EVIDENCE = ("lost", "through", "before")
-"""Kinds of evidence. ``lost``: no return where both turns saw the same thing; ``through``: returns
-from behind a surface that both turns saw; ``before``: returns from a place that both looked
-through."""
+"""Kinds of evidence. ``lost``: no returns where both neighbouring turns saw the same object.
+``through``: returns from behind a surface that both turns saw. ``before``: returns from a place
+through which both turns saw."""
 
 FARTHEST = 26.0
-"""Metres: farther regions are not judged, because single returns get lost there in masses."""
+"""Metres: farther regions are not judged, because many single returns are lost there."""
 
 FARTHEST_MOTION = 1.4
-"""Metres that the scanner may move between two turns. The cars of the streets that fix the tail
-drive 3 to 13 m/s, 1.3 m in a turn of a tenth of a second; a decimetre is for the alignment. Faster,
-or with turns that were left out, clean frames show more than the tail holds."""
+"""Metres: largest motion of the scanner between two turns. The cars of the streets in `TAIL` drive
+3 to 13 m/s, up to 1.3 m per turn of 0.1 s; another 0.1 m allows for the alignment. At higher
+speeds, or if turns are missing, clean frames have more evidence than `TAIL`."""
 
 MOST_APART_NS = 150_000_000
-"""Nanoseconds between neighbours: one and a half turns of a tenth of a second, as the thresholds
-were fixed with."""
+"""Nanoseconds: largest time between neighbours, 1.5 turns of 0.1 s; thresholds were chosen for
+turns of 0.1 s."""
 
 UNITS: Mapping[str, float] = ReadOnlyMapping({"lost": 400.0, "through": 60.0, "before": 110.0})
-"""Directions times metres of a region whose strength is 1, by kind. They only say how the kinds
-compare; what is rare is told by `TAIL`."""
+"""Number of directions times distance in metres of a region whose strength is 1, by kind. They only
+relate the kinds to each other; `TAIL` states how rare a strength is."""
 
 # fmt: off
 TAIL: tuple[float, ...] = (
@@ -82,11 +82,12 @@ TAIL: tuple[float, ...] = (
 )
 # fmt: on
 TAIL_FRAMES = 5634
-"""The largest strengths of clean simulated frames, in descending order, and how many frames these
-are: those of detector V, streets 70000 to 70142, 71000 to 71142, 88000 to 88139 and 89000 to 89137
-of `manip3d.simulate.street`, which are in no report, as `benchmarks/bench_alarms.py --calibrate`
-judges them. A new clean frame is as strong as the k-th of n with probability k / (n + 1), whatever
-the distribution is (Vovk et al., Algorithmic Learning in a Random World, 2005)."""
+"""The largest strengths of clean simulated frames, in descending order, and the number of frames:
+streets 70000 to 70142, 71000 to 71142, 88000 to 88139 and 89000 to 89137 of
+`manip3d.simulate.street`, partly those of detector V. Reported rates are measured on other streets;
+`benchmarks/bench_alarms.py --calibrate` computes the strengths. A new clean frame is as strong as
+the k-th of n with probability k / (n + 1), for any distribution (Vovk et al., Algorithmic Learning
+in a Random World, 2005)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,19 +99,21 @@ class TurnRegion:
     kind : 'lost', 'through' or 'before'
         See `TURN_EVIDENCE`.
     p_value : float
-        Probability, at most, that a clean frame has a region as strong.
+        Upper bound of the probability that a clean frame has a region as strong.
     strength : float
         For ranking; a clean frame seldom reaches 1.
     directions : int
         Number of directions in the region, each a third of a degree of one laser.
     distance : float, metres
-        Median of what the turns saw there, or of the points that nobody saw.
+        Median distance of the missing surface, or, for ``before``, of the added points.
     box : Box
-        The tight box, turned about the vertical, around what stood there, or around the points.
+        The smallest box, rotated about the vertical, around the missing surface, or around the
+        added points.
     rows : (K,) int64
-        Points of the frame in those directions; none where the returns are gone.
+        Rows of the frame's points in these directions; empty for ``lost``.
     stood : (K, 3) float32, metres
-        What the turn before saw there, in the frame's coordinates; none for ``before``.
+        Points of the previous turn on the missing surface, in the frame's coordinates; empty for
+        ``before``.
     """
 
     kind: str
@@ -131,28 +134,29 @@ class TurnResult(BesideTurns):
     ----------
     verdict : 'no_trace', 'tampered' or 'undecidable'
         ``undecidable``: the turns could not be aligned with the frame, the scanner moved farther
-        between them than where the thresholds were fixed, or no ground was found.
+        between them than `FARTHEST_MOTION`, or no ground was found.
     reason : str
-        In words.
+        Reason of the verdict in words.
     p_value : float
-        Probability, at most, that a clean frame shows as much.
+        Upper bound of the probability that a clean frame shows as much evidence.
     score : float
-        The largest strength of a region; larger is more suspicious.
+        Largest strength of a region; larger is more suspicious.
     false_alarm_rate : float
-        As asked for.
+        The argument of this name.
     regions : tuple of TurnRegion
         Regions whose own ``p_value`` does not exceed ``false_alarm_rate``, the strongest first.
     suspected : (K,) int64
-        Rows of the points in them.
+        Rows of the points in these regions.
     previous, following : (4, 4) float64
-        The motion of the turn before and of the turn after into the frame's coordinates, metres.
+        Transforms of the previous and of the following turn into the frame's coordinates, metres.
     calibration : Calibration
+        Clean frames on which the thresholds were chosen.
     aligned : bool
-        Whether both turns could be aligned with the frame, so that the motions hold, although the
-        scanner moved too far for the thresholds.
+        Whether both turns could be aligned with the frame, so that the transforms are valid, even
+        if the scanner moved too far for the thresholds.
     foreign : bool
-        Whether neither turn could be aligned with the frame, and both with each other: they show
-        one place, and the frame another.
+        Whether both turns could be aligned with each other but not with the frame: they show one
+        place, and the frame another one.
     """
 
     regions: tuple[TurnRegion, ...]
@@ -190,22 +194,23 @@ def turn_consistency(
     whole_turns: bool = True,
     threads: int = 0,
 ) -> TurnResult:
-    """Look for what was removed from a frame, or put into it, with the turns before and after.
+    """Find objects that were removed from a frame, or added, by comparing neighbouring turns.
 
     Parameters
     ----------
     frame : LidarFrame or (N, 3) points
-        Metres, the scanner at the origin.
+        Frame in metres, with the scanner at the origin.
     previous, following : the same
-        The frames a turn earlier and later, of the same scanner; not edited in the same way.
+        Frames of the same scanner one turn earlier and later, which must not be edited in the same
+        way.
     lattice : SensorLattice
-        Lattice of the scanner, from :func:`estimate_lattice`; only its lines are looked at.
+        Lattice of the scanner, from :func:`estimate_lattice`; only its lines are used.
     false_alarm_rate : float
-        Share of clean frames that may be called tampered; in (0, 1). Rates below 1 / 5635 never
-        alarm: the threshold stands on so many frames.
+        Largest share of clean frames that may be called tampered; in (0, 1). Rates below 1 / 5635
+        never accuse, because the threshold was chosen on 5634 frames.
     whole_turns : bool
-        Whether both turns have all of their points. If not (they were cropped or thinned), nothing
-        is taken for new or looked through where one of them has gaps, and less is found.
+        Whether both turns have all of their points. If not (they were cropped or thinned), places
+        where one of them has gaps are no evidence for ``before``, and less is found.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -216,22 +221,23 @@ def turn_consistency(
     Raises
     ------
     InputError
-        Points of another shape or not finite; a rate out of range.
+        Points have another shape or are not finite; the rate is out of range.
 
     Notes
     -----
-    Both turns are aligned with the frame by point-to-plane ICP. What both saw at one place stands
-    still, and must be seen in between, or hidden by something nearer: nothing leaves a place and is
-    back within two turns. What was deleted leaves directions without a return, what was
-    overwritten by its background leaves returns from behind. Dark cars that swallow pulses leave
-    holes, too; these move, so that directions nearby that were silent in another turn and answer
-    now are subtracted. A region weighs its directions times their distance in metres. What passes
-    through a place faster than its own length a turn is seen there by one turn only: points with a
-    counterpart as far behind in the turn before as beyond in the turn after are no evidence. Where
-    the scanner moved more than 1.4 m between two turns, nothing is judged.
+    Both turns are aligned with the frame by point-to-plane ICP. An object that both saw at one
+    place stands still, and must be visible in the frame, or hidden by something nearer, because no
+    object leaves a place and returns within two turns. Deleting its points leaves directions
+    without a return; overwriting them with the background leaves returns from behind. Dark cars
+    that absorb pulses leave holes as well, but these move: nearby directions that were silent in
+    another turn and have a return now are subtracted. The evidence of a region is its number of
+    directions times their distance in metres. An object that moves more than its own length per
+    turn is seen at a place by one turn only; points with counterparts at equal distances behind in
+    the previous turn and ahead in the following turn are therefore no evidence. If the scanner
+    moved more than 1.4 m between two turns, nothing is judged.
 
-    Both neighbours must show the place unedited: where two or more frames in a row are edited
-    there, this detector sees none of it.
+    Both neighbours must show the place unedited: if two or more successive frames are edited there,
+    this detector does not find it.
 
     Examples
     --------
@@ -259,14 +265,14 @@ def turns_read(
     whole_turns: bool,
     threads: int,
 ) -> tuple[TurnResult, Seen]:
-    """Return what `turn_consistency` does, and where the moved turns lie on the lattice.
+    """Return the result of `turn_consistency`, and the places of both turns on the lattice.
 
     Parameters
     ----------
     reading : LatticeReading or None
-        Where the frame's points lie on the lattice; None: they are read here.
+        Places of the frame's points on the lattice; None: they are computed here.
     frame, previous, following, lattice, false_alarm_rate, whole_turns, threads
-        As for `turn_consistency`.
+        As in `turn_consistency`.
     """
     if not 0.0 < false_alarm_rate < 1.0:
         raise InputError(f"false_alarm_rate: expected a share in (0, 1), got {false_alarm_rate!r}")
@@ -318,22 +324,22 @@ def turns_read(
 
 
 def turn_strength(region: Mapping[str, Any]) -> float:
-    """Return how strong the evidence of a region is: directions times metres, in `UNITS`.
+    """Return the strength of a region: its directions times distance in metres, over `UNITS`.
 
     Parameters
     ----------
     region : mapping
-        As `_core.compare_turns` returns it.
+        Region, as `_core.compare_turns` returns it.
     """
     kind = region["kind"]
     directions = region["agreed"] - (1.0 if kind == "before" else 0.5) * region["moved"]
-    if kind == "lost":  # what was cut out above the ground leaves the ground; shadows do not
+    if kind == "lost":  # a removed object leaves the ground, a dark car does not
         directions -= region["ground"]
     return max(0.0, float(directions * region["distance"] / UNITS[kind]))
 
 
 def turn_p_value(strength: float) -> float:
-    """Return the probability, at most, that a clean frame has a region as strong."""
+    """Return an upper bound of the probability that a clean frame has a region as strong."""
     as_strong = sum(value >= strength for value in TAIL)
     return (1 + as_strong) / (1 + TAIL_FRAMES) if as_strong < len(TAIL) else 1.0
 
@@ -341,7 +347,7 @@ def turn_p_value(strength: float) -> float:
 def _why_not_judged(
     found: Mapping[str, Any], motions: tuple[NDArray[np.float64], ...]
 ) -> str | None:
-    """Why the turns tell nothing of the frame; None: they can be compared."""
+    """Reason why the turns cannot be compared with the frame; None: they can."""
     if not found["has_ground"]:
         return "no ground plane was found"
     if not found["judged"]:
@@ -362,7 +368,7 @@ def _is_foreign(
     lattice: SensorLattice,
     threads: int,
 ) -> bool:
-    """Whether the turns lie to each other as two turns do, and neither to the frame."""
+    """Whether the turns can be aligned with each other, but neither of them with the frame."""
     if not found["has_ground"] or any(found[name]["found"] for name in ("previous", "following")):
         return False
     skipping = _core.compare_turns(before, after, after, lattice.table, True, threads)

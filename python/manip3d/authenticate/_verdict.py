@@ -1,4 +1,4 @@
-"""Verdicts, regions and power, which all detectors state in the same words."""
+"""Verdicts, regions, power and other types that the results of all detectors share."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ if TYPE_CHECKING:
     from manip3d.lidar import Box
 
 Verdict: TypeAlias = Literal["no_trace", "tampered", "processed", "undecidable"]
-"""``no_trace``: no evidence was found by a detector that could have objected; it is not a proof of
+"""``no_trace``: a detector that finds edits of this scanner found no evidence. It is not a proof of
 authenticity, which only a keyed watermark gives. ``tampered``: localised evidence of an edit at a
 stated false-alarm rate. ``processed``: the whole scan was changed (shuffled, rounded, cropped,
-deskewed ...). ``undecidable``: the scan gives the detector nothing to judge by; never a guess."""
+deskewed ...). ``undecidable``: the detector cannot judge the scan, and does not guess."""
 
 
 FALSE_ALARM_RATE = 0.01
-"""Share of clean scans that `inspect` may call tampered, whichever of its detectors does."""
+"""Largest share of clean scans that all detectors of `inspect` together may call tampered."""
 
 RATE_SHARES: Mapping[str, float] = ReadOnlyMapping(
     {"generic": 0.1, "turns": 0.7, "reflectance": 0.2}
 )
-"""What each detector of a spinning scanner may use up of it: the rate of all together is at most
-the sum of theirs (Bonferroni), whether they agree or not. A detector that has nothing to judge by
-leaves its share unused. The split was chosen on the frames that fix the thresholds, before rates
-were measured on others: detector III tells clean scans by the lattice and needs least, detector V
-is seldom wrong, and dark cars that swallow pulses are nearest to the edits that detector IV looks
-for."""
+"""Part of that rate for each detector of a spinning scanner. The rate of all detectors together is
+at most the sum of their rates (Bonferroni), also if they are correlated. The part of a detector
+that cannot judge is not used. The split was chosen on the frames that fix the thresholds, before
+rates were measured on others. Detector III recognises clean scans by the lattice and needs the
+smallest part; detector V is seldom wrong; and dark cars that absorb pulses resemble the edits that
+detector IV looks for, which therefore needs the largest."""
 
 
 def rate_of(detector: str, false_alarm_rate: float = FALSE_ALARM_RATE) -> float:
-    """Return the share of a scan's false-alarm rate that a detector may use up.
+    """Return the false-alarm rate of one detector, as a part of that of the whole scan.
 
     Parameters
     ----------
     detector : 'generic', 'turns' or 'reflectance'
     false_alarm_rate : float
-        Rate for the scan as a whole.
+        False-alarm rate of all detectors together.
     """
     return RATE_SHARES[detector] * false_alarm_rate
 
@@ -61,12 +61,13 @@ class Calibration:
     Attributes
     ----------
     scenes : str
-        The clean scans on which they were fixed; never those of a report.
+        Clean scans on which the thresholds were chosen; reported rates are measured on others.
     num_scans : int
+        Number of these scans.
     false_alarms : int
-        Number of those scans that the thresholds, as they are, would call tampered.
+        Number of these scans that are called tampered with the chosen thresholds.
     note : str
-        What they do not cover.
+        Limits of the calibration: scanners and scenes that it does not cover.
     """
 
     scenes: str
@@ -82,12 +83,12 @@ class Power:
     Attributes
     ----------
     found, planted : int
-        Edits found, of so many planted in clean frames of this scanner.
+        Number of edits that were found, and that were planted, in clean frames of this scanner.
     here_found, here_planted : int
-        The same in copies of the inspected scan itself, by all detectors together; 0 of 0: not
-        tried. Only `Inspection.power` has them.
+        The same in copies of the inspected scan itself, by all detectors together; 0 and 0: not
+        tried. Only `Inspection.power` states them.
     source : str
-        The clean frames of the first numbers.
+        Clean frames in which ``planted`` edits were planted.
     """
 
     found: int
@@ -98,11 +99,11 @@ class Power:
 
     @property
     def share(self) -> float:
-        """Share found in clean frames of the scanner."""
+        """Share of the planted edits that were found in clean frames of the scanner."""
         return self.found / self.planted if self.planted else 0.0
 
     def record(self) -> dict[str, Any]:
-        """Return the numbers as JSON values; those of the scan itself where it was tried."""
+        """Return the numbers as JSON values; those of the scan itself only if measured."""
         values = {**vars(self), "share": self.share}
         if not self.here_planted:
             del values["here_found"], values["here_planted"]
@@ -116,13 +117,14 @@ class Region:
     Attributes
     ----------
     box : Box
-        The smallest box, rotated about the vertical, around its suspected points, metres.
+        The smallest box, rotated about the vertical, around the suspected points, metres.
     rows : (K,) int64
-        Rows of its suspected points; none where points were removed.
+        Rows of the suspected points; empty if points were removed.
     p_value : float or None
-        Probability, at most, that a clean scan has a region with as much; None: not stated.
+        Upper bound of the probability that a clean scan has a region with as much evidence; None:
+        not stated.
     evidence : mapping of str to float
-        Strength by kind of evidence.
+        Strength of each kind of evidence.
     """
 
     box: Box
@@ -143,52 +145,55 @@ class Region:
 
 
 NO_POWER: Mapping[str, Power] = ReadOnlyMapping({})
-"""Power of a detector that knows nothing of the scanner: `inspect` looks it up."""
+"""Power of a detector's own result, which does not depend on the scanner; `inspect` looks it up."""
 
 
 @runtime_checkable
 class RegionLike(Protocol):
-    """A region, whatever else its detector tells of it; see `Region`."""
+    """Attributes that the regions of all detectors share; see `Region`."""
 
     @property
     def box(self) -> Box:
-        """Around its suspected points, or where removed ones stood, metres."""
+        """Box around the suspected points, or the former places of removed points, metres."""
         ...
 
     @property
     def rows(self) -> NDArray[np.int64]:
-        """Rows of its suspected points; none where points were removed."""
+        """Rows of the suspected points; empty if points were removed."""
         ...
 
     @property
     def p_value(self) -> float | None:
-        """Probability, at most, that a clean scan shows as much; None: it is not stated."""
+        """Upper bound of the probability that a clean scan shows as much; None: not stated."""
         ...
 
 
 @runtime_checkable
 class Detection(Protocol):
-    """Result that all detectors of edited LiDAR scans share.
+    """Attributes that the results of all detectors of edited LiDAR scans share.
 
     Attributes
     ----------
     verdict : str
-        One of `Verdict`; of a keyed watermark one of `WatermarkVerdict`.
+        One of `Verdict`; for a keyed watermark one of `WatermarkVerdict`.
     reason : str
-        The verdict's reason in words.
+        Reason of the verdict in words.
     score : float or None
-        The detector's own measure, larger is more suspicious; None: it could not judge.
+        The detector's own measure of suspicion, larger is more suspicious; None: it could not
+        judge.
     p_value : float or None
-        Probability, at most, that a clean scan shows as much; None: the detector states none.
+        Upper bound of the probability that a clean scan shows as much evidence; None: the detector
+        states none.
     regions : sequence of RegionLike
         Places with evidence, each with a ``box``, ``rows`` and a ``p_value``.
     suspected : (K,) integers
         Rows of the suspected points, ascending.
     power : mapping of str to Power
-        Share of the edits of each class that are found; empty: the detector alone does not know
-        the scanner, and `inspect` tells.
+        Share of the edits of each class that are found; empty: it depends on the scanner, and
+        `inspect` states it.
     calibration : Calibration or None
-        Where the thresholds come from; None: a publication, a user, or none are needed.
+        Clean scans on which the thresholds were chosen; None: the thresholds come from a
+        publication or a user, or none are needed.
 
     Examples
     --------
@@ -201,22 +206,22 @@ class Detection(Protocol):
 
     @property
     def verdict(self) -> str:
-        """One of `Verdict`; of a keyed watermark one of `WatermarkVerdict`."""
+        """One of `Verdict`; for a keyed watermark one of `WatermarkVerdict`."""
         ...
 
     @property
     def reason(self) -> str:
-        """The verdict's reason in words."""
+        """Reason of the verdict in words."""
         ...
 
     @property
     def score(self) -> float | None:
-        """The detector's own measure, larger is more suspicious."""
+        """The detector's own measure of suspicion, larger is more suspicious."""
         ...
 
     @property
     def p_value(self) -> float | None:
-        """Probability, at most, that a clean scan shows as much; None: it is not stated."""
+        """Upper bound of the probability that a clean scan shows as much; None: not stated."""
         ...
 
     @property
@@ -252,39 +257,39 @@ class WithoutRate(Showable):
 
     @property
     def boxes(self) -> tuple[Box, ...]:
-        """Around what each region found, metres."""
+        """Boxes of the regions, metres."""
         return tuple(region.box for region in self.regions)
 
     @property
     def p_value(self) -> float | None:
-        """None: the tail of clean scenes is not known well enough to state one."""
+        """None, because the scores of clean scenes are not known well enough for a p-value."""
         return None
 
     @property
     def power(self) -> Mapping[str, Power]:
-        """Empty: it depends on the sensors; `inspect` looks it up for a scanner it knows."""
+        """Empty, because it depends on the scanner; `inspect` looks it up."""
         return NO_POWER
 
 
 @dataclass(frozen=True, eq=False)
 class BesideTurns:
-    """Fields of the results of detectors IV and V, which compare a frame with the turns beside it.
+    """Fields of the results of detectors IV and V, which compare a frame with its neighbours.
 
     Attributes
     ----------
     verdict : 'no_trace', 'tampered' or 'undecidable'
     reason : str
-        In words.
+        Reason of the verdict in words.
     p_value : float
-        Probability, at most, that a clean frame shows as much.
+        Upper bound of the probability that a clean frame shows as much evidence.
     score : float
-        The largest strength of a region; larger is more suspicious.
+        Largest strength of a region; larger is more suspicious.
     false_alarm_rate : float
-        As asked for.
+        The argument of this name.
     regions : tuple
         Regions whose own ``p_value`` does not exceed ``false_alarm_rate``, the strongest first.
     suspected : (K,) int64
-        Rows of the points in them.
+        Rows of the points in these regions.
     """
 
     verdict: Verdict
@@ -297,11 +302,11 @@ class BesideTurns:
 
     @property
     def power(self) -> Mapping[str, Power]:
-        """Empty: it depends on the scanner, see `inspect`."""
+        """Empty, because it depends on the scanner; see `inspect`."""
         return NO_POWER
 
     def with_rows(self, rows: NDArray[np.int64]) -> Self:
-        """Return the result for a scan of which only some points were judged.
+        """Return the result in terms of a whole scan of which only some points were judged.
 
         Parameters
         ----------
@@ -319,16 +324,17 @@ class Processing:
     Attributes
     ----------
     kind : str
-        ``shuffled``, ``regrouped`` (some points stand elsewhere in the file than the scanner writes
-        them), ``reversed``, ``mirrored``, ``rounded``, ``float16``, ``cropped``, ``thinned``,
-        ``lasers`` (some were left out), ``filtered``, ``outliers`` (points far from others were
-        left out), ``turned``, ``scaled``, ``moved``, ``averaged`` (the points of each voxel became
-        one), ``fused``, ``repeated``, ``padded`` (rows that are no returns), ``reflectances`` or
-        ``neighbours`` (what the turns beside the scan lack hides what the scan lacks), ``foreign``
-        (they show one place, and the scan another); of recordings also ``resampled`` and ``lossily
-        coded``; of drives see `DriveInspection`.
+        ``shuffled``, ``regrouped`` (some points are at another place in the file than the scanner
+        writes them), ``reversed``, ``mirrored``, ``rounded``, ``float16``, ``cropped``,
+        ``thinned``, ``lasers`` (some lasers are missing), ``filtered``, ``outliers`` (isolated
+        points were removed), ``turned``, ``scaled``, ``moved``, ``averaged`` (the points of each
+        voxel were replaced by their mean), ``fused``, ``repeated``, ``padded`` (rows that are no
+        returns), ``reflectances``, ``neighbours`` (points are missing from a neighbouring turn, so
+        that points missing from the scan may go unnoticed) or ``foreign`` (the neighbouring turns
+        show one place, the scan another one). Recordings of depth can also be ``resampled`` and
+        ``lossily coded``. Kinds of drives: see `DriveInspection`.
     detail : str
-        In words, with numbers.
+        Description with numbers.
     """
 
     kind: str
@@ -337,23 +343,23 @@ class Processing:
 
 @checked
 def likelihood_ratio(p_value: float) -> float:
-    """Return how much likelier what was seen is under an edit than in a clean frame, at least.
+    """Return a lower bound of the likelihood ratio of evidence, edited against clean.
 
     Parameters
     ----------
     p_value : float
-        In (0, 1].
+        Probability in [0, 1].
 
     Returns
     -------
     float
-        1 / (2 sqrt(p)), a calibrator of p-values [Vovk and Wang, Annals of Statistics 2021]: its
-        mean over clean frames is 1 at most, so that it is a bet that a clean frame does not win.
+        1 / (2 sqrt(p)), a calibrator of p-values [Vovk and Wang, Annals of Statistics 2021]. Its
+        mean over clean frames is at most 1 (it is an e-value).
 
     Raises
     ------
     InputError
-        A value out of range.
+        ``p_value`` is out of range.
 
     Examples
     --------
@@ -367,11 +373,12 @@ def likelihood_ratio(p_value: float) -> float:
 
 
 def binomial_tail(least: int, frames: int, rate: float) -> float:
-    """Return the probability that at least so many of independent frames alarm.
+    """Return the probability that at least ``least`` of ``frames`` independent frames alarm.
 
     Parameters
     ----------
     least, frames : int
+        Number of alarms, and number of frames.
     rate : float
         Probability that one frame alarms, in (0, 1).
     """
@@ -380,6 +387,7 @@ def binomial_tail(least: int, frames: int, rate: float) -> float:
         ways = math.lgamma(frames + 1) - math.lgamma(count + 1) - math.lgamma(frames - count + 1)
         return ways + count * math.log(rate) + (frames - count) * math.log1p(-rate)
 
-    # The upper tail itself: 1 less the lower one has no digit left where it is small.
+    # The upper tail is summed directly: 1 minus the lower tail has no significant digits if it is
+    # small.
     tail = math.fsum(math.exp(log_share(count)) for count in range(max(least, 0), frames + 1))
     return min(1.0, tail)

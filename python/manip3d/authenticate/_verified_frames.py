@@ -1,4 +1,4 @@
-"""The file that keeps what a verifier has seen: a checkpoint, and a journal of the frames since."""
+"""The state file of a verifier: a checkpoint, and a journal of the frames after it."""
 
 from __future__ import annotations
 
@@ -13,38 +13,39 @@ from manip3d.errors import Error, FormatError, InputError
 from manip3d.io._files import atomic_write, open_regular
 
 CHECKPOINT_FRAMES = 600
-"""The journal is folded into a new checkpoint after so many frames, and at the end."""
+"""Number of frames after which the journal is replaced by a new checkpoint, as also on close."""
 
 _MAGIC = b"m3d-vj01"
-_HEADER = struct.Struct("<8sI")  # the magic, and the checkpoint's length
-_HEAD, _TAG = 66, 32  # bytes of a verifier's state before the past sessions, and after them
+_HEADER = struct.Struct("<8sI")  # magic number, length of the checkpoint
+_HEAD, _TAG = 66, 32  # bytes of a state before and after its list of past sessions
 _ENTRY = _HEAD + _TAG
-_MOST_SESSIONS = 4096  # that a verifier remembers
+_MOST_SESSIONS = 4096  # largest number of sessions that a verifier remembers
 _MOST_BYTES = _HEADER.size + _ENTRY + 16 * _MOST_SESSIONS + CHECKPOINT_FRAMES * _ENTRY
 
 
 class VerifiedFrames:
     """Keeps the state of a verifier in a file, for one verifier at a time.
 
-    The file holds a checkpoint and, for each frame since, the session, the number and the tag of
-    the chain, authenticated together with the sessions of the checkpoint. A killed process loses
-    nothing; entries are not synced one by one, so that a loss of power may lose those since the
-    last checkpoint. Who can write the file can put an older one in its place.
+    The file has a checkpoint and, for each frame after it, the session, the number and the tag of
+    the chain, authenticated together with the sessions of the checkpoint. A killed process loses no
+    entries. A power failure may lose those after the last checkpoint, because entries are not
+    synced individually. Anyone who can write the file can replace it by an older one.
 
     Parameters
     ----------
     path : Path
+        Path of the file, which is created if needed.
     verifier : WatermarkVerifier
-        It goes on where the file ends.
+        Verifier whose state is restored from the file.
 
     Raises
     ------
     InputError
         Another verifier is using the file.
     FormatError
-        It is damaged, or of another key.
+        The file is damaged, or belongs to another key.
     OSError
-        It cannot be read, or the lock beside it cannot be made.
+        The file cannot be read, or its lock file cannot be created.
     """
 
     def __init__(self, path: Path, verifier: _core.WatermarkVerifier) -> None:
@@ -68,7 +69,7 @@ class VerifiedFrames:
         name = self._path.with_name(f".{self._path.name}.lock")
         try:
             lock = locked_file(name)
-        except FileNotFoundError as error:  # the folder: the lock's own name tells nobody anything
+        except FileNotFoundError as error:  # of the folder; name the state file
             raise FileNotFoundError(error.errno, error.strerror, os.fspath(path)) from None
         if lock is None:
             raise InputError(f"state: expected a file of one verifier at a time, {path} is in use")
@@ -83,14 +84,14 @@ class VerifiedFrames:
             raise FormatError(error.reason, file=str(path)) from error
 
     def add(self) -> None:
-        """Write down the frame that was just verified, if the chain went on with it.
+        """Append the frame that was just verified, if it changed the state of the verifier.
 
         Raises
         ------
         OSError
-            It cannot be written; the next frame writes it, too.
+            The entry cannot be written; the next call writes it, too.
         Error
-            This is a child of the process that opened the file.
+            The caller is a child of the process that opened the file.
         """
         state = self._verifier.state()
         if state == self._stored:
@@ -113,18 +114,18 @@ class VerifiedFrames:
         except OSError as error:
             self._drop_journal()
             raise OSError(error.errno, error.strerror, os.fspath(self._path)) from error
-        if written != len(entry):  # the disk is full, and the file ends within an entry
+        if written != len(entry):  # the disk is full: the last entry is incomplete
             self.fold()
 
     def fold(self) -> None:
-        """Replace the file by a checkpoint of now.
+        """Replace the file by a checkpoint of the current state.
 
         Raises
         ------
         OSError
-            It cannot be written; the file stays as it was.
+            The file cannot be written; it remains unchanged.
         Error
-            This is a child of the process that opened the file.
+            The caller is a child of the process that opened the file.
         """
         self._check_owner()
         self._drop_journal()
@@ -136,14 +137,14 @@ class VerifiedFrames:
         self._stored, self._num_entries, self._unsaved = state, 0, False
 
     def close(self) -> None:
-        """Fold the journal, write what could not be, and let others use the file.
+        """Replace the journal by a checkpoint, and release the file.
 
         May be called twice.
 
         Raises
         ------
         OSError, Error
-            As `fold`; others may use the file all the same.
+            As `fold`; the file is released nevertheless.
         """
         if not self._unlock.alive:
             return
@@ -165,10 +166,10 @@ class VerifiedFrames:
 
 
 def _last_state(content: bytes) -> bytes:
-    """The state that a file ends with.
+    """The last state in the content of a file.
 
-    The last entry may be torn: its frame was never answered. Files without a header are
-    checkpoints of before there was a journal.
+    An incomplete last entry is ignored, because no verdict was returned for its frame. Files
+    without a header are checkpoints without a journal, as early versions wrote them.
     """
     if len(content) > _MOST_BYTES:
         raise FormatError("the file is larger than the state of a verifier can be")

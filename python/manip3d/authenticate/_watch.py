@@ -1,4 +1,4 @@
-"""Watching a drive: each of its moments is judged, and together they have one verdict."""
+"""Watch a drive: judge each of its moments, and combine them to one verdict."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from manip3d.errors import Error, InputError
 from manip3d.lidar import LidarFrame
 
 TURN_S = 0.1
-"""Seconds of a turn of the scanner, where a drive does not tell its times."""
+"""Seconds per turn of the scanner, for drives without times."""
 
-_FARTHEST_BEHIND = 1.0  # seconds that a frame may wait for those before it
+_FARTHEST_BEHIND = 1.0  # seconds: longest time that a frame may wait for earlier frames
 
 
 class DriveMoment(NamedTuple):
@@ -37,8 +37,8 @@ class DriveMoment(NamedTuple):
     velocity : (float, float, float) or None
         Velocity of the car: m/s ahead, m/s to the left, rad/s counter-clockwise. None: unknown.
     time_s : float or None
-        Time of the frame in seconds on the drive's clock; None: unknown, then the frame follows
-        the one before at the interval of `AlertMonitor.judge`.
+        Time of the frame in seconds on the drive's clock; None: unknown, and the frame follows the
+        previous one at the interval of `AlertMonitor.judge`.
     pairs : mapping of str to (left, right), or None
         Rectified pictures of a car with several stereo pairs, by the name of the pair.
     carrier : (H, W) or (H, W, 3) uint8, or None
@@ -64,10 +64,11 @@ class WatchedDrive(NamedTuple):
     Attributes
     ----------
     rig : StereoRig, mapping of str to StereoRig, or None
-        Cameras, as `AlertMonitor` takes them.
+        Cameras, as for `AlertMonitor`.
     moments : iterator of DriveMoment
+        Frames of the drive.
     num_frames : int
-        Frames of the drive at most, as many as were asked for; 0: not known before it ends.
+        Number of frames, limited to the requested number; 0: unknown.
     """
 
     rig: StereoRig | Mapping[str, StereoRig] | None
@@ -77,17 +78,17 @@ class WatchedDrive(NamedTuple):
 
 @dataclass(frozen=True)
 class DriveWatch:
-    """Verdict of a drive that was watched; see `watch_drive`.
+    """Verdict on a drive that was watched; see `watch_drive`.
 
     Attributes
     ----------
     verdict : 'authentic', 'no_trace', 'tampered' or 'undecidable'
     reason : str
-        The verdict's reason in words.
+        Reason of the verdict in words.
     num_frames : int
-        Frames that were judged or skipped.
+        Number of frames that were judged or skipped.
     stopped : BaseException or None
-        The error or the interruption with which the drive ended.
+        Error or interruption that ended the drive; None: it ended normally.
     """
 
     verdict: str
@@ -106,27 +107,27 @@ def watch_drive(
     whole: bool = False,
     show: Callable[[Alert], object] | None = None,
 ) -> DriveWatch:
-    """Judge the moments of a drive one after the other, and return their joint verdict.
+    """Judge the moments of a drive one after the other, and return the combined verdict.
 
-    A picture or record that the monitor refuses silences no other witness. A drive that ends in an
-    error or an interruption is judged by the frames before it: it is ``undecidable`` then, unless
-    one of them was tampered with.
+    If the monitor refuses a picture or a record, the other witnesses still judge. A drive that ends
+    with an error or an interruption is ``undecidable``, unless a frame before it is ``tampered``.
 
     Parameters
     ----------
     monitor : AlertMonitor
+        Monitor that judges each frame.
     moments : iterable of DriveMoment
+        Frames of the drive.
     speed_mps : float, m/s
         Speed of the car in moments without a velocity.
     live : bool
-        Play in real time: wait for the time of each moment, and skip moments that come more than a
+        Play in real time: wait for the time of each moment, and skip moments that are more than one
         second late.
     whole : bool
-        The drive is to be one whole session of a watermark, as for `AlertTally.verdict`.
+        Require one complete session of the watermark, as in `AlertTally.verdict`.
     show : callable, optional
-        Called with each `Alert`, in order. An error that it raises is the caller's, and says
-        nothing about the drive: it is passed on when no forensics work in the background any
-        more.
+        Function that is called with each `Alert`, in order. An error that it raises is raised again
+        after the forensics in the background have finished; it has no effect on the verdict.
 
     Returns
     -------
@@ -183,7 +184,7 @@ def watch_drive(
 
 
 def _until_error(alerts: Iterator[Alert], errors: list[BaseException]) -> Iterator[Alert]:
-    """The alerts of a drive up to the error in which it ends; that is put into `errors`."""
+    """The alerts of a drive up to the error that ends it, which is appended to ``errors``."""
     try:
         yield from alerts
     except (Error, OSError) as error:
@@ -191,7 +192,7 @@ def _until_error(alerts: Iterator[Alert], errors: list[BaseException]) -> Iterat
 
 
 def _until(stopped: BaseException, count: int, verdict: str, reason: str) -> tuple[str, str]:
-    """The verdict of a drive of which only the frames before an error were judged."""
+    """The verdict on a drive of which only the frames before an error were judged."""
     why = "it was interrupted" if isinstance(stopped, KeyboardInterrupt) else str(stopped)
     ended = f"ended after {count} {'frame' if count == 1 else 'frames'}: {why}"
     return (verdict, f"{reason}; {ended}") if verdict == "tampered" else ("undecidable", ended)
@@ -207,7 +208,7 @@ def _judged(
             raise InputError(f"moments: expected DriveMoments, got {type(moment).__name__}")
         now, waited = moment.time_s, 0.0
         if live:
-            # A drive without times is played as a scanner turns.
+            # A drive without times is played at the scanner's turns.
             now = (0.0 if last is None else last + TURN_S) if now is None else now
             first = now if first is None else first
             late = time.monotonic() - begin - (now - first)
@@ -234,7 +235,7 @@ def _judged(
 def _judged_unread(
     monitor: AlertMonitor, why: str, moment: DriveMoment, motion: tuple[float, float, float]
 ) -> Alert:
-    """The alert of a scan that cannot be read, without its carrier where that is refused."""
+    """The alert of a scan that cannot be read; its carrier is left out if it is refused."""
     judge = partial(monitor.judge_unread, record=moment.record, motion=motion)
     try:
         return judge(why, carrier=moment.carrier)
@@ -245,13 +246,13 @@ def _judged_unread(
 
 
 def _judged_without_refused(judge: Callable[..., Alert], moment: DriveMoment) -> Alert:
-    """The alert of a scan; pictures or a carrier that the monitor refuses silence only themselves.
+    """The alert of a scan; pictures or a carrier that the monitor refuses are left out.
 
-    The monitor refuses before it judges, so that the same frame can be given again.
+    The monitor checks its arguments before it judges, so that the frame can be given again.
     """
     pair = moment.pictures or (None, None)
     cameras = {"left": pair[0], "right": pair[1], "pairs": moment.pairs}
-    by_cameras = by_carrier = None  # what the last trial with each of them was refused for
+    by_cameras = by_carrier = None  # error of the last trial with each of them
     for shown, carrier in (
         (cameras, moment.carrier),
         ({}, moment.carrier),

@@ -1,4 +1,4 @@
-"""Watermarks of a scan's file, or of all scans of a drive as one chain."""
+"""Embed and verify watermarks of a scan's file, or of all scans of a drive as one chain."""
 
 from __future__ import annotations
 
@@ -53,15 +53,16 @@ class EmbeddedScan:
     Attributes
     ----------
     path : Path
-        The file.
+        Path of the file.
     number : int
         Number of the frame in its session.
     num_points, num_tiles : int
-        Points, and tiles that are signed on their own.
+        Number of points, and of tiles that are signed separately.
     has_time : bool
-        The drive says when it was taken; else its record bears the time of the clock.
+        Whether the drive states the time of the scan; otherwise the record has the time of the
+        clock.
     was_there : bool
-        An earlier run, which was stopped, had written it.
+        Whether an earlier, interrupted run wrote the file.
     """
 
     path: Path
@@ -81,8 +82,9 @@ class VerifiedFiles:
     verdict : 'authentic', 'tampered' or 'undecidable'
         Verdict of the scan, or of the drive as one chain.
     reason : str
+        Reason of the verdict in words.
     frames : sequence of (str, WatermarkResult)
-        Name and result of each scan in their order, without the points.
+        Name and result of each scan, in order, without the points.
     """
 
     verdict: WatermarkVerdict
@@ -90,12 +92,12 @@ class VerifiedFiles:
     frames: Sequence[tuple[str, WatermarkResult]]
 
     def record(self, *, operator: bool = False) -> dict[str, Any]:
-        """Return the result as plain values, as JSON has them.
+        """Return the result as JSON values.
 
         Parameters
         ----------
         operator : bool
-            With what only the owner of the scans may see, such as changed points.
+            Include data that only the owner of the scans may see, such as changed points.
 
         Returns
         -------
@@ -121,8 +123,7 @@ def drive_pictures(drive: str | os.PathLike[str], name: str) -> Path:
     drive : path
         Folder of the drive.
     name : str
-        Folder of the camera relative to the drive, such as ``image_02``; a path that leaves the
-        drive is refused.
+        Folder of the camera relative to the drive, such as ``image_02``; it must lie in the drive.
 
     Returns
     -------
@@ -133,7 +134,7 @@ def drive_pictures(drive: str | os.PathLike[str], name: str) -> Path:
     Raises
     ------
     InputError
-        There is no such folder in the drive.
+        The drive has no such folder.
 
     Examples
     --------
@@ -164,34 +165,33 @@ def embed_files(
 ) -> list[EmbeddedScan]:
     """Embed a watermark into a scan's file, or into all scans of a drive as one chain.
 
-    The record of each scan is written beside it (`record_path`), or into a picture. What else a
-    drive has is copied. The session ends with the last scan, which is written when all else is
-    there. Where ``output`` has the beginning of a session of this drive and key that did not end,
-    as after a run that was stopped or found the disk full, it goes on after the scans that are
-    there.
+    The record of each scan is written beside it (`record_path`), or into a picture. Other files of
+    a drive are copied. The session ends with the last scan, which is written after all other files.
+    If ``output`` has an unfinished session of this drive and key, because a run was interrupted or
+    the disk was full, the session continues after the existing scans.
 
     Parameters
     ----------
     marker : Watermarker
-        With a key and the embedding.
+        Watermarker with a key and an embedding.
     source : path
-        A scan, or the folder of a KITTI drive.
+        Path of a scan, or folder of a KITTI drive.
     output : path
-        The scan to write, or the folder of the drive to write.
+        Path of the new scan, or folder of the new drive.
     picture : str
-        Picture (.png) that carries the record, written as ``SCAN.png``; of a drive the folder of
-        its pictures, such as ``image_02``. Empty: records stand beside the scans.
+        Picture (.png) that carries the record, written as ``SCAN.png``; for a drive the folder of
+        its pictures, such as ``image_02``. Empty: records are files beside the scans.
     scans_only : bool
-        Leave out what a drive has beside its scans.
+        Do not copy other files of a drive.
     replace : bool
-        What is there may be replaced; scans and records of an earlier drive go from the folders of
-        scans, where they would be frames of this chain.
+        Replace existing files. Scans and records of an earlier drive are removed from the folders
+        of scans, where they would be frames of this chain.
     again : bool
-        Embed also where a record is beside a scan of ``source``, or in its picture, as for another
-        key. Its points were moved by the earlier watermark, and move once more; what the earlier
-        key signed cannot be verified in the result.
+        Also embed if a scan of ``source`` has a record, beside it or in its picture, as for another
+        key. Points that the earlier watermark moved are moved again, and the earlier record does
+        not verify the result.
     progress : callable or bool, optional
-        Called with the share that is done and the name of the scan; True: a bar.
+        Function that is called with the share that is done and a message; True shows a bar.
 
     Returns
     -------
@@ -200,11 +200,11 @@ def embed_files(
     Raises
     ------
     InputError
-        There is something else at ``output`` already, such as a drive that nobody signed, another
-        program is writing there, the folder has no scans, a scan is signed already, or a format
-        does not keep coordinates (`write_watermarked`).
+        ``output`` exists and is no unfinished session of this drive, or with ``replace`` is a drive
+        without a watermark; another program is writing there; the folder has no scans; a scan is
+        signed already; or the format does not preserve coordinates (`write_watermarked`).
     FormatError, OSError
-        A file cannot be read or written. A note of the error says how many scans were.
+        A file cannot be read or written. A note of the error states how many scans were written.
 
     Examples
     --------
@@ -268,7 +268,7 @@ def _embed_drive(
     with reporting(progress, "embed") as report, _noting_what_is_done(target, works, done):
         for number, work in enumerate(works[len(done) :], len(done) + 1):
             is_end = number == len(works)
-            if is_end and not scans_only:  # a session that has ended is of a whole drive
+            if is_end and not scans_only:  # an ended session must be a complete drive
                 copy_rest_of_drive(begin, target, written=pictures)
             done.append(
                 _embed(
@@ -290,7 +290,7 @@ def _embed_drive(
 
 @dataclass(frozen=True)
 class _Work:
-    """A scan of a drive that is to be signed, its picture, and where both are written."""
+    """A scan of a drive to sign, its picture, and the paths to which both are written."""
 
     scan: Path
     target: Path
@@ -315,7 +315,7 @@ def _works_of(drive: Path, output: Path, pictures: Path | None) -> list[_Work]:
 def _noting_what_is_done(
     output: Path, works: Sequence[_Work], done: Sequence[EmbeddedScan]
 ) -> Iterator[None]:
-    """Note at an error how far the drive was written."""
+    """Add a note to an error that states how many scans were written."""
     try:
         yield
     except BaseException as error:
@@ -327,10 +327,10 @@ def _noting_what_is_done(
 
 
 def _go_on(marker: Watermarker, works: Sequence[_Work]) -> list[EmbeddedScan]:
-    """Go on with a session that an earlier run has not ended; return the scans that are there.
+    """Resume the unfinished session of an earlier run; return its scans.
 
-    There are none where the first scan is missing, was not made of this drive's with this key and
-    embedding, or where the session has ended.
+    The list is empty if the first scan is missing or was not made from this drive with this key and
+    embedding, or if the session has ended.
     """
     done: list[EmbeddedScan] = []
     last: WatermarkResult | None = None
@@ -358,13 +358,14 @@ def _go_on(marker: Watermarker, works: Sequence[_Work]) -> list[EmbeddedScan]:
             marker.resume(read_record(find_record(work.target)) or b"")
         else:
             marker.resume(record_of_picture(read_carrier(work.shown)))
-    except (FormatError, InputError):  # of another sensor or grid
+    except (FormatError, InputError):  # the record is of another sensor or grid
         return []
     return done
 
 
 def _found_at(verifier: Watermarker, work: _Work, policy: Policy) -> WatermarkResult | None:
-    """The result for a scan's file that is there, if it is authentic and was made of that scan."""
+    """The result for an existing file, if it is authentic and was made from that scan; else
+    None."""
     if not work.target.is_file():
         return None
     record = find_record(work.target)
@@ -379,14 +380,14 @@ def _found_at(verifier: Watermarker, work: _Work, policy: Policy) -> WatermarkRe
 
 
 def _is_made_of(marked: LidarFrame, source: LidarFrame, units_per_m: int) -> bool:
-    """Whether no point was moved further than rounding and embedding move it."""
+    """Whether no point was moved by more than rounding and embedding can cause."""
     if marked.num_points != source.num_points:
         return False
     if marked.exact is not None and source.exact is not None:
         moves = np.abs(marked.exact - source.exact)
     else:
         moves = np.abs(marked.points - source.points)
-    return bool((moves <= 3.0 / units_per_m).all())  # two steps, and float32's rounding
+    return bool((moves <= 3.0 / units_per_m).all())  # two steps, and rounding of float32
 
 
 def _embed(
@@ -411,7 +412,8 @@ def _embed(
 
 
 def _refuse_signed(pictures: Mapping[Path, Path | None]) -> None:
-    """Refuse scans that are signed already: a record beside them, or in their pictures."""
+    """Raise InputError for scans that are signed already: a record is beside them or in a
+    picture."""
     signed = [scan for scan, picture in pictures.items() if _record_of(scan, picture) is not None]
     if not signed:
         return
@@ -423,7 +425,7 @@ def _refuse_signed(pictures: Mapping[Path, Path | None]) -> None:
 
 
 def _refuse_unsigned(target: Path, works: Sequence[_Work]) -> None:
-    """Refuse to replace scans of which none is signed: they are the only ones of their drive."""
+    """Raise InputError if the scans to be replaced are not signed, since they may be originals."""
     folders = {work.target.parent for work in works}
     there = [p for f in folders if f.is_dir() for p in f.iterdir()]
     scans = sorted(p for p in there if scan_suffix(p) in FOLDER_SUFFIXES)
@@ -438,14 +440,15 @@ def _refuse_unsigned(target: Path, works: Sequence[_Work]) -> None:
 
 
 def _record_of(scan: Path, picture: Path | None) -> Path | None:
-    """The file that carries the record of a scan, if there is one."""
+    """The file that carries the record of a scan; None if there is none."""
     beside = find_record(scan)
     if beside.is_file():
         return beside
     try:
         if picture is not None and record_of_picture(read_carrier(picture)):
             return picture
-    except (FormatError, InputError, OSError):  # no record, or no picture: told where it is needed
+    # no record, or no picture: reported later if it is needed
+    except (FormatError, InputError, OSError):
         pass
     return None
 
@@ -472,7 +475,7 @@ def _picture_of(scan: Path, folder: Path) -> Path:
 
 
 def _remove_others(kept: set[Path]) -> None:
-    """Remove scans and records of an earlier drive from the folders of this one's."""
+    """Remove scans and records of an earlier drive from the folders of the new scans."""
     for folder in {path.parent for path in kept}:
         for path in sorted(folder.iterdir()):
             is_ours = path.suffix == RECORD_SUFFIX or scan_suffix(path) in FOLDER_SUFFIXES
@@ -492,25 +495,26 @@ def verify_files(
 ) -> VerifiedFiles:
     """Verify a scan's file, or the scans of a drive as one chain.
 
-    Frames that are missing in a drive, also at its end, are noticed, and scans of which only the
-    record is left are undecidable; so are those that cannot be read, and the frames after them are
-    judged. Of a single file an error is raised.
+    Missing frames of a drive, also at its end, are noticed. Scans of which only the record is left,
+    and unreadable scans, are undecidable, and the frames after them are still judged. A single
+    unreadable file raises an error.
 
     Parameters
     ----------
     marker : Watermarker
-        With a key or keys, and the state of earlier verifications where replays are to be noticed.
+        Watermarker with a key or keys, and with a state file if replays of earlier verified frames
+        must be noticed.
     source : path
-        A scan, the record of a missing scan, or the folder of a KITTI drive.
+        Path of a scan, of the record of a missing scan, or of the folder of a KITTI drive.
     policy : Policy, optional
-        By default what any embedding of any sensor allows: ``chain`` for a drive, ``any`` for a
-        scan.
+        Policy of the verifier; default: any embedding and sensor, and the order ``chain`` for a
+        drive, ``any`` for a scan.
     record : path, optional
-        Record of a single scan; by default that of `find_record`.
+        Record of a single scan; default: that of `find_record`.
     picture : str
-        Picture that carries the record; of a drive the folder of its pictures.
+        Picture that carries the record; for a drive the folder of its pictures.
     progress : callable or bool, optional
-        Called with the share that is done; True: a bar.
+        Function that is called with the share that is done; True shows a bar.
 
     Returns
     -------
@@ -556,7 +560,7 @@ def verify_files(
                 seen = _picture_of(scan, folder)
             beside = find_record(scan) if record is None else path_of(record)
             found = _verified(marker, scan, beside, seen, policy, in_drive=is_drive)
-            frames.append((scan.name, replace(found, scan=None)))  # a drive's scans fill memory
+            frames.append((scan.name, replace(found, scan=None)))  # all scans would fill the memory
             if report is not None:
                 report((number + 1) / len(scans))
     verdict, reason = verdict_of_stream([found for _, found in frames], whole=is_drive)
@@ -564,7 +568,7 @@ def verify_files(
 
 
 def _verified_scans(source: Path, *, has_pictures: bool) -> list[Path]:
-    """The scans, with those of which only the record beside them is left."""
+    """The scans to verify, including missing scans of which only the record is left."""
     if source.suffix == RECORD_SUFFIX and source.is_file():
         if scan_of_record(source) is not None:
             raise InputError(f"{source}: expected the scan, got its record")

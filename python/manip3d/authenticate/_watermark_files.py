@@ -1,4 +1,4 @@
-"""Watermarked scans in files: records beside them, and drives as one chain."""
+"""Files of watermarked scans: records beside them, and drives as one chain."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 MAX_RECORD_BYTES = 16384
 RECORD_SUFFIX = ".wm"
 
-_SAME_M = 1e-8  # metres: as far apart as float64 of a national grid may be, and no grid's step
+_SAME_M = 1e-8  # metres: rounding of float64 on a national grid, and below any grid's step
 _COMPRESSED = (".xz", ".gz")
 _EXACT = (".bin", ".pcd.bin", ".pcd", ".ply")
 
@@ -46,6 +46,7 @@ def record_path(scan: str | os.PathLike[str]) -> Path:
     Parameters
     ----------
     scan : path
+        Path of the scan.
 
     Returns
     -------
@@ -68,19 +69,20 @@ def record_path(scan: str | os.PathLike[str]) -> Path:
 
 @checked
 def find_record(scan: str | os.PathLike[str]) -> Path:
-    """Return the path of the record of a scan, which may have been compressed since.
+    """Return the path of the record of a scan that may have been compressed after embedding.
 
-    `record_path` of the scan; where there is no such file, that of the scan before it was
-    compressed or decompressed, if it is there: ``scan.bin.wm`` of ``scan.bin.xz``.
+    It is `record_path` of the scan. If there is no such file, it is the record of the scan before
+    it was compressed or decompressed, if that exists: ``scan.bin.wm`` for ``scan.bin.xz``.
 
     Parameters
     ----------
     scan : path
+        Path of the scan.
 
     Returns
     -------
     Path
-        Where no record is, the path of `record_path`.
+        Path of the record; that of `record_path` if there is none.
 
     Raises
     ------
@@ -101,7 +103,7 @@ def find_record(scan: str | os.PathLike[str]) -> Path:
 
 @checked
 def read_record(path: str | os.PathLike[str]) -> bytes | None:
-    """Return the bytes of a record; None: there is no such file.
+    """Return the bytes of a record; None if there is no such file.
 
     At most 16 385 bytes are returned, one more than the longest valid record, so that a verifier
     rejects longer files.
@@ -118,9 +120,9 @@ def read_record(path: str | os.PathLike[str]) -> bytes | None:
     Raises
     ------
     FormatError
-        It is a pipe or a device.
+        The file is a pipe or a device.
     OSError
-        It cannot be read.
+        The file cannot be read.
 
     Examples
     --------
@@ -139,7 +141,7 @@ def read_record(path: str | os.PathLike[str]) -> bytes | None:
 
 @checked
 def scan_of_record(record: str | os.PathLike[str]) -> Path | None:
-    """Return the scan beside which a record stands, which may be compressed; None: it is missing.
+    """Return the scan of a record, which may be compressed; None if the scan is missing.
 
     Parameters
     ----------
@@ -170,7 +172,7 @@ def scan_of_record(record: str | os.PathLike[str]) -> Path | None:
 
 
 def _same_scans(scan: Path) -> list[Path]:
-    """The scan's path, and those that it has when it is compressed or decompressed."""
+    """The scan's path, and its paths after compression or decompression."""
     plain = scan.name
     for suffix in _COMPRESSED:
         plain = plain.removesuffix(suffix)
@@ -180,18 +182,19 @@ def _same_scans(scan: Path) -> list[Path]:
 
 @checked
 def refuse_existing_record(scan: str | os.PathLike[str], *, replace: bool = False) -> None:
-    """Refuse to replace the record beside a scan.
+    """Refuse to replace an existing record beside a scan.
 
     Parameters
     ----------
     scan : path
+        Path of the scan.
     replace : bool
-        The record may be replaced: nothing is refused.
+        Allow to replace the record; nothing is refused then.
 
     Raises
     ------
     InputError
-        It exists, and ``replace`` is False.
+        The record exists, and ``replace`` is False.
 
     Examples
     --------
@@ -211,12 +214,12 @@ def refuse_existing_record(scan: str | os.PathLike[str], *, replace: bool = Fals
 
 @checked
 def check_holds_float32(scan: str | os.PathLike[str]) -> None:
-    """Refuse files of formats that round coordinates, in which no watermark would survive.
+    """Refuse file formats that round coordinates, because no watermark survives rounding.
 
     Parameters
     ----------
     scan : path
-        Only its name is looked at.
+        Path of the scan; only its name is used.
 
     Raises
     ------
@@ -248,25 +251,26 @@ def as_stored(
     *,
     unchanged: str | os.PathLike[str] | None = None,
 ) -> LidarFrame:
-    """Return a scan as a file will give it back, which is what has to be signed.
+    """Return a scan as it will be read from its file; the watermark must sign this scan.
 
-    ``num_dropped`` becomes 0 and ``file_rows`` None: an organised scan's points without coordinates
-    are never written, so that a reader of the file finds none to drop. KITTI's and nuScenes'
-    formats have an intensity, 0 where the scan has none.
+    ``num_dropped`` becomes 0 and ``file_rows`` None, because points without coordinates of an
+    organised scan are not written, so that a reader drops none. KITTI's and nuScenes' formats have
+    an intensity, which is 0 if the scan has none.
 
     Parameters
     ----------
     frame : LidarFrame
+        The scan.
     path : path
-        Where it will be written.
+        Path to which it will be written.
     unchanged : path, optional
-        File that will be copied there if it has the same format, as `write_watermarked` does with
-        detached watermarks: the frame stays as it is then.
+        File that will be copied to ``path`` if it has the same format, as `write_watermarked` does
+        for detached watermarks; ``frame`` is returned then.
 
     Returns
     -------
     LidarFrame
-        The given one where the file will be a copy.
+        The scan as it will be read; ``frame`` itself if the file will be a copy.
 
     Raises
     ------
@@ -306,29 +310,30 @@ def write_watermarked(
     unchanged: str | os.PathLike[str] | None = None,
     picture: str | os.PathLike[str] | None = None,
 ) -> None:
-    """Write a watermarked scan and, beside it, its record or the picture that carries it.
+    """Write a watermarked scan, and beside it the record or the picture that carries it.
 
-    Both replace what was there, or neither does. A process that is killed in between leaves the
-    old or the new scan without a record, which is ``undecidable``, and never beside that of the
-    other.
+    Either both files replace existing ones, or neither does. If the process is killed in between,
+    the old or the new scan remains without a record, which is ``undecidable``; a scan never remains
+    beside the record of the other.
 
     Parameters
     ----------
     sent : Watermarked
+        Scan with its record.
     path : path
-        Path of the scan; its suffix chooses the format.
+        Path of the scan; its suffix determines the format.
     unchanged : path, optional
-        File that the scan was read from: where its points stayed as they are and the format is the
-        same, the file is copied byte for byte.
+        File from which the scan was read. If the watermark is detached and the format is the same,
+        this file is copied byte for byte.
     picture : path, optional
-        Where the picture that carries the record is written (.png); by default ``SCAN.png``. Only
-        for a watermark with a picture.
+        Path of the picture that carries the record (.png); default: ``SCAN.png``. Only allowed for
+        a watermark with a picture.
 
     Raises
     ------
     InputError, FormatError, OSError
-        As `manip3d.io.write_scan`; the format cannot hold the points as they are: what was written
-        is read again before it gets its name (see `as_stored`).
+        As `manip3d.io.write_scan`; or the file does not preserve the points: it is read and
+        compared before it gets its name (see `as_stored`).
 
     Examples
     --------
@@ -365,7 +370,7 @@ def write_watermarked(
 
 
 def _check_reads_back(read: LidarFrame, sent: LidarFrame, target: Path) -> None:
-    """Refuse a file from which the record could not be verified."""
+    """Raise InputError if the scan that was read from a file does not match its record."""
     if not _are_same(read.exact, sent.exact):
         raise InputError(
             f"{target}: the file does not keep the coordinates that were signed; write the format "
@@ -400,7 +405,7 @@ def _are_same(read: NDArray[np.float64] | None, written: NDArray[np.float64] | N
 
 @checked
 def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the scans of a KITTI drive in their order; hidden files do not count.
+    """Return the scans of a KITTI drive in order, without hidden files.
 
     Parameters
     ----------
@@ -410,7 +415,7 @@ def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
     Returns
     -------
     list of Path
-        Sorted by name.
+        Paths of the scans, sorted by name.
 
     Raises
     ------
@@ -432,7 +437,7 @@ def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def all_drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return what `drive_scans` does, and hidden scans: some programs read them, too.
+    """Return the scans of a KITTI drive including hidden ones, which some programs read, too.
 
     Raises
     ------
@@ -452,7 +457,7 @@ def _drive_scans(folder: str | os.PathLike[str], *, hidden: bool) -> list[Path]:
 
 @checked
 def drive_records_alone(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the records of a drive whose scans are missing, in their order.
+    """Return the records of a drive whose scans are missing, in order.
 
     Parameters
     ----------
@@ -484,10 +489,10 @@ def drive_records_alone(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def scans_to_read(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the scans of a drive as `drive_scans` does, or what another program made of them.
+    """Return the scans of a drive, or files in other formats that programs converted them to.
 
     KITTI publishes its unsynchronised drives as text, and users export clouds as ``.csv`` and
-    ``.npy``. A watermark is not embedded in such files.
+    ``.npy``. Watermarks are only embedded in the scans of `drive_scans`.
 
     Raises
     ------
@@ -500,15 +505,14 @@ def scans_to_read(folder: str | os.PathLike[str]) -> list[Path]:
 
 @checked
 def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
-    """Return a number for each scan of a drive; those of consecutive turns differ by one.
+    """Return a number for each scan of a drive; numbers of consecutive turns differ by one.
 
-    `inspect_drive` compares a scan with its neighbours only where their numbers differ by one. In a
-    sequence (KITTI's raw drives, and its odometry sequences with ``times.txt``) the numbers are
-    those in the file names. Elsewhere (KITTI's object and stereo benchmarks) each scan shows
-    another place, and the numbers are 0, 2, 4, ... Where the drive has times (``timestamps.txt``
-    beside the scans, or ``times.txt``), a gap of more than 0.15 s, one and a half turns at 10 Hz,
-    is a gap in the numbers, too, whatever the names say: somebody may have kept every second scan
-    and renamed them.
+    `inspect_drive` only compares scans whose numbers differ by one. In a sequence (KITTI's raw
+    drives, and its odometry sequences with ``times.txt``) the numbers are those in the file names.
+    Elsewhere (KITTI's object and stereo benchmarks) each scan shows another place, and the numbers
+    are 0, 2, 4, ... If the drive has times (``timestamps.txt`` beside the scans, or ``times.txt``),
+    a gap of more than 0.15 s, 1.5 turns at 10 Hz, also makes a gap in the numbers, whatever the
+    file names are, because somebody may have kept every second scan and renamed the files.
 
     Parameters
     ----------
@@ -518,7 +522,7 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     Returns
     -------
     list of int
-        One for each scan, as `drive_scans` orders them.
+        One number for each scan, in the order of `drive_scans`.
 
     Raises
     ------
@@ -557,7 +561,7 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
 
 
 def _times_of(drive: Path, numbers: Sequence[int]) -> list[int]:
-    """Nanoseconds of each scan; empty where they are not known."""
+    """Time of each scan, nanoseconds; empty if times are unknown."""
     times = drive_times(drive)
     if all(number in times for number in numbers):
         return [times[number] for number in numbers]
@@ -566,7 +570,7 @@ def _times_of(drive: Path, numbers: Sequence[int]) -> list[int]:
 
 @checked
 def plain_name(scan: str | os.PathLike[str], drive: str | os.PathLike[str]) -> Path:
-    """Return where a drive's scan belongs in another folder: without a compression's suffix.
+    """Return the path of a scan relative to its drive, without the suffix of a compression.
 
     Parameters
     ----------
@@ -578,7 +582,7 @@ def plain_name(scan: str | os.PathLike[str], drive: str | os.PathLike[str]) -> P
     Returns
     -------
     Path
-        Relative to the drive.
+        Path relative to the drive.
 
     Raises
     ------
@@ -607,22 +611,24 @@ def copy_rest_of_drive(
     *,
     written: Collection[Path] = (),
 ) -> list[Path]:
-    """Copy everything of a drive but its scans and their records, byte for byte.
+    """Copy all files of a drive except scans and their records, byte for byte.
 
-    Pictures, positions, times, labels and calibrations come along, also the calibration of the day
-    that KITTI has beside its raw drives: without them a signed drive has no speeds and no cameras.
+    These are pictures, positions, times, labels and calibrations, also the calibration of the day
+    that KITTI stores beside its raw drives. Without them a signed drive would have no speeds and no
+    cameras.
 
     Parameters
     ----------
     drive, output : path
-        Folders; ``output`` may lie in the drive. Files there are replaced.
+        Folders of the drive and of its copy. ``output`` may lie in the drive; its files are
+        replaced.
     written : collection of Path
-        Files of ``output`` that are there already, such as pictures that carry records.
+        Files of ``output`` that must not be replaced, such as pictures that carry records.
 
     Returns
     -------
     list of Path
-        The copies.
+        Paths of the copies.
 
     Raises
     ------
@@ -655,13 +661,14 @@ def copy_rest_of_drive(
 
 
 def _rest_of_drive(drive: Path, output: Path) -> list[Path]:
-    """Regular files of a drive that are neither scans nor records, nor below the output."""
+    """Regular files of a drive that are neither scans nor records, and not in the output folder."""
     scans, left_out = _scan_folder(drive).resolve(), output.resolve()
     found: list[Path] = []
     for top, folders, names in os.walk(drive, followlinks=True):
         here = Path(top)
         above = [here, *(p for p in here.parents if p.is_relative_to(drive))]
-        closed = {left_out, *(folder.resolve() for folder in above)}  # links may lead in circles
+        # symbolic links may form cycles
+        closed = {left_out, *(folder.resolve() for folder in above)}
         folders[:] = sorted(name for name in folders if (here / name).resolve() not in closed)
         is_signed = here.resolve() == scans
         found += [
@@ -690,27 +697,26 @@ def _scan_folder(folder: str | os.PathLike[str]) -> Path:
 def verdict_of_stream(
     results: Sequence[WatermarkResult], *, whole: bool = True
 ) -> tuple[WatermarkVerdict, str]:
-    """Return the verdict of several frames, and its reason.
+    """Return the verdict on several frames, and its reason.
 
     Parameters
     ----------
     results : sequence of WatermarkResult
-        In the order of the stream.
+        Results in the order of the stream.
     whole : bool
-        The frames are to be one whole session, from its first frame to the one that says that it
-        is the last.
+        Require one complete session, from its first frame to the frame that is marked as its last.
 
     Returns
     -------
     (verdict, reason)
-        ``tampered`` if a frame is; else ``undecidable`` if a frame is, if the frames are of several
-        sessions (frames between two sessions may be missing), or if the beginning or the end is
-        missing; else ``authentic``.
+        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or, with ``whole``, if the
+        frames are of several sessions (frames between these may be missing) or the beginning or the
+        end is missing; else ``authentic``.
 
     Raises
     ------
     InputError
-        ``results`` is empty, or holds something else.
+        ``results`` is empty, or holds an item of another type.
 
     Examples
     --------
@@ -722,7 +728,7 @@ def verdict_of_stream(
     >>> results = [marker.verify(sent.frame, sent.record)]
     >>> verdict_of_stream(results, whole=False)
     ('authentic', 'every point is the one that was signed')
-    >>> verdict_of_stream(results)[0]  # its last frame does not say that it is the last
+    >>> verdict_of_stream(results)[0]  # the last frame is not marked as the end
     'undecidable'
     """
     if len(results) == 0:
@@ -734,18 +740,18 @@ def verdict_of_stream(
 
 
 class StreamTally:
-    """Tally of the frames so far, however many, from which `verdict_of_stream` judges."""
+    """Verdict of a stream so far, in memory that does not grow with the number of frames."""
 
     def __init__(self) -> None:
         self._count = 0
-        self._loud: dict[str, tuple[str, int]] = {}  # the first reason, and frames
+        self._loud: dict[str, tuple[str, int]] = {}  # by verdict: first reason, number of frames
         self._sessions: set[str] = set()
         self._first: int | None = None  # number of the first frame
         self._ends = False
         self._reason = ""
 
     def add(self, result: WatermarkResult) -> None:
-        """Take the next frame."""
+        """Add the result of the next frame."""
         if not self._count:
             self._first = result.number
         self._count += 1
@@ -756,7 +762,7 @@ class StreamTally:
             self._loud[result.verdict] = first, frames + 1
 
     def verdict(self, *, whole: bool = True) -> tuple[WatermarkVerdict, str]:
-        """Return the verdict and its reason, as `verdict_of_stream` does."""
+        """Return the verdict and its reason; see `verdict_of_stream`."""
         verdicts: tuple[WatermarkVerdict, ...] = ("tampered", "undecidable")
         for verdict in verdicts:
             if verdict in self._loud:
@@ -771,10 +777,10 @@ class StreamTally:
         )
 
     def _missing_of_whole(self) -> str:
-        """Why frames that hold are not one whole session; empty: they are.
+        """Reason why authentic frames are not one complete session; empty: they are.
 
-        A verifier takes the first frame of a session wherever the one before has ended, so that
-        several sessions in any order, some of them left out, look like a chain.
+        A verifier accepts the first frame of any session after the end of another one, so that
+        several sessions look like a chain in any order, and if some are missing.
         """
         if len(self._sessions) > 1:
             return (
