@@ -1,4 +1,4 @@
-"""The errors of manip3d. ``manip3d.Error`` is the root; C++ throws the same classes."""
+"""Errors of manip3d. ``manip3d.Error`` is their base class; C++ throws the same classes."""
 
 from __future__ import annotations
 
@@ -11,27 +11,28 @@ _HALVES = re.compile("[\ud800-\udc7f\udd00-\udfff]")
 def printable(text: str) -> str:
     """Return ``text`` with control characters and bytes that are not UTF-8 as escapes.
 
-    File names and files may hold anything; a terminal or a log must not obey it.
+    Names and contents of files may have control sequences, which must not reach a terminal or a
+    log.
 
     Examples
     --------
     >>> printable("a\x1b[31m.obj")
     'a\\\\x1b[31m.obj'
     """
-    # Halves of surrogate pairs that stand for no byte come out of JSON.
+    # Unpaired surrogates that encode no byte can come from JSON.
     whole = _HALVES.sub(lambda half: half[0].encode("unicode_escape").decode(), text)
     decoded = whole.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in decoded)
 
 
 class Error(Exception):
-    """Root of all errors that manip3d raises on purpose.
+    """Base class of all errors that manip3d raises on purpose.
 
     Attributes
     ----------
     code : str
-        The kind of error, for programs: ``input``, ``format``, ``device``, ``render`` or
-        ``missing-extra``. It stays the same when messages change.
+        Kind of error, for programs: ``input``, ``format``, ``device``, ``render`` or
+        ``missing-extra``. It does not change when messages change.
     """
 
     code: ClassVar[str] = "error"
@@ -49,22 +50,22 @@ class Error(Exception):
 
 
 class InputError(Error, ValueError):
-    """A bad argument. The message names it, says what was expected and what came."""
+    """An invalid argument. The message states its name, what was expected and what was given."""
 
     code = "input"
 
 
 class FormatError(Error, ValueError):
-    """An unreadable file.
+    """A file that cannot be read.
 
     The message shows control characters and bytes that are not UTF-8 as escapes.
 
     Attributes
     ----------
     reason : str
-        What was expected and what came.
+        What was expected and what was found.
     file : str
-        The file, or ``""`` for bytes.
+        Name of the file; ``""`` for bytes.
     line : int or None
         1-based line of a text file.
     byte_offset : int or None
@@ -97,7 +98,7 @@ class FormatError(Error, ValueError):
 
 
 def error_details(error: BaseException) -> dict[str, object]:
-    """Return the fields of any error for programs: ``code``, ``message``, and what more it has.
+    """Return the fields of any error for programs: ``code``, ``message`` and further attributes.
 
     Examples
     --------
@@ -119,19 +120,19 @@ def _format_error(reason: str, file: str, line: int | None, byte_offset: int | N
 
 
 class DeviceError(Error, RuntimeError):
-    """A sensor that is absent, lost or misbehaves."""
+    """A sensor is missing, was disconnected, or does not work as expected."""
 
     code = "device"
 
 
 class RenderError(Error, RuntimeError):
-    """Nothing here can draw a picture. The message says what was tried, and names the cure."""
+    """No renderer is available. The message states what was tried, and how to solve the problem."""
 
     code = "render"
 
 
 class MissingExtraError(Error, ImportError):
-    """An optional dependency is not installed. The message names the cure."""
+    """An optional dependency is not installed. The message states how to install it."""
 
     code = "missing-extra"
 

@@ -1,4 +1,4 @@
-"""Scans: the points of one turn or one position of a LiDAR, and what travels beside them."""
+"""Scans: the points of one turn or one position of a LiDAR, with their columns and metadata."""
 
 from __future__ import annotations
 
@@ -31,18 +31,19 @@ __all__ = ["Box", "LidarFrame", "ScanFormat"]
 
 @dataclass(frozen=True, eq=False)
 class ScanFormat:
-    """How the file that a scan came from is laid out, so that the same can be written back.
+    """Layout of the file that a scan was read from, so that it can be written in the same way.
 
     Attributes
     ----------
     name : str
         ``kitti``, ``pcd``, ``ply``, ...
     columns : tuple of (str, str, int)
-        Name, NumPy type and values per point of each of the file's columns, in their order.
+        Name, NumPy type and number of values per point of each column of the file, in order.
     header : mapping
-        What else the file says, by the format's own names.
+        Other metadata of the file, by the format's own names.
     to_file : (4, 4) float64
-        Takes the frame's points to the file's coordinates: other axes, units or a far origin.
+        Transform from the frame's points to the file's coordinates, which may have other axes,
+        units or a distant origin.
     """
 
     name: str
@@ -51,10 +52,10 @@ class ScanFormat:
     to_file: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
 
     def file_coordinates(self, points: ArrayLike) -> NDArray[np.float64]:
-        """(N, 3) float64: points of the frame in the file's coordinates."""
+        """Points of the frame in the file's coordinates, (N, 3) float64."""
         matrix = self.to_file
         wide: NDArray[np.float64] = np.asarray(points, np.float64)
-        if np.array_equal(matrix, np.eye(4)):  # to the bit, the sign of zeros included
+        if np.array_equal(matrix, np.eye(4)):  # exact, including the sign of zeros
             return wide
         moved: NDArray[np.float64] = product(wide, matrix[:3, :3].T) + matrix[:3, 3]
         return moved
@@ -69,13 +70,13 @@ class Box:
     center : (float, float, float)
         Middle of the box, metres, in the frame of the scan it belongs to.
     size : (float, float, float)
-        Length (along x before turning), width, height, metres.
+        Length (along x before rotation), width, height, metres.
     yaw : float
-        Turn about z, radians, counter-clockwise seen from above.
+        Rotation about z, radians, counter-clockwise seen from above.
     label : str
         ``Car``, ``Pedestrian``, ...
     track : int
-        The same object in other frames; -1: not known.
+        Number of the object, the same in all frames; -1: unknown.
 
     Raises
     ------
@@ -102,15 +103,15 @@ class Box:
         is_number = np.ndim(self.yaw) == 0 and np.asarray(self.yaw).dtype.kind in "iuf"
         if not (is_number and math.isfinite(self.yaw)):
             raise InputError(f"yaw: expected a finite number, got {self.yaw!r}")
-        object.__setattr__(self, "center", _three(self.center))  # of an array, too
+        object.__setattr__(self, "center", _three(self.center))  # also converts arrays
         object.__setattr__(self, "size", _three(self.size))
         object.__setattr__(self, "yaw", float(self.yaw))
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Which of the (N, 3) points lie inside, faces included."""
+        """Return which of the (N, 3) points lie inside the box or on its faces."""
         rows = as_rows(points, 3, np.float64, "points")
-        # Few points of a scan are near a box: the others are told apart by its enclosing sphere's
-        # cube, a little larger than it, so that rounding leaves none out.
+        # Few points of a scan are near a box. The others are excluded by the cube around the box's
+        # bounding sphere, which is slightly enlarged so that rounding excludes no point of the box.
         center, size = np.asarray(self.center, np.float64), np.asarray(self.size, np.float64)
         reach = 0.5 * np.linalg.norm(size) + 1e-6 * (1.0 + np.abs(center).max())
         near = np.flatnonzero(np.abs(rows[:, 0] - center[0]) <= reach)
@@ -127,33 +128,34 @@ class Box:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LidarFrame(Showable):
-    """One scan: points and, row by row beside them, what the sensor or the file says of each.
+    """One scan: points with, row by row, the columns of the sensor or the file.
 
     Attributes
     ----------
     points : (N, 3) float32
-        Metres, right-handed; x forward, y left, z up (KITTI) where the format knows its axes.
+        Points in metres, right-handed; x forward, y left, z up (KITTI) if the format states its
+        axes.
     intensity : (N,) float32 or None
-        As stored (KITTI: reflectance in [0, 1]); None: the scanner gave none.
+        Intensity as stored (KITTI: reflectance in [0, 1]); None: there is none.
     time_ns : int or None
-        When it was taken, nanoseconds since 1970 (UTC); None: not known.
+        Time of the scan, nanoseconds since 1970 (UTC); None: unknown.
     ring : (N,) integers or None
-        Laser of each point; of decoded packets 0 is the highest beam (KITTI's order).
+        Laser of each point; in decoded packets 0 is the highest beam (KITTI's order).
     origin : (float, float, float) or None
-        Where the scanner stood, in the frame of ``points``; None: not known.
+        Position of the scanner in the frame of ``points``; None: unknown.
     source : str
-        File or address it came from.
+        File or address from which the scan was read.
     fields : mapping of str to (N,) or (N, k) array
-        The other columns by name, in the file's own types.
+        Other columns by name, in the file's own types.
     exact : (N, 3) float64 or None
-        The file's own coordinates where float32 metres cannot hold them; written back for points
-        that were not moved. `ScanFormat.to_file` leads to them.
+        The file's own coordinates if float32 metres cannot represent them; unmoved points are
+        written back with them. `ScanFormat.to_file` computes them for moved points.
     format : ScanFormat or None
         Format of the file that the scan came from.
     num_dropped : int
-        Points of the file without coordinates (NaN), which are not here.
+        Number of points of the file without coordinates (NaN), which are not in ``points``.
     file_rows : (N,) int64 or None
-        Row of each point in the file, where points of it were dropped; None: the same as here.
+        Row of each point in the file, if points were dropped; None: the same row as here.
 
     Raises
     ------
@@ -162,8 +164,8 @@ class LidarFrame(Showable):
 
     Notes
     -----
-    C-contiguous arrays of the dtypes above are kept as they are, without a copy. Points that
-    float32 rounds by more than a millimetre, such as those of a national grid, raise a warning.
+    C-contiguous arrays of the dtypes above are kept without a copy. Points that float32 rounds by
+    more than a millimetre, such as those of a national grid, cause a warning.
     """
 
     points: NDArray[np.float32]
@@ -211,32 +213,32 @@ class LidarFrame(Showable):
 
     @property
     def num_empty(self) -> int:
-        """Points at exactly (0, 0, 0): how some formats say that nothing came back."""
+        """Number of points at exactly (0, 0, 0), by which some formats mark missing returns."""
         return int(np.count_nonzero(~self.points.any(axis=1)))
 
     def replace(self, **changes: Any) -> LidarFrame:
-        """The frame with some of its attributes changed; the other arrays are shared."""
+        """Return the frame with some attributes changed; the other arrays are shared."""
         unknown = set(changes) - set(self.__dataclass_fields__)
         if unknown:
             raise InputError(f"replace: no such attribute: {', '.join(sorted(unknown))}")
         return _replace(self, **changes)
 
     def select(self, rows: ArrayLike) -> LidarFrame:
-        """The frame with some of its points.
+        """Return the frame with some of its points.
 
         Parameters
         ----------
         rows : (N,) bool or (M,) integers
-            A mask, or row numbers in the wanted order; negative ones count from the end.
+            A mask, or row numbers in the order of the result; negative numbers count from the end.
 
         Raises
         ------
         InputError
-            A mask of another length; row numbers that are no integers or out of range.
+            A mask has another length; row numbers are no integers or out of range.
         """
         index = as_array(rows, "rows")
         count = self.num_points
-        if index.ndim == 1 and not index.size:  # an empty list has floats
+        if index.ndim == 1 and not index.size:  # an empty list becomes an array of floats
             index = index.astype(np.int64) if index.dtype != np.bool_ else index
         if index.dtype == np.bool_ and index.shape != (count,):
             raise InputError(f"rows: expected a mask of shape ({count},), got {index.shape}")
@@ -262,20 +264,21 @@ class LidarFrame(Showable):
         source_index: ArrayLike,
         intensity: ArrayLike | None = None,
     ) -> LidarFrame:
-        """The frame with other points, the columns beside them carried along.
+        """Return the frame with other points and the corresponding rows of its other columns.
 
         Parameters
         ----------
         points : (M, 3) float32
+            The new points.
         source_index : (M,) integers
-            The row of this frame that each point was; -1: a new point, whose other columns are 0.
+            Row of each point in this frame; -1: a new point, whose other columns are 0.
         intensity : (M,) float32, optional
-            Without it that of the source point.
+            Intensity of each point; default: that of its source point.
 
         Raises
         ------
         InputError
-            A row out of range, another number of rows.
+            A row is out of range, or numbers of rows differ.
         """
         new = as_rows(points, 3, np.float32, "points")
         index = np.asarray(source_index)
@@ -308,17 +311,17 @@ class LidarFrame(Showable):
             points=new,
             exact=exact,
             intensity=frame.intensity if intensity is None else intensity,
-            file_rows=None,  # new points have none
+            file_rows=None,  # new points have no row in the file
         )
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the scan to a file, whole or not at all; see `manip3d.io.write_scan`."""
+        """Write the scan to a file, atomically; see `manip3d.io.write_scan`."""
         from manip3d.io import write_scan
 
         write_scan(self, path)
 
     def _taken(self, take: Any) -> LidarFrame:
-        """The frame with ``take`` done to every array of rows."""
+        """The frame with ``take`` applied to every array of rows."""
         named = {
             name: take(values)
             for name in ("points", "intensity", "ring", "exact", "file_rows")
@@ -338,7 +341,7 @@ class LidarFrame(Showable):
         return f"<manip3d.LidarFrame: {'; '.join(parts)}>"
 
 
-_FAR_M = 8192.0  # a float32 is rounded by a quarter of a millimetre and more
+_FAR_M = 8192.0  # beyond it, float32 rounds by a quarter of a millimetre or more
 _MOST_ROUNDED_M = 0.001
 
 
@@ -347,7 +350,7 @@ def _points(values: ArrayLike, name: str) -> NDArray[np.float32]:
 
 
 def _near_points(values: ArrayLike, name: str) -> NDArray[np.float32]:
-    """(N, 3) float32 points, with a warning where that rounds them by more than a millimetre."""
+    """Convert to (N, 3) float32; warn if that rounds points by more than a millimetre."""
     points = _points(values, name)
     if points is values or not points.size or not _FAR_M < np.abs(points).max() < math.inf:
         return points
@@ -409,7 +412,7 @@ def _place(values: Any, name: str) -> tuple[float, float, float]:
 
 
 class Scan(NamedTuple):
-    """A scan as the core takes it; ``intensity`` has no rows where there is none."""
+    """A scan as arguments of the core; ``intensity`` has no rows if the scan has none."""
 
     points: NDArray[np.float32]
     intensity: NDArray[np.float32]
@@ -432,7 +435,7 @@ def to_scan(values: ScanLike) -> Scan:
 
 
 def as_frame(scan: ScanLike) -> LidarFrame:
-    """The scan as a frame that a result keeps: of arrays, which the caller may write to, a copy."""
+    """The scan as a frame that a result can keep; arrays of the caller are copied."""
     if isinstance(scan, LidarFrame):
         return scan
     points, intensity, _ = to_scan(scan)
@@ -440,7 +443,7 @@ def as_frame(scan: ScanLike) -> LidarFrame:
 
 
 def placed(scan: Scan, origin: NDArray[np.float64]) -> LidarFrame:
-    """The scan as a frame whose scanner stood at ``origin``."""
+    """The scan as a frame with the scanner at ``origin``."""
     frame = LidarFrame(scan.points.copy()) if scan.frame is None else scan.frame
     return frame.replace(origin=tuple(origin.tolist()))
 
@@ -451,7 +454,7 @@ def place(values: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def origin_of(origin: ArrayLike | None, scan: Scan) -> NDArray[np.float64]:
-    """Return the position of the scanner: as given, else as the frame says, else (0, 0, 0)."""
+    """Return the position of the scanner: ``origin``, else that of the frame, else (0, 0, 0)."""
     if origin is None and scan.frame is not None and scan.frame.origin is not None:
         return place(scan.frame.origin, "origin")
     return np.zeros(3) if origin is None else place(origin, "origin")

@@ -364,8 +364,7 @@ def _go_on(marker: Watermarker, works: Sequence[_Work]) -> list[EmbeddedScan]:
 
 
 def _found_at(verifier: Watermarker, work: _Work, policy: Policy) -> WatermarkResult | None:
-    """The result for an existing file, if it is authentic and was made from that scan; else
-    None."""
+    """The result for an existing file, if it is authentic and was made from the scan; else None."""
     if not work.target.is_file():
         return None
     record = find_record(work.target)
@@ -412,8 +411,7 @@ def _embed(
 
 
 def _refuse_signed(pictures: Mapping[Path, Path | None]) -> None:
-    """Raise InputError for scans that are signed already: a record is beside them or in a
-    picture."""
+    """Raise InputError for signed scans, with a record beside them or in a picture."""
     signed = [scan for scan, picture in pictures.items() if _record_of(scan, picture) is not None]
     if not signed:
         return

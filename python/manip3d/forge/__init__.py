@@ -1,4 +1,4 @@
-"""Forged scans and RGB-D streams with the truth: what `manip3d.authenticate` must find."""
+"""Forge LiDAR scans and RGB-D streams, with ground truth, to test `manip3d.authenticate`."""
 
 from __future__ import annotations
 

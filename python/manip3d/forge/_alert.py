@@ -45,13 +45,13 @@ def additive(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres, z up.
+        Scan in metres, z up.
     object_points : LidarFrame, (K, 3) or (K, 4)
-        At the place they had in their own frame.
+        Points of the object at their place in their own frame.
     offset : (3,), metres
         Vector by which they are shifted.
     allow_collision : bool
-        False: scene points within the object's box, from 0.3 m above its foot on, are an error.
+        If False, scene points in the object's box, more than 0.3 m above its foot, raise an error.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -62,7 +62,7 @@ def additive(
     Raises
     ------
     InputError
-        The object is empty, or stands in something.
+        The object has no points, or it collides with scene points.
 
     Examples
     --------
@@ -90,11 +90,11 @@ def subtractive(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres, z up.
+        Scan in metres, z up.
     box : Box, optional
-        Around the object; default: the nearest one, as `nearest_object` finds it.
+        Box around the object; default: that of `nearest_object`.
     origin : (3,), optional
-        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+        Position of the scanner; default: that of the frame, else the origin of the coordinates.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -141,18 +141,18 @@ def additive_subtractive(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres, z up.
+        Scan in metres, z up.
     object_points : LidarFrame, (K, 3) or (K, 4)
-        The object that is appended, at the place that it had in its own frame.
+        Points of the object to append, at their place in their own frame.
     box : Box, optional
-        Around the object that is deleted; default: the nearest one, as `nearest_object` finds it.
+        Box around the object to delete; default: that of `nearest_object`.
     offset : (3,), metres
         Vector by which the appended object is shifted.
     allow_collision : bool
-        False: scene points within the appended object's box, from 0.3 m above its foot on, are an
-        error; the points that are deleted do not count.
+        If False, scene points in the appended object's box, more than 0.3 m above its foot, raise
+        an error; deleted points do not count.
     origin : (3,), optional
-        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+        Position of the scanner; default: that of the frame, else the origin of the coordinates.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -201,16 +201,16 @@ def replacement(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres, z up.
+        Scan in metres, z up.
     object_points : LidarFrame, (K, 3) or (K, 4)
         The new object; its place in its own frame does not matter.
     box : Box, optional
-        Around the object that is deleted; default: the nearest one, as `nearest_object` finds it.
+        Box around the object to delete; default: that of `nearest_object`.
     origin : (3,), optional
-        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+        Position of the scanner; default: that of the frame, else the origin of the coordinates.
     allow_collision : bool
-        False: scene points around the pasted object, from 0.3 m above its foot on, are an error;
-        the points that are replaced do not count.
+        If False, scene points in the new object's box, more than 0.3 m above its foot, raise an
+        error; replaced points do not count.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -221,8 +221,8 @@ def replacement(
     Raises
     ------
     InputError
-        The object is empty, or would stand in something; no object is found, or no point of the
-        scan is in the box.
+        The new object has no points, or would collide with scene points; no object is found, or no
+        point of the scan is in the box.
 
     Examples
     --------
@@ -265,17 +265,17 @@ def translation(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres, z up.
+        Scan in metres, z up.
     box : Box, optional
-        Around the object; default: the nearest one, as `nearest_object` finds it.
+        Box around the object; default: that of `nearest_object`.
     distance : float, metres
         Length of the horizontal motion along the line from the scanner to the centre of the box;
         negative: towards the scanner.
     origin : (3,), optional
-        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+        Position of the scanner; default: that of the frame, else the origin of the coordinates.
     allow_collision : bool
-        False: scene points around the moved object, from 0.3 m above its foot on, are an error;
-        the points that are moved do not count.
+        If False, scene points in the moved object's box, more than 0.3 m above its foot, raise an
+        error; moved points do not count.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -287,7 +287,7 @@ def translation(
     ------
     InputError
         No object is found; the centre of the box is straight above or below the scanner, so that
-        the direction is undefined; scene points are where the object would stand.
+        the direction is undefined; the object would collide with scene points.
 
     Examples
     --------
@@ -327,19 +327,19 @@ def rotation(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres, z up.
+        Scan in metres, z up.
     box : Box, optional
-        Around the object; default: the nearest one, as `nearest_object` finds it.
+        Box around the object; default: that of `nearest_object`.
     angle : float, radians
-        Counter-clockwise, seen from above.
+        Angle of rotation, counter-clockwise seen from above.
     sideways : float, metres
         Additional shift to the left, seen from the scanner. The tool of the dissertation's authors
         shifts by 2 m; its text does not mention it.
     origin : (3,), optional
-        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+        Position of the scanner; default: that of the frame, else the origin of the coordinates.
     allow_collision : bool
-        False: scene points around the turned object, from 0.3 m above its foot on, are an error;
-        the points that are turned do not count.
+        If False, scene points in the rotated object's box, more than 0.3 m above its foot, raise an
+        error; rotated points do not count.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -350,8 +350,8 @@ def rotation(
     Raises
     ------
     InputError
-        No object is found, or no point of the scan is in the box; the object would stand in
-        something.
+        No object is found, no point of the scan is in the box, or the object would collide with
+        scene points.
 
     Examples
     --------

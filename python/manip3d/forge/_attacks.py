@@ -1,4 +1,4 @@
-"""The dissertation's attacks (section 6.4), and two that go beyond them."""
+"""The dissertation's attacks on scans (section 6.4), and two further ones."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from manip3d._util.options import Rng
 
 NEIGHBOURHOOD = 1.0
-"""Metres around the position whose points give the scene's spacing (MID)."""
+"""Metres: radius around the position within which points determine the scene's spacing (MID)."""
 
 
 @checked
@@ -53,18 +53,19 @@ def ctp(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         Metres; a fourth column is intensity.
     hoax : Mesh, LidarFrame or (K, 3) array
-        What is pasted; of a mesh, its vertices.
+        Object to paste; of a mesh, the vertices.
     position : (3,) metres
-        P_object, in the scan's frame.
+        Position of the pasted object, P_object, in the scan's frame.
     rotation : float or (3, 3)
         Rotation about the vertical in radians, or a rotation matrix.
     scale : float
         Metres per unit of the hoax; see `range_scale`.
     translation : 'centroid' or 'paper'
-        ``centroid``: t = P_object - R s o_object, the hoax's centroid lands on the position.
-        ``paper``: t = P_object - (o_scene - o_object) as printed, which is somewhere else.
+        ``centroid``: t = P_object - R s o_object, which moves the hoax's centroid to the position
+        (R: rotation, s: scale, o: centroids). ``paper``: t = P_object - (o_scene - o_object) as
+        printed, which moves it elsewhere.
     intensity : float or (K,)
-        Intensity of the appended points, where the scan has intensities.
+        Intensity of the appended points if the scan has intensities.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -108,31 +109,32 @@ def crtp(
 ) -> Forgery:
     """Forge by Copy-Resample-Transform-Paste: `ctp` with an object of the scene's density.
 
-    The object is resampled by gamma = MID_object / MID_scene, where MID is the mean distance to
-    the nearest neighbour: thinned out below 1, interpolated on its surface above.
+    The object is resampled by gamma = MID_object / MID_scene, where MID is the mean distance to the
+    nearest neighbour: it is thinned out if gamma < 1, and interpolated on its surface if gamma > 1.
 
     Parameters
     ----------
     scan, hoax, position, rotation, scale, translation, threads
-        As in `ctp`. A mesh is interpolated on its faces, points between neighbours.
+        As in `ctp`. Meshes are interpolated on their faces, points between neighbours.
     spacing : float, metres, optional
-        MID_scene; by default that of the scan's points within 1 m of ``position``.
+        MID_scene; default: that of the scan's points within 1 m of ``position``.
     resampling : 'poisson' or 'uniform'
-        How points are thinned out: so that none are nearer than a radius, or by chance.
+        How points are thinned out: with a least distance between points, or at random.
     intensity : float
-        Intensity of the appended points, where the scan has intensities.
+        Intensity of the appended points if the scan has intensities.
     rng : int, numpy.random.Generator or None
-        Seed, or generator; None: another result each time.
+        Seed or generator; None: a different result each time.
 
     Returns
     -------
     Forgery
-        ``parameters`` holds the ``spacing``.
+        ``parameters`` includes the ``spacing``.
 
     Raises
     ------
     InputError
-        As `ctp`; no two scene points within 1 m of ``position`` and no ``spacing``.
+        As `ctp`; ``spacing`` is not given, and fewer than two scene points are within 1 m of
+        ``position``.
 
     Examples
     --------
@@ -175,13 +177,13 @@ def resample(
     Parameters
     ----------
     hoax : Mesh, LidarFrame or (K, 3) array
-        A mesh is interpolated on its faces, points between neighbours.
+        Object to resample. Meshes are interpolated on their faces, points between neighbours.
     spacing : float
         Wanted mean distance to the nearest neighbour, in the hoax's unit.
     resampling : 'poisson' or 'uniform'
-        How points are thinned out: so that none are nearer than a radius, or by chance.
+        How points are thinned out: with a least distance between points, or at random.
     rng : int, numpy.random.Generator or None
-        Seed, or generator; None: another result each time.
+        Seed or generator; None: a different result each time.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -192,7 +194,8 @@ def resample(
     Raises
     ------
     InputError
-        Fewer than two points, ``spacing`` not positive, or more than 2^24 points wanted.
+        The object has fewer than two points, ``spacing`` is not positive, or the result would have
+        more than 2^24 points.
 
     Examples
     --------
@@ -211,12 +214,14 @@ def resample(
 
 @checked
 def range_scale(scan: ScanLike, hoax: ObjectLike) -> float:
-    """Scale that gives the hoax the range of coordinates of the scan (largest extent).
+    """Return the scale that gives the hoax the largest extent of the scan.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
+        The scan.
     hoax : Mesh, LidarFrame or (K, 3) array
+        The object to scale.
 
     Returns
     -------
@@ -225,7 +230,7 @@ def range_scale(scan: ScanLike, hoax: ObjectLike) -> float:
     Raises
     ------
     InputError
-        One of them is empty, or the hoax is a single place.
+        One of them is empty, or all points of the hoax are at one place.
 
     Examples
     --------
@@ -247,15 +252,16 @@ def range_scale(scan: ScanLike, hoax: ObjectLike) -> float:
 def subtract(
     scan: ScanLike, box: Box | None = None, *, rows: ArrayLike | None = None, threads: int = 0
 ) -> Forgery:
-    """Remove the points in a box, or rows of the scan (of a segmented object).
+    """Remove the points in a box, or given rows of the scan (of a segmented object).
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
+        The scan.
     box : Box, optional
-        The border belongs to it.
+        Box whose points are removed, also those on its faces.
     rows : (K,) integers, optional
-        Instead of a box.
+        Rows to remove, instead of a box.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -266,7 +272,8 @@ def subtract(
     Raises
     ------
     InputError
-        Neither or both of ``box`` and ``rows``; a row out of range; a box that is not finite.
+        Neither or both of ``box`` and ``rows`` are given; a row is out of range; a box is not
+        finite.
 
     Examples
     --------
@@ -306,12 +313,14 @@ def deform(
     rng: Rng = 0,
     threads: int = 0,
 ) -> Forgery:
-    """Displace the points in a box: at random, or as a dent or bulge of their surface.
+    """Displace the points in a box at random, or as a dent or bulge of their surface.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
+        The scan.
     box : Box
+        Box whose points are displaced.
     amplitude : float, metres
         Largest displacement.
     direction : 'random' or 'normal'
@@ -319,9 +328,9 @@ def deform(
         the scanner (a bulge for a negative amplitude), deepest in the middle of the box and 0 at
         its border.
     origin : (3,), optional
-        Where the scanner stands; by default as the frame says, else (0, 0, 0).
+        Position of the scanner; default: that of the frame, else (0, 0, 0).
     rng : int, numpy.random.Generator or None
-        Seed, or generator; None: another result each time.
+        Seed or generator; None: a different result each time.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -332,7 +341,7 @@ def deform(
     Raises
     ------
     InputError
-        ``direction`` is not one of the two; a number is not finite, also of a displaced point.
+        ``direction`` is unknown, or a number is not finite, also of a displaced point.
 
     Examples
     --------
@@ -376,29 +385,30 @@ def insert_occluding(
     rng: Rng = 0,
     threads: int = 0,
 ) -> Forgery:
-    """Insert an object as the scanner would have seen it: on its rays, and with a shadow.
+    """Insert an object as the scanner would have measured it: on its rays, and with a shadow.
 
     Each ray that meets the object before its own point ends on the object instead. With a
-    ``lattice``, rays that brought nothing home (sky) end on it as well.
+    ``lattice``, rays without a return (sky) can end on the object as well.
 
     Parameters
     ----------
     scan, hoax, position, rotation, scale, threads
-        As in `ctp`. The faces of a mesh are hit; each point of a cloud stands for a disc of its
-        spacing.
+        As in `ctp`. Rays meet the faces of a mesh; each point of a cloud represents a disc of the
+        size of its spacing.
     origin : (3,), optional
-        Where the scanner stands; by default as the frame says, else (0, 0, 0).
+        Position of the scanner; default: that of the frame, else (0, 0, 0).
     range_noise : float, metres
-        Standard deviation along the ray.
+        Standard deviation of ranges on the object.
     lattice : Lattice, optional
-        In the scanner's own frame.
+        Directions of the scanner, in its own frame.
     rng : int, numpy.random.Generator or None
-        Seed, or generator; None: another result each time.
+        Seed or generator; None: a different result each time.
 
     Returns
     -------
     Forgery
-        ``moved``: rays that now end on the object; ``added``: rays that had no return.
+        ``moved`` are points of rays that now end on the object; ``added`` are points of rays that
+        had no return.
 
     Raises
     ------
@@ -450,20 +460,21 @@ def snap_to_lattice(
     max_move: float = 1.0,
     threads: int = 0,
 ) -> Forgery:
-    """Take the added and moved points of a forgery onto the sensor's ring lines.
+    """Move the added and moved points of a forgery to the sensor's ring lines.
 
     Parameters
     ----------
     forgery : Forgery
-        The scanner stands in (0, 0, 0).
+        Forgery with the scanner at (0, 0, 0).
     lattice : Lattice
+        Directions of the scanner.
     along : 'height' or 'ray'
-        ``height``: only z changes. ``ray``: points move on their ray to the nearest crossing with a
-        line, where there is one within ``max_move``; else in height.
+        ``height``: only z changes. ``ray``: points move along their ray to the nearest crossing
+        with a line, if there is one within ``max_move``; else only z changes.
     azimuth : bool
-        Turn to the nearest azimuth step first, where the lattice knows the steps.
+        First turn points to the nearest azimuth step, if the lattice has steps.
     max_move : float, metres
-        Points move along their ray by at most this; see ``along``.
+        Largest motion of points along their ray; see ``along``.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -474,7 +485,7 @@ def snap_to_lattice(
     Raises
     ------
     InputError
-        A lattice without rings.
+        The lattice has no rings.
 
     Examples
     --------
@@ -484,7 +495,7 @@ def snap_to_lattice(
     >>> forged = forge.ctp([[5, 0, 0], [9, 0, 0]], [[0, 0, 0]], position=(5, 0, 0.1))
     >>> snapped = forge.snap_to_lattice(forged, lattice)
     >>> x, y, z = snapped.points[snapped.added][0]
-    >>> round(float(np.degrees(np.arctan2(z, np.hypot(x, y)))), 3)  # its elevation
+    >>> round(float(np.degrees(np.arctan2(z, np.hypot(x, y)))), 3)  # elevation
     2.0
     """
     along_ray = along == "ray"

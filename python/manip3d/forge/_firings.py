@@ -1,4 +1,4 @@
-"""White-box attacks: ranges of existing firings are rewritten, on the lattice of the scanner."""
+"""White-box attacks that rewrite ranges of existing firings, on the lattice of the scanner."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
     Rows = NDArray[np.intp]
 
 MOST_SPOOFED = 200
-"""Returns that an attacker with one laser beside the road injects into a turn at most (Sun et al.,
-USENIX Security 2020)."""
+"""Largest number of returns that an attacker with one laser beside the road can inject into a turn
+(Sun et al., USENIX Security 2020)."""
 
 ROUNDING = 1e-3
-"""Radians by which rounding to whole millimetres turns near points."""
+"""Radians: largest change of azimuth by rounding to whole millimetres, for near points."""
 
 FEWEST_LASERS = 8
-"""Lasers that answer, at least, at a count of the encoder at which the head fired."""
+"""Fewest lasers with a return at an encoder count at which the scanner fired."""
 
 
 class Readings(Protocol):
-    """Laser and count of the encoder of points (-1: of none), and azimuth in [0, 2 pi)."""
+    """Laser and encoder count of points (-1: none), and azimuth in [0, 2 pi)."""
 
     @property
     def ring(self) -> NDArray[np.int32]: ...
@@ -49,7 +49,7 @@ class Readings(Protocol):
 
 @runtime_checkable
 class FiringLattice(Protocol):
-    """Knowledge of the scanner that an attacker has, such as a `SensorLattice`."""
+    """An attacker's knowledge of the scanner, such as a `SensorLattice`."""
 
     @property
     def steps(self) -> int: ...
@@ -100,7 +100,7 @@ def lattice_insert(
         Largest number of returns that are rewritten, chosen at random; None: all. A real attacker
         with one laser reaches 200 (`spoof`).
     rng : int, numpy.random.Generator or None
-        Seed or generator for that choice; None: another result each time.
+        Seed or generator for that choice; None: a different result each time.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -224,11 +224,11 @@ def lattice_remove(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         Metres, z up, the scanner at the origin.
     box : Box
-        Around the object, without the ground below it.
+        Box around the object, without the ground below it.
     lattice : authenticate.SensorLattice
         Lattice of the scanner, with its encoder.
     rng : int, numpy.random.Generator or None
-        Seed, or generator; None: another result each time.
+        Seed or generator; None: a different result each time.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -236,7 +236,7 @@ def lattice_remove(
     -------
     Forgery
         The rewritten points are in ``moved``, sorted to where the scanner would have written them.
-        Returns of lasers that see nothing beside the object stay as they are.
+        Returns of lasers without a return on both sides of the object remain unchanged.
 
     Raises
     ------
@@ -267,7 +267,7 @@ def lattice_remove(
     rows, beside = np.flatnonzero(inside), np.flatnonzero(is_read & ~inside)
     if not len(rows) or not len(beside):
         return _rewritten("lattice remove", scene, lattice, rows[:0], _NO_FIRINGS, None, {})
-    # Counted from the side opposite to the object, so that its neighbours are next to it.
+    # Counts begin opposite to the object, so that they do not wrap around beside it.
     start = int(reading.count[rows[len(rows) // 2]]) + lattice.steps // 2
     place = reading.ring.astype(np.int64) * lattice.steps
     place += np.mod(reading.count - start, lattice.steps)
@@ -293,16 +293,16 @@ def lattice_remove(
 
 @dataclass(frozen=True, eq=False)
 class Firings:
-    """Firings of lasers, and what each one measures.
+    """Firings of lasers and their ranges.
 
     Attributes
     ----------
     ring : (N,) integers
-        Laser.
+        Index of the laser.
     count : (N,) integers
-        Count of the encoder.
+        Encoder count.
     distance : (N,) float, metres
-        Along the beam, as `FiringLattice.points_at` takes it.
+        Distance along the beam, as for `FiringLattice.points_at`.
     """
 
     ring: NDArray[Any]
@@ -310,7 +310,7 @@ class Firings:
     distance: Floats
 
     def keys(self, steps: int) -> NDArray[np.int64]:
-        """One number for each pair of laser and count."""
+        """Return a unique number for each pair of laser and count."""
         return np.asarray(self.ring.astype(np.int64) * steps + self.count, np.int64)
 
     def select(self, rows: Rows) -> Firings:
@@ -330,7 +330,8 @@ def _turned_firings(
 ) -> tuple[Rows, Firings]:
     """Rows of a hoax that lie on the lattice, and their firings after a turn by ``steps``.
 
-    Counts at which the head did not fire in the scan (``here``) go to the nearest at which it did.
+    Counts at which the scanner did not fire in the scan (``here``) are replaced by the nearest ones
+    at which it did.
     """
     reading = lattice.read(hoax.points, threads=threads)
     rows = np.flatnonzero(reading.count >= 0)
@@ -348,7 +349,7 @@ def _hidden_rows(
     """Rows of a scan that a hoax hides, and the firing of the hoax in front of each."""
     keys = hoax.keys(lattice.steps)
     order = np.lexsort((hoax.distance, keys))
-    if len(order):  # the nearest of the hoax's points that share a firing is seen
+    if len(order):  # of points that share a firing, the nearest is seen
         order = order[np.r_[True, np.diff(keys[order]) > 0]]
     rows, found = _rows_of(keys[order], here, lattice.steps)
     seen = order[found]
@@ -370,7 +371,7 @@ def _neighbours_on_ring(
 
 
 def _nearest_fired(count: NDArray[Any], here: Readings, steps: int) -> NDArray[np.int64]:
-    """Return for each count the nearest one at which the head fired in a scan."""
+    """Return for each count the nearest one at which the scanner fired."""
     votes = np.bincount(here.count[here.count >= 0], minlength=steps)
     fired = np.flatnonzero(votes >= FEWEST_LASERS)
     if not len(fired):
@@ -392,7 +393,7 @@ def _rows_of(keys: NDArray[np.int64], here: Readings, steps: int) -> tuple[Rows,
 
 
 def _noise_of(seen: Floats, place: NDArray[np.int64]) -> float:
-    """Standard deviation of ranges from shot to shot, from differences of second order."""
+    """Standard deviation of ranges between shots, metres, from second differences."""
     near = (np.diff(place)[1:] <= 4) & (np.diff(place)[:-1] <= 4)
     bend = np.abs(np.diff(seen, 2))[near]
     return float(1.4826 * np.median(bend) / math.sqrt(6.0)) if len(bend) else 0.0
@@ -407,14 +408,14 @@ def _rewritten(
     intensity: NDArray[np.float32] | None,
     parameters: Mapping[str, Any],
 ) -> Forgery:
-    """Replace rows of a scan by what firings measure, rounded as the scanner rounds."""
+    """Replace rows of a scan by the points of firings, rounded as the scanner rounds."""
     ring, count, distance = firings.ring, firings.count, firings.distance
     if lattice.range_step:
         phase = lattice.range_phase[ring]
         distance = phase + np.round((distance - phase) / lattice.range_step) * lattice.range_step
     values = lattice.points_at(ring, count, distance)
     if lattice.coordinate_step:
-        # Divided by a whole number, the quotient is the float that the scanner's files have.
+        # Division by a whole number gives the same floats as in the scanner's files.
         per_metre = round(1.0 / lattice.coordinate_step)
         values = np.round(values * per_metre) / per_metre
     written = values.astype(np.float32)

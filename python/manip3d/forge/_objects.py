@@ -1,4 +1,4 @@
-"""Objects of a scan, for those who have no boxes: ground removal and Euclidean clustering."""
+"""Find the objects of a scan by ground removal and Euclidean clustering."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ class Segmentation:
     Attributes
     ----------
     label : (N,) int32
-        Index of ``boxes``; -1: ground; -2: neither (too few points, too large, too far, or rows at
-        exactly (0, 0, 0), which nothing came back for).
+        Index into ``boxes``; -1: ground; -2: neither (too few points, too large, too far, or rows
+        at exactly (0, 0, 0), which have no return).
     boxes : tuple of Box
-        The nearest to the scanner first.
+        Boxes of the objects, the nearest to the scanner first.
     """
 
     label: NDArray[np.int32]
@@ -41,7 +41,7 @@ class Segmentation:
         Parameters
         ----------
         index : int
-            Index of ``boxes``.
+            Index into ``boxes``.
         """
         return np.flatnonzero(self.label == index).astype(np.int32)
 
@@ -61,26 +61,26 @@ def segment(
     """Find the objects that stand on the ground.
 
     The ground is the lower envelope, no steeper than ``ground_slope``, of the lowest points of 1 m
-    cells; what rises above it is clustered.
+    cells. Points above it are clustered.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres, z up.
+        Scan in metres, z up.
     origin : (3,), optional
-        Where the scanner stands; by default as the frame says, else (0, 0, 0).
+        Position of the scanner; default: that of the frame, else (0, 0, 0).
     max_range : float, metres
-        Points farther away, over the ground, are left out.
+        Points with a larger horizontal distance are left out.
     ground_height : float, metres
-        Above the ground, where objects begin.
+        Height above the ground from which points belong to objects.
     ground_slope : float
-        Height over distance.
+        Largest slope of the ground, height over distance.
     tolerance : float, metres
         Points in the same or in touching cubes of this side belong together.
     min_points : int
-        Smaller clusters are not objects.
+        Fewest points of an object.
     max_size : float, metres
-        Longer ones (walls) are not objects either.
+        Largest length of an object; longer clusters, such as walls, are no objects.
 
     Returns
     -------
@@ -129,8 +129,9 @@ def nearest_object(scan: ScanLike, *, origin: ArrayLike | None = None) -> Box:
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
+        Scan in metres, z up.
     origin : (3,), optional
-        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+        Position of the scanner; default: that of the frame, else the origin of the coordinates.
 
     Returns
     -------
@@ -139,7 +140,7 @@ def nearest_object(scan: ScanLike, *, origin: ArrayLike | None = None) -> Box:
     Raises
     ------
     InputError
-        There is none.
+        There is no object.
 
     Examples
     --------

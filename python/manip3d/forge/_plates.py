@@ -1,4 +1,4 @@
-"""The scene behind the people of a recording."""
+"""Background plates: the scene behind the people of a recording."""
 
 from __future__ import annotations
 
@@ -19,22 +19,23 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-_EVERYBODY = 1  # label of a person without a skeleton: any bone
+_EVERYBODY = 1  # label of all pixels of a person without a skeleton
 
 
 @checked
 def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
-    """Return the scene behind the people of a recording whose camera stands still.
+    """Return the scene behind the people of a recording with a static camera.
 
-    Each pixel is the median of the frames that show nobody there. Depth that is never seen is that
-    of the nearest pixels of the row which are, the farther of the two; colour alike. Times, number
-    and calibration are those of the first frame.
+    Each depth is the median of the frames in which no person covers the pixel; colour is that of
+    the first such frame. A pixel that is always covered gets the depth and colour of the farther
+    one of the nearest known pixels to the left and right in its row. Times, number and calibration
+    are those of the first frame.
 
     Parameters
     ----------
     frames : iterable of RgbdFrame
-        With ``body_index`` or skeletons where there are people. Colour is kept where it has the
-        depth image's pixels.
+        Frames with ``body_index`` or skeletons of people. Colour is kept if it is registered to the
+        depth image.
 
     Returns
     -------
@@ -72,13 +73,13 @@ def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
     with_color = first.calibration.registration is None and all(f.color is not None for f in some)
     color = None
     if with_color:
-        best = free.argmax(axis=0)  # the first frame that shows nobody there
+        best = free.argmax(axis=0)  # the first frame in which no person is there
         colors = np.stack([frame.color for frame in some if frame.color is not None])
         chosen = np.take_along_axis(colors, best[None, ..., None], axis=0)[0]
         source = _nearest_seen(np.asarray(free.any(axis=0)), depth)
         color = np.ascontiguousarray(np.take_along_axis(chosen, source[..., None], axis=1))
     filled = np.take_along_axis(depth, _nearest_seen(np.asarray(depth > 0), depth), axis=1)
-    # Pixels without a measurement although nobody hides them in most frames stay without one.
+    # Pixels that most frames show without a person, but without a measurement, stay unmeasured.
     is_mostly_free = 2 * free.sum(axis=0) > len(some)
     depth = np.where((depth == 0) & is_mostly_free, np.uint16(0), filled)
     nobody = np.full(depth.shape, NO_BODY, np.uint8)
@@ -91,15 +92,15 @@ def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
 
 
 _MARGIN = 3
-"""Pixels beside a person that may show them though the body index does not say so: a camera loses
-its depth there, and colour runs over the edge."""
+"""Pixels: margin around people in which pixels may still show them, because depth is missing there
+and colours blur across the silhouette."""
 
 
 def _nobody(frame: RgbdFrame) -> Mask:
-    """Pixels that show the scene for sure: nobody within `_MARGIN` of them."""
+    """Pixels that certainly show the scene: no person is within `_MARGIN` of them."""
     if frame.body_index is not None:
         somebody = np.asarray(frame.body_index != NO_BODY)
-    else:  # around the skeletons
+    else:  # pixels around the skeletons
         somebody = np.zeros(frame.depth.shape, np.bool_)
         for person in frame.skeletons:
             somebody |= labels_of(frame, person) > 0
@@ -111,7 +112,7 @@ def _nobody(frame: RgbdFrame) -> Mask:
 
 
 def _median_seen(depths: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """The lower median over time of what is not 0."""
+    """The lower median over time of the measured depths; 0 if there are none."""
     ordered = np.sort(depths, axis=0)
     num_seen = (depths > 0).sum(axis=0)
     at = len(depths) - num_seen + np.maximum(num_seen - 1, 0) // 2
@@ -120,7 +121,7 @@ def _median_seen(depths: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 def _nearest_seen(seen: Mask, depth: NDArray[np.uint16]) -> NDArray[np.intp]:
-    """For each pixel the column of its row to take: its own, or the farther of the next seen."""
+    """For each pixel its own column if seen, else that of the farther nearest seen neighbour."""
     column = np.arange(seen.shape[1])
     left = np.maximum.accumulate(np.where(seen, column, -1), axis=1)
     right = np.minimum.accumulate(np.where(seen, column, len(column))[:, ::-1], axis=1)[:, ::-1]
@@ -133,19 +134,19 @@ def _nearest_seen(seen: Mask, depth: NDArray[np.uint16]) -> NDArray[np.intp]:
 
 @checked
 def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
-    """Return a frame whose people are replaced by the scene behind, as of `background_plate`.
+    """Return a frame whose people are replaced by the scene behind them.
 
     Parameters
     ----------
     frame : RgbdFrame
-        With ``body_index`` or skeletons; without them nothing is replaced.
+        Frame with ``body_index`` or skeletons; without them nothing is replaced.
     plate : RgbdFrame
-        The scene behind, of the same camera and size.
+        The scene from `background_plate`, of the same camera and size.
 
     Returns
     -------
     RgbdFrame
-        Without skeletons.
+        The frame without people, also without skeletons.
 
     Raises
     ------
@@ -185,7 +186,7 @@ def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
 
 
 def labels_of(frame: RgbdFrame, person: Skeleton | None) -> NDArray[np.uint8]:
-    """Bone of each pixel of the person; of everybody if there is no skeleton."""
+    """Bone of each pixel of the person; without a skeleton, one label for all people."""
     if person is not None:
         found = segment_body(
             frame.depth,
@@ -195,6 +196,6 @@ def labels_of(frame: RgbdFrame, person: Skeleton | None) -> NDArray[np.uint8]:
             body_index=frame.body_index,
         )
         return found.labels
-    if frame.body_index is None:  # nobody is seen
+    if frame.body_index is None:  # no person is known
         return np.zeros(frame.depth.shape, np.uint8)
     return np.where(frame.body_index != NO_BODY, np.uint8(_EVERYBODY), np.uint8(0))

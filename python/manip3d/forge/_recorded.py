@@ -1,4 +1,4 @@
-"""Recordings as material of a forged stream: gone through once, at one pace, few frames kept."""
+"""Prepare recordings for forged streams: one pass, adapted frame rate, few frames in memory."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from manip3d.forge._plates import background_plate
 from manip3d.rgbd import RgbdFrame, check_frames
 
 MOST_KEPT = 300
-"""Frames of a background that are kept, and of a recording whose background is learnt."""
+"""Largest number of frames of a background in memory, and for estimating a background plate."""
 
-_MOST_POSES = 30 * MOST_KEPT  # skeletons are small: five minutes at 30 frames a second
-_TIMED = 60  # first frames of a source, whose times tell its rate
+_MOST_POSES = 30 * MOST_KEPT  # skeletons are small: five minutes at 30 frames per second
+_TIMED = 60  # number of first frames whose times determine the frame rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +30,11 @@ class RecordedPeople:
     Attributes
     ----------
     frames : iterable of RgbdFrame
-        For `stream`; of a recording each is gone when the next one is asked for.
+        Frames for `stream`; frames of a recording are not kept in memory.
     step_ns : float
-        Nanoseconds between two of them; 0 of a single one.
+        Nanoseconds between two frames; 0 for a single frame.
     plate : RgbdFrame or None
-        The scene behind the people, where it was asked for.
+        The scene behind the people; None if it was not requested.
     """
 
     frames: Iterable[RgbdFrame]
@@ -46,18 +46,18 @@ class RecordedPeople:
 def recorded_people(
     source: Iterable[RgbdFrame], *, num_frames: int | None = None, with_plate: bool = False
 ) -> RecordedPeople:
-    """Look through a recording once, so that `stream` can forge it the second time.
+    """Read a recording once to prepare it for `stream`, which reads it again.
 
     Parameters
     ----------
     source : iterable of RgbdFrame
-        A sequence, or what `manip3d.capture.open_rgbd` opened. The frames of a camera or of an
-        iterator, which come once, are kept.
+        A sequence, or a source of `manip3d.capture.open_rgbd`. Frames of a camera or of an
+        iterator, which can be read only once, are kept in memory.
     num_frames : int, optional
-        The first ones only; a camera has no end without, nor have some iterators.
+        Largest number of frames; needed for a camera and for endless iterators.
     with_plate : bool
-        Learn the scene behind the people, from frames that are spread over the recording; else its
-        first frames are enough.
+        Estimate the scene behind the people from frames that are spread over the recording; without
+        it, only the first frames are read.
 
     Returns
     -------
@@ -66,8 +66,8 @@ def recorded_people(
     Raises
     ------
     InputError
-        ``num_frames`` is below 1; there is no frame; a plate is asked for, and no frame tells where
-        people are.
+        ``num_frames`` is below 1; there is no frame; ``with_plate`` is set and no frame has
+        skeletons or a body index.
 
     Examples
     --------
@@ -111,18 +111,19 @@ def recorded_people(
 def recorded_poses(
     source: Iterable[RgbdFrame], *, num_frames: int | None = None
 ) -> list[RgbdFrame]:
-    """Return frames with their skeletons alone, which take little memory: at most 9000.
+    """Return at most 9000 frames with their skeletons only, which take little memory.
 
     Parameters
     ----------
     source : iterable of RgbdFrame
+        A sequence, or a source of `manip3d.capture.open_rgbd`.
     num_frames : int, optional
-        The first ones only. None, or more than 9000: the first 9000, five minutes at 30 a second.
+        Largest number of frames; None, or more than 9000: 9000, five minutes at 30 per second.
 
     Returns
     -------
     list of RgbdFrame
-        Without colour and body index, and with images without measurements.
+        Frames without colour and body index, with empty depth images.
 
     Raises
     ------
@@ -153,19 +154,19 @@ def _check_frames_wanted(num_frames: int | None) -> None:
 
 @checked
 def at_pace(frames: Sequence[RgbdFrame], step_ns: float) -> Sequence[RgbdFrame]:
-    """Return frames, repeated or left out so that they keep the pace of their recording.
+    """Return frames repeated or left out so that they keep their speed at another frame rate.
 
     Parameters
     ----------
     frames : sequence of RgbdFrame
-        Their times tell their own pace.
+        Frames, whose times determine their frame rate.
     step_ns : float
-        Nanoseconds between two frames of what they are played with; 0: unknown, as they are.
+        Nanoseconds between two frames of the new frame rate; 0: unknown, the frames are unchanged.
 
     Returns
     -------
     sequence of RgbdFrame
-        No frame is copied.
+        The frames at the new rate; no frame is copied.
 
     Raises
     ------
@@ -190,7 +191,7 @@ def at_pace(frames: Sequence[RgbdFrame], step_ns: float) -> Sequence[RgbdFrame]:
 
 @dataclass(frozen=True)
 class _First:
-    """The first frames of a source, however often it is gone through."""
+    """The first frames of a source, each time it is iterated."""
 
     source: Iterable[RgbdFrame]
     num_frames: int | None
@@ -200,7 +201,7 @@ class _First:
 
 
 class _Spread:
-    """At most `MOST_KEPT` frames, spread evenly over however many there are."""
+    """Keeps at most `MOST_KEPT` frames, evenly spread over all that are added."""
 
     def __init__(self) -> None:
         self.kept: list[RgbdFrame] = []
@@ -217,37 +218,39 @@ class _Spread:
 
 
 def _for_plate(frame: RgbdFrame) -> RgbdFrame:
-    """The frame without the colour that a plate cannot have: that of a camera of its own."""
+    """The frame; colour of a separate, unregistered camera is removed, as plates cannot use it."""
     return frame if frame.calibration.registration is None else replace(frame, color=None)
 
 
 def _skeletons_only(frame: RgbdFrame) -> RgbdFrame:
-    """The frame with an image without measurements, which takes no memory."""
+    """The frame with skeletons only; its empty depth image takes no memory."""
     check_frames("source", [frame])
     nothing = np.broadcast_to(np.uint16(0), frame.depth.shape)
     return replace(frame, depth=nothing, color=None, body_index=None)
 
 
 def _step_of(times: Sequence[int]) -> float:
-    """Time between two frames, nanoseconds; 0: there is one alone."""
+    """Median time between two frames, nanoseconds; 0 for a single frame."""
     return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
 
 
 class _AtStep(Sequence[RgbdFrame]):
-    """Frames at another rate, at the pace at which they were recorded.
+    """Frames at another frame rate with unchanged speed.
 
     Parameters
     ----------
     frames : sequence of RgbdFrame
+        The recorded frames.
     own, step : float
-        Times between two frames, as they are and as wanted; where one is unknown they are equal.
+        Time between two recorded frames, and between two new frames, in one unit; if one is
+        unknown (0), the frames are unchanged.
     """
 
     def __init__(self, frames: Sequence[RgbdFrame], own: float, step: float) -> None:
         self.calibration = frames[0].calibration
         self._frames = frames
         self._ratio = step / own if own > 0 and step > 0 else 1.0
-        most = (len(frames) - 0.5) / self._ratio  # steps before the time of the last frame ends
+        most = (len(frames) - 0.5) / self._ratio  # number of steps until the last frame ends
         self._length = int(min(np.ceil(most), sys.maxsize // 4))
 
     def __len__(self) -> int:

@@ -1,4 +1,4 @@
-"""Forged RGB-D streams: a recorded person before another scene, or in another person's poses."""
+"""Forge RGB-D streams: a recorded person before another scene, in recorded or other poses."""
 
 from __future__ import annotations
 
@@ -41,17 +41,17 @@ Surface = Literal["mesh", "points"]
 
 @dataclass(frozen=True, eq=False)
 class ForgedFrame:
-    """One frame of a forged stream and what is forged in it.
+    """One frame of a forged stream with its ground truth.
 
     Attributes
     ----------
     frame : RgbdFrame
-        What a consumer of the stream sees.
+        The forged frame.
     mask : (H, W) bool
-        Pixels whose depth is the forged person's: the truth.
+        Ground truth: pixels with the depth of the forged person.
     stage_ms : dict
-        Milliseconds of this thread's processor time in each stage: ``smoothing``,
-        ``segmentation``, ``mesh``, ``animation``, ``drawing``, ``body index``.
+        Processor time of this thread in each stage, milliseconds: ``smoothing``, ``segmentation``,
+        ``mesh``, ``animation``, ``drawing``, ``body index``.
     """
 
     frame: RgbdFrame
@@ -60,7 +60,7 @@ class ForgedFrame:
 
 
 class _Stopwatch:
-    """Processor time of this thread, stage by stage."""
+    """Measures the processor time of this thread in each stage."""
 
     def __init__(self) -> None:
         self.spent_ms: dict[str, float] = {}
@@ -86,7 +86,7 @@ class _Options:
 
 @checked
 class StreamForger:
-    """Forges one frame after the other, as `stream` does: for live sources.
+    """Forges one frame after the other, like `stream`, but for live sources.
 
     Parameters
     ----------
@@ -96,6 +96,7 @@ class StreamForger:
     Attributes
     ----------
     kind : int
+        Type of the forgery, 1 or 2; see `stream`.
     calibration : RgbdCalibration
         Calibration of the background's camera.
 
@@ -155,7 +156,7 @@ class StreamForger:
         self.reset()
 
     def reset(self) -> None:
-        """Begin again: with the first background and pose, and without a past to smooth by."""
+        """Restart with the first background and pose, and forget past frames for smoothing."""
         with self._lock:
             self._number = 0
             self._scenes = _endless(self._background)
@@ -164,7 +165,7 @@ class StreamForger:
             self._person, self._model = _Followed(), _Followed()
 
     def skip(self) -> None:
-        """Leave a frame out: background and poses go on, and nothing is smoothed across it."""
+        """Skip a frame: background and poses advance, and smoothing restarts."""
         with self._lock:
             self._next()
             self._own, self._other = JointSmoother(), JointSmoother()
@@ -182,17 +183,17 @@ class StreamForger:
         Parameters
         ----------
         frame : RgbdFrame
-            The frame after the one given last.
+            The next frame of the source.
 
         Returns
         -------
         ForgedFrame or None
-            None: the background or the poses have ended.
+            The forged frame; None if the background or the poses have ended.
 
         Raises
         ------
         InputError
-            Images whose sizes do not agree.
+            Sizes of images do not agree.
         """
         check_frames("source", [frame])
         with self._lock:
@@ -221,19 +222,20 @@ class StreamForger:
 class ForgedStream:
     """Frames of a person before another scene; made by `stream`.
 
-    Iterating gives each `RgbdFrame`, as any consumer of sources takes them; `frames` gives them
-    with their masks. The truth of the frames given last is kept.
+    Iteration yields the forged frames; `frames` yields them with their masks. The ground truth of
+    the last iteration is kept.
 
     Attributes
     ----------
     kind : int
+        Type of the forgery, 1 or 2; see `stream`.
     calibration : RgbdCalibration
         Calibration of the background's camera.
     missed : int
-        Frames of the last iteration without a forged pixel: nobody was found, or the person is
-        hidden behind the background or outside of its view.
+        Number of frames of the last iteration without a forged pixel, because no person was found,
+        or the person is hidden behind the background or outside of its view.
     forged_pixels : int
-        Pixels that are forged in the frames that the last iteration has given so far.
+        Number of forged pixels in the frames that the last iteration has yielded so far.
     """
 
     def __init__(self, source: Iterable[RgbdFrame], forger: StreamForger) -> None:
@@ -247,16 +249,16 @@ class ForgedStream:
         return (forged.frame for forged in self.frames())
 
     def frames(self) -> Iterator[ForgedFrame]:
-        """Give each frame with the mask of what is forged in it.
+        """Yield each forged frame with its mask.
 
         Yields
         ------
         ForgedFrame
         """
         self.missed, self.forged_pixels, self._bits, self._numbers = 0, 0, [], []
-        forger = copy(self._forger)  # each iteration begins again, whatever another one does
+        forger = copy(self._forger)  # iterations are independent of each other
         forger.reset()
-        is_told = False  # where people are
+        is_told = False  # whether any frame has people
         for frame in self._source:
             forged = forger.process(frame)
             if forged is None:
@@ -273,7 +275,7 @@ class ForgedStream:
 
     @property
     def truth(self) -> StreamTruth:
-        """Truth of the frames that the last iteration has given so far."""
+        """Ground truth of the frames that the last iteration has yielded so far."""
         shape = self._shape
         masks = np.empty((shape[0], shape[1] * shape[2]), np.bool_)
         for mask, bits in zip(masks, self._bits, strict=True):
@@ -282,28 +284,28 @@ class ForgedStream:
 
     @property
     def forged_share(self) -> float:
-        """Share of the pixels that are forged in the frames given so far; 0 before the first."""
+        """Share of forged pixels in the frames that were yielded so far; 0 before the first."""
         return self.forged_pixels / max(1, math.prod(self._shape))
 
     @property
     def _shape(self) -> tuple[int, int, int]:
-        """Frames given so far, and the height and width of each."""
+        """Number of frames yielded so far, and the height and width of each."""
         camera = self.calibration.depth
         return len(self._bits), camera.height, camera.width
 
     def write_truth(self, path: str | os.PathLike[str]) -> None:
-        """Write `truth` as `StreamTruth.write` does, without a mask of bytes for each frame.
+        """Write `truth` like `StreamTruth.write`, but without unpacking all masks.
 
         Parameters
         ----------
         path : path
-            An ``.npz`` file; `read_stream_truth` reads it, if it is told ``max_bytes`` where more
-            than 160 MiB of pixels have nearly no forged one among them.
+            Path of the ``.npz`` file. `read_stream_truth` needs a larger ``max_bytes`` to read it
+            if masks of more than 160 MiB have hardly any forged pixels.
 
         Raises
         ------
         InputError
-            There are more pixels than `read_stream_truth` takes.
+            There are more pixels than `read_stream_truth` accepts.
         OSError
             The file cannot be written.
         """
@@ -314,7 +316,7 @@ class ForgedStream:
 
 
 def _joined_bits(packed: Sequence[NDArray[np.uint8]], size: int) -> NDArray[np.uint8]:
-    """Bits of images of ``size`` pixels, each of which begins a byte, as one run of bits."""
+    """Join packed images of ``size`` pixels, each of which begins at a byte, to one run of bits."""
     joined = np.empty((len(packed) * size + 7) // 8, np.uint8)
     for first in range(0, len(packed), 8):  # eight images fill whole bytes
         flat = [np.unpackbits(bits, count=size) for bits in packed[first : first + 8]]
@@ -340,28 +342,30 @@ def stream(
     smoothing: bool = True,
     by_label: bool = True,
 ) -> ForgedStream:
-    """Forge a stream: the person of a recording before another scene (section 5.1).
+    """Forge a stream that shows the person of a recording before another scene (section 5.1).
 
     Parameters
     ----------
     source : iterable of RgbdFrame
-        The person, by their skeleton, else by ``body_index``. Its length is that of the stream.
+        Recording of the person, who is found by their skeleton, else by ``body_index``. It
+        determines the length of the stream.
     background : RgbdFrame or iterable of RgbdFrame
-        A still frame, or a running sequence. A list that is shorter than ``source`` is played to
-        and fro; an iterator that ends, ends the stream.
+        A still frame, or a sequence of frames. A list that is shorter than ``source`` is played
+        forwards and backwards; the stream ends when an iterator ends.
     kind : int
-        1: the person as recorded; 2: in the poses of ``pose``.
+        Type of the forgery. 1: the person as recorded; 2: the person in the poses of ``pose``.
     pose : iterable of RgbdFrame or Skeleton, optional
-        For type 2: anybody's motion, frame by frame; played as ``background`` is.
+        For type 2: motion of any person, frame by frame; played like ``background``.
     method, scope
         As for `modify.animate`.
     move : (3,), metres
-        From where the person was to where they stand before the background, in its camera's axes.
+        Translation of the person from the recorded place to that before the background, in the axes
+        of the background's camera.
     surface : {"mesh", "points"}
-        ``mesh``: triangles are drawn; ``points``: as published, vertices are, and pinholes between
-        them filled. A colour camera of its own is always drawn with triangles.
+        ``mesh``: triangles are drawn. ``points``: vertices are drawn, and pinholes between them
+        filled, as published. Images of a separate colour camera are always drawn with triangles.
     fill_pinholes : bool
-        Fill pinholes between vertices; for ``surface='points'`` only.
+        Fill pinholes between vertices; only for ``surface='points'``.
     blend : int, pixels
         Width over which the person's colours fade into the background's, 0 to 64.
     smoothing : bool
@@ -376,14 +380,14 @@ def stream(
     Raises
     ------
     InputError
-        An option is out of range; type 2 without poses; a background without frames. While frames
-        are made: a source without people's pixels, images whose sizes do not agree.
+        An option is out of range, type 2 has no poses, or the background has no frames. During
+        iteration: the source has no skeletons or people's pixels, or sizes of images do not agree.
 
     Notes
     -----
-    A person who stands where they were, before a camera of the same calibration, keeps each
-    measured depth (type 1). The person hides what is farther, and pixels without a measurement.
-    Without colour in one of the two there is none in the stream.
+    If the person is not moved (type 1) and both cameras have the same calibration, all measured
+    depths are kept. The person hides farther surfaces and pixels without a measurement. The stream
+    has colour only if both recordings have.
 
     Examples
     --------
@@ -413,7 +417,7 @@ def stream(
 
 
 def _check_poses(pose: object) -> None:
-    """Refuse a container that holds something else than poses; sources are not looked into."""
+    """Raise InputError for containers with items other than poses; sources are not checked."""
     if isinstance(pose, np.ndarray):
         raise InputError(f"pose: expected frames or skeletons, got an array of shape {pose.shape}")
     if isinstance(pose, list | tuple | set | frozenset | dict):
@@ -425,7 +429,7 @@ def _check_poses(pose: object) -> None:
 def _calibration_of(
     background: RgbdFrame | Iterable[RgbdFrame],
 ) -> tuple[RgbdCalibration, RgbdFrame | Iterable[RgbdFrame]]:
-    """The camera of a background, and the background with all its frames."""
+    """Calibration of a background, and the background; iterators become lists."""
     if isinstance(background, RgbdFrame):
         return background.calibration, background
     known = getattr(background, "calibration", None)
@@ -457,10 +461,10 @@ def _endless(things: Any) -> Any:
 
 
 class _Followed:
-    """One person of a recording: the first, as long as they can be told from others."""
+    """Follows one person of a recording, the first, as long as they can be identified."""
 
-    _NEAR = 0.5  # metres in a frame; a tracker may lose somebody and find them as another one
-    _PATIENCE = 30  # frames without them, after which the next person is followed
+    _NEAR = 0.5  # metres per frame; a tracker may lose a person and find them with another id
+    _PATIENCE = 30  # number of frames without the person after which another person is followed
 
     def __init__(self) -> None:
         self._last: Skeleton | None = None
@@ -523,7 +527,7 @@ def _forge(
     options: _Options,
     watch: _Stopwatch,
 ) -> ForgedFrame:
-    """The person of a frame before a scene."""
+    """Draw the person of a frame before a scene."""
     camera = frame.calibration.depth
     by_label = kind == 2 and options.by_label
     labels = np.zeros(frame.depth.shape, np.uint8)
@@ -534,7 +538,7 @@ def _forge(
     stays = not options.move.any()
     in_place = kind == 1 and stays and same_camera(camera, scene.calibration.depth)
     seen = frame.depth
-    if not in_place:  # single lost pixels would be holes in what is drawn
+    if not in_place:  # single lost pixels would leave holes
         seen, labels = _core.without_speckles(
             np.ascontiguousarray(seen), np.ascontiguousarray(labels)
         )
@@ -545,7 +549,7 @@ def _forge(
         animated = animate(
             vertices, mesh.labels, person, pose, method=options.method, scope=options.scope
         )
-        if animated is None:  # no torso: there is no telling how the limbs are to turn
+        if animated is None:  # without a torso, limbs cannot be rotated
             mesh = animation_mesh(frame.depth, camera, np.zeros_like(labels))
             vertices, moved = mesh.vertices, None
         else:
@@ -573,7 +577,7 @@ def _forge(
 def _people(
     scene: RgbdFrame, drawn: Mask, moved: Skeleton | None, move: NDArray[np.float64]
 ) -> tuple[NDArray[np.uint8], tuple[Skeleton, ...]]:
-    """Body index and skeletons as a sensor would give them of the forged scene."""
+    """Body index and skeletons of the forged scene, as from a sensor."""
     index = (
         np.full(drawn.shape, NO_BODY, np.uint8)
         if scene.body_index is None

@@ -1,4 +1,4 @@
-"""The truth about a forged RGB-D stream, in a file."""
+"""Ground truth of forged RGB-D streams in files."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
 
 _MOST_BYTES = 160 << 20
-_MOST_PIXELS_OF_A_BYTE = 2048  # masks with a person in them are 200 to 500, empty ones 8000
-_MOST_PIXELS = 2**38  # in all frames: eight hours of a depth camera of 640x480 at 30 Hz
+_MOST_PIXELS_OF_A_BYTE = 2048  # 200 to 500 for masks with a person, 8000 for empty masks
+_MOST_PIXELS = 2**38  # of all frames: eight hours of 640 x 480 pixels at 30 Hz
 
 
 @dataclass(frozen=True, eq=False)
 class StreamTruth:
-    """Truth about a forged recording.
+    """Ground truth of a forged recording.
 
     Attributes
     ----------
     kind : int
-        1: the person as recorded; 2: in another pose.
+        Type of the forgery. 1: the person as recorded; 2: the person in other poses.
     masks : (T, H, W) bool
         Forged pixels of each frame.
     numbers : (T,) int64
@@ -46,18 +46,18 @@ class StreamTruth:
     numbers: NDArray[np.int64]
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the truth as a NumPy archive (``.npz``), whole or not at all.
+        """Write the ground truth as a NumPy archive (``.npz``), atomically.
 
         Parameters
         ----------
         path : path
-            An ``.npz`` file; `read_stream_truth` reads it, if it is told ``max_bytes`` where more
-            than 160 MiB of pixels have nearly no forged one among them.
+            Path of the ``.npz`` file. `read_stream_truth` needs a larger ``max_bytes`` to read it
+            if masks of more than 160 MiB have hardly any forged pixels.
 
         Raises
         ------
         InputError
-            There are more pixels than `read_stream_truth` takes.
+            There are more pixels than `read_stream_truth` accepts.
         OSError
             The file cannot be written.
         """
@@ -78,7 +78,7 @@ def write_truth(
     bits: NDArray[np.uint8],
     numbers: NDArray[np.int64],
 ) -> None:
-    """Write the masks of a stream, packed in one run over all frames."""
+    """Write the masks of a stream, packed to one run of bits over all frames."""
     stream = io.BytesIO()
     np.savez_compressed(
         stream,
@@ -92,16 +92,16 @@ def write_truth(
 
 @checked
 def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> StreamTruth:
-    """Read what `StreamTruth.write` has written.
+    """Read a file of `StreamTruth.write`.
 
     Parameters
     ----------
     path : path-like
         An ``.npz`` archive.
     max_bytes : int, optional
-        Refuse masks of more pixels, each of which takes a byte. Default: 160 MiB, which are 772
-        frames of a Kinect V2, or 2048 for each byte of the file if that is more: masks with a
-        person in them compress less, empty ones so well that a file says little of their size.
+        Largest size of the masks in memory, one byte per pixel. Default: the larger of 160 MiB (772
+        frames of a Kinect V2) and 2048 bytes per byte of the file. Masks with a person compress
+        less than that; empty ones compress so well that the size of the file does not bound theirs.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int | None = N
     FormatError
         The file is no such archive, or its masks take more than ``max_bytes``.
     OSError
-        It cannot be read.
+        The file cannot be read.
 
     Examples
     --------
@@ -151,9 +151,9 @@ def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int | None = N
         TypeError,
         OverflowError,
         MemoryError,
-        OSError,  # of the archive: the file itself was read
-        NotImplementedError,  # a version or a compression of zip
-        RuntimeError,  # encrypted
+        OSError,  # from the archive, as the file was read already
+        NotImplementedError,  # unknown version or compression of zip
+        RuntimeError,  # encrypted archive
         BadZipFile,
         zlib.error,
     ) as error:
@@ -164,9 +164,9 @@ def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int | None = N
 
 
 def _check_claims(content: bytes, max_bytes: int) -> tuple[int, ...]:
-    """Refuse arrays that claim more than there is, before anything is allocated for them.
+    """Refuse arrays whose headers claim more than the file holds, before memory is allocated.
 
-    Returns the shape that the numbers claim, which is to agree with that of the masks.
+    Returns the shape of ``numbers`` in its header, which must agree with the masks.
     """
     numbers: tuple[int, ...] = ()
     with ZipFile(io.BytesIO(content)) as archive:

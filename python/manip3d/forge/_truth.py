@@ -1,4 +1,4 @@
-"""A forged scan with its ground truth, and the arguments that all attacks share."""
+"""Forged scans with ground truth, and conversion of arguments for all attacks."""
 
 from __future__ import annotations
 
@@ -29,31 +29,33 @@ ObjectLike: TypeAlias = "Mesh | LidarFrame | ArrayLike"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Forgery(Showable):
-    """A forged scan and what was done to it.
+    """A forged scan with its ground truth.
 
-    Points that nobody touched keep their order and their bits; added ones come last. Moved ones
-    keep their places, too, unless the attacker sorts them (`lattice_insert`, `lattice_remove`).
+    Untouched points keep their order and their exact values; added points come last. Moved points
+    keep their rows, too, unless the attack sorts points (`lattice_insert`, `lattice_remove`).
 
     Attributes
     ----------
     points : (M, 3) float32, metres
+        Points of the forged scan.
     intensity : (M,) float32 or None
-        None where the scan had none.
+        Intensities of the forged scan; None if the original has none.
     added, moved : int32 arrays
-        Rows of the forged scan, ascending.
+        Rows of added and of moved points in the forged scan, ascending.
     moved_from : int32 array
-        The rows of the original scan that the points of ``moved`` were.
+        Row in the original scan of each point of ``moved``.
     removed : int32 array
-        Rows of the original scan, ascending.
+        Rows of the removed points in the original scan, ascending.
     box : Box
-        Around what was added and moved; around what was removed where nothing was.
+        Box around added and moved points; if there are none, around removed points.
     transform : (4, 4) float64
-        Takes the object into the scan's frame; the identity where no object was placed.
+        Transform from the object's to the scan's frame; the identity if no object was placed.
     attack : str
+        Name of the attack.
     parameters : mapping
-        What the attack was asked for.
+        Parameters of the attack.
     original : LidarFrame or None
-        The scan it was made of, where that was a frame.
+        The original scan, if it was given as a frame.
     """
 
     points: Points
@@ -70,7 +72,7 @@ class Forgery(Showable):
 
     @cached_property
     def label(self) -> NDArray[np.uint8]:
-        """Truth of each point of the forged scan: 0 untouched, 1 added, 2 moved."""
+        """Label of each point of the forged scan: 0 untouched, 1 added, 2 moved."""
         label = np.zeros(len(self.points), np.uint8)
         label[self.added] = 1
         label[self.moved] = 2
@@ -78,7 +80,7 @@ class Forgery(Showable):
 
     @cached_property
     def source_index(self) -> Rows:
-        """Row of the original scan that each point was; -1: added."""
+        """Row of each point in the original scan; -1: added."""
         untouched = np.ones(len(self.points) - len(self.added) + len(self.removed), np.bool_)
         untouched[self.removed] = untouched[self.moved_from] = False
         index = np.full(len(self.points), -1, np.int32)
@@ -88,12 +90,12 @@ class Forgery(Showable):
 
     @property
     def num_touched(self) -> int:
-        """Points added, moved and removed."""
+        """Number of added, moved and removed points."""
         return len(self.added) + len(self.moved) + len(self.removed)
 
     @cached_property
     def frame(self) -> LidarFrame:
-        """The forged scan as a frame; other columns of the original are carried along."""
+        """The forged scan as a frame, with the other columns of the original."""
         if self.original is None:
             return LidarFrame(self.points, self.intensity)
         return self.original.with_points(
@@ -106,7 +108,7 @@ class Forgery(Showable):
         Parameters
         ----------
         path : path
-            Its suffix chooses the format.
+            Path of the file; its suffix determines the format.
         """
         self.frame.write(path)
 
@@ -119,14 +121,14 @@ class Forgery(Showable):
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """The directions that a spinning scanner measures.
+    """The directions in which a spinning scanner measures.
 
     Attributes
     ----------
     rings : (K, 2) float64
         Ring k meets the points ``z = rings[k, 0] * hypot(x, y) + rings[k, 1]``, metres.
     azimuth_step, azimuth_phase : float, radians
-        Azimuths are ``phase + i * step``; a step of 1e-4 to 1, or 0: not known.
+        Azimuths are ``phase + i * step``. The step is 1e-4 to 1; 0: unknown.
     """
 
     rings: NDArray[np.float64]
@@ -140,7 +142,7 @@ class Lattice:
     def grid(
         cls, elevations: ArrayLike, azimuth_step: float, azimuth_phase: float = 0.0
     ) -> Lattice:
-        """Make the lattice of an ideal scanner, whose lasers stand in the origin.
+        """Make the lattice of an ideal scanner, whose lasers are at the origin.
 
         Parameters
         ----------
@@ -165,7 +167,7 @@ class Lattice:
         return cls(np.column_stack([slopes, np.zeros_like(slopes)]), azimuth_step, azimuth_phase)
 
     def arguments(self) -> tuple[list[tuple[float, float]], float, float]:
-        """Return the lattice as the core takes it."""
+        """Return the lattice as arguments of the core."""
         rings = [(float(slope), float(offset)) for slope, offset in self.rings]
         return rings, self.azimuth_step, self.azimuth_phase
 
@@ -174,7 +176,7 @@ NO_LATTICE: tuple[list[tuple[float, float]], float, float] = ([], 0.0, 0.0)
 
 
 class Hoax(NamedTuple):
-    """An object as the core takes it; ``faces`` and ``intensity`` may have no rows."""
+    """An object as arguments of the core; ``faces`` and ``intensity`` may have no rows."""
 
     points: Points
     faces: NDArray[np.int32]
@@ -182,7 +184,7 @@ class Hoax(NamedTuple):
 
 
 def to_hoax(values: ObjectLike, intensity: ArrayLike, scan: Scan) -> Hoax:
-    """An object from a mesh, a frame or points; with intensities where the scan has some."""
+    """An object from a mesh, a frame or points; with intensities if the scan has some."""
     faces = np.empty((0, 3), np.int32)
     if isinstance(values, Mesh):
         points = rows(values.vertices, 3, np.float32, "hoax")
@@ -202,7 +204,7 @@ def to_hoax(values: ObjectLike, intensity: ArrayLike, scan: Scan) -> Hoax:
 def to_forgery(
     parts: tuple[Any, ...], scan: Scan, attack: str, parameters: Mapping[str, Any]
 ) -> Forgery:
-    """The core's tuple as a `Forgery`."""
+    """Convert the core's tuple to a `Forgery`."""
     points, intensity, added, moved, moved_from, removed, box, transform = parts
     center, size, yaw = box
     return Forgery(
@@ -221,17 +223,17 @@ def to_forgery(
 
 
 def renamed(forgery: Forgery, attack: str, parameters: Mapping[str, Any]) -> Forgery:
-    """The forgery of one attack as a part of another."""
+    """The forgery with another attack's name and parameters."""
     return replace(forgery, attack=attack, parameters=ReadOnlyMapping(parameters))
 
 
 def box_arguments(box: Box) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
-    """A box as the core takes it."""
+    """A box as arguments of the core."""
     return box.center, box.size, box.yaw
 
 
 def rotation_matrix(rotation: ArrayLike) -> NDArray[np.float64]:
-    """A rotation from a rotation about the vertical in radians, or from a (3, 3) matrix."""
+    """A rotation matrix from an angle about the vertical, radians, or from a (3, 3) matrix."""
     array = np.asarray(rotation, np.float64)
     if array.ndim == 0:
         matrix: NDArray[np.float64] = _core.rotation_about_z(float(array))

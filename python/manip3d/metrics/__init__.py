@@ -1,4 +1,4 @@
-"""How far a mesh is from its original: geometry, texture, roughness, boundaries, depth images."""
+"""Differences of a mesh from its original: geometry, texture, roughness, boundaries, depth."""
 
 from __future__ import annotations
 

@@ -22,14 +22,15 @@ class BoundaryGap:
     Attributes
     ----------
     forward : Deviation or None
-        From the original's boundary to the simplified one, in the meshes' units. ``None`` where the
-        original has no boundary; infinite where only the simplified mesh has none.
+        Distances from the original's boundary to the simplified one, in the meshes' units. None:
+        the original has no boundary; infinite: only the simplified mesh has none.
     backward : Deviation or None
-        From the simplified boundary to the original's, likewise.
+        Distances from the simplified boundary to the original's, likewise.
     cracks : int
-        Simplified boundary edges with a point beyond the tolerance of every original one.
+        Number of simplified boundary edges with a point farther than the tolerance from every
+        original boundary edge.
     crack_length : float
-        Summed length of those edges, in the meshes' units.
+        Total length of these edges, in the meshes' units.
     diagonal : float
         Diagonal of the original's bounding box, in the meshes' units.
     """
@@ -53,20 +54,20 @@ def boundary_gap(
 ) -> BoundaryGap:
     """Measure the distances between the boundary curves of two meshes, and find cracks.
 
-    A boundary edge is used by exactly one face (faces with a repeated index apart). Mean and RMS
-    are by length, sampled in the middles of equal pieces of each edge, none longer than 1e-3
-    diagonals; the maximum looks at the ends of the edges as well.
+    A boundary edge is used by exactly one face; faces with a repeated index do not count. Mean and
+    RMS are weighted by length: each edge is divided into equal pieces of at most 1e-3 diagonals and
+    sampled in their middles. The maximum also includes the ends of the edges.
 
     Parameters
     ----------
     original, simplified : Mesh
         In the same units and place; at least one face each.
     tolerance : float
-        Width from which a gap is a crack, in diagonals of the original's bounding box; 1e-6 to 1.
+        Least width of a crack, in diagonals of the original's bounding box; 1e-6 to 1.
     weld : bool
-        Count vertices with bit-identical positions as one, in both meshes. Without it each seam of
-        a file that stores one vertex per texture coordinate (glTF always) is a boundary, and a
-        crack along it is found only where it is wider than the tolerance.
+        Count vertices with bit-identical positions as one, in both meshes. Without it, each seam of
+        a file that stores one vertex per texture coordinate (glTF always does) is a boundary, and a
+        crack along it is only found where it is wider than the tolerance.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -79,7 +80,7 @@ def boundary_gap(
     Raises
     ------
     InputError
-        A mesh without faces; an original whose bounding box is a point; ``tolerance`` out of range.
+        A mesh has no faces; the original's bounding box is a point; ``tolerance`` is out of range.
 
     Examples
     --------

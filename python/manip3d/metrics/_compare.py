@@ -1,4 +1,4 @@
-"""All measures of one mesh against its original."""
+"""Compare a mesh with its original by all measures."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class Comparison:
     faces : (int, int)
         Numbers of faces of the original and of the other mesh.
     metro_vertex, metro_area : MetroResult
-        Distances in both directions, from the vertices and from samples spread by area.
+        Distances in both directions, sampled at the vertices and uniformly by area.
     texture_error : TextureError or None
-        None: one of the meshes has no texture coordinates.
+        Differences of texture coordinates; None: one of the meshes has none.
     fmpd : FmpdResult
         Perceptual distance.
     boundary_gap : BoundaryGap
@@ -56,14 +56,14 @@ def compare(
     threads: int = 0,
     progress: Progress = None,
 ) -> Comparison:
-    """Measure a mesh against its original by every measure that the two meshes allow.
+    """Compare a mesh with its original by every measure that the two meshes allow.
 
     Parameters
     ----------
     original, simplified : Mesh
         In the same units and place; at least one face each.
     rng : int, numpy.random.Generator or None
-        Seed for samples by area.
+        Seed of the samples by area.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores.
     progress : None, True or callable(fraction, message)
@@ -76,7 +76,7 @@ def compare(
     Raises
     ------
     InputError
-        A mesh without faces, or an original whose bounding box is a point.
+        A mesh has no faces, or the original's bounding box is a point.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def compare(
     with reporting(progress, "compare") as report:
 
         def measured(function: Callable[[Callable[[float, str], object]], _Found]) -> _Found:
-            """Run one measure; its fraction is that part of the whole."""
+            """Run one measure, and report its progress as a part of the whole."""
             nonlocal stage
             begin = stage
 

@@ -1,4 +1,4 @@
-"""Distances to and between surfaces: closest points, nearest neighbours, Metro."""
+"""Distances to and between surfaces: closest points, nearest neighbours, Metro, Hausdorff."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class ClosestPoints:
     Attributes
     ----------
     distance : (N,) float64, in the mesh's units
-        Infinite where no face is within ``max_distance``.
+        Distance from the surface; infinite if no face is within ``max_distance``.
     face : (N,) int32
-        The face it lies on; the lowest index where several are equally near. -1: none.
+        Face of the nearest point; the lowest index if several are equally near; -1: none.
     point : (N, 3) float64
-        NaN where there is no face.
+        Nearest point of the surface; NaN if there is no face.
     """
 
     distance: NDArray[np.float64]
@@ -47,7 +47,9 @@ class Deviation:
     Attributes
     ----------
     mean, rms, max : float
+        Mean, root mean square and largest distance.
     samples : int
+        Number of samples.
     """
 
     mean: float
@@ -63,12 +65,13 @@ class MetroResult:
     Attributes
     ----------
     forward : Deviation
-        From the original's samples to the simplified surface, in the meshes' units.
+        Distances from samples of the original to the simplified surface, in the meshes' units.
     backward : Deviation
-        From the simplified surface's samples to the original.
+        Distances from samples of the simplified surface to the original.
     diagonal : float
         Diagonal of the original's bounding box, in the meshes' units.
     sampling : 'vertex' or 'area'
+        How the surfaces were sampled.
     """
 
     forward: Deviation
@@ -106,15 +109,15 @@ def closest_points(
     Parameters
     ----------
     mesh : Mesh
-        At least one face; faces without area count as the segments or points that they are.
+        Mesh with at least one face; faces without area count as segments or points.
     points : (N, 3) float64, in the mesh's units
-        A C-contiguous float64 array is not copied. Neighbouring rows that are near each other in
-        space are answered faster.
+        Query points; a C-contiguous float64 array is not copied. The search is faster if successive
+        rows are near each other in space.
     max_distance : float, in the mesh's units
-        A point that no face is as near to gets the face -1, an infinite distance and a point of
-        NaN; small values make that known much sooner.
+        Points without a face within this distance get the face -1, an infinite distance and a point
+        of NaN. Small values make the search much faster.
     threads : int
-        0: ``MANIP3D_THREADS``, else all cores. The answer does not depend on it.
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
         True shows a bar; a callable gets the fraction done and a message.
 
@@ -155,22 +158,23 @@ def nearest_distances(
     Parameters
     ----------
     points : (N, 3) float32
-        In any order. A C-contiguous float32 array is not copied.
+        Points in any order; a C-contiguous float32 array is not copied.
     origin : (3,), optional
-        Where the scanner stood: points are searched by the direction in which it saw them, which
-        takes O(N) time. ``None``: a k-d tree; slower, and the same answer.
+        Position of the scanner. Neighbours are searched by their direction from it, in O(N) time.
+        None: a k-d tree is used, which is slower and gives the same result.
     resolution : float, radians
-        Cell size of the search grid; 0: one point a cell on average. The answer does not depend on
-        it.
+        Cell size of the search grid; 0: one point per cell on average. The result does not depend
+        on it.
     threads : int
-        0: ``MANIP3D_THREADS``, else all cores. The answer does not depend on it.
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
         True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------
     (N,) float64
-        0 for duplicates, infinite for a lone point.
+        Distance of each point from its nearest neighbour; 0 for duplicates, infinite for a single
+        point.
 
     Raises
     ------
@@ -209,12 +213,12 @@ def metro(
     original, simplified : Mesh
         In the same units and place; at least one face each.
     sampling : 'vertex' or 'area'
-        ``vertex``: every vertex that a face uses, exact and free of chance. ``area``: random
-        points, one in each of ``samples`` strata of equal area.
+        ``vertex``: every vertex that a face uses, without randomness. ``area``: random points, one
+        in each of ``samples`` strata of equal area.
     samples : int, optional
-        Number of points per direction for ``area``; 10 x the faces of ``original`` by default.
+        Number of points per direction for ``area``; default: 10 times the faces of ``original``.
     rng : int, numpy.random.Generator or None
-        Seed for ``area``; ``None``: another one each time.
+        Seed for ``area``; None: a different one each time.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result is the same, bit for bit, for any number.
     progress : None, True or callable(fraction, message)
@@ -223,20 +227,20 @@ def metro(
     Returns
     -------
     MetroResult
-        ``mean``, ``rms`` and ``max`` are those from ``original`` to ``simplified``, divided by the
-        diagonal of the original's bounding box.
+        Distances in both directions; ``mean``, ``rms`` and ``max`` are those from ``original`` to
+        ``simplified``, divided by the diagonal of the original's bounding box.
 
     Raises
     ------
     InputError
-        A mesh without faces; an original whose bounding box is a point; ``area`` on a surface
-        without area; ``samples`` below 1 or given with ``vertex``.
+        A mesh has no faces; the original's bounding box is a point; ``area`` is used on a surface
+        without area; ``samples`` is below 1 or given with ``vertex``.
 
     Notes
     -----
     P. Cignoni, C. Rocchini, R. Scopigno: Metro: measuring error on simplified surfaces, Computer
-    Graphics Forum 17(2), 1998. The two samplings differ by design: ``vertex`` weighs a surface
-    by where its vertices are, ``area`` by area; their orders of two methods may be opposite.
+    Graphics Forum 17(2), 1998. The two samplings differ by design: ``vertex`` weights a surface by
+    the density of its vertices, ``area`` by area. They may rank two methods in opposite order.
 
     Examples
     --------
@@ -264,15 +268,15 @@ def metro(
 
 @dataclass(frozen=True)
 class HausdorffBound:
-    """The Hausdorff distance of two surfaces between two bounds; see :func:`hausdorff_bound`.
+    """Lower and upper bounds of a Hausdorff distance; see :func:`hausdorff_bound`.
 
     Attributes
     ----------
     forward : (lower, upper) float
-        Largest distance of a point of the original from the simplified surface, in the meshes'
-        units.
+        Bounds of the largest distance of a point of the original from the simplified surface, in
+        the meshes' units.
     backward : (lower, upper) float
-        Largest distance of a point of the simplified surface from the original.
+        Bounds of the largest distance of a point of the simplified surface from the original.
     diagonal : float
         Diagonal of the original's bounding box, in the meshes' units.
     """
@@ -283,12 +287,12 @@ class HausdorffBound:
 
     @property
     def lower(self) -> float:
-        """The two-sided distance is at least this, in the meshes' units."""
+        """Lower bound of the two-sided distance, in the meshes' units."""
         return max(self.forward[0], self.backward[0])
 
     @property
     def upper(self) -> float:
-        """The two-sided distance is at most this, in the meshes' units."""
+        """Upper bound of the two-sided distance, in the meshes' units."""
         return max(self.forward[1], self.backward[1])
 
 
@@ -303,15 +307,15 @@ def hausdorff_bound(
 ) -> HausdorffBound:
     """Enclose the two-sided Hausdorff distance of two surfaces between two bounds.
 
-    Samples, however many, bound this distance from below only; the upper bound here is proved.
+    Any number of samples only gives a lower bound; the upper bound here is proved.
 
     Parameters
     ----------
     original, simplified : Mesh
         In the same units and place; at least one face each.
     tolerance : float
-        Largest gap between the bounds, in diagonals of the original's bounding box. The time grows
-        as it shrinks.
+        Largest difference of the bounds, in diagonals of the original's bounding box. Smaller
+        values take more time.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result is the same, bit for bit, for any number.
     progress : None, True or callable(fraction, message)
@@ -324,7 +328,7 @@ def hausdorff_bound(
     Raises
     ------
     InputError
-        A mesh without faces; an original whose bounding box is a point; ``tolerance`` not above 0.
+        A mesh has no faces; the original's bounding box is a point; ``tolerance`` is not above 0.
 
     Notes
     -----
@@ -348,7 +352,7 @@ def hausdorff_bound(
 
 
 def checked_samples(samples: int | None) -> int:
-    """The core's number of samples: 0 stands for its default."""
+    """The number of samples for the core, where 0 stands for its default."""
     if samples is None:
         return 0
     if not 1 <= samples < 2**40:

@@ -21,13 +21,13 @@ class FmpdResult:
     Attributes
     ----------
     value : float
-        0 = equally rough.
+        The distance; 0: equally rough.
     roughness_original, roughness_simplified : float
-        Global roughness of each mesh. Both depend on both meshes: thresholds are shared.
+        Global roughness of each mesh. Both values depend on both meshes, which share thresholds.
     skipped_faces : int
-        Faces without area in both meshes, which do not take part.
+        Number of faces without area in both meshes, which are ignored.
     non_manifold : bool
-        Some vertex is not manifold. Its curvature is that of an interior vertex.
+        Whether a vertex is not manifold; its curvature is computed as for an interior vertex.
     """
 
     value: float
@@ -51,7 +51,7 @@ def fmpd(
     Parameters
     ----------
     original, simplified : Mesh
-        Connectivity is taken as stored; weld seams before where they should not count as boundary.
+        Meshes with connectivity as stored; weld seams before if they should not be boundaries.
     clip : bool
         Limit the value to 1, as chapter 3 of the dissertation does and chapter 2 does not.
     threads : int
@@ -66,14 +66,14 @@ def fmpd(
     Raises
     ------
     InputError
-        A mesh without faces or without area.
+        A mesh has no faces or no area.
 
     Notes
     -----
     K. Wang, F. Torkhani, A. Montanvert: A fast roughness-based approach to the assessment of 3D
     mesh visual quality, Computers & Graphics 36(7), 2012. Local roughness is the Laplacian, with
     cotangent weights clamped to [0.001, 1000], of the absolute angle deficit. The values published
-    in the dissertation cannot be met with it: compare ranks.
+    in the dissertation cannot be reproduced with it; compare ranks.
 
     Examples
     --------

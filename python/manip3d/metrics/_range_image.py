@@ -1,4 +1,4 @@
-"""How a mesh compares with the depth image it was made of, as the sensor sees it."""
+"""Compare a mesh with the depth image it was made from, along the sensor's lines of sight."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class RangeImageError:
     ----------
     mean_square, mean_absolute, max : float
         Mean square, mean absolute and largest difference of depth, in (squared) units of the
-        points: metres for depth images. NaN where no pixel was compared.
+        points: metres for depth images. NaN if no pixel was compared.
     diagonal : float
         Diagonal of the bounding box of the range image's points.
     compared : int
-        Pixels valid in both.
+        Number of pixels that are valid in both.
     valid : int
-        Pixels valid in the range image.
+        Number of valid pixels of the range image.
     """
 
     mean_square: float
@@ -54,12 +54,12 @@ class RangeImageError:
 
     @property
     def mean_square_mm2(self) -> float:
-        """``mean_square`` in square millimetres, the points being in metres."""
+        """``mean_square`` in square millimetres, for points in metres."""
         return self.mean_square * 1e6
 
     @property
     def coverage(self) -> float:
-        """Share of the range image's pixels that the mesh covers."""
+        """Share of the range image's valid pixels that the mesh covers."""
         return self.compared / self.valid
 
 
@@ -70,16 +70,17 @@ class Flicker:
     Attributes
     ----------
     mean_std_mm : float
-        Mean over the pixels that every frame covers of the standard deviation of their depth.
+        Mean, over the pixels that all frames cover, of the standard deviation of their depth.
     mean_step_mm : float
         The same between consecutive frames: the root of half the mean square of their differences
         (Allan's deviation). Equals `mean_std_mm` for white noise; insensitive to slow drift.
     unstable : float
-        Share of the pixels covered by some frame that another one does not cover.
+        Share of the pixels of all frames together that some frame does not cover.
     changed : float or None
-        Mean share of a frame's vertices that were not vertices of the previous frame. None where
+        Mean share of a frame's vertices that are no vertices of the previous frame. None if
         vertices are not pixels.
     frames : int
+        Number of frames.
     """
 
     mean_std_mm: float
@@ -91,17 +92,18 @@ class Flicker:
 
 @dataclass(frozen=True)
 class BoundaryNoise:
-    """Flying pixels that remain after a method; see :func:`boundary_noise`.
+    """Flying pixels that remain in a mesh; see :func:`boundary_noise`.
 
     Attributes
     ----------
     survived : float
-        Share of the flying pixels at which the mesh still shows a surface between the true ones.
+        Share of the flying pixels at which the mesh has a surface off all true surfaces.
     chosen : float or None
-        Share of the flying pixels that are vertices. None where vertices are not pixels.
+        Share of the flying pixels that are vertices. None if vertices are not pixels.
     density : float or None
-        Vertices per measured pixel: what ``chosen`` would be for a choice by chance.
+        Vertices per measured pixel, the expected ``chosen`` for a random choice of vertices.
     flying : int
+        Number of flying pixels.
     """
 
     survived: float
@@ -114,13 +116,14 @@ class BoundaryNoise:
 def render_depth(
     mesh: Mesh | DepthMesh, intrinsics: Intrinsics, *, threads: int = 0, progress: Progress = None
 ) -> NDArray[np.float64]:
-    """Render the depth image that a camera takes of a mesh.
+    """Render the depth image of a mesh that a camera sees.
 
     Parameters
     ----------
     mesh : Mesh or DepthMesh
-        In the frame of the camera, metres.
+        Mesh in the frame of the camera, metres.
     intrinsics : Intrinsics
+        The camera.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -129,12 +132,12 @@ def render_depth(
     Returns
     -------
     (H, W) float64, metres
-        Depth of the first surface on each pixel's line of sight; NaN where there is none.
+        Depth of the first surface on each pixel's line of sight; NaN if there is none.
 
     Raises
     ------
     InputError
-        A mesh that is not valid.
+        The mesh is not valid.
 
     Examples
     --------
@@ -160,17 +163,18 @@ def range_image_error(
 ) -> RangeImageError:
     """Measure how far a mesh is from a depth image along the pixels' lines of sight.
 
-    The mesh is seen through the camera of the image, and its depth compared at the image's own
-    points, over the pixels that both have. A mesh with holes compares fewer pixels: read
-    ``coverage`` beside ``mse``.
+    The mesh is rendered for the camera of the image, and depths are compared at the image's own
+    points, at the pixels that both have. A mesh with holes has fewer compared pixels: read
+    ``coverage`` together with ``mse``.
 
     Parameters
     ----------
     depth : (H, W) uint16 in millimetres or float32 in metres
         0 and NaN mean no measurement.
     intrinsics : Intrinsics
+        The camera.
     mesh : Mesh or DepthMesh
-        In the frame of the camera, metres.
+        Mesh in the frame of the camera, metres.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -183,7 +187,7 @@ def range_image_error(
     Raises
     ------
     InputError
-        An image of another shape or dtype, or without a measurement; a mesh that is not valid.
+        The image has another shape or dtype, or no measurement; the mesh is not valid.
 
     Examples
     --------
@@ -211,19 +215,20 @@ def range_image_error_grid(
 ) -> RangeImageError:
     """Measure how far a mesh is from a range scan; see `range_image_error`.
 
-    The scan's lines of sight are fitted to its points: each of a pixel's coordinates as a ratio of
-    two affine functions of the point, which holds for cameras as well as for laser stripe scanners
-    on a linear stage. Depth is measured along their mean direction.
+    The scan's lines of sight are fitted to its points: each coordinate of a pixel is a ratio of two
+    affine functions of the point, which holds for cameras and for laser stripe scanners on a linear
+    stage. Depth is measured along the mean direction of these lines.
 
     Parameters
     ----------
     points : (H, W, 3) float
+        Points of the scan.
     valid : (H, W) bool, optional
-        Default: where all three coordinates are finite.
+        Valid points; default: those with three finite coordinates.
     mesh : Mesh or DepthMesh
-        In the frame and unit of the points.
+        Mesh in the frame and unit of the points.
     rows_up : bool
-        As for `manip3d.simplify.dense_mesh_grid`; matters only where the lines are parallel.
+        As for `manip3d.simplify.dense_mesh_grid`; only used if the lines of sight are parallel.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -236,7 +241,7 @@ def range_image_error_grid(
     Raises
     ------
     InputError
-        As `range_image_error`; points that all lie in a plane, or that fit no such sensor.
+        As `range_image_error`; all points lie in a plane, or they fit no such sensor.
 
     Examples
     --------
@@ -265,10 +270,11 @@ def flicker(
     Parameters
     ----------
     frames : iterable of Mesh or DepthMesh
-        At least two, of a scene and a camera that do not move, metres.
+        At least two meshes of a static scene from a static camera, metres.
     intrinsics : Intrinsics
+        The camera.
     within : (H, W) bool, optional
-        Pixels to measure; choose those that do not move. Only vertices at these pixels count in
+        Pixels to measure, which should be static. Only vertices at these pixels count in
         ``changed``.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
@@ -280,7 +286,8 @@ def flicker(
     Raises
     ------
     InputError
-        Fewer than two frames; frames that have no pixel in common; ``within`` of another shape.
+        There are fewer than two frames; frames have no pixel in common; ``within`` has another
+        shape.
 
     Examples
     --------
@@ -304,7 +311,7 @@ def flicker(
         if not isinstance(frame, Mesh | DepthMesh):
             raise InputError(f"frames: expected meshes, got {frame!r}")
         depth = render_depth(frame, intrinsics, threads=threads)
-        step = depth - mean  # Welford: no difference of large sums
+        step = depth - mean  # Welford's method avoids differences of large sums
         covered += np.isfinite(depth)
         mean = mean + step / count
         squares = squares + step * (depth - mean)
@@ -346,24 +353,25 @@ def boundary_noise(
     tolerance: float = 0.03,
     threads: int = 0,
 ) -> BoundaryNoise:
-    """Measure how many flying pixels of a depth image survive in a mesh made of it.
+    """Measure the share of flying pixels of a depth image that survive in a mesh made from it.
 
-    A flying pixel survives if the mesh shows a surface there that is farther than ``tolerance``
-    from each true surface that the pixel or one of the eight around it sees.
+    A flying pixel survives if the mesh has a surface there that is farther than ``tolerance`` from
+    all true surfaces at the pixel and its eight neighbours.
 
     Parameters
     ----------
     depth : (H, W) uint16 in millimetres or float32 in metres
-        The image that the mesh was made of.
+        The image from which the mesh was made.
     intrinsics : Intrinsics
+        The camera.
     mesh : Mesh or DepthMesh
-        In the frame of the camera, metres.
+        Mesh in the frame of the camera, metres.
     flying : (H, W) bool
-        Pixels measured between two surfaces, as `manip3d.simulate.depth.DepthCapture` has them.
+        Pixels that were measured between two surfaces, as in `manip3d.simulate.depth.DepthCapture`.
     truth : (H, W) float64, metres
-        Exact depth; NaN where no surface is.
+        Exact depth; NaN if there is no surface.
     tolerance : float, metres
-        Above the noise of the sensor.
+        Largest distance from a true surface; choose it above the noise of the sensor.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -374,7 +382,7 @@ def boundary_noise(
     Raises
     ------
     InputError
-        No flying pixel; an array of another shape; a negative ``tolerance``.
+        There is no flying pixel; an array has another shape; ``tolerance`` is negative.
 
     Examples
     --------
@@ -383,7 +391,7 @@ def boundary_noise(
     >>> camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
     >>> depth = np.full((48, 64), 2000, np.uint16)
     >>> depth[:, 32:] = 1000
-    >>> depth[:, 31] = 1500  # measured half on each of the two surfaces
+    >>> depth[:, 31] = 1500  # a mixture of the two surfaces
     >>> truth = np.where(np.arange(64) < 32, 2.0, 1.0) * np.ones((48, 1))
     >>> flying = np.zeros((48, 64), bool)
     >>> flying[:, 31] = True
@@ -411,7 +419,7 @@ def boundary_noise(
 def _distance_to_surfaces(
     shown: NDArray[np.float64], truth: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the distance in depth from the nearest true surface within 3x3 pixels; NaN: none."""
+    """Distance in depth to the nearest true surface in the 3x3 pixels around; NaN if none."""
     rows, columns = truth.shape
     padded = np.pad(np.asarray(truth, dtype=np.float64), 1, mode="edge")
     distance = np.full(truth.shape, np.nan)
@@ -436,7 +444,7 @@ def _lifted(
 
 
 def _plain(mesh: Mesh | DepthMesh) -> Mesh:
-    """Return the mesh without its texture."""
+    """The mesh without texture, which is not needed here."""
     return Mesh(mesh.vertices, mesh.faces) if isinstance(mesh, DepthMesh) else mesh
 
 

@@ -1,4 +1,4 @@
-"""Texture error: colour differences between a mesh and its original."""
+"""Texture error: displacement of texture coordinates between a mesh and its original."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class TextureError:
         Statistics of the distances between texture coordinates (1 = a whole texture); ``mse`` is
         the square of ``rms``. ``None`` when no sample could be compared.
     samples : int
-        Samples compared.
+        Number of compared samples.
     skipped : int
-        Samples on a face without texture coordinates, or that met only such faces.
+        Number of samples on a face without texture coordinates, or whose closest faces have none.
     material_mismatch_rate : float
-        Share of all samples drawn that met no face of their own material; they are not compared.
+        Share of all samples whose closest faces have another material; they are not compared.
     """
 
     mean: float | None
@@ -58,20 +58,20 @@ def texture_error(
     """Measure how far texture coordinates moved on the surface.
 
     Area-uniform samples of the original are compared with the interpolated texture coordinates at
-    the closest point of the simplified surface. Where several faces are met within ``epsilon`` of
-    the closest distance, the one of the sample's material counts whose texture coordinates are
-    nearest, so a seam is not an error.
+    the closest point of the simplified surface. If several faces are within ``epsilon`` of the
+    closest distance, the one of the sample's material with the nearest texture coordinates counts,
+    so that a seam is not an error.
 
     Parameters
     ----------
     original, simplified : Mesh
         In the same units and place; at least one face each.
     samples : int, optional
-        The larger of the two numbers of faces by default.
+        Number of samples; default: the larger number of faces of the two meshes.
     rng : int, numpy.random.Generator or None
-        Seed; ``None``: another one each time.
+        Seed of the samples; None: a different one each time.
     epsilon : float
-        In diagonals of the original's bounding box.
+        Tolerance for equally close faces, in diagonals of the original's bounding box.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -84,13 +84,14 @@ def texture_error(
     Raises
     ------
     InputError
-        A mesh without faces; an original without area; ``samples`` below 1; ``epsilon`` negative.
+        A mesh has no faces; the original has no area; ``samples`` is below 1; ``epsilon`` is
+        negative.
 
     Notes
     -----
     H. Hoppe: New quadric metric for simplifying meshes with appearance attributes, IEEE
-    Visualization 1999. Materials are the same when their names are (the n-th of a name with the
-    n-th of that name), or by index where a mesh has no table of materials.
+    Visualization 1999. Materials are equal if their names are (the n-th material of a name
+    corresponds to the n-th one of that name), or by index if a mesh has no table of materials.
 
     Examples
     --------
@@ -128,7 +129,7 @@ def _with_materials_of(original: Mesh, simplified: Mesh) -> Mesh:
 
 
 def _keys(mesh: Mesh) -> list[tuple[str, int]]:
-    """Name of each material, and how many of that name came before it."""
+    """Name of each material, and the number of earlier materials with this name."""
     seen: Counter[str] = Counter()
     keys = []
     for material in mesh.materials:
