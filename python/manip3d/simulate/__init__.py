@@ -1,4 +1,4 @@
-"""Data made on the spot, seeded: what runs where no data set is."""
+"""Generate seeded test data: meshes, depth images, people, scans, streets and drives."""
 
 from manip3d.simulate import depth, models, scenes, streets
 from manip3d.simulate.cameras import StereoPair, stereo_pair

@@ -1,4 +1,4 @@
-"""Clothes of a person: one small picture per kind of part, and the look of a face."""
+"""Textures of a simulated person: clothes, face and skin, one small image per kind of part."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Array = NDArray[np.float64]
 Color = tuple[int, int, int]
 
 SIDE = 256
-"""Texels of a tile, around and along."""
+"""Side of a tile, texels."""
 
 
 @dataclass(frozen=True)
 class Clothes:
-    """Colours; ``stripes`` puts white ones on the shirt, whose sleeves may reach to the wrists."""
+    """Colours of a person; ``stripes``: the shirt has white stripes."""
 
     shirt: Color = (58, 104, 160)
     trousers: Color = (66, 62, 66)
@@ -34,7 +34,7 @@ COVER: Color = (36, 78, 205)
 
 
 def paint(clothes: Clothes) -> NDArray[np.uint8]:
-    """(8, SIDE, SIDE, 3): the tiles of `_skin.TILES`, then the foot with a shoe cover."""
+    """Paint the tiles of `_skin.TILES`, then the foot with a shoe cover: (8, SIDE, SIDE, 3)."""
     painters = {
         "torso": _torso,
         "head": _head,
@@ -49,7 +49,7 @@ def paint(clothes: Clothes) -> NDArray[np.uint8]:
 
 
 def _place() -> tuple[Array, Array]:
-    """Angle from the front in radians, positive to the left, and the way from top to bottom."""
+    """Angle from the front, radians, positive to the left; position from top (0) to bottom (1)."""
     along, around = (np.mgrid[:SIDE, :SIDE] + 0.5) / SIDE
     return (0.5 - around) * 2.0 * np.pi, along
 
@@ -68,7 +68,7 @@ def _cloth(color: Color, depth: float) -> Array:
 
 
 def _shirt(clothes: Clothes, height: float) -> Array:
-    """``height`` metres from the tile's top to its bottom."""
+    """The shirt's tile; ``height`` is its extent from top to bottom, metres."""
     image = _cloth(clothes.shirt, 0.05)
     if clothes.stripes:
         _, along = _place()
@@ -157,7 +157,7 @@ def _cover() -> Array:
 
 
 def _bandage(clothes: Clothes) -> Array:
-    """Turns of white elastic cloth that rise around the limb."""
+    """Windings of white elastic cloth around the limb."""
     angle, along = _place()
     image = _plain((232, 226, 212))
     image[((5.0 * along + angle / (2.0 * np.pi)) % 1.0) < 0.12] *= 0.86

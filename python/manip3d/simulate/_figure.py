@@ -1,4 +1,4 @@
-"""A person's bones: lengths, the frames that bend at the joints, poses.
+"""The skeleton of a simulated person: bone lengths, frames that rotate at the joints, poses.
 
 The person's own frame has x to the person's left, y up and z ahead, metres, and its origin at the
 base of the spine. Posed bones are in the frame of the camera: x right, y down, z ahead.
@@ -20,16 +20,16 @@ from manip3d.rgbd import MIRRORED_JOINTS, PARENTS
 Array = NDArray[np.float64]
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
-"""The person's left and right exchanged, in the person's own frame."""
+"""Reflection that exchanges left and right, in the person's own frame."""
 
 PERSON_TO_CAMERA = np.diag([1.0, -1.0, -1.0])
-"""Turn of a person who looks straight at the camera."""
+"""Rotation from the frame of a person who looks straight at the camera to the camera's."""
 
 SOLE = 0.075
 """Height of the ankle above the floor, metres."""
 
 SITTING_HEIGHT = 0.54
-"""Height of the base of the spine above the floor on a chair, metres."""
+"""Height of the base of the spine above the floor while sitting on a chair, metres."""
 
 _MIDDLE_AND_LEFT = {
     0: (0.0, 0.0, 0.0),
@@ -48,7 +48,7 @@ _MIDDLE_AND_LEFT = {
     14: (0.087, -0.80, 0.0),
     15: (0.087, -0.855, 0.125),
 }
-"""Joints of a person of 1.75 m who stands; the proportions are those of the public recordings."""
+"""Joints of a standing person of 1.75 m, with the proportions of the public recordings."""
 
 
 def _rest_joints() -> Array:
@@ -61,7 +61,7 @@ def _rest_joints() -> Array:
 
 REST_JOINTS: Array = _rest_joints()
 
-# A frame turns what lies beyond one joint. Left ones stand before their mirror images.
+# A frame rotates the parts beyond one joint. Frames of the left side precede those of the right.
 FRAMES = (
     "pelvis", "chest", "girdle", "head",
     "left-upper-arm", "left-forearm", "left-hand", "left-thigh", "left-shin", "left-foot",
@@ -77,7 +77,7 @@ _FRAME_OF_LEFT = {0: 0, 1: 0, 20: 1, 2: 1, 3: 3, 4: 2, 5: 4, 6: 5, 7: 6, 21: 6, 
 
 
 def mirrored_frame(frame: int) -> int:
-    """The frame on the other side of the body."""
+    """The corresponding frame on the other side of the body."""
     if frame < 4:
         return frame
     return frame + 6 if frame < 10 else frame - 6
@@ -92,17 +92,18 @@ BONE_FRAME: NDArray[np.intp] = np.array(
     ],
     np.intp,
 )
-"""The frame that moves each joint: that of the bone which ends there."""
+"""The frame that moves each joint: that of the bone that ends there."""
 
 _WITHOUT_ORIENTATION = [3, 15, 19, 21, 22, 23, 24]
-"""Ends of the skeleton, for which a Kinect tells none."""
+"""Joints at the ends of the skeleton, for which a Kinect gives no orientation."""
 
 
 @dataclass(frozen=True)
 class Arm:
-    """Angles of an arm in degrees; 0: it hangs, the thumb ahead.
+    """Angles of an arm, degrees; at 0 the arm hangs down with the thumb ahead.
 
-    ``flexion`` raises it ahead, ``abduction`` sideways, ``twist`` turns it inwards about itself.
+    ``flexion`` raises the arm ahead, ``abduction`` sideways; ``twist`` rotates it inwards about its
+    own axis.
     """
 
     flexion: float = 0.0
@@ -114,9 +115,9 @@ class Arm:
 
 @dataclass(frozen=True)
 class Leg:
-    """Angles of a leg in degrees; 0: it stands.
+    """Angles of a leg, degrees; at 0 it is straight and vertical.
 
-    ``turn`` turns it outwards about the vertical, ``ankle`` raises the tip of the foot.
+    ``turn`` rotates the leg outwards about the vertical, ``ankle`` raises the tip of the foot.
     """
 
     flexion: float = 0.0
@@ -128,24 +129,26 @@ class Leg:
 
 @dataclass(frozen=True)
 class Pose:
-    """Angles of a body in degrees.
+    """Angles of a body, degrees.
 
     Attributes
     ----------
     turn : float
-        Turn of the whole body to the person's left; 0: towards the camera.
+        Rotation of the whole body to the person's left; 0: towards the camera.
     lean : float
         Forward lean of the chest.
     twist : float
-        Turn of the chest against the pelvis, to the person's left.
+        Rotation of the chest relative to the pelvis, to the person's left.
     shoulder_tilt : float
-        Tilt of the shoulders alone; the person's left one goes up.
+        Tilt of the shoulders relative to the chest; positive: the person's left shoulder is higher.
     head_turn : float
-        To the person's left.
+        Rotation of the head to the person's left.
     left_arm, right_arm : Arm
+        Angles of the arms.
     left_leg, right_leg : Leg
+        Angles of the legs.
     sitting : bool
-        The base of the spine is at the height of a chair, and not where the feet put it.
+        Whether the base of the spine is at the height of a chair; otherwise the legs determine it.
     """
 
     turn: float = 0.0
@@ -160,7 +163,7 @@ class Pose:
     sitting: bool = False
 
     def mirrored(self) -> Pose:
-        """Left and right exchanged."""
+        """The pose with left and right exchanged."""
         return replace(
             self,
             turn=-self.turn,
@@ -181,13 +184,15 @@ class PosedFigure:
     Attributes
     ----------
     rotations : (16, 3, 3) float64
-        From the person's frame at rest to the camera's.
+        Rotation of each frame of `FRAMES`, from rest to the camera's axes.
     origins : (16, 3) float64, metres
+        Origin of each frame.
     joints : (25, 3) float64, metres
+        Positions of the joints.
     orientations : (25, 4) float64
-        Quaternions w, x, y, z: y along the bone that ends at the joint; 0: none.
+        Quaternions w, x, y, z of the bones that end at the joints, with y along the bone; 0: none.
     breath : float, metres
-        How far the front of the chest has come ahead.
+        Forward motion of the front of the chest by breathing.
     """
 
     rotations: Array
@@ -198,16 +203,17 @@ class PosedFigure:
 
     @property
     def lateral(self) -> Array:
-        """(2, 3): the unit vectors to the person's left of pelvis and chest."""
+        """Unit vectors to the person's left, of pelvis and chest, (2, 3)."""
         return self.rotations[:2, :, 0].copy()
 
 
 def pose_figure(pose: Pose, ground: tuple[float, float, float]) -> PosedFigure:
-    """The bones of a pose.
+    """Compute the frames and joints of a pose.
 
     Parameters
     ----------
     pose : Pose
+        Angles of the body.
     ground : (x, y, z), metres
         The point of the floor below the base of the spine, in the camera's frame.
     """
@@ -220,7 +226,7 @@ def pose_figure(pose: Pose, ground: tuple[float, float, float]) -> PosedFigure:
         reach = FRAME_ORIGIN[frame] - FRAME_ORIGIN[parent]
         origins[frame] = origins[parent] + product(rotations[parent], reach)
         rotations[frame] = product(rotations[parent], local[frame])
-    lowest = max(origins[9, 1], origins[15, 1])  # of the ankles: y points down
+    lowest = max(origins[9, 1], origins[15, 1])  # the lower ankle: y points down
     height = SITTING_HEIGHT if pose.sitting else lowest + SOLE
     origins += np.subtract(ground, (0.0, height, 0.0))
     from_frame = REST_JOINTS - FRAME_ORIGIN[BONE_FRAME]
@@ -273,10 +279,10 @@ def about(axis: str, degrees: float) -> Array:
 
 
 def quaternions(rotations: Array) -> Array:
-    """(N, 4) unit quaternions w, x, y, z of (N, 3, 3) rotations, the largest part positive."""
+    """Unit quaternions w, x, y, z, (N, 4), of (N, 3, 3) rotations; largest component positive."""
     r = rotations
     trace = np.trace(r, axis1=1, axis2=2)
-    # Four times each part squared; dividing by the largest one loses no digits [Shepperd 1978].
+    # Four times each squared component; division by the largest loses no digits [Shepperd 1978].
     squares = np.column_stack([trace] + [2.0 * r[:, i, i] - trace for i in range(3)]) + 1.0
     products = np.empty((len(r), 4, 4))
     products[:, range(4), range(4)] = squares
@@ -290,7 +296,7 @@ def quaternions(rotations: Array) -> Array:
 
 
 def rotations_of(quaternion: Array) -> Array:
-    """(N, 3, 3) of (N, 4) unit quaternions w, x, y, z."""
+    """Rotations, (N, 3, 3), of (N, 4) unit quaternions w, x, y, z."""
     w, x, y, z = quaternion.T
     return np.stack(
         [
@@ -303,7 +309,7 @@ def rotations_of(quaternion: Array) -> Array:
 
 
 def _bone_axes() -> Array:
-    """(25, 3, 3): at rest, y along the bone and z as far ahead as that allows."""
+    """Axes of the bones at rest, (25, 3, 3): y along the bone, z as far ahead as possible."""
     along = REST_JOINTS - REST_JOINTS[list(PARENTS)]
     along[0] = (0.0, 1.0, 0.0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -320,7 +326,7 @@ LIMBS: Mapping[str, tuple[int, ...]] = {
     "left_leg": (12, 13, 14, 15),
     "right_leg": (16, 17, 18, 19),
 }
-"""Joints of each limb, the root first; the limb's bones are those that end at the others."""
+"""Joints of each limb, the root first; the limb's bones end at the other joints."""
 
 
 @checked
@@ -339,7 +345,7 @@ def opposite(limb: str) -> str:
     Raises
     ------
     InputError
-        Another name.
+        The name is unknown.
 
     Examples
     --------

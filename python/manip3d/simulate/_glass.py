@@ -1,4 +1,4 @@
-"""Pulses that do not come back: they pass a window or are mirrored away by it or by dark paint."""
+"""Lost laser pulses: they pass through windows, or windows and dark paint mirror them away."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ from manip3d.simulate._textures import SIZE, noise
 Floats = NDArray[np.float32]
 
 TILE = 6.0
-"""Metres after which the pattern repeats."""
+"""Period of the pattern of lost pulses, metres."""
 SPECKLE = 0.15
-"""Share of chance from pulse to pulse; the rest is the same for neighbours."""
+"""Weight of the randomness of single pulses; the rest is common to neighbouring pulses."""
 
 
 def lost(points: Floats, transmission: Floats, random: np.random.Generator) -> NDArray[np.bool_]:
-    """Which of N pulses do not come back.
+    """Choose which of N pulses are lost.
 
-    Neighbours share their fate: KITTI's car windows and black cars are holes, not speckle.
+    Neighbouring pulses are lost together, because KITTI's car windows and black cars are holes, not
+    speckle.
 
     Parameters
     ----------
     points : (N, 3) float32, metres
-        Where the pulses arrive, in the world.
+        Points at which the pulses arrive, in the world's frame.
     transmission : (N,) float32
-        Share that is lost.
+        Share of pulses that are lost at each point.
     random : numpy.random.Generator
-        Generator of the chance events from pulse to pulse.
+        Generator of the randomness of single pulses.
     """
     row, column = _tile_place(points)
     fate = (1.0 - SPECKLE) * _fates()[row, column]
@@ -38,7 +39,7 @@ def lost(points: Floats, transmission: Floats, random: np.random.Generator) -> N
 
 
 def _quantile(share: Floats) -> Floats:
-    """Below it lies this share of sums of two even spreads of lengths 1 - SPECKLE and SPECKLE."""
+    """Quantile of the sum of two uniform variables on [0, 1 - SPECKLE] and [0, SPECKLE]."""
     rest = 1.0 - SPECKLE
     end = np.sqrt(2.0 * rest * SPECKLE * np.minimum(share, 1.0 - share))
     middle = rest * share + 0.5 * SPECKLE
@@ -47,7 +48,7 @@ def _quantile(share: Floats) -> Floats:
 
 
 def _tile_place(points: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Row and column of the pattern: no plane of a street or a room maps to a line of it."""
+    """Row and column of the pattern; no plane of a street or room maps to a line of it."""
     x, y, z = (points.astype(np.float64) * (SIZE / TILE)).T
     row = np.floor(z + 0.31 * x + 0.27 * y).astype(np.int64) % SIZE
     return row, np.floor(x + y * 1.13).astype(np.int64) % SIZE
@@ -55,7 +56,7 @@ def _tile_place(points: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 @functools.cache
 def _fates() -> Floats:
-    """Smooth periodic noise, spread evenly over 0 to 1."""
+    """Smooth periodic noise with uniform distribution on (0, 1)."""
     field = noise(40, 1.4)
     rank = np.argsort(np.argsort(field.ravel()))
     return ((rank + 0.5) / rank.size).astype(np.float32).reshape(field.shape)

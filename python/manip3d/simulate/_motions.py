@@ -10,7 +10,7 @@ import numpy as np
 from manip3d.simulate._figure import Arm, Leg, Pose
 
 PERIOD = 4.0
-"""Seconds that an exercise takes before it begins again."""
+"""Period of an exercise, seconds."""
 
 _STANDING = Leg()
 _SEATED = Leg(flexion=80.0, abduction=6.0, knee=80.0)
@@ -19,14 +19,15 @@ _SEATED_ARM = Arm(flexion=12.0, abduction=10.0, elbow=50.0, twist=20.0)
 
 @dataclass(frozen=True)
 class Exercise:
-    """Motions of an arm and a leg; without one, the limb rests.
+    """Motions of arms and legs; a limb without a motion rests.
 
     Attributes
     ----------
     arm : callable, optional
-        From the time in seconds and the arm at rest to the arm.
+        Function of the time (seconds) and the arm at rest that returns the moved arm.
     leg : callable, optional
-        From the time, the leg at rest and whether it is the left one to the leg.
+        Function of the time, the leg at rest and whether it is the left one that returns the moved
+        leg.
     """
 
     arm: Callable[[float, Arm], Arm] | None = None
@@ -44,19 +45,22 @@ def pose_at(
     shoulder_tilt: float = 0.0,
     thigh_turn: float = 0.0,
 ) -> Pose:
-    """The pose of an exercise at a time.
+    """Return the pose of an exercise at a time.
 
     Parameters
     ----------
     exercise : str
-        Name out of `MOTIONS`.
+        Name in `MOTIONS`.
     time : float, seconds
+        Time since the start of the exercise.
     moving : (bool, bool)
-        Whether the left and the right limb take part; the other one rests.
+        Whether the left and the right limbs move; others rest.
     sitting : bool
+        Whether the person sits.
     turn, twist, shoulder_tilt : float, degrees
+        As in `Pose`.
     thigh_turn : float, degrees
-        Turn of a sitting person's legs against the pelvis, to the person's left.
+        Rotation of a sitting person's legs relative to the pelvis, to the person's left.
     """
     motion = MOTIONS[exercise]
     arm, leg = (_SEATED_ARM, _SEATED) if sitting else (Arm(), _STANDING)
@@ -83,11 +87,12 @@ def pose_at(
 
 
 def clear_of_trunk(pose: Pose, girth: float) -> Pose:
-    """The pose with arms as far aside as a trunk of that girth wants them.
+    """Return the pose with arms moved aside so that they clear a trunk of the given girth.
 
-    Up to a girth of 1.2 they hang beside it anyway.
+    Up to a girth of 1.2 nothing needs to change.
     """
-    half, upper_arm = 0.23, 0.29  # metres: of the waist and an arm, at a girth of 1
+    # metres: half width of the waist and length of an upper arm, at girth 1
+    half, upper_arm = 0.23, 0.29
     wider = half * max(0.0, girth - 1.2)
     aside = float(np.degrees(np.arcsin(wider / upper_arm)))
     left, right = pose.left_arm, pose.right_arm
@@ -99,7 +104,7 @@ def clear_of_trunk(pose: Pose, girth: float) -> Pose:
 
 
 def _swell(time: float, period: float = PERIOD) -> float:
-    """From 0 to 1 and back within a period, at rest at both ends."""
+    """Smooth value from 0 to 1 and back within a period, with zero speed at both ends."""
     return float(0.5 - 0.5 * np.cos(2.0 * np.pi * time / period))
 
 
@@ -158,7 +163,7 @@ MOTIONS: Mapping[str, Exercise] = {
 
 
 def walk(time: float, *, turn: float) -> Pose:
-    """A person who walks the way they face."""
+    """Pose of a person who walks in the direction in which they look."""
     swing = 28.0 * float(np.sin(2.0 * np.pi * time / 1.1))
     return Pose(
         turn=turn,

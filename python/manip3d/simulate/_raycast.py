@@ -1,4 +1,4 @@
-"""Rays against triangles: Open3D (Embree) behind a checked border."""
+"""Cast rays at triangles with Open3D (Embree), after checking that its rays work."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from manip3d.errors import Error, MissingExtraError
 Floats = NDArray[np.float32]
 
 CHUNK = 1 << 20
-"""Rays in one call: about 0.15 s on two cores, so that Ctrl-C is answered at once."""
+"""Rays per call: they take about 0.15 s on two cores, so that Ctrl-C takes effect quickly."""
 
 NO_FACE = np.uint32(0xFFFFFFFF)
-"""Open3D's number of the face that a ray without a hit has hit."""
+"""Open3D's index of the face for rays without a hit."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Hits:
     Attributes
     ----------
     distance : (N,) float32
-        In lengths of the ray's direction; infinite: no hit.
+        Distance in lengths of the ray's direction; infinite: no hit.
     face : (N,) uint32
-        `NO_FACE`: no hit.
+        Index of the face; `NO_FACE`: no hit.
     normal : (N, 3) float32
         Unit normal of the face, on its front side; zero: no hit.
     uv : (N, 2) float32
@@ -47,12 +47,14 @@ class Hits:
 
 
 class RayCaster:
-    """Triangles at which rays are cast; the search structure is built once.
+    """Casts rays at triangles; the search structure is built once.
 
     Parameters
     ----------
     vertices : (V, 3) float
+        Vertices of the triangles.
     faces : (F, 3) int
+        Indices of the vertices of each triangle.
     """
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
@@ -63,15 +65,18 @@ class RayCaster:
             self._tensor(np.ascontiguousarray(vertices, np.float32)),
             self._tensor(np.ascontiguousarray(faces, np.uint32)),
         )
-        self._scene.cast_rays(self._tensor(np.zeros((1, 6), np.float32)))  # builds it now
+        # builds the search structure
+        self._scene.cast_rays(self._tensor(np.zeros((1, 6), np.float32)))
 
     def cast(self, origins: Floats, directions: Floats, *, threads: int = 0) -> Hits:
-        """First hits of N rays, at most `CHUNK` for a prompt Ctrl-C.
+        """Return the first hits of N rays; at most `CHUNK` rays let Ctrl-C take effect quickly.
 
         Parameters
         ----------
         origins : (N, 3) or (3,) float32
+            Origins of the rays.
         directions : (N, 3) float32
+            Directions of the rays, of any length.
         threads : int
             0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
         """
@@ -88,7 +93,7 @@ class RayCaster:
 
 @contextmanager
 def _without_web_visualizer() -> Iterator[None]:
-    """In a notebook, importing Open3D prints a banner and starts a server, unless this is set."""
+    """Set the variable without which importing Open3D in a notebook starts a server."""
     name = "OPEN3D_DISABLE_WEB_VISUALIZER"
     before = os.environ.get(name)
     os.environ[name] = "true"
@@ -103,14 +108,14 @@ def _without_web_visualizer() -> Iterator[None]:
 
 @functools.cache
 def _open3d() -> Any:
-    """Open3D, once it has proved that its rays hit.
+    """Import Open3D, and check that its rays hit a triangle.
 
     Raises
     ------
     MissingExtraError
-        It is not installed.
+        Open3D is not installed.
     Error
-        Rays come back without hits, as from Debian's package.
+        Rays do not hit triangles, as with Debian's package.
     """
     try:
         with _without_web_visualizer():

@@ -1,4 +1,4 @@
-"""Things that stand still around a person: floor, walls, a chair; each camera's view is kept."""
+"""Static scenery around a person: floor, walls, furniture; views of each camera are cached."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float32]
 Point = tuple[float, float, float]
 
 _WOOD, _METAL = (150, 112, 74), (92, 96, 102)
-_FLOOR_FACES = 12  # a room's first box
+_FLOOR_FACES = 12  # the first box of a room
 _WALL, _FLOOR = (206, 202, 192), (152, 146, 138)
 
 
@@ -48,7 +48,7 @@ class Wheel:
 
 
 def wheel_mesh(wheel: Wheel) -> tuple[Floats, NDArray[np.int32]]:
-    """Vertices and faces of a rim 25 mm broad and as high, and of eight spokes."""
+    """Vertices and faces of a rim with a cross section of 25 x 25 mm and of eight spokes."""
     segments, half = 48, 0.0125
     angle = np.arange(segments) * 2.0 * np.pi / segments
     circle = np.stack([np.zeros(segments), np.cos(angle), np.sin(angle)], axis=1)
@@ -80,15 +80,16 @@ def wheel_mesh(wheel: Wheel) -> tuple[Floats, NDArray[np.int32]]:
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """Images of the scenery by a camera: exact images of (H, W) pixels.
+    """Exact images of the scenery from a camera with (H, W) pixels.
 
     Attributes
     ----------
     depth : (H, W) float32, metres
-        0: nothing.
+        Depth; 0: no surface.
     slant : (H, W) float32
-        Cosine between the line of sight and the normal.
+        Cosine of the angle between the line of sight and the normal.
     color : (H, W, 3) uint8
+        Colours.
     rays : (H, W, 3) float32
         Rays of the pixels, scaled to a depth of 1 m.
     """
@@ -101,14 +102,16 @@ class Background:
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
-    """Things that stand still.
+    """Static objects.
 
     Attributes
     ----------
     vertices : (V, 3) float32, metres
-        In the frame of the depth camera.
+        Vertices in the frame of the depth camera.
     faces : (F, 3) int32
+        Indices of the vertices of each face.
     face_color : (F, 3) float32
+        Colour of each face.
     """
 
     vertices: Floats
@@ -117,7 +120,7 @@ class Scenery:
     _views: dict[tuple[int, int, bytes], Background] = field(default_factory=dict, repr=False)
 
     def seen_by(self, camera: Intrinsics, eye: Floats) -> Background:
-        """The view of a camera at ``eye`` that looks ahead."""
+        """Return the view of a camera at ``eye`` that looks ahead."""
         key = (camera.width, camera.height, eye.tobytes())
         if key not in self._views:
             self._views[key] = self._look(camera, eye)
@@ -151,13 +154,13 @@ class Scenery:
 SCENES = ("room", "office", "hall")
 """Kinds of scenery around a person."""
 
-_BEHIND = {"room": 1.4, "office": 1.4, "hall": 2.6}  # metres from a person to the wall
+_BEHIND = {"room": 1.4, "office": 1.4, "hall": 2.6}  # metres from the person to the wall
 _WALLS = {"room": _WALL, "office": (176, 190, 196), "hall": (214, 198, 168)}
 _FLOORS = {"room": _FLOOR, "office": (104, 112, 124), "hall": (168, 150, 122)}
 
 
 CHAIRS = ("chair", "wheelchair")
-"""The seats of a simulated person."""
+"""Kinds of seats."""
 
 
 def furnish(
@@ -168,21 +171,22 @@ def furnish(
     camera_height: float,
     chair: str = "chair",
 ) -> Scenery:
-    """A scene around a person, and a chair under one who sits.
+    """Make the scenery around a person, with a chair if the person sits.
 
     Parameters
     ----------
     scene : str
-        Name out of `SCENES`; empty: there is nothing at all.
+        Name in `SCENES`; empty: no scenery at all.
     seat : float, optional
-        Distance of the chair, metres.
+        Distance of the chair from the camera, metres; None: no chair.
     turn : float, degrees
-        Turn of the chair.
+        Rotation of the chair.
     distance : float, metres
-        Distance of the person; the wall stands 1.4 m behind, in a hall 2.6 m.
+        Distance of the person from the camera; the wall is 1.4 m behind, in a hall 2.6 m.
     camera_height : float, metres
+        Height of the camera above the floor.
     chair : str
-        Name out of `CHAIRS`.
+        Name in `CHAIRS`.
     """
     vertices: list[Floats] = []
     faces: list[NDArray[np.int32]] = []
@@ -213,7 +217,7 @@ def furnish(
 
 
 def _office(floor: float, wall: float) -> list[Box]:
-    """A desk with a screen on the left of the picture, a cupboard on the right, a board."""
+    """A desk with a screen on the left of the picture, a cupboard on the right, and a board."""
     desk = floor - 0.74
     back = wall - 0.15
     legs = [
@@ -249,7 +253,7 @@ def _hall(floor: float, wall: float) -> list[Box]:
 
 
 def _chair() -> list[Box]:
-    """A chair of its own frame: origin on the floor, the sitter looks along -z, y down."""
+    """A chair in its own frame: origin on the floor, y down, the sitter looks along -z."""
     top = -(SITTING_HEIGHT - 0.11)
     legs = [
         Box((x, top, z), (x + 0.03, 0.0, z + 0.03), _METAL)
@@ -291,7 +295,7 @@ def _wheelchair() -> list[Box | Wheel]:
 
 
 def _pattern(points: Floats, is_floor: NDArray[np.bool_]) -> Floats:
-    """Brightness of a floor with tiles and walls with faint bands."""
+    """Brightness of floors with tiles, and of walls with faint bands."""
     tiles = (np.floor(points[:, 0] / 0.4) + np.floor(points[:, 2] / 0.4)) % 2.0
     bands = 0.97 + 0.03 * np.sin(6.0 * points[:, 0]) * np.sin(4.0 * points[:, 1])
     return np.asarray(np.where(is_floor, 0.88 + 0.12 * tiles, bands), np.float32)

@@ -1,4 +1,4 @@
-"""Colours and brightness of hits: mip-mapped textures and Lambert's law, without shadows."""
+"""Colours and brightness of hits from mip-mapped textures and given light."""
 
 from __future__ import annotations
 
@@ -12,18 +12,21 @@ from manip3d.simulate._world import Surface
 Floats = NDArray[np.float32]
 
 LEVELS = 9
-"""Levels of a texture: 256, 128, ..., 1 texels a side."""
+"""Mip levels of a texture: 256, 128, ..., 1 texels per side."""
 SIDE = 1 << (LEVELS - 1)
 
 
 class Shader:
-    """Tables of a stage: for each face the texture plane, for each surface colour and texture.
+    """Computes colours from tables of texture coordinates by face, and of textures by surface.
 
     Parameters
     ----------
     surfaces : sequence of S Surface
+        Surfaces with their colours and textures.
     face_surface : (F,) int32
+        Index into ``surfaces`` of each face.
     texcoords : (F, 3, 2) float32, metres
+        Texture coordinates of the corners.
     """
 
     def __init__(
@@ -56,52 +59,54 @@ class Shader:
     def colors(
         self, face: NDArray[np.int64], uv: Floats, footprint: Floats, light: Floats
     ) -> Floats:
-        """Colours of N hits.
+        """Return the colours of N hits.
 
         Parameters
         ----------
         face : (N,) int64
+            Index of the face.
         uv : (N, 2) float32
             Barycentric weights of the second and the third corner.
         footprint : (N,) float32, metres
-            What a pixel covers on the surface.
+            Size of a pixel on the surface.
         light : (N,) float32
+            Light at each hit; factor on the brightness.
 
         Returns
         -------
         (N, 3) float32, 0 to 255
-            Not yet clipped.
+            Colours, not clipped.
         """
         shade = self.brightness(face, uv, footprint)
         color = self._color[self._face_surface[face]]
         return np.asarray(color * (shade * light * np.float32(255))[:, None])
 
     def brightness(self, face: NDArray[np.int64], uv: Floats, footprint: Floats) -> Floats:
-        """Brightness of N hits over their surfaces' own; ``face``, ``uv``: see `colors`.
+        """Return the relative brightness of N hits; ``face``, ``uv``: see `colors`.
 
         Parameters
         ----------
         footprint : (N,) float32, metres
-            What a pixel or a beam covers on the surface.
+            Size of a pixel or beam on the surface.
 
         Returns
         -------
         (N,) float32
-            1 where the surface has no texture.
+            Relative brightness; 1 if the surface has no texture.
         """
         surface = self._face_surface[face]
         plane = self._plane[face]
         s = plane[:, 0] + uv[:, 0] * plane[:, 2] + uv[:, 1] * plane[:, 4]
         t = plane[:, 1] + uv[:, 0] * plane[:, 3] + uv[:, 1] * plane[:, 5]
         texels = footprint * (SIDE * self._repeats[surface])
-        level = np.frexp(texels)[1].clip(0, LEVELS - 1)  # the texel next larger than the pixel
+        level = np.frexp(texels)[1].clip(0, LEVELS - 1)  # texels are at least as large as the pixel
         shade = self._bilinear(self._start[surface] + self._level_start[level], level, s, t)
         return np.asarray(shade * np.float32(1 / 128))
 
     def _bilinear(
         self, start: NDArray[np.int32], level: NDArray[np.int32], s: Floats, t: Floats
     ) -> Floats:
-        """Brightness between the four texels around (s, t) of one level."""
+        """Brightness at (s, t), interpolated between the four nearest texels of one level."""
         side = np.int32(SIDE) >> level
         column, row = s * side - np.float32(0.5), t * side - np.float32(0.5)
         left, top = np.floor(column), np.floor(row)
@@ -121,7 +126,7 @@ class Shader:
 
 
 def _mip_chain(texture: NDArray[np.uint8]) -> Floats:
-    """All levels one after the other, each half the side of the one before."""
+    """All mip levels in one array; each level has half the side of the previous one."""
     level = texture.astype(np.float32)
     levels = [level]
     while len(level) > 1:

@@ -1,8 +1,8 @@
 """A person's surface: tubes swept along the bones, bent smoothly at the joints.
 
-Each part is a stack of rings. A ring belongs to two frames of `_figure` with a weight: its centre
-is the blend of where the two take it, its plane turns by the rotation between theirs, so that a
-bent elbow keeps its girth (a blend of vertices alone would pinch it).
+Each part is a stack of rings. A ring belongs to two frames of `_figure` with a weight. Its centre
+is the weighted mean of its positions in both frames, and its plane is rotated by the interpolated
+rotation, so that a bent elbow keeps its girth; interpolated vertices alone would pinch it.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ Tile = Literal["torso", "head", "arm", "leg", "foot", "skin", "bandage"]
 TILES: tuple[Tile, ...] = ("torso", "head", "arm", "leg", "foot", "skin", "bandage")
 
 DRESSINGS = ("bare", "bandage", "sleeve")
-"""The dressings of a stump: nothing of its own, a bandage around its end, or an empty sleeve."""
+"""Kinds of dressings of a stump: none, a bandage around its end, or an empty sleeve."""
 
 _BEND = 0.05
-"""Metres before and after a joint over which rings turn from one frame to the next."""
+"""Metres before and after a joint within which rings pass from one frame to the next."""
 
 _TRUNK = (1, 20, 2, 4, 8, 12, 16)
-"""Bones among which the faces of the trunk are shared out; those of the arms are their own."""
+"""Bones to which the faces of the trunk can belong."""
 
 _CLOTHED = 1.1
-"""Girth in clothes against that of the tables below."""
+"""Factor on the girths of the tables below for clothes."""
 
 _CAP = 0.035
-"""Metres over which a stump closes."""
+"""Length of the rounded end of a stump, metres."""
 
 _BANDAGE = 0.008
 """Thickness of a bandage, metres."""
@@ -55,41 +55,42 @@ _SLEEVE_THICK = 0.012
 """Half the thickness of an empty sleeve, metres."""
 
 _BREATH = (0.38, 0.10)
-"""Metres above the pelvis where the chest moves most when it breathes, and how far up and down."""
+"""Height above the pelvis at which the chest moves most in breathing, and the extent of the motion
+upwards and downwards, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Tube:
     """Rings of one part at rest.
 
-    ``axis`` 1: a stack along y, ring by ring (x, z); 2: along z, ring by ring (x, y).
+    ``axis`` 1: rings in the plane (x, z), stacked along y; 2: rings in (x, y), stacked along z.
     """
 
     name: str
     tile: Tile
     segments: int
     centers: Array  # (R, 3)
-    radii: Array  # (R, 4): to -x and +x, and to the back (or below) and ahead (or above)
+    radii: Array  # (R, 4): to -x, to +x, backwards (or down), ahead (or up)
     frames: NDArray[np.intp]  # (R, 2)
-    weights: Array  # (R,), of the second frame
+    weights: Array  # (R,): weight of the second frame
     bones: NDArray[np.intp]  # (R,)
-    along: Array  # (R,), of the texture: 0 to 1
+    along: Array  # (R,): texture coordinate, 0 to 1
     axis: int = 1
     exponent: float = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Sleeve:
-    """Cloth beyond a joint or a stump's end: it hangs straight down, whatever the limb does.
+    """Cloth beyond a joint or a stump's end, which always hangs straight down.
 
     Attributes
     ----------
     limp : int
-        Frame that has no limb any more and moves the cloth.
+        Frame of the missing part of the limb, which moves the cloth.
     bearer : int
         Frame from which it hangs.
     end : (3,) float64, metres
-        Place at rest below which it hangs.
+        Point at rest below which it hangs.
     """
 
     limp: int
@@ -97,7 +98,7 @@ class _Sleeve:
     end: Array
 
     def hung(self, figure: PosedFigure) -> PosedFigure:
-        """The figure with the limp frame upright below the end of its bearer."""
+        """Return the figure with the limp frame upright below the end of its bearer."""
         rotations, origins = figure.rotations.copy(), figure.origins.copy()
         heading = rotations[0, :, 0]  # to the person's left
         down = np.array([0.0, 1.0, 0.0])
@@ -119,14 +120,16 @@ class Skin:
     Attributes
     ----------
     faces : (F, 3) int32
+        Indices of the vertices of each face.
     face_bone : (F,) uint8
-        Number of the bone a face belongs to.
+        Number of the bone to which each face belongs.
     face_limb : (F,) int8
         Index into `LIMBS`; -1: the trunk.
     face_tile : (F,) uint8
         Index into `TILES`.
     texcoords : (V, 2) float32
-        In the tile: around, from the back over the left side, and along; 0 to 1.
+        Texture coordinates in the tile, 0 to 1: around (from the back over the left side), and
+        along.
     """
 
     faces: NDArray[np.int32]
@@ -139,11 +142,11 @@ class Skin:
     _ring_weight: Array
     _vertex_ring: NDArray[np.intp]
     _vertex_offset: Array
-    _vertex_breath: Array  # share of the breath that it moves ahead by
+    _vertex_breath: Array  # factor on the breath for the forward motion
     _sleeve: _Sleeve | None = None
 
     def vertices(self, figure: PosedFigure) -> NDArray[np.float32]:
-        """(V, 3), metres, in the camera's frame."""
+        """Return the vertices of a pose, (V, 3), metres, in the camera's frame."""
         if self._sleeve is not None:
             figure = self._sleeve.hung(figure)
         weight = self._ring_weight[:, None]
@@ -161,7 +164,7 @@ class Skin:
         return np.asarray(centers[self._vertex_ring] + offset, np.float32)
 
     def _ring_rotations(self, figure: PosedFigure) -> Array:
-        """(R, 3, 3): on the way from the first frame's rotation to the second's."""
+        """Interpolated rotations of the rings, (R, 3, 3)."""
         of_frame = quaternions(figure.rotations)
         first, second = of_frame[self._ring_frames[:, 0]], of_frame[self._ring_frames[:, 1]]
         same = np.sign((first * second).sum(1, keepdims=True))
@@ -174,10 +177,9 @@ class Skin:
 def build_skin(
     amputated: str | None = None, stump: float = 0.15, girth: float = 1.0, dressing: str = "bare"
 ) -> Skin:
-    """The surface of a whole person, or of one whose limb ends ``stump`` metres from its root.
+    """Build the surface of a person, whose limb may end ``stump`` metres from its root.
 
-    ``girth`` scales the thickness of trunk, arms and legs; ``dressing``, out of `DRESSINGS`, is
-    what the stump wears.
+    ``girth`` scales the thickness of trunk, arms and legs; ``dressing`` is a name in `DRESSINGS`.
     """
     tubes = [_torso(girth), _neck_and_head(), *_nose_and_ears()]
     sleeve = None
@@ -201,10 +203,10 @@ def build_skin(
 
 
 def _bandage(stump: _Tube, top: float) -> _Tube:
-    """A layer around the end of a stump, from the height ``top`` down."""
+    """A layer of cloth around the end of a stump, below the height ``top``."""
     below = stump.centers[:, 1] < top
     thick = np.full(int(below.sum()), _BANDAGE)
-    thick[0] = thick[-1] = -0.001  # the edge ends within the limb, and the end is closed
+    thick[0] = thick[-1] = -0.001  # the edge is inside the limb, and the end is closed
     centers = stump.centers[below].copy()
     centers[-1, 1] -= _BANDAGE
     return replace(
@@ -220,10 +222,10 @@ def _bandage(stump: _Tube, top: float) -> _Tube:
 
 
 def _empty_sleeve(limb: _Tube, kind: str, side: str, end: float) -> tuple[_Tube, _Sleeve]:
-    """Flat cloth from the end of a left stump to where the wrist or the ankle was.
+    """Flat cloth from the end of a left stump to the former wrist or ankle.
 
-    A sleeve hangs from the end of an arm; the leg of trousers goes on to the knee, as on a seat,
-    and hangs from there.
+    A sleeve hangs from the stump of an arm. A trouser leg continues to the knee, as on a seat, and
+    hangs from there.
     """
     joint, last = (5, 6) if kind == "arm" else (13, 14)
     bearer, limp = ("upper-arm", "forearm") if kind == "arm" else ("thigh", "shin")
@@ -247,7 +249,7 @@ def _empty_sleeve(limb: _Tube, kind: str, side: str, end: float) -> tuple[_Tube,
         frames=frames,
         weights=weights,
         bones=np.full(40, joint),
-        along=0.75 * _along(place),  # above cuffs and socks
+        along=0.75 * _along(place),  # without cuffs and socks
     )
     mirror = 1.0 if side == "left" else -1.0
     from_end = np.array([mirror * centers[0, 0], hangs, 0.0])
@@ -306,7 +308,7 @@ def _joined(tubes: Sequence[_Tube]) -> Skin:
         made, ring = _strip_faces(count, tube.segments)
         offset = _offsets(tube).reshape(-1, 3)
         corners = (np.repeat(tube.centers, columns, axis=0) + offset)[made]
-        if np.linalg.det(corners).sum() < 0.0:  # six times the volume: the outside is the front
+        if np.linalg.det(corners).sum() < 0.0:  # signed volume: fronts must face outwards
             made = made[:, ::-1]
         faces.append(made + first_vertex)
         trunk = tube.tile == "torso"
@@ -339,7 +341,7 @@ def _joined(tubes: Sequence[_Tube]) -> Skin:
 
 
 def _breath(tube: _Tube, offset: Array, columns: int) -> Array:
-    """(V,): share of the chest's motion, most at its front, none at its sides and back."""
+    """Factor on the chest's motion, (V,): largest at the front, 0 at the sides and the back."""
     ahead = np.maximum(offset[:, 2], 0.0) / np.repeat(tube.radii[:, 3], columns)
     height, reach = _BREATH
     from_middle = (np.repeat(tube.centers[:, 1], columns) - height) / reach
@@ -347,7 +349,7 @@ def _breath(tube: _Tube, offset: Array, columns: int) -> Array:
 
 
 def _strip_faces(rings: int, segments: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Faces between rings, and the ring of each; diagonals mirror each other about the middle."""
+    """Faces between rings, and the ring of each; diagonals are symmetric about the middle."""
     ring, column = np.mgrid[: rings - 1, :segments]
     a = ring * (segments + 1) + column
     b, c = a + 1, a + segments + 1
@@ -360,7 +362,7 @@ def _strip_faces(rings: int, segments: int) -> tuple[NDArray[np.intp], NDArray[n
 
 
 def _offsets(tube: _Tube) -> Array:
-    """(R, segments + 1, 3): from the ring's centre; starts behind (or below) and goes left."""
+    """Offsets from the ring's centre, (R, segments + 1, 3): from behind (or below) to the left."""
     half = np.linspace(0.0, np.pi, tube.segments // 2 + 1)
     power = 2.0 / tube.exponent
     s = np.sin(half) ** power
@@ -378,11 +380,11 @@ def _offsets(tube: _Tube) -> Array:
 
 
 # --- Parts ------------------------------------------------------------------------------------
-# Rows of a table: place along the axis, half width, reach ahead, reach back.
+# Columns of a table: position along the axis, half width, extent ahead, extent back; metres.
 
 
 def _rings(table: Sequence[tuple[float, ...]], spacing: float) -> Array:
-    """The rows of a table, every ``spacing`` metres, smoothed; ends stay."""
+    """Interpolate a table about every ``spacing`` metres, and smooth it; the ends are kept."""
     keys = np.array(table)
     steps = max(4, round(abs(keys[-1, 0] - keys[0, 0]) / spacing))
     place = np.linspace(0.0, 1.0, 4 * steps + 1)
@@ -390,7 +392,7 @@ def _rings(table: Sequence[tuple[float, ...]], spacing: float) -> Array:
     rows = np.column_stack([np.interp(place, key_place, keys[:, i]) for i in range(keys.shape[1])])
     for _ in range(6):
         rows[1:-1] = 0.25 * rows[:-2] + 0.5 * rows[1:-1] + 0.25 * rows[2:]
-    # Ends are round: rings crowd there.
+    # Ends are round, so that they need more rings.
     where = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, steps + 1))
     where = 0.6 * np.linspace(0.0, 1.0, steps + 1) + 0.4 * where
     return np.column_stack([np.interp(where, place, column) for column in rows.T])
@@ -406,7 +408,7 @@ def _blend(place: Array, joint: float, sign: float = -1.0, width: float = _BEND)
 def _chain(
     place: Array, joints: Sequence[float], frames: Sequence[str], *, sign: float = -1.0
 ) -> tuple[NDArray[np.intp], Array]:
-    """The two frames and the weight of each ring of a chain of frames between joints."""
+    """The two frames and the weight of each ring along a chain of frames."""
     numbers = [FRAMES.index(frame) for frame in frames]
     pairs = np.tile(numbers[:2], (len(place), 1))
     weights = np.zeros(len(place))
@@ -449,10 +451,10 @@ def _torso(girth: float) -> _Tube:
     frames, weights = _chain(
         place, [0.31, 0.49, 0.60], ["pelvis", "chest", "chest", "head"], sign=1.0
     )
-    bend = _blend(place, 0.27, 1.0, 0.12)  # a back bends over more than a joint's breadth
+    bend = _blend(place, 0.27, 1.0, 0.12)  # a back bends over a longer part than a joint
     bends = place < 0.40
     frames[bends], weights[bends] = (0, 1), bend[bends]
-    # Shoulders go up and down: their rings follow the girdle where the arms begin.
+    # Shoulders move up and down: rings at the roots of the arms follow the girdle.
     girdle = np.exp(-(((place - 0.48) / 0.045) ** 2))
     shoulders = (place >= 0.40) & (place < 0.56)
     frames[shoulders], weights[shoulders] = (1, FRAMES.index("girdle")), girdle[shoulders]
@@ -465,7 +467,7 @@ def _torso(girth: float) -> _Tube:
         np.column_stack([rows[:, 1], rows[:, 1], rows[:, 3], rows[:, 2]]) + fold[:, None],
         frames,
         weights,
-        np.zeros(len(rows), np.intp),  # its faces' bones differ around the ring
+        np.zeros(len(rows), np.intp),  # bones of the faces differ around a ring
         _along(place),
         exponent=2.3,
     )
@@ -476,7 +478,7 @@ def _upright(place: Array, x: float, z: Array | float = 0.0) -> Array:
 
 
 def _along(place: Array) -> Array:
-    """0 at the top of a part, 1 at its bottom."""
+    """Texture coordinate along a part: 0 at the top, 1 at the bottom."""
     return np.asarray((place.max() - place) / np.ptp(place))
 
 
@@ -660,7 +662,7 @@ def _leg(girth: float) -> list[_Tube]:
 
 def _shoe(x: float) -> _Tube:
     ankle = REST_JOINTS[14, 1]
-    rows = _rings(  # along z: half width, height of the upper side, of the sole
+    rows = _rings(  # position along z, half width, height of the upper side, height of the sole
         [
             (-0.072, 0.008, -0.045, -0.060),
             (-0.068, 0.024, -0.015, -0.073),
@@ -698,8 +700,11 @@ def nearest_bone(points: Array, bones: Sequence[int], joints: Array) -> NDArray[
     Parameters
     ----------
     points : (N, 3) float64
+        Points, metres.
     bones : numbers of bones
+        Candidates.
     joints : (25, 3) float64
+        Joints in the frame of the points.
     """
     distances = []
     for bone in bones:

@@ -1,4 +1,4 @@
-"""Static world and movers: the world is built once, movers are cast in their own frames."""
+"""A static world with moving objects; rays are cast at each moving object in its own frame."""
 
 from __future__ import annotations
 
@@ -20,18 +20,20 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Mover:
-    """Something that moves straight ahead.
+    """An object that moves straight ahead at constant speed.
 
     Attributes
     ----------
     model : World
-        In its own frame: origin at the middle of its bottom, x forward.
+        The object in its own frame: origin at the middle of its bottom, x forward.
     label : Label
+        Kind of the object.
     start : (x, y, z), metres
-        At time 0.
+        Position at time 0.
     yaw : float, radians
+        Direction of motion, counter-clockwise from the world's x axis.
     speed : float, metres per second
-        Along its x axis.
+        Speed along its x axis.
     """
 
     model: World
@@ -42,31 +44,31 @@ class Mover:
 
     @property
     def velocity(self) -> NDArray[np.float64]:
-        """(3,) metres per second."""
+        """Velocity in the world's frame, (3,), metres per second."""
         return self.speed * np.array([np.cos(self.yaw), np.sin(self.yaw), 0.0])
 
     def box(self, number: int, time: float) -> Box:
-        """The box of the thing at a time, as object ``number``."""
+        """Return the object's box at a time, with ``number`` as its track."""
         at = np.asarray(self.start) + self.velocity * time
         return box_of(self.model.vertices.astype(float), self.label, number, at=at, yaw=self.yaw)
 
 
 @dataclass
 class StageHits:
-    """Points at which rays meet the stage.
+    """First points at which rays meet the stage.
 
     Attributes
     ----------
     distance : (N,) float32
-        Infinite: no hit.
+        Distance along the ray, metres; infinite: no hit.
     face : (N,) int64
-        Index into the stage's face tables; undefined where there is no hit.
+        Index into the stage's tables of faces; undefined without a hit.
     normal : (N, 3) float32
-        In the world's frame.
+        Unit normal in the world's frame.
     uv : (N, 2) float32
         Barycentric weights of the second and the third corner.
     object : (N,) int32
-        -1: background or no hit.
+        Number of the object; -1: background or no hit.
     """
 
     distance: Floats
@@ -77,13 +79,14 @@ class StageHits:
 
 
 class Stage:
-    """A static world with movers, ready for rays.
+    """A static world with moving objects, ready for ray casting.
 
     Parameters
     ----------
     world : World
+        The static world.
     movers : sequence of Mover
-        Movers that share a model share its search structure.
+        Moving objects; those with the same model share its search structure.
     """
 
     def __init__(self, world: World, movers: Sequence[Mover] = ()) -> None:
@@ -109,11 +112,11 @@ class Stage:
 
     @functools.cached_property
     def shader(self) -> Shader:
-        """Colours of hits; its tables are built once."""
+        """Shader for the colours of hits; it is built once."""
         return Shader(self.surfaces, self.face_surface, self.texcoords)
 
     def boxes(self, time: float) -> tuple[Box, ...]:
-        """Boxes of all objects at a time, in the world's frame."""
+        """Return the boxes of all objects at a time, in the world's frame."""
         moving = [mover.box(self._first_mover + i, time) for i, mover in enumerate(self.movers)]
         return (*self.world.boxes, *moving)
 
@@ -126,16 +129,18 @@ class Stage:
         subsets: Sequence[NDArray[np.int64]] | None = None,
         threads: int = 0,
     ) -> StageHits:
-        """First hits of N rays, each at its own time.
+        """Return the first hits of N rays, each at its own time.
 
         Parameters
         ----------
         origins : (N, 3) or (3,) float32
+            Origins of the rays, metres.
         directions : (N, 3) float32
             Directions of unit length.
         times : (N,) float32 or float, seconds
+            Time of each ray.
         subsets : sequence of (K,) int64, optional
-            For each mover the rays that may meet it; else found from its bounding sphere.
+            Indices of the rays that may meet each mover; default: found from bounding spheres.
         threads : int
             0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
         """
@@ -160,7 +165,7 @@ class Stage:
     def _rays_near(
         mover: Mover, origins: Floats, directions: Floats, times: Floats | float
     ) -> NDArray[np.int64]:
-        """Rays that come within the mover's bounding sphere."""
+        """Indices of the rays that meet the mover's bounding sphere."""
         low, high = mover.model.vertices.min(axis=0), mover.model.vertices.max(axis=0)
         radius = 0.5 * float(np.linalg.norm(high - low, axis=-1)) + 0.1
         center = np.array(mover.start) + np.array([0.0, 0.0, 0.5 * (low[2] + high[2])])
@@ -180,7 +185,7 @@ class Stage:
         times: Floats | float,
         threads: int,
     ) -> None:
-        """Hits of one mover that lie before what was hit so far."""
+        """Replace hits by those of one mover that are nearer."""
         mover = self.movers[index]
         cosine, sine = np.cos(mover.yaw), np.sin(mover.yaw)
         to_mover = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]], np.float32)
@@ -203,5 +208,5 @@ class Stage:
 
 
 def _moved(mover: Mover, times: Floats | float) -> Floats:
-    """(N, 3) or (1, 3) ways gone since time 0."""
+    """Displacement of a mover since time 0, (N, 3) or (1, 3), metres."""
     return np.atleast_1d(np.asarray(times, np.float32))[:, None] * mover.velocity.astype(np.float32)

@@ -25,10 +25,13 @@ class Patch:
     Attributes
     ----------
     vertices : (V, 3) float64
+        Vertices.
     faces : (F, 3) int
+        Indices of the vertices of each face.
     texcoords : (V, 2) float64 or None
-        Texture coordinates of the vertices; ``None``: the faces have no UV.
+        Texture coordinates of the vertices; None: the faces have no texture coordinates.
     material : int
+        Index of the material; -1: none.
     """
 
     vertices: Points
@@ -43,7 +46,7 @@ class Patch:
         scale: ArrayLike = 1.0,
         axes: Sequence[int] = (0, 1, 2),
     ) -> Patch:
-        """Scaled, axes exchanged, then shifted; turned around where that mirrors it."""
+        """Return the patch scaled, with axes exchanged, then shifted; faces keep their front."""
         factors = np.broadcast_to(np.asarray(scale, float), 3)
         mirrored = np.prod(factors) * np.linalg.det(np.eye(3)[list(axes)]) < 0
         return replace(
@@ -53,18 +56,18 @@ class Patch:
         )
 
     def reversed(self) -> Patch:
-        """The other side of the same surface."""
+        """Return the other side of the same surface."""
         return replace(self, faces=self.faces[:, ::-1])
 
     def where(self, keep: NDArray[np.bool_]) -> Patch:
-        """Some of the faces, with the vertices that they use."""
+        """Return the patch with some of its faces, and with the vertices that they use."""
         used, faces = np.unique(self.faces[keep], return_inverse=True)
         texcoords = None if self.texcoords is None else self.texcoords[used]
         return Patch(self.vertices[used], faces.reshape(-1, 3), texcoords, self.material)
 
     @property
     def centers(self) -> Points:
-        """(F, 3) means of the corners of the faces."""
+        """Means of the corners of the faces, (F, 3)."""
         return np.asarray(self.vertices[self.faces].mean(axis=1))
 
 
@@ -81,14 +84,16 @@ def sheet(
     *,
     uv_box: tuple[float, float, float, float] | None = None,
 ) -> Patch:
-    """A patch over a (rows, columns, 3) grid, in front of which columns x rows points.
+    """Make a patch over a (rows, columns, 3) grid, whose front faces along columns x rows.
 
     Parameters
     ----------
     points : (rows, columns, 3) float64
+        Vertices on the grid.
     material : int
+        Index of the material.
     uv_box : (u0, v0, u1, v1), optional
-        Texture coordinates of the first and of the last corner; columns run along u.
+        Texture coordinates of the first and of the last corner; u increases along columns.
     """
     rows, columns = points.shape[:2]
     texcoords = None
@@ -108,13 +113,13 @@ def revolved(
     *,
     uv_box: tuple[float, float, float, float] | None = None,
 ) -> Patch:
-    """A profile (x, radius) turned around the x axis; front outside where x grows.
+    """Revolve a profile (x, radius) about the x axis; the front is outside if x increases.
 
-    The first and the last column lie at the same positions: a seam, unless welded.
+    The first and the last column have equal positions, which is a seam unless it is welded.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, sectors + 1)
     cosine, sine = np.cos(angle), np.sin(angle)
-    cosine[-1], sine[-1] = cosine[0], sine[0]  # closed to the last bit
+    cosine[-1], sine[-1] = cosine[0], sine[0]  # exactly closed
     along, r = np.asarray(x, float)[:, None], np.asarray(radius, float)[:, None]
     points = np.stack([along + 0.0 * cosine, r * cosine, r * sine], axis=-1)
     return sheet(points, material, uv_box=uv_box)
@@ -137,7 +142,7 @@ def box(low: ArrayLike, high: ArrayLike, cells: int, material: int = -1) -> list
 
 
 def join(patches: Sequence[Patch], materials: Sequence[Material] = ()) -> Mesh:
-    """One mesh of many patches; nothing is welded."""
+    """Join patches to one mesh without welding."""
     starts = np.cumsum([0] + [len(p.vertices) for p in patches])
     faces = np.concatenate([p.faces + s for p, s in zip(patches, starts, strict=False)])
     rows = np.cumsum([0] + [0 if p.texcoords is None else len(p.texcoords) for p in patches])
@@ -159,13 +164,13 @@ def join(patches: Sequence[Patch], materials: Sequence[Material] = ()) -> Mesh:
 
 
 def smooth_union(a: NDArray[np.float64], b: NDArray[np.float64], k: float) -> NDArray[np.float64]:
-    """Union of two distance fields, rounded over the length ``k`` (I. Quilez's polynomial)."""
+    """Union of two distance fields, rounded with the length ``k`` (I. Quilez's polynomial)."""
     h = np.maximum(k - abs(a - b), 0.0) / k
     return np.asarray(np.minimum(a, b) - h * h * k / 4.0)
 
 
 def smooth_cut(a: NDArray[np.float64], b: NDArray[np.float64], k: float) -> NDArray[np.float64]:
-    """``a`` without ``b``, rounded over the length ``k``."""
+    """Difference of two distance fields, ``a`` without ``b``, rounded with the length ``k``."""
     return -smooth_union(-a, b, k)
 
 
@@ -173,11 +178,11 @@ _CUBE = tuple(itertools.product((0, 1), repeat=3))
 
 
 def surface_of(field: Field, low: ArrayLike, high: ArrayLike, cell: float) -> Patch:
-    """Zero set of a field (negative inside) on a grid of cubes: surface nets.
+    """Triangulate the zero set of a field (negative inside) on a grid of cubes: surface nets.
 
     S. Gibson, Constrained elastic surface nets, MICCAI 1998: one vertex in each cube that the
-    surface crosses, here moved onto the surface by Newton steps, and one quad for each crossed
-    grid edge. Closed if the surface keeps away from the border of the grid.
+    surface crosses, here moved onto the surface by Newton steps, and one quad for each crossed grid
+    edge. The mesh is closed if the surface does not reach the border of the grid.
     """
     corners_of_grid = zip(np.asarray(low), np.asarray(high), strict=True)
     axes = [np.arange(start, end + cell, cell) for start, end in corners_of_grid]
@@ -197,7 +202,7 @@ def surface_of(field: Field, low: ArrayLike, high: ArrayLike, cell: float) -> Pa
 
 
 def on_surface(field: Field, points: Points, cell: float, steps: int = 4) -> Points:
-    """Points moved to the zero set of ``field`` along its gradient, at most one cell a step."""
+    """Move points to the zero set of ``field`` along its gradient, at most half a cell per step."""
     for _ in range(steps):
         gradient = np.stack(
             [
@@ -215,7 +220,7 @@ def on_surface(field: Field, points: Points, cell: float, steps: int = 4) -> Poi
 def _quads_across(
     inside: NDArray[np.bool_], number: NDArray[np.int64], axis: int
 ) -> NDArray[np.int64]:
-    """Quads through the grid edges along ``axis`` whose ends lie on different sides."""
+    """Quads across the grid edges along ``axis`` whose ends lie on different sides."""
     starts = np.moveaxis(inside, axis, 0)[:-1, 1:-1, 1:-1]
     ends = np.moveaxis(inside, axis, 0)[1:, 1:-1, 1:-1]
     cells = np.moveaxis(number, axis, 0)
@@ -233,7 +238,7 @@ def _quads_across(
 
 
 def _split_quads(vertices: Points, quads: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Triangles of quads, cut by their shorter diagonals."""
+    """Triangles of quads, split at their shorter diagonals."""
     a, b, c, d = quads.T
     first = np.linalg.norm(vertices[a] - vertices[c], axis=1)
     second = np.linalg.norm(vertices[b] - vertices[d], axis=1)
@@ -252,7 +257,7 @@ def waves(points: Points, count: int, wavelength: float, random: np.random.Gener
 
 
 def vertex_normals(patch: Patch) -> Points:
-    """(V, 3) area-weighted unit normals."""
+    """Area-weighted unit normals of the vertices, (V, 3)."""
     a, b, c = (patch.vertices[patch.faces[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a)
     total = np.zeros_like(patch.vertices)
@@ -262,7 +267,7 @@ def vertex_normals(patch: Patch) -> Points:
 
 
 def png(pixels: NDArray[np.uint8]) -> bytes:
-    """(H, W, 3) or (H, W, 4) pixels, first row on top, as a PNG file."""
+    """Encode (H, W, 3) or (H, W, 4) pixels, the top row first, as a PNG file."""
     height, width, channels = pixels.shape
     kind = {3: 2, 4: 6}[channels]  # true colour, without and with alpha
     lines = np.zeros((height, 1 + width * channels), np.uint8)  # each line: filter 0, samples

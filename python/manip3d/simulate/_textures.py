@@ -1,4 +1,5 @@
-"""Procedural textures that tile: (256, 256) uint8 brightness, 128 = the surface's own colour."""
+"""Procedural textures that repeat seamlessly: (256, 256) uint8 brightness, 128: the surface's
+own."""
 
 from __future__ import annotations
 
@@ -32,26 +33,26 @@ def _pixels(brightness: Field) -> Pixels:
 
 
 def _grid() -> tuple[Field, Field]:
-    """Row and column in 0..1."""
+    """Row and column of the texels, 0 to 1."""
     s = (np.arange(SIZE) + 0.5) / SIZE
     return np.meshgrid(s, s, indexing="ij")
 
 
 @functools.cache
 def rough(seed: int, contrast: float, slope: float) -> Pixels:
-    """Asphalt, plaster, concrete, earth."""
+    """Texture of asphalt, plaster, concrete or earth."""
     return _pixels(1.0 + contrast * noise(seed, slope))
 
 
 @functools.cache
 def foliage(seed: int) -> Pixels:
-    """Grass and leaves: strong contrast from leaf to leaf."""
+    """Texture of grass and leaves, with strong contrast between leaves."""
     return _pixels(1.0 + 0.35 * noise(seed, 0.45))
 
 
 @functools.cache
 def courses(seed: int, rows: int, columns: int, joint: float) -> Pixels:
-    """Bricks, slabs or tiles: each second course shifted, each stone a shade of its own."""
+    """Texture of bricks, slabs or tiles: every second course is shifted, shades differ."""
     random = np.random.default_rng(seed)
     v, u = _grid()
     course = np.floor(v * rows).astype(int)
@@ -66,7 +67,7 @@ def courses(seed: int, rows: int, columns: int, joint: float) -> Pixels:
 
 @functools.cache
 def window(seed: int) -> Pixels:
-    """A pane with a frame, curtains, and the dim room behind."""
+    """Texture of a window with a frame, curtains, and a dim room behind it."""
     v, u = _grid()
     frame = (abs(u - 0.5) < 0.02) | (np.minimum(u, 1 - u) < 0.03) | (np.minimum(v, 1 - v) < 0.03)
     random = np.random.default_rng(seed)
@@ -124,7 +125,7 @@ def roof(random: np.random.Generator) -> Surface:
 
 
 def pane(random: np.random.Generator) -> Surface:
-    """Return the surface of windows, through which the laser mostly passes."""
+    """Return the surface of windows, through which part of the laser's pulses pass."""
     texture = window(8 + int(random.integers(4)))
     return Surface((0.42, 0.46, 0.52), 0.12, transmission=0.12, texture=texture, texture_size=1.6)
 
@@ -136,7 +137,7 @@ def leaves(random: np.random.Generator) -> Surface:
 
 
 def paint(color: tuple[float, float, float]) -> Surface:
-    """Return the surface of a car: it mirrors in faint spots; dark paint mirrors pulses away."""
+    """Return the surface of a car with a faint pattern; dark paint mirrors pulses away."""
     brightness = sum(color) / 3.0
     return Surface(
         color,

@@ -1,6 +1,6 @@
-"""Procedural things of streets and rooms; x forward, y left, z up, standing on z = 0, metres.
+"""Procedural objects of streets and rooms; x forward, y left, z up, standing on z = 0, metres.
 
-Texture coordinates are metres along the surface, so that one texture fits things of any size.
+Texture coordinates are metres along the surface, so that one texture fits objects of any size.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def quad(corners: ArrayLike) -> Patch:
     return sheet(grid, uv_box=(0.0, 0.0, width, height))
 
 
-# Corners of the six sides, counter-clockwise seen from outside: 0 is the low end of an axis.
+# Corners of the six sides, counter-clockwise seen from outside; 0: low end of an axis, 1: high.
 _SIDES = np.array(
     [
         [(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)],
@@ -107,13 +107,13 @@ def pierced(
     ----------
     width, height : float, metres
     holes : (N, 4)
-        x0, z0, x1, z1 of each; they do not overlap.
+        x0, z0, x1, z1 of each hole; holes must not overlap.
     depth : float, metres
         Depth of the recess behind the wall.
 
     Returns
     -------
-    The wall, the panes at the back of the holes, and the reveals between.
+    The wall, the panes at the back of the holes, and the reveals between them.
     """
     hole = np.asarray(holes, float).reshape(-1, 4)
     x = np.unique(np.concatenate([[0.0, width], hole[:, 0], hole[:, 2]]))
@@ -166,7 +166,7 @@ def _two_faces_each(quads: int) -> NDArray[np.int64]:
 
 # --- Outdoors -----------------------------------------------------------------------------------
 class Relief:
-    """Gently rolling ground: a height for each place."""
+    """Gently rolling ground: the height as a function of the position."""
 
     def __init__(self, random: Random, amplitude: float, wavelength: float = 40.0) -> None:
         self._amplitude, self._wavelength = amplitude, wavelength
@@ -199,7 +199,7 @@ def building(
     frame: Surface = CONCRETE,
     gable: bool = False,
 ) -> Parts:
-    """A house whose front (facing -y) and back have windows set back into the wall."""
+    """A house whose four sides have windows set back into the wall; its front faces -y."""
     storey = float(random.uniform(2.8, 3.4))
     height = floors * storey + 0.6
     parts: Parts = []
@@ -257,7 +257,7 @@ def _roof(
 
 
 def tree(random: Random, height: float, *, leaf: Surface = LEAF, leaves: int = 1200) -> Parts:
-    """A trunk with boughs and leaves; the first part is the wood, the last the leaves."""
+    """A tree; the last part is the leaves, the parts before it are wood."""
     trunk = 0.4 * height
     radius = 0.018 * height + 0.05
     z = np.linspace(0.0, 0.85 * height, 9)
@@ -275,7 +275,7 @@ def tree(random: Random, height: float, *, leaf: Surface = LEAF, leaves: int = 1
 
 
 def hedge(random: Random, length: float, width: float, height: float) -> Parts:
-    """A clipped hedge: a dark core in a coat of leaves; its middle at the origin."""
+    """A clipped hedge, a solid core covered with leaves, with its middle at the origin."""
     half = np.array([length, width, height]) / 2.0
     core = block(-0.85 * half + (0, 0, half[2]), 0.85 * half + (0, 0, half[2]), LEAF)
     count = int(60 * (length * height + length * width))
@@ -286,7 +286,7 @@ def hedge(random: Random, length: float, width: float, height: float) -> Parts:
 
 
 def _leaf_quads(center: Points, size: float, random: Random) -> Patch:
-    """Small squares turned at random, one at each place."""
+    """Small randomly rotated squares, one at each place."""
     count = len(center)
     a = random.normal(size=(count, 3))
     a /= np.linalg.norm(a, axis=1)[:, None]
@@ -306,19 +306,21 @@ def _car_panels() -> tuple[Patch, ...]:
 
     mesh = models.car(5_000)
     half = np.sort(mesh.vertices[mesh.faces].sum(axis=1), axis=1)
-    _, first = np.unique(np.round(half, 9), axis=0, return_index=True)  # stored front and back
+    # the model stores each face twice, front and back
+    _, first = np.unique(np.round(half, 9), axis=0, return_index=True)
     faces, material = mesh.faces[np.sort(first)], mesh.face_material
     assert material is not None
     # The front of the model looks to -x, y is up.
     vertices = mesh.vertices[:, [0, 2, 1]] * (-1.0, 1.0, 1.0)
-    texcoords = vertices[:, [0, 2]] + 0.7 * vertices[:, 1:2]  # along no face of a car
+    # projected along a direction that no face of a car has
+    texcoords = vertices[:, [0, 2]] + 0.7 * vertices[:, 1:2]
     whole = Patch(vertices, faces.astype(np.int64), texcoords)
     kinds = material[np.sort(first)]
     return tuple(whole.where(kinds == k) for k in range(8))
 
 
 def car(random: Random, *, paint: Surface | None = None) -> Parts:
-    """A car of about 4.4 x 1.8 x 1.4 m, looking to +x, in a colour and size of its own."""
+    """A car of about 4.4 x 1.8 x 1.4 m that faces +x, of random size and, by default, colour."""
     if paint is None:
         paint = textures.paint(CAR_COLORS[random.integers(len(CAR_COLORS))])
     scale = random.uniform((0.86, 0.95, 0.97), (1.08, 1.05, 1.25))
@@ -342,7 +344,7 @@ CAR_COLORS = (
 
 
 def person(random: Random) -> Parts:
-    """Somebody standing or walking, looking to +x."""
+    """A standing or walking person who faces +x."""
     tall = float(random.uniform(1.55, 1.92))
     coat, legs = textures.cloth(random, 0.8), textures.cloth(random, 0.4)
     stride = float(random.uniform(0.0, 0.28))
@@ -362,7 +364,7 @@ def person(random: Random) -> Parts:
 
 
 def cyclist(random: Random) -> Parts:
-    """Somebody riding a bicycle to +x."""
+    """A cyclist who rides towards +x."""
     parts: Parts = []
     for x in (-0.52, 0.52):
         wheel = revolved([-0.02, 0.02], [0.34, 0.34], 24).moved((x, 0, 0.34), axes=(1, 0, 2))
@@ -402,7 +404,7 @@ def sign(random: Random) -> Parts:
 
 
 def bench() -> Parts:
-    """A park bench, its front to -y."""
+    """A park bench whose front faces -y."""
     parts = block((-0.8, -0.25, 0.40), (0.8, 0.25, 0.45), WOOD)
     parts += block((-0.8, 0.21, 0.55), (0.8, 0.25, 0.85), WOOD)
     for x in (-0.65, 0.6):
@@ -418,7 +420,7 @@ def bin_(random: Random) -> Parts:
 
 # --- Indoors ------------------------------------------------------------------------------------
 def table(length: float, width: float, *, surface: Surface = WOOD) -> Parts:
-    """A table, its middle at the origin."""
+    """A table with its middle at the origin."""
     x, y = length / 2, width / 2
     parts = block((-x, -y, 0.70), (x, y, 0.74), surface)
     for sx in (-1, 1):
@@ -429,7 +431,7 @@ def table(length: float, width: float, *, surface: Surface = WOOD) -> Parts:
 
 
 def chair(*, surface: Surface = CLOTH) -> Parts:
-    """A chair that looks to +x."""
+    """A chair that faces +x."""
     parts = block((-0.22, -0.22, 0.42), (0.22, 0.22, 0.47), surface)
     parts += block((-0.25, -0.21, 0.55), (-0.21, 0.21, 0.95), surface)
     for x in (-0.2, 0.2):
@@ -440,7 +442,7 @@ def chair(*, surface: Surface = CLOTH) -> Parts:
 
 
 def shelf(random: Random, length: float, height: float) -> Parts:
-    """A shelf full of books and boxes, its back to +y, open to -y."""
+    """A shelf full of books and boxes; its back faces +y, and it is open to -y."""
     depth = 0.35
     parts = block((0, depth - 0.02, 0), (length, depth, height), WOOD)
     for x in (0.0, length - 0.03):
@@ -461,7 +463,7 @@ def shelf(random: Random, length: float, height: float) -> Parts:
 
 
 def cabinet(length: float, depth: float, height: float, surface: Surface = METAL) -> Parts:
-    """A closed cabinet with a base set back, its back to +y."""
+    """A closed cabinet with a recessed base; its back faces +y."""
     parts = block((0, 0.04, 0), (length, depth, 0.08), DARK)
     parts += block((0, 0, 0.08), (length, depth, height), surface)
     for x in np.arange(0.45, length, 0.5):
@@ -470,7 +472,7 @@ def cabinet(length: float, depth: float, height: float, surface: Surface = METAL
 
 
 def sofa(length: float) -> Parts:
-    """A sofa that looks to -y, its back to +y."""
+    """A sofa that faces -y."""
     parts = block((0, 0, 0.08), (length, 0.85, 0.42), CLOTH)
     parts += block((0, 0.62, 0.42), (length, 0.85, 0.85), CLOTH)
     for x in (0.0, length - 0.18):
@@ -479,7 +481,7 @@ def sofa(length: float) -> Parts:
 
 
 def crates(random: Random, count: int) -> Parts:
-    """A stack of boxes, each turned a little."""
+    """A stack of boxes, each slightly rotated."""
     parts: Parts = []
     z = 0.0
     for _ in range(count):

@@ -1,4 +1,4 @@
-"""World of the simulated sensors: triangles with a truth label, an object and a surface."""
+"""World of the simulated sensors: triangles, each with a true label, an object and a surface."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from manip3d.simulate._surfaces import Patch, Points
 
 
 class Label(IntEnum):
-    """Kinds of things that a point lies on."""
+    """Kinds of objects that points lie on."""
 
     GROUND = 0
     BUILDING = 1
@@ -31,26 +31,27 @@ class Label(IntEnum):
 
     @property
     def title(self) -> str:
-        """Name of the class in boxes: KITTI's word where it has one."""
+        """Name of the class in boxes: KITTI's name if there is one."""
         return "Pedestrian" if self is Label.PERSON else self.name.capitalize()
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """How a surface answers to light.
+    """Optical properties of a surface.
 
     Attributes
     ----------
     color : (red, green, blue)
-        Diffuse, 0 to 1.
+        Diffuse colour, 0 to 1.
     reflectance : float
         Reflectance at the laser's wavelength, 0 to 1.
     transmission : float
-        Share of laser pulses that pass (glass) or are mirrored away: no return. Neighbours share
-        their fate.
+        Share of laser pulses without a return, because they pass (glass) or are mirrored away.
+        Neighbouring pulses are lost together.
     texture : (256, 256) uint8, optional
-        Brightness; 128 is the colour as it is. Repeated every ``texture_size`` metres.
+        Brightness, which is repeated every ``texture_size`` metres; 128: unchanged ``color``.
     texture_size : float, metres
+        Period of the texture.
     """
 
     color: tuple[float, float, float] = (0.5, 0.5, 0.5)
@@ -71,17 +72,20 @@ class World:
     Attributes
     ----------
     vertices : (V, 3) float32, metres
+        Vertices.
     faces : (F, 3) int32
+        Indices of the vertices of each face.
     texcoords : (F, 3, 2) float32, metres
         Texture coordinates of the corners; divided by the surface's ``texture_size`` they count
         repetitions.
     face_label : (F,) uint8
-        A `Label`.
+        `Label` of each face.
     face_object : (F,) int32
         Number of the object; -1: background.
     face_surface : (F,) int32
         Index into ``surfaces``.
     surfaces : tuple of Surface
+        All surfaces.
     boxes : tuple of Box
         Boxes of the objects, in the world's frame; ``track`` is the object's number.
     """
@@ -96,23 +100,23 @@ class World:
     boxes: tuple[Box, ...]
 
     def caster(self) -> RayCaster:
-        """The search structure for rays."""
+        """Build the search structure for rays."""
         return RayCaster(self.vertices, self.faces)
 
     @property
     def reflectance(self) -> NDArray[np.float32]:
-        """(S,) of the surfaces."""
+        """Reflectance of each surface, (S,)."""
         return np.array([s.reflectance for s in self.surfaces], np.float32)
 
     @property
     def transmission(self) -> NDArray[np.float32]:
-        """(S,) of the surfaces."""
+        """Transmission of each surface, (S,)."""
         return np.array([s.transmission for s in self.surfaces], np.float32)
 
 
 @dataclass
 class WorldBuilder:
-    """Collects parts; `build` joins them."""
+    """Collects parts of a world; `build` joins them."""
 
     _patches: list[Patch] = field(default_factory=list)
     _labels: list[int] = field(default_factory=list)
@@ -124,7 +128,7 @@ class WorldBuilder:
     def add(
         self, parts: Iterable[tuple[Patch, Surface]], label: Label, *, object_id: int = -1
     ) -> None:
-        """Parts of the background, or of the object ``object_id``."""
+        """Add parts of the background, or of the object ``object_id``."""
         for patch, surface in parts:
             index = self._surfaces.setdefault(surface, len(self._surfaces))
             self._patches.append(replace(patch, material=index))
@@ -140,7 +144,7 @@ class WorldBuilder:
         yaw: float = 0.0,
         more: Sequence[tuple[Parts, Label]] = (),
     ) -> int:
-        """An object with a number and a box; ``more``: its parts of other labels."""
+        """Add an object and return its number; ``more``: its parts with other labels."""
         number = self._count
         self._count += 1
         for some, their_label in ((parts, label), *more):
@@ -150,7 +154,7 @@ class WorldBuilder:
         return number
 
     def build(self) -> World:
-        """One world of everything added."""
+        """Join everything that was added to one world."""
         patches = self._patches
         starts = np.cumsum([0] + [len(p.vertices) for p in patches])
         sizes = [len(p.faces) for p in patches]
@@ -193,7 +197,7 @@ def placed(parts: Parts, *, at: ArrayLike = (0, 0, 0), yaw: float = 0.0) -> Part
 def box_of(
     vertices: Points, label: Label, number: int, *, at: ArrayLike = (0, 0, 0), yaw: float = 0.0
 ) -> Box:
-    """The box of vertices in their own axes, at the place where they are put."""
+    """The box around vertices in their own axes, after placing them."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     middle = turned((low + high)[None] / 2.0, yaw)[0] + np.asarray(at, float)
     x, y, z = middle.tolist()

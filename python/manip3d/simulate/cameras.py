@@ -47,33 +47,33 @@ CENTER = (609.5593, 172.854)
 BASELINE = 0.5327
 """Metres between cameras 2 and 3."""
 LEFT_OFFSET = 0.0622
-"""Camera 2 is this far to the left of camera 0, metres."""
+"""Distance of camera 2 to the left of camera 0, metres."""
 CAMERA_0 = (0.27, 0.0, -0.08)
-"""Camera 0 in the LiDAR's frame, metres; all cameras look along its x."""
+"""Position of camera 0 in the LiDAR's frame, metres; all cameras look along the frame's x."""
 
 SURROUND: Mapping[str, float] = ReadOnlyMapping(
     {"front": 0.0, "left": 72.0, "rear-left": 144.0, "rear-right": -144.0, "right": -72.0}
 )
-"""Headings of five pairs that together see all around, degrees counter-clockwise from ahead.
+"""Headings of five pairs that together cover the full turn, degrees counter-clockwise from ahead.
 
-None looks straight back, where a sweep of the LiDAR begins and ends: half of what such a pair sees
-was scanned a tenth of a second after the other half.
+No pair looks straight back, where a sweep of the LiDAR begins and ends: half of its view would be
+scanned 0.1 s after the other half.
 """
 
-_BAND = 24  # rows shaded at once: their arrays stay in the cache
-_NOISE = 1.5  # grey levels of the sensor
+_BAND = 24  # rows per block of shading, so that arrays fit the cache
+_NOISE = 1.5  # standard deviation, grey levels
 
 
 @dataclass(frozen=True, eq=False)
 class StereoPair:
-    """Two rectified pictures and the truth of the left one.
+    """Two rectified pictures with the ground truth of the left one.
 
     Attributes
     ----------
     left, right : (375, 1242, 3) uint8
-        Red, green, blue.
+        RGB pictures.
     depth : (375, 1242) float32, metres
-        Along the left camera's axis; 0: sky.
+        Depth along the left camera's axis; 0: sky.
     object : (375, 1242) int32
         Number of the object in the left picture; -1: background.
     """
@@ -85,7 +85,7 @@ class StereoPair:
 
     @property
     def disparity(self) -> Floats:
-        """(375, 1242) pixels, left column minus right column; 0: sky."""
+        """True disparity, left column minus right column, (375, 1242), pixels; 0: sky."""
         with np.errstate(divide="ignore"):
             return np.where(self.depth > 0, np.float32(FOCAL * BASELINE) / self.depth, 0.0).astype(
                 np.float32
@@ -93,9 +93,9 @@ class StereoPair:
 
 
 def projections() -> tuple[dict[int, Doubles], Doubles]:
-    """(3, 4) projections of cameras 0 to 3, and (4, 4) LiDAR frame to camera 0.
+    """Return (3, 4) projections of cameras 0 to 3, and the (4, 4) transform from LiDAR to camera 0.
 
-    Cameras 0 and 1 (grey) are named so that the files are complete; nothing is drawn for them.
+    Cameras 0 and 1 (grey) are only included for complete calibration files; they have no pictures.
     """
     intrinsic = np.array([[FOCAL, 0.0, CENTER[0]], [0.0, FOCAL, CENTER[1]], [0.0, 0.0, 1.0]])
     to_camera = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
@@ -109,7 +109,7 @@ def projections() -> tuple[dict[int, Doubles], Doubles]:
 
 
 def surround_rigs() -> dict[str, StereoRig]:
-    """Return the rigs of `SURROUND`, each the front pair rotated about the LiDAR's vertical."""
+    """Return the rigs of `SURROUND`: the front pair, rotated about the LiDAR's vertical."""
     x, y, z = CAMERA_0
     ahead = np.array(
         [
@@ -126,7 +126,7 @@ def surround_rigs() -> dict[str, StereoRig]:
 
 
 def _turn(angle: float) -> Doubles:
-    """(4, 4) rotation about the vertical, radians."""
+    """Rotation about the vertical by an angle in radians, (4, 4)."""
     turn = np.eye(4)
     turn[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
     return turn
@@ -141,17 +141,18 @@ def stereo_pair(
     rng: Rng = 0,
     threads: int = 0,
 ) -> StereoPair:
-    """Render the cameras of the car at a time, with one ray through the middle of each pixel.
+    """Render the pictures of the car's cameras at a time, with one ray per pixel.
 
     Parameters
     ----------
     street : Street
+        Street with the car.
     time : float, seconds
-        When the LiDAR looks ahead, as in KITTI, or where the pair looks.
+        Time at which the LiDAR looks in the direction of the pair.
     heading : float, degrees
-        Turn of the pair about the LiDAR's vertical, counter-clockwise from ahead.
+        Rotation of the pair about the LiDAR's vertical, counter-clockwise from ahead.
     rng : int, numpy.random.Generator or None
-        Noise of the pictures.
+        Seed or generator of the noise of the pictures.
     threads : int
         Threads of the ray casting; 0: ``MANIP3D_THREADS``, else all cores. The result does not
         depend on it.
@@ -186,7 +187,7 @@ def stereo_pair(
     def draw(eye: int) -> tuple[NDArray[np.uint8], Floats, NDArray[np.int32]]:
         return _picture(stage, eyes[eye], turn, aim, float(time), noise[eye], threads)
 
-    stage.shader  # noqa: B018  built before two threads ask for it
+    stage.shader  # noqa: B018  built before two threads use it
     with ThreadPoolExecutor(2) as pool:
         (left, depth, number), (right, _, _) = pool.map(draw, (0, 1))
     return StereoPair(left, right, depth, number)
@@ -194,7 +195,7 @@ def stereo_pair(
 
 @functools.cache
 def _rays() -> tuple[Floats, Floats]:
-    """(N, 3) unit directions of the pixels, row by row, in the LiDAR's axes; depth per metre."""
+    """Unit directions of the pixels, (N, 3), in the LiDAR's axes, and depth per metre of range."""
     column, row = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
     right, down = (column - CENTER[0]) / FOCAL, (row - CENTER[1]) / FOCAL
     direction = np.stack([np.ones_like(right), -right, -down], axis=-1).reshape(-1, 3)
@@ -244,7 +245,7 @@ _SUN = np.array([0.35, -0.5, 0.79], np.float32)  # unit length
 
 
 def _light(normal: Floats, facing: Floats) -> Floats:
-    """Lambert's law with a sun and a sky; surfaces are lit on the side that is seen."""
+    """Lambert's law with sun and sky; surfaces are lit on their visible side."""
     side = np.where(facing > 0, -1.0, 1.0).astype(np.float32)
     lit = np.maximum(product(normal, _SUN) * side, 0.0)
     up = normal[:, 2] * side
@@ -252,7 +253,7 @@ def _light(normal: Floats, facing: Floats) -> Floats:
 
 
 def _sky(up: Floats) -> Floats:
-    """(N, 3) colours: pale at the horizon, blue above."""
+    """Colours of the sky, (N, 3): pale at the horizon, blue above."""
     t = np.sqrt(np.clip(up * np.float32(3.0), 0.0, 1.0))[:, None]
     low, high = np.array([222, 226, 230], np.float32), np.array([128, 168, 222], np.float32)
     return np.asarray(low + t * (high - low))
@@ -260,13 +261,13 @@ def _sky(up: Floats) -> Floats:
 
 @functools.cache
 def _grain() -> Floats:
-    """A tile of the sensor's noise, of which each picture takes another part."""
+    """A tile of the sensor's noise; each picture uses another part of it."""
     random = np.random.default_rng(0)
     return np.float32(_NOISE) * random.standard_normal((512, 2048, 3), np.float32)
 
 
 def _pixels_of(mover: Mover, eye: Doubles, turn: Doubles, time: float) -> NDArray[np.int64]:
-    """The pixels of the rectangle around a mover's box; all of them if it is beside the camera."""
+    """Pixels of the rectangle around a mover's box; all pixels if it is beside the camera."""
     low, high = mover.model.vertices.min(axis=0), mover.model.vertices.max(axis=0)
     corner = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
     cosine, sine = np.cos(mover.yaw), np.sin(mover.yaw)

@@ -1,8 +1,8 @@
-"""Simulated depth images: a person and a room with known surfaces, and a sensor with known faults.
+"""Simulated depth images of a person and a room, from a sensor with known faults.
 
-A scene is ray cast from closed forms, so its depth is exact. `DepthScene.capture` sees it through
-a structured-light sensor: noise that grows with the square of the depth, pixels that float between
-two surfaces at edges, and pixels without an answer; which pixel suffers from what is returned too.
+Surfaces of a scene are given by closed formulas, so that its depth is exact. `DepthScene.capture`
+simulates a structured-light sensor: noise that grows with the square of the depth, flying pixels
+between two surfaces at edges, and missing pixels. It also returns which pixels have these faults.
 Lengths are in metres, in the frame of the camera: x right, y down, z forward.
 """
 
@@ -34,16 +34,16 @@ NOISE_AT_ONE_METRE = 1.425e-3
 
 @dataclass(frozen=True)
 class DepthCapture:
-    """Output of the simulated sensor, and its faults.
+    """Image of the simulated sensor, with its faults.
 
     Attributes
     ----------
     depth : (H, W) uint16, millimetres
-        0 = no measurement.
+        Measured depth; 0: no measurement.
     flying : (H, W) bool
-        Measured between two surfaces, where nothing is.
+        Pixels that were measured between two surfaces.
     dropped : (H, W) bool
-        A surface is there, and no measurement.
+        Pixels with a surface but without a measurement.
     """
 
     depth: NDArray[np.uint16]
@@ -53,19 +53,21 @@ class DepthCapture:
 
 @dataclass(frozen=True)
 class DepthScene:
-    """A scene as an ideal camera sees it.
+    """Exact images of a scene, as of an ideal camera.
 
     Attributes
     ----------
     depth : (H, W) float64
-        Exact, along the optical axis; NaN where nothing of the scene is.
+        Exact depth along the optical axis, metres; NaN: no surface of the scene.
     behind : (H, W) float64
-        Depth of what surrounds the scene and is not part of it (a wall that was cut away): at the
-        scene's edge pixels float towards it. NaN where there is none.
+        Depth of surroundings that are not part of the scene (a wall that was cut away), metres. At
+        the scene's edge, flying pixels lie in front of them. NaN: none.
     color : (H, W, 3) uint8
+        Colours.
     slant : (H, W) float64
         Cosine of the angle between the line of sight and the surface's normal.
     intrinsics : Intrinsics
+        The camera.
     """
 
     depth: Array
@@ -82,7 +84,7 @@ class DepthScene:
         dropouts: float = 0.002,
         rng: Rng = 0,
     ) -> DepthCapture:
-        """One image of the sensor.
+        """Simulate one image of the sensor.
 
         Parameters
         ----------
@@ -91,14 +93,14 @@ class DepthScene:
         flying : float
             Probability that a pixel at a depth edge lies between the two surfaces.
         dropouts : float
-            Probability that a pixel has no measurement; surfaces seen from the side have none.
+            Probability that a pixel has no measurement; surfaces at grazing angles never have one.
         rng : int, numpy.random.Generator or None
-            Seed, or generator; None: another result each time.
+            Seed or generator; None: a different result each time.
 
         Raises
         ------
         InputError
-            A negative ``noise``, or a probability outside of [0, 1].
+            ``noise`` is negative, or a probability is outside of [0, 1].
         """
         if not noise >= 0:
             raise InputError(f"noise: expected >= 0, got {noise}")
@@ -132,19 +134,19 @@ class DepthScene:
         dropouts: float = 0.002,
         rng: Rng = 0,
     ) -> Iterator[DepthCapture]:
-        """Images of the static scene, each with faults of its own; options as of `capture`."""
+        """Yield images of the static scene with different faults; options as for `capture`."""
         random = np.random.default_rng(seed_of(rng))
         for _ in range(count):
             yield self.capture(noise=noise, flying=flying, dropouts=dropouts, rng=random)
 
 
 _GRAZING = 0.12  # cosine below which the sensor's pattern is not recognised
-_EDGE = 0.05  # of the depth: a step that is an edge
-_SEGMENTED = 0.35  # metres behind the scene up to which a pixel passes for a part of it
+_EDGE = 0.05  # least step at an edge, as a share of the depth
+_SEGMENTED = 0.35  # metres: flying pixels nearer behind the scene count as part of it
 
 
 def _extreme(depth: Array, choose: Callable[[Array, Array], Array]) -> Array:
-    """Largest or smallest depth of the 3x3 pixels around each one, NaN aside."""
+    """Largest or smallest depth of the 3x3 pixels around each pixel, ignoring NaN."""
     rows, columns = depth.shape
     padded = np.pad(depth, 1, mode="edge")
     result = depth
@@ -155,7 +157,7 @@ def _extreme(depth: Array, choose: Callable[[Array, Array], Array]) -> Array:
 
 
 def _bend(depth: Array) -> Array:
-    """Largest second difference of the inverse depth along rows and columns; 0 on any plane."""
+    """Largest second difference of the inverse depth along rows and columns; it is 0 on a plane."""
     inverse = np.pad(1.0 / depth, 1, mode="edge")
     middle = 2.0 * inverse[1:-1, 1:-1]
     along_rows = np.abs(inverse[1:-1, :-2] + inverse[1:-1, 2:] - middle)
@@ -165,8 +167,8 @@ def _bend(depth: Array) -> Array:
 
 
 # --- Ray casting ------------------------------------------------------------------------------
-# A surface answers rays from the origin with the depth of the first hit (inf: none) and the normal
-# there. All rays have z = 1, so the depth is the ray's parameter.
+# `cast` of a surface returns, for rays from the origin, the depth of the first hit (inf: none) and
+# the normal there. All rays have z = 1, so that the depth is the ray's parameter.
 
 
 @dataclass(frozen=True)
@@ -227,7 +229,7 @@ class _Box:
         enter, leave = np.minimum(first, second), np.maximum(first, second)
         depth, end = enter.max(-1), leave.min(-1)
         normal = np.eye(3)[enter.argmax(-1)] * -np.sign(rays)
-        inside = depth <= 0.0  # the camera stands in it: a room's walls
+        inside = depth <= 0.0  # the camera is inside the box: the walls of a room
         normal = np.where(inside[..., None], np.eye(3)[leave.argmin(-1)] * -np.sign(rays), normal)
         depth = np.where(inside, end, depth)
         return np.where((depth <= end) & (end > 0.0), depth, np.inf), normal
@@ -240,7 +242,7 @@ def _sphere(rays: Array, center: Array, radius: float) -> Array:
 
 
 def _first_root(a: Array, b: Array, c: Array | float) -> Array:
-    """The smaller root of a x^2 + b x + c, where it is positive; else inf."""
+    """The smaller root of a x^2 + b x + c if it is real and positive; else inf."""
     inside = b**2 - 4.0 * a * c
     with np.errstate(invalid="ignore", divide="ignore"):
         root = (-b - np.sqrt(inside)) / (2.0 * a)
@@ -259,7 +261,8 @@ def _cast(
 ) -> tuple[Array, NDArray[np.uint8], Array]:
     """Depth, colour and slant of the nearest surface of each pixel.
 
-    ``relief`` of the hit points is added to the depth: folds of cloth, a few millimetres.
+    ``relief`` of the hit points, such as folds of cloth of a few millimetres, is added to the
+    depth.
     """
     v, u = np.mgrid[: camera.height, : camera.width]
     rays = camera.unproject(1.0, pixels=np.stack([u, v], 2))
@@ -283,14 +286,14 @@ def _cast(
 
 
 def _pattern(point: Array) -> Array:
-    """Stripes and checks, so that a texture that slips is seen: 0.6 to 1."""
+    """Stripes and checks with values from 0.6 to 1, which make a displaced texture visible."""
     checks = np.sin(40.0 * point[..., 0]) * np.sin(40.0 * point[..., 1])
     shade: Array = np.where(checks > 0.0, 1.0, 0.75) - 0.15 * (np.sin(9.0 * point[..., 1]) > 0.0)
     return shade
 
 
 def _folds(point: Array) -> Array:
-    """Folds of cloth and a grain of skin: up to 7 mm."""
+    """Displacement by folds of cloth, up to 6 mm, or by the texture of skin, a tenth of that."""
     x, y = point[..., 0], point[..., 1]
     cloth = 0.004 * np.sin(35.0 * x + 6.0 * np.sin(9.0 * y)) + 0.002 * np.sin(70.0 * y + 20.0 * x)
     return np.where(y > -0.52, cloth, 0.1 * cloth)
@@ -308,14 +311,14 @@ _SKIN, _SHIRT, _TROUSERS, _HAIR = (224, 172, 138), (70, 110, 170), (60, 60, 72),
 
 
 def person(*, width: int = 640, height: int = 480, wall: bool = False) -> DepthScene:
-    """A person who stands 2.1 m before the camera with the arms a little apart.
+    """Make a scene of a person who stands 2.1 m before the camera with the arms slightly apart.
 
     Parameters
     ----------
     width, height : int
-        Size of the image in pixels; the field of view is a Kinect's.
+        Size of the image in pixels; the field of view is that of a Kinect.
     wall : bool
-        Leave the wall and the floor behind the person in the scene; without it they are cut away.
+        Include the wall and the floor behind the person.
 
     Returns
     -------
@@ -324,7 +327,7 @@ def person(*, width: int = 640, height: int = 480, wall: bool = False) -> DepthS
     Raises
     ------
     InputError
-        An image of less than 16 x 16 pixels.
+        The image has fewer than 16 x 16 pixels.
     """
     camera = _camera(width, height)
     body: list[_Surface] = [
@@ -361,17 +364,17 @@ def _folds_of_person(point: Array) -> Array:
 
 
 def room(*, width: int = 640, height: int = 480) -> DepthScene:
-    """A desk with things on it in a room, seen from 1.3 m: flat, round and thin surfaces.
+    """Make a scene of a desk with objects in a room: flat, round and thin surfaces.
 
     Parameters
     ----------
     width, height : int
-        Size of the image in pixels; the field of view is a Kinect's.
+        Size of the image in pixels; the field of view is that of a Kinect.
 
     Raises
     ------
     InputError
-        An image of less than 16 x 16 pixels.
+        The image has fewer than 16 x 16 pixels.
     """
     wood, paper, metal = (150, 105, 66), (228, 224, 210), (96, 104, 112)
     things: list[_Surface] = [

@@ -1,4 +1,4 @@
-"""Simulated drives: LiDAR and stereo frame by frame, and as files in KITTI's raw layout."""
+"""Simulated drives with LiDAR and stereo cameras, as frames or as files in KITTI's raw layout."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 __all__ = ["DriveFrame", "drive", "write_drive"]
 
 DATE = "2000_01_01"
-"""Date of simulated drives, which no real one has."""
+"""Date of simulated drives; no real drive of KITTI has it."""
 _START = datetime(2000, 1, 1, 12, 0, 0, tzinfo=UTC)
 EPOCH_NS = int(_START.timestamp()) * SECOND_NS
-"""A street's time 0, nanoseconds since 1970."""
-_ORIGIN = (49.0, 8.4)  # latitude and longitude of the street's zero, made up
+"""Time 0 of a street, nanoseconds since 1970."""
+_ORIGIN = (49.0, 8.4)  # latitude and longitude of the street's origin, arbitrary
 _EARTH_RADIUS = 6378137.0
 
 _OXTS = """\
@@ -68,18 +68,19 @@ class DriveFrame:
     Attributes
     ----------
     time_s : float
-        Seconds; when the LiDAR looks ahead and the cameras expose.
+        Time at which the LiDAR looks ahead and the cameras expose, seconds.
     scan : LidarScan
+        The sweep of the LiDAR.
     pictures : StereoPair or None
-        Pictures of the pair that looks ahead.
+        Pictures of the pair that looks ahead; None: no cameras.
     boxes : tuple of manip3d.Box
-        Boxes of the cars, people and cyclists of which the scan has points, in the LiDAR's frame;
-        ``track`` is the number that the scan's and the pictures' objects have.
+        Boxes of the cars, people and cyclists with points in the scan, in the LiDAR's frame;
+        ``track`` is the object's number in scan and pictures.
     velocity : (float, float, float)
         Velocity of the car: m/s ahead, m/s to the left, rad/s counter-clockwise.
     around : mapping of str to StereoPair
-        Pictures of all pairs of `cameras.SURROUND`, ``front`` among them, in a drive with cameras
-        all around. Each pair exposes when the LiDAR looks in its direction.
+        Pictures of all pairs of `cameras.SURROUND`, including ``front``, in a drive with surround
+        cameras. Each pair exposes when the LiDAR looks in its direction.
     """
 
     time_s: float
@@ -101,21 +102,22 @@ def drive(
     rng: Rng = 0,
     threads: int = 0,
 ) -> Iterator[DriveFrame]:
-    """Yield the frames of a drive along a street, one for each turn of the LiDAR.
+    """Yield the frames of a drive along a street, one per turn of the LiDAR.
 
     Parameters
     ----------
     street : Street
+        Street with traffic.
     frames : int
-        How many frames the drive has.
+        Number of frames.
     start : float, seconds
         Time of the first frame.
     pictures : bool
-        Whether the cameras see, too.
+        Whether to render pictures.
     surround : bool
-        Whether there are pairs of cameras all around; without pictures there are none.
+        Whether to render pictures of all pairs of `cameras.SURROUND`; requires ``pictures``.
     rng : int, numpy.random.Generator or None
-        Noise; frame n is the same however many frames follow it.
+        Seed or generator of the noise; frame n does not depend on the number of frames.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores.
 
@@ -133,7 +135,7 @@ def drive(
     if frames < 1:
         raise InputError(f"frames: expected at least 1, got {frames}")
     times = start + TURN_PERIOD * np.arange(frames)
-    street.pose([times[0] - TURN_PERIOD, times[-1] + TURN_PERIOD])  # refuses before, not midway
+    street.pose([times[0] - TURN_PERIOD, times[-1] + TURN_PERIOD])  # raises before the first frame
     seeds = generator_of(rng).spawn(frames)
     for time, random in zip(times.tolist(), seeds, strict=True):
         scan = hdl64e(street, time, rng=random, threads=threads)
@@ -151,7 +153,7 @@ def drive(
 def _around(
     street: Street, time: float, random: np.random.Generator, threads: int
 ) -> dict[str, StereoPair]:
-    """Pictures of the pairs that do not look ahead; the LiDAR turns clockwise."""
+    """Pictures of the pairs that do not look ahead; the LiDAR turns clockwise past them."""
     return {
         name: stereo_pair(
             street,
@@ -180,27 +182,27 @@ def write_drive(
     overwrite: bool = False,
     progress: Progress = None,
 ) -> Path:
-    """Write a drive in KITTI's raw layout; `manip3d.datasets.open_kitti` reads it.
+    """Write a drive in KITTI's raw layout, which `manip3d.datasets.open_kitti` reads.
 
-    Beside what KITTI has there are ``velodyne_points/labels`` (per point: the label in the lower
-    16 bits, the object's number plus 1 in the upper 16) and ``label_2`` (boxes). The folder
-    appears whole or not at all.
+    In addition to KITTI's files there are ``velodyne_points/labels`` (per point: the label in the
+    lower 16 bits, the object's number plus 1 in the upper 16) and ``label_2`` (boxes). The folder
+    is written atomically.
 
     Parameters
     ----------
     street : Street
+        Street with traffic.
     folder : path-like
-        Made. The drive is ``2000_01_01/2000_01_01_drive_NNNN_sync`` in it.
+        New folder; the drive is ``2000_01_01/2000_01_01_drive_NNNN_sync`` in it.
     frames : int
-        How many frames the drive has.
+        Number of frames.
     number : int
-        NNNN.
+        NNNN in the name of the drive.
     start, pictures, surround, rng, threads
-        As for `drive`. The pairs all around are ``image_02`` and ``image_03`` (ahead) to
-        ``image_10`` and ``image_11``; ``rigs.json`` says where they look
-        (`manip3d.authenticate.read_rigs`).
+        As for `drive`. Surround pairs are ``image_02`` and ``image_03`` (ahead) to ``image_10`` and
+        ``image_11``; ``rigs.json`` has their geometry (`manip3d.authenticate.read_rigs`).
     overwrite : bool
-        Replace ``folder`` if it holds a simulated drive and nothing else.
+        Replace ``folder`` if it only holds a simulated drive.
     progress : None, True or callable
         True draws a bar; a callable gets the fraction done and a message.
 
@@ -212,11 +214,11 @@ def write_drive(
     Raises
     ------
     InputError
-        ``folder`` exists and is not to be replaced, the street is too short.
+        ``folder`` exists and must not be replaced, or the street is too short.
     MissingExtraError
-        Open3D is not installed, or Pillow where pictures are wanted.
+        Open3D is not installed, or Pillow is not although ``pictures`` is set.
     OSError
-        The operating system refused; nothing is left behind.
+        The folder cannot be written; no files are left behind.
     """
     target = path_of(folder, "folder")
     if target.exists() and not (overwrite and _holds_drives_only(target)):
@@ -256,7 +258,7 @@ def _holds_drives_only(folder: Path) -> bool:
 
 
 def _write_frame(folder: Path, index: int, frame: DriveFrame, street: Street) -> None:
-    """Scan, labels, boxes, pictures and position of one frame."""
+    """Write scan, labels, boxes, pictures and position of one frame."""
     name = f"{index:010d}"
     scan = frame.scan
     rows = np.column_stack([scan.points, scan.intensity]).astype("<f4")
@@ -297,7 +299,7 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def _write_times(folder: Path, moments: list[float], *, pictures: bool) -> None:
-    """Timestamps of all sensors, one line a frame."""
+    """Write the timestamps of all sensors, one line per frame."""
     half = TURN_PERIOD / 2.0
     parts = ["velodyne_points", "oxts"] + (["image_02", "image_03"] if pictures else [])
     files = [(f"{part}/timestamps.txt", 0.0) for part in parts]
@@ -317,7 +319,7 @@ def _stamp(time: float) -> str:
 
 
 def _write_calibration(day: Path) -> None:
-    """The three files of a day."""
+    """Write the three calibration files of a day."""
     matrices, rigid = cameras.projections()
     lines = ["calib_time: 01-Jan-2000 12:00:00\n"]
     for camera, matrix in matrices.items():
@@ -347,7 +349,7 @@ def _numbers(values: NDArray[Any]) -> str:
 
 
 def _oxts_line(street: Street, time: float) -> str:
-    """Position and motion; KITTI's devkit maps it back to metres by the Mercator projection."""
+    """Position and motion in one line; KITTI's devkit maps it to metres by Mercator projection."""
     (position,), (yaw,) = street.pose([time])
     velocity, turn = _motion(street, time)
     x, y, z = position.tolist()
@@ -364,7 +366,7 @@ def _oxts_line(street: Street, time: float) -> str:
 
 
 def _motion(street: Street, time: float) -> tuple[NDArray[np.float64], float]:
-    """Velocity on the street, m/s, and turn, rad/s."""
+    """Velocity in the street's frame, m/s, and yaw rate, rad/s."""
     step = 1e-3
     position, yaw = street.pose([time - step, time + step])
     velocity: NDArray[np.float64] = (position[1] - position[0]) / (2.0 * step)

@@ -1,4 +1,4 @@
-"""Simulated people, forged: six of them in four actions before three backgrounds (section 5.2)."""
+"""Forged streams of six simulated people in four actions before three backgrounds (section 5.2)."""
 
 from __future__ import annotations
 
@@ -44,11 +44,12 @@ ACTIONS = (("wave", "both"), ("arm-raise", "left"), ("arm-raise", "right"), ("ar
 """Waving, raising the left arm, the right arm, both arms (section 5.2)."""
 
 KINDS = ("real", "type1", "type2")
-"""A person who is there; the person of another recording; that person in somebody else's poses."""
+"""``real``: the recorded person; ``type1``: the person of another recording; ``type2``: that person
+in the poses of a third one."""
 
 _NAMES = ("wave", "raise-left", "raise-right", "raise-both")
-_AWAY_S = 60.0  # the scene is taken so much later, while nobody is there
-_BYTES = {"depth": 180_000, "color": 26_000}  # of a frame of 512 x 424, about
+_AWAY_S = 60.0  # seconds later, at which the empty scene is captured
+_BYTES = {"depth": 180_000, "color": 26_000}  # approximate size of a frame of 512 x 424
 _NEAREST, _FARTHEST = 2.1, 2.7  # metres from the camera to a person
 
 
@@ -59,11 +60,13 @@ class ForgedPeople:
     Attributes
     ----------
     folder : Path
+        Folder of the recordings.
     rows : list of dict
-        One a recording, as in ``streams.csv``; ``error`` is empty where there is none.
+        One row per recording, as in ``streams.csv``; ``error`` is empty if there is none.
     resumed : int
-        Recordings that were there already.
+        Number of recordings that existed before.
     failed : int
+        Number of recordings that failed.
     """
 
     folder: Path
@@ -90,37 +93,40 @@ def write_forged_people(
     progress: Progress = None,
     on_error: Callable[[str, str], object] = lambda name, error: None,
 ) -> ForgedPeople:
-    """Write the published set of streams, by simulated people: real ones and both kinds of forgery.
+    """Write a simulated version of the published streams: real ones and both types of forgery.
 
     Parameters
     ----------
     folder : path-like
-        Made. Holds a recording of each person, action, scene and kind, such as
-        ``p1-wave-office-type2``, beside each forged one its truth (``.truth.npz``, as
-        `forge.read_stream_truth` reads it), ``streams.csv`` with a row for each, and
-        ``provenance.json``. A call that was stopped goes on where it was when it is made again.
+        New folder. It gets a recording for each person, action, scene and kind, such as
+        ``p1-wave-office-type2``, with the ground truth of forged ones (``.truth.npz``, see
+        `forge.read_stream_truth`), ``streams.csv`` with a row for each recording, and
+        ``provenance.json``. Repeat an interrupted call to continue it.
     people, actions, scenes : int
-        How many: at most 6, 4 (waving, raising the left arm, the right arm, both) and 3 (`SCENES`).
+        Numbers of people (at most 6), actions (at most 4: waving, raising the left arm, the right
+        arm, both) and scenes (at most 3, `SCENES`).
     kinds : sequence of str
-        Names out of `KINDS`.
+        Names in `KINDS`.
     frames : int
-        Number of frames of each recording, 30 a second.
+        Number of frames of each recording, at 30 per second.
     still : bool
-        Forgeries stand before one still frame, else before a running background.
+        Use one still frame as the background of forgeries; otherwise a sequence.
     color : bool
-        Write colours too.
+        Also write colour images.
     matroska : bool
-        Write ``.mkv`` files, else folders of images.
+        Write ``.mkv`` files; otherwise folders of images.
     seed : int
         Seed of all random choices.
     jobs : int
-        Processes; 0: one per core; 1: in this one.
+        Number of processes; 0: one per core; 1: this process.
     overwrite : bool
-        Make what is there again.
+        Make existing recordings again.
     progress : None, True or callable(fraction, message)
-        The message names the recording that is done, and says how long the others will take.
+        Function that gets the fraction done and a message with the name of the finished recording
+        and the remaining time.
     on_error : callable(name, error)
-        Called for each recording that fails; the others are made, unless the disk is full.
+        Function that is called for each recording that fails; the others are still made, unless the
+        disk is full.
 
     Returns
     -------
@@ -129,17 +135,18 @@ def write_forged_people(
     Raises
     ------
     InputError
-        A number is out of range; the folder holds something else, or streams of other options.
+        A number is out of range; the folder has other files, or streams with other options.
     MissingExtraError
         Open3D is not installed.
     OSError
-        The folder cannot be written, or there is less space than the recordings will need.
+        The folder cannot be written, or there is not enough free space for the recordings.
 
     Notes
     -----
-    Type 1: the person as recorded in another scene. Type 2: the person, recorded in another scene
-    and in the next action, takes the poses of the next person, who does the action of the name. All
-    are seen by the Kinect V2 of `BodySimulator`; the published recordings are not public.
+    In type 1, the person is shown as recorded in another scene. In type 2, the person, recorded in
+    another scene and in the next action, takes the poses of the next person, who performs the named
+    action. All are recorded by the simulated Kinect V2 of `BodySimulator`. The recordings of the
+    publication are not public.
 
     Examples
     --------
@@ -186,7 +193,7 @@ def write_forged_people(
 def _planned(
     people: int, actions: int, scenes: int, kinds: Sequence[str], options: Mapping[str, Any]
 ) -> list[_Stream]:
-    """All streams to be there in the end, in the order of the table."""
+    """All streams of the set, in the order of the table."""
     return [
         _Stream(person, action, scene, kind, **options)
         for person in range(people)
@@ -206,14 +213,14 @@ def _write_all(
     progress: Progress,
     on_error: Callable[[str, str], object],
 ) -> Finished:
-    """Write the streams that are not stored yet; a full disk ends it, other errors do not."""
+    """Write the streams that are not stored yet; only a full disk ends the run."""
     missing = [each for each in wanted if stored.load(each.name) is None]
     _check_space(target, missing)
     remaining = RemainingTime(1.0 - len(missing) / len(wanted))
 
     def failed(name: str, error: str) -> None:
         on_error(name, error)
-        if os.strerror(errno.ENOSPC) in error:  # so would all that follow
+        if os.strerror(errno.ENOSPC) in error:  # all further ones would fail as well
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
 
     with reporting(None if callable(progress) else progress, "streams") as told:
@@ -241,7 +248,7 @@ def _check_numbers(**given: int) -> None:
 
 
 def _check_space(folder: Path, streams: Sequence[_Stream]) -> None:
-    """Refuse to begin what would fill the disk hours later."""
+    """Raise OSError before the run if the disk does not have enough free space."""
     each = _BYTES["depth"], _BYTES["color"]
     needed = sum(stream.frames * (each[0] + each[1] * stream.color) for stream in streams)
     free = shutil.disk_usage(folder).free
@@ -269,7 +276,7 @@ def _fraction_only(told: Callable[[float], object] | None) -> Callable[[float, s
 
 
 class _WholeOnly:
-    """Stored rows whose recordings are still there."""
+    """Stored rows whose recordings still exist."""
 
     def __init__(self, rows: Rows, folder: Path) -> None:
         self._rows, self._folder = rows, folder
@@ -286,7 +293,7 @@ class _WholeOnly:
 
 @dataclass(frozen=True)
 class _Stream:
-    """Who does what, where, and what is forged of it."""
+    """Ingredients of a stream: person, action, scene, kind of forgery and options."""
 
     person: int
     action: int
@@ -304,7 +311,7 @@ class _Stream:
 
     @property
     def _own_seed(self) -> int:
-        """Seed of noise and tracker: each stream has its own, whatever others are made."""
+        """Seed of noise and tracker, which depends on the stream alone."""
         place = (self.person, self.action, self.scene, KINDS.index(self.kind))
         return int(np.random.default_rng([self.seed, *place]).integers(2**31))
 
@@ -341,12 +348,12 @@ class _Stream:
             "color": "depth" if self.color else "none",
             "frames": self.frames,
             "seed": self._own_seed,
-            "threads": 1,  # streams are made side by side
+            "threads": 1,  # streams are made in parallel
         }
         return BodySimulator(**given | options)
 
     def source(self) -> BodySimulator | forge.ForgedStream:
-        """The frames."""
+        """Return the frames of the stream."""
         if self.kind == "real":
             return self._simulator(self.person, self.action, self.scene)
         scene = _EmptyScene(self._simulator(self.person, self.action, self.scene), self.still)
@@ -366,7 +373,7 @@ def _poses(mover: BodySimulator) -> Iterator[Skeleton]:
 
 
 class _EmptyScene:
-    """A scene while nobody is there, frame after frame."""
+    """Frames of a scene without people."""
 
     def __init__(self, simulator: BodySimulator, still: bool) -> None:
         self._simulator, self._still = simulator, still
@@ -380,11 +387,12 @@ class _EmptyScene:
 
 
 def _write(stream: _Stream, folder: str, suffix: str) -> dict[str, Any]:
-    """Record one stream, and its truth; return its row."""
+    """Record one stream with its ground truth, and return its row."""
     target = Path(folder) / f"{stream.name}{suffix}"
     truth = Path(folder) / f"{stream.name}.truth.npz"
     source = stream.source()
-    truth.unlink(missing_ok=True)  # a run that is stopped leaves no truth about another recording
+    # an interrupted run must not leave the truth of an older recording
+    truth.unlink(missing_ok=True)
     done = capture.record(source, target, overwrite=target.exists())
     is_forged = isinstance(source, forge.ForgedStream)
     share = 0.0

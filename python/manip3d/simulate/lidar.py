@@ -1,15 +1,15 @@
-"""A Velodyne HDL-64E on a moving car, as KITTI's raw frames show it.
+"""Simulate a Velodyne HDL-64E on a moving car, as in KITTI's raw frames.
 
-What the real frames give (measured on KITTI drive 2011_09_26_0002; the same numbers hold in all
-other raw, object and stereo frames at hand):
+Properties of the real frames (measured on KITTI drive 2011_09_26_0002; the same numbers hold in all
+other available raw, object and stereo frames):
 
 - a laser's point is ``d`` metres along a beam that starts off the axis: ``z = slope * rho +
   offset`` and ``azimuth = 0.09 k + azimuth_deg + asin(horizontal / rho)`` with whole ``k``, both
-  exact but for the rounding to 1 mm; ``d`` is a multiple of 2 mm plus an offset of the laser;
+  exact except for the rounding to 1 mm; ``d`` is a multiple of 2 mm plus an offset of the laser;
 - the head turns clockwise in 103.1 ms and fires every 48 us: 2148 or 2149 firings, whose encoder
-  value ``k`` (the same for all lasers) falls by 2, and each seventh time or so by 1;
+  value ``k`` (the same for all lasers) falls by 2, and about every seventh time by 1;
 - a sweep begins and ends at encoder 178.2 degrees, behind the car;
-- the car's own roof hides the lowest beams ahead and behind; the posts of its rack answer some.
+- the car's own roof hides the lowest beams ahead and behind; the posts of its rack return some.
 """
 
 from __future__ import annotations
@@ -39,59 +39,61 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 
 FIRING_PERIOD = 48e-6
-"""Seconds between firings (20 833 a second, HDL-64E S2 manual)."""
+"""Seconds between firings (20 833 per second, HDL-64E S2 manual)."""
 ENCODER_STEPS = 4000
-"""Steps of a turn: 0.09 degrees each."""
+"""Steps of the encoder per turn, 0.09 degrees each."""
 SEAM = 1980
 """Encoder value at which a sweep begins: 178.2 degrees."""
 TURN_PERIOD = 0.10313
 """Seconds of one turn."""
 FULL_LOSS = 25.0
-"""Metres from which on the share of lost pulses grows no more. On smooth bright surfaces KITTI's
+"""Metres: the share of lost pulses is constant beyond this range. On smooth bright surfaces KITTI's
 frames lose 0.02 % of the pulses up to 8 m, 0.06 % at 10 m, 0.2 % at 17 m and 0.3 to 0.4 % beyond
 this range (18 frames of eight drives)."""
 WEAK_ECHO = 6.0
-"""Times the weakest echo that is seen: below it KITTI's frames have intensity 0."""
+"""Echoes weaker than this many times the weakest detected echo have intensity 0, as in KITTI's
+frames."""
 DIVERGENCE = 2e-3
-"""Radians: what a beam covers over its distance (HDL-64E S2 data sheet)."""
+"""Radians: width of a beam divided by its distance (HDL-64E S2 data sheet)."""
 SPECKLE = 0.35
-"""Standard deviation, from surface to surface, of the logarithm of the noise of reflectances. Of
-windows of 6 lasers and 4 degrees in three drives of KITTI the noisiest tenth has 2.2 times that of
-the least."""
+"""Standard deviation, between surfaces, of the logarithm of the noise of reflectances. In windows
+of 6 lasers and 4 degrees of three drives of KITTI, the noise of the noisiest tenth is 2.2 times
+that of the least noisy tenth."""
 
-# Belong to the sensor, not to the seed. KITTI's lasers differ in brightness like that.
+# These errors belong to the sensor and do not depend on the seed. Gains differ as those of KITTI's
+# lasers.
 _LASER_ERROR = np.random.default_rng(64).standard_normal(64)
 _LASER_GAIN = np.random.default_rng(65).normal(0.0, 0.04, 64)
-# Standard deviation of reflectances from shot to shot: the upper block looks far and is noisier.
-# Second differences along the rings of three drives of KITTI have 0.08 and 0.05 in the mean, some
-# of it the pattern of the surfaces, and a kurtosis of 4 to 5.
+# Standard deviation of reflectances between shots; the upper block, for long ranges, is noisier.
+# Second differences along the rings of three drives of KITTI give means of 0.08 and 0.05, partly
+# due to patterns of surfaces, and a kurtosis of 4 to 5.
 _LASER_NOISE = np.repeat([0.06, 0.04], 32) * np.exp(np.random.default_rng(66).normal(0.0, 0.2, 64))
 _HEAVY_TAIL = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class LidarScan:
-    """One sweep in the sensor's frame at each firing: motion is not compensated, as in KITTI raw.
+    """One sweep, each point in the sensor's frame at its firing, as in KITTI's raw frames.
 
-    Points are in KITTI's order: rings from the top downwards, each counter-clockwise from
-    straight ahead.
+    The motion of the car is not compensated. Points are in KITTI's order: rings from the top
+    downwards, each counter-clockwise from straight ahead.
 
     Attributes
     ----------
     points : (N, 3) float32, metres
-        On a 1 mm grid; x forward, y left, z up.
+        Points on a grid of 1 mm; x forward, y left, z up.
     intensity : (N,) float32
-        0 to 0.99 in steps of 0.01.
+        Reflectance, 0 to 0.99 in steps of 0.01.
     ring : (N,) uint8
-        0 is the highest.
+        Laser; 0 is the highest.
     label : (N,) uint8
-        Truth: what is hit (`manip3d.simulate.scenes.Label`).
+        Truth: kind of object (`manip3d.simulate.scenes.Label`).
     object : (N,) int32
         Truth: number of the object; -1: background, and the car that carries the sensor.
     firing : (N,) uint16
         Truth: number of the firing within the sweep.
     encoder : (F,) int16
-        Truth: encoder value of each firing, 0.09 degrees a step.
+        Truth: encoder value of each firing, in steps of 0.09 degrees.
     time : (F,) float64, seconds
         Time of each firing, on the street's clock; the sensor looks ahead at the frame's time.
     """
@@ -107,7 +109,7 @@ class LidarScan:
 
     @property
     def frame(self) -> LidarFrame:
-        """The sweep as any other scan, the truth in its fields ``label`` and ``object``."""
+        """The sweep as a `LidarFrame` with the truth in its fields ``label`` and ``object``."""
         return LidarFrame(
             self.points,
             self.intensity,
@@ -125,14 +127,14 @@ class Lasers:
     Attributes
     ----------
     slope, offset_m
-        A point lies at ``z = slope * reach + offset_m``; ``reach``: see ``horizontal_m``.
+        Points lie at ``z = slope * reach + offset_m``; ``reach``: see ``horizontal_m``.
     azimuth_deg
         Azimuth of the laser at encoder value 0.
     horizontal_m
-        The beam passes the axis at this distance: a point lies ``reach`` along the laser's
+        Distance at which the beam passes the axis: a point lies ``reach`` ahead along the laser's
         azimuth and ``horizontal_m`` to the left.
     range_offset_mm
-        Ranges are a multiple of 2 mm plus this.
+        Ranges are multiples of 2 mm plus this.
     """
 
     slope: Doubles
@@ -144,7 +146,7 @@ class Lasers:
 
 @functools.cache
 def lasers() -> Lasers:
-    """The calibration of KITTI's HDL-64E, measured from its clouds."""
+    """Calibration of KITTI's HDL-64E, measured on its clouds."""
     text = importlib.resources.files("manip3d.simulate").joinpath("hdl64e_lasers.csv").read_text()
     table = np.array([[float(cell) for cell in row.split(",")] for row in text.split()[1:]])
     return Lasers(*table.T[1:])
@@ -167,20 +169,21 @@ def hdl64e(
     Parameters
     ----------
     street : Street
+        Street with the car.
     time : float, seconds
-        When the sensor looks straight ahead; the sweep begins half a turn earlier.
+        Time at which the sensor looks straight ahead; the sweep begins half a turn earlier.
     range_noise : float, metres
-        Standard deviation from shot to shot: 9 to 13 mm on smooth stretches of KITTI's rings.
+        Standard deviation of ranges between shots: 9 to 13 mm on smooth parts of KITTI's rings.
     laser_bias : float, metres
-        Standard deviation of the lasers' constant errors; with ``range_noise`` 2 cm in all.
+        Standard deviation of the lasers' constant range errors; together with ``range_noise`` 2 cm.
     drop_out : float
-        Share of pulses without a return where all is well and 25 m away or farther; nearer it
-        is less, by the square of the range. Glass, dark and grazing surfaces return less.
+        Share of lost pulses on good surfaces 25 m away or farther; nearer it falls with the square
+        of the range. Glass, dark and grazing surfaces lose more.
     max_range : float, metres
         KITTI keeps no point beyond 80 m.
     rng : int, numpy.random.Generator or None
-        Noise, drop-outs and the motor's wobble. The lasers' errors belong to the sensor and are
-        the same for all seeds.
+        Seed or generator of noise, lost pulses and the motor's wobble. The lasers' errors belong to
+        the sensor and are the same for all seeds.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -258,7 +261,7 @@ def _in_world(
     start: Doubles,
     direction: Doubles,
 ) -> tuple[Floats, Floats]:
-    """Origins and directions of beams in the world: the car moves from firing to firing."""
+    """Origins and directions of beams in the world's frame; the car moves between firings."""
     position, yaw = street.pose(moment)
     to_world = _turns(yaw)[firing]
     origin = np.einsum("nij,nj->ni", to_world, start.astype(np.float32))
@@ -269,7 +272,7 @@ def _in_world(
 def _firings(time: float, random: np.random.Generator) -> tuple[NDArray[np.int16], Doubles]:
     """Encoder values and times of the firings of one sweep.
 
-    The head's angle falls evenly but for a wobble of about half an encoder step, as measured.
+    The head turns uniformly except for a wobble of about half an encoder step, as measured.
     """
     period = TURN_PERIOD + 3e-5 * random.standard_normal()
     count = int(np.ceil(period / FIRING_PERIOD)) + 4
@@ -286,14 +289,14 @@ def _firings(time: float, random: np.random.Generator) -> tuple[NDArray[np.int16
 
 
 def _beams(encoder: NDArray[np.int16], ring: NDArray[np.int64]) -> tuple[Doubles, Doubles]:
-    """Origins of the beams and their unit directions, in the sensor's frame, at given encoders."""
+    """Origins and unit directions of the beams in the sensor's frame, at given encoder values."""
     table = lasers()
     azimuth = np.radians(0.09 * encoder + table.azimuth_deg[ring])
     ahead = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
     level = 1.0 / np.hypot(1.0, table.slope[ring])  # cosine of the elevation
     rise = table.slope[ring] * level
-    # The foot of the perpendicular from the axis' point to the beam: range 0.
+    # Ranges begin at the foot of the perpendicular from the sensor's origin to the beam.
     perpendicular = table.offset_m[ring] * level
     start = np.empty((len(ring), 3))
     start[:, :2] = -(perpendicular * rise)[:, None] * ahead
@@ -304,14 +307,14 @@ def _beams(encoder: NDArray[np.int16], ring: NDArray[np.int64]) -> tuple[Doubles
 
 
 def _turns(yaw: Doubles) -> Floats:
-    """(N, 3, 3) rotations about z."""
+    """Rotations about z, (N, 3, 3)."""
     cosine, sine, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
     rows = [[cosine, -sine, zero], [sine, cosine, zero], [zero, zero, zero + 1.0]]
     return np.array(rows, np.float32).transpose(2, 0, 1)
 
 
-# Where KITTI's own car hides beams, as found in its clouds: azimuths from, to (degrees, left is
-# positive), rings from, to.
+# Beams that KITTI's own car hides, as found in its clouds: first and last azimuth (degrees,
+# positive to the left), first and last ring.
 _OWN_CAR = (
     (-13, 9, 57, 58),  # bonnet
     (-15, 17, 59, 60),
@@ -333,9 +336,9 @@ _OWN_CAR = (
 )
 
 
-# Posts of the rack on its roof, at 1.5 to 1.9 m in each of KITTI's frames that were looked at: the
-# lowest laser but one hits them, always with an intensity of 0 or little more. Azimuths of the beam
-# in degrees, among those that the car hides from the street, and the ranges there in metres.
+# Posts of the rack on its roof, at 1.5 to 1.9 m in each examined frame of KITTI: the second lowest
+# laser hits them, always with an intensity near 0. Azimuths of the beam, degrees, among those that
+# the car hides, and the ranges there, metres.
 _POST_LASER = 62
 _POSTS = (
     ((129.0, 129.4, 129.95, 130.7), (1.60, 1.57, 1.80, 1.73)),
@@ -345,7 +348,7 @@ _POSTS = (
 
 @functools.cache
 def _hidden() -> NDArray[np.bool_]:
-    """(64, 4000): whether the own car hides a laser at an encoder value."""
+    """Whether the own car hides each laser at each encoder value, (64, 4000)."""
     ring, encoder = np.mgrid[:64, :ENCODER_STEPS]
     azimuth = 0.09 * encoder + lasers().azimuth_deg[:, None]
     hidden = np.zeros(ring.shape, np.bool_)
@@ -356,7 +359,7 @@ def _hidden() -> NDArray[np.bool_]:
 
 
 def _free_beams(encoder: NDArray[np.int16]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Firing and ring of all beams that clear the car's own roof, firing by firing."""
+    """Firing and ring of all beams that the own car does not hide, firing by firing."""
     free = ~_hidden()[:, encoder.astype(np.int64) % ENCODER_STEPS].T
     firing, ring = np.nonzero(free)
     return firing, ring
@@ -365,7 +368,7 @@ def _free_beams(encoder: NDArray[np.int16]) -> tuple[NDArray[np.int64], NDArray[
 def _with_own_car(
     columns: tuple[NDArray[Any], ...], encoder: NDArray[np.int16], laser_bias: float
 ) -> list[NDArray[Any]]:
-    """The columns of a sweep, up to the firing, with what the posts of the own car return."""
+    """The columns of a sweep (points to firing) with the returns of the own car's posts."""
     azimuth = 0.09 * encoder + lasers().azimuth_deg[_POST_LASER]
     azimuth = 180.0 - (180.0 - azimuth) % 360.0
     reach = np.nansum(
@@ -388,10 +391,11 @@ def _with_own_car(
 def _echo(
     distance: Floats, reflectance: Floats, cosine: Floats, random: np.random.Generator
 ) -> Floats:
-    """Power of echoes; from 1 on the sensor sees them. Dark, grazing, far surfaces fade.
+    """Power of echoes relative to the weakest that the sensor detects (1).
 
-    The range equation of a surface wider than the beam: power ~ reflectance cos / r^2. Unity is a
-    quarter of what 10 % reflectance gives at the data sheet's 50 m: so far roads answer in KITTI.
+    The range equation for a surface wider than the beam is power ~ reflectance cos / r^2. Unity is
+    a quarter of the power of 10 % reflectance at the data sheet's 50 m, so that roads are detected
+    as far away as in KITTI.
     """
     with np.errstate(invalid="ignore"):
         power = reflectance * cosine / np.maximum(distance, 5.0) ** 2
@@ -401,13 +405,13 @@ def _echo(
 
 @functools.cache
 def _speckle(surfaces: int) -> Floats:
-    """(surfaces,) noise of reflectances over what is usual of each surface."""
+    """Factor on the noise of reflectances for each surface, (surfaces,)."""
     random = np.random.default_rng(67)
     return np.exp(random.normal(0.0, SPECKLE, surfaces)).astype(np.float32)
 
 
 def _on_range_steps(distance: Doubles, ring: NDArray[np.int64]) -> Doubles:
-    """Ranges as the sensor counts them: in steps of 2 mm from the laser's offset."""
+    """Ranges rounded to the sensor's steps of 2 mm from the laser's offset."""
     offset = lasers().range_offset_mm[ring]
     return (2.0 * np.round((1000.0 * distance - offset) / 2.0) + offset) / 1000.0
 
@@ -420,17 +424,17 @@ def _intensity(
     speckle: Floats,
     random: np.random.Generator,
 ) -> Floats:
-    """Reflectances of echoes by the sensor: a hundredth at a time, nothing of weak ones."""
+    """Reflectances as the sensor states them: in hundredths, 0 for weak echoes."""
     glow = reflectance * np.sqrt(np.sqrt(cosine)) + _LASER_GAIN[ring]
     shot = random.standard_normal(len(glow), np.float32)
     shot *= 1.0 + _HEAVY_TAIL * shot**2
-    shot /= np.sqrt(1.0 + 6.0 * _HEAVY_TAIL + 15.0 * _HEAVY_TAIL**2)  # of variance 1
+    shot /= np.sqrt(1.0 + 6.0 * _HEAVY_TAIL + 15.0 * _HEAVY_TAIL**2)  # to variance 1
     glow += _LASER_NOISE[ring] * speckle * shot
     glow[echo < WEAK_ECHO] = 0.0
     return (np.clip(np.round(glow * 100.0), 0, 99) / 100.0).astype(np.float32)
 
 
 def _kitti_order(points: Floats, ring: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Rings from the top, each by ascending azimuth in 0..360 degrees."""
+    """Order of points by ring from the top, and by azimuth in 0 to 360 degrees."""
     azimuth = np.arctan2(*points[:, 1::-1].T.astype(float)) % (2.0 * np.pi)
     return np.lexsort((azimuth, ring))

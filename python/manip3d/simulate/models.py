@@ -1,7 +1,7 @@
-"""Procedural meshes with the traits of the published models, for machines without the data.
+"""Procedural meshes with the properties of the published models, for use without the data.
 
-Each function makes its mesh from formulas: the same arguments give the same mesh. Lengths are in
-metres, y is up and the front looks towards +z (glTF's axes). ``faces`` is approximate.
+Each function computes its mesh from formulas: equal arguments give equal meshes. Lengths are in
+metres, y is up and the front faces +z (glTF's axes). ``faces`` is an approximate number.
 
 ===========  =====================  ============================================================
 model        stands for             traits
@@ -61,12 +61,12 @@ Array = NDArray[np.float64]
 
 # --- Small meshes with known answers ------------------------------------------------------------
 def strip(columns: int = 20, rows: int = 1) -> Mesh:
-    """A flat open strip of unit squares in the xz plane; its only boundary is a rectangle."""
+    """Make a flat open strip of unit squares in the xz plane; its only boundary is a rectangle."""
     return _welded([_floor_patch(0, columns, rows)])
 
 
 def floor(columns: int = 10, rows: int = 6) -> Mesh:
-    """A flat textured floor of two materials that meet along a straight line in the middle."""
+    """Make a flat textured floor of two materials that meet along a straight line in the middle."""
     half = _checked("columns", columns, 2) // 2
     left = _floor_patch(0, half, rows, 0, u=(0.0, 0.5))
     right = _floor_patch(half, columns - half, rows, 1, u=(0.5, 1.0))
@@ -74,7 +74,7 @@ def floor(columns: int = 10, rows: int = 6) -> Mesh:
 
 
 def disc(sectors: int = 48, rings: int = 8) -> Mesh:
-    """A flat disc of radius 1: its boundary is a regular polygon, the same curvature all around."""
+    """Make a flat disc of radius 1 whose boundary is a regular polygon."""
     _checked("sectors", sectors, 3)
     _checked("rings", rings, 1)
     angle = np.arange(sectors) * 2.0 * np.pi / sectors
@@ -90,7 +90,7 @@ def disc(sectors: int = 48, rings: int = 8) -> Mesh:
 
 
 def tube(sectors: int = 32, rows: int = 12) -> Mesh:
-    """An open tube of radius 1 and height 2, textured: two rims, and a seam with two UVs."""
+    """Make an open textured tube of radius 1 and height 2, with two rims and a seam."""
     heights = np.linspace(-1.0, 1.0, _checked("rows", rows, 1) + 1)
     side = revolved(heights, np.ones_like(heights), sectors, 0, uv_box=(0, 0, 1, 1))
     return _welded([side.moved(axes=(1, 0, 2), scale=(1, 1, -1))], [_textured("label", _checker())])
@@ -98,21 +98,21 @@ def tube(sectors: int = 32, rows: int = 12) -> Mesh:
 
 # --- Models -------------------------------------------------------------------------------------
 def rocker(faces: int = 80_354, *, rng: int | np.random.Generator = 0) -> Mesh:
-    """A rocker arm as a scanner sees it: one closed surface of genus 4, no UV.
+    """Make a rocker arm as from a scanner: one closed surface of genus 4, no texture coordinates.
 
     Parameters
     ----------
     faces : int
-        Approximate.
+        Approximate number of faces.
     rng : int or numpy.random.Generator
-        Source of the surface's noise.
+        Seed or generator of the surface's noise.
     """
     random = np.random.default_rng(rng)
     low, high = (-0.068, -0.030, -0.026), (0.066, 0.030, 0.030)
     trial_cell = 0.002
     trial = surface_of(_rocker_distance, low, high, trial_cell)
     cell = trial_cell * np.sqrt(len(trial.faces) / _checked("faces", faces, 5_000))
-    # A coarse grid may cut a cube through two sheets of surface; the next finer ones do not.
+    # In a coarse grid a cube may cross two sheets of the surface; then a finer one is used.
     for shrink in 0.98 ** np.arange(12):
         patch = surface_of(_rocker_distance, low, high, cell * shrink)
         if join([patch]).summary().non_manifold_edges == 0:
@@ -144,18 +144,18 @@ def _rocker_distance(p: Array) -> Array:
 
 
 def head(faces: int = 17_684) -> Mesh:
-    """A textured head with its neck: closed, three charts, seams down the sides and at the crown.
+    """Make a textured head with neck: closed, three charts, seams at the sides and at the crown.
 
     Parameters
     ----------
     faces : int
-        Approximate.
+        Approximate number of faces.
     """
     rows = max(8, round(np.sqrt(_checked("faces", faces, 500)) / 2.0))
     half = max(4, round(faces / (4.0 * rows)))
     crown = max(2, round(0.12 * rows))
     polar = np.linspace(0.0, np.pi, rows + 1)[:, None]
-    azimuth = np.linspace(0.0, 2.0 * np.pi, 2 * half + 1)  # 0: the left ear, pi / 2: the nose
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 2 * half + 1)  # 0: left ear, pi / 2: nose
     points = _head_points(polar, azimuth)
     points[:, -1] = points[:, 0]
     points[0], points[-1] = points[0, 0], points[-1, 0]
@@ -194,7 +194,7 @@ def _head_distance(p: Array) -> Array:
 
 
 def _head_points(polar: Array, azimuth: Array) -> Array:
-    """Points at which rays from the middle of the head leave it, in metres."""
+    """Points of the surface on rays from the middle of the head, in metres."""
     direction = np.stack(
         [
             np.sin(polar) * np.cos(azimuth),
@@ -214,7 +214,7 @@ def _head_points(polar: Array, azimuth: Array) -> Array:
 
 
 def _head_uv(polar: Array, azimuth: Array, crown: float) -> dict[str, Array]:
-    """Texture coordinates by chart: front and back below, the disc of the crown above."""
+    """Texture coordinates of each chart: front and back below, the crown's disc above."""
     down = 0.78 - 0.76 * (polar - crown) / (np.pi - crown) + 0.0 * azimuth
     around = azimuth / np.pi + 0.0 * polar
     radius = 0.09 * polar / crown
@@ -271,12 +271,12 @@ def _head_pixels(size: int, crown: float) -> NDArray[np.uint8]:
 
 
 def car(faces: int = 268_630) -> Mesh:
-    """A car as CAD programs export it: unwelded panels, front and back stored apart.
+    """Make a car as exported by CAD programs: unwelded panels, each face stored front and back.
 
     Parameters
     ----------
     faces : int
-        Approximate.
+        Approximate number of faces.
     """
     materials = [
         _plain("paint", 0.55, 0.03, 0.03, metallic=0.4, roughness=0.3),
@@ -302,11 +302,11 @@ def car(faces: int = 268_630) -> Mesh:
 
 
 def _car_body(density: float) -> list[Patch]:
-    """Panels of the body, cut at the doors, the bonnet, the boot and the windows."""
+    """Panels of the body, separated at the doors, the bonnet, the boot and the windows."""
     s = np.linspace(-1.0, 1.0, round(90 * density) + 1)[:, None]
     a = np.linspace(-0.5, 0.5, round(56 * density) + 1) * np.pi
     x = 2.2 * np.sin(0.5 * np.pi * s)
-    shrink = np.maximum(1.0 - abs(s) ** 14, 1e-3) ** 0.35  # rounds the front and the rear
+    shrink = np.maximum(1.0 - abs(s) ** 14, 1e-3) ** 0.35  # rounds front and rear
     roof = _smooth_profile(
         x,
         [-2.2, -1.9, -1.0, -0.75, -0.15, 0.55, 1.35, 1.75, 2.2],
@@ -319,7 +319,7 @@ def _car_body(density: float) -> list[Patch]:
     points = np.stack([x + 0.0 * a, y * shrink, 0.5 + (z - 0.5) * shrink], axis=-1)
     _snap_to_wheel_arches(points, 2.2 / (40 * density))
     body = sheet(points, 0).reversed()
-    # By cells of the grid, so that the borders of panels follow its lines.
+    # Decide by cells of the grid, so that the borders of panels follow its lines.
     center = np.tile(body.centers.reshape(2, -1, 3).mean(axis=0), (2, 1))
     cx, cy, cz = center.T
     arch = np.hypot(abs(cx) - 1.36, cz - 0.34) < 0.40
@@ -344,7 +344,7 @@ def _car_body(density: float) -> list[Patch]:
 
 
 def _snap_to_wheel_arches(points: Array, reach: float) -> None:
-    """Moves points near the circles of the wheel arches onto them, so that the cut is round."""
+    """Move points near the circles of the wheel arches onto them, so that the cut is round."""
     middle = np.stack([np.copysign(1.36, points[..., 0]), np.full(points.shape[:2], 0.34)], -1)
     out = points[..., [0, 2]] - middle
     distance = np.maximum(np.linalg.norm(out, axis=-1), 1e-9)
@@ -365,7 +365,7 @@ def _car_interior(density: float) -> list[Patch]:
 
 
 def _wheel(density: float) -> list[Patch]:
-    """Tyre and spoked rim around the y axis; the outer side looks towards +y."""
+    """Tyre and spoked rim around the y axis; the outer side faces +y."""
     sectors = 10 * max(2, round(6 * density))
     steps = max(6, round(14 * density))
     t = np.linspace(0.0, 1.0, steps + 1)
@@ -381,14 +381,14 @@ def _wheel(density: float) -> list[Patch]:
 
 
 def lifeboat(faces: int = 37_986, *, rng: int | np.random.Generator = 0) -> Mesh:
-    """An open boat of thin sheets: non-manifold where they meet, boundaries everywhere.
+    """Make an open boat of thin sheets: non-manifold where they meet, boundaries everywhere.
 
     Parameters
     ----------
     faces : int
-        Approximate.
+        Approximate number of faces.
     rng : int or numpy.random.Generator
-        Source of randomness for the heap of netting in the bows, a soup of triangles.
+        Seed or generator of the heap of netting in the bows, a triangle soup.
     """
     random_seed = np.random.default_rng(rng).integers(2**32)
     materials = [
@@ -426,7 +426,7 @@ def _hull_points(density: float) -> Array:
 
 
 def _boat_sheets(hull: Array, density: float) -> list[Patch]:
-    """Frames, thwarts, keel and gunwale: each grows out of a row of the hull's points."""
+    """Frames, thwarts, keel and gunwale; each begins at a row of the hull's points."""
     stations, across = hull.shape[:2]
     depth = np.linspace(0.0, 1.0, max(2, round(3 * density)) + 1)[:, None, None]
     patches = []
@@ -461,7 +461,7 @@ def _oars(density: float) -> list[Patch]:
 
 
 def _netting(count: int, random: np.random.Generator) -> Patch:
-    """A heap of triangles between knots that are near each other, in no order at all."""
+    """A heap of triangles between random nearby knots, in random order."""
     knots = random.normal(size=(max(40, count // 3), 3)) * (0.30, 0.20, 0.06) + (2.3, 0.0, 0.62)
     knots = knots[np.argsort(knots[:, 0], kind="stable")]
     first = random.integers(0, len(knots) - 20, count)
@@ -470,12 +470,12 @@ def _netting(count: int, random: np.random.Generator) -> Patch:
 
 
 def jet(faces: int = 35_095) -> Mesh:
-    """A business jet of open shells, each face textured; manifold.
+    """Make a business jet of open shells: manifold, every face textured.
 
     Parameters
     ----------
     faces : int
-        Approximate.
+        Approximate number of faces.
     """
     materials = [_textured("livery", png(_livery_pixels(512))), _textured("engine", _checker())]
 
@@ -495,12 +495,12 @@ def jet(faces: int = 35_095) -> Mesh:
 
 
 def airplane(faces: int = 66_496) -> Mesh:
-    """An agricultural biplane: textured and plain materials, faces without UV, sheets that meet.
+    """Make an agricultural biplane: textured and plain materials, non-manifold edges, seams.
 
     Parameters
     ----------
     faces : int
-        Approximate.
+        Approximate number of faces.
     """
     materials = [
         _textured("livery", png(_livery_pixels(512))),
@@ -538,7 +538,7 @@ def airplane(faces: int = 66_496) -> Mesh:
 
 
 def _fuselage(density: float, *, length: float, radius: float, tail_rise: float) -> list[Patch]:
-    """Two sides of a body along x, nose at -x: two charts that meet above and below; open tail."""
+    """Two halves of a body along x, nose at -x: charts that meet at top and bottom; open tail."""
     s = np.linspace(0.0, 1.0, round(60 * density) + 1)
     section = radius * np.minimum((s / 0.22) ** 0.5, 1.0) * (1.0 - 0.80 * _step((s - 0.5) / 0.5))
     section = section + 0.02 * radius
@@ -548,7 +548,7 @@ def _fuselage(density: float, *, length: float, radius: float, tail_rise: float)
     sides = []
     for side, u in ((1.0, (0.02, 0.98)), (-1.0, (0.98, 0.02))):
         y = side * section * np.sin(turn)
-        y[[0, -1]] = 0.0  # the sides meet to the last bit
+        y[[0, -1]] = 0.0  # the sides meet exactly
         points = np.stack([x, y, rise - section * np.cos(turn)], axis=-1)
         v = (0.52, 0.74) if side > 0 else (0.76, 0.98)
         patch = sheet(points, 0, uv_box=(u[0], v[0], u[1], v[1]))
@@ -590,7 +590,7 @@ def _nacelle(density: float) -> list[Patch]:
 
 
 def _interplane_struts(lower: Patch, upper: Patch, density: float) -> list[Patch]:
-    """Sheets from a chord line of the lower wing to one of the upper wing, sharing its points."""
+    """Sheets between chord lines of the lower and the upper wing, whose points they share."""
     columns = round(18 * density) + 1
     low = lower.vertices.reshape(-1, columns, 3)
     high = upper.vertices.reshape(-1, columns, 3)
@@ -605,14 +605,14 @@ def _interplane_struts(lower: Patch, upper: Patch, density: float) -> list[Patch
 
 
 def _fences(wing: Patch, density: float) -> list[Patch]:
-    """Low sheets along chord lines of a wing's upper side, whose edges get a third face."""
+    """Low sheets along chord lines of a wing's upper side, whose edges thereby have three faces."""
     lines = wing.vertices.reshape(-1, round(18 * density) + 1, 3)
     rows = np.linspace(0.15, 0.9, 6) * (len(lines) - 1)
     return [sheet(np.stack([lines[r], lines[r] + (0.0, 0.0, 0.06)]), 3) for r in rows.astype(int)]
 
 
 def _radial_engine(density: float) -> list[Patch]:
-    """Nine finned cylinders around a crankcase, and a propeller in front; only it is textured."""
+    """Nine finned cylinders around a crankcase, and a textured propeller in front."""
     parts = []
     height = np.linspace(0.0, 1.0, 2 * round(14 * density) + 1)
     fins = 0.085 + 0.02 * (np.arange(len(height)) % 2)
@@ -649,7 +649,7 @@ def _canopy(density: float) -> Patch:
 
 
 def _spine(side: Patch) -> Patch:
-    """A low sheet on the ridge of the fuselage, an antenna: the third face of the ridge's edges."""
+    """An antenna: a low sheet on the ridge of the fuselage, a third face at the ridge's edges."""
     columns = int(np.argmax(np.diff(side.vertices[:, 0]) < 0)) + 1
     ridge = side.vertices.reshape(-1, columns, 3)[-1, columns // 2 : -columns // 8]
     return sheet(np.stack([ridge, ridge + np.array([0.05, 0.0, 0.12])]), 3)
@@ -701,10 +701,10 @@ def _checked(name: str, value: int, lowest: int) -> int:
 
 
 def _sized(build: Callable[[float], Mesh], faces: int) -> Mesh:
-    """The model with about ``faces`` faces, which grow as the square of the density."""
+    """Build a model with about ``faces`` faces; their number grows as the squared density."""
     _checked("faces", faces, 4_000)
     density, mesh = 1.0, build(1.0)
-    for _ in range(4):  # small numbers of rows are rounded, so once is not enough
+    for _ in range(4):  # numbers of rows are rounded, so that one step is not enough
         if abs(mesh.num_faces - faces) < 0.02 * faces:
             break
         density *= float(np.sqrt(faces / mesh.num_faces))
@@ -713,12 +713,12 @@ def _sized(build: Callable[[float], Mesh], faces: int) -> Mesh:
 
 
 def _welded(patches: list[Patch], materials: list[Material] | None = None) -> Mesh:
-    """Patches joined where their positions agree; collapsed faces are gone."""
+    """Join patches, and weld vertices at equal positions; collapsed faces are removed."""
     return clean(join(patches, materials or ()), duplicates="keep").mesh
 
 
 def _upright(mesh: Mesh) -> Mesh:
-    """From z up and -y in front to y up and +z in front."""
+    """Change axes from z up and front at -y to y up and front at +z."""
     return mesh.replace(vertices=mesh.vertices[:, [0, 2, 1]] * (1.0, 1.0, -1.0))
 
 
@@ -749,7 +749,7 @@ def _textured(name: str, image: bytes) -> Material:
 
 
 def _checker() -> bytes:
-    """A picture of 64 x 64 pixels with eight squares a side."""
+    """A picture of 64 x 64 pixels with eight squares per side."""
     size, squares = 64, 8
     i, j = np.indices((size, size)) * squares // size
     shade = np.where((i + j) % 2 == 0, 225, 130)
@@ -757,7 +757,7 @@ def _checker() -> bytes:
 
 
 def _smooth_profile(x: Array, at: list[float], values: list[float]) -> Array:
-    """Linear interpolation averaged over a window of 0.3, so that it has no corners."""
+    """Linear interpolation, averaged over a window of 0.3 to smooth its corners."""
     offsets = np.linspace(-0.15, 0.15, 9)
     return np.asarray(np.mean([np.interp(x + d, at, values) for d in offsets], axis=0))
 
@@ -780,7 +780,7 @@ def _capsule(p: Array, start: ArrayLike, end: ArrayLike, radius: float) -> Array
 
 
 def _cylinder(p: Array, center: ArrayLike, axis: int, radius: float, half_length: float) -> Array:
-    """A cylinder along a coordinate axis, its rims rounded by a sixth of the radius."""
+    """A cylinder along a coordinate axis, with rims rounded by a sixth of the radius."""
     q = p - np.asarray(center, float)
     rounding = radius / 6.0
     across = np.hypot(q[..., (axis + 1) % 3], q[..., (axis + 2) % 3]) - radius + rounding

@@ -1,10 +1,10 @@
-"""A simulated person before a simulated Kinect V2, with the truth.
+"""A simulated person before a simulated Kinect V2, with ground truth.
 
-The person is a textured surface on 25 joints that does an exercise in a room. `BodySimulator`
-gives what a sensor and its body tracker deliver, and, beside it, what is really there: exact
-depth, the bone of each pixel, the joints, and the whole body of a person whose limb is missing.
-Ray casting picks its code by the CPU, so frames of different machines differ by a millimetre at a
-few pixels; on one machine they depend on the options and the time only.
+The person is a textured surface on 25 joints and does an exercise in a room. `BodySimulator` gives
+the images of the sensor and the skeletons of its body tracker, with ground truth: exact depth, the
+bone of each pixel, the joints, and the whole body of a person with a missing limb. Ray casting uses
+code for the CPU, so that frames of different machines differ by a millimetre at a few pixels; on
+one machine they only depend on the options and the time.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ Limb = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 Interval = tuple[float, float]
 
 DEPTH_CAMERA = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)
-"""A Kinect V2's depth camera; the principal point in the middle, so that symmetry shows."""
+"""A Kinect V2's depth camera, with the principal point in the middle for symmetric images."""
 
 COLOR_CAMERA = Registration(
     Intrinsics(1920, 1080, 1060.0, 1060.0, 959.5, 539.5), np.eye(3), np.array([0.052, 0.0, 0.0])
@@ -63,24 +63,24 @@ COLOR_CAMERA = Registration(
 """A Kinect V2's colour camera, 52 mm beside the depth camera."""
 
 FEET = 0.3048
-"""Metres."""
+"""One foot, metres."""
 
 NO_BONE = 255
-"""Label of pixels that show nobody."""
+"""Label of pixels without the person."""
 
 CAMERA_HEIGHT = 0.95
 """Height of the camera above the floor, metres."""
 
 _VISITOR = Clothes(shirt=(150, 62, 58), trousers=(96, 88, 70), hair=(120, 96, 60))
 _SWAY_PERIOD, _BREATH_PERIOD = 2.0, 4.0  # seconds
-_FLIGHT = 0.35  # metres that joints of a missing limb fly
-_MEMORY = 64  # frames after which jitter is forgotten: 0.9 ** 64 is 0.001
-# Orders of magnitude that were guessed, not measured on a device.
+_FLIGHT = 0.35  # metres: standard deviation of the flying joints of a missing limb
+_MEMORY = 64  # frames that correlated jitter depends on: 0.9 ** 64 is 0.001
+# Estimated orders of magnitude, not measured on a device.
 _TRACKERS: dict[str, dict[str, float]] = {
     "kinect-v1": {"jitter": 0.010, "correlation": 0.8, "bias": 0.020},
     "kinect-v2": {"jitter": 0.006, "correlation": 0.6, "bias": 0.015},
 }
-_HIDDEN = 0.18  # metres of body in front of a joint that is still seen
+_HIDDEN = 0.18  # metres: largest depth of a joint behind the body's surface that is still seen
 _EYES = np.zeros(3, np.float32)
 
 
@@ -91,16 +91,16 @@ class BodyTruth:
     Attributes
     ----------
     depth : (H, W) float32, metres
-        Without noise; 0: farther than the sensor sees.
+        Depth without noise; 0: beyond the range of the sensor.
     bones : (H, W) uint8
-        Number of the bone of each pixel that shows the person; `NO_BONE` elsewhere. Limbs are
-        divided at their joints, the trunk by the nearest bone at rest.
+        Number of the bone of each pixel of the person; `NO_BONE` elsewhere. Limbs are divided at
+        their joints, the trunk by the nearest bone at rest.
     people : (H, W) uint8
-        0 the person, 1 the visitor, `NO_BODY` elsewhere.
+        0: the person, 1: the visitor, `NO_BODY` elsewhere.
     flying : (H, W) bool
         Pixels of the frame whose depth lies between two surfaces.
     joints : (25, 3) float64, metres
-        All of them, a missing limb's included.
+        All joints, including those of a missing limb.
     lateral : (2, 3) float64
         Unit vectors to the person's left, of pelvis and chest.
     """
@@ -115,7 +115,7 @@ class BodyTruth:
     _skin: Skin = field(repr=False)
 
     def body(self) -> Mesh:
-        """The whole person, with all limbs."""
+        """Return the surface of the whole person, with all limbs."""
         skin = self._skin
         return Mesh(skin.vertices(self._figure).astype(np.float64), skin.faces)
 
@@ -125,6 +125,7 @@ class BodyTruth:
         Parameters
         ----------
         name : 'left_arm', 'right_arm', 'left_leg' or 'right_leg'
+            Name of the limb.
 
         Returns
         -------
@@ -139,12 +140,13 @@ class BodyTruth:
     def mirror_plane(self, limb: Limb) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return a point and the unit normal, to the person's left, of the plane of symmetry.
 
-        It is the chest's plane, through the middle of the spine, for arms; the pelvis's, through
-        the base of the spine, for legs.
+        For arms it is the plane of the chest, through the middle of the spine; for legs that of the
+        pelvis, through the base of the spine.
 
         Parameters
         ----------
         limb : 'left_arm', 'right_arm', 'left_leg' or 'right_leg'
+            Name of the limb.
 
         Returns
         -------
@@ -161,11 +163,12 @@ class BodyTruth:
         return self.joints[1 if is_arm else 0], self.lateral[1 if is_arm else 0]
 
     def phantom(self, limb: Limb) -> Mesh:
-        """Return what a phantom ``limb`` ought to be: the limb of the other side, reflected.
+        """Return the true phantom of a limb: the limb of the other side, reflected.
 
         Parameters
         ----------
         limb : 'left_arm', 'right_arm', 'left_leg' or 'right_leg'
+            Name of the limb.
 
         Returns
         -------
@@ -179,12 +182,14 @@ class BodyTruth:
 
 @dataclass(frozen=True, eq=False)
 class BodyCapture:
-    """A frame and the truth behind it.
+    """A frame with its ground truth.
 
     Attributes
     ----------
     frame : RgbdFrame
+        Frame of the simulated sensor.
     truth : BodyTruth
+        Ground truth of the frame.
     """
 
     frame: RgbdFrame
@@ -193,7 +198,7 @@ class BodyCapture:
 
 @dataclass(frozen=True, kw_only=True)
 class BodySimulator:
-    """A person who exercises before a Kinect V2; iterating gives the frames one after the other.
+    """A person who exercises before a Kinect V2; iteration yields the frames.
 
     Attributes
     ----------
@@ -201,77 +206,83 @@ class BodySimulator:
         ``still``, ``arm-raise``, ``arm-curl``, ``reach``, ``wave``, ``elbow-bent``,
         ``knee-extension``, ``dorsiflexion`` or ``stepping``.
     side : str
-        Whose limbs take part: ``left``, ``right`` or ``both``; by default those of the intact
-        side where a limb is missing, else both.
+        Side whose limbs move: ``left``, ``right`` or ``both``; default: the intact side if a limb
+        is missing, else both.
     amputated : str, optional
-        ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``.
+        Missing limb: ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``.
     stump : float, metres
-        What is left of the limb, from the shoulder or the hip on.
+        Length of the rest of the limb, from the shoulder or the hip.
     dressing : str
-        Wear of the stump: ``bare`` (of the shirt or the trousers only), ``bandage``, or ``sleeve``
-        for an empty sleeve or leg of trousers, which hangs down; the stump of a sleeve ends above
-        the elbow (0.265 m) or the knee (0.4 m).
+        Dressing of the stump: ``bare`` (only shirt or trousers), ``bandage``, or ``sleeve`` for an
+        empty sleeve or trouser leg, which hangs down. With ``sleeve``, the stump must end above the
+        elbow (0.265 m) or the knee (0.4 m).
     girth : float
-        Thickness of trunk, arms and legs against that of the default one. Above 1.2, arms hang
-        farther aside.
+        Factor on the thickness of trunk, arms and legs. Above 1.2, arms hang farther from the
+        trunk.
     sitting : bool, optional
-        On a chair; by default where the exercise is one for legs and not ``stepping``, and in a
+        Whether the person sits; default: for ``knee-extension``, ``dorsiflexion`` and in a
         wheelchair.
     chair : str
-        What a sitting person sits on: ``chair`` or ``wheelchair``.
+        Seat of a sitting person: ``chair`` or ``wheelchair``.
     distance : float, metres
-        From the camera to the base of the spine, along the optical axis.
+        Distance from the camera to the base of the spine, along the optical axis.
     turn, turning : float, degrees; degrees per second
-        Turn of the whole body to the person's left: at the start, and what is added each second.
+        Rotation of the whole body to the person's left at time 0, and its angular velocity.
     sway : float, degrees
-        The whole body turns to and fro by so much, once in two seconds.
+        Amplitude of a rotation of the whole body to and fro, with a period of two seconds.
     twist : float, degrees
-        The chest turns against the pelvis to and fro by so much, once in four seconds: first to the
-        person's left, or to the right if it is negative.
+        Amplitude of a rotation of the chest relative to the pelvis, with a period of four seconds;
+        first to the person's left, or to the right if negative.
     breath : float, metres
-        The chest moves ahead by so much and back, once in four seconds; at rest 0.005.
+        Extent of the forward motion of the chest by breathing, with a period of four seconds; 0.005
+        is typical at rest.
     shoulder_tilt : float, degrees
-        Tilt of the shoulders against the chest; the left one goes up.
+        Tilt of the shoulders relative to the chest; positive: the left shoulder is higher.
     thigh_turn : float, degrees
-        Turn of a sitting person's legs against the pelvis, to the person's left.
+        Rotation of a sitting person's legs relative to the pelvis, to the person's left.
     stripes : bool
-        On the shirt.
+        Whether the shirt has stripes.
     cover : str
         Feet with a blue shoe cover: ``none``, ``left``, ``right`` or ``both``.
     visitor : float, optional
-        Second at which somebody else comes in from the left of the picture, behind the person.
+        Time, seconds, at which another person enters from the left of the picture, behind the
+        person.
     occluder : (float, float), optional
-        Seconds from and until which a board stands before the intact (else the left) limb.
+        Begin and end, seconds, of a board's presence before the intact limb (the left arm if no
+        limb is missing).
     lost : (float, float), optional
-        Seconds from and until which the sensor sees the person and does not know it.
+        Begin and end, seconds, of a failure of the tracker: the person is visible but not
+        recognised.
     swapped : (float, float), optional
-        Seconds from and until which the tracker mistakes the person and the visitor for each other.
+        Begin and end, seconds, of a confusion of the tracker: person and visitor have exchanged
+        ids.
     jitter : float, metres
-        Standard deviation of each coordinate of a tracked joint; of an inferred one, five times.
+        Standard deviation of each coordinate of tracked joints; five times as much for inferred
+        ones.
     correlation : float
-        Correlation of the jitter from frame to frame, 0 (white) to 0.99.
+        Correlation of the jitter between successive frames, 0 (white noise) to 0.99.
     bias : float, metres
-        Length of each joint's error that turns with its bone: trackers are wrong in the same way
-        wherever they see the same pose.
+        Length of a constant error of each joint in the frame of its bone, because trackers have the
+        same errors whenever they see the same pose.
     flying : bool
-        The tracker claims to see the joints of a missing limb, and they fly about.
+        Whether the tracker reports joints of a missing limb as tracked, with large errors.
     tracker : str
-        ``kinect-v1`` or ``kinect-v2``: jitter, correlation and bias of such a tracker where they
-        are 0, and flying joints.
+        ``kinect-v1`` or ``kinect-v2``: use jitter, correlation and bias of that tracker if they are
+        0, and flying joints; empty: no tracker errors by default.
     noise : float
-        Scale of the depth sensor's faults; 0: exact depth in whole millimetres.
+        Factor on the depth sensor's faults; 0: exact depth in whole millimetres.
     color : str
-        ``depth``: at the depth image's pixels; ``full``: 1920 x 1080, of a camera of its own;
-        ``none``.
+        ``depth``: colour at the depth image's pixels; ``full``: 1920 x 1080 pixels of a separate
+        camera; ``none``.
     room : bool
-        Floor, walls and furniture; without them, nothing is behind the person.
+        Whether there are floor, walls and furniture; otherwise nothing is behind the person.
     scene : str
-        What is behind: ``room`` (bare), ``office`` (desk, cupboard, board) or ``hall`` (pillars, a
-        bench, a wall farther away).
+        Scenery: ``room`` (bare), ``office`` (desk, cupboard, board) or ``hall`` (pillars, a bench,
+        a wall farther away).
     rate : float
         Frames per second.
     frames : int
-        How many an iteration gives.
+        Number of frames of an iteration.
     seed : int
         Seed of noise and jitter.
     threads : int
@@ -332,14 +343,14 @@ class BodySimulator:
     threads: int = 0
 
     def __post_init__(self) -> None:
-        if self.amputated is not None:  # addresses are spelt with hyphens
+        if self.amputated is not None:  # ``sim:`` addresses use hyphens
             object.__setattr__(self, "amputated", self.amputated.replace("-", "_"))
         self._check_choices()
         self._check_ranges()
         self._check_dressing()
         if self.chair == "wheelchair" and self.sitting is False:
             raise InputError("chair: expected chair where sitting is no, got 'wheelchair'")
-        if self.tracker:  # its errors stand in for those that are not given
+        if self.tracker:  # its errors replace those that are not given
             object.__setattr__(self, "flying", True)
             for name, number in _TRACKERS[self.tracker].items():
                 if not getattr(self, name):
@@ -399,7 +410,7 @@ class BodySimulator:
 
     @functools.cached_property
     def calibration(self) -> RgbdCalibration:
-        """The cameras."""
+        """Calibration of the cameras."""
         return RgbdCalibration(DEPTH_CAMERA, COLOR_CAMERA if self.color == "full" else None)
 
     def __len__(self) -> int:
@@ -420,12 +431,12 @@ class BodySimulator:
         return (self[index] for index in range(self.frames))
 
     def frame(self, time: float) -> RgbdFrame:
-        """Return what the sensor delivers at a time.
+        """Return the sensor's frame at a time.
 
         Parameters
         ----------
         time : float, seconds
-            Not negative.
+            Time >= 0.
 
         Returns
         -------
@@ -434,12 +445,12 @@ class BodySimulator:
         return self.capture(time).frame
 
     def capture(self, time: float) -> BodyCapture:
-        """Return what the sensor delivers at a time, and the truth.
+        """Return the sensor's frame at a time, and its ground truth.
 
         Parameters
         ----------
         time : float, seconds
-            Not negative.
+            Time >= 0.
 
         Returns
         -------
@@ -459,7 +470,7 @@ class BodySimulator:
         measured = measure(view.depth, view.slant, self.noise, random)
         people = view.people
         lost = _within(self.lost, time)
-        # Light from far behind does not pass for the person.
+        # Flying pixels far from the surface do not count as the person.
         away = measured.flying & (np.abs(measured.depth - view.depth) > 0.15)
         index = np.where(away, np.uint8(NO_BODY), people)
         if lost:
@@ -487,12 +498,12 @@ class BodySimulator:
         return BodyCapture(frame, truth)
 
     def background(self, time: float) -> RgbdFrame:
-        """Return what the sensor delivers of the scene at a time while nobody is there.
+        """Return the sensor's frame of the scene without people at a time.
 
         Parameters
         ----------
         time : float, seconds
-            Not negative.
+            Time >= 0.
 
         Returns
         -------
@@ -560,7 +571,7 @@ class BodySimulator:
         return (person, _Look.of(_whole(1.0), _VISITOR, ()))
 
     def _cast(self, time: float) -> _Cast:
-        """The person, the visitor and the board at a time."""
+        """Moving objects at a time: the person, the visitor and the board."""
         pose = pose_at(
             self.motion,
             time,
@@ -586,11 +597,11 @@ class BodySimulator:
 
     @functools.cached_property
     def _last(self) -> list[_Seen]:
-        """The views of the previous frame, for somebody who keeps still."""
+        """Views of the previous frame, which are reused if nothing moves."""
         return []
 
     def _visiting(self, seconds: float) -> PosedFigure:
-        """Somebody who walks in at 1 m/s, then stands half a metre beside and behind."""
+        """A visitor who walks in at 1 m/s, then stands beside and behind the person."""
         x = min(-2.2 + seconds, -0.62)
         z = self.distance + 0.45
         is_there = x == -0.62
@@ -598,7 +609,7 @@ class BodySimulator:
         return pose_figure(pose, (x, CAMERA_HEIGHT, z))
 
     def _board(self, figure: PosedFigure) -> Box:
-        """A board 0.45 m before the middle of the intact limb."""
+        """A board 0.45 m in front of the middle of the intact limb."""
         limb = opposite(self.amputated) if self.amputated else "left_arm"
         middle = figure.joints[list(LIMBS[limb][:4])].mean(axis=0) - (0.0, 0.0, 0.45)
         half = np.array([0.16, 0.36, 0.02])
@@ -652,7 +663,7 @@ class BodySimulator:
     def _correlated(
         self, time: float, stream: int, memory: float | None = None
     ) -> NDArray[np.float64]:
-        """(25, 3) numbers of variance 1 that a first-order process has at a time."""
+        """Values of a first-order autoregressive process of variance 1 at a time, (25, 3)."""
         rho = self.correlation if memory is None else memory
         last = round(time * self.rate)
         sums = np.zeros((25, 3))
@@ -662,11 +673,11 @@ class BodySimulator:
 
     @functools.cached_property
     def _missing(self) -> list[int]:
-        """Joints beyond the stump's end, or all but the root's."""
+        """Joints of the missing limb, without its root."""
         return list(LIMBS[self.amputated][1:]) if self.amputated else []
 
     def _guess(self, figure: PosedFigure, random: np.random.Generator) -> NDArray[np.float64]:
-        """Places of invented joints of a limb that is not there: about the stump's end."""
+        """Positions of inferred joints of a missing limb: around the stump's end."""
         assert self.amputated is not None
         root, first = LIMBS[self.amputated][:2]
         way = figure.joints[first] - figure.joints[root]
@@ -675,7 +686,7 @@ class BodySimulator:
 
 
 def _bone_errors(figure: PosedFigure, number: int) -> NDArray[np.float64]:
-    """(25, 3) unit vectors, the same ones in the frames of the bones for every pose."""
+    """Unit error vectors of the joints, (25, 3), constant in the frames of the bones."""
     fixed = np.random.default_rng([25, number]).standard_normal((25, 3))
     fixed /= np.linalg.norm(fixed, axis=1, keepdims=True)
     bones = figure.joints - figure.joints[list(PARENTS)]
@@ -690,7 +701,7 @@ def _bone_errors(figure: PosedFigure, number: int) -> NDArray[np.float64]:
 
 @functools.lru_cache(maxsize=4 * (_MEMORY + 1))
 def _draws(seed: int, stream: int, frame: int) -> NDArray[np.float64]:
-    """(25, 3) standard normal numbers of one frame; neighbouring frames share all but one."""
+    """Standard normal numbers of one frame, (25, 3); successive sums share all but one."""
     random = np.random.default_rng([seed, stream, frame + _MEMORY])
     return random.standard_normal((25, 3))
 
@@ -705,9 +716,10 @@ def _within(interval: Interval | None, time: float) -> bool:
 
 
 def _seen(joints: NDArray[np.float64], view: _View, number: int) -> NDArray[np.bool_]:
-    """Joints inside the image with nothing before them but the bones that meet there.
+    """Joints inside the image with nothing in front of them except the bones that meet there.
 
-    Other parts of the person hide a joint too if they are well before it: an arm behind the back.
+    Other parts of the person also hide a joint if they are far in front of it, such as an arm
+    behind the back.
     """
     camera = DEPTH_CAMERA
     ahead = np.column_stack([joints[:, :2], np.maximum(joints[:, 2], 0.1)])
@@ -725,25 +737,26 @@ def _seen(joints: NDArray[np.float64], view: _View, number: int) -> NDArray[np.b
 
 @checked
 def cast_mesh(mesh: Mesh, camera: Intrinsics, *, threads: int = 0) -> Floats:
-    """Render the depth of a mesh, (H, W) float32 in metres, by an ideal camera at the origin.
+    """Render the depth of a mesh for an ideal camera at the origin.
 
     Parameters
     ----------
     mesh : Mesh
-        In the camera's frame, metres.
+        Mesh in the camera's frame, metres.
     camera : Intrinsics
+        The camera.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------
     (H, W) float32, metres
-        0: nothing.
+        Depth; 0: no surface.
 
     Raises
     ------
     InputError
-        A mesh that is not valid.
+        The mesh is not valid.
 
     Examples
     --------
@@ -765,12 +778,12 @@ def cast_mesh(mesh: Mesh, camera: Intrinsics, *, threads: int = 0) -> Floats:
     return np.where(np.isfinite(depth), depth, np.float32(0.0)).reshape(shape)
 
 
-# --- Looking at it ----------------------------------------------------------------------------
+# --- Rendering ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """A surface with its pictures."""
+    """A surface with its textures."""
 
     skin: Skin
     texels: tuple[NDArray[np.uint8], ...]  # levels, (N, 3)
@@ -796,7 +809,7 @@ class _Look:
     def colors(
         self, face: NDArray[np.int64], uv: Floats, light: Floats, footprint: float
     ) -> NDArray[np.uint8]:
-        """(N, 3) of hits; ``footprint`` metres to a pixel."""
+        """Return the colours of hits, (N, 3); ``footprint``: size of a pixel, metres."""
         level = int(np.clip(np.rint(np.log2(max(footprint, 1e-6) / 0.0025)), 0, 3))
         side = SIDE >> level
         corners = self.corners[face]
@@ -809,7 +822,7 @@ class _Look:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """Exact images of (H, W) pixels, as of an ideal camera."""
+    """Exact images of an ideal camera with (H, W) pixels."""
 
     depth: Floats
     slant: Floats
@@ -820,14 +833,14 @@ class _View:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """Views of what moves in the scene, by camera, while its vertices stay where they are."""
+    """Views of the scene by camera, valid while the vertices of moving objects are unchanged."""
 
     vertices: Floats
     views: dict[tuple[Intrinsics, bytes], _View] = field(default_factory=dict)
 
 
 class _Cast:
-    """Moving things in the scene, at one moment."""
+    """Moving objects of the scene at one moment."""
 
     def __init__(
         self,
@@ -868,7 +881,7 @@ class _Cast:
         scenery: Scenery,
         threads: int,
     ) -> _View:
-        """The scene with what moves, by a camera that looks ahead; nobody may write to it."""
+        """Return the view of a camera that looks ahead; it is cached and must not be changed."""
         eye = _EYES if registration is None else -registration.translation.astype(np.float32)
         key = (camera, eye.tobytes())
         if key not in self._views:
@@ -913,7 +926,7 @@ class _Cast:
         return _View(depth, slant, people, bones, color)
 
     def _window(self, camera: Intrinsics, eye: Floats) -> tuple[int, int, int, int]:
-        """Rows and columns in which something that moves can be seen."""
+        """Range of rows and columns in which moving objects can be visible."""
         points = self._vertices - eye
         points = points[points[:, 2] > 0.05]
         if not len(points):

@@ -1,7 +1,7 @@
 """Procedural rooms and outdoor places for a terrestrial scanner; x east, y north, z up, metres.
 
-`SCENES` names 17 indoor and 27 outdoor scenes, all different, and apart from them the scenes on
-which thresholds may be set (`CALIBRATION`): nothing is ever reported on those.
+`SCENES` has 17 indoor and 27 outdoor scenes, all different. Thresholds may be chosen on the scenes
+of `CALIBRATION`, on which no results are reported.
 """
 
 from __future__ import annotations
@@ -45,18 +45,20 @@ PARQUET = Surface((0.52, 0.36, 0.2), 0.4)
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A place and where the scanner stands in it.
+    """A place with the position of a scanner.
 
     Attributes
     ----------
     name : str
+        Name of the scene.
     indoor : bool
+        Whether the scene is indoors.
     kind : str
         ``"office"``, ``"street"``, ...
     world : World
-        With a truth label and an object number for each face.
+        The world, with a true label and an object number for each face.
     scanner : (x, y, z), metres
-        The scanner's centre, in the world's frame.
+        Position of the scanner in the world's frame.
     """
 
     name: str
@@ -67,7 +69,7 @@ class Scene:
 
 
 def make(name: str) -> Scene:
-    """A scene by its name in `SCENES` or `CALIBRATION`; the same one each time.
+    """Make a scene by its name in `SCENES` or `CALIBRATION`; it is always the same.
 
     Raises
     ------
@@ -83,14 +85,14 @@ def make(name: str) -> Scene:
 
 
 def indoor(kind: str, *, rng: Rng = 0, name: str = "") -> Scene:
-    """A furnished room with windows and a door into a corridor.
+    """Make a furnished room with windows and a door to a corridor.
 
     Parameters
     ----------
     kind : str
         ``office``, ``living``, ``lecture``, ``storage``, ``hall`` or ``workshop``.
     rng : int, numpy.random.Generator or None
-        Seed, or generator; None: another result each time.
+        Seed or generator; None: a different result each time.
     name : str
         Name of the scene; its kind, if empty.
 
@@ -116,14 +118,14 @@ def indoor(kind: str, *, rng: Rng = 0, name: str = "") -> Scene:
 
 
 def outdoor(kind: str, *, rng: Rng = 0, name: str = "") -> Scene:
-    """A place in town or in the country, about 240 m across.
+    """Make an outdoor place of about 240 m in town or in the country.
 
     Parameters
     ----------
     kind : str
         ``street``, ``square``, ``parking``, ``park``, ``courtyard`` or ``suburb``.
     rng : int, numpy.random.Generator or None
-        Seed, or generator; None: another result each time.
+        Seed or generator; None: a different result each time.
     name : str
         Name of the scene; its kind, if empty.
 
@@ -151,7 +153,7 @@ def _known(kind: str, table: dict[str, Callable[..., None]]) -> Callable[..., No
 
 
 class _Plan:
-    """Occupied places, as circles: nothing is put into another thing."""
+    """Occupied places, as circles, so that objects do not intersect."""
 
     def __init__(
         self, random: Random, x_range: tuple[float, float], y_range: tuple[float, float]
@@ -162,11 +164,11 @@ class _Plan:
         self._taken = np.empty((0, 3))  # x, y, radius
 
     def keep_free(self, x: float, y: float, radius: float) -> None:
-        """Nothing may come within ``radius`` of (x, y)."""
+        """Reserve the circle of ``radius`` around (x, y)."""
         self._taken = np.vstack([self._taken, [x, y, radius]])
 
     def is_free(self, x: float, y: float, radius: float) -> bool:
-        """Whether a thing of this radius can stand at (x, y)."""
+        """Return whether an object of this radius fits at (x, y)."""
         at = np.array([x, y])
         apart = np.hypot(*(self._taken[:, :2] - at).T) >= self._taken[:, 2] + radius
         return bool(
@@ -176,7 +178,7 @@ class _Plan:
     def spot(
         self, radius: float, *, within: float = np.inf, tries: int = 40
     ) -> tuple[float, float] | None:
-        """A free place, at most ``within`` from the middle, now taken; None: there is none."""
+        """Reserve and return a free place at most ``within`` from the middle; None: none."""
         low, high = np.maximum(self._low, -within), np.minimum(self._high, within)
         if np.isinf(within):
             low, high = self._low, self._high
@@ -191,7 +193,7 @@ class _Plan:
 def _shell(
     builder: WorldBuilder, random: Random, length: float, width: float, height: float
 ) -> None:
-    """Floor, ceiling, a wall with windows, three others, a door, and a corridor behind it."""
+    """Add floor, ceiling, a wall with windows, three other walls, a door and a corridor."""
     floor = (PARQUET, CARPET, things.CONCRETE)[random.integers(3)]
     color = tuple(random.uniform(0.6, 0.9, 3).tolist())
     wall = Surface(color, float(random.uniform(0.5, 0.8)))
@@ -203,7 +205,7 @@ def _shell(
     front, panes, reveals = things.pierced(length, height, windows, depth=0.25)
     back, _, passage = things.pierced(length, height, door, depth=0.15)
     side = things.pierced(width, height, [], depth=0.1)[0]
-    # Walls face -y in their own frame; turned so that they look into the room.
+    # Walls face -y in their own frame; they are rotated so that they face the room.
     builder.add(placed([(front, wall), (reveals, wall)], at=(0, width, 0)), Label.WALL)
     builder.add(placed([(panes, things.GLASS)], at=(0, width, 0)), Label.WALL)
     builder.add(placed([(back, wall), (passage, wall)], at=(length, 0, 0), yaw=np.pi), Label.WALL)
@@ -220,7 +222,7 @@ def _shell(
 def _corridor(
     builder: WorldBuilder, length: float, height: float, wall: Surface, floor: Surface
 ) -> None:
-    """Things that are seen through the door, which is in the wall y = 0."""
+    """Add the corridor that is visible through the door in the wall y = 0."""
     x0, x1, y0, y1 = -3.0, length + 3.0, -2.15, -0.15
     far = things.quad([(x0, y0, 0), (x0, y0, height), (x1, y0, height), (x1, y0, 0)])
     ground = things.quad([(x0, y0, 0), (x1, y0, 0), (x1, 0, 0), (x0, 0, 0)])
@@ -230,7 +232,7 @@ def _corridor(
 
 
 def _uneven(length: float, width: float, random: Random) -> Patch:
-    """A floor that is flat to a few millimetres."""
+    """Make a floor that is flat to a few millimetres."""
     x, y = np.meshgrid(np.linspace(0, length, 25), np.linspace(0, width, 25))
     grid = np.stack([x, y, 0 * x], axis=-1)
     grid[..., 2] = 0.0015 * waves(grid, 8, 2.5, random)
@@ -245,7 +247,7 @@ def _against_walls(
     width: float,
     pieces: list[tuple[Parts, float, float]],
 ) -> None:
-    """Pieces (parts with their back to +y, length, depth) along the walls."""
+    """Add pieces along the walls; each is (parts with their back to +y, length, depth)."""
     for parts, long, deep in pieces:
         for _ in range(12):
             corner, yaw = _beside_a_wall(random, length, width, long, deep)
@@ -281,7 +283,7 @@ def _on_floor(
     radius: float,
     label: Label = Label.FURNITURE,
 ) -> tuple[float, float, float] | None:
-    """A thing at a free place, turned at random; where and how, or None."""
+    """Add an object at a random free place and angle; return (x, y, yaw) or None."""
     spot = plan.spot(radius)
     if spot is None:
         return None
@@ -291,7 +293,7 @@ def _on_floor(
 
 
 def _desk(builder: WorldBuilder, random: Random, plan: _Plan) -> None:
-    """A desk with a screen, a chair before it."""
+    """Add a desk with a screen, and a chair before it."""
     long = float(random.uniform(1.2, 1.8))
     parts = things.table(long, 0.75)
     parts += things.block((-0.3, 0.2, 0.80), (0.3, 0.23, 1.15), things.DARK)
@@ -414,7 +416,7 @@ def _put(
     yaw: float = 0.0,
     more: tuple[tuple[Parts, Label], ...] = (),
 ) -> None:
-    """A thing on the ground, let in by 3 cm."""
+    """Add an object on the ground, sunk by 3 cm."""
     z = float(relief(*at)) - 0.03
     builder.add_object(parts, label, at=(*at, z), yaw=yaw, more=more)
 
@@ -431,7 +433,7 @@ def _house(
     floors: tuple[int, int] = (2, 6),
     gable: bool = False,
 ) -> None:
-    """A building; its corner, its length and depth, and the direction of its front."""
+    """Add a building with a given corner, size (length, depth) and direction of its front."""
     wall = Surface(tuple(random.uniform(0.4, 0.9, 3).tolist()), float(random.uniform(0.3, 0.7)))
     parts = things.building(random, *size, int(random.integers(*floors)), wall=wall, gable=gable)
     along = np.array([np.cos(yaw), np.sin(yaw)])
@@ -457,7 +459,7 @@ def _row_of_houses(
     gable: bool = False,
     floors: tuple[int, int] = (2, 6),
 ) -> None:
-    """Houses side by side, their fronts to the right of the direction ``yaw``."""
+    """Add houses side by side, with fronts to the right of the direction ``yaw``."""
     along = np.array([np.cos(yaw), np.sin(yaw)])
     s = 0.0
     while s < length:
@@ -510,7 +512,7 @@ def _parked(
     turn: float = 0.0,
     share: float = 0.7,
 ) -> None:
-    """A row of parked cars, ``pitch`` apart along ``yaw``, each turned by ``turn`` from it."""
+    """Add parked cars, ``pitch`` apart along ``yaw``, each rotated by ``turn`` from it."""
     along = np.array([np.cos(yaw), np.sin(yaw)])
     for slot in range(count):
         x, y = (np.asarray(start) + along * pitch * slot + random.normal(0, 0.12, 2)).tolist()
@@ -529,7 +531,7 @@ def _posts(
     pitch: float,
     yaw: float,
 ) -> None:
-    """Street lamps along the line of constant y, and some signs."""
+    """Add street lamps and some signs along a line of constant y."""
     for x in np.arange(-80.0, 80.0, pitch) + random.uniform(0, pitch):
         make_post = things.lamp_post if random.random() < 0.7 else things.sign
         if plan.is_free(float(x), y, 0.3):
@@ -604,7 +606,7 @@ def _courtyard(builder: WorldBuilder, random: Random, plan: _Plan, relief: Relie
     for quarter, (x, y) in enumerate(((-1, 1), (-1, -1), (1, -1), (1, 1))):
         yaw = (0.0, np.pi / 2, np.pi, -np.pi / 2)[quarter]
         length = 2 * float(half[quarter % 2])
-        size = (length - (0.0 if quarter else 4.5), 10.0)  # the first leaves a gateway
+        size = (length - (0.0 if quarter else 4.5), 10.0)  # the first house leaves a gateway
         _house(builder, random, plan, relief, (x * half[0], y * half[1]), size, yaw, floors=(2, 5))
     for _ in range(5):
         spot = plan.spot(0.5, within=12.0)
@@ -677,7 +679,7 @@ _GROUND = {
 
 
 def _named(prefix: str, kinds: list[str], count: int, seed: int) -> dict[str, tuple[str, int]]:
-    """Names of scenes with their kind and seed, the kinds in turn."""
+    """Names of scenes with their kind and seed; kinds alternate."""
     return {
         f"{prefix}-{number:02d}": (kinds[number % len(kinds)], seed + number)
         for number in range(count)
@@ -694,4 +696,4 @@ CALIBRATION = {
     **_named("calibration-indoor", list(_ROOMS), 12, 5000),
     **_named("calibration-outdoor", list(_PLACES), 12, 6000),
 }
-"""Scenes on which thresholds may be set, and nothing is reported."""
+"""Scenes on which thresholds may be chosen, and on which no results are reported."""

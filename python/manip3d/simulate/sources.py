@@ -1,4 +1,4 @@
-"""``sim:`` addresses: simulated scans and people wherever a source can be named."""
+"""``sim:`` addresses of simulated scans, people and drives, which can be used as sources."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ def open_source(address: str, *, threads: int = 0) -> Iterator[LidarFrame] | Bod
     Parameters
     ----------
     address : str
-        ``sim:street?seed=0&frames=10&start=0`` (HDL-64E on a car; ``seed`` names the street) or
-        ``sim:indoor-00?seed=0&resolution=0.06`` (a terrestrial scan of a scene of
-        `manip3d.simulate.scenes`; ``seed`` is that of the noise), or
+        ``sim:street?seed=0&frames=10&start=0`` (HDL-64E on a car; ``seed`` determines the street);
+        ``sim:indoor-00?seed=0&resolution=0.06`` (terrestrial scan of a scene of
+        `manip3d.simulate.scenes`; ``seed`` is that of the noise); or
         ``sim:body?motion=arm-raise&amputated=right-arm&lost=2:3`` with the options of
-        `BodySimulator` (``yes`` and ``no``; ``from:until`` for seconds). What is left out is as
-        here.
+        `BodySimulator` (``yes`` and ``no``; ``from:until`` for seconds). Options of streets and
+        scenes default to the values shown here.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The scans do not depend on it.
 
     Returns
     -------
     iterator of LidarFrame, or BodySimulator
-        Scans with the truth in their fields ``label`` and ``object``; or, for ``sim:body``, the
-        simulator, whose iteration gives `RgbdFrame`.
+        Scans with ground truth in their fields ``label`` and ``object``; or, for ``sim:body``, the
+        simulator, whose iteration yields `RgbdFrame`.
 
     Raises
     ------
     InputError
-        Unknown source, option or value.
+        The source, an option or a value is unknown.
     MissingExtraError
         Open3D is not installed.
 
@@ -97,7 +97,7 @@ def open_drive(address: str, *, threads: int = 0) -> Iterator[DriveFrame]:
     ----------
     address : str
         ``sim:street?seed=0&frames=10&start=0&surround=no``, as for `open_source`; with
-        ``surround=yes`` there are pairs of cameras all around.
+        ``surround=yes`` there are stereo pairs all around the car.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The frames do not depend on it.
 
@@ -108,7 +108,7 @@ def open_drive(address: str, *, threads: int = 0) -> Iterator[DriveFrame]:
     Raises
     ------
     InputError
-        Another address, an unknown option or value.
+        The address, an option or a value is unknown.
     MissingExtraError
         Open3D is not installed.
 
@@ -130,14 +130,14 @@ def open_drive(address: str, *, threads: int = 0) -> Iterator[DriveFrame]:
 
 @checked
 def watched_street(address: str, *, frames: int | None = None, threads: int = 0) -> WatchedDrive:
-    """Open a simulated drive as `manip3d.authenticate.watch_drive` watches it.
+    """Open a simulated drive for `manip3d.authenticate.watch_drive`.
 
     Parameters
     ----------
     address : str
         As for `open_drive`.
     frames : int, optional
-        The most frames to take.
+        Largest number of frames.
     threads : int
         As for `open_drive`.
 
@@ -189,7 +189,7 @@ def _body(options: Mapping[str, str], address: str, threads: int) -> BodySimulat
 
 
 def _parsed(name: str, text: str, kind: str, default: Any) -> Any:
-    """The value of an option of `BodySimulator` by the type of its field."""
+    """Parse an option of `BodySimulator` by the type of its field."""
     if kind.startswith("bool"):
         return _yes_or_no(name, text)
     if kind.startswith("str"):
@@ -213,7 +213,7 @@ def _yes_or_no(name: str, text: str) -> bool:
 def _taken(
     options: dict[str, str], name: str, kind: Callable[[str], _Number], default: _Number
 ) -> _Number:
-    """The value of an option, taken out of ``options``."""
+    """Remove an option from ``options``, and return its value or the default."""
     text = options.pop(name, None)
     if text is None:
         return default

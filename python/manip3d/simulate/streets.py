@@ -1,4 +1,5 @@
-"""Procedural streets with traffic, for sensors on a moving car; x along it, z up, metres."""
+"""Procedural streets with traffic, for sensors on a moving car; x along the street, z up,
+metres."""
 
 from __future__ import annotations
 
@@ -32,10 +33,10 @@ SENSOR_HEIGHT = 1.73
 LENGTH = 420.0
 """Length of a street, metres; the car drives from 60 to at most 360."""
 BORDER = 95.0
-"""The ground reaches this far to both sides: beyond the laser."""
+"""Extent of the ground to both sides, metres: beyond the reach of the laser."""
 
 ROAD_USERS = frozenset(label.title for label in (Label.CAR, Label.PERSON, Label.CYCLIST))
-"""Labels of the boxes that a street gives."""
+"""Labels of the boxes that a street returns."""
 
 MARKING = Surface((0.9, 0.9, 0.88), 0.8)
 CURB = Surface((0.6, 0.59, 0.57), 0.4)
@@ -43,20 +44,22 @@ CURB = Surface((0.6, 0.59, 0.57), 0.4)
 
 @dataclass(frozen=True, eq=False)
 class Street:
-    """A street, its traffic and the way of the car that carries the sensors.
+    """A street with traffic, and the trajectory of the car with the sensors.
 
     Attributes
     ----------
     world : World
-        What stands still.
+        Static world.
     movers : tuple of Mover
+        Moving cars, cyclists and people.
     relief : callable
         Height of the road at (x, y).
     start : (x, y), metres
-        Place of the car at time 0.
+        Position of the car at time 0.
     speed : float, metres per second
+        Speed of the car.
     sway : float, metres
-        How far the car leaves the middle of its lane, to and fro.
+        Amplitude of the car's oscillation about the middle of its lane.
     """
 
     world: World
@@ -68,25 +71,28 @@ class Street:
 
     @functools.cached_property
     def stage(self) -> Stage:
-        """World and movers, ready for rays; built once."""
+        """World and movers, ready for ray casting; built once."""
         return Stage(self.world, self.movers)
 
     def pose(self, times: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where the LiDAR is at some times.
+        """Return the pose of the LiDAR at given times.
 
         Parameters
         ----------
         times : (N,) float, seconds
+            Times on the street's clock.
 
         Returns
         -------
         positions : (N, 3) float64, metres
+            Positions of the LiDAR.
         yaws : (N,) float64, radians
+            Directions of the car, counter-clockwise from x.
 
         Raises
         ------
         InputError
-            The car has left the street by then.
+            The car is not on the street at one of the times.
         """
         t = np.asarray(times, float)
         x = self.start[0] + self.speed * t
@@ -95,7 +101,7 @@ class Street:
                 f"times: expected the car on the street (x from 10 to {LENGTH - 10:.0f} m), "
                 f"got x from {x.min():.1f} to {x.max():.1f} m"
             )
-        wave = 2.0 * math.pi / 60.0  # one sway in 60 m
+        wave = 2.0 * math.pi / 60.0  # period of 60 m
         y = self.start[1] + self.sway * np.sin(wave * x)
         z = self.relief(x, y) + SENSOR_HEIGHT
         yaw = np.arctan(self.sway * wave * np.cos(wave * x))
@@ -107,13 +113,14 @@ class Street:
         return (LENGTH - 60.0 - self.start[0]) / self.speed if self.speed > 0 else math.inf
 
     def boxes(self, time: float, *, max_range: float = 80.0) -> tuple[Box, ...]:
-        """Return the boxes of cars, people and cyclists within reach, in the LiDAR's frame.
+        """Return the boxes of cars, people and cyclists within a range, in the LiDAR's frame.
 
         Parameters
         ----------
         time : float, seconds
+            Time on the street's clock.
         max_range : float, metres
-            Farther objects are left out.
+            Objects farther away are left out.
 
         Returns
         -------
@@ -138,7 +145,7 @@ def street(rng: Rng = 0) -> Street:
     Parameters
     ----------
     rng : int, numpy.random.Generator or None
-        Another seed, another street: width, houses, greenery, traffic, speed.
+        Seed or generator of the street: width, houses, greenery, traffic, speed.
 
     Returns
     -------
@@ -168,7 +175,7 @@ def street(rng: Rng = 0) -> Street:
 def _ground(
     builder: WorldBuilder, random: Random, relief: Relief, half_road: float, pavement: float
 ) -> None:
-    """Road with markings, curbs, pavements, and what lies beyond."""
+    """Add the road with markings, curbs, pavements, and the ground beyond."""
     asphalt, paving, grass = textures.asphalt(random), textures.paving(random), textures.grass()
     edge, back = half_road, half_road + pavement
     rise = 0.11
@@ -200,7 +207,7 @@ def _strip(
     *,
     x: tuple[float, float] = (0.0, LENGTH),
 ) -> Patch:
-    """A strip of ground along the street, ``rise`` above the relief."""
+    """Make a strip of ground along the street, ``rise`` above the relief."""
     along = np.linspace(*x, max(2, round((x[1] - x[0]) / 2.0) + 1))
     across = np.linspace(low, high, max(2, round((high - low) / cell) + 1))
     gx, gy = np.meshgrid(along, across)
@@ -217,7 +224,7 @@ def _side(
     pavement: float,
     garden: float,
 ) -> None:
-    """Everything that stands on one side: +1 is the left, -1 the right."""
+    """Add all objects on one side; ``side``: +1 left, -1 right."""
     yaw = 0.0 if side > 0 else np.pi
     front = side * (half_road + pavement + garden)
     x = 0.0
@@ -291,7 +298,7 @@ def _gap(
     size: tuple[float, float],
     side: int,
 ) -> None:
-    """A yard between houses: a wall or trees."""
+    """Add a yard between houses, with trees and possibly a wall."""
     if random.random() < 0.5:
         low = (x, min(front, front + side * 0.25), -0.2)
         high = (x + size[0], max(front, front + side * 0.25), float(random.uniform(1.2, 2.4)))
@@ -328,7 +335,7 @@ def _tree(builder: WorldBuilder, random: Random, relief: Relief, at: tuple[float
 
 # --- Traffic ------------------------------------------------------------------------------------
 def _model(parts: Parts, label: Label) -> World:
-    """A mover's own world; its one object is number 0."""
+    """Make a mover's own world with one object, number 0."""
     builder = WorldBuilder()
     builder.add(parts, label, object_id=0)
     return builder.build()
@@ -342,7 +349,7 @@ def _traffic(
     start: tuple[float, float],
     speed: float,
 ) -> tuple[Mover, ...]:
-    """Cars before, behind and oncoming, cyclists, and people on the pavements."""
+    """Make cars ahead, behind and oncoming, cyclists, and people on the pavements."""
 
     def mover(
         parts: Parts, label: Label, x: float, y: float, yaw: float, pace: float, rise: float = 0.0

@@ -1,4 +1,4 @@
-"""A terrestrial laser scanner on its tripod: a full angular grid from one position."""
+"""Simulate a terrestrial laser scanner on its tripod: a full angular grid from one position."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ __all__ = ["TerrestrialScan", "terrestrial_scan"]
 Floats = NDArray[np.float32]
 
 EDGE = 0.1
-"""Metres between neighbouring rays from which on the beam may hit two surfaces at once."""
+"""Metres: if ranges of neighbouring rays differ by more, a beam may hit two surfaces at once."""
 MIXED_SHARE = 0.02
-"""At most this share of the points has a mixed range."""
+"""Largest share of points with a mixed range."""
 SUB_RAYS = 6
-"""Rays spread over the footprint of a beam that may hit two surfaces."""
+"""Number of rays over the footprint of a beam that may hit two surfaces."""
 
 
 @dataclass(frozen=True, eq=False)
 class TerrestrialScan:
-    """Points of one scanner position, in the scanner's frame, with the truth.
+    """Points of one scanner position, in the scanner's frame, with ground truth.
 
     Points are in the order of the scanner: column by column, counter-clockwise, each column
     upwards.
@@ -43,22 +43,23 @@ class TerrestrialScan:
     Attributes
     ----------
     points : (N, 3) float32, metres
-        The scanner is at the origin; z up.
+        Points with the scanner at the origin; z up.
     intensity : (N,) float32
-        0 to 1: reflectance times the cosine of the angle of incidence.
+        Reflectance times the cosine of the angle of incidence, 0 to 1.
     label : (N,) uint8
-        Truth: what is hit (`manip3d.simulate.scenes.Label`).
+        Truth: kind of object (`manip3d.simulate.scenes.Label`).
     object : (N,) int32
         Truth: number of the object in the scene's world; -1: background.
     mixed : (N,) bool
-        Truth: the beam hit two surfaces, the range lies between them.
+        Truth: the beam hit two surfaces, and the range lies between them.
     row, column : (N,) uint16
-        Place in the angular grid; row 0 is the lowest.
+        Cell in the angular grid; row 0 is the lowest.
     shape : (rows, columns)
         Shape of the whole grid.
     resolution_deg : float
+        Step of the grid, degrees.
     first_azimuth_deg, first_elevation_deg : float
-        Centre of column 0 and of row 0.
+        Centre of column 0 and of row 0, degrees.
     """
 
     points: Floats
@@ -75,7 +76,7 @@ class TerrestrialScan:
 
     @property
     def frame(self) -> LidarFrame:
-        """The scan as any other, the truth in its fields ``label``, ``object`` and ``mixed``."""
+        """The scan as a `LidarFrame` with the truth in ``label``, ``object`` and ``mixed``."""
         return LidarFrame(
             self.points,
             self.intensity,
@@ -105,26 +106,28 @@ def terrestrial_scan(
 ) -> TerrestrialScan:
     """Scan a scene from its tripod; the defaults are those of a Riegl VZ-400.
 
-    One ray for each cell of the angular grid, through its centre. Where neighbouring ranges
-    differ by more than 0.1 m, further rays over the footprint of the beam tell whether it hits
-    two surfaces; then the range is a seeded mix of theirs, for at most 2 % of the points.
+    One ray is cast through the centre of each cell of the angular grid. If neighbouring ranges
+    differ by more than 0.1 m, further rays over the footprint of the beam show whether it hits two
+    surfaces; the range then is a random mixture of their ranges, for at most 2 % of the points.
 
     Parameters
     ----------
     scene : Scene
+        Scene with the position of the scanner.
     resolution_deg : float
-        Step of the grid, in azimuth and in elevation.
+        Step of the grid in azimuth and in elevation, degrees.
     field_of_view : ((azimuth, azimuth), (elevation, elevation)), degrees
+        Begin and end of the grid.
     range_noise : float, metres
         Standard deviation of a range (the VZ-400's data sheet: precision 3 mm).
     angle_noise_deg : float
-        Standard deviation of the beam's direction (the data sheet: 0.0005 degrees).
+        Standard deviation of the beam's direction, degrees (the data sheet: 0.0005).
     beam_divergence : float, radians
         Full angle of the beam.
     min_range, max_range : float, metres
         Nearer and farther surfaces give no point.
     rng : int, numpy.random.Generator or None
-        Seed, or generator; None: another result each time.
+        Seed or generator; None: a different result each time.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable
@@ -133,7 +136,7 @@ def terrestrial_scan(
     Returns
     -------
     TerrestrialScan
-        Ranges are rounded to 1 mm.
+        The scan; ranges are rounded to 1 mm.
 
     Raises
     ------
@@ -192,7 +195,7 @@ def terrestrial_scan(
 
 
 class _Grid:
-    """The angular grid: centres of its cells, column by column."""
+    """The angular grid; its cells are ordered column by column."""
 
     def __init__(self, resolution: float, field_of_view: Any) -> None:
         if not (1e-4 <= resolution <= 10.0):
@@ -213,7 +216,7 @@ class _Grid:
         self.full_turn = right - left >= 360.0 - resolution / 2
 
     def angles(self) -> tuple[Floats, Floats]:
-        """Azimuth and elevation of the centres of all cells, radians."""
+        """Return azimuth and elevation of the centres of all cells, radians."""
         step = math.radians(self.resolution)
         across = math.radians(self.first_azimuth) + step * np.arange(self.columns)
         up = math.radians(self.first_elevation) + step * np.arange(self.rows)
@@ -221,7 +224,7 @@ class _Grid:
         return azimuth, np.tile(up.astype(np.float32), self.columns)
 
     def edges(self, ranges: Floats, returned: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Cells with a return of which one of the four neighbours is more than `EDGE` away."""
+        """Return the cells whose range differs from a neighbour's by more than `EDGE`."""
         image = np.where(np.isinf(ranges), np.float32(1e4), ranges)
         image = image.reshape(self.columns, self.rows)
         edge = np.zeros(image.shape, np.bool_)
@@ -239,7 +242,7 @@ class _Grid:
 
 
 class _Scanner:
-    """The beams of a scan: where each of them points, and what it meets."""
+    """The beams of a scan: their directions, and the surfaces that they meet."""
 
     def __init__(
         self,
@@ -258,13 +261,13 @@ class _Scanner:
             angle += np.float32(angle_noise) * random.standard_normal(angle.size, np.float32)
 
     def aim(self, cells: NDArray[np.int64] | slice) -> Floats:
-        """(N, 3) unit directions of the beams of some cells."""
+        """Return unit directions of the beams of some cells, (N, 3)."""
         return _directions(self._azimuth[cells], self._elevation[cells])
 
     def first_hits(
         self, report: Callable[[float], object]
     ) -> tuple[Floats, NDArray[np.uint32], Floats]:
-        """Range, face and cosine of incidence of the middle of each beam."""
+        """Return range, face and cosine of the angle of incidence of the centre of each beam."""
         count = self._azimuth.size
         ranges, cosine = np.empty(count, np.float32), np.empty(count, np.float32)
         face = np.empty(count, np.uint32)
@@ -298,13 +301,13 @@ class _Scanner:
             spread.append(distance)
         chosen = np.sort(self._random.permutation(np.flatnonzero(straddling))[:most])
         values = np.stack(spread)[:, chosen]
-        sky = np.isinf(values)  # returns nothing, and adds nothing
+        sky = np.isinf(values)  # no return: weight 0
         weight = self._random.random(values.shape, np.float32)
         weight[sky], values[sky] = 0.0, 0.0
         return cells[chosen], (weight * values).sum(axis=0) / weight.sum(axis=0)
 
     def _within_beams(self, cells: NDArray[np.int64], divergence: float) -> Floats:
-        """(N, 3) a direction within each beam, evenly over its disc."""
+        """A random direction within each beam, uniform over its disc, (N, 3)."""
         radius = 0.5 * divergence * np.sqrt(self._random.random(cells.size, np.float32))
         angle = np.float32(2.0 * np.pi) * self._random.random(cells.size, np.float32)
         up = self._elevation[cells] + radius * np.sin(angle)
@@ -312,7 +315,7 @@ class _Scanner:
         return _directions(self._azimuth[cells] + across, up)
 
     def _cast(self, directions: Floats) -> Hits:
-        """Hits of any number of rays, a chunk at a time."""
+        """Hits of any number of rays, cast in chunks."""
         parts = [
             self._caster.cast(self.origin, directions[start : start + CHUNK], threads=self._threads)
             for start in range(0, max(1, len(directions)), CHUNK)
@@ -322,6 +325,6 @@ class _Scanner:
 
 
 def _directions(azimuth: Floats, elevation: Floats) -> Floats:
-    """(N, 3) unit vectors."""
+    """Unit vectors, (N, 3)."""
     level = np.cos(elevation)
     return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
