@@ -175,8 +175,7 @@ def rounding_of(embedding: str, units_per_m: int) -> tuple[Processing, ...]:
 
 
 def without_bits(points: Points, embedding: str, units_per_m: int = MILLIMETRES) -> Points:
-    """Set each coordinate that carries a bit to the middle of its possible values before
-    embedding."""
+    """Set each coordinate with a bit to the middle of its possible values before embedding."""
     if embedding == "lbm":
         units = np.round(points.astype(np.float64) * units_per_m)
         middle = (2.0 * np.floor(units / 2.0) + 0.5) / units_per_m

@@ -155,8 +155,8 @@ def left_out_of_turn(turn: LidarFrame, lattice: SensorLattice) -> Lacking | None
 
 
 def _gaps(azimuth: NDArray[np.float32]) -> tuple[float, int]:
-    """Width of the widest gap in azimuth, degrees (0 if it is at most `WIDEST_GAP`), and the number
-    of gaps of at least `NARROW_GAP`."""
+    """Width of the widest gap in azimuth, degrees (0 if it is certainly below `WIDEST_GAP`), and
+    the number of gaps of at least `NARROW_GAP`."""
     cells = round(360.0 / AZIMUTH_CELL)
     cell = np.minimum((azimuth * (cells / (2.0 * math.pi))).astype(np.intp), cells - 1)
     filled = np.flatnonzero(np.bincount(cell, minlength=cells))

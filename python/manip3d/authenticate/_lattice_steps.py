@@ -148,8 +148,7 @@ def stands_on_steps(
     azimuth: Floats,
     steps: int,
 ) -> bool:
-    """Whether fewer than 1 % of the points are off the steps in three quarters of all sectors of
-    all rings.
+    """Whether fewer than 1 % of the points are off the steps in 3 of 4 sectors of the rings.
 
     In scans of an HDL-64E that holds for all sectors, apart from a few with forgeries. If azimuths
     are interpolated between packets (HDL-32E, VLP), a period may be found, but it only holds for a

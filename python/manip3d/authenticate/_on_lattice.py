@@ -225,8 +225,7 @@ def _compared(
 def _unless_foreign(
     found: ReflectanceResult | None, processing: Sequence[Processing]
 ) -> ReflectanceResult | None:
-    """The result of detector V; undecidable instead of ``no_trace`` if reflectances were
-    processed."""
+    """The result of detector V, without ``no_trace`` if reflectances were processed."""
     why = next((step.detail for step in processing if step.kind == "reflectances"), None)
     if found is None or why is None or found.verdict != "no_trace":
         return found

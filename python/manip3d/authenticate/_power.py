@@ -599,8 +599,7 @@ def _marked(points: Points, embedding: str, random: np.random.Generator) -> Poin
 
 
 def _some_object(points: Points, random: np.random.Generator) -> Rows | None:
-    """Rows of the points within 1.2 m of a random point above the ground; None: no object was
-    found."""
+    """Rows of the points within 1.2 m of a random point above the ground; None: no object."""
     rho = np.hypot(points[:, 0], points[:, 1])
     above = (points[:, 2] > -1.3) & (points[:, 2] < 1.0)
     seeds = np.flatnonzero(above & (rho > NEAREST) & (rho < FARTHEST))

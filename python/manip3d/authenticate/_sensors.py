@@ -648,8 +648,7 @@ def _azimuths(points: NDArray[np.float32]) -> Floats:
 
 
 def _share_on(elevation: Floats, beams: Floats) -> float:
-    """Share of points at the elevations of beams, corrected for chance; 0 if half of the beams are
-    unused."""
+    """Share of points at the elevations of beams, corrected for chance; 0 if few beams are used."""
     order = np.sort(np.asarray(beams, np.float64))
     nearest = np.searchsorted((order[1:] + order[:-1]) / 2.0, elevation)
     on = np.abs(elevation - order[nearest]) < BEAM_WIDTH

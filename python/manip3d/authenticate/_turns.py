@@ -333,7 +333,7 @@ def turn_strength(region: Mapping[str, Any]) -> float:
     """
     kind = region["kind"]
     directions = region["agreed"] - (1.0 if kind == "before" else 0.5) * region["moved"]
-    if kind == "lost":  # a removed object leaves the ground, a dark car does not
+    if kind == "lost":  # after a removal the ground is still seen, in a shadow it is not
         directions -= region["ground"]
     return max(0.0, float(directions * region["distance"] / UNITS[kind]))
 

@@ -364,7 +364,7 @@ def _folds_of_person(point: Array) -> Array:
 
 
 def room(*, width: int = 640, height: int = 480) -> DepthScene:
-    """Make a scene of a desk with objects in a room: flat, round and thin surfaces.
+    """Make a scene of a desk in a room, seen from 1.3 m: flat, round and thin surfaces.
 
     Parameters
     ----------

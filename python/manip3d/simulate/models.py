@@ -495,7 +495,7 @@ def jet(faces: int = 35_095) -> Mesh:
 
 
 def airplane(faces: int = 66_496) -> Mesh:
-    """Make an agricultural biplane: textured and plain materials, non-manifold edges, seams.
+    """Make an agricultural biplane: some materials and faces without UV, sheets that meet.
 
     Parameters
     ----------

@@ -601,7 +601,7 @@ class BodySimulator:
         return []
 
     def _visiting(self, seconds: float) -> PosedFigure:
-        """A visitor who walks in at 1 m/s, then stands beside and behind the person."""
+        """A visitor who walks in at 1 m/s, then stands half a metre beside and behind."""
         x = min(-2.2 + seconds, -0.62)
         z = self.distance + 0.45
         is_there = x == -0.62
