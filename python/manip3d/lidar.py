@@ -449,7 +449,7 @@ def placed(scan: Scan, origin: NDArray[np.float64]) -> LidarFrame:
 
 
 def place(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Three finite numbers."""
+    """Convert to three finite numbers; raise InputError for others."""
     return vector(values, 3, name)
 
 

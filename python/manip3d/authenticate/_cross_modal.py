@@ -413,7 +413,7 @@ def cross_modal_consistency(
     Raises
     ------
     InputError
-        A coordinate is not finite, a parameter is out of range.
+        A coordinate is not finite, or a parameter is out of range.
 
     Notes
     -----

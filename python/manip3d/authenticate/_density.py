@@ -87,12 +87,12 @@ PAPER_DENSITY = DensityParameters(
 are sudden and persistent."""
 
 CALIBRATED_DENSITY = DensityParameters()
-"""For terrestrial scans of millions of points."""
+"""Parameters for terrestrial scans of millions of points."""
 
 SPARSE_DENSITY = DensityParameters(
     sector=10, level_width=0.25, level_growth=0.02, fall=0.6, rise=5.0, fewest=30
 )
-"""For scans of fewer than `FEW_POINTS` points."""
+"""Parameters for scans of fewer than `FEW_POINTS` points."""
 
 FEW_POINTS = 500_000
 
@@ -443,7 +443,7 @@ def _ranges(off: NDArray[np.bool_], edges: Floats) -> Floats:
 
 
 def _regions(points: NDArray[np.float32], rows: NDArray[np.int32]) -> tuple[Region, ...]:
-    """One region of all the points."""
+    """One region with all the points; empty if there are none."""
     if not len(rows):
         return ()
     low = points[rows].min(axis=0).astype(np.float64)

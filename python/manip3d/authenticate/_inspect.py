@@ -130,9 +130,9 @@ def inspect(
     Raises
     ------
     InputError
-        A shape is wrong, a coordinate is not finite, an unknown word for ``sensor``; a result of
-        another scan's watermark, a key without a record; ``plant`` is negative, or not 0 without
-        ``power``.
+        A shape is wrong, or a coordinate is not finite; ``sensor`` is unknown; ``watermark`` is the
+        result for another scan, or a key is given without a record; ``plant`` is negative, or not 0
+        without ``power``.
 
     Notes
     -----

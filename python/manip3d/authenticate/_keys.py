@@ -117,7 +117,7 @@ class KeyRing(Closing):
     Raises
     ------
     InputError
-        No keys, or the same key twice.
+        There are no keys, or a key is given twice.
 
     Notes
     -----

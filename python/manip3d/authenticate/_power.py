@@ -338,7 +338,7 @@ def measure_power(
     Raises
     ------
     InputError
-        ``planted`` is not positive; an unknown embedding or class.
+        ``planted`` is not positive; an embedding or a class is unknown.
 
     Examples
     --------

@@ -97,12 +97,13 @@ reflectances of other points: of points at least 200 rows away, or permuted with
 SLIPS: Mapping[int, float] = MappingProxyType(
     {-16: 1.05, -4: 1.05, -2: 1.05, -1: 1.15, 1: 0.93, 2: 1.05, 4: 1.05, 16: 1.05}
 )
-"""Limits for reflectances that were shifted by a number of rows of the file: the contrast after
-shifting them by these rows is at most this multiple of the contrast of unshifted ones. In clean
-frames the multiple is at most 0.8 two or more rows away. One row away (next row, previous row) it
-is at most 1.01 and 0.83 in drives 0002 and 0005, and 1.06 and 0.88 in their half turns; if
-reflectances were shifted by one row it is at least 1.20 and 0.99. The limits lie between. In 16
-frames of other drives it is at most 1.06 and 0.83, and at least 1.20 and 0.94."""
+"""Limits for detecting reflectances that were shifted by a number of rows of the file. Without a
+shift, the contrast of points with the reflectances of rows that far away is at most this multiple
+of the contrast with their own reflectances. In clean frames the multiple is at most 0.8 two or more
+rows away. One row away (next row, previous row) it is at most 1.01 and 0.83 in drives 0002 and
+0005, and 1.06 and 0.88 in their half turns; if reflectances were shifted by one row it is at least
+1.20 and 0.99. The limits lie between. In 16 frames of other drives it is at most 1.06 and 0.83, and
+at least 1.20 and 0.94."""
 
 FEWEST_EDGES_OF_ROW = 1500
 """Fewest pairs across an edge for detecting a shift by one row: the multiple reaches 1.01 in camera
@@ -260,7 +261,7 @@ def reflectance_consistency(
     Raises
     ------
     InputError
-        A value is not finite; one neighbour without the other; a rate out of range.
+        A value is not finite; only one neighbour is given; the rate is out of range.
 
     Notes
     -----

@@ -216,7 +216,7 @@ class AttackObservation:
 
 @dataclass(frozen=True)
 class Risk:
-    """The risk after one frame.
+    """Risk after one frame.
 
     Attributes
     ----------
@@ -266,7 +266,7 @@ ACTIONS: Mapping[str, str] = ReadOnlyMapping(
         "high": "hand over or stop safely, and tell the operator at once",
     }
 )
-"""Recommended action of each level; a recommendation, for the car's maker to replace."""
+"""Recommended action at each level, which the maker of a car should replace."""
 
 
 class _Past(NamedTuple):

@@ -319,7 +319,7 @@ class BesideTurns:
 
 @dataclass(frozen=True)
 class Processing:
-    """Something that was done to a scan as a whole.
+    """A processing step that was applied to a whole scan.
 
     Attributes
     ----------

@@ -136,7 +136,7 @@ def watch_drive(
     Raises
     ------
     InputError
-        There are no moments, or items of another kind.
+        There are no moments, or ``moments`` holds an item of another type.
     Error, OSError, KeyboardInterrupt
         The drive ends before its first frame.
 

@@ -420,7 +420,7 @@ def _check_free(
     above its lowest point on, so that the ground does not count.
     """
     turn = _core.rotation_about_z(yaw)
-    upright = product(points.astype(np.float64), turn)  # turned back: rows times the inverse
+    upright = product(points.astype(np.float64), turn)  # rotated back: rows times the inverse
     low, high = upright.min(axis=0), upright.max(axis=0)
     low[2] = min(low[2] + CLEARANCE, high[2])
     center, size = product(turn, (low + high) / 2), high - low

@@ -159,7 +159,7 @@ def _rectangles(width: Points, height: Points) -> Points:
 
 
 def _two_faces_each(quads: int) -> NDArray[np.int64]:
-    """The faces of quads whose corners follow one another."""
+    """Two faces for each of ``quads`` quads with successive corners."""
     corners = np.arange(4 * quads).reshape(-1, 4)
     return np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
 

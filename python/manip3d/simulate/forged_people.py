@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["ACTIONS", "KINDS", "PEOPLE", "SCENES", "ForgedPeople", "write_forged_people"]
 
 PEOPLE = (0.86, 0.92, 0.98, 1.04, 1.12, 1.2)
-"""Girths of the six people; the third wears stripes."""
+"""Girths of the six people."""
 
 STRIPED = 2
 """Number of the person who wears stripes."""
