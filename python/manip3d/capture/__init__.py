@@ -1,10 +1,11 @@
-"""Frames out of sensors and recordings: ``open("pcap:FILE")``, ``open("folder:walk")``, ...
+"""Frames of sensors and recordings: ``open("pcap:FILE")``, ``open("folder:walk")``, ...
 
-A source is iterated; each item is a `manip3d.LidarFrame` or a `manip3d.RgbdFrame`. What was seen
-and what was refused is in its ``counters``. `sources` lists what can be opened; `record` writes
-recordings of RGB-D frames.
+Iterating over a source yields a `manip3d.LidarFrame` or a `manip3d.RgbdFrame` for each frame. Its
+``counters`` count the frames, points and packets that were read and those that were refused.
+`sources` lists what can be opened; `record` writes recordings of RGB-D frames.
 
-Drivers of RGB-D cameras, each where its library was at build time, and what it was tried with:
+Drivers of RGB-D cameras, each available if its library was present at build time, with the library
+version, and the device or recording it was tried with:
 
 ============== ============================ ==================================================
 ``openni2:``   OpenNI2 2.2                  its Dummy device; no camera

@@ -1,4 +1,4 @@
-"""The address under which a file or a folder is opened."""
+"""Addresses (``bag:PATH``, ``tum:PATH``, ...) under which files and folders are opened."""
 
 from __future__ import annotations
 
@@ -17,25 +17,27 @@ PACKETS = (".pcap", ".pcapng")
 _BAGS = (".mcap", ".db3")
 _OUSTER = ".osf"
 _LIDAR_SCHEMES = ("pcap:", "ouster:", "kitti:", "velodyne:", "bag:")
-_SCHEME = re.compile(r"[a-z][a-z0-9-]+:")  # of two characters at least: C:\scan.pcd is a file
-_METADATA_BYTES = 1 << 20  # of an Ouster's JSON file, which has about 10 kB
+_SCHEME = re.compile(r"[a-z][a-z0-9-]+:")  # two letters or more, because C:\scan.pcd is a file
+_METADATA_BYTES = 1 << 20  # limit for an Ouster's JSON file, which has about 10 kB
 
 
 @checked
 def scan_address(source: str) -> str | None:
-    """Return the address of packets, a bag or a drive, for `open_lidar`; or None.
+    """Return the address under which `open_lidar` opens a LiDAR recording, or None.
 
     Parameters
     ----------
     source : str
-        A file, a folder or an address; a bag also with one of its topics, as ``drive.bag#/top``,
-        an Ouster's recording with the number of one of its sensors, as ``drive.osf#1``. A
-        ``.pcap`` beside an Ouster's JSON file is read as an Ouster's: ``drive.json``,
-        ``drive_0.json``, or the longest name that its own begins with, before a ``_``.
+        A file, a folder or an address. ``#`` may add the topic of a bag (``drive.bag#/top``) or the
+        number of a sensor in an Ouster's recording (``drive.osf#1``). ``drive.pcap`` is read as an
+        Ouster's recording if an Ouster's JSON file lies in the same folder: ``drive.json``,
+        ``drive_0.json``, or, for ``drive_part.pcap``, the longest ``NAME.json`` for which the
+        recording's name begins with ``NAME_``.
 
     Returns
     -------
     str or None
+        None if ``source`` is no recording of packets, no bag with point clouds and no drive.
 
     Raises
     ------
@@ -74,10 +76,11 @@ def scan_address(source: str) -> str | None:
 
 
 def ouster_metadata(recording: Path) -> Path | None:
-    """Return the JSON file of an Ouster's recording, which only its packets need; None without one.
+    """Return the JSON file beside an Ouster's recording of packets; None if there is none.
 
-    Ouster's programs write ``drive.json`` or, by the sensor's number, ``drive_0.json`` beside
-    ``drive.pcap``; a part of it that was cut out is called ``drive_part.pcap``.
+    Ouster's programs write ``drive.json`` or, with the sensor's number, ``drive_0.json`` beside
+    ``drive.pcap``, and name an excerpt of that recording ``drive_part.pcap``. An ``.osf`` file
+    needs no JSON file, because it contains the sensor's metadata.
     """
     try:
         beside = {file.stem: file for file in recording.parent.glob("*.json")}
@@ -101,7 +104,7 @@ def _is_ros1(path: Path) -> bool:
 
 
 def is_ros2(path: Path) -> bool:
-    """Return whether a file or a folder that is there is a ROS 2 bag."""
+    """Return whether an existing file or folder is a ROS 2 bag."""
     if path.is_dir():
         return (path / "metadata.yaml").is_file()
     return path.suffix.lower() in _BAGS and path.is_file()
@@ -109,17 +112,18 @@ def is_ros2(path: Path) -> bool:
 
 @checked
 def rgbd_address(source: str) -> str | None:
-    """Return the address of RGB-D frames, for `open_rgbd`; None for anything else.
+    """Return the address under which `open_rgbd` opens RGB-D frames, or None.
 
     Parameters
     ----------
     source : str
-        A file, a folder or an address; a ROS bag also with one of its topics of depth images. A
-        depth file of UTD-MHAD (``a3_s1_t1_depth.mat``) is a recording, as its joints are beside it.
+        A file, a folder or an address. ``#`` may add a topic of depth images to a ROS bag. A depth
+        file of UTD-MHAD (``a3_s1_t1_depth.mat``) is a recording because its joints lie beside it.
 
     Returns
     -------
     str or None
+        None if ``source`` holds no RGB-D frames.
 
     Raises
     ------

@@ -28,12 +28,13 @@ from manip3d.io._scan_tables import Table, frame_of_table
 from manip3d.lidar import LidarFrame
 
 _MEMORY = 4 << 30
-"""Bytes of address space in which a bag is read: a chunk of some hundred megabytes fits."""
+"""Limit of the address space of the process that reads a bag, in bytes. A decompressed chunk of a
+few hundred megabytes fits."""
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""NumPy's names of sensor_msgs/PointField's types."""
+"""Type codes of sensor_msgs/PointField, as NumPy's type names."""
 _MOST_POINTS = 1 << 28
 _FIXED_FRAMES = ("base", "map", "odom", "world", "earth", "utm")
-"""Names of coordinate frames whose origin is not the scanner (REP 105)."""
+"""Parts of the names of coordinate frames whose origin is not the scanner (REP 105)."""
 
 
 _ROS1 = b"#ROSBAG V2.0\n"
@@ -43,7 +44,7 @@ _LIDARS = (
     "livox_ros_driver2/CustomMsg",
     "livox_interfaces/CustomMsg",
 )
-"""Messages with a LiDAR's points."""
+"""Message types (ROS 1 names) that hold a LiDAR's points."""
 _PACKETS = {
     "velodyne_msgs/VelodyneScan": "the package velodyne_pointcloud",
     "ouster_ros/PacketMsg": "the package ouster_ros (its launch file replay)",
@@ -58,14 +59,15 @@ _PACKETS = {
     "robosense_msgs/RobosenseScan": "the driver nebula",
     "nebula_msgs/NebulaPackets": "the driver nebula",
 }
-"""Messages with packets that the scanner's driver makes points of."""
+"""Message types (ROS 1 names) that hold a LiDAR's raw packets, with the driver that converts these
+to points."""
 _IMAGE = b"type=sensor_msgs/Image"
 _PACKED = b"type=sensor_msgs/CompressedImage"
 _IMAGES = "sensor_msgs/msg/Image"
 _HEAD = 4096  # bytes; the header record of a ROS 1 bag is padded to this length
-_MOST_INDEX = 1 << 24  # bytes of the connections that are looked at
+_MOST_INDEX = 1 << 24  # bytes of the index that are searched for message types
 _MCAP = b"\x89MCAP0\r\n"
-_MCAP_FOOTER = 9 + 20 + len(_MCAP)  # a record's head, two places and a checksum, the magic again
+_MCAP_FOOTER = 9 + 20 + len(_MCAP)  # record header; two offsets and a checksum; the magic bytes
 _MOST_METADATA = 1 << 22
 _IMAGES_2 = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 
@@ -140,21 +142,21 @@ def _connections_of_ros1(file: BufferedReader, head: bytes, path: str | os.PathL
 
 
 def _are_ros1_clouds(connections: bytes) -> bool:
-    """Whether a ROS 1 bag with these connections is a LiDAR's."""
+    """Return whether a ROS 1 bag with these connections is a LiDAR's."""
     if any(f"type={kind}".encode() in connections for kind in (*_LIDARS, *_PACKETS)):
         return True
     return b"type=" in connections and not any(kind in connections for kind in (_IMAGE, _PACKED))
 
 
 def _are_clouds(types: bytes) -> bool:
-    """Whether a ROS 2 bag with these types of messages is a LiDAR's."""
+    """Return whether a ROS 2 bag with these types of messages is a LiDAR's."""
     has_images = any(re.search(kind.encode() + rb"\b", types) for kind in _IMAGES_2)
     has_lidar = any(_in_ros2(kind).encode() in types for kind in (*_LIDARS, *_PACKETS))
     return has_lidar or not has_images
 
 
 def _in_ros2(kind: str) -> str:
-    """The name that a kind of messages has in ROS 2."""
+    """Return the ROS 2 name of a message type, from its ROS 1 name."""
     return kind.replace("/", "/msg/")
 
 
@@ -169,13 +171,13 @@ def _types_of_database(path: Path) -> bytes:
     try:
         with contextlib.closing(sqlite3.connect(address, uri=True)) as database:
             rows = database.execute("SELECT type FROM topics LIMIT 10000").fetchall()
-    except sqlite3.Error:  # the reader says what is wrong
+    except sqlite3.Error:  # BagRecording opens the file next and reports the error
         return b""
     return " ".join(str(kind) for (kind,) in rows).encode()
 
 
 def _types_of_mcap(file: BufferedReader) -> bytes:
-    """The records at the end of an MCAP file, which repeat its schemas; empty where it has none."""
+    """Return the summary section of an MCAP file, which repeats its schemas; empty without one."""
     end = file.seek(0, os.SEEK_END)
     file.seek(max(0, end - _MCAP_FOOTER))
     footer = file.read(_MCAP_FOOTER)
@@ -187,7 +189,7 @@ def _types_of_mcap(file: BufferedReader) -> bytes:
 
 
 def _without_end(path: Path) -> Path | None:
-    """The MCAP file of a bag that does not end as one."""
+    """Return the first MCAP file of a bag without magic bytes at its end; None if all have them."""
     for each in sorted(path.glob("*.mcap")) if path.is_dir() else (path,):
         with contextlib.suppress(OSError, FormatError), open_regular(each) as file:
             start = file.read(len(_MCAP))
@@ -200,9 +202,9 @@ def _without_end(path: Path) -> Path | None:
 
 
 def place_and_topic(uri: str) -> tuple[str, str]:
-    """Return path and topic of ``bag:PATH#TOPIC``; the topic is empty where none is given.
+    """Return path and topic of ``bag:PATH#TOPIC``; the topic is empty if the address has none.
 
-    Names of files may hold ``#``, names of topics may not.
+    File names may contain ``#``, topic names may not.
     """
     place = uri.partition(":")[2]
     path, mark, topic = place.rpartition("#")
@@ -210,14 +212,14 @@ def place_and_topic(uri: str) -> tuple[str, str]:
 
 
 class BagPicture(NamedTuple):
-    """A picture of a bag, undecoded: what its message says, and its bytes."""
+    """An image message of a bag: its header fields, and the pixels still encoded."""
 
     header: Mapping[str, Any]
     data: bytes
 
 
 class BagRecording:
-    """Frames of one topic of a bag; the same interface as the core's sources."""
+    """Frames of one topic of a bag, with the interface of the sources in ``_core``."""
 
     def __init__(
         self,
@@ -240,7 +242,7 @@ class BagRecording:
         self._lock = threading.RLock()
         self._ended = False
         script = Path(__file__).with_name("_bag_process.py")
-        # -P: the script must not import modules from this folder.
+        # -P keeps the script's folder out of sys.path, since its module names may shadow others.
         self._process = subprocess.Popen(
             [
                 *(sys.executable, "-P", str(script), str(path.absolute()), topic, str(_MEMORY)),
@@ -249,12 +251,12 @@ class BagRecording:
             stdin=subprocess.DEVNULL if mode == "clouds" else subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C must reach only the process that reads the frames
+            start_new_session=True,  # so that Ctrl-C interrupts only the calling process
         )
         weakref.finalize(self, _end, self._process)
 
     def read(self, timeout_ms: int) -> LidarFrame | bool:
-        """The next frame, or False at the end."""
+        """Return the next frame, or False at the end."""
         with self._lock:
             if self._ended:
                 return False
@@ -265,14 +267,17 @@ class BagRecording:
             return self._counted(self._frame(header, self._data(header)))
 
     def cameras(self) -> dict[str, Any]:
-        """The topics, CameraInfos and fixed transforms; called first, and once."""
+        """Return the bag's image topics, CameraInfos and fixed transforms; call it first and once.
+
+        Only the modes ``pictures`` and ``images`` have them.
+        """
         cameras: dict[str, Any] = self._header()["cameras"]
         return cameras
 
     def messages(self, topics: Sequence[str]) -> Iterator[LidarFrame | BagPicture]:
-        """The clouds, and beside them the pictures of these topics, as they were recorded."""
+        """Yield the clouds and the pictures of these topics in the order of the recording."""
         assert self._process.stdin is not None
-        # A reader that has ended says why below, or says nothing and is told to have ended.
+        # If the reading process has ended, _header() below raises the reason.
         with contextlib.suppress(BrokenPipeError):
             self._process.stdin.write(json.dumps(list(topics)).encode() + b"\n")
             self._process.stdin.close()
@@ -296,7 +301,7 @@ class BagRecording:
         return frame
 
     def counters(self) -> dict[str, int]:
-        """Frames, points, and points without coordinates."""
+        """Return the numbers of frames, of points, and of points without coordinates."""
         return dict(self._counters)
 
     def _header(self) -> dict[str, Any]:
@@ -352,7 +357,7 @@ class BagRecording:
         step, row_step = header["point_step"], header["row_step"]
         if rows * columns > _MOST_POINTS:
             raise self._refuse(f"{where}: {rows} x {columns} points; at most {_MOST_POINTS}")
-        # A cloud of one row may leave row_step out.
+        # Some drivers leave row_step at 0 in clouds of one row.
         if rows <= 1 and row_step < columns * step:
             row_step = columns * step
         if row_step < columns * step or rows * row_step > len(data):
@@ -372,9 +377,10 @@ class BagRecording:
         return frame_of_table(table, origin=(0.0, 0.0, 0.0) if at_sensor else None, time_ns=stamp)
 
     def _dtype(self, header: dict[str, Any], where: str) -> tuple[np.dtype[Any], dict[str, str]]:
-        """The layout of a point, and the key of each named field; the first of a name counts.
+        """Return the layout of a point, and the key in that layout of each field name.
 
-        A coordinate that is named twice is refused: nothing tells which is meant.
+        If several fields have the same name, the first counts. A coordinate that is named twice is
+        refused, because nothing tells which field is the right one.
         """
         order = ">" if header["is_bigendian"] else "<"
         keys, formats, offsets, names = [], [], [], dict[str, str]()

@@ -1,4 +1,4 @@
-"""Pictures of ROS bags decoded, and the fixed transforms between the cameras that took them."""
+"""Decoding of the pictures in ROS bags, and the fixed transforms between their cameras."""
 
 from __future__ import annotations
 
@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 
 _CHANNELS = {"mono8": 1, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
 _BLUE_FIRST = ("bgr8", "bgra8", "8UC3")
-"""8UC3 says nothing of its colours; it is what OpenCV's images become."""
+"""Encodings with blue before red. 8UC3 does not state its channel order; it is the encoding of
+images converted from OpenCV, whose order is blue, green, red."""
 _BAYER = {"bayer_rggb8": "BG", "bayer_bggr8": "RG", "bayer_gbrg8": "GR", "bayer_grbg8": "GB"}
-"""OpenCV's names, which are those of the second and third pixel of the second row."""
+"""Bayer patterns of ROS and OpenCV's name of each: ROS names the first pixels of the first two
+rows, OpenCV the second and third pixel of the second row."""
 _MOST_PIXELS = 1 << 26
 
 
@@ -31,8 +33,8 @@ def decoded(picture: BagPicture) -> NDArray[np.uint8]:
     Raises
     ------
     FormatError
-        Another encoding than rgb8, bgr8, 8UC3, rgba8, bgra8, mono8, bayer_*8, JPEG and PNG, or
-        too few bytes.
+        The encoding is none of rgb8, bgr8, 8UC3, rgba8, bgra8, mono8, bayer_*8, JPEG and PNG, or
+        the message has too few bytes.
     MissingExtraError
         OpenCV (``bayer_*8``) or Pillow (JPEG, PNG) is not installed.
     """
@@ -65,7 +67,7 @@ def rows_of(picture: BagPicture, pixel_bytes: int) -> NDArray[np.uint8]:
     Raises
     ------
     FormatError
-        Its size does not fit its bytes.
+        The message has fewer bytes than its height, width and step require.
     """
     header = picture.header
     height, width, step = header["height"], header["width"], header["step"]
@@ -81,7 +83,7 @@ def rows_of(picture: BagPicture, pixel_bytes: int) -> NDArray[np.uint8]:
 def pose_of(
     transforms: Iterable[Mapping[str, Any]], to: str, frame: str
 ) -> NDArray[np.float64] | None:
-    """T_to_frame by a chain of fixed transforms; None: there is no chain."""
+    """Return T_to_frame, (4, 4), composed of fixed transforms; None if no chain connects them."""
     edges: dict[str, list[tuple[str, NDArray[np.float64]]]] = {}
     for each in transforms:
         matrix = rigid(each)

@@ -1,11 +1,13 @@
-"""Reads a ROS bag in a process of its own: no damaged or hostile bag takes the caller along.
+"""Script that reads a ROS bag in its own process, so that no bad bag can crash the caller.
 
-A script: ``python _bag_process.py PATH TOPIC BYTES MODE``. It imports nothing of manip3d and writes
-to its standard output, for each message of the topic, a line of JSON and then as many bytes as the
-line says. The last line holds ``end`` or ``error``. MODE is ``clouds``, ``pictures`` or ``images``.
-With ``pictures`` the first line holds the bag's ``cameras``, and the topics of the pictures that
-are to be written beside the clouds are read from the standard input, a JSON list in one line. With
-``images`` there are no clouds, and the first line says more of each topic of pictures.
+Usage: ``python _bag_process.py PATH TOPIC BYTES MODE``. BYTES limits its address space. It imports
+nothing of manip3d. For each message of the topic it writes to its standard output a line of JSON,
+and then as many bytes as ``size`` in that line states. The last line holds ``end`` or ``error``.
+
+MODE is ``clouds``, ``pictures`` or ``images``. With ``pictures`` the first line holds the bag's
+``cameras``; the script then reads from its standard input one line with a JSON list of topics, and
+writes the pictures of these topics in addition to the clouds. ``images`` does the same without
+clouds, and its first line also holds encoding, format and number of images of each topic.
 """
 
 from __future__ import annotations
@@ -33,7 +35,8 @@ LIVOX_FIELDS = [
     ["tag", 17, 2, 1],
     ["line", 18, 2, 1],
 ]
-"""Name, place, sensor_msgs/PointField's type and number of values of a CustomPoint's fields."""
+"""Fields of a Livox CustomPoint: name, offset in bytes, type code of sensor_msgs/PointField, and
+number of values."""
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -43,19 +46,19 @@ NUMBER = "std_msgs/msg/Float32"
 
 
 def main(path: Path, topic: str, limit: int, out: BinaryIO, mode: str) -> None:
-    """Write the messages of a bag's topic; with an empty name of its only topic of clouds."""
+    """Write the messages of a bag's topic; if ``topic`` is empty, of its only topic of clouds."""
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     if hard != resource.RLIM_INFINITY:
-        limit = min(limit, hard)  # nobody may raise it
+        limit = min(limit, hard)  # a process may not exceed its hard limit
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     try:
         _write_messages(path, topic, out, mode)
         _line(out, {"end": True})
     except BrokenPipeError:
-        return  # nobody wants more
+        return  # the caller has closed the pipe
     except MemoryError:
         _line(out, {"error": f"reading needs more than {limit >> 20} MiB"})
-    except Exception as error:  # whatever the library makes of a damaged file
+    except Exception as error:  # rosbags raises various types for damaged files
         _line(out, {"error": f"{type(error).__name__}: {str(error)[:300]}"})
 
 
@@ -91,14 +94,14 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str) -> None:
 
 
 def _write_images(bag: Any, read: Any, out: BinaryIO) -> None:
-    """Say what cameras there are, and write the pictures of the topics that are asked for."""
+    """Write the list of cameras, then the pictures of the topics that the caller selects."""
     wanted = _chosen(bag, out, _cameras(bag, read, "") | _rgbd(bag, read))
     for each in bag.messages(connections=wanted) if wanted else ():
         _message(out, *_picture(each, read))
 
 
 def _chosen(bag: Any, out: BinaryIO, cameras: dict[str, Any]) -> list[Any]:
-    """The connections of the topics of pictures that the reader asks for, told what there are."""
+    """Write the list of cameras, and return the connections of the topics the caller selects."""
     _line(out, {"cameras": cameras})
     chosen = json.loads(sys.stdin.readline() or "[]")
     return [
@@ -109,9 +112,9 @@ def _chosen(bag: Any, out: BinaryIO, cameras: dict[str, Any]) -> list[Any]:
 
 
 def _cameras(bag: Any, read: Any, lidar: str) -> dict[str, Any]:
-    """The topics of pictures, the first calibration of each camera, and the fixed transforms.
+    """Return the topics of pictures, each camera's first calibration, and the fixed transforms.
 
-    ``lidar`` is the name of the coordinates in which the clouds are.
+    ``lidar`` is the name of the coordinate frame of the clouds.
     """
     infos = {topic: _camera_info(info) for topic, info in _first_ones(bag, read, CAMERA_INFO)}
     fixed = [
@@ -129,7 +132,7 @@ def _cameras(bag: Any, read: Any, lidar: str) -> dict[str, Any]:
 
 
 def _first_ones(bag: Any, read: Any, *kinds: str) -> Iterator[tuple[str, Any]]:
-    """The first message of each topic of some kinds."""
+    """Yield topic and first message of each connection whose message type is one of ``kinds``."""
     for connection in bag.connections:
         if connection.msgtype in kinds:
             for _, _, raw in bag.messages(connections=[connection]):
@@ -138,7 +141,11 @@ def _first_ones(bag: Any, read: Any, *kinds: str) -> Iterator[tuple[str, Any]]:
 
 
 def _rgbd(bag: Any, read: Any) -> dict[str, Any]:
-    """More of each topic of pictures; the poses and the unit that RealSense's recorder adds."""
+    """Return the properties of each topic of pictures, and what RealSense's recorder adds.
+
+    RealSense's recorder writes camera poses (``poses``) and options such as the depth unit
+    (``numbers``) as messages.
+    """
     images = {
         topic: {
             "frame_id": first.header.frame_id,
@@ -154,7 +161,7 @@ def _rgbd(bag: Any, read: Any) -> dict[str, Any]:
 
 
 def _camera_info(info: Any) -> dict[str, Any]:
-    """Size, distortion and matrices, whose names are capitals in ROS 1."""
+    """Return size, distortion and matrices of a CameraInfo; ROS 1 has the names in capitals."""
     values = {
         name: [float(v) for v in getattr(info, name, getattr(info, name.upper(), ()))]
         for name in ("d", "k", "r", "p")
@@ -200,7 +207,7 @@ def _stamp(message: Any) -> int:
 def _cloud(
     each: tuple[Any, int, bytes], read: Any, *, is_ros1: bool
 ) -> tuple[dict[str, Any], bytes]:
-    """The layout of a message's points, and their bytes."""
+    """Return the layout of a message's points, and their bytes."""
     connection, received, raw = each
     header = {"topic": connection.topic, "received_ns": int(received)}
     if connection.msgtype in LIVOX:
@@ -224,10 +231,11 @@ def _cloud(
 
 
 def _livox(raw: bytes, *, is_ros1: bool) -> tuple[dict[str, Any], bytes]:
-    """Read a Livox CustomMsg, whose points have 19 bytes each; CDR fills them up to 20.
+    """Read a Livox CustomMsg, whose points have 19 bytes each; CDR pads them to 20.
 
-    Four bytes come before the time: the number of a ROS 1 message, or what tells a CDR's kind. CDR
-    puts numbers of eight bytes at multiples of eight behind them.
+    Four bytes come before the time stamp: the sequence number in ROS 1, the encapsulation header in
+    CDR (OMG DDSI-RTPS). CDR aligns numbers of eight bytes to eight bytes, counted from the end of
+    that header.
     """
     if not is_ros1 and raw[:2] not in (b"\0\0", b"\0\1"):
         raise ValueError(f"a CustomMsg in another encoding than plain CDR ({raw[:2].hex()})")
@@ -250,7 +258,7 @@ def _livox(raw: bytes, *, is_ros1: bool) -> tuple[dict[str, Any], bytes]:
         "is_bigendian": order == ">",
         "fields": LIVOX_FIELDS,
     }
-    return layout, raw[at + 20 :] + b"\0" * (step - 19)  # CDR does not fill up the last one
+    return layout, raw[at + 20 :] + b"\0" * (step - 19)  # CDR does not pad the last point
 
 
 def _message(out: BinaryIO, header: dict[str, Any], data: bytes) -> None:

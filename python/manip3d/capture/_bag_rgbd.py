@@ -1,4 +1,4 @@
-"""RGB-D cameras in ROS bags: depth images with the colours beside them, and their geometry."""
+"""RGB-D cameras in ROS bags: depth images, the colour images taken with them, and calibrations."""
 
 from __future__ import annotations
 
@@ -32,35 +32,38 @@ _MILLIMETRES = ("16UC1", "mono16", "Z16")
 _METRES = "32FC1"
 _COLORS = ("rgb8", "bgr8", "rgba8", "bgra8", "8UC3")
 _BROWN = ("", "plumb_bob", "brown conrady")
-"""Names of Brown's model in ROS and in RealSense's recordings, in lower case."""
+"""Names of Brown's distortion model in ROS and in RealSense's recordings, in lower case."""
 _REALSENSE_SENSOR = "/image/data"
 _NO_COLORS = ("16UC1", "mono16", "32FC1", "8UC1")
-"""Encodings of pictures that image_transport compressed, of depth images among others."""
+"""Encodings of compressed pictures (image_transport) that may be depth images, hence not colour."""
 _NEAR_NS = 200_000_000
-"""Colours that were taken 0.2 s earlier or later, or more, are not of a depth image's moment."""
+"""A colour image belongs to a depth image only if their stamps differ by less than 0.2 s."""
 _WAIT_NS = 1_000_000_000
 _MOST_WAITING = 200
 _MOST_WAITING_BYTES = 1 << 28
-"""Images of each camera wait for those of the other so long, and no more or larger ones do."""
+"""Images of one camera wait for images of the other for at most 1 s; at most 200 images and
+256 MiB wait at a time."""
 _PNG_HEADER = struct.Struct("<iff")
-"""The head of compressedDepth: its kind, and two numbers by which metres became whole numbers."""
+"""Header of compressedDepth: format code, then A and B of the stored value A / z + B (z in
+metres)."""
 
 
 @dataclass(frozen=True)
 class _Camera:
-    """A topic of images, and what the bag says of its camera."""
+    """A topic of images, with the geometry of its camera as far as the bag states it."""
 
     topic: str
     frame_id: str
     intrinsics: Intrinsics | None
-    why_not: str  # there are no intrinsics
+    why_not: str  # reason why intrinsics is None, else empty
 
 
 class BagImages:
-    """The frames of the RGB-D camera in a bag; each iteration reads it from its beginning.
+    """Frames of the RGB-D camera in a bag; each iteration reads the bag from its beginning.
 
-    Depth is of the topic that is asked for, or of the only one; colour is of the camera whose place
-    beside it is known. A frame's colours are those of the nearest time, within 0.2 s.
+    Depth comes from ``topic``, or from the only topic of depth images if ``topic`` is empty. Colour
+    comes from a camera whose pose relative to the depth camera is known. A frame has the colour
+    image whose stamp is nearest, if it differs by less than 0.2 s.
     """
 
     def __init__(
@@ -102,7 +105,7 @@ class BagImages:
     def _geometry(
         self, found: Mapping[str, Any], camera: Intrinsics | RgbdCalibration | None
     ) -> tuple[RgbdCalibration, str]:
-        """The calibration, and the topic of the colours; empty: there are none."""
+        """Return the calibration and the topic of the colour images; empty: no colour."""
         depth = _camera_of(found, self._depth)
         colors = [_camera_of(found, topic) for topic in _color_topics(found)]
         if isinstance(camera, RgbdCalibration):
@@ -136,11 +139,11 @@ class BagImages:
         return RgbdCalibration(intrinsics), ""
 
     def _millimetres(self, picture: BagPicture) -> NDArray[np.uint16]:
-        """Depth in millimetres; 0 where there is none, or more than 65.535 m."""
+        """Return the depth in millimetres; 0 if it is not measured or more than 65.535 m."""
         stored = _stored_depth(picture)
         if stored.dtype == np.uint16 and self._units == 1000.0:
             return np.asarray(stored, np.uint16)
-        units = self._units if stored.dtype == np.uint16 else 1.0  # fractions are metres
+        units = self._units if stored.dtype == np.uint16 else 1.0  # float32 is in metres (REP 118)
         with np.errstate(invalid="ignore"):
             depth = np.rint(stored.astype(np.float64) * (1000.0 / units))
             is_depth = (depth > 0.0) & (depth <= 65535.0)
@@ -148,7 +151,7 @@ class BagImages:
 
 
 def depth_size(path: Path, topic: str) -> tuple[int, int]:
-    """Width and height of the first depth image in a bag, whose camera it need not state.
+    """Return width and height of the first depth image in a bag; no CameraInfo is needed.
 
     Raises
     ------
@@ -165,14 +168,14 @@ def depth_size(path: Path, topic: str) -> tuple[int, int]:
 
 
 def _depth_topic(found: Mapping[str, Any], topic: str, path: Path) -> str:
-    """The topic that is asked for, or the only one of depth images."""
+    """Return ``topic`` if it has depth images; if it is empty, the only topic that has some."""
     images: Mapping[str, Mapping[str, Any]] = found["images"]
     names = [name for name, image in images.items() if _is_depth(name, image)]
     if topic:
         if topic in names:
             return topic
     else:
-        # An image that was sent both ways is read uncompressed.
+        # If a topic was recorded both compressed and uncompressed, the latter is read.
         names = [name for name in names if name.rpartition("/")[0] not in names]
         if len(names) == 1:
             return names[0]
@@ -186,7 +189,10 @@ def _depth_topic(found: Mapping[str, Any], topic: str, path: Path) -> str:
 
 
 def _is_depth(topic: str, image: Mapping[str, Any]) -> bool:
-    """Whether a topic is one of depth images; those of 16 bits may also be infrared ones."""
+    """Return whether a topic has depth images.
+
+    ``mono16`` may also be an infrared image; it counts only if the topic's name contains ``depth``.
+    """
     kind = image["encoding"] or image["format"].partition(";")[0].strip()
     if "compressedDepth" in image["format"]:
         return True
@@ -196,7 +202,7 @@ def _is_depth(topic: str, image: Mapping[str, Any]) -> bool:
 
 
 def _color_topics(found: Mapping[str, Any]) -> list[str]:
-    """Topics of colours, uncompressed ones first."""
+    """Return the topics of colour images, uncompressed ones first."""
     images: Mapping[str, Mapping[str, Any]] = found["images"]
     raw = [name for name, image in images.items() if image["encoding"] in _COLORS]
     packed = [
@@ -210,7 +216,11 @@ def _color_topics(found: Mapping[str, Any]) -> list[str]:
 
 
 def _units_per_metre(found: Mapping[str, Any], topic: str) -> float:
-    """By the encoding; of RealSense's recordings by the sensor's own unit."""
+    """Return how many stored units a metre has.
+
+    32FC1 is in metres. 16UC1 is in millimetres, unless RealSense's recorder stated the sensor's
+    depth unit.
+    """
     image = found["images"][topic]
     if _METRES in (image["encoding"], image["format"].partition(";")[0].strip()):
         return 1.0
@@ -218,7 +228,8 @@ def _units_per_metre(found: Mapping[str, Any], topic: str) -> float:
     for name in ("Depth Units", "Depth_Units"):
         unit = found["numbers"].get(f"{sensor}/option/{name}/value", 0.0)
         if unit > 0.0 and math.isfinite(unit):
-            units = float(np.rint(1.0 / unit * 1000.0) / 1000.0)  # stored as float32
+            # Rounding removes the error of the unit, which is stored as float32.
+            units = float(np.rint(1.0 / unit * 1000.0) / 1000.0)
             return units or 1000.0
     return 1000.0
 
@@ -244,11 +255,11 @@ def _camera_of(found: Mapping[str, Any], topic: str) -> _Camera:
 def _remoteness(
     depth: _Camera, color: _Camera, registration: Registration | None = None
 ) -> tuple[bool, bool, int, float]:
-    """Order of cameras that may belong to a depth image, the likeliest first.
+    """Return a sort key of colour cameras: the smallest most likely belongs to the depth camera.
 
-    A robot has several: the one of the same frame, else with the most of the topic's name in
-    common, else the nearest. Pictures in the depth camera's own folder come last: they may be depth
-    as colours.
+    A robot may have several cameras. The key prefers, in this order: topics in another namespace
+    than the depth images (those in the same one may be depth drawn in colours), the same coordinate
+    frame, the longest common beginning of the topic's name, and the shortest distance.
     """
     is_own = depth.topic.rpartition("/")[0] == color.topic.rpartition("/")[0]
     baseline = 0.0 if registration is None else float(np.linalg.norm(registration.translation))
@@ -258,9 +269,9 @@ def _remoteness(
 
 
 def _intrinsics(info: Mapping[str, Any], is_rectified: bool) -> Intrinsics | str:
-    """The camera of a CameraInfo, or why there is none.
+    """Return the intrinsics of a CameraInfo, or the reason why it has none.
 
-    Rectified images have the left part of ``P`` and no distortion, others ``K`` and ``D``.
+    Rectified images have the left (3, 3) part of ``P`` and no distortion, others ``K`` and ``D``.
     """
     k = info["k"]
     distortion = list(info["d"])
@@ -282,7 +293,10 @@ def _intrinsics(info: Mapping[str, Any], is_rectified: bool) -> Intrinsics | str
 def _registration(
     found: Mapping[str, Any], depth: _Camera, color: _Camera
 ) -> Registration | str | None:
-    """The place of the colour camera (None: the depth camera's own), or why it is not known."""
+    """Return the colour camera's registration to the depth camera, or why it is not known.
+
+    None: both have the same pose and the same intrinsics.
+    """
     if color.intrinsics is None:
         return color.why_not
     pose = _realsense_pose(found, depth.topic, color.topic)
@@ -301,11 +315,14 @@ def _registration(
 
 
 def _realsense_pose(found: Mapping[str, Any], depth: str, color: str) -> NDArray[np.float64] | None:
-    """T_color_depth of a RealSense's recording: each stream has its pose beside one of them."""
+    """Return T_color_depth of a RealSense's recording; None if the bag does not state it.
+
+    The recorder stores the pose of each stream relative to a common reference stream.
+    """
     if not (color.endswith(_REALSENSE_SENSOR) and depth.endswith(_REALSENSE_SENSOR)):
         return None
     streams = [topic.removesuffix(_REALSENSE_SENSOR) + "/tf/" for topic in (color, depth)]
-    # The number at the end is that of the stream beside which the pose is.
+    # The rest of the topic's name is the number of the reference stream.
     of_color, of_depth = (
         {name.removeprefix(stream): pose for name, pose in found["poses"].items()
          if name.startswith(stream)}
@@ -323,7 +340,10 @@ def _realsense_pose(found: Mapping[str, Any], depth: str, color: str) -> NDArray
 def _paired(
     pictures: Iterator[BagPicture], depth: str, color: str
 ) -> Iterator[tuple[BagPicture, BagPicture | None]]:
-    """Each depth image with the colours of the nearest time; it waits for those taken after it."""
+    """Yield each depth image with the colour image of the nearest stamp.
+
+    A depth image waits until a colour image of the same time or later has arrived.
+    """
     waiting: deque[BagPicture] = deque()
     colors: deque[BagPicture] = deque()
 
@@ -333,7 +353,7 @@ def _paired(
         nearest = min(colors, key=lambda each: abs(each.header["stamp_ns"] - now), default=None)
         if nearest is None or abs(nearest.header["stamp_ns"] - now) >= _NEAR_NS:
             return image, None
-        while colors[0] is not nearest:  # no later image is nearer to those before it
+        while colors[0] is not nearest:  # earlier ones cannot be the nearest of a later image
             colors.popleft()
         return image, nearest
 
@@ -352,7 +372,7 @@ def _paired(
 
 
 def _is_too_much(pictures: deque[BagPicture]) -> bool:
-    """Whether the first one has waited long enough, or all together are too many or too large."""
+    """Return whether the first picture has waited too long, or the queue is too long or large."""
     if len(pictures) < 2:
         return False
     waited = pictures[-1].header["stamp_ns"] - pictures[0].header["stamp_ns"]
@@ -376,9 +396,9 @@ def _stored_depth(picture: BagPicture) -> NDArray[np.uint16] | NDArray[np.float3
 
 
 def _unpacked_depth(picture: BagPicture) -> NDArray[np.uint16] | NDArray[np.float32]:
-    """Depth of the transport compressedDepth: 12 bytes, and a PNG of 16 bits.
+    """Decode depth of the transport compressedDepth: a header of 12 bytes, and a PNG of 16 bits.
 
-    Metres are stored as A / z + B.
+    For 32FC1 the PNG stores A / z + B, with z in metres; A and B are in the header.
     """
     header, data = picture.header, picture.data
     if "rvl" in header["format"].lower() or not data[12:].startswith(b"\x89PNG"):

@@ -1,4 +1,4 @@
-"""Recordings of a LiDAR as they are watched, with the pictures of stereo pairs in ROS bags."""
+"""LiDAR recordings for `manip3d.authenticate.watch_drive`, with stereo pictures of ROS bags."""
 
 from __future__ import annotations
 
@@ -27,15 +27,16 @@ if TYPE_CHECKING:
 _Item = TypeVar("_Item")
 
 _SAME_NS = 1_000_000
-"""Left and right pictures are of one moment where their stamps differ by at most a millisecond."""
+"""Left and right pictures form a pair if their stamps differ by at most a millisecond."""
 _MOST_WAITING = 10
-"""Scans that wait for pictures that are recorded later than they."""
+"""Largest number of scans that wait for pictures recorded after them."""
 _MOST_KEPT = 1 << 29
-"""Bytes of pictures, at most, that wait for those of the other camera, or for their scan."""
+"""Largest number of bytes of pictures that wait for the other camera, or for their scan."""
 _MOST_WAITING_PICTURES = 1 << 10
-"""Pictures, or pairs, that wait at most, however small they are."""
+"""Largest number of pictures, or of pairs, that wait."""
 _MOST_ASKEW = 0.01
-"""Share of the baseline that one camera may be above the other; KITTI's are at 0.005."""
+"""Largest vertical offset between the two cameras, as a share of the baseline; KITTI's have
+0.005."""
 
 
 @checked
@@ -48,13 +49,13 @@ def watched_recording(
     frames: int | None = None,
     note: Callable[[str], object] | None = None,
 ) -> WatchedDrive:
-    """Open a recording of a LiDAR as `manip3d.authenticate.watch_drive` watches it.
+    """Open a recording of a LiDAR for `manip3d.authenticate.watch_drive`.
 
-    The bag of a car may hold rectified pictures of a stereo pair (sensor_msgs/Image and
-    CompressedImage). Geometry comes from the CameraInfo beside each picture's topic
-    (``P`` and ``R``), the left camera's pose from ``/tf_static``. A scan is compared with the pair
-    whose stamp is nearest, within half the time to the nearer one of the scans beside it; the two
-    pictures of a pair have the same stamp, to a millisecond.
+    The bag of a car may hold rectified pictures of a stereo pair (sensor_msgs/Image or
+    CompressedImage). Their geometry comes from the CameraInfo beside each picture's topic (``P``
+    and ``R``), the left camera's pose from ``/tf_static``. The two pictures of a pair have the same
+    stamp to within a millisecond. A scan is compared with the pair whose stamp is nearest, if the
+    difference is at most half the time to the previous or following scan, whichever is nearer.
 
     Parameters
     ----------
@@ -63,26 +64,28 @@ def watched_recording(
     calibration : path, optional
         As for `open_lidar`.
     rigs : path, optional
-        File of the geometry of the pair in a bag, as `manip3d.authenticate.write_rigs` writes it;
-        the numbers of its cameras mean nothing here.
+        File with the geometry of the pair in a bag, as `manip3d.authenticate.write_rigs` writes it;
+        its camera numbers are not used.
     cameras : str, optional
-        ``LEFT,RIGHT``: topics of the pictures in a bag; ``none``: no pictures. By default the only
+        ``LEFT,RIGHT``: topics of the pictures in a bag; ``none``: no pictures. Default: the only
         pair of topics whose names differ in ``left`` and ``right`` and whose geometry is known.
     frames : int, optional
-        The most scans to take.
+        Largest number of scans to read; default: all.
     note : callable, optional
-        Called with a sentence that says which pictures are compared, or why none are.
+        Called with a sentence that states which pictures are compared, or why none are.
 
     Returns
     -------
     manip3d.authenticate.WatchedDrive
-        A picture that cannot be decoded raises at its moment, not here.
+        The scans, each with its pair of pictures if there is one. If a picture cannot be decoded,
+        its moment states the reason in ``unread``; only a missing package raises an error, when
+        that moment is reached.
 
     Raises
     ------
     InputError
-        Topics that the bag lacks, or whose geometry is not known; several pairs to choose from;
-        ``rigs`` or ``cameras`` for something else than a bag; several pairs in ``rigs``.
+        The bag lacks the topics or their geometry; it has several pairs and ``cameras`` selects
+        none; ``rigs`` or ``cameras`` is given without a bag; ``rigs`` holds several pairs.
     FormatError, OSError
         As for `open_lidar` and `manip3d.authenticate.read_rigs`.
 
@@ -137,7 +140,10 @@ def _only_rig(path: str | os.PathLike[str]) -> StereoRig:
 def _chosen(
     found: Mapping[str, Any], known: StereoRig | None, cameras: str | None
 ) -> tuple[tuple[str, ...], StereoRig | None, str]:
-    """The topics of the pair, its geometry, and a sentence that says so or why there is none."""
+    """Return the topics of the pair, its geometry, and a sentence for the caller's ``note``.
+
+    Without a pair, the sentence states why; it is empty if there is nothing to report.
+    """
     topics: list[str] = found["pictures"]
     if cameras is not None:
         left, comma, right = cameras.partition(",")
@@ -165,10 +171,11 @@ def _chosen(
 
 
 def _rig_of(found: Mapping[str, Any], left: str, right: str) -> StereoRig | str:
-    """The geometry of a pair by CameraInfo and fixed transforms, or what of it is missing.
+    """Return the geometry of a pair from CameraInfo and fixed transforms, or why it is unknown.
 
-    ``P`` of sensor_msgs/CameraInfo projects the rectified picture; its fourth column holds
-    -focal * baseline of the right camera. ``R`` turns the camera into the rectified one.
+    ``P`` of sensor_msgs/CameraInfo is the projection matrix of the rectified picture; the first
+    element of its fourth column is -focal * baseline for the right camera. ``R`` rotates the
+    camera's coordinates into those of the rectified camera.
     """
     infos = []
     for topic in (left, right):
@@ -202,7 +209,7 @@ def _rig_of(found: Mapping[str, Any], left: str, right: str) -> StereoRig | str:
 def _matrices(
     info: Mapping[str, Any], name: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | str:
-    """P (3, 4) and R (3, 3) of a CameraInfo, or why they are not a rectified camera's."""
+    """Return P (3, 4) and R (3, 3) of a CameraInfo, or why they fit no rectified camera."""
     numbers = [*info["p"], *info["r"]]
     if len(info["p"]) != 12 or len(info["r"]) != 9 or not np.isfinite(numbers).all():
         return f"{name}: expected finite matrices P (3, 4) and R (3, 3)"
@@ -213,7 +220,7 @@ def _matrices(
         return f"{name}: expected one focal length, got {p[0, 0]:g} and {p[1, 1]:g}"
     turn = np.array(info["r"], np.float64).reshape(3, 3)
     if not turn.any():
-        return p, np.eye(3)  # ROS leaves R out so
+        return p, np.eye(3)  # in ROS all zeros mean that R is not given
     if not np.allclose(product(turn, turn.T), np.eye(3), atol=1e-4) or np.linalg.det(turn) < 0.0:
         return f"{name}: expected a rotation R"
     return p, turn
@@ -225,7 +232,7 @@ class _Pair(NamedTuple):
 
 
 class _Waiting(Generic[_Item]):
-    """Pictures or pairs by their stamps; where there are too many of them, the first ones go."""
+    """Queue of pictures or pairs with their stamps; the first are dropped if it grows too long."""
 
     def __init__(self) -> None:
         self.items: deque[tuple[int, int, _Item]] = deque()
@@ -238,7 +245,7 @@ class _Waiting(Generic[_Item]):
             self._bytes -= self.items.popleft()[1]
 
     def take(self, stamp_ns: int) -> _Item | None:
-        """Take out what has this stamp, to a millisecond; None: nothing has."""
+        """Remove and return the item with this stamp, to within a millisecond, or None."""
         for number, (stamp, size, item) in enumerate(self.items):
             if abs(stamp - stamp_ns) <= _SAME_NS:
                 del self.items[number]
@@ -252,7 +259,7 @@ class _Waiting(Generic[_Item]):
 
 
 class _Pairs:
-    """The pictures of two cameras, joined to pairs; those that no later scan can be near to go."""
+    """Pictures of two cameras, joined to pairs; pictures too old for any later scan are dropped."""
 
     def __init__(self, topics: tuple[str, ...]) -> None:
         self._topics = topics
@@ -260,7 +267,7 @@ class _Pairs:
         self._joined = _Waiting[_Pair]()
 
     def add(self, picture: BagPicture) -> None:
-        """Join a picture with the other camera's of the same moment, or keep it for that."""
+        """Join a picture with the other camera's of the same stamp, or keep it until that comes."""
         side = self._topics.index(picture.header["picture"])
         stamp = picture.header["stamp_ns"]
         other = self._single[1 - side].take(stamp)
@@ -272,13 +279,14 @@ class _Pairs:
         self._joined.add(pair.left.header["stamp_ns"], size, pair)
 
     def is_past(self, scan: LidarFrame) -> bool:
-        """Whether a pair is there that is not older than the scan."""
+        """Return whether a pair that is not older than the scan has arrived."""
         return any(stamp >= (scan.time_ns or 0) for stamp, _, _ in self._joined.items)
 
     def take_nearest(self, scan: LidarFrame, before: int | None, after: int | None) -> _Pair | None:
-        """Return the pair of the nearest stamp, and forget what is too old for any later scan.
+        """Return the pair of the nearest stamp, and drop pictures too old for any later scan.
 
-        The pair is within half the time to the scan before or after, else None.
+        None if it differs by more than half the time to the nearer of the scans before and after
+        (half a turn of the scanner if their times are not known).
         """
         now = scan.time_ns or 0
         gaps = [abs(other - now) for other in (before, after) if other not in (None, now)]
@@ -293,11 +301,11 @@ class _Pairs:
 def matched(
     messages: Iterable[LidarFrame | BagPicture], topics: tuple[str, ...]
 ) -> Iterator[DriveMoment]:
-    """Each scan with the pair of the nearest stamp, within half the time to its nearer neighbour.
+    """Yield each scan with the pair of the nearest stamp, see `_Pairs.take_nearest`.
 
-    A scan waits for the scan after it and for a pair that is not older than itself, but never for
-    more than `_MOST_WAITING` further scans; without ``topics`` it does not wait. An error of the
-    messages is raised after the scans before it.
+    A scan waits for the following scan and for a pair that is not older than itself, but for at
+    most `_MOST_WAITING` further scans; without ``topics`` it does not wait. If ``messages`` raises,
+    the scans before the error are yielded first.
     """
     scans: deque[LidarFrame] = deque()
     pairs = _Pairs(topics)
@@ -325,7 +333,7 @@ def matched(
 def _with_end(
     messages: Iterable[LidarFrame | BagPicture],
 ) -> Iterator[LidarFrame | BagPicture | Exception | None]:
-    """The messages, and then None or the error with which they end."""
+    """Yield the messages, and then None or the error that ended them."""
     try:
         yield from messages
     except (Error, OSError) as error:
@@ -335,7 +343,7 @@ def _with_end(
 
 
 def _moment(scan: LidarFrame, pair: _Pair | None = None) -> DriveMoment:
-    """A scan with its pictures, or why they cannot be decoded."""
+    """Return a scan with its decoded pictures, or with the reason why decoding failed."""
     time_s = None if scan.time_ns is None else scan.time_ns / SECOND_NS
     if pair is None:
         return DriveMoment(scan, time_s=time_s)

@@ -1,4 +1,4 @@
-"""The scans of a drive or of a recording, one after the other, past those that cannot be read."""
+"""Scans of a drive or a recording in order; unreadable scans do not end a drive."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _SCHEMES = ("pcap", "ouster", "kitti", "bag")
 
 
 class LidarDrive:
-    """Result of `open_drive`: its scans, as `manip3d.authenticate.inspect_drive` takes them.
+    """Result of `open_drive`: an iterable of scans for `manip3d.authenticate.inspect_drive`.
 
     Attributes
     ----------
     names : list of str
         Names of the scans that were read so far.
     errors : dict of int to str
-        Why scans could not be read, by their places.
+        Index of each scan that could not be read, with the reason.
     paths : dict of int to Path
-        Files of the scans, where they have one each.
+        Index of each scan with its file; empty for recordings, whose scans share one file.
     times_ns : dict of int to int
-        When the scans were taken, by their places, where that is known.
+        Index of each scan with its time in nanoseconds; scans of unknown time are left out.
     """
 
     def __init__(self, source: str, calibration: str | os.PathLike[str] | None) -> None:
@@ -59,22 +59,22 @@ class LidarDrive:
 
     @property
     def numbers(self) -> list[int] | None:
-        """Numbers of the scans, by which neighbours are found; None: all follow each other."""
+        """Numbers of the scans, with gaps where scans are missing; None: no scan is missing."""
         return drive_numbers(self._source) if self._is_folder else None
 
     def __iter__(self) -> Iterator[LidarFrame | None]:
-        """Read the scans; None for one that cannot be read, with which a recording ends."""
+        """Yield the scans; None for an unreadable one, which is also the last of a recording."""
         for known in (self.names, self.errors, self.paths, self.times_ns):
             known.clear()
         return self._files() if self._is_folder else self._recorded()
 
     def records(self) -> Iterator[bytes | None]:
-        """Read the watermarks' records beside the scans, one for each scan that was read.
+        """Yield the watermark record beside each scan, in the order of the scans.
 
         Yields
         ------
         bytes or None
-            b'' where a record is missing or unreadable; None of a scan without a file of its own.
+            b'' if the record is missing or unreadable; None for a scan without its own file.
         """
         for number in itertools.count():
             path = self.paths.get(number)
@@ -94,7 +94,7 @@ class LidarDrive:
     def _recorded(self) -> Iterator[LidarFrame | None]:
         with open_lidar(self._address, calibration=self._calibration) as opened:
             scans = expect_scans(opened, self._address, lambda: opened.counters)
-            first = next(scans)  # without it there is no recording
+            first = next(scans)  # outside past_errors: a recording without any scan is an error
             read = past_errors(itertools.chain([first], scans), self.errors, _REASONS)
             for number, scan in enumerate(read):
                 self.names.append(f"frame {number}")
@@ -104,7 +104,7 @@ class LidarDrive:
 
 
 def _record_beside(scan: Path) -> bytes:
-    """The record of a scan; one that cannot be read counts as absent, and the scan is judged."""
+    """Return the watermark record of a scan; an unreadable one counts as missing (b'')."""
     try:
         return read_record(find_record(scan)) or b""
     except (Error, OSError):
@@ -115,16 +115,15 @@ def _record_beside(scan: Path) -> bytes:
 def open_drive(
     source: str | os.PathLike[str], *, calibration: str | os.PathLike[str] | None = None
 ) -> LidarDrive:
-    """Open the scans of a drive, or of a recording of a LiDAR, to inspect them in their order.
+    """Open the scans of a drive, or of a recording of a LiDAR, to inspect them in order.
 
-    A scan that cannot be read is None, and the others go on; a recording ends there.
+    A scan that cannot be read is None. A drive continues after it, a recording ends.
 
     Parameters
     ----------
     source : path or str
-        Folder in KITTI's layout (texts and arrays count where there are no other scans), a file of
-        packets (``.pcap``), a bag, or an address of
-        `open_lidar`.
+        Folder in KITTI's layout (text files and NumPy arrays count as scans only if the folder has
+        no other scans), a file of packets (``.pcap``), a bag, or an address of `open_lidar`.
     calibration : path, optional
         Calibration of a Velodyne HDL-64E, for packets.
 

@@ -1,4 +1,4 @@
-"""An RGB-D source whose frames are forged (`forge.stream`), switched on and off while it runs."""
+"""A source that forges the frames of another one; the forgery can be switched while it runs."""
 
 from __future__ import annotations
 
@@ -38,18 +38,24 @@ class ForgedPlan:
     Attributes
     ----------
     source : str
+        Address of the source that is forged.
     kind : int
+        Type of the forgery, 1 or 2, see `manip3d.forge.StreamForger`.
     pose, background : str
-        Sources, or a BVH file; empty: none.
+        Address of the source of the motion (or a BVH file) and of the background; empty: none.
     still : bool
-    move : (float, float, float)
-    blend : int
+        Whether only the first frame of ``background`` is used.
+    move : (float, float, float), metres
+        Displacement of the person.
+    blend : int, pixels
+        Width of the blended seam around the person.
     is_forged : bool
-        Whether it begins forged.
-    period_s : float
-        Seconds after which real and forged alternate; 0: never.
+        Whether the first frames are forged.
+    period_s : float, seconds
+        Time after which real and forged frames alternate; 0: they do not.
     switch : str
-        A file that says ``real`` or ``forged``.
+        File whose content, ``real`` or ``forged``, selects the frames while the source runs; empty:
+        none.
     """
 
     source: str
@@ -70,7 +76,7 @@ def read_plan(uri: str) -> ForgedPlan:
     Raises
     ------
     InputError
-        There is no source; an unknown option or value.
+        The address names no source, or has an unknown option or an invalid value.
     """
     place, mark, text = uri.removeprefix("forged:").rpartition("#")
     source, options = (place, dict(parse_qsl(text, keep_blank_values=True))) if mark else (text, {})
@@ -137,16 +143,19 @@ _OPTIONS: dict[str, tuple[str, Callable[[str], dict[str, Any]]]] = {
 
 
 class SwitchedForgery:
-    """Frames of another source, real or forged; the same interface as the core's sources.
+    """Frames of another source, real or forged, with the interface of the sources in ``_core``.
 
     Parameters
     ----------
     plan : ForgedPlan
+        Options of the forgery.
     inner : source
-        What it reads from.
+        The source whose frames are forged.
     background : sequence of RgbdFrame
-        Empty: the scene behind the person, learnt from the first `LEARNED` frames.
-    pose : sequence, optional
+        Scene that replaces the one behind the person. Empty: the source's own scene, learnt from
+        its first `LEARNED` frames.
+    pose : sequence of RgbdFrame or Skeleton, optional
+        Motion for forgeries of type 2.
     """
 
     def __init__(
@@ -196,7 +205,7 @@ class SwitchedForgery:
         )
 
     def read(self, timeout_ms: int) -> RgbdFrame | bool:
-        """Return the next frame; True: there is none yet; False: there are no more."""
+        """Return the next frame; True: none has arrived yet; False: no more frames."""
         with self._lock:
             found = self._inner._source.read(timeout_ms)
             if isinstance(found, bool):
@@ -222,7 +231,7 @@ class SwitchedForgery:
         return frame
 
     def _same_kind(self, frame: RgbdFrame) -> RgbdFrame:
-        """Return a frame with the common calibration, without colour if forged frames have none."""
+        """Return the frame with the common calibration, without colour if forged ones have none."""
         color = frame.color if self._has_color else None
         return replace(frame, calibration=self._calibration, color=color)
 
@@ -233,7 +242,7 @@ class SwitchedForgery:
             self._learnt = []
 
     def _wanted(self, time_ns: int) -> bool:
-        """Return whether the frame at a time is to be forged."""
+        """Return whether the frame with this time is to be forged."""
         if self._switch is not None:
             with contextlib.suppress(OSError, FormatError), open_regular(self._switch) as file:
                 word = file.read(16).strip()
@@ -251,22 +260,25 @@ class SwitchedForgery:
         return self._calibration
 
     def counters(self) -> dict[str, int]:
-        """Counters of the source it reads from, and how many frames were real and forged."""
+        """Return the inner source's counters, and the numbers of real and of forged frames."""
         return {**self._inner.counters, **self._counts}
 
     def num_frames(self) -> int | None:
-        """Return the number of frames of the source it reads from."""
+        """Return the number of frames of the inner source; None if it is not known."""
         found: int | None = self._inner.num_frames
         return found
 
     def is_live(self) -> bool:
-        """Whether the source it reads from is live."""
+        """Return whether the inner source is a live one."""
         return bool(self._inner.is_live)
 
     def start(self) -> None:
-        """Open the device again; a recording begins again, with background and poses."""
+        """Open the device again, or rewind the recording; counts and alternation start anew.
+
+        A background that was learnt from the source is learnt again.
+        """
         with self._lock:
-            if not self._is_started:  # it was opened before it came here
+            if not self._is_started:  # the inner source is already open at the first call
                 self._is_started = True
                 return
             self._inner.start()
@@ -277,7 +289,7 @@ class SwitchedForgery:
                 self._forger.reset()
 
     def stop(self) -> None:
-        """End the thread of the source it reads from."""
+        """End the thread of the inner source."""
         self._inner.stop()
 
 
@@ -292,7 +304,7 @@ def _same(one: Registration | None, other: Registration | None) -> bool:
 
 
 def motion_of(place: str, rate: float = _RATE) -> list[Skeleton] | None:
-    """Return the poses of a BVH file at a rate; None if the place is no BVH file."""
+    """Return the poses of a BVH file, resampled to ``rate`` in Hz; None for other files."""
     if not place.lower().endswith(".bvh"):
         return None
     return list(skeletons_from_motion(read_bvh(place), rate=rate))

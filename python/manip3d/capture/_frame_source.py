@@ -1,4 +1,4 @@
-"""Common base of all sources of frames: waiting, iterating, ending."""
+"""Base class of all sources of frames: it waits for frames, iterates over them and ends."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from typing import Any, Generic, Self, TypeVar
 from manip3d.errors import InputError
 
 Frame = TypeVar("Frame")
-_POLL_MS = 100  # milliseconds of a wait after which Python checks for Ctrl-C
+_POLL_MS = 100  # longest wait in compiled code; Python handles Ctrl-C between two waits
 
 
 class FrameSource(ABC, Generic[Frame]):
-    """Frames one after the other out of ``_source``.
+    """Base class of sources, which read frames in order from ``_source``.
 
-    Its ``read(milliseconds)`` gives a frame, the fields of one, True for "not yet" or False for
-    "no more"; it may be called from any thread. Each frame goes to one reader. `stop` may be called
-    at any time from any thread, also twice: it ends a `read` that waits, and what is no camera
-    gives no frame after that one.
+    ``_source.read(milliseconds)`` returns a frame, a mapping with the fields of a frame, True for
+    "not yet" or False for "no more frames", and may be called from any thread. If several threads
+    read, each frame goes to one of them. `stop` may be called at any time, from any thread and
+    several times: it ends a `read` that waits, and a source that is not live yields no further
+    frames.
     """
 
     uri: str
@@ -31,7 +32,7 @@ class FrameSource(ABC, Generic[Frame]):
 
     @abstractmethod
     def read(self, timeout: float | None = None) -> Frame | None:
-        """The next frame, or None."""
+        """Return the next frame, or None."""
 
     @abstractmethod
     def stop(self) -> None:
@@ -41,7 +42,7 @@ class FrameSource(ABC, Generic[Frame]):
     def _to_frame(self, fields: Mapping[str, Any]) -> Frame: ...
 
     def _wait(self, timeout: float | None) -> Frame | None:
-        """Return the next frame; None if none comes within ``timeout`` seconds (None: no limit)."""
+        """Return the next frame; None at the end or after ``timeout`` seconds (None: no limit)."""
         if timeout is not None and not timeout >= 0.0:
             raise InputError(f"timeout: expected seconds >= 0, got {timeout}")
         end = math.inf if timeout is None else time.monotonic() + timeout
@@ -63,7 +64,7 @@ class FrameSource(ABC, Generic[Frame]):
                 return None
 
     def _rewind(self) -> None:
-        """Begin a recording again, if the source can."""
+        """Rewind a recording to its first frame, if the source can."""
 
     def __iter__(self) -> Iterator[Frame]:
         if self._has_ended:

@@ -1,4 +1,4 @@
-"""Frames that are there already, or that a generator makes, read as a recording is."""
+"""Frames in memory, or made by a generator, that are played back as a recording is."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from typing import Protocol, runtime_checkable
 from manip3d.errors import InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
-_LATE_S = 0.05  # seconds of real time by which a frame may be late and is still given
-_MOST_SEARCH_S = 0.1  # seconds that one read() searches for a frame that is not late
+_LATE_S = 0.05  # seconds of wall-clock time; a frame that is later is left out
+_MOST_SEARCH_S = 0.1  # longest time that read() looks for a frame that is not late
 
 
 class FrameClock:
-    """Tells when frames are due at a playback speed; 0: at once, 1: in real time.
+    """Clock of a playback at a given speed; 0: all frames are due at once, 1: real time.
 
-    The clock starts with the first frame.
+    It starts with the first frame whose time is asked for.
     """
 
     def __init__(self, speed: float) -> None:
@@ -26,8 +26,8 @@ class FrameClock:
         self._began: tuple[float, int] | None = None
 
     def late_s(self, time_ns: int) -> float:
-        """Return by how much a frame is late, in seconds of the source."""
-        speed = self._speed  # another thread may stop the clock in the meantime
+        """Return how late a frame is, in seconds of the source's time; negative: it is early."""
+        speed = self._speed  # read once, because another thread may stop the clock
         if not speed > 0.0:
             return 0.0
         if self._began is None:
@@ -37,7 +37,7 @@ class FrameClock:
         return (time.monotonic() - began) * speed - (time_ns - first) * 1e-9
 
     def restart(self, time_ns: int) -> None:
-        """Make a frame due now, and those after it by their times."""
+        """Restart the clock, so that the frame with this time is due now."""
         self._began = time.monotonic(), time_ns
 
     def is_due(self, time_ns: int, timeout_ms: int) -> bool:
@@ -50,7 +50,7 @@ class FrameClock:
         return left <= timeout_ms / 1000.0
 
     def stop(self) -> None:
-        """Stop the clock: all frames are due at once."""
+        """Make all frames due, so that `is_due` waits for none."""
         self._speed = 0.0
 
 
@@ -62,15 +62,15 @@ class _Indexed(Protocol):
 def _length_of(frames: Iterable[RgbdFrame]) -> int | None:
     try:
         return len(frames) if isinstance(frames, Sized) else None
-    except TypeError:  # a source whose length nobody knows
+    except TypeError:  # len() of a source whose length is unknown
         return None
 
 
 class IteratedFrames:
-    """Any iterable of frames; the same interface as the core's sources.
+    """Source made of any iterable of frames, with the interface of the sources in ``_core``.
 
-    Played by their times, frames whose time is over are left out, as of recordings. A simulator
-    says its ``rate``, and such frames of it are not even made.
+    If frames are played by their times (``speed`` above 0), late ones are left out, as in
+    recordings. A simulator has a ``rate`` in Hz; its late frames are not generated at all.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class IteratedFrames:
         self._length = _length_of(frames)
         self._rate: float = getattr(frames, "rate", 0.0)
         self._clock = FrameClock(speed)
-        self._late_s = _LATE_S * max(1.0, speed)  # in seconds of the source, as the clock's
+        self._late_s = _LATE_S * max(1.0, speed)  # in seconds of the source's time
         self._given = self._dropped = 0
         self._index = 0
         self._frames = iter(frames)
@@ -97,7 +97,7 @@ class IteratedFrames:
         self._lock = threading.RLock()
 
     def read(self, timeout_ms: int) -> RgbdFrame | bool:
-        """The next frame; True: it is not its time yet; False: there is none."""
+        """Return the next frame; True: it is not due yet; False: no more frames."""
         with self._lock:
             frame = self._first or self._made()
             if frame is None:
@@ -112,7 +112,7 @@ class IteratedFrames:
             return frame
 
     def _made(self) -> RgbdFrame | None:
-        """The next frame; of a simulator the latest one that is due, if its reader is late."""
+        """Return the next frame; if the reader is late, a simulator skips to the last due frame."""
         if self._rate and self._given and self._length is not None:
             late = self._clock.late_s(round(self._index / self._rate * 1e9))
             missed = min(int(late * self._rate), self._length - 1 - self._index)
@@ -123,10 +123,10 @@ class IteratedFrames:
         return next(self._frames, None)
 
     def _in_time(self, frame: RgbdFrame) -> RgbdFrame:
-        """The frame, or the first one after it whose time is not over, or else the last one.
+        """Return the frame, or if it is late the first following frame that is not, or the last.
 
-        After a tenth of a second the frame at hand is given, late as it is: the reader waits, and
-        where frames are made hardly faster than they are played nothing else would end this soon.
+        The search ends after `_MOST_SEARCH_S` with the frame it has reached, even if that is late:
+        if frames are made hardly faster than they are played, it would not end soon otherwise.
         """
         until = time.monotonic() + _MOST_SEARCH_S
         late = self._clock.late_s(frame.time_ns)
@@ -136,13 +136,13 @@ class IteratedFrames:
             self._dropped += 1
             frame, before = after, late
             late = self._clock.late_s(frame.time_ns)
-            if late >= before:  # frames are made more slowly than they are played
+            if late >= before:  # frames take longer to make than to play: skipping gains nothing
                 self._clock.restart(frame.time_ns)
                 break
         return frame
 
     def seek(self, index: int) -> None:
-        """Go to a frame; those before it are made where they cannot be left out."""
+        """Go to a frame. A source without random access generates all frames before it."""
         with self._lock:
             self._first = None
             self._go_to(index)
@@ -155,30 +155,30 @@ class IteratedFrames:
             self._frames = islice(iter(self._all), index, None)
 
     def read_at(self, index: int) -> RgbdFrame:
-        """The frame of an index."""
+        """Return the frame with this index."""
         self.seek(index)
         if (frame := next(self._frames, None)) is None:
             raise InputError(f"index: expected that of a frame, got {index}")
         return frame
 
     def calibration(self) -> RgbdCalibration:
-        """Return the calibration of the source, else of its first frame."""
+        """Return the calibration that was given, or else that of the first frame."""
         return self._calibration
 
     def counters(self) -> dict[str, int]:
-        """Frames given, and frames left out because their time was over."""
+        """Return the number of frames read, and of frames left out because they were late."""
         return {"frames": self._given, "dropped": self._dropped}
 
     def num_frames(self) -> int | None:
-        """The length of a sequence."""
+        """Return the number of frames; None if it is not known."""
         return self._length
 
     def is_live(self) -> bool:
-        """Frames are made when they are asked for."""
+        """Return False: frames are made on demand."""
         return False
 
     def start(self) -> None:
-        """There is nothing to open."""
+        """Do nothing, because there is no device to open."""
 
     def stop(self) -> None:
         """End the wait for the time of a frame; there is no thread."""

@@ -1,4 +1,4 @@
-"""Joints of a recording as tables and motion files that other programs read."""
+"""Export of a recording's joints as a table (CSV) or a motion file (BVH)."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 _TO_BVH = np.array([100.0, -100.0, -100.0])  # metres, y down, z ahead -> centimetres, y up
 _SHORTEST_STEP = 1e-3  # seconds between two poses of a motion
-_MOST_IDS = 10  # names that a message lists
-_LONGEST_GAP = 3600.0  # seconds for which a motion may repeat a pose
+_MOST_IDS = 10  # largest number of ids listed in an error message
+_LONGEST_GAP = 3600.0  # longest time in seconds between two frames of a motion
 _SPINE = [JOINTS.index(name) for name in ("SpineMid", "SpineShoulder", "Neck", "Head")]
 _CHILDREN = [[j for j in range(1, 25) if PARENTS[j] == parent] for parent in range(25)]
 
@@ -41,12 +41,13 @@ class ExportedJoints:
     Attributes
     ----------
     path : Path
+        The file that was written.
     frames : int
-        Skeletons written.
+        Number of skeletons written, without those that are ``held``.
     people : int
-        Different ids in them.
+        Number of different ids among them.
     held : int
-        Frames of a motion in which the person was not seen, and stays as before.
+        Number of frames of a motion in which the person was not seen; they repeat the pose before.
     """
 
     path: Path
@@ -69,39 +70,40 @@ def export_joints(
 
     A table has a row for each joint, in the camera's frame and in metres: ``frame``, ``time_ns``,
     ``id``, ``joint``, ``name``, ``x``, ``y``, ``z``, ``state`` (0 not tracked, 1 inferred, 2
-    tracked). A motion has one person, y up, in centimetres: bones keep their median lengths, and
-    each joint turns so that the bones which hang from it point where they were seen. Between the
-    first and the last frame with the person, frames without it, and times at which frames were
-    dropped, repeat the pose before.
+    tracked). A motion has one person, y up, in centimetres. Bones have their median lengths, and
+    each joint is rotated so that its child bones point in the measured directions. Between the
+    first and the last frame with the person, frames without the person repeat the pose before; so
+    do frames that are inserted where the times show that some were dropped.
 
     Parameters
     ----------
     source : str or iterable of RgbdFrame
-        A URI for `open`, or what gives frames.
+        A URI for `open`, or an iterable of frames.
     path : path-like
-        Ends in ``.csv`` or ``.bvh``.
+        Output file; its name ends in ``.csv`` or ``.bvh``.
     person : int, optional
-        `Skeleton.id`. Without it a table has everybody, and a motion whoever is seen first.
+        `Skeleton.id` of the person to write. Default: a table has all people, a motion the person
+        who is seen first.
     frames : int, optional
-        Stop after so many.
+        Number of frames to read; default: all.
     pose : bool
-        Find the joints in the colour images with `manip3d.modify.PoseTracker` (extra ``pose``).
-        Frames without colour keep the joints that they have.
+        Detect the joints in the colour images with `manip3d.modify.PoseTracker` (extra ``pose``).
+        Frames without colour keep the joints of the source.
     overwrite : bool
         Replace a file that exists.
 
     Returns
     -------
     ExportedJoints
-        The file, and how many skeletons of how many people it has.
+        Path of the file, and the numbers of skeletons and people in it.
 
     Raises
     ------
     InputError
-        Another suffix, a file that exists, no skeleton of the person in the source, no joint of it
-        that was seen, a motion with more than an hour between two frames.
+        ``path`` has another suffix, or exists; the source has no skeleton of the person, or none of
+        its joints was seen; a motion has more than an hour between two frames.
     FormatError, DeviceError
-        The source raised it.
+        The source cannot be read.
     MissingExtraError
         MediaPipe is not installed, for ``pose``.
 
@@ -177,7 +179,10 @@ def _noting_ids(stream: Iterable[RgbdFrame], ids: set[int]) -> Iterator[RgbdFram
 def _followed(
     stream: Iterable[RgbdFrame], person: int | None
 ) -> tuple[list[tuple[RgbdFrame, Skeleton]], int]:
-    """One person from its first frame to its last, and in how many of them it was not seen."""
+    """Return a person's skeletons from its first frame to its last, and the number of repeats.
+
+    A frame in which the person is not seen repeats the skeleton before.
+    """
     found: list[tuple[RgbdFrame, Skeleton]] = []
     held = missing = 0
     for frame in stream:
@@ -195,7 +200,10 @@ def _followed(
 
 
 def _at_even_times(found: list[tuple[RgbdFrame, Skeleton]]) -> list[tuple[RgbdFrame, Skeleton]]:
-    """Repeat the pose before in the place of each frame that the times say is missing."""
+    """Insert the pose before for each frame that was dropped according to the times.
+
+    A step of n times the median step means that n - 1 frames were dropped.
+    """
     steps = np.diff([float(frame.time_ns) for frame, _ in found]) * 1e-9
     if len(steps) == 0 or not np.median(steps) > 0:
         return found
@@ -266,7 +274,7 @@ def _without_gaps(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> Floats:
         places[:, 0] = places[:, nearest]
     for joint in _depth_first(0)[1:]:
         if not is_known[joint]:
-            places[:, joint] = places[:, PARENTS[joint]]  # a bone of no length
+            places[:, joint] = places[:, PARENTS[joint]]  # a bone of length 0
     return places
 
 
@@ -289,7 +297,7 @@ def _depth_first(joint: int) -> list[int]:
 
 
 def _angles(places: Floats, offsets: Floats) -> Floats:
-    """(25, 3) degrees about z, x, y, applied in this order from the parent's frame on."""
+    """Return Euler angles (25, 3) about z, x, y in degrees, relative to the parent joint."""
     turned = np.tile(np.eye(3), (25, 1, 1))
     angles = np.zeros((25, 3))
     for joint in _depth_first(0):
@@ -303,10 +311,10 @@ def _angles(places: Floats, offsets: Floats) -> Floats:
 
 
 def _rotation(rest: Floats, seen: Floats) -> Floats:
-    """The smallest rotation that turns directions onto others.
+    """Return the rotation that best maps the bone vectors ``rest`` onto ``seen``, both (n, 3).
 
-    Of one direction it is the shortest arc, of several the least-squares rotation [Kabsch, Acta
-    Crystallographica A32, 1976].
+    For one vector this is the rotation along the shortest arc, for several the least-squares
+    rotation [Kabsch, Acta Crystallographica A32, 1976], and for none the identity.
     """
     if len(rest) == 0:
         return np.eye(3)
@@ -330,7 +338,7 @@ def _shortest_arc(a: Floats, b: Floats) -> Floats:
 
 
 def _zxy(rotation: Floats) -> Floats:
-    """Angles of Rz Rx Ry = rotation, degrees."""
+    """Return the angles (z, x, y) in degrees for which Rz Rx Ry = rotation."""
     x = np.arcsin(np.clip(rotation[2, 1], -1.0, 1.0))
     z = np.arctan2(-rotation[0, 1], rotation[1, 1])
     y = np.arctan2(-rotation[2, 0], rotation[2, 2])

@@ -1,4 +1,4 @@
-"""LiDARs and their recordings as `LidarFrame`s: Velodyne, Ouster, ROS bags, KITTI drives."""
+"""Sources of `LidarFrame`s: Velodyne and Ouster scanners, ROS bags, KITTI drives."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.lidar import LidarFrame, ScanFormat
 
 RETURN_TYPES: tuple[str, ...] = ("unknown", "strongest", "last", "both")
-"""Meanings of ``fields["return_type"]``, by value; both: the last return is the strongest."""
+"""Names of the values of ``fields["return_type"]``; both: the last return is the strongest."""
 
 DEFAULT_PORT = 2368
 
@@ -31,14 +31,15 @@ _Item = TypeVar("_Item")
 
 @checked
 class LidarSource(FrameSource[LidarFrame]):
-    """Scans one after the other; made by `open`.
+    """Iterable source of scans; made by `open`.
 
     Attributes
     ----------
     uri : str
+        Address of the source.
     counters : dict of str to int
-        What was seen and refused so far; every firing of a good block is exactly one of
-        ``points``, ``no_return``, ``duplicates`` and ``out_of_range``.
+        Numbers of frames, packets and points that were read or refused so far. Each firing of a
+        valid block counts once: as ``points``, ``no_return``, ``duplicates`` or ``out_of_range``.
     """
 
     def __init__(self, uri: str, source: Any, *, live: bool) -> None:
@@ -50,7 +51,7 @@ class LidarSource(FrameSource[LidarFrame]):
 
     @property
     def counters(self) -> dict[str, int]:
-        """Counts of packets and points that were seen and refused so far."""
+        """Numbers of frames, packets and points that were read or refused so far."""
         found: dict[str, int] = self._source.counters()
         return found | {"skipped": self._skipped}
 
@@ -68,17 +69,17 @@ class LidarSource(FrameSource[LidarFrame]):
         return int(self._source.port())
 
     def read(self, timeout: float | None = None) -> LidarFrame | None:
-        """The next frame.
+        """Read the next frame.
 
         Parameters
         ----------
-        timeout : float, optional
-            Seconds to wait for a live source; without it until there is one.
+        timeout : float, optional, seconds
+            Longest time to wait for a frame of a live source; default: no limit.
 
         Returns
         -------
         LidarFrame or None
-            None: the recording ends, the source was stopped, or the time is over.
+            None if the recording has ended, the source was stopped, or no frame came in time.
         """
         return self._wait(timeout)
 
@@ -86,9 +87,10 @@ class LidarSource(FrameSource[LidarFrame]):
         return _to_frame(dict(fields), self.uri)
 
     def read_latest(self, timeout: float | None = None) -> LidarFrame | None:
-        """The newest frame of a live source; older ones that wait are skipped, and counted.
+        """Read the newest frame of a live source, and skip older ones that are waiting.
 
-        For displays: every packet is still decoded. ``counters["skipped"]`` has the frames.
+        This is meant for displays. All packets are decoded; ``counters["skipped"]`` is the number
+        of skipped frames.
 
         Parameters
         ----------
@@ -110,9 +112,9 @@ class LidarSource(FrameSource[LidarFrame]):
         return frame
 
     def stop(self) -> None:
-        """End a live source's thread; what it has collected can still be read.
+        """End a live source's thread; frames that it has collected can still be read.
 
-        A recording gives no more frames.
+        A recording yields no further frames.
         """
         self._is_stopped = True
         if self.is_live:
@@ -140,60 +142,66 @@ def open_lidar(
     Parameters
     ----------
     uri : str
-        ``pcap:FILE`` (pcap or pcapng, also ``.gz`` and ``.xz``), or
-        ``velodyne:[ADDRESS:]PORT``, which listens on an address of this machine (127.0.0.1;
-        0.0.0.0 for a sensor on the network; port 2368; 0: a free one), or ``ouster:FILE[#N]``
-        (packets of an Ouster in a pcap or a ROS bag, or an ``.osf``, through ouster-sdk; of the
-        options below only ``metadata`` is for it; N: the sensor, from 0, where there are several),
-        or
-        ``kitti:FOLDER`` (`manip3d.datasets.open_kitti`; takes none of them), or
-        ``bag:PATH[#TOPIC]``: the PointCloud2 or Livox CustomMsg messages of a ROS bag (a ``.mcap``
-        or ``.db3`` file, a ROS 2 bag's folder, a ROS 1 ``.bag``) through rosbags; it takes
-        ``max_bytes`` only. Without a topic the bag has one of clouds.
+        One of these addresses:
+
+        - ``pcap:FILE``: packets of a Velodyne (pcap or pcapng, also ``.gz`` and ``.xz``).
+        - ``velodyne:[ADDRESS:]PORT``: listens on an address of this machine. Default: 127.0.0.1
+          and port 2368. Use 0.0.0.0 for a sensor on the network, and port 0 for any free port.
+        - ``ouster:FILE[#N]``: packets of an Ouster in a pcap or a ROS bag, or an ``.osf`` file,
+          through ouster-sdk. N is the number of the sensor, from 0, and is needed if there are
+          several. The only option is ``metadata``.
+        - ``kitti:FOLDER``: a drive, see `manip3d.datasets.open_kitti`. It takes no options.
+        - ``bag:PATH[#TOPIC]``: PointCloud2 or Livox CustomMsg messages of a ROS bag (a ``.mcap``
+          or ``.db3`` file, a ROS 2 bag's folder, a ROS 1 ``.bag``) through rosbags. The topic may
+          be left out if the bag has a single topic of clouds. The only option is ``max_bytes``.
     model : str, optional
-        ``hdl64e``, ``hdl32e``, ``vlp16`` or ``vlp32c``; without it the first packet says.
+        ``hdl64e``, ``hdl32e``, ``vlp16`` or ``vlp32c``; default: as the first packet states.
     calibration : VelodyneCalibration or path, optional
-        An HDL-64E needs it (see `read_velodyne_calibration`); without it the model's own table.
-    cut_azimuth : float
-        A frame ends where the azimuth passes this angle, degrees in [0, 360), clockwise from
-        above, 0 ahead.
+        Calibration, which an HDL-64E needs (see `read_velodyne_calibration`); default: the nominal
+        table of the model.
+    cut_azimuth : float, degrees
+        Azimuth in [0, 360) at which one frame ends and the next begins, clockwise seen from above;
+        0 is straight ahead.
     interpolate_azimuth : bool
-        Turn the azimuth on with the time of each firing in a block.
+        Interpolate the azimuth of each firing within a block by its time.
     min_range, max_range : float, metres
-        Other returns are left out, and counted.
+        Returns outside these limits are left out, and counted.
     port : int, optional
-        Take only packets that were sent to this port, as for one of several sensors in a recording.
+        Read only packets sent to this UDP port, to select one of several sensors in a recording.
     sender : str, optional
-        Take packets from this address only (live).
+        Read only packets from this address (live sources only).
     ring_packets : int
-        Packets that wait to be read before more are dropped, and counted (live).
+        Capacity of the packet buffer; further packets are dropped and counted (live sources only).
     metadata : path, optional
-        The Ouster's JSON file; without it the one beside the pcap (see `scan_address`).
+        The Ouster's JSON file; default: the one beside the pcap (see `scan_address`).
     max_bytes : int, optional
-        The most uncompressed bytes to read of a recording.
+        Largest number of uncompressed bytes to read from a recording.
 
     Returns
     -------
     LidarSource
-        Its frames have x forward, y left, z up, metres; ``intensity`` 0 to 255 as sent; ``ring``
-        0 the highest laser; ``fields``: ``laser`` (number in the packet), ``azimuth`` (degrees),
-        ``range`` (metres, as sent), ``time`` (seconds after ``time_ns``), ``return_type`` (see
-        `RETURN_TYPES`). ``time_ns`` is when the frame's first packet was received. ``format``
-        tells the model, the sensor's own time and whether the turn is complete. An Ouster's
-        ``fields`` are ``column``, ``range``, ``time``, ``return`` (1, 2) and its own (``near_ir``).
-        A bag's are those of its messages; ``time_ns`` is the message's own, else when it was
-        recorded; ``origin`` is None where the frame's name says that the scanner is elsewhere
-        (``base_link``, ``map``, ``odom``).
+        The frames have x forward, y left, z up, in metres. ``intensity`` is 0 to 255, as sent by
+        the sensor; ``ring`` 0 is the highest laser. ``fields`` are ``laser`` (number in the
+        packet), ``azimuth`` (degrees), ``range`` (metres, before the calibration), ``time``
+        (seconds after ``time_ns``) and ``return_type`` (see `RETURN_TYPES`). ``time_ns`` is the
+        time at which the frame's first packet was received. ``format`` holds the model, the
+        sensor's own time, and whether the turn is complete.
+
+        For an Ouster, ``fields`` are ``column``, ``range``, ``time``, ``return`` (1 or 2) and the
+        sensor's own fields (``near_ir``). For a bag, ``fields`` are those of its messages, and
+        ``time_ns`` is the message's stamp, or the time of recording if it has none. ``origin`` is
+        None if the name of the coordinate frame (``base_link``, ``map``, ``odom``) shows that its
+        origin is not the scanner.
 
     Raises
     ------
     InputError
-        An unknown scheme, an option out of range or of another scheme, an HDL-64E without
-        calibration (when read).
+        The scheme is unknown; an option is out of range, or not one of this scheme; an HDL-64E has
+        no calibration (raised by `LidarSource.read`).
     FormatError
         The recording is damaged.
     DeviceError
-        The port is taken.
+        Another program uses the port.
     MissingExtraError
         ouster-sdk or rosbags is not installed: ``pip install 'manip3d[ouster]'``, ``[bags]``.
 
@@ -271,11 +279,11 @@ _USED = {
     "kitti": frozenset[str](),
     "bag": frozenset({"max_bytes"}),
 }
-"""The options of `open_lidar` that each scheme uses."""
+"""Options of `open_lidar` that each scheme uses."""
 
 
 def _refuse_unused(scheme: str, arguments: Mapping[str, Any]) -> None:
-    """Raise where an option is given that the scheme would ignore."""
+    """Raise `InputError` if an option is given that the scheme would ignore."""
     parameters = inspect.signature(open_lidar).parameters
     for name in sorted(set(parameters) - {"uri"} - _USED.get(scheme, frozenset(parameters))):
         value = arguments[name]
@@ -286,9 +294,9 @@ def _refuse_unused(scheme: str, arguments: Mapping[str, Any]) -> None:
 def expect_scans(
     items: Iterable[_Item], uri: str, counters: Callable[[], Mapping[str, int]]
 ) -> Iterator[_Item]:
-    """Pass on what is made of a recording's scans, and refuse a recording that ends without one.
+    """Yield the items, one for each scan of a recording; raise `FormatError` if there are none.
 
-    The error tells what was counted instead: only that shows why packets gave no scan.
+    The error lists the recording's counters, because these show why its packets gave no scan.
     """
     is_empty = True
     for item in items:
@@ -307,7 +315,7 @@ def expect_scans(
 
 
 class _Drive:
-    """The scans of a drive; the same interface as the core's sources."""
+    """Scans of a drive, with the interface of the sources in ``_core``."""
 
     def __init__(self, folder: Path) -> None:
         from manip3d.datasets import open_kitti
@@ -317,7 +325,7 @@ class _Drive:
         self._lock = threading.RLock()
 
     def read(self, timeout_ms: int) -> LidarFrame | bool:
-        """The next scan, or False at the end."""
+        """Return the next scan, or False at the end."""
         with self._lock:
             frame = next(self._frames, None)
             if frame is None:
@@ -328,7 +336,7 @@ class _Drive:
             return scan
 
     def counters(self) -> dict[str, int]:
-        """Frames and points."""
+        """Return the numbers of frames and points."""
         return dict(self._counters)
 
 

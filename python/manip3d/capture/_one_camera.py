@@ -1,4 +1,4 @@
-"""Colour images as the depth camera would have taken them, for layouts that know one camera."""
+"""Colour images resampled to the depth camera, for file layouts that describe one camera only."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _BEHIND = 0.03  # metres: 7 times the noise of a time-of-flight camera at 3 m
 
 
 def with_one_camera(frame: RgbdFrame) -> RgbdFrame:
-    """Return the frame with the colour of each depth pixel, and the depth camera alone.
+    """Return the frame with the colour of each depth pixel, and only the depth camera.
 
-    Black where nothing was measured, where the colour camera does not look, and where it sees
-    something nearer than the depth camera does, since the colour there belongs to that.
+    A pixel is black if its depth was not measured, if it lies outside the colour image, or if a
+    nearer surface hides it from the colour camera, so that its colour is unknown.
     """
     registration = frame.calibration.registration
     if registration is None:
@@ -31,7 +31,9 @@ def with_one_camera(frame: RgbdFrame) -> RgbdFrame:
     u, v = np.clip(np.rint(pixels), -1, max(height, width)).astype(np.intp).T
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
     u, v, z = u[inside], v[inside], points[inside, 2]
-    cell = 1 + -(-width // frame.depth.shape[1])  # holds a pixel of every surface that it shows
+    # Cells of the colour image for the test of visibility, in pixels. Each is larger than the
+    # spacing of projected depth pixels, so that it has one of every surface seen in it.
+    cell = 1 + -(-width // frame.depth.shape[1])
     nearest = np.full((-(-height // cell), -(-width // cell)), np.inf)
     np.minimum.at(nearest, (v // cell, u // cell), z)
     shown = z <= nearest[v // cell, u // cell] + _BEHIND

@@ -24,7 +24,7 @@ _NOT_COLUMNS = ("FLAGS", "RANGE")
 
 
 class OusterRecording:
-    """Frames of one sensor of a recording; the same interface as the core's sources."""
+    """Frames of one sensor of a recording, with the interface of the sources in ``_core``."""
 
     def __init__(self, path: Path, sensor: str, metadata: str | os.PathLike[str] | None) -> None:
         meta = None if metadata is None else path_of(metadata, "metadata")
@@ -49,10 +49,10 @@ class OusterRecording:
         self._next = iter(self._frames)
 
     def read(self, timeout_ms: int) -> LidarFrame | bool:
-        """The next frame, or False at the end."""
+        """Return the next frame, or False at the end."""
         with self._lock:
             scan = None
-            while scan is None:  # sets of frames may lack that of one sensor
+            while scan is None:  # a set of simultaneous frames may lack this sensor's
                 scans = self._guarded(next, self._next, None)
                 if scans is None:
                     return False
@@ -63,11 +63,11 @@ class OusterRecording:
             return frame
 
     def counters(self) -> dict[str, int]:
-        """Frames, points, and firings without a return."""
+        """Return the numbers of frames, of points, and of firings without a return."""
         return dict(self._counters)
 
     def _number(self, sensor: str, count: int) -> int:
-        """The place of the sensor that is asked for, in a recording of so many."""
+        """Return the index of the sensor in a recording with ``count`` sensors."""
         if not sensor and count == 1:
             return 0
         if sensor.isascii() and sensor.isdecimal() and int(sensor) < count:
@@ -83,7 +83,7 @@ class OusterRecording:
             return call(*arguments, **options)
         except (OSError, MemoryError):
             raise
-        except Exception as error:  # whatever the library makes of a damaged file
+        except Exception as error:  # ouster-sdk raises various types for damaged files
             said = str(error).rpartition("more details: ")[2].strip()
             reason = f"damaged Ouster recording: {said[:200]}"
             raise FormatError(reason, file=str(self._path)) from error
@@ -114,7 +114,7 @@ class OusterRecording:
         )
 
     def _returns(self, scan: Any, to_xyz: Any) -> Iterator[dict[str, NDArray[Any]]]:
-        """The columns of each return, without the firings that saw nothing."""
+        """Yield the table columns of each return number, without firings that had no return."""
         stamps = np.asarray(scan.timestamp, np.int64)
         started = stamps[stamps > 0].min(initial=np.iinfo(np.int64).max)
         known = set(scan.fields)

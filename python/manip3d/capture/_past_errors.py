@@ -1,4 +1,4 @@
-"""Reading on past what cannot be read."""
+"""Iteration that continues after items that cannot be read."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _Item = TypeVar("_Item")
 
 
 def _told(error: Exception) -> str:
-    """An error in words, without the number that an operating system gives it."""
+    """Return an error's message, without the error number of the operating system."""
     if isinstance(error, OSError) and error.filename and error.strerror:
         return f"{os.fsdecode(error.filename)}: {error.strerror}"
     return str(error)
@@ -25,24 +25,26 @@ def past_errors(
     most: int | None = None,
     needs_one: bool = True,
 ) -> Iterator[_Item | None]:
-    """Pass items on, with None for each one that cannot be read.
+    """Yield the items, and None for each one that cannot be read.
 
     Parameters
     ----------
     items : iterator
-        It goes on after an error, or ends there.
+        The items. After an error it may continue, or end.
     errors : dict of int to str
-        Gets the reason of each None, by its place.
+        Receives the index of each None, with the reason.
     reasons : tuple of exception types
-        They are reasons for a None; others are raised.
+        Exceptions that yield None; others are raised.
     most : int, optional
-        An error beyond so many is raised, as the iterator does not get on.
+        Largest number of errors. A further error is raised, because the iterator would repeat it
+        for ever.
     needs_one : bool
-        Raise the first reason at the end, if no item could be read.
+        Raise the first error at the end if no item could be read.
 
     Yields
     ------
     item or None
+        None if the item cannot be read.
     """
     first: Exception | None = None
     for number in count():

@@ -1,4 +1,4 @@
-"""Open RGB-D cameras and recordings by their addresses."""
+"""Opening of RGB-D cameras and recordings by their addresses."""
 
 from __future__ import annotations
 
@@ -24,24 +24,26 @@ from manip3d.errors import InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
 _PEOPLE = ("utd-mhad", "labanotation", "people")
-RECORDINGS = ("folder", "mkv", "tum")  # files that can be read again, and written
+RECORDINGS = ("folder", "mkv", "tum")  # schemes of files that can be read again and written
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """A kind of source, as `sources` lists it.
+    """A kind of source that `sources` lists.
 
     Attributes
     ----------
     name : str
-        What stands before the colon of a URI.
+        The part of a URI before the colon.
     location : str
-        What stands after it; in brackets if it may be left out.
+        The part of a URI after the colon, with optional parts in brackets.
     description : str
+        The sources of this kind, in words.
     frames : str
-        ``rgbd`` or ``lidar``: what it gives.
+        Kind of the frames, ``rgbd`` or ``lidar``.
     reason, cure : str
-        Why it cannot be opened here and now, and what to do about it; empty if it can.
+        Why such sources cannot be opened on this computer, and how to change that; empty if they
+        can be opened.
     """
 
     name: str
@@ -53,12 +55,12 @@ class Scheme:
 
     @property
     def is_available(self) -> bool:
-        """Whether it can be opened here and now."""
+        """Whether such sources can be opened on this computer."""
         return not self.reason
 
 
 def core_schemes() -> list[Scheme]:
-    """The kinds of RGB-D sources that the core knows; looks for devices."""
+    """Return the kinds of RGB-D sources in ``_core``; this looks for connected devices."""
     names = ("name", "location", "description", "reason", "cure")
     return [
         Scheme(frames="rgbd", **{name: fields[name] for name in names})
@@ -81,27 +83,28 @@ def open_rgbd(
     ----------
     uri : str
         ``folder:FOLDER``, ``mkv:FILE``, ``tum:FOLDER``, ``openni2:``, ...: `sources` lists them.
-        ``sim:body...`` is `manip3d.simulate.sources.open_source`; ``utd-mhad:``, ``labanotation:``
-        and ``people:`` are `manip3d.datasets.open_people`. ``rgbd-bag:PATH[#TOPIC]`` are the
-        images of an RGB-D camera in a ROS bag, RealSense's recordings among them.
-        ``forged:SOURCE#OPTIONS`` is a `ForgedSource` of any of these. `Notes` describes the options
-        of both.
+        ``sim:body...`` is opened by `manip3d.simulate.sources.open_source`; ``utd-mhad:``,
+        ``labanotation:`` and ``people:`` by `manip3d.datasets.open_people`.
+        ``rgbd-bag:PATH[#TOPIC]`` reads the images of an RGB-D camera in a ROS bag, for example in
+        RealSense's recordings. ``forged:SOURCE#OPTIONS`` is a `ForgedSource` of any of these.
+        `Notes` describes the last two.
     speed : float
-        Playback speed of recordings. 0: every frame, as fast as read. 1: real time, by the frames'
-        times; frames that a slow reader misses are counted as ``dropped``. 2: twice as fast.
-        Simulated people and data sets are played in the same way.
+        Playback speed of recordings, simulated people and data sets. 0: every frame, as fast as
+        read. 1: real time, by the frames' times; frames that a slow reader misses are counted as
+        ``dropped``. 2: twice as fast.
     camera : Intrinsics or RgbdCalibration, optional
         Camera of a folder of images that has no ``calibration.json``; for other files it replaces
-        their own. A mirrored camera has its images flipped. That of a ``tum:`` sequence
-        without a ``calibration.json`` follows from its folder's name (``freiburg1`` to ``3``); of
-        others, one is taken that is nearly right, with a warning.
+        the camera that they state. With a mirrored camera the images are flipped. Default for a
+        ``tum:`` sequence without ``calibration.json``: the camera that its folder's name states
+        (``freiburg1`` to ``3``), or else an approximate one, with a warning.
     units_per_metre : float, optional
-        Stored units per metre of depth images. By default 1000 for folders and 5000 for ``tum:``;
-        of a bag what its images say: 1000 for whole numbers, unless a RealSense says another unit;
-        fractions are metres.
+        Stored units per metre of depth images. Default: 1000 for folders, 5000 for ``tum:``. In a
+        bag, images of floating-point numbers are in metres; those of integers have 1000 units per
+        metre, unless a RealSense's recording states another unit.
     start : int
-        Index of the first frame that is read, of recordings, simulated people and data sets; the
-        source begins there again each time. ``source[0]`` is the first frame of all even so.
+        Index of the first frame to read, for recordings, simulated people and data sets. The source
+        begins at this frame each time it is read again. It does not shift indices: ``source[0]``
+        is the first frame of the recording.
 
     Returns
     -------
@@ -111,31 +114,38 @@ def open_rgbd(
     Raises
     ------
     InputError
-        An unknown scheme, an option out of range, a folder without a camera.
+        The scheme is unknown, an option is out of range, or the camera of a folder is not known.
     FormatError
         The recording is damaged.
     DeviceError
-        The scheme is not built in, or there is no such device.
+        This build lacks the driver, or the device is not connected.
     MissingExtraError
         rosbags is not installed (``rgbd-bag:``): ``pip install 'manip3d[bags]'``.
     OSError
-        `FileNotFoundError` and the like.
+        The file cannot be read.
 
     Notes
     -----
-    Options of ``forged:`` are joined by ``&``; write ``%26`` for one in a value. ``type``: 1, or 2
-    for the poses of ``pose`` (a source with skeletons, or a .bvh file). ``background``: a source of
-    the same camera, of which ``still=yes`` takes the first frame only; without it the scene behind
-    the person, learnt from the first 30 frames, which stay real. ``move`` (X,Y,Z in metres) and
-    ``blend`` as of `forge.stream`. ``show``: ``real``, ``forged``, or a number of seconds after
-    which they alternate, first real. ``switch``: a file that says ``real`` or ``forged``, looked at
-    before each frame. At most 300 frames of a background or motion are kept, and played to and fro.
-    Colour is left out of all frames where the background has none.
+    The options of ``forged:`` are joined by ``&``; write ``%26`` for an ``&`` in a value.
 
-    Of a bag ``TOPIC`` is one of depth images (sensor_msgs/Image of 16UC1, mono16 or 32FC1, or
-    compressedDepth), needed where there are several. Cameras are those of the CameraInfo beside
-    each topic; the colours' place comes from ``/tf_static``, or as RealSense's recorder states it.
-    Where it is not known frames have no colour, with a warning. Depths beyond 65.535 m are missing.
+    - ``type``: type of the forgery, 1 or 2. Type 2 needs ``pose``.
+    - ``pose``: the motion, a source with skeletons or a ``.bvh`` file.
+    - ``background``: a source of the same camera; default: the scene behind the person, learnt from
+      the first 30 frames, which stay real.
+    - ``still``: ``yes`` uses only the first frame of ``background``.
+    - ``move`` (X,Y,Z in metres) and ``blend`` (pixels): see `forge.stream`.
+    - ``show``: ``real``, ``forged``, or the seconds after which real and forged frames alternate,
+      beginning with real ones.
+    - ``switch``: a file with the word ``real`` or ``forged``, which is read before each frame.
+
+    At most 300 frames of a background or motion are kept; they are played forwards and backwards in
+    turn. If the background has no colour, no frame has.
+
+    In ``rgbd-bag:PATH#TOPIC``, ``TOPIC`` is a topic of depth images (sensor_msgs/Image with 16UC1,
+    mono16 or 32FC1, or compressedDepth); it is needed if there are several. Intrinsics come from
+    the CameraInfo beside each topic, the pose of the colour camera from ``/tf_static`` or from the
+    messages of RealSense's recorder. If that pose is not known, frames have no colour, and a
+    warning is given. Depths beyond 65.535 m are treated as not measured.
 
     Examples
     --------
@@ -188,7 +198,7 @@ def _open_in_core(
 ) -> RgbdSource:
     """Open a camera, a folder of images or a Matroska file, which C++ reads."""
     scheme = uri.partition(":")[0]
-    # Not a RgbdCalibration, which takes no mirrored camera: the core turns the images round.
+    # RgbdCalibration refuses mirrored cameras; the core takes them and flips the images.
     given: Any = SimpleNamespace(depth=camera, registration=None)
     calibration = given if isinstance(camera, Intrinsics) else camera
 

@@ -1,4 +1,4 @@
-"""Record the frames of an RGB-D source in a file or a folder."""
+"""Recording of the frames of an RGB-D source in a file or a folder."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from manip3d.rgbd import RgbdCalibration, RgbdFrame
 if TYPE_CHECKING:
     from manip3d._util.options import Progress
 
-_LONGEST_BEFORE = 60.0  # seconds
+_LONGEST_BEFORE = 60.0  # largest `before` in seconds, since these frames are kept in memory
 
 
 @dataclass(frozen=True)
@@ -34,17 +34,19 @@ class Recording:
     Attributes
     ----------
     path : Path
+        The file or folder that was written.
     frames : int
+        Number of frames written.
     frames_with_skeleton : int
-        Frames in which the source has a person's skeleton; the phantom limb needs one.
+        Number of frames with a person's skeleton, which the phantom limb needs.
     seconds : float
-        From the first frame's time to the last's.
+        Time from the first frame to the last.
     stop : str
-        ``end`` (of the source), ``frames`` or ``seconds`` (as many as were asked for).
+        Why recording ended: ``end`` (of the source), or the limit ``frames`` or ``seconds``.
     counters : dict of str to int
-        What the recorder counted.
+        Counters of the recorder.
     source_counters : dict of str to int
-        What the source counted, lost frames among it.
+        Counters of the source, among them lost frames.
     """
 
     path: Path
@@ -72,60 +74,61 @@ def record(
 ) -> Recording:
     """Write frames to a recording: a folder, Matroska for ``.mkv``, or a TUM sequence.
 
-    What was written is whole if this is stopped by Ctrl-C, by an error or by a kill.
+    If Ctrl-C, an error or a kill stops the recording, the frames written before can be read.
 
     Parameters
     ----------
     source : str or iterable of RgbdFrame
-        A URI for `open`, or what gives frames: a source, a simulator, a list.
+        A URI for `open`, or an iterable of frames: a source, a simulator, a list.
     path : path-like
-        A new folder, or a file that ends in ``.mkv``. ``folder:``, ``mkv:`` or ``tum:`` before it
-        says the kind. ``tum:FOLDER`` is a sequence for programs that read those of the TUM RGB-D
-        benchmark: see `Notes`.
+        A new folder, or a file that ends in ``.mkv``. The prefix ``folder:``, ``mkv:`` or ``tum:``
+        selects the kind. ``tum:FOLDER`` is a sequence in the layout of the TUM RGB-D benchmark, see
+        `Notes`.
     frames : int, optional
-        Stop after so many.
+        Largest number of frames to write.
     seconds : float, optional
-        Stop at the first frame that is so much later than the first one.
+        Stop at the first frame that is at least this much later than the first one.
     trigger : callable(RgbdFrame) -> bool, optional
-        Begin with the first frame for which it is true; ``frames`` and ``seconds`` count from
-        there.
-    before : float
-        Seconds before the trigger's frame that are written, too: 0 to 60. They wait in memory,
-        some 200 MB a second with colour of 1920 x 1080 pixels.
+        Begin with the first frame for which it returns True; ``frames`` and ``seconds`` count from
+        this frame.
+    before : float, seconds
+        Time before the trigger's frame that is also written, 0 to 60. These frames wait in memory:
+        about 200 MB per second with colour of 1920 x 1080 pixels.
     lossless_color : bool
-        Instead of JPEG.
+        Write colour without loss instead of as JPEG.
     jpeg_quality : int
-        1 to 100.
+        Quality of JPEG, 1 to 100.
     overwrite : bool
-        Replace a recording of the same kind that nobody reads or records. It stays as it is until
-        the first frame is written.
+        Replace a recording of the same kind, unless another program reads or records it. The old
+        recording stays unchanged until the first frame is written.
     progress : None, True or callable(fraction, message)
         True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------
     Recording
-        Its path, how many frames were written, and how many were lost.
+        Path of the recording, and the numbers of frames written and lost.
 
     Raises
     ------
     InputError
-        A path that exists, that is being read or recorded, or with an unknown suffix; frames that
-        do not fit the calibration or each other, or whose times and numbers do not grow.
+        ``path`` exists, is being read or recorded, or has an unknown suffix; a frame does not fit
+        the calibration or the frames before; times or numbers of frames do not increase.
     OSError
-        The disk is full, and the like; the frames before are good, and a note of the error says how
-        many they are. If there are none, nothing is left of a new recording.
+        Writing failed, for example because the disk is full. The frames written before can be read,
+        and a note of the error states their number; a new recording without frames is removed.
     FormatError, DeviceError
-        The source raised it.
+        The source cannot be read.
 
     Notes
     -----
     A TUM sequence has ``depth.txt`` and ``rgb.txt`` with a time in seconds and a file in each line,
-    16-bit depth of 5000 units a metre, colour as PNG, ``associations.txt`` with the pairs, and
-    ``calibration.json``, by which `open` knows the camera; times are exact. It has one camera, so
-    colour of another one is looked up for each depth pixel. Skeletons, body indices and frame
-    numbers are left out; depths beyond 13.107 m become 0 and are counted as ``too_far``. There is
-    no ``groundtruth.txt``, because frames do not tell where their camera was.
+    16-bit depth with 5000 units per metre, colour as PNG, ``associations.txt`` with the pairs, and
+    ``calibration.json``, from which `open` reads the camera; times are exact. The layout has a
+    single camera, so that colour of a separate colour camera is resampled to the depth pixels.
+    Skeletons, body indices and frame numbers are left out; depths beyond 13.107 m become 0 and are
+    counted as ``too_far``. There is no ``groundtruth.txt``, because frames do not state the pose of
+    their camera.
 
     Examples
     --------
@@ -198,7 +201,7 @@ def record(
 
 @contextmanager
 def _noting_frames(place: Path, recorder: Any, *, is_new: bool) -> Iterator[None]:
-    """Note at an error how many frames there are; a new recording without any is removed."""
+    """Add the number of written frames to an error; remove a new recording without frames."""
     try:
         yield
     except BaseException as error:
@@ -219,7 +222,7 @@ def remove_recording(place: Path) -> None:
 
 
 def _place_of(path: str | os.PathLike[str]) -> tuple[Path, Any]:
-    """The path of a recording to be written, and its kind where the address says it."""
+    """Return the path of a recording to be written, and its kind if the address states it."""
     whole = path_of(path)
     scheme, colon, rest = str(whole).partition(":")
     if not colon or scheme not in RECORDINGS:
@@ -237,7 +240,7 @@ def _copy(
     wanted: Iterator[tuple[Sequence[RgbdFrame], RgbdFrame]],
     report: Any,
 ) -> tuple[int, int, float, str]:
-    """Write frame after frame; counts of all and of those with a skeleton, seconds, the end."""
+    """Write the frames; return the first five attributes of `Recording` after ``path``."""
     written = with_skeleton = count = 0
     first = since = last = 0
     stop = "end"
@@ -266,7 +269,11 @@ def _copy(
 def _since(
     trigger: Callable[[RgbdFrame], bool] | None, before: float, source: RgbdSource
 ) -> Iterator[tuple[Sequence[RgbdFrame], RgbdFrame]]:
-    """Each frame from the trigger's on; with the first one, those of the seconds before it."""
+    """Yield each frame from the trigger's on, as (earlier frames, frame).
+
+    ``earlier`` holds the frames of the last ``before`` seconds for the first frame, and is empty
+    for the others.
+    """
     earlier: deque[RgbdFrame] = deque()
     is_on = trigger is None
     for frame in source:

@@ -1,4 +1,4 @@
-"""Sources of RGB-D frames: what `open_rgbd` and `from_frames` return."""
+"""Sources of RGB-D frames, which `open_rgbd` and `from_frames` return."""
 
 from __future__ import annotations
 
@@ -16,34 +16,37 @@ from manip3d.capture._past_errors import past_errors
 from manip3d.errors import FormatError, InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 
-_MOST_ERRORS = 1000  # frames, where nobody knows how many there are
+_MOST_ERRORS = 1000  # largest number of unreadable frames if the number of frames is unknown
 
 
 @checked
 class RgbdSource(FrameSource[RgbdFrame]):
-    """Frames of an RGB-D camera or recording one after the other; made by `open`.
+    """Iterable source of the frames of an RGB-D camera or recording; made by `open`.
 
-    Iterating goes on where reading stopped; once a recording has ended, it begins anew, but not
-    after `stop`. `start` begins anew a recording that is read as fast as it can be, whether it has
-    ended or not; one that is played in real time goes on, as a camera does. Sources made by
-    `from_frames` begin anew if their frames are a sequence, a simulator or a data set, not if they
-    come from an iterator.
+    Iterating continues where reading stopped. If a recording has ended, iterating begins again at
+    its first frame, except after `stop`. `start` rewinds a recording that is read as fast as
+    possible, whether it has ended or not; one that is played in real time continues, as a camera
+    does. Sources made by `from_frames` can be rewound if their frames are a sequence, a simulator
+    or a data set, but not if they come from an iterator.
 
-    What begins anew has an index too: ``source[10]`` is the eleventh frame, ``source[-1]`` the last
-    one, ``source[10:20]`` a list; reading goes on where it was, unless `seek` moves it. ``len()``
-    is `num_frames`, and a `TypeError` where nobody knows it. Folders and recordings of this library
-    go to a frame at once, those of the Azure Kinect by passing over the frames before it.
+    Sources that can be rewound also have an index: ``source[10]`` is the eleventh frame,
+    ``source[-1]`` the last one, ``source[10:20]`` a list. An index does not move the place at which
+    `read` continues; `seek` does. ``len()`` is `num_frames`, and raises `TypeError` if that is not
+    known. Folders and recordings of this library go to a frame directly; recordings of the Azure
+    Kinect are read from their beginning up to the frame.
 
-    The images of a frame are its own: nothing changes in them when the next one comes, and they
-    come out of the core without a copy.
+    Each frame owns its images: reading the next frame does not change them. They are not copied
+    when they come from the core.
 
     Attributes
     ----------
     uri : str
+        Address of the source.
     is_live : bool
-        Frames come when they come, and the latest one wins.
+        Whether frames arrive whether or not they are read, as from a camera or from a recording
+        that is played in real time; the reader gets the latest one.
     errors : dict of int to str
-        Why frames could not be read, by their places in `past_errors`.
+        Index in `past_errors` of each frame that could not be read, with the reason.
     """
 
     def __init__(
@@ -73,39 +76,39 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
     @property
     def counters(self) -> dict[str, int]:
-        """Counts of frames given (``frames``), lost (``dropped``) and refused so far, by reason."""
+        """Numbers of frames read (``frames``), lost (``dropped``) and refused, by reason."""
         found: dict[str, int] = self._source.counters()
         return found
 
     @property
     def num_frames(self) -> int | None:
-        """Number of frames of a recording; None: nobody knows."""
+        """Number of frames of a recording; None if it is not known."""
         found: int | None = self._source.num_frames()
         return found
 
     @property
     def begins_anew(self) -> bool:
-        """Whether it can be read again from its first frame: neither camera nor iterator."""
+        """Whether the source can be rewound: it is neither live nor an iterator."""
         return not self.is_live and self._reopen is not None
 
     @property
     def has_known_end(self) -> bool:
-        """Whether it is known to end: no camera, and no iterable's frames without a length."""
+        """Whether the source surely ends: it is neither live nor an iterable without a length."""
         is_iterated = isinstance(self._source, IteratedFrames)
         return not self.is_live and not (is_iterated and self.num_frames is None)
 
     def start(self) -> None:
-        """Open the device again after a `DeviceError`; a recording begins anew, with its counters.
+        """Open the device again after a `DeviceError`, or rewind a recording and its counters.
 
-        `open` does it the first time. A recording that is played in real time goes on where an
-        error stopped it, as a camera does.
+        `open` has started a new source already. A recording that is played in real time is not
+        rewound: it continues where an error stopped it, as a camera does.
 
         Raises
         ------
         DeviceError
-            It is not there.
+            The device is not connected.
         FormatError, OSError
-            The recording is no longer what it was.
+            The recording was changed or removed, and cannot be read.
         """
         if self._is_started and self._reopen is not None and not self.is_live:
             self._open_again(self._reopen)
@@ -116,9 +119,10 @@ class RgbdSource(FrameSource[RgbdFrame]):
         self._source = reopen()
 
     def seek(self, index: int) -> None:
-        """Go to a frame, which is the next one that is read; the counters begin anew.
+        """Go to a frame, so that it is the next one to be read; the counters start at 0 again.
 
-        A damaged frame is passed over in files that say which one it is, and named in others.
+        If that frame is damaged, a Matroska recording continues with the frame after it; in a
+        folder of images the next `read` raises `FormatError`, which names the file.
 
         Parameters
         ----------
@@ -128,7 +132,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
         Raises
         ------
         InputError
-            A camera or an iterator, or there are not so many frames.
+            The source is a camera or an iterator, or ``index`` is out of range.
         """
         length = self.num_frames
         if length is None and index < 0:
@@ -160,7 +164,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
         if at < 0 or (length is not None and at >= length):
             raise IndexError(f"frame {index} of {length or 'an unknown number'}")
         open_indexed = self._recorded(self._open_indexed)
-        indexed = self._indexed  # another thread may stop the source meanwhile
+        indexed = self._indexed  # read once, because another thread may stop the source
         if indexed is None:
             indexed = self._indexed = open_indexed()
         try:
@@ -168,7 +172,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
         except InputError:
             raise IndexError(f"frame {index}: the recording ends before it") from None
         finally:
-            indexed.stop()  # between two frames nobody reads
+            indexed.stop()  # no thread needs to read ahead between two indexed frames
         return self._to_frame(found) if isinstance(found, Mapping) else found
 
     def __len__(self) -> int:
@@ -177,7 +181,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
         return length
 
     def __bool__(self) -> bool:
-        return True  # however many frames
+        return True  # without this method, bool() would call __len__
 
     def _begin(self) -> None:
         self._is_started = True
@@ -186,24 +190,24 @@ class RgbdSource(FrameSource[RgbdFrame]):
         self._calibration = _to_calibration(self._source.calibration())
 
     def read(self, timeout: float | None = None) -> RgbdFrame | None:
-        """The next frame; of live sources the latest.
+        """Read the next frame; of a live source the latest.
 
         Parameters
         ----------
-        timeout : float, optional
-            Seconds to wait for a live source; without it until there is one.
+        timeout : float, optional, seconds
+            Longest time to wait for a frame of a live source; default: no limit.
 
         Returns
         -------
         RgbdFrame or None
-            None: the recording ends, the source was stopped, or the time is over.
+            None if the recording has ended, the source was stopped, or no frame came in time.
 
         Raises
         ------
         FormatError
-            A file is damaged; the next call goes on behind the damaged frame.
+            A file is damaged; the next call continues after the damaged frame.
         DeviceError
-            The camera is gone; `start` tries to open it again.
+            The camera was disconnected; `start` tries to open it again.
         """
         frame = self._wait(timeout)
         if not self._is_color_checked and self.counters.get("unregistered_color"):
@@ -216,19 +220,19 @@ class RgbdSource(FrameSource[RgbdFrame]):
         return frame
 
     def past_errors(self) -> Iterator[RgbdFrame | None]:
-        """Read on to the end, past frames that cannot be read; `errors` begins anew.
+        """Read to the end without stopping at unreadable frames; `errors` is cleared first.
 
         Yields
         ------
         RgbdFrame or None
-            None: the frame cannot be read, and `errors` says why.
+            None if the frame cannot be read; `errors` states the reason.
 
         Raises
         ------
         FormatError, OSError
-            The first reason, where no frame can be read.
+            No frame can be read; this is the first error.
         DeviceError
-            The camera is gone.
+            The camera was disconnected.
         """
         self.errors.clear()
         frames = cast("Iterator[RgbdFrame]", iter(self.read, None))
@@ -245,10 +249,10 @@ class RgbdSource(FrameSource[RgbdFrame]):
         return RgbdFrame(**{**fields, "skeletons": skeletons}, calibration=self.calibration)
 
     def stop(self) -> None:
-        """End a live source's thread; the frame that it has can still be read.
+        """End a live source's thread; the frame that it holds can still be read.
 
-        What is no camera gives no more frames, unless `start` or `seek` is called: a loop over an
-        endless iterator ends, too, with the frame that it waits for.
+        Other sources yield no further frames until `start` or `seek` is called. A loop over an
+        endless iterator ends with the frame that it is waiting for.
         """
         self._is_stopped = True
         self._source.stop()
@@ -257,13 +261,13 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
 @checked
 class ForgedSource(RgbdSource):
-    """A source whose person stands before another scene, or does not: ``forged:SOURCE``.
+    """A source whose frames are forged or real, switched while it runs: ``forged:SOURCE``.
 
     Attributes
     ----------
     forged : bool
-        Whether the next frames are forged; may be set at any time, from any thread. A file that
-        the address names as its ``switch``, or a time after which they alternate, has precedence.
+        Whether the next frames are forged; may be set at any time, from any thread. Options of the
+        address have precedence: ``switch``, and the seconds of ``show``.
     """
 
     @property
@@ -300,21 +304,21 @@ def _to_calibration(found: Any) -> RgbdCalibration:
 
 @checked
 def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSource:
-    """Make a source of frames that are there already, or that a generator makes.
+    """Make a source of frames that are in memory, or that a generator makes.
 
     Parameters
     ----------
     frames : iterable of RgbdFrame
-        Frames of one camera. The first is read at once, unless ``frames`` has a ``calibration``.
-        They may never end: `RgbdSource.stop` ends a loop over them then. `read` waits for the
-        iterator, whatever its ``timeout``.
+        Frames of one camera. The first one is read immediately, unless ``frames`` has an attribute
+        ``calibration``. The iterable may be endless; `RgbdSource.stop` then ends a loop over it.
+        `RgbdSource.read` waits for the iterator and ignores its ``timeout``.
     uri : str
         Name of the source in messages.
 
     Returns
     -------
     RgbdSource
-        It ends with the last frame.
+        A source that ends with the last frame.
 
     Raises
     ------
@@ -345,5 +349,5 @@ def source_of(
             source.seek(start)
         return source
 
-    # An iterator can only be gone through once.
+    # An iterator can be read only once, so it cannot be rewound.
     return RgbdSource(uri, opened(), None if isinstance(frames, Iterator) else opened)

@@ -1,4 +1,4 @@
-"""Open any sensor or recording by its address, and list what can be opened."""
+"""Opening of any sensor or recording by its address, and the list of all kinds of sources."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def open(uri: str, **options: Any) -> LidarSource | RgbdSource:
     Parameters
     ----------
     uri : str
-        ``SCHEME:PLACE``.
+        Address of the form ``SCHEME:PLACE``.
     **options
         Options of `open_lidar` (``pcap:``, ``velodyne:``, ``ouster:``, ``kitti:``, ``bag:``) or of
         `open_rgbd` (all others).
@@ -27,12 +27,13 @@ def open(uri: str, **options: Any) -> LidarSource | RgbdSource:
     Returns
     -------
     LidarSource or RgbdSource
-        As the functions of those names, which also have the exact types.
+        The result of `open_lidar` or of `open_rgbd`; type checkers know its type only if these are
+        called directly.
 
     Raises
     ------
     InputError, FormatError, DeviceError, OSError, MissingExtraError
-        As those functions.
+        See `open_lidar` and `open_rgbd`.
 
     Examples
     --------
@@ -48,13 +49,14 @@ def _scheme(uri: str) -> str:
 
 
 def sources() -> tuple[Scheme, ...]:
-    """Return all kinds of sources, also those that cannot be opened here, with reason and cure.
+    """Return all kinds of sources, including those that cannot be opened on this computer.
 
-    Looks for devices, which may take a second.
+    This looks for connected devices, which may take a second.
 
     Returns
     -------
     tuple of Scheme
+        ``reason`` and ``cure`` are empty for kinds that can be opened.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Frames of a source counted and timed."""
+"""Summary of a source: counts and times of its frames."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from manip3d._util.options import Progress
 
 LIVE_SECONDS = 2.0
-"""Seconds that a live source is looked at, unless it is said otherwise."""
+"""Default time in seconds for which a live source is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,21 +34,23 @@ class SourceSummary:
         Address of the source.
     depth : Intrinsics
     color : Intrinsics or None
-        None: the source names no colour camera.
+        None if the source states no separate colour camera.
     num_frames, num_color, num_body_index, num_skeletons : int
-        Frames in all, and those with a colour image, with people's pixels and with skeletons.
+        Number of all frames, and of those with a colour image, with a body index image, and with
+        skeletons.
     range_m : (float, float) or None
-        Smallest and largest depth, metres; None: nothing was measured.
+        Smallest and largest depth, metres; None if no depth was measured.
     times_ns : (int, int) or None
-        Time of the first and of the last frame, nanoseconds; None: there is no frame.
+        Times of the first and of the last frame, nanoseconds; None without a frame.
     frames_per_second : float or None
-        By the median step; None: there are fewer than two frames, or their times stand still.
+        Reciprocal of the median time step; None if there are fewer than two frames, or if that step
+        is not above 0.
     longest_gap_s : float or None
-        Longest time between two frames, seconds.
+        Longest time between two frames, seconds; None if there are fewer than two frames.
     num_missing : int
-        Numbers of frames that were left out.
+        Number of missing frames, by the gaps in the frames' numbers.
     counters : mapping of str to int
-        What the source saw and refused.
+        Counters of the source: frames read, lost and refused.
     """
 
     source: str
@@ -66,11 +68,12 @@ class SourceSummary:
     counters: Mapping[str, int]
 
     def record(self) -> dict[str, Any]:
-        """Return the summary as plain values, as JSON has them.
+        """Return the summary as plain values that can be written as JSON.
 
         Returns
         -------
         dict
+            Times end in ``_ns`` (nanoseconds) or are in seconds; ``range`` is in metres.
         """
         first, last = (None, None) if self.times_ns is None else self.times_ns
         return {
@@ -111,20 +114,23 @@ def _camera(camera: Intrinsics) -> dict[str, Any]:
 def summarize(
     source: RgbdSource, *, seconds: float = LIVE_SECONDS, progress: Progress = None
 ) -> SourceSummary:
-    """Count and time the frames of a source: all of a recording, some of what may never end.
+    """Count and time the frames of a source.
+
+    A recording is read to its end; a source that may never end, for a given time.
 
     Parameters
     ----------
     source : RgbdSource
-        What `open_rgbd` opened; it is closed afterwards.
+        A source opened by `open_rgbd`; it is closed afterwards.
     seconds : float
-        For so long a live source is looked at, and one without a known end, such as an iterator.
+        Time for which a live source, or one without a known end such as an iterator, is read.
     progress : callable or bool, optional
-        Called with the share that is done, where the number of frames is known; True: a bar.
+        Called with the share of the frames that is done, if their number is known; True: a bar.
 
     Returns
     -------
     SourceSummary
+        Counts, times and depth range of the frames that were read.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The calibration of an HDL-64E: ``db.xml`` as Velodyne ships it, or ROS's YAML of the same."""
+"""Calibration of an HDL-64E, from Velodyne's ``db.xml`` or from ROS's YAML version of that file."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 
 _MOST_LASERS = 128
 
-# Our names, db.xml's, YAML's. db.xml has degrees and centimetres, YAML radians and metres; the sign
-# of rotations is theirs: subtracted from the rotor's azimuth.
+# Names of the attributes, in db.xml and in YAML. db.xml has degrees and centimetres, YAML radians
+# and metres. Both define rotCorrection with the opposite sign of `azimuth_offset`: it is subtracted
+# from the rotor's azimuth.
 _NAMES = (
     ("elevation", "vertCorrection_", "vert_correction"),
     ("azimuth_offset", "rotCorrection_", "rot_correction"),
@@ -44,17 +45,17 @@ class VelodyneCalibration:
     Attributes
     ----------
     elevation, azimuth_offset : (L,) float64
-        Degrees; the offset is added to the rotor's azimuth, clockwise from above.
+        Degrees; the azimuth offset is added to the rotor's azimuth, clockwise seen from above.
     range_offset : (L,) float64
-        Metres, added to every range; at 25.04 m for lasers with ``two_points``.
+        Metres, added to the range; for lasers with ``two_points`` it is valid at 25.04 m.
     two_points : (L,) bool
-        Lasers with offsets measured at two distances.
+        Whether the laser's range offset was measured at two distances.
     range_offset_x, range_offset_y : (L,) float64
-        Metres, at 2.4 m along x and at 1.93 m along y.
+        Range offsets in metres at the nearer distance, 2.4 m along x and 1.93 m along y.
     vertical_offset, horizontal_offset : (L,) float64
         Offsets of the laser, metres, at right angles to its beam.
     range_unit : float
-        Metres.
+        Metres per unit of the ranges in the packets.
     """
 
     elevation: NDArray[np.float64]
@@ -68,7 +69,7 @@ class VelodyneCalibration:
     range_unit: float = 0.002
 
     def table(self) -> NDArray[np.float64]:
-        """(L, 8) float64: the attributes as columns, in their order."""
+        """Return the attributes except ``range_unit`` as columns in their order, (L, 8) float64."""
         columns = [
             self.elevation,
             self.azimuth_offset,
@@ -84,12 +85,12 @@ class VelodyneCalibration:
 
 @checked
 def read_velodyne_calibration(path: str | os.PathLike[str]) -> VelodyneCalibration:
-    """Read an HDL-64E's calibration: Velodyne's ``db.xml``, or the YAML that ROS makes of it.
+    """Read an HDL-64E's calibration: Velodyne's ``db.xml``, or ROS's YAML version of it.
 
     Parameters
     ----------
     path : path
-        Ends in ``.xml``; any other name is taken for YAML.
+        The file; it is read as YAML unless its name ends in ``.xml``.
 
     Returns
     -------
@@ -117,7 +118,7 @@ def read_velodyne_calibration(path: str | os.PathLike[str]) -> VelodyneCalibrati
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """The attributes of `VelodyneCalibration`."""
+    """Return the attributes of `VelodyneCalibration`."""
     if path.suffix.lower() == ".xml":
         return _read_xml(path)
     return _read_yaml(path)
@@ -127,7 +128,7 @@ def _read_xml(path: Path) -> dict[str, Any]:
     root = parse_xml(path)
     lasers = [item for points in root.iter("points_") for item in points.iter("px")]
     unit = root.find(".//distLSB_")
-    # Sensors of other models ship the same file with unused entries at its end.
+    # Models with fewer lasers use the same file, with unused entries at its end.
     count = sum(_number(c, path) != 0.0 for c in root.findall(".//enabled_/item"))
     by_id = _by_id([(_child(item, "id_", path), item) for item in lasers], path)
     table = _table(

@@ -1,7 +1,7 @@
 """Reading and writing of mesh, scan and depth files.
 
-Readers are safe on hostile input: a damaged file, an index out of range, a header that claims more
-than the file can hold end in a `FormatError` that names the file and the line or byte.
+Readers are safe on hostile input. A damaged file, an index out of range, or a header that claims
+more data than the file holds raises a `FormatError`, which names the file and the line or byte.
 """
 
 from __future__ import annotations

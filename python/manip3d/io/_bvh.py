@@ -1,4 +1,4 @@
-"""Motion files in Biovision's BVH: a skeleton and its joints' angles, frame by frame."""
+"""Reader of motion files in Biovision's BVH format: a skeleton, and its joint angles per frame."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from manip3d.io._limits import byte_limit, check_points, clock
 Floats = NDArray[np.float64]
 
 MOST_BYTES = 1 << 26
-"""Most bytes of a motion file."""
+"""Largest size of a motion file, in bytes."""
 
 MOST_JOINTS = 1024
-"""Most joints of a skeleton; motion capture of bodies and hands has about a hundred."""
+"""Largest number of joints of a skeleton; motion capture of bodies with hands has about 100."""
 
 _MOST_FRAMES = 1 << 24
-_FARTHEST = 1e9  # offsets and channels; beyond it sums along a chain lose their decimals
+_FARTHEST = 1e9  # largest offset or channel value; sums of larger ones lose their decimals
 _CHANNELS = {
     f"{axis}{kind}".lower(): (number, kind == "rotation")
     for kind in ("position", "rotation")
@@ -42,16 +42,16 @@ class Motion:
     names : tuple of str
         Names of the J joints, in the order of the file; End Sites are left out.
     parents : tuple of int
-        The joint that each one hangs from; -1 of the root.
+        Index of each joint's parent; -1 for the root.
     positions : (T, J, 3) float64
-        In the file's own unit; y is up in nearly all files.
+        Positions in T frames, in the file's own unit; y is up in nearly all files.
     frame_s : float
         Seconds from frame to frame.
 
     Raises
     ------
     InputError
-        Sizes that do not agree, a position that is not finite, a time that is not positive.
+        The sizes do not agree, a position is not finite, or ``frame_s`` is not positive.
     """
 
     names: tuple[str, ...]
@@ -91,27 +91,28 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
     Parameters
     ----------
     path : path-like
-        A file with one ROOT; channels in any order, at least one for each joint. A frame may run
-        over several lines.
+        A file with one ROOT, and with at least one channel for each joint, in any order. The
+        numbers of a frame may be spread over several lines.
 
     Returns
     -------
     Motion
+        Joint positions of all frames.
 
     Raises
     ------
     FormatError
-        The file is not a BVH file, is damaged (names the line), or is larger than 64 MiB or than
-        `ReadLimits` allow.
+        The file is not a BVH file, is damaged (the error names the line), or is larger than 64 MiB
+        or than `ReadLimits` allow.
     OSError
-        It cannot be read.
+        The file cannot be read.
 
     Notes
     -----
-    A joint's frame is that of its parent, moved by OFFSET (and by its position channels, if it has
-    any) and rotated by its rotation channels in the order in which they stand [M. Meredith and
-    S. Maddock, "Motion Capture File Formats Explained", Sheffield 2001]. Position channels of the
-    root take the place of its OFFSET, those of other joints are added.
+    A joint's coordinate frame is that of its parent, moved by OFFSET and by its position channels,
+    and rotated by its rotation channels in the order of the file [M. Meredith and S. Maddock,
+    "Motion Capture File Formats Explained", Sheffield 2001]. Position channels of the root replace
+    its OFFSET; those of other joints are added to it.
 
     Examples
     --------
@@ -152,19 +153,19 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
 
 
 class _Reader:
-    """Reads the words of a file one after the other, and knows the line of each."""
+    """Tokenizer: yields the words of a file in order, and knows the line of each."""
 
     def __init__(self, lines: list[bytes], file: str, look: Callable[[float], None] | None) -> None:
         self._lines, self._file = lines, file
-        self._look = look  # raises once the time is over
-        self.line = 0  # 1-based number of the line of the word given last
+        self._look = look  # raises FormatError when the time limit is exceeded
+        self.line = 0  # 1-based number of the line of the last word
         self._words: Iterator[bytes] = iter(())
 
     def fail(self, reason: str) -> FormatError:
         return FormatError(reason, file=self._file, line=max(1, self.line))
 
     def word(self, expected: str) -> str:
-        """The next word."""
+        """Return the next word."""
         while (found := next(self._words, None)) is None:
             if self.line >= len(self._lines):
                 raise self.fail(f"expected {expected}, found the end of the file")
@@ -175,28 +176,28 @@ class _Reader:
         return found.decode("utf-8", "surrogateescape")
 
     def expect(self, *words: str) -> None:
-        """Words that have to come."""
+        """Read the given words, and raise if the file has others."""
         for wanted in words:
             if (got := self.word(wanted)).lower() != wanted.lower():
                 raise self.fail(f"expected {wanted}, got {got!r}")
 
     def number(self, expected: str) -> float:
-        """A finite number."""
+        """Read a number of at most `_FARTHEST` in size."""
         got = self.word(expected)
         value = _float(got)
-        if not abs(value) <= _FARTHEST:  # not of NaN either
+        if not abs(value) <= _FARTHEST:  # also raises on NaN
             raise self.fail(f"expected {expected}, got {got!r}")
         return value
 
     def whole(self, expected: str, low: int, high: int) -> int:
-        """A whole number between two ends."""
+        """Read an integer from ``low`` to ``high``."""
         got = self.word(expected)
         if not (got.isascii() and got.isdigit() and len(got) < 12 and low <= int(got) <= high):
             raise self.fail(f"expected {expected}, {low} to {high}, got {got!r}")
         return int(got)
 
     def rest(self) -> Iterator[bytes]:
-        """The words that are left of this line, then the lines that are left."""
+        """Yield the rest of the current line, then each remaining line."""
         yield b" ".join(self._words)
         while self.line < len(self._lines):
             self.line += 1
@@ -206,7 +207,7 @@ class _Reader:
 
 
 def _float(text: str) -> float:
-    """Return the number in a text; NaN for other texts, also for forms that only Python knows."""
+    """Return the number in a text; NaN if it is none, or has Python's underscores (``1_000``)."""
     try:
         return math.nan if "_" in text else float(text)
     except ValueError:
@@ -214,7 +215,7 @@ def _float(text: str) -> float:
 
 
 def _hierarchy(reader: _Reader) -> list[_Joint]:
-    """The joints in the order of the file, each behind its parent."""
+    """Read the joints in the order of the file, each after its parent."""
     reader.expect("HIERARCHY", "ROOT")
     joints: list[_Joint] = []
     open_: list[int] = []  # numbers of the joints whose braces are open
@@ -245,7 +246,7 @@ def _hierarchy(reader: _Reader) -> list[_Joint]:
 
 
 def _begin(reader: _Reader, joints: list[_Joint], open_: list[int]) -> None:
-    """The name of a joint and its opening brace; a name may have spaces."""
+    """Read the name of a joint, which may contain spaces, and the opening brace; add the joint."""
     words = [reader.word("a joint's name")]
     while (word := reader.word("{")) != "{":
         words.append(word)
@@ -269,7 +270,7 @@ def _channels(reader: _Reader) -> tuple[str, ...]:
 
 
 def _header(reader: _Reader) -> tuple[int, float]:
-    """Number of frames, and seconds from one to the next."""
+    """Read the number of frames, and the seconds from one to the next."""
     word = reader.word("MOTION")
     if word.lower() == "root":
         raise reader.fail("expected MOTION, got a second ROOT: one person a file")
@@ -285,7 +286,10 @@ def _header(reader: _Reader) -> tuple[int, float]:
 
 
 def _numbers(reader: _Reader, frames: int, channels: int) -> Floats:
-    """(frames, channels); memory grows with what the file holds, not with what it claims."""
+    """Read the channel values, (frames, channels).
+
+    Memory is allocated for the numbers that the file holds, not for the number that it claims.
+    """
     rows: list[Floats] = []
     found = 0
     for line in reader.rest():
@@ -306,7 +310,7 @@ def _numbers(reader: _Reader, frames: int, channels: int) -> Floats:
 
 
 def _places(joints: list[_Joint], values: Floats) -> Floats:
-    """(T, J, 3) positions by forward kinematics, from the root outwards."""
+    """Return positions (T, J, 3) by forward kinematics, from the root outwards."""
     places = np.zeros((len(values), len(joints), 3))
     turned: list[Floats] = []
     at = 0
@@ -334,7 +338,7 @@ def _places(joints: list[_Joint], values: Floats) -> Floats:
 
 
 def _turned(rotation: Floats, axis: int, degrees: Floats) -> Floats:
-    """Rotations, each followed in its own frame by a turn about one of its axes."""
+    """Return rotations (T, 3, 3), each times a rotation about one of its own axes, in degrees."""
     angle = np.deg2rad(degrees)
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
     i, j = (axis + 1) % 3, (axis + 2) % 3

@@ -1,7 +1,7 @@
-"""Meshes of COLLADA files (1.4 and 1.5): the geometries that the scene shows, at their places.
+"""Reader of meshes in COLLADA files (1.4 and 1.5): all geometries of the scene, transformed.
 
-Robot descriptions (URDF), SketchUp, Blender and old game assets come as ``.dae``. Skins stand as
-they were bound, morphs at their base; animations, cameras and lights are no part of a mesh.
+Robot descriptions (URDF), SketchUp, Blender and old game assets use ``.dae``. Skins are read in
+their bind pose, morphs in their base shape; animations, cameras and lights are ignored.
 """
 
 from __future__ import annotations
@@ -31,10 +31,12 @@ if TYPE_CHECKING:
 SUFFIX = ".dae"
 
 _MOST_BYTES, _MOST_RATIO = 64 << 20, 100
-"""A geometry may be named many times: what it may take, as for glTF."""
+"""Limits of the memory of a scene, which may instance a geometry many times: bytes, and ratio to
+the file's size; the larger one holds, as for glTF."""
 _BYTES_A_CORNER, _BYTES_A_VERTEX, _BYTES_A_PLACE = 25, 24, 2048
 _DEEPEST = 192
-"""Nodes within nodes: each bone is one within that before it, and tails and ropes have many."""
+"""Largest depth of nested nodes. Each bone is nested in the one before, and tails and ropes have
+many bones."""
 _DEEPEST_ELEMENT = _DEEPEST + 64
 _POLYGONS = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 _LINES = ("lines", "linestrips")
@@ -44,7 +46,7 @@ _Look = Callable[[float], None] | None
 
 @dataclass
 class _Input:
-    """A table that corners name by one of their numbers."""
+    """An attribute of corners: the table ``source``, and the offset of its index in each corner."""
 
     source: str
     offset: int
@@ -53,13 +55,13 @@ class _Input:
 
 @dataclass
 class _Shape:
-    """Faces of one material: the numbers of their corners in each table."""
+    """Polygons with one material symbol; ``table`` has a row of indices for each corner."""
 
     symbol: str
     inputs: dict[str, _Input]
     table: NDArray[np.int64]
     counts: NDArray[np.int32]
-    """Corners of each polygon."""
+    """Number of corners of each polygon."""
 
 
 @dataclass
@@ -67,24 +69,25 @@ class _Placed:
     geometry: Element
     matrix: NDArray[np.float64]
     materials: dict[str, str] = field(default_factory=dict)
-    """From symbols to the ids of materials."""
+    """Material id of each symbol."""
 
 
 def read(
     data: bytes, folder: Path | None, limit: int, look: _Look = None, *, allow_outside: bool = False
 ) -> tuple[Mesh, int, list[str]]:
-    """Return the mesh of a file, the number of its polygons, and what was left out.
+    """Return the mesh of a file, the number of its polygons, and warnings about parts left out.
 
     Raises
     ------
     FormatError
-        It is damaged, or shows far more than it holds. Without the file's name.
+        The file is damaged, or its instances would take more than the limit of memory. The error
+        does not name the file.
     """
     document = _Document(parse_xml_bytes(data, "", look, most_depth=_DEEPEST_ELEMENT))
     looks = _Looks(document, folder, allow_outside=allow_outside)
     geometries: dict[int, _Geometry] = {}
     pieces, num_polygons = [], 0
-    with np.errstate(over="ignore", invalid="ignore"):  # join() looks at the result
+    with np.errstate(over="ignore", invalid="ignore"):  # join() refuses values that are not finite
         for each in _Scene(document, limit or max(_MOST_BYTES, _MOST_RATIO * len(data))).placed():
             geometry = geometries.get(id(each.geometry))
             if geometry is None:
@@ -102,7 +105,7 @@ def read(
 
 
 class _Document:
-    """The elements of a file by their ids, and what is left out of it."""
+    """The elements of a file by their ids, and the warnings."""
 
     def __init__(self, root: Element) -> None:
         for element in root.iter():
@@ -120,9 +123,10 @@ class _Document:
     def named(
         self, reference: str | None, *tags: str, first: Mapping[str, Element] | None = None
     ) -> Element:
-        """The element that ``#id`` names, which has one of these tags.
+        """Return the element with the id in ``#id``, which must have one of these tags.
 
-        It is one of ``first`` if these know the id: some exporters use one in each geometry anew.
+        The ids in ``first`` have precedence, because some exporters use the same ids in each
+        geometry.
         """
         name = (reference or "").removeprefix("#")
         found = first.get(name) if first is not None else None
@@ -143,7 +147,7 @@ def _ids_in(root: Element) -> dict[str, Element]:
 
 def _numbers(element: Element | None) -> NDArray[np.float64]:
     text = (element.text or "") if element is not None else ""
-    # Old exporters write 1,5 for 1.5 on machines whose language does.
+    # Old exporters write 1,5 for 1.5 if the computer's language uses a decimal comma.
     words = text.replace(",", ".").split()
     try:
         return np.fromiter(map(float, words), np.float64, len(words))
@@ -171,14 +175,14 @@ def _whole(element: Element, name: str, default: int) -> int:
 
 
 class _Scene:
-    """Finds where geometries are shown."""
+    """The scene graph, which instances geometries."""
 
     def __init__(self, document: _Document, most_bytes: int) -> None:
         self.document, self.most_bytes = document, most_bytes
         self.sizes: dict[int, int] = {}
 
     def placed(self) -> list[_Placed]:
-        """Each geometry at each of its places; of a file without a scene each once."""
+        """Return each instance of each geometry; without a scene, each geometry once."""
         roots = self.root_nodes()
         if roots is None:
             return [_Placed(each, np.eye(4)) for each in self.document.root.iter("geometry")]
@@ -199,7 +203,7 @@ class _Scene:
         return None if scene is None else scene.findall("node")
 
     def size(self, node: Element, depth: int) -> int:
-        """The bytes that a node takes with all that is below it."""
+        """Return an upper bound of the memory of a node and all nodes below it, in bytes."""
         if depth > _DEEPEST:
             raise FormatError(f"nodes within nodes, more than {_DEEPEST} deep")
         if id(node) not in self.sizes:
@@ -209,7 +213,10 @@ class _Scene:
         return self.sizes[id(node)]
 
     def size_of_geometry(self, geometry: Element) -> int:
-        """A bound from above: no number takes less than two characters."""
+        """Return an upper bound of a geometry's memory, in bytes.
+
+        A number takes at least two characters, a digit and a space.
+        """
         if id(geometry) not in self.sizes:
             lengths = {"p": 0, "float_array": 0}
             for element in geometry.iter():
@@ -230,7 +237,7 @@ class _Scene:
                 self.document.warn("nodes of other files are left out")
 
     def geometry(self, instance: Element) -> Element:
-        """The geometry that an instance shows, with or without a controller."""
+        """Return the geometry of an instance, through its controllers if it has any."""
         element = self.document.named(instance.get("url"), "geometry", "controller")
         for _ in range(_DEEPEST):
             if element.tag == "geometry":
@@ -241,7 +248,7 @@ class _Scene:
         raise FormatError(f"controllers of controllers, more than {_DEEPEST} deep")
 
     def below(self, node: Element, above: NDArray[np.float64]) -> Iterator[_Placed]:
-        """The geometries below a node; a point is a row (x, y, z, 1) times the matrix."""
+        """Yield the geometries below a node. Matrices act on row vectors: (x, y, z, 1) @ matrix."""
         if self.sizes[id(node)] == 0:
             return
         matrix = _transform(node) @ above
@@ -253,7 +260,10 @@ class _Scene:
             yield from self.below(child, matrix)
 
     def bind_shape(self, instance: Element) -> NDArray[np.float64] | None:
-        """The place of a skin when it was bound to its bones, which place it and no node does."""
+        """Return the bind shape matrix of a skin; None for other instances.
+
+        It replaces the matrix of the node, because a skin is placed by its bones.
+        """
         if instance.tag != "instance_controller":
             return None
         skin = self.document.named(instance.get("url"), "controller").find("skin")
@@ -275,7 +285,7 @@ def _bindings(instance: Element) -> dict[str, str]:
 
 
 def _transform(node: Element) -> NDArray[np.float64]:
-    """The product of a node's transforms, for rows: the last of them acts first."""
+    """Return the product of a node's transforms for row vectors; the last transform acts first."""
     matrix = np.eye(4)
     for element in node:
         make = _TRANSFORMS.get(element.tag)
@@ -306,7 +316,7 @@ def _scale(element: Element) -> NDArray[np.float64]:
 
 
 def _rotate(element: Element) -> NDArray[np.float64]:
-    """Rodrigues' formula; an axis without a length turns nothing."""
+    """Return a rotation by Rodrigues' formula; the identity if the axis has length 0."""
     *axis, degrees = _values(element, 4)
     length = float(np.linalg.norm(axis))
     matrix = np.eye(4)
@@ -331,7 +341,7 @@ _TRANSFORMS: dict[str, Callable[[Element], NDArray[np.float64]]] = {
 
 
 class _Geometry:
-    """The polygons of a geometry, cut into triangles."""
+    """The polygons of a geometry, triangulated."""
 
     def __init__(self, document: _Document, geometry: Element) -> None:
         self.document = document
@@ -351,7 +361,7 @@ class _Geometry:
         self.plain = self.joined([shape for shape in shapes if len(shape.table)])
 
     def piece(self, materials: list[int]) -> Piece:
-        """The mesh with the materials that its symbols are bound to."""
+        """Return the mesh with the given material number for each symbol."""
         return replace(self.plain, material=np.array([*materials, NONE])[self.plain.material])
 
     def fail(self, reason: str) -> FormatError:
@@ -378,14 +388,14 @@ class _Geometry:
             counts = np.array([len(each) for each in tables], dtype=np.int64)
         else:
             counts = np.full(len(table) // 3, 3)
-        is_possible = (counts >= 0) & (counts <= len(table))  # sums of others may overflow
+        is_possible = (counts >= 0) & (counts <= len(table))  # the sum of other counts may overflow
         if not is_possible.all() or counts.sum() != len(table):
             raise self.fail(f"{element.tag}: got {len(table)} corners for {counts.sum()}")
         self.num_polygons += len(counts)
         return _Shape(element.get("material", ""), inputs, table, counts.astype(np.int32))
 
     def inputs(self, element: Element) -> tuple[dict[str, _Input], int]:
-        """The tables of a shape by what they hold, and the numbers of a corner."""
+        """Return a shape's inputs by semantic, and the number of indices per corner."""
         found: dict[str, _Input] = {}
         stride = 1
         for each in element.findall("input"):
@@ -404,7 +414,7 @@ class _Geometry:
         return found, stride
 
     def source(self, reference: str, width: int) -> NDArray[np.float64]:
-        """(N, width): the rows of a source; what it lacks is 0."""
+        """Return the rows of a source, (N, width); columns that it lacks are 0."""
         if reference not in self.sources:
             self.sources[reference] = self.rows(self.named(reference, "source"))
         rows = self.sources[reference]
@@ -426,11 +436,11 @@ class _Geometry:
         rows = values[offset : offset + count * stride].reshape(count, stride)
         parameters = accessor.findall("param")[:stride]
         has_name = ["name" in each.attrib for each in parameters]
-        # A column without a name is skipped; some writers name none at all.
+        # A parameter without a name is skipped; but some exporters name none of them.
         return rows[:, np.flatnonzero(has_name)] if any(has_name) else rows
 
     def joined(self, shapes: list[_Shape]) -> Piece:
-        """One mesh of all shapes, with the numbers of their symbols as materials."""
+        """Return one mesh of all shapes; its material numbers index ``symbols``."""
         if not shapes:
             return Piece.plain(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
         places = {shape.inputs["POSITION"].source for shape in shapes if "POSITION" in shape.inputs}
@@ -455,7 +465,7 @@ class _Geometry:
     def triangles(
         self, shape: _Shape, vertices: NDArray[np.float64]
     ) -> tuple[_Shape, NDArray[np.int64]]:
-        """The shape with the rows of its table that are the corners of triangles."""
+        """Triangulate a shape; return it with the rows (T, 3) of its table at the corners."""
         if (shape.counts == 3).all():
             return shape, np.arange(len(shape.table)).reshape(-1, 3)
         numbers = shape.table[:, shape.inputs["POSITION"].offset]
@@ -464,7 +474,7 @@ class _Geometry:
         return shape, _core.triangulate_polygons(vertices, corners, shape.counts).astype(np.int64)
 
     def table(self, shape: _Shape, rows: NDArray[np.int64], semantic: str) -> NDArray[np.int64]:
-        """(T, 3): the numbers of the corners of triangles in one of the tables."""
+        """Return the indices (T, 3) of the triangles' corners in the table of one semantic."""
         given = shape.inputs[semantic]
         numbers = shape.table[:, given.offset][rows]
         self.check(numbers, len(self.source(given.source, 1)), semantic)
@@ -478,7 +488,10 @@ class _Geometry:
     def property(
         self, cut: list[tuple[_Shape, NDArray[np.int64]]], semantic: str, width: int
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """The rows that the corners of all triangles have of a property, and these rows."""
+        """Return the row of each triangle corner in the values of a semantic, and these values.
+
+        The row is `NONE` for shapes without that semantic.
+        """
         tables: dict[str, int] = {}
         rows_of_tables, corners, first = [np.empty((0, width))], [], 0
         for shape, rows in cut:
@@ -495,7 +508,7 @@ class _Geometry:
 
 
 def _triangles_of(kind: str, strip: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The corners of the triangles of a strip, or of a fan."""
+    """Return the corners of the triangles of a strip or of a fan, three rows each."""
     first = np.arange(max(0, len(strip) - 2))
     if kind == "trifans":
         corners = np.stack([np.zeros_like(first), first + 1, first + 2], axis=1)
@@ -509,7 +522,7 @@ def _triangles_of(kind: str, strip: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 class _Looks:
-    """The materials that faces have, in the order in which they are first named."""
+    """Materials of the faces, in the order of their first use."""
 
     def __init__(self, document: _Document, folder: Path | None, *, allow_outside: bool) -> None:
         self.document, self.folder, self.allow_outside = document, folder, allow_outside
@@ -517,7 +530,7 @@ class _Looks:
         self.numbers: dict[str, int] = {}
 
     def number(self, symbol: str, bound: dict[str, str]) -> int:
-        """The number of the material that a symbol is bound to, or has itself as its id."""
+        """Return the number of the material bound to a symbol, or else of that id; or `NONE`."""
         name = bound.get(symbol, symbol)
         element = self.document.ids.get(name)
         if element is None or element.tag != "material":
@@ -562,7 +575,7 @@ class _Looks:
         return None if named is None else self.image(profile, named.get("texture", ""))
 
     def image(self, profile: Element, reference: str) -> Texture | None:
-        """The image that the sampler of an effect leads to, or that is named without one."""
+        """Return the image of a texture, named by a sampler (COLLADA 1.4, 1.5) or directly."""
         for _ in range(3):  # sampler, surface, image
             parameter = next(
                 (p for p in profile.iter("newparam") if p.get("sid") == reference), None
@@ -590,7 +603,7 @@ class _Looks:
             return None
         if self.folder is None:
             return Texture(path=path)
-        if re.match(r"/|[A-Za-z]:", path):  # where it lay on the machine of its author
+        if re.match(r"/|[A-Za-z]:", path):  # absolute path on the author's computer
             path = posixpath.basename(path)
         try:
             _core.resolve_inside(os.fsencode(self.folder), os.fsencode(path))
@@ -619,13 +632,16 @@ def _color(element: Element | None) -> tuple[float, float, float, float] | None:
 
 
 def _opaque_mode(shader: Element) -> str:
-    """Which channel of the transparency is how opaque a shader is, and which of its ends is."""
+    """Return the mode by which the transparency is opacity: its alpha or luminance, or inverted."""
     transparent = shader.find("transparent")
     return "A_ONE" if transparent is None else transparent.get("opaque", "A_ONE")
 
 
 def _alpha(shader: Element) -> float:
-    """How opaque a shader is. Nobody means that nothing is seen at all: 0 is 1."""
+    """Return the opacity of a shader, 0 to 1 (COLLADA 1.4.1, "Determining Transparency").
+
+    An opacity of 0 becomes 1, since exporters that write it do not mean an invisible surface.
+    """
     transparent = shader.find("transparent")
     color = None if transparent is None else _color(transparent.find("color"))
     amount = _numbers(shader.find("transparency/float"))

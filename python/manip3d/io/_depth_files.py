@@ -1,4 +1,4 @@
-"""Reading of depth images and of maps of their pixels from files; `read_depth`."""
+"""Reading of depth images, and of masks and other maps of their pixels, from files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".pfm", ".exr", ".npy", ".npz")
-"""Suffixes that `read_depth` knows."""
+"""Suffixes of the formats that `read_depth` reads."""
 
 MILLIMETRES = 1000.0
 MOST_PIXELS = 1 << 25
@@ -40,30 +40,31 @@ def read_depth(
     Parameters
     ----------
     path : path-like or URL
-        16-bit grey PNG, PGM or TIFF, ``.pfm``, ``.exr``, ``.npy`` or ``.npz``; the content decides,
-        not the suffix. Arrays may have further axes of length 1: (H, W, 1), (1, H, W). Of an
-        ``.npz`` the only array is read, or the one that is named ``depth``; of an ``.exr`` the only
-        channel, the one named Z, Depth or Y, or red where red, green and blue are equal.
+        16-bit grey PNG, PGM or TIFF, ``.pfm``, ``.exr``, ``.npy`` or ``.npz``. The format is
+        recognised by the content, not by the suffix. Arrays may have further axes of length 1:
+        (H, W, 1), (1, H, W). Of an ``.npz`` the only array is read, or the one that is named
+        ``depth``. Of an ``.exr`` the only channel is read, or the one named Z, Depth, Y or V, or
+        red if red, green and blue are equal.
     units_per_metre : float
-        Stored units per metre of whole-number images: 1000 for Kinect and most others, 5000 for TUM
-        and ICL-NUIM. Images of floating-point numbers (TIFF, ``.pfm``, ``.exr``, ``.npy``) are
+        Stored units per metre of integer images: 1000 for Kinect and most others, 5000 for TUM and
+        ICL-NUIM. Images of floating-point numbers (TIFF, ``.pfm``, ``.exr``, ``.npy``) are in
         metres.
     max_pixels : int
-        Larger images are refused before anything is allocated for them.
+        Larger images are refused before any memory is allocated for them.
 
     Returns
     -------
     (H, W) uint16 in millimetres, or float32 in metres
-        The stored numbers as they are for 1000 units per metre, else metres.
+        The stored integers unchanged if ``units_per_metre`` is 1000, else metres.
 
     Raises
     ------
     FormatError
-        The file is damaged, no depth image, or larger than ``max_pixels``.
+        The file is damaged, no depth image, or has more than ``max_pixels`` pixels.
     InputError
         ``units_per_metre`` or ``max_pixels`` is not positive.
     OSError
-        `FileNotFoundError` and the like.
+        The file cannot be read.
     MissingExtraError
         Pillow (PNG and TIFF) or OpenEXR is not installed.
 
@@ -83,9 +84,9 @@ def read_depth(
 def read_stored_depth(
     path: str | os.PathLike[str], *, max_pixels: int = MOST_PIXELS, may_be_narrow: bool = False
 ) -> NDArray[Any]:
-    """Read a depth image's numbers as they are stored, in whatever unit; as `read_depth`.
+    """Read the stored numbers of a depth image, without conversion of units; see `read_depth`.
 
-    Images of 8 bits are refused unless they ``may_be_narrow``.
+    Images of 8 bits are refused unless ``may_be_narrow`` is True.
     """
     return _read(path, max_pixels, partial(decode_depth, may_be_narrow=may_be_narrow))
 
@@ -142,7 +143,7 @@ def read_pixel_map(
     InputError
         ``max_pixels`` is not positive.
     OSError
-        `FileNotFoundError` and the like.
+        The file cannot be read.
     MissingExtraError
         Pillow is not installed (PNG and TIFF).
 
@@ -159,15 +160,17 @@ def read_pixel_map(
 
 @checked
 def is_color_png(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is a PNG of at most 8 bits: a picture or a mask, no depth image.
+    """Return whether a file is a PNG of at most 8 bits per channel, hence no depth image.
 
     Parameters
     ----------
     path : path-like
+        The file; only its header is read.
 
     Returns
     -------
     bool
+        True for pictures and masks, False for 16-bit PNG and all other files.
 
     Raises
     ------

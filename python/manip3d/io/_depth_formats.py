@@ -23,19 +23,19 @@ if TYPE_CHECKING:
     from PIL import Image
 
 _PNG_OR_TIFF = (b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-HEADER_BYTES = 1 << 20  # beside the pixels: headers, colour profiles, text
+HEADER_BYTES = 1 << 20  # allowance for headers, colour profiles and text beside the pixels
 
 
 def decode_depth(data: bytes, max_pixels: int, *, may_be_narrow: bool = False) -> NDArray[Any]:
-    """Return the numbers of a depth image's file, (H, W), as they are stored.
+    """Return the stored numbers (H, W) in the bytes of a depth image's file.
 
-    Numbers of 8 bits are a picture of depths more often than depths: a PNG, TIFF or PGM of them is
-    read where ``may_be_narrow`` says so.
+    A PNG, TIFF or PGM of 8 bits is read only if ``may_be_narrow`` is True, because it is more often
+    a picture of a depth image than a depth image.
 
     Raises
     ------
     FormatError
-        It is damaged, no depth image, or larger than ``max_pixels``.
+        The file is damaged, no depth image, or has more than ``max_pixels`` pixels.
     MissingExtraError
         Pillow is not installed (PNG and TIFF).
     """
@@ -74,11 +74,11 @@ def _checked_size(rows: int, columns: int, max_pixels: int) -> None:
         raise FormatError(f"expected at most {max_pixels} pixels, got {columns} x {rows}")
     check_points(rows * columns, "")
     limit = byte_limit(None)
-    if limit and rows * columns > limit:  # a pixel takes a byte at least
+    if limit and rows * columns > limit:  # a pixel takes at least one byte
         raise FormatError(f"more than max_bytes = {limit}")
 
 
-# --- PGM: Pillow would stretch the numbers of a file whose largest value is not 65535 -----------
+# --- PGM: read here, because Pillow rescales the numbers if the maximum is not 65535 ------------
 
 _PGM_HEADER = re.compile(
     rb"P5" + 3 * rb"(?:\s|#[^\n\r]{0,1000}[\n\r]){1,100}(\d{1,9})" + rb"\s", re.DOTALL
@@ -125,23 +125,23 @@ def _read_pfm(data: bytes, max_pixels: int) -> NDArray[np.float32]:
     _checked_size(rows, columns, max_pixels)
     size, start = 4 * rows * columns, header.end()
     if header[5] == b"\r\n" and len(data) - start < size:
-        start -= 1  # the line ends in a carriage return, and the pixels begin with a 10
+        start -= 1  # the header ends with \r alone, and the first byte of the pixels is a \n
     if len(data) - start < size:
         raise FormatError(
             f"expected {size} bytes of pixels, got {len(data) - start}", byte_offset=start
         )
     order = "<f4" if scale < 0 else ">f4"
     pixels = np.frombuffer(data, order, rows * columns, start).reshape(rows, columns)[::-1]
-    # Infinity is what Middlebury and others store where nothing is known.
+    # Middlebury and others store infinity for "no measurement".
     return np.where(np.isinf(pixels), np.float32(0.0), pixels).astype(np.float32)
 
 
 # --- EXR ---------------------------------------------------------------------------------------
 
 _NOTHING_HIT = 65504.0
-"""The largest number of 16 bits; where a ray hits nothing, Blender writes it, or 1e10."""
+"""Largest finite half-precision number. Blender writes it, or 1e10, where a ray hits nothing."""
 
-_DEPTH_CHANNELS = ("z", "depth", "y", "v")  # the last part of "ViewLayer.Depth.Z", in lower case
+_DEPTH_CHANNELS = ("z", "depth", "y", "v")  # last part of names such as "ViewLayer.Depth.Z"
 
 
 def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
@@ -155,9 +155,9 @@ def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
         return OpenEXR.File(stream, separate_channels=True, header_only=header_only, num_threads=0)
 
     try:
-        with contextlib.redirect_stdout(sys.stderr):  # it prints what is wrong
+        with contextlib.redirect_stdout(sys.stderr):  # OpenEXR prints its errors
             with opened(header_only=True) as file:
-                header = dict(file.header())  # it is emptied in the end
+                header = dict(file.header())  # a copy, because closing the file empties it
             (left, top), (right, bottom) = header["dataWindow"]
             rows, columns = int(bottom) - int(top) + 1, int(right) - int(left) + 1
             _checked_size(rows, columns, max_pixels)
@@ -170,13 +170,13 @@ def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
             raise FormatError(f"expected {columns} x {rows} pixels, got shape {stored.shape}")
     except Error:
         raise
-    except Exception as error:  # damaged files end in half a dozen types
+    except Exception as error:  # OpenEXR raises various types for damaged files
         raise FormatError(f"damaged .exr: {str(error) or type(error).__name__}") from error
     return np.where(stored < _NOTHING_HIT, stored, np.float32(0.0))
 
 
 def _depth_channel(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:
-    """The only channel, or the one that has depth by its name, or one of three equal ones."""
+    """Return the only channel, or the one named as depth, or red if R, G and B are equal."""
     if len(channels) == 1:
         return next(iter(channels.values()))
     of_depth = [n for n in channels if n.rpartition(".")[2].lower() in _DEPTH_CHANNELS]
@@ -200,7 +200,7 @@ _MAP_DTYPES = (np.bool_, np.uint8, np.uint16, np.float32, np.float64)
 
 
 def _read_npz(data: bytes, max_pixels: int) -> NDArray[Any]:
-    """The only array of an archive, or the one that is called depth."""
+    """Return the only array of an archive, or the one that is named ``depth``."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             arrays = {
@@ -217,13 +217,13 @@ def _read_npz(data: bytes, max_pixels: int) -> NDArray[Any]:
                 array = member.read(8 * max_pixels + HEADER_BYTES)
     except Error:
         raise
-    except Exception as error:  # zipfile and zlib fail with a dozen types on damaged files
+    except Exception as error:  # zipfile and zlib raise various types for damaged files
         raise FormatError(f"damaged .npz: {str(error) or type(error).__name__}") from error
     return _depth_of_npy(array, max_pixels)
 
 
 def _depth_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
-    """An array as depth images are stored: uint16, float32 or float64."""
+    """Return the depth image of a .npy file as uint16, float32 or float64."""
     stored = _read_npy(data, max_pixels, _DEPTH_DTYPES)
     if stored.dtype.kind == "f":
         return stored.astype(np.float32) if stored.dtype.itemsize == 2 else stored
@@ -231,7 +231,7 @@ def _depth_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
         return stored.astype(np.uint16, copy=False)
     if stored.max() > 65535:
         raise FormatError(f"expected whole numbers of at most 65535, got {stored.max()}")
-    # Numbers below 0 are not measurements, as of fractions.
+    # Negative numbers mean no measurement, as in floating-point images.
     return np.asarray(np.maximum(stored, 0), np.uint16)
 
 
@@ -259,7 +259,7 @@ def _read_npy(data: bytes, max_pixels: int, dtypes: tuple[type[np.generic], ...]
 
 # --- PNG and TIFF ------------------------------------------------------------------------------
 
-_BITS_PER_SAMPLE = 258  # tag of a TIFF
+_BITS_PER_SAMPLE = 258  # number of this tag in TIFF
 
 
 def _read_with_pillow(
@@ -268,10 +268,10 @@ def _read_with_pillow(
     narrow_modes: tuple[str, ...] = (),
     color_modes: tuple[str, ...] = (),
 ) -> NDArray[Any]:
-    """Read a PNG or TIFF: 16 bits or floats of one channel, or a mode of 8 bits that is named.
+    """Read a PNG or TIFF with one channel of 16-bit integers or floats, or in a given mode.
 
-    Images of ``narrow_modes`` come as they are, those of ``color_modes`` as their brightest
-    channel.
+    Images of Pillow's modes ``narrow_modes`` are returned unchanged. Those of ``color_modes`` are
+    reduced to the largest of red, green and blue.
     """
     try:
         from PIL import Image as pillow
@@ -280,7 +280,7 @@ def _read_with_pillow(
         raise MissingExtraError("pillow", "io") from None
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # a warning about a file is a verdict on it
+            warnings.simplefilter("error")  # files about which Pillow warns are refused
             with pillow.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
                 _checked_size(image.height, image.width, max_pixels)
                 if image.mode in narrow_modes:
@@ -295,10 +295,10 @@ def _read_with_pillow(
                 has_more = _has_more(image)
     except Error:
         raise
-    except UnidentifiedImageError as error:  # its words name no file and no reason
+    except UnidentifiedImageError as error:  # its message names neither file nor reason
         kinds = "whole numbers of 8, 16 or 32 bits or fractions of 32 bits"
         raise FormatError(f"expected an image of {kinds}, or the file is damaged") from error
-    except Exception as error:  # Pillow's parsers fail with a dozen types on damaged files
+    except Exception as error:  # Pillow's parsers raise various types for damaged files
         reason = str(error) or type(error).__name__
         raise FormatError(f"damaged image: {reason}") from error
     if has_more:
@@ -313,24 +313,24 @@ def _read_with_pillow(
 
 
 def _brightest_channel(data: bytes, image: Image.Image) -> NDArray[Any]:
-    if (depth := _bits_of_channel(data, image)) > 8:  # Pillow keeps the upper 8
+    if (depth := _bits_of_channel(data, image)) > 8:  # Pillow would keep only the upper 8 bits
         raise FormatError(f"expected colours of 8 bits, got {depth}")
     whole = image.convert("RGBA") if image.mode == "P" else image
     return np.asarray(np.array(whole.convert("RGB")).max(axis=2))
 
 
 def _has_more(image: Image.Image) -> bool:
-    """Whether a second image has the size of the first: a smaller one is an overview of it."""
+    """Return whether the file has a second image of the same size; a smaller one is an overview."""
     size = image.size
     try:
         image.seek(1)
-    except Exception:  # there is none, or it is damaged, which is no fault of the first
+    except Exception:  # there is no second image, or it is damaged, while the first can be read
         return False
     return image.size == size
 
 
 def _bits_of_channel(data: bytes, image: Image.Image) -> int:
-    """The bits of each channel of a PNG or TIFF."""
+    """Return the number of bits per channel of a PNG or TIFF."""
     if data.startswith(b"\x89PNG"):
         return data[24]
     bits: tuple[int, ...] = getattr(image, "tag_v2", {}).get(_BITS_PER_SAMPLE, (1,))

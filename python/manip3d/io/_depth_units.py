@@ -1,4 +1,4 @@
-"""The unit of a depth image's stored numbers: known by name, or guessed and said."""
+"""Units of the stored numbers of depth images, given by name or guessed."""
 
 from __future__ import annotations
 
@@ -20,49 +20,51 @@ if TYPE_CHECKING:
     Depth = NDArray[np.uint16] | NDArray[np.float32]
 
 _NO_MEASUREMENT = 65_535
-"""Many cameras store this number where they measured nothing; as 1/1000 m it would be 65.5 m."""
+"""Many cameras store this number for "no measurement"; in millimetres it would be 65.5 m."""
 
 _NO_DISPARITY = 2047
-"""Value that the Kinect V1 stores where it measured nothing."""
+"""The Kinect V1 stores this value for "no measurement"."""
 
 _NEAREST_DISPARITY, _FARTHEST_DISPARITY = 300.0, 1091.0
-"""Disparities of 0.44 m and of 234 m: outside, a raw image of the Kinect V1 holds nothing."""
+"""Disparities at 0.44 m and at 234 m; raw images of the Kinect V1 have none outside this range."""
 
 _FARTHEST_MILLIMETRES = 20_000.0
-"""Depth cameras that store millimetres reach 10 m or less."""
+"""Largest plausible depth in millimetres; depth cameras that store millimetres reach 10 m or
+less."""
 
 _NEAREST_MILLIMETRES = 4_000.0
-"""A depth camera's image in millimetres of which no twentieth is nearer than 4 m is rarer than one
-in 1/5000 m of which no twentieth is nearer than 0.8 m."""
+"""If the 5th percentile, read as millimetres, is above 4 m, then 1/5000 m (0.8 m) is the more
+likely unit of a depth camera."""
 
 
 _NOTHING_THERE = 65_504.0
-"""Metres: the largest number of 16 bits. Renderers store it, or 1e10, where a ray hits nothing; no
-camera measures that far."""
+"""Metres: the largest finite half-precision number. Renderers store it, or 1e10, where a ray hits
+nothing; no camera measures that far."""
 
 _NEAREST_MEDIAN, _FARTHEST_MEDIAN = 0.05, 200.0
-"""Metres: cameras that look at something nearer, and lasers that see farther, are rare."""
+"""Metres: a median depth outside of these limits makes a given unit doubtful, because few cameras
+look at anything nearer and few lasers measure farther."""
 
 
 @dataclass(frozen=True, eq=False)
 class DepthReading:
-    """A depth image, and how its stored numbers were understood.
+    """A depth image, and the unit by which its stored numbers were converted.
 
     Attributes
     ----------
     depth : (H, W) uint16 in millimetres, or float32 in metres
         0 = no measurement.
     unit : str
-        The unit as `read_depth_guessing` takes it.
+        Name of the unit, valid as an argument of `read_depth_guessing`.
     guessed : bool
-        The unit was guessed from the numbers.
+        Whether the unit was guessed from the numbers.
     reason : str
-        Why this unit was guessed; empty where it was given.
+        Why this unit was guessed; empty if it was given.
     doubt : str
-        What speaks against a unit that was given; mostly empty.
+        Reason to doubt a unit that was given; empty if there is none.
     num_marked : int
-        Pixels of 65535, the largest number of 16 bits, which many cameras store for "no
-        measurement" and which a farther one is cut to: 0 in ``depth``.
+        Number of pixels that stored 65535, the largest 16-bit number; they are 0 in ``depth``. Many
+        cameras store it for "no measurement", or for any depth beyond their range.
     """
 
     depth: NDArray[np.uint16] | NDArray[np.float32] = field(repr=False)
@@ -79,7 +81,7 @@ class DepthReading:
 
     @property
     def range_m(self) -> tuple[float, float] | None:
-        """The nearest and the farthest measurement, metres; None: there is no measurement."""
+        """Smallest and largest measurement in metres; None without a measurement."""
         measured = self.depth[self.depth > 0]
         if not len(measured):
             return None
@@ -88,7 +90,7 @@ class DepthReading:
 
     @property
     def sentence(self) -> str:
-        """One sentence for people: the range, the unit, why it was guessed or is doubted."""
+        """Summary in one sentence: range, unit, and why the unit was guessed or is doubtful."""
         if self.range_m is None:
             return "no measured pixel"
         near, far = self.range_m
@@ -113,14 +115,14 @@ def _per_metre(units: float) -> Callable[[NDArray[Any]], Depth]:
 
 
 def _positive(depth: NDArray[Any]) -> Depth:
-    """Metres, 0 where there is none; numbers below 0 or beyond all cameras are not measurements."""
+    """Return depth in metres as float32; values <= 0 or beyond `_NOTHING_THERE` become 0."""
     with np.errstate(invalid="ignore"):
         there = (depth > 0) & (depth < _NOTHING_THERE)
     return np.where(there, depth, 0).astype(np.float32)
 
 
 def _kinect_metres(stored: NDArray[Any]) -> Depth:
-    """Disparity d of the Kinect V1 to depth: 351.3 / (1092.5 - d), as the NYU toolbox has it."""
+    """Convert Kinect V1 disparities d to metres: 351.3 / (1092.5 - d) (NYU Depth V2 toolbox)."""
     disparity = stored.astype(np.float64)
     there = (disparity >= 1) & (disparity <= _FARTHEST_DISPARITY)
     return _positive(np.where(there, 351.3 / np.where(there, 1092.5 - disparity, 1.0), 0.0))
@@ -149,11 +151,15 @@ DEPTH_UNITS = tuple(_UNITS)
 _WHOLE_ONLY = ("kinect-raw", "nyu", "sun")
 
 _DISPARITY = "disparity:"
-"""Beginning of a unit of disparities; behind it are the two numbers of `_disparity_metres`."""
+"""Prefix of a unit of disparities; the two numbers of `_disparity_metres` follow it."""
 
 
 def _disparity_metres(focal_baseline: float, offset: float) -> Callable[[NDArray[Any]], Depth]:
-    """Disparity d of a rectified stereo pair to depth: f b / (d + offset)."""
+    """Return the conversion of disparities d of a rectified stereo pair to metres: f b / (d + o).
+
+    ``focal_baseline`` is f b: the focal length in the unit of d times the baseline in metres;
+    ``offset`` is o, the difference of the two principal points in the unit of d.
+    """
 
     def metres(stored: NDArray[Any]) -> Depth:
         disparity = stored.astype(np.float64)
@@ -171,16 +177,17 @@ def describe_unit(unit: str) -> str:
     Parameters
     ----------
     unit : str
-        As `read_depth_guessing` takes it.
+        A unit of `read_depth_guessing`.
 
     Returns
     -------
     str
+        The unit, with the cameras or data sets that use it.
 
     Raises
     ------
     InputError
-        No such unit.
+        ``unit`` is not a unit.
 
     Examples
     --------
@@ -206,27 +213,28 @@ def read_depth_guessing(
     Parameters
     ----------
     path : path-like
-        As for `read_depth`; the content decides, not the suffix.
+        Depth image in any format of `read_depth`, recognised by its content.
     unit : str or float
         ``guess``, one of `DEPTH_UNITS`, the number of units per metre, or ``disparity:FB`` for the
-        disparities d of a stereo pair, whose depth is FB / d: FB is the focal length in the units
-        of d, pixels or a part of them, times the baseline in metres. With ``disparity:FB,DOFFS`` it
-        is FB / (d + DOFFS). 0 and less is not a measurement. Images of 8 bits are read as
-        disparities, as of Middlebury's older pairs, or in fewer than 1000 units per metre.
+        disparities d of a stereo pair. Their depth is FB / d, where FB is the focal length in the
+        unit of d (pixels or a fraction of them) times the baseline in metres. With
+        ``disparity:FB,DOFFS`` it is FB / (d + DOFFS). Disparities of 0 or less mean no measurement.
+        Images of 8 bits are read only as disparities (Middlebury's older pairs), or with fewer than
+        1000 units per metre.
     max_pixels : int
-        Larger images are refused before anything is allocated for them.
+        Larger images are refused before any memory is allocated for them.
 
     Returns
     -------
     DepthReading
-        The depth in millimetres or metres, with the unit and how it came about.
+        The depth in millimetres or metres, with its unit and the reason for a guess.
 
     Raises
     ------
     InputError
-        ``unit`` is not a unit, or one of whole numbers and the image has others.
+        ``unit`` is not a unit, or is one of 16-bit integers while the image has other numbers.
     FormatError, OSError, MissingExtraError
-        As `read_depth`.
+        See `read_depth`.
 
     Examples
     --------
@@ -241,7 +249,7 @@ def read_depth_guessing(
 
 
 def fits_8_bits(unit: str | float) -> bool:
-    """Whether an image of 8 bits may hold numbers of a unit: in millimetres it would be a mask."""
+    """Return whether an image of 8 bits may be in this unit; in millimetres it would be a mask."""
     name = _checked_unit(unit)
     if name == "guess" or name in _UNITS:
         return False
@@ -262,19 +270,19 @@ def depth_reading(stored: NDArray[Any], unit: str | float, source: str) -> Depth
 
 
 def _converted(stored: NDArray[Any], unit: str) -> tuple[Depth, int]:
-    """The depth, and the number of pixels that held the mark of no measurement, now 0."""
+    """Return the depth, and the number of pixels that stored 65535, which are 0 in the depth."""
     depth = _conversion(unit)(stored)
     is_code = unit in _WHOLE_ONLY or unit.startswith(_DISPARITY)  # not a multiple of the depth
     numbers = depth if is_code else stored
     if numbers.dtype != np.uint16:
         return depth, 0
     marked = numbers == _NO_MEASUREMENT
-    depth[marked] = 0  # a conversion returns an array of its own
+    depth[marked] = 0  # safe, because a conversion always returns a new array
     return depth, int(np.count_nonzero(marked))
 
 
 def _doubt_of(depth: Depth, unit: str, stored: NDArray[Any]) -> str:
-    """Words where half of the image would lie where no camera measures depth; mostly none."""
+    """Return a warning if the median depth is implausible for any camera, else an empty string."""
     measured = depth[depth > 0]
     if not len(measured):
         return ""
@@ -312,7 +320,7 @@ def _checked_unit(unit: str | float) -> str:
 
 
 def _disparity_numbers(unit: str) -> tuple[float, float]:
-    """Focal length times baseline, metres, and the offset of the disparities."""
+    """Return focal length times baseline, and the offset of the disparities, of such a unit."""
     focal_baseline, _, offset = unit.removeprefix(_DISPARITY).partition(",")
     try:
         numbers = float(focal_baseline), float(offset or 0.0)
@@ -331,7 +339,7 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
     Parameters
     ----------
     stored : (H, W) uint16, float32 or float64
-        0 or NaN = no measurement; 65535 as uint16 says nothing of the unit.
+        0 or NaN = no measurement; the value 65535 of uint16 is ignored.
 
     Returns
     -------
@@ -342,9 +350,9 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
 
     Notes
     -----
-    Millimetres and 1/5000 m differ by the range only. An image of a scene beyond 4 m in
-    millimetres, and one of a scene nearer than 0.8 m in 1/5000 m, are guessed wrongly: say the unit
-    where it is known.
+    Millimetres and 1/5000 m are told apart only by the range of the numbers. The guess is wrong for
+    a scene beyond 4 m stored in millimetres, and for a scene nearer than 0.8 m stored in 1/5000 m.
+    Give the unit if it is known.
 
     Examples
     --------
@@ -380,7 +388,7 @@ def _guess_float(measured: NDArray[Any]) -> tuple[str, str]:
 
 
 def _is_disparity(stored: NDArray[Any]) -> bool:
-    """Whether the values are raw disparities of a Kinect V1, which mark none by 2047, not 0."""
+    """Return whether the values are raw disparities of a Kinect V1: 2047 means no measurement."""
     if stored.max() != _NO_DISPARITY:
         return False
     seen = stored[stored < _NO_DISPARITY]
@@ -391,7 +399,7 @@ def _is_disparity(stored: NDArray[Any]) -> bool:
 
 
 def _is_rotated(measured: NDArray[Any]) -> bool:
-    """Whether the values are millimetres rotated by three bits, as SUN RGB-D stores them."""
+    """Return whether the values are millimetres rotated left by three bits (SUN RGB-D)."""
     return bool(
         np.mean(measured % 8 == 0) > 0.9
         and np.percentile(measured, 95) > _FARTHEST_MILLIMETRES

@@ -1,4 +1,4 @@
-"""Draco streams of glTF's extension KHR_draco_mesh_compression, through DracoPy."""
+"""Decoding of Draco streams (glTF's extension KHR_draco_mesh_compression) through DracoPy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def decode_draco(stream: bytes) -> tuple[NDArray[Any], dict[int, NDArray[Any]]] | str:
-    """Faces (F, 3) and vertex attributes (V, C) by unique id, or what is wrong with the stream."""
+    """Return faces (F, 3) and vertex attributes (V, C) by unique id, or an error message."""
     try:
         import DracoPy
     except ImportError:
@@ -20,7 +20,7 @@ def decode_draco(stream: bytes) -> tuple[NDArray[Any], dict[int, NDArray[Any]]] 
         mesh = DracoPy.decode(stream)
     except MemoryError:
         return "the Draco stream takes more memory than there is"
-    except Exception as error:  # whatever the library makes of a damaged stream
+    except Exception as error:  # DracoPy raises various types for damaged streams
         return f"damaged Draco stream: {str(error)[:200]}"
     if not hasattr(mesh, "faces"):
         return "expected a mesh, got the point cloud of a Draco stream"

@@ -1,4 +1,4 @@
-"""Files that manip3d does not read, and the programs that make others of them."""
+"""Formats that manip3d does not read, and programs that convert them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _MESHES = {
     "a CAD program": ".step .stp .iges .igs .brep .sat .x_t .sldprt .f3d .ifc .dwg .dxf .3dm .skp",
     "MeshLab or ParaView": ".vtk .vtp .vtu .msh .amf .ctm .mesh .meshb .wrl.gz .bre .u3d",
 }
-"""Who writes a mesh of them."""
+"""Programs that export a mesh from files with these suffixes."""
 
 _SCANS = {
     ".lvx": (
@@ -23,11 +23,11 @@ _SCANS = {
         "export it as .e57, .ptx or .las in the program of its scanner",
     ),
 }
-"""The way from a point cloud of each format to one that is read."""
+"""How to convert a point cloud with each of these suffixes to a format that is read."""
 
 
 def mesh_advice(path: Path) -> str:
-    """Return how to get a mesh of a file of a foreign format, after a semicolon; else nothing."""
+    """Return advice on how to convert an unsupported mesh format, after a semicolon; or ""."""
     suffix = "".join(path.suffixes[-2:]).lower().removesuffix(".gz").removesuffix(".xz")
     for program, suffixes in _MESHES.items():
         if Path("a" + suffix).suffix in suffixes.split():
@@ -36,6 +36,6 @@ def mesh_advice(path: Path) -> str:
 
 
 def scan_advice(path: Path) -> str | None:
-    """Return why a point cloud of a foreign format is not read, and the cure; None: it is none."""
+    """Return why a point cloud's format is not read, and the cure; None for other suffixes."""
     suffix = Path(path.name.lower().removesuffix(".xz").removesuffix(".gz")).suffix
     return f"manip3d does not read {suffix}; {_SCANS[suffix]}" if suffix in _SCANS else None

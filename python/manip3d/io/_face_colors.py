@@ -1,4 +1,4 @@
-"""Colours of faces and their corners, 0xRRGGBB in sRGB, in meshes that have none of their own."""
+"""Conversion of colours of face corners, 0xRRGGBB in sRGB, to materials or vertex colours."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 
 def with_corner_colors(mesh: Mesh, colors: NDArray[np.int64], warn: Callable[[str], None]) -> Mesh:
-    """Return the mesh with colours of corners, (F, 3), -1 where there is none.
+    """Return the mesh with the colours (F, 3) of its face corners; -1 means no colour.
 
-    Few colours of whole faces become materials; others become colours of vertices, the mean of
-    the corners there: the rule of the formats that the core reads.
+    If faces have a single colour each, and these are few, the colours become materials. Otherwise a
+    vertex gets the mean colour of its corners. ``_core`` uses the same rule for its formats.
     """
     face_material, materials, vertex_colors, warning = _core.surface_colors(
         mesh, np.ascontiguousarray(colors, dtype=np.int32)

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: temporary name, sync, rename, sync of the folder."""
+"""Atomic writing of files: write to a temporary name, sync, rename, sync the folder."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from manip3d.errors import FormatError, InputError
 
 
 def check_regular(path: str | os.PathLike[str]) -> None:
-    """Refuse what `open_regular` does, for parsers that open files by their names."""
+    """Raise as `open_regular` does (pipes, devices), for parsers that open files by name."""
     open_regular(path).close()
 
 
 _POINTER = b"version https://git-lfs.github.com/spec/"
-_MOST_POINTER = 1024  # bytes, by the specification of Git LFS
+_MOST_POINTER = 1024  # a pointer file has fewer bytes, by the specification of Git LFS
 
 
 def refuse_pointer(path: str | os.PathLike[str]) -> None:
-    """Refuse the text that Git LFS leaves in the place of a file that it did not fetch.
+    """Refuse the pointer that Git LFS leaves in place of a file that it did not fetch.
 
     Raises
     ------
     FormatError
         The file is such a pointer.
     OSError
-        It is there and cannot be read.
+        The file exists and cannot be read.
     """
     try:
         about = os.stat(path)
-    except OSError:  # the reader says so, after what is wrong with the name
+    except OSError:  # the caller's reader reports it, after it has checked the name
         return
     if not stat.S_ISREG(about.st_mode) or about.st_size >= _MOST_POINTER:
         return
@@ -53,13 +53,13 @@ def refuse_pointer(path: str | os.PathLike[str]) -> None:
 
 
 def regular_bytes(path: str | os.PathLike[str]) -> bytes:
-    """Return the content of what `open_regular` opens."""
+    """Return the content of a file that `open_regular` opens."""
     with open_regular(path) as file:
         return file.read()
 
 
 def sha256_of(path: str | os.PathLike[str]) -> str:
-    """Return the SHA-256, hexadecimal, of what `open_regular` opens."""
+    """Return the hexadecimal SHA-256 of a file that `open_regular` opens."""
     with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -68,22 +68,24 @@ def sha256_of(path: str | os.PathLike[str]) -> str:
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield an empty temporary file that becomes ``path`` when the block ends.
 
-    It has the name of ``path``, and its mode if that is there. When the block raises, it is
-    removed and ``path`` stays as it was; what a killed process leaves is removed by the next write
-    to that folder.
+    The temporary file has the name of ``path`` and, if ``path`` exists, its mode. If the block
+    raises, the temporary file is removed and ``path`` stays unchanged. Files left by a killed
+    process are removed by the next write to that folder.
 
     Raises
     ------
     InputError
-        As `path_of`.
+        ``path`` is no path, see `path_of`.
     OSError
-        The folder is missing, the disk is full, and the like; ``filename`` is ``path``.
+        Writing failed, for example because the folder is missing or the disk is full;
+        ``filename`` is ``path``.
     """
     target = Path(os.path.realpath(path_of(path)))
     with folder_beside(target, path) as folder:
         file = folder / target.name
         file.touch()
-        with contextlib.suppress(FileNotFoundError, PermissionError):  # a file system without modes
+        # PermissionError: the file system has no modes.
+        with contextlib.suppress(FileNotFoundError, PermissionError):
             file.chmod(stat.S_IMODE(target.stat().st_mode))
         yield file
         sync_file(file)
@@ -95,21 +97,21 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 def atomic_pair(
     path: str | os.PathLike[str], companion: str | os.PathLike[str]
 ) -> Iterator[tuple[Path, Path]]:
-    """Yield empty temporary files that become a file and what tells about it, such as its record.
+    """Yield two empty temporary files that become a file and its companion, such as its record.
 
-    When the block raises, or a rename or a sync before the last rename fails, both stay as they
-    were. A process that is killed between the renames leaves the old or the new file without a
-    companion, never the one beside that of the other.
+    If the block raises, or a rename or a sync before the last rename fails, both files stay
+    unchanged. A process that is killed between the renames leaves the old or the new file without a
+    companion, but never the old file with the new companion or vice versa.
 
     Raises
     ------
     InputError, OSError
-        As `atomic_path`; `IsADirectoryError` where the companion is a folder.
+        See `atomic_path`; `IsADirectoryError` if the companion is a folder.
     """
     target, beside = (Path(os.path.realpath(path_of(each))) for each in (path, companion))
-    if beside.is_dir():  # it would be moved away, and removed with the temporary folder
+    if beside.is_dir():  # the folder would be moved to the temporary folder and removed with it
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(companion))
-    # An error without a name gets that of the inner context: the file, which is the larger one.
+    # An error without a file name gets that of the inner context: the file, which is larger.
     with folder_beside(beside, companion) as of_beside, folder_beside(target, path) as of_target:
         new = of_target / target.name, of_beside / beside.name
         for file, place in zip(new, (target, beside), strict=True):
@@ -154,9 +156,9 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     InputError
-        As `path_of`.
+        ``path`` is no path, see `path_of`.
     OSError
-        As `atomic_path`.
+        See `atomic_path`.
     """
     target = Path(os.path.realpath(path_of(path)))
     with folder_beside(target, path) as folder:
@@ -168,21 +170,21 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def refuse_other_files(folder: Path, is_ours: Callable[[str], bool]) -> None:
-    """Refuse to replace a folder that holds more than what was written there before.
+    """Raise if a folder that is to be replaced holds files other than those of a former run.
 
-    A folder is replaced as a whole: whatever else it holds would be lost.
+    A folder is replaced as a whole, so that such files would be lost.
 
     Parameters
     ----------
     folder : Path
-        May be absent.
+        The folder; it may not exist.
     is_ours : callable(str)
-        Whether a file of this name may be lost.
+        Returns whether a file of this name was written by a former run.
 
     Raises
     ------
     InputError
-        Names some of the other files.
+        The folder holds other files; the error names some of them.
     """
     if not os.path.lexists(folder):
         return
@@ -194,12 +196,12 @@ def refuse_other_files(folder: Path, is_ours: Callable[[str], bool]) -> None:
 
 
 def write_new(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file that was not there, for its owner only, whole or not at all.
+    """Write a new file atomically, readable and writable only by its owner.
 
     Raises
     ------
     OSError
-        `FileExistsError`, and as `atomic_path`.
+        `FileExistsError` if the file exists; see also `atomic_path`.
     """
     target = path_of(path)
     is_there = FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), os.fspath(target))
@@ -212,10 +214,10 @@ def write_new(path: str | os.PathLike[str], content: bytes) -> None:
             stream.flush()
             os.fsync(stream.fileno())
         try:
-            os.link(file, target)  # which fails where somebody was quicker
+            os.link(file, target)  # fails if another process has created the file meanwhile
         except FileExistsError:
             raise is_there from None
-        except OSError:  # a file system without links: an empty file claims the name
+        except OSError:  # no hard links in this file system: an empty file claims the name
             os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
             try:
                 file.replace(target)
@@ -226,14 +228,14 @@ def write_new(path: str | os.PathLike[str], content: bytes) -> None:
 
 
 def atomic_write(path: str | os.PathLike[str], data: bytes | str) -> None:
-    """Write ``data`` (text as UTF-8) to ``path``, whole or not at all.
+    """Write ``data`` (text as UTF-8) to ``path`` atomically.
 
     A target that is not a regular file (a pipe, ``/dev/stdout``) is written in place.
 
     Raises
     ------
     InputError, OSError
-        As `atomic_path`.
+        See `atomic_path`.
     """
     content = data.encode() if isinstance(data, str) else data
     target = path_of(path)

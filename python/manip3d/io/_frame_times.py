@@ -1,4 +1,4 @@
-"""The times of a drive's frames, as KITTI writes them beside its scans."""
+"""Times of a drive's frames, from KITTI's files of times."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from manip3d.errors import FormatError
 
 
 def frame_times(file: Path) -> dict[int, int]:
-    """Return nanoseconds by frame number: line n of the file is frame n; empty without the file.
+    """Return the time in nanoseconds of each frame number; empty if the file does not exist.
 
     Parameters
     ----------
     file : Path
-        ``timestamps.txt`` with dates, of KITTI's raw drives, or ``times.txt`` with seconds, of its
-        odometry sequences.
+        ``timestamps.txt`` of KITTI's raw drives, with dates, or ``times.txt`` of its odometry
+        sequences, with seconds. Line n, counted from 0, is frame n.
 
     Raises
     ------
@@ -41,12 +41,13 @@ def frame_times(file: Path) -> dict[int, int]:
 
 
 def drive_times(drive: Path) -> dict[int, int]:
-    """Return nanoseconds by frame number of a drive; empty where it has no file of times.
+    """Return the time in nanoseconds of each frame number; empty if the drive has no file of times.
 
     Parameters
     ----------
     drive : Path
-        Folder of the drive. The times of its scans count before those of the whole drive.
+        Folder of the drive. The times of its scans (``velodyne_points/timestamps.txt``) have
+        precedence over those of the drive (``times.txt``).
 
     Raises
     ------
@@ -58,7 +59,7 @@ def drive_times(drive: Path) -> dict[int, int]:
 
 
 def scan_times(drive: Path, scans: Iterable[Path]) -> dict[Path, int]:
-    """Return when scans of a drive were taken, nanoseconds, of those of which it says so.
+    """Return the time in nanoseconds of each scan for which the drive states one.
 
     Parameters
     ----------

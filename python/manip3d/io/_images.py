@@ -1,4 +1,4 @@
-"""Images of textures: where they lie, their bytes, and conversion to what glTF holds."""
+"""Texture images: their paths, their bytes, and conversion to PNG, which glTF needs."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from manip3d.mesh import Mesh, Texture
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_COMMON = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")  # how PNG and JPEG files start
-# The PNG mode for each mode of Pillow with an alpha channel that PNG does not have.
+_COMMON = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")  # first bytes of PNG and JPEG files
+# Pillow's modes with alpha that PNG lacks, and the PNG mode to which each is converted.
 _WITH_ALPHA = {"PA": "RGBA", "La": "LA", "RGBa": "RGBA"}
 
 _logger = logging.getLogger("manip3d")
 
 
 def require(package: str, extra: str, distribution: str | None = None) -> Any:
-    """Import a package that an extra brings.
+    """Import a package that belongs to one of manip3d's extras.
 
     Raises
     ------
     MissingExtraError
-        It is not installed.
+        The package is not installed.
     """
     try:
         return importlib.import_module(package)
@@ -48,20 +48,21 @@ def require(package: str, extra: str, distribution: str | None = None) -> Any:
 def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
     """Return the path of a texture's image.
 
-    A relative path starts in the folder of ``mesh.source`` and never leaves it, not even through
-    symbolic links; an absolute one is taken as it is (files cannot bring one in, unless read with
-    ``allow_outside=True``).
+    A relative path is resolved in the folder of ``mesh.source`` and may not leave it, not even
+    through symbolic links. An absolute path is used unchanged; a mesh file can contain one only if
+    it is read with ``allow_outside=True``.
 
     Parameters
     ----------
     mesh : Mesh
-        In whose folder a relative path starts.
+        The mesh; relative paths start in the folder of its ``source``.
     texture : Texture
+        One of its textures.
 
     Returns
     -------
     Path or None
-        ``None`` when the texture has no path, or there is no such file.
+        None if the texture has no path, or if the file does not exist.
 
     Raises
     ------
@@ -93,7 +94,7 @@ def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
 
 
 def image_bytes(mesh: Mesh, texture: Texture) -> bytes | None:
-    """Return the content of a texture's image file, or ``None`` where it is not to be found."""
+    """Return the content of a texture's image file, or None if the file is not found."""
     if texture.data is not None:
         return texture.data
     path = texture_path(mesh, texture)
@@ -103,13 +104,13 @@ def image_bytes(mesh: Mesh, texture: Texture) -> bytes | None:
 def with_common_images(mesh: Mesh) -> Mesh:
     """Return the mesh with all images that are neither PNG nor JPEG converted to PNG.
 
-    Images that are missing or that Pillow cannot read stay as they are; the latter are named in the
-    log ``manip3d``.
+    Images that are missing or that Pillow cannot read stay unchanged; the logger ``manip3d`` names
+    the latter.
 
     Raises
     ------
     MissingExtraError
-        There is something to convert and Pillow is not installed.
+        An image must be converted and Pillow is not installed.
     """
     converted: dict[Texture, Texture] = {}
     for texture in {t for material in mesh.materials for t in material.textures.values()}:
@@ -128,7 +129,7 @@ def with_common_images(mesh: Mesh) -> Mesh:
 
 
 def _is_common(mesh: Mesh, texture: Texture) -> bool:
-    """Whether it is PNG, JPEG or absent."""
+    """Return whether the image is PNG, JPEG, empty or absent."""
     if texture.data is not None:
         return not texture.data or texture.data.startswith(_COMMON)
     path = texture_path(mesh, texture)
@@ -142,7 +143,7 @@ def _is_common(mesh: Mesh, texture: Texture) -> bool:
 def _as_png(mesh: Mesh, texture: Texture) -> Texture:
     image_module = require("PIL.Image", "io", "pillow")
     content = image_bytes(mesh, texture)
-    assert content is not None  # _is_common: there is one
+    assert content is not None  # _is_common is True for absent images
     stream = io.BytesIO()
     try:
         image = image_module.open(io.BytesIO(content))
@@ -151,7 +152,8 @@ def _as_png(mesh: Mesh, texture: Texture) -> Texture:
         image.save(stream, format="PNG")
     except (OSError, ValueError, SyntaxError, image_module.DecompressionBombError) as error:
         is_unknown = isinstance(error, image_module.UnidentifiedImageError)
-        reason = "no image that Pillow knows" if is_unknown else error  # else names an object
+        # The message of UnidentifiedImageError names a Python object and no reason.
+        reason = "no image that Pillow knows" if is_unknown else error
         _logger.warning("texture %r cannot be converted to PNG: %s", texture.path, reason)
         return texture
     path = None if texture.path is None else str(Path(texture.path).with_suffix(".png"))
@@ -164,7 +166,7 @@ def read_color(path: Path) -> NDArray[np.uint8]:
     Raises
     ------
     FormatError
-        It is not an image, is damaged or too large, or is not a regular file.
+        The file is not an image, is damaged or too large, or is not a regular file.
     MissingExtraError
         Pillow is not installed.
     """
@@ -172,7 +174,7 @@ def read_color(path: Path) -> NDArray[np.uint8]:
     try:
         with open_regular(path) as file, image_module.open(file) as image:
             return np.array(image.convert("RGB"))
-    except FormatError:  # a ValueError, too
+    except FormatError:  # must come before ValueError, its base class
         raise
     except (
         image_module.UnidentifiedImageError,
@@ -202,7 +204,7 @@ def decoded_picture(data: bytes, extra: str) -> NDArray[np.uint8]:
     Raises
     ------
     FormatError
-        It is another kind of file, damaged or cut off, too large, or has more than 8 bits.
+        The data is no PNG or JPEG, is damaged or cut off, is too large, or has more than 8 bits.
     MissingExtraError
         Pillow is not installed.
     """
@@ -217,7 +219,7 @@ def decoded_picture(data: bytes, extra: str) -> NDArray[np.uint8]:
             pixels: NDArray[np.uint8] = np.asarray(
                 image if image.mode == "L" else image.convert("RGB")
             )
-    except FormatError:  # a ValueError, too
+    except FormatError:  # must come before ValueError, its base class
         raise
     except (OSError, ValueError, SyntaxError, image_module.DecompressionBombError) as error:
         raise FormatError(f"unreadable picture: {error}") from error

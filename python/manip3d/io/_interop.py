@@ -35,7 +35,7 @@ _ALPHA_MODES: dict[str, AlphaMode] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND
 
 
 def _vertex_normals(mesh: Mesh) -> NDArray[np.float64] | None:
-    """(V, 3) normals where every corner of a vertex has the same one, else ``None``."""
+    """Return normals (V, 3) if all corners at each vertex have the same normal, else None."""
     if mesh.normals is None or mesh.face_normals is None or (mesh.face_normals < 0).any():
         return None
     corners = mesh.normals[mesh.face_normals]
@@ -51,7 +51,10 @@ def _warn_left_out(what: str) -> None:
 def _texture_table(
     corners: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.int32] | None]:
-    """Distinct rows of (F, 3, 2) corner UVs and the (F, 3) index into them; not finite: -1."""
+    """Return the distinct rows of corner UVs (F, 3, 2), and the index (F, 3) of each corner.
+
+    The index is -1 for corners whose UVs are not finite; both are None if all are.
+    """
     known = np.isfinite(corners).all(axis=2)
     if not known.any():
         return None, None
@@ -71,7 +74,7 @@ def to_open3d(mesh: Mesh) -> Any:
         o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces)
     )
     if mesh.texcoords is not None and mesh.face_texcoords is not None:
-        with_none = np.vstack([mesh.texcoords, [np.nan, np.nan]])  # row -1
+        with_none = np.vstack([mesh.texcoords, [np.nan, np.nan]])  # the index -1 selects NaN
         corners = with_none[mesh.face_texcoords.reshape(-1)]
         result.triangle_uvs = o3d.utility.Vector2dVector(corners)
     if mesh.face_material is not None:
@@ -96,7 +99,7 @@ def _open3d_image(o3d: Any, mesh: Mesh, material: Material) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / ("image.jpg" if data.startswith(b"\xff\xd8\xff") else "image.png")
         path.write_bytes(data)
-        return o3d.io.read_image(str(path)).flip_vertical()  # Open3D: the first row has v = 0
+        return o3d.io.read_image(str(path)).flip_vertical()  # v = 0 is Open3D's first image row
 
 
 def from_open3d(source: Any) -> Mesh:
@@ -123,7 +126,7 @@ def from_open3d(source: Any) -> Mesh:
     materials = _open3d_materials(source, face_material)
     if tensor is not None and tensor.has_valid_material() and not materials:
         materials = [_open3d_tensor_material(tensor.material)]
-    if face_material is None and len(materials) == 1:  # then it is that of all faces
+    if face_material is None and len(materials) == 1:  # a single material belongs to all faces
         face_material = np.zeros(len(faces), np.int32)
     elif face_material is None and materials:
         _warn_left_out(f"which face has which of the {len(materials)} textures: no face says so")
@@ -158,7 +161,7 @@ def _open3d_materials(source: Any, face_material: NDArray[np.int32] | None) -> l
 
 
 _OPEN3D_MAPS = {"albedo": "base_color", "normal": "normal", "ao": "occlusion"}
-"""Texture maps of a tensor mesh's material, and their roles here."""
+"""Names of texture maps in Open3D's tensor meshes, with the role in `Material.textures`."""
 
 
 def _open3d_tensor_material(material: Any) -> Material:
@@ -200,9 +203,9 @@ class _Part:
     """Faces that trimesh can hold in one mesh: one material, all with UVs or all without."""
 
     material: int
-    vertices: NDArray[np.int32]  # (N,) rows of Mesh.vertices, repeated at seams
-    texcoords: NDArray[np.int32] | None  # (N,) rows of Mesh.texcoords
-    faces: NDArray[np.int64]  # (M, 3) into the two
+    vertices: NDArray[np.int32]  # (N,) row numbers in Mesh.vertices, repeated at texture seams
+    texcoords: NDArray[np.int32] | None  # (N,) row numbers in Mesh.texcoords
+    faces: NDArray[np.int64]  # (M, 3) indices into `vertices` and `texcoords`
 
 
 def _parts(mesh: Mesh) -> Iterator[_Part]:
@@ -256,9 +259,10 @@ def _trimesh_part(
     materials: list[Any],
     normals: NDArray[np.float64] | None,
 ) -> Any:
-    """A trimesh.Trimesh of one part; ``normals`` (V, 3), one for each vertex of the mesh.
+    """Return a trimesh.Trimesh of one part; ``normals`` (V, 3) belong to the mesh's vertices.
 
-    Vertex colours are an attribute beside a material or UVs, as trimesh shows one or the other.
+    If the part has a material or UVs, its vertex colours become the vertex attribute ``color``,
+    because a visual of trimesh has either a texture or colours.
     """
     colors = None if mesh.colors is None else mesh.colors[part.vertices]
     result = trimesh.Trimesh(
@@ -347,7 +351,7 @@ def from_trimesh(source: Any) -> Mesh:
 
 
 def _with_face_colors(mesh: Mesh, sources: list[Any]) -> Mesh:
-    """Give a mesh the colours of faces: as few materials, or as the mean at each vertex."""
+    """Return the mesh with the sources' face colours as materials or vertex colours."""
     colors = [_trimesh_face_colors(each) for each in sources]
     packed = np.concatenate([np.empty(0, dtype=np.int64), *colors])
     if (packed < 0).all():
@@ -363,7 +367,7 @@ def _with_face_colors(mesh: Mesh, sources: list[Any]) -> Mesh:
 
 
 def _trimesh_face_colors(mesh: Any) -> NDArray[np.int64]:
-    """(F,) 0xRRGGBB, -1 where faces have no colours of their own."""
+    """Return the colours of faces, (F,) 0xRRGGBB; -1 if the mesh has no face colours."""
     if mesh.visual.kind != "face":
         return np.full(len(mesh.faces), -1, dtype=np.int64)
     colors = np.asarray(mesh.visual.face_colors, dtype=np.int64)
@@ -379,12 +383,12 @@ def _transformed(points: Any, transform: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def _outward(corners: NDArray[Any], transform: NDArray[np.float64]) -> NDArray[Any]:
-    """Corners of faces, turned around where the transform mirrors."""
+    """Return corners of faces, in reverse order if the transform mirrors the mesh."""
     return corners[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0 else corners
 
 
 def _trimesh_corners(mesh: Any) -> NDArray[np.float64]:
-    """(F, 3, 2) UVs of the corners, NaN where there are none."""
+    """Return the UVs (F, 3, 2) of the corners; NaN if the mesh has none."""
     uv = getattr(mesh.visual, "uv", None)
     if uv is None or len(uv) != len(mesh.vertices):
         return np.full((len(mesh.faces), 3, 2), np.nan)
@@ -396,7 +400,10 @@ _FACE_COLORS = "colours of faces: a Mesh has them by vertex"
 
 
 def _trimesh_colors(meshes: list[Any]) -> NDArray[np.uint8] | None:
-    """(V, 3) vertex colours if some mesh carries them; white in others, which changes no look."""
+    """Return vertex colours (V, 3), or None if no mesh has any.
+
+    Meshes without them get white, which is neutral where colours are multiplied.
+    """
     found = []
     is_any = False
     for mesh in meshes:
@@ -415,7 +422,7 @@ def _trimesh_colors(meshes: list[Any]) -> NDArray[np.uint8] | None:
 
 
 def _trimesh_materials(meshes: list[Any]) -> tuple[list[Material], NDArray[np.int32]]:
-    """Materials by identity, and the material of every face."""
+    """Return the distinct materials (by object identity), and the material index of each face."""
     index: dict[int, int] = {}
     materials: list[Material] = []
     per_face: list[NDArray[np.int32]] = []
@@ -430,7 +437,7 @@ def _trimesh_materials(meshes: list[Any]) -> tuple[list[Material], NDArray[np.in
 
     for mesh in meshes:
         material = getattr(mesh.visual, "material", None)
-        several = getattr(material, "materials", None)  # of a MultiMaterial
+        several = getattr(material, "materials", None)  # only a MultiMaterial has them
         of_faces = getattr(mesh.visual, "face_materials", None)
         if several and of_faces is not None and len(of_faces) == len(mesh.faces):
             rows = np.array([row_of(each) for each in several], np.int32)
@@ -441,7 +448,7 @@ def _trimesh_materials(meshes: list[Any]) -> tuple[list[Material], NDArray[np.in
 
 
 def _says_nothing(material: Any) -> bool:
-    """Whether it is the empty material that stands for none."""
+    """Return whether all properties of the material are None, which means no material."""
     factors = ("baseColorFactor", "metallicFactor", "roughnessFactor", "emissiveFactor")
     keys = ("name", *factors, *_ROLES.values())
     return all(getattr(material, key, 0) is None for key in keys)
@@ -484,7 +491,7 @@ _PNG_MODES = ("1", "I", "I;16", "L", "LA", "P", "RGB", "RGBA")
 
 def _png(image: Any) -> bytes:
     stream = io.BytesIO()
-    if image.mode not in _PNG_MODES:  # those of print and video, among others
+    if image.mode not in _PNG_MODES:  # for example CMYK and YCbCr
         image = image.convert("RGB")
     image.save(stream, format="PNG")
     return stream.getvalue()

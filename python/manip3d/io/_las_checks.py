@@ -1,7 +1,7 @@
-"""Counts and sizes of LAS and LAZ files, held against the file's bytes before a decoder sees them.
+"""Checks that the counts and sizes in LAS and LAZ files fit the file, made before decoding.
 
-The decoder of LAZ reserves what a file claims: a chunk table of 2^32 - 1 entries or a layer of
-4 GiB takes the process down, and no exception comes back.
+The LAZ decoder allocates the memory that a file claims to need. A chunk table of 2^32 - 1 entries,
+or a layer of 4 GiB, would abort the process without an exception.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from manip3d.io._limits import check_points
 from manip3d.io._scan_tables import refuse_expansion
 
 _HEADER = 227  # bytes of the shortest header, LAS 1.0
-_VLR, _EVLR = 54, 60  # bytes of the head of a variable length record
+_VLR, _EVLR = 54, 60  # bytes of the header of an (extended) variable length record
 _LASZIP = (b"laszip encoded", 22204)  # user id and record id of LASzip's own record
-_VARIABLE = 0xFFFFFFFF  # chunk size of files whose chunk table also counts points
+_VARIABLE = 0xFFFFFFFF  # chunk size of files whose chunk table also holds numbers of points
 _LAYERED = 3  # LASzip's compressor for point formats 6 to 10
-# Layers of an item of a layered chunk, by its type; extra bytes have one layer for each byte.
+# Number of layers of each item type in a layered chunk; extra bytes have one layer per byte.
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 _EXTRA_BYTES = 14
 
 
 @dataclass(frozen=True)
 class _Header:
-    """Fields of the public header block that the checks need."""
+    """Fields of the public header block that the checks need; positions and sizes in bytes."""
 
     size: int
     start: int
@@ -42,18 +42,18 @@ class _Header:
 
 @dataclass(frozen=True)
 class _LasZip:
-    """LASzip's own record: how the points are compressed."""
+    """LASzip's record, which describes the compression of the points."""
 
     compressor: int
     chunk_size: int
     items: tuple[tuple[int, int], ...]
-    """Type and bytes of each item of a point."""
+    """Type and size in bytes of each item of a point."""
     data: bytes
     """The record as stored, for the decoder."""
 
 
 class _Failure(Exception):
-    """A reason and the byte where it lies; `check_las` adds the file."""
+    """A byte offset and a reason; `check_las` adds the file's name."""
 
 
 def _fail(byte: int, reason: str) -> NoReturn:
@@ -61,17 +61,17 @@ def _fail(byte: int, reason: str) -> NoReturn:
 
 
 def check_las(path: Path, limit: int) -> int:
-    """Refuse counts and sizes that the file's bytes cannot hold; nothing is allocated for them.
+    """Refuse counts and sizes that exceed the file's size, without allocating memory for them.
 
     Returns
     -------
     int
-        Number of chunks of compressed points, 0 where none are.
+        Number of chunks of compressed points; 0 if the points are not compressed.
 
     Raises
     ------
     FormatError
-        Names the byte of the count that does not fit.
+        A count or size does not fit; the error names the byte where it is stored.
     """
     size = path.stat().st_size
     try:
@@ -149,7 +149,7 @@ def _check_compressed(stream: BinaryIO, header: _Header, size: int) -> int:
     if num_chunks > most:
         _fail(table + 4, f"{num_chunks} chunks claimed for {header.count} points, at most {most}")
     if laszip.compressor == _LAYERED:
-        # The decoder goes on behind the chunks of the table, with layers of any size.
+        # If chunks are missing in the table, the decoder reads on with layers of unchecked size.
         fewest = 1 if laszip.chunk_size == _VARIABLE else most
         if num_chunks < fewest:
             _fail(table + 4, f"{num_chunks} chunks for {header.count} points, at least {fewest}")
@@ -192,7 +192,8 @@ def _parse_laszip(data: bytes, place: int, row: int) -> _LasZip:
 def _chunk_table_place(stream: BinaryIO, header: _Header, size: int) -> int:
     stream.seek(header.start)
     (place,) = struct.unpack("<q", stream.read(8).ljust(8, b"\0"))
-    if place == -1 and size >= header.start + 16:  # written to a stream: the last eight bytes say
+    # -1: the file was written as a stream, and its last eight bytes hold the offset.
+    if place == -1 and size >= header.start + 16:
         stream.seek(size - 8)
         (place,) = struct.unpack("<q", stream.read(8))
     if not header.start + 8 <= place <= size - 8:
@@ -204,7 +205,10 @@ def _chunk_table_place(stream: BinaryIO, header: _Header, size: int) -> int:
 
 
 def _check_layers(stream: BinaryIO, header: _Header, laszip: _LasZip, table: int) -> None:
-    """Each chunk is its first point, the number of points, the size of each layer, the layers."""
+    """Check the chunks of a layered file.
+
+    A chunk holds its first point, the number of points, the size of each layer, and the layers.
+    """
     point = sum(size for _, size in laszip.items)
     num_layers = sum(
         size if kind == _EXTRA_BYTES else _LAYERS.get(kind, 0) for kind, size in laszip.items
@@ -227,14 +231,17 @@ def _check_layers(stream: BinaryIO, header: _Header, laszip: _LasZip, table: int
 
 
 def _chunk_sizes(stream: BinaryIO, header: _Header, laszip: _LasZip) -> list[int]:
-    """Bytes of each chunk; the table is compressed, its number of entries is checked before."""
+    """Return the size of each chunk in bytes, from the compressed chunk table.
+
+    The number of entries in the table must have been checked before.
+    """
     lazrs = _lazrs()
     stream.seek(header.start)
     try:
         table = lazrs.read_chunk_table(stream, lazrs.LazVlr(laszip.data))
     except (MemoryError, KeyboardInterrupt, SystemExit):
         raise
-    except BaseException as error:  # panics of Rust are not an Exception
+    except BaseException as error:  # a panic in Rust is a BaseException, but no Exception
         _fail(header.start, f"damaged chunk table: {str(error)[:200]}")
     if laszip.chunk_size == _VARIABLE:
         counts = [int(num_points) for num_points, _ in table]

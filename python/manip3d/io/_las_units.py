@@ -1,4 +1,4 @@
-"""The unit that the coordinate system of a LAS file states."""
+"""Unit of length that the coordinate reference system of a LAS file states."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import re
 from typing import Any
 
 FOOT = "feet"
-"""The name of the unit, in `manip3d.lidar.ScanFormat.header`; international and US survey feet."""
+"""Name of the unit in `manip3d.lidar.ScanFormat.header`, for international and US survey feet."""
 DEGREES = "degrees"
-"""The name where x and y are longitudes and latitudes."""
+"""Name of the unit if x and y are longitudes and latitudes."""
 
 _LINEAR_KEYS = (3076, 4099)
-"""Keys of GeoTIFF: units of projected and of vertical coordinates."""
+"""GeoTIFF keys ProjLinearUnits and VerticalUnits."""
 _FEET = (9002, 9003)
-"""EPSG's numbers of the two."""
+"""EPSG codes of the international foot and of the US survey foot."""
 _MODEL, _GEOGRAPHIC = 1024, 2
-"""Key of GeoTIFF for the kind of the system, and its value for longitudes and latitudes."""
+"""GeoTIFF key GTModelType, and its value for longitudes and latitudes."""
 _GEO_KEYS, _WKT = 34735, 2112
 _FOOT_IN_WKT = re.compile(r'UNIT\s*\[\s*"[^"]*"\s*,\s*0?\.3048')
 _METRE_IN_WKT = re.compile(r'UNIT\s*\[\s*"met(?:re|er)s?"', re.IGNORECASE)
@@ -24,15 +24,16 @@ _GEOGRAPHIC_IN_WKT = re.compile(r"GEOG(?:CS|CRS|RAPHICCRS)\s*\[", re.IGNORECASE)
 
 
 def stated_unit(header: Any) -> str:
-    """The unit that a LAS header states, if it is not the metre; else ''.
+    """Return the unit that a LAS header states, if it is not the metre; else ''.
 
-    Degrees are told by the kind of the system, feet by number or factor. A projected system that is
-    named by a number of EPSG alone states no unit: the tables of systems are not part of this
-    package. Where horizontal and vertical lengths have different units, none holds for the scan.
+    Degrees are recognised by the kind of the coordinate system, feet by their EPSG code or factor.
+    A system that is named only by an EPSG code has no known unit, because manip3d has no table of
+    these codes. If horizontal and vertical units differ, no unit holds for the scan.
 
     Parameters
     ----------
     header : laspy.LasHeader
+        Header with its variable length records.
     """
     feet = metres = 0
     degrees = False

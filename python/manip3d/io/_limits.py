@@ -1,4 +1,4 @@
-"""Limits on what reading a file may cost: bytes, points, seconds. See `manip3d.io.ReadLimits`."""
+"""Limits of the bytes, points and seconds that reading a file may take, see `ReadLimits`."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ _IN_FORCE: ContextVar[tuple[ReadLimits, ...]] = ContextVar("limits of readers", 
 class ReadLimits:
     """Limits of every reader of `manip3d.io` within a ``with`` block.
 
-    They hold for meshes, scenes, scans, depth images and motions.
-    A file that passes one of them is refused with a `FormatError` that names the file and the
-    limit. Blocks may be nested: all their limits hold. They hold for the thread, or the task of
-    asyncio, that entered the block, and on the workers of a `manip3d.batch.run` within it. Of a
-    LiDAR recording (`manip3d.capture.open_lidar`), which is read bit by bit, ``max_bytes`` limits
-    the whole and ``max_points`` nothing.
+    They hold for meshes, scenes, scans, depth images and motions. A file that exceeds one of them
+    is refused with a `FormatError` that names the file and the limit. Blocks may be nested: all
+    their limits hold. They hold in the thread, or asyncio task, that entered the block, and in the
+    worker processes of a `manip3d.batch.run` within it. For a LiDAR recording
+    (`manip3d.capture.open_lidar`), which is read frame by frame, ``max_bytes`` limits the whole
+    recording, and ``max_points`` has no effect.
 
     Parameters
     ----------
     max_bytes : int, optional
-        The most uncompressed bytes of a file. As the argument ``max_bytes`` of a reader it also
-        lifts the limit on the expansion of compressed files.
+        Largest number of uncompressed bytes of a file. Like the argument ``max_bytes`` of a reader,
+        it replaces the limit on the expansion of compressed files.
     max_points : int, optional
-        The most points of all scans of a file, vertices of a mesh or of a scene, pixels of a
-        depth image, or joints of all frames of a motion.
-        Counted where the header tells before anything is read, else when all is read:
-        what bounds the memory until then is ``max_bytes``.
+        Largest number of points of all scans of a file, of vertices of a mesh or of a scene, of
+        pixels of a depth image, or of joints times frames of a motion. It is checked before reading
+        if the header states the number, else after reading; until then ``max_bytes`` limits the
+        memory.
     max_seconds : float, optional
-        The most seconds that one call of a reader may take, fetching a URL included. Readers of
-        the core look at the clock ten times a second; what other libraries read (LAS, LAZ, E57,
-        images) and fetch (URLs) is judged when they are done.
+        Longest time in seconds that one call of a reader may take, including the download of a URL.
+        The readers in ``_core`` check the time ten times per second. For formats that other
+        libraries read (LAS, LAZ, E57, images), and for downloads, it is checked at the end.
 
     Raises
     ------
@@ -74,17 +74,17 @@ class ReadLimits:
 
     def __exit__(self, *_: object) -> None:
         """Return to the limits that were in force before."""
-        _IN_FORCE.set(_IN_FORCE.get()[:-1])  # blocks end in the reverse order of their beginning
+        _IN_FORCE.set(_IN_FORCE.get()[:-1])  # nested blocks end in reverse order
 
 
 def limits_in_force() -> tuple[ReadLimits, ...]:
-    """The limits of the blocks around the caller, the outermost first."""
+    """Return the limits of the ``with`` blocks around the caller, the outermost first."""
     return _IN_FORCE.get()
 
 
 @contextlib.contextmanager
 def all_in_force(limits: Iterable[ReadLimits]) -> Iterator[None]:
-    """Put several limits in force, as those of another process."""
+    """Put several limits in force, for example those of a parent process."""
     with contextlib.ExitStack() as blocks:
         for each in limits:
             blocks.enter_context(each)
@@ -92,7 +92,9 @@ def all_in_force(limits: Iterable[ReadLimits]) -> Iterator[None]:
 
 
 def byte_limit(max_bytes: int | None) -> int:
-    """The most uncompressed bytes of a file, as the core takes it: 0 is the limit of the ratio.
+    """Return the largest number of uncompressed bytes of a file, as an argument for ``_core``.
+
+    0 means no such limit; ``_core`` then limits the expansion ratio of compressed files.
 
     Raises
     ------
@@ -111,6 +113,7 @@ def check_points(num_points: int, file: str) -> None:
     Raises
     ------
     FormatError
+        The file has more points than one of the limits in force.
     """
     for limits in _IN_FORCE.get():
         if limits.max_points is not None and num_points > limits.max_points:
@@ -121,13 +124,14 @@ def check_points(num_points: int, file: str) -> None:
 
 @contextlib.contextmanager
 def clock(file: str) -> Iterator[Callable[[float], None] | None]:
-    """Yield what a kernel calls with its progress, which raises once the time of one read is over.
+    """Yield a progress callback that raises when one read exceeds the time limit.
 
-    None where no limit of seconds is in force. The time is looked at when the block ends, too.
+    It is None if no time limit is in force. The time is also checked when the block ends.
 
     Raises
     ------
     FormatError
+        Reading took more than ``max_seconds``.
     """
     seconds = [each.max_seconds for each in _IN_FORCE.get() if each.max_seconds is not None]
     if not seconds:

@@ -1,4 +1,4 @@
-"""Levels of detail in files: one glTF with MSFT_lod, or a folder with a manifest."""
+"""Writing of levels of detail: one glTF file with MSFT_lod, or a folder with a manifest."""
 
 from __future__ import annotations
 
@@ -35,34 +35,37 @@ def write_lods(
     Parameters
     ----------
     levels : sequence of Mesh or of Scene
-        Finest first, all with the same materials; or of the same scene.
+        The levels, finest first, all with the same materials, or all of the same scene.
     path : path-like
-        A name that ends in ``.glb`` or ``.gltf`` (the extension ``MSFT_lod``: readers that do not
-        know it show the finest level), or a folder's: ``level_0.glb`` and so on, and ``lods.json``,
-        which names them with faces, vertices, coverages and errors.
+        A file that ends in ``.glb`` or ``.gltf``, or a folder. The file uses the extension
+        ``MSFT_lod``; readers without support for it show the finest level. The folder gets
+        ``level_0.glb`` and so on, and a manifest ``lods.json`` with the name, faces, vertices,
+        coverage and error of each level.
     coverages : sequence of float in [0, 1], optional
-        The least share of the screen that each level is made for, descending. By default a level
-        serves until the next has as many faces for each pixel as the first at full screen.
+        Smallest share of the screen at which each level is shown, descending. Default: the next
+        level is shown as soon as it has as many faces per pixel as the finest level has at full
+        screen.
     errors : sequence of float, optional
-        Error of each level, in the file's unit; for the manifest.
+        Error of each level, in the file's unit, for the manifest.
     error_measure : str
-        What the errors measure, in words; for the manifest.
+        Name of the measure of the errors, for the manifest.
     max_vertices : int, optional
-        As for `write_mesh`.
+        See `write_mesh`.
     quantize : bool
-        As for `write_mesh`, and for levels of a scene as for `write_scene`.
+        See `write_mesh`, or `write_scene` for levels of a scene.
 
     Raises
     ------
     InputError
-        No levels, coverages that do not fit them, another suffix, and what `write_mesh` refuses.
+        There are no levels, the coverages do not fit them, the suffix is another one, or
+        `write_mesh` refuses a level.
     OSError
-        The operating system refused; what was there is whole.
+        The output cannot be written; an existing file or folder stays unchanged.
 
     Notes
     -----
-    Levels of a scene keep its nodes (`write_scene`); the manifest then counts the faces that are
-    drawn, and beside them those that are stored.
+    Levels of a scene keep its nodes (`write_scene`). The manifest then states the number of faces
+    that are drawn (``faces``) and that are stored (``stored_faces``).
 
     Examples
     --------
@@ -112,12 +115,12 @@ def write_lods(
 
 
 def expect_folder_of_lods(folder: Path) -> None:
-    """Refuse a folder that holds more than levels of detail; it may be absent.
+    """Refuse a folder that holds files other than levels of detail; the folder may not exist.
 
     Raises
     ------
     InputError
-        Names some of the other files.
+        The folder holds other files; the error names some of them.
     """
     refuse_other_files(folder, lambda name: bool(_OWN_FILE.fullmatch(name)))
 

@@ -1,4 +1,4 @@
-"""Mesh files and range grids: reading, writing, where textures lie."""
+"""Reading and writing of mesh files."""
 
 from __future__ import annotations
 
@@ -26,29 +26,30 @@ if TYPE_CHECKING:
     pass
 
 READABLE: tuple[str, ...] = (*_core.readable_suffixes(), _three_mf.SUFFIX, _collada.SUFFIX)
-"""Suffixes that `read_mesh` knows; each but ``.3mf`` and ``.dae`` may be followed by ``.gz`` or
-``.xz``."""
+"""Suffixes of the formats that `read_mesh` reads; all except ``.3mf`` and ``.dae`` may be followed
+by ``.gz`` or ``.xz``."""
 WRITABLE: tuple[str, ...] = tuple(_core.writable_suffixes())
-"""Suffixes that `write_mesh` knows; each may be followed by ``.gz`` or ``.xz``."""
+"""Suffixes of the formats that `write_mesh` writes; each may be followed by ``.gz`` or ``.xz``."""
 
 _logger = logging.getLogger("manip3d")
 
 
 @dataclass(frozen=True)
 class ReadReport:
-    """A mesh and what its reader saw.
+    """A mesh, with counts and warnings of its reader.
 
     Attributes
     ----------
     mesh : Mesh
+        The mesh.
     format : str
-        ``obj``, ``ply``, ...
+        Format of the file: ``obj``, ``ply``, ...
     num_polygons : int
-        Before they were cut into triangles.
+        Number of polygons before triangulation.
     num_skipped : int
-        Statements, elements and properties that were not understood.
+        Number of unknown statements, elements and properties.
     warnings : tuple of str
-        What was left out.
+        Parts of the file that were left out.
     """
 
     mesh: Mesh
@@ -71,22 +72,22 @@ def _report(result: tuple[Mesh, str, int, int, list[str]], source: str | None) -
 def read_report(
     path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
 ) -> ReadReport:
-    r"""Read a mesh file and tell what was seen; see `read_mesh`.
+    r"""Read a mesh file, and report what was skipped or left out; see `read_mesh`.
 
     Parameters
     ----------
     path, allow_outside, max_bytes
-        As for `read_mesh`.
+        See `read_mesh`.
 
     Returns
     -------
     ReadReport
-        The mesh, and what was left out of it.
+        The mesh, with counts and warnings.
 
     Raises
     ------
     FormatError, OSError
-        As `read_mesh`.
+        See `read_mesh`.
 
     Examples
     --------
@@ -158,7 +159,7 @@ def _read_collada(
 
 
 def _take_textures(mesh: Mesh, local: Path) -> None:
-    """Put the textures beside the copy of a remote file into the mesh, before the copy goes."""
+    """Load the textures beside the temporary copy of a remote file into the mesh."""
     beside = mesh.replace(source=os.fspath(local))
     for material in mesh.materials:
         for role, texture in material.textures.items():
@@ -176,36 +177,36 @@ def read_mesh(
     Parameters
     ----------
     path : path-like or URL
-        The format is what the suffix says, else what the content shows.
+        The file. Its suffix determines the format; an unknown suffix, the content.
     allow_outside : bool
-        Let an OBJ or glTF file name materials and textures outside of its own folder.
+        Whether the file may name materials and textures outside of its own folder.
     max_bytes : int, optional
-        The most uncompressed bytes to read. Without it compressed files are refused past 64 MiB
-        where they expand more than 200 times. glTF, whose nodes can name one mesh many times,
-        may take 64 MiB of memory or 100 times its size on disk, whichever is more.
+        Largest number of uncompressed bytes to read. Default: a compressed file may have 64 MiB or
+        expand 200 times, whichever is more; a glTF, whose nodes can instance a mesh many times, may
+        take 64 MiB of memory or 100 times its size on disk, whichever is more.
 
     Returns
     -------
     Mesh
-        Triangles; polygons of n corners are cut into n - 2 without new vertices. A range scan
-        (PLY ``range_grid``) gives two triangles per full 2x2 cell of pixels, one where three are
-        valid. ``source`` is ``path``: `texture_path` finds relative textures beside it. 3MF
-        gives all items that are to be built and COLLADA all geometries of its scene, at their
-        places; units and axes stay those of the file.
+        A triangle mesh. A polygon of n corners becomes n - 2 triangles without new vertices. A
+        range scan (PLY ``range_grid``) has two triangles per 2x2 cell of valid pixels, and one if
+        three of the four are valid. A 3MF file yields all items of its build, a COLLADA file all
+        geometries of its scene, transformed; units and axes are those of the file. ``source`` is
+        ``path``, from which `texture_path` resolves relative paths.
 
     Raises
     ------
     FormatError
-        The file is damaged or hostile; names the file and the line or byte.
+        The file is damaged or hostile; the error names the file and the line or byte.
     MissingExtraError
         A glTF is compressed with Draco and DracoPy is not installed (extra ``draco``).
     OSError
-        `FileNotFoundError` and the like.
+        The file cannot be read.
 
     Notes
     -----
-    What is left out (a missing material library, a texture outside of the folder) goes to the
-    logger ``manip3d``; `read_report` returns it.
+    Warnings about parts that are left out (a missing material library, a texture outside of the
+    folder) go to the logger ``manip3d``; `read_report` returns them.
 
     Examples
     --------
@@ -228,20 +229,21 @@ def read_mesh_bytes(
     data : bytes
         Content of a mesh file.
     format : str, optional
-        One of `READABLE`, with or without its dot; without it the content decides.
+        One of `READABLE`, with or without its dot; default: recognised by the content.
     max_bytes : int, optional
-        As for `read_mesh`.
+        See `read_mesh`.
 
     Returns
     -------
     Mesh
+        The mesh, see `read_mesh`; its ``source`` is None.
 
     Raises
     ------
     InputError
-        Unknown ``format``.
+        ``format`` is unknown.
     FormatError
-        As `read_mesh`, without a file name.
+        The data is damaged or hostile; the error names no file.
 
     Examples
     --------
@@ -279,35 +281,37 @@ def write_mesh(
     Parameters
     ----------
     mesh : Mesh
+        The mesh to write.
     path : path-like
-        glTF takes PNG and JPEG images only: others (TGA, BMP, ...) are converted to PNG.
+        Output file. glTF allows only PNG and JPEG images; others (TGA, BMP, ...) are converted to
+        PNG.
     max_vertices : int, optional
-        glTF: a primitive with more vertices than this is split. With 65535 every index fits in 16
-        bits (65535 itself is not an index).
+        glTF only: a primitive with more vertices than this is split. With 65535 every index fits in
+        16 bits (65535 itself is not a valid index).
     quantize : bool
-        glTF: positions and texture coordinates within the picture in 16 bits, normals in 8
-        (``KHR_mesh_quantization``, which readers must know): 8 bytes instead of 12 for a position,
-        4 instead of 8 for a texture coordinate, 4 instead of 12 for a normal. A position moves by
-        at most 1.4e-5 of the longest side of the mesh's box.
+        glTF only: store positions, and texture coordinates within [0, 1], in 16 bits and normals in
+        8 bits (``KHR_mesh_quantization``, which readers must support). A position takes 8 instead
+        of 12 bytes, a texture coordinate 4 instead of 8, a normal 4 instead of 12. A position
+        changes by at most 1.4e-5 of the longest side of the mesh's bounding box.
 
     Raises
     ------
     InputError
-        Unknown suffix; the mesh is not valid; ``max_vertices`` is below 3; ``max_vertices`` or
-        ``quantize`` is given and the format is not glTF.
+        The suffix is unknown; the mesh is not valid; ``max_vertices`` is below 3; ``max_vertices``
+        or ``quantize`` is given and the format is not glTF.
     MissingExtraError
         An image must be converted and Pillow is not installed (extra ``io``).
     OSError
-        The operating system refused; the old file is whole.
+        The file cannot be written; an existing file stays unchanged.
 
     Notes
     -----
-    The file appears whole or not at all: it is written under a temporary name, synced and renamed.
-    Textures and the OBJ material library are put beside it first, under names that do not change
-    what an existing file of that folder refers to. Positions read back as the same doubles; STL
-    rounds them to 32 bits, PLY rounds texture coordinates (MeshLab's convention).
+    The file is written atomically: under a temporary name, synced and renamed. Textures and the OBJ
+    material library are written to its folder before, under names that do not change the files to
+    which other files of that folder refer. Positions are read back as the same doubles, except that
+    STL rounds them to 32 bits; PLY rounds texture coordinates to 32 bits (MeshLab's convention).
 
-    What the format cannot hold goes to the logger ``manip3d``.
+    Warnings about properties that the format cannot hold go to the logger ``manip3d``.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Headers of .npy files, read without trust."""
+"""Reader of the headers of untrusted .npy files."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from manip3d.errors import FormatError
 
 MOST_HEADER = 1 << 16
-"""Bytes in which a header must end."""
+"""Largest size of a header, in bytes."""
 
 
 def read_npy_header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
-    """Return the shape, whether the order is Fortran's, the type, and where the numbers begin.
+    """Return the shape, whether the order is Fortran's, the dtype, and the offset of the data.
 
     Raises
     ------
     FormatError
-        There is no header, or one of no numbers.
+        The header is missing or damaged, or describes Python objects.
     """
     stream = io.BytesIO(data[:MOST_HEADER])
     try:
@@ -29,7 +29,7 @@ def read_npy_header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], 
             (2, 0): np.lib.format.read_array_header_2_0,
         }[version]
         shape, is_fortran, dtype = read_header(stream, max_header_size=MOST_HEADER)
-    except Exception as error:  # the header is a Python literal: it fails in many ways
+    except Exception as error:  # the header is a Python literal, so errors have various types
         raise FormatError("expected a header of a .npy file", byte_offset=0) from error
     if any(type(side) is not int for side in shape) or dtype.hasobject:
         raise FormatError(f"expected an array of numbers, got {dtype} {shape}", byte_offset=0)

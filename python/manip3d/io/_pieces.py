@@ -1,4 +1,4 @@
-"""Meshes that a file puts together: pieces, each of which may be named at several places."""
+"""Meshes that a file composes of pieces, each of which may be instanced several times."""
 
 from __future__ import annotations
 
@@ -24,30 +24,31 @@ def _no_rows(width: int) -> Callable[[], NDArray[np.float64]]:
 
 @dataclass
 class Piece:
-    """A mesh with the properties of its faces and their corners."""
+    """A mesh with properties of its faces and of their corners; `NONE` means no property."""
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     material: NDArray[np.int64]
     corners: NDArray[np.int64]
-    """Rows of ``texcoords``."""
+    """(F, 3) row numbers in ``texcoords``."""
     normal_corners: NDArray[np.int64]
-    """Rows of ``normals``."""
+    """(F, 3) row numbers in ``normals``."""
     colors: NDArray[np.int64]
-    """The colours of the corners, 0xRRGGBB."""
+    """(F, 3) colours of the corners, 0xRRGGBB."""
     texcoords: NDArray[np.float64] = field(default_factory=_no_rows(2))
     normals: NDArray[np.float64] = field(default_factory=_no_rows(3))
 
     @classmethod
     def plain(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Piece:
-        """A piece without properties."""
+        """Return a piece without properties."""
         none = np.full(faces.shape, NONE, dtype=np.int64)
         return cls(vertices, faces, none[:, 0].copy(), none.copy(), none.copy(), none.copy())
 
     def placed(self, matrix: NDArray[np.float64]) -> Piece:
-        """The piece at a place: a row (x, y, z, 1) times the (4, 4) matrix is where a point lies.
+        """Return the piece transformed by a (4, 4) matrix: (x, y, z, 1) @ matrix.
 
-        A mirror image has its faces turned over, so that they still look outwards.
+        If the matrix mirrors, the corners of the faces are reversed, so that faces still point
+        outwards.
         """
         turn = matrix[:3, :3]
         mirrors = np.linalg.det(turn) < 0.0
@@ -65,7 +66,11 @@ class Piece:
 
 
 def _turned_normals(normals: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Normals of unit length by the cofactors, which a matrix has that has no inverse."""
+    """Return transformed normals of unit length.
+
+    They are transformed by the cofactor matrix, which unlike the inverse transpose also exists for
+    singular matrices.
+    """
     cofactors = np.cross(turn[[1, 2, 0]], turn[[2, 0, 1]])
     turned = normals @ cofactors
     length = np.linalg.norm(turned, axis=1, keepdims=True)
@@ -77,12 +82,12 @@ def _turned_normals(normals: NDArray[np.float64], turn: NDArray[np.float64]) -> 
 def join(
     pieces: Sequence[Piece], materials: Sequence[Material], warn: Callable[[str], None]
 ) -> Mesh:
-    """Return the mesh of one piece or more.
+    """Return the mesh of one or more pieces.
 
     Raises
     ------
     FormatError
-        A vertex lies at no finite place.
+        A vertex position is not finite.
     """
     vertices = np.concatenate([piece.vertices for piece in pieces])
     if not np.isfinite(vertices).all():
@@ -106,7 +111,10 @@ def join(
 
 
 def _shifted(tables: Sequence[tuple[NDArray[np.int64], int]]) -> NDArray[np.int64]:
-    """Indices of tables that follow each other; each comes with the rows that it points into."""
+    """Return the indices into several tables as indices into their concatenation.
+
+    Each item of ``tables`` is an array of indices, with the number of rows of its table.
+    """
     shifted, first = [], 0
     for indices, num_rows in tables:
         shifted.append(np.where(indices < 0, NONE, indices + first))

@@ -1,4 +1,4 @@
-"""Files that say where scanners and cameras stood."""
+"""Readers of files with poses of scanners and cameras."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-_UNIT_TOLERANCE = 1e-3  # how far a length that is to be 1 may be from it
+_UNIT_TOLERANCE = 1e-3  # largest error of a quaternion's length and of R R^T
 
 
 def poses_by_file(path: Path) -> dict[str, NDArray[np.float64]]:
-    """The poses of a Stanford ``.conf`` file; see `manip3d.datasets.read_poses`."""
+    """Read the poses of a Stanford ``.conf`` file; see `manip3d.datasets.read_poses`."""
     poses = {}
     for number, line in enumerate(text_of(path).splitlines(), start=1):
         kind, *fields = line.split() or [""]
@@ -37,12 +37,14 @@ def poses_by_file(path: Path) -> dict[str, NDArray[np.float64]]:
 
 
 def rigid(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The transform of ``tx ty tz qx qy qz qw``, its rotation the inverse of the quaternion's.
+    """Return the (4, 4) transform of ``tx ty tz qx qy qz qw`` in Stanford's convention.
+
+    Its rotation is the inverse of the quaternion's rotation.
 
     Raises
     ------
     ValueError
-        Other than seven finite numbers, or a quaternion of zeros.
+        The values are not seven finite numbers, or the quaternion is 0.
     """
     if values.shape != (7,) or not np.isfinite(values).all() or not np.any(values[3:]):
         raise ValueError(values)
@@ -55,13 +57,13 @@ def rigid(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def matrix_pose(place: Path) -> NDArray[np.float64]:
-    """A file of four lines of four numbers."""
+    """Read a pose from a file of four lines of four numbers."""
     lines = _numbers_of_lines(place)
     return _checked_matrix([values for _, values in lines], place, 1)
 
 
 def poses_of_log(place: Path) -> dict[int, NDArray[np.float64]]:
-    """The matrices of Redwood's and Open3D's log, by the numbers of their frames."""
+    """Read the poses by frame number from a log file in the format of Redwood and Open3D."""
     lines = _numbers_of_lines(place)
     found: dict[int, NDArray[np.float64]] = {}
     for first in range(0, len(lines), 5):
@@ -77,7 +79,12 @@ def poses_of_log(place: Path) -> dict[int, NDArray[np.float64]]:
 def trajectory(
     place: Path,
 ) -> tuple[NDArray[np.float64] | None, list[NDArray[np.float64]]]:
-    """Times, if the lines have some, and poses (camera to world): 8, 7 or 12 numbers a line."""
+    """Read times and poses (camera to world) from lines of 8, 7 or 12 numbers.
+
+    Eight numbers are a time and a translation with a quaternion, as in the TUM RGB-D benchmark;
+    seven lack the time; twelve are the upper rows of a matrix, as in KITTI. Times are None unless a
+    line has 8 numbers.
+    """
     lines = _numbers_of_lines(place)
     if not lines:
         raise FormatError("expected lines 'time tx ty tz qx qy qz qw', found none", file=str(place))
@@ -98,13 +105,13 @@ def trajectory(
             text = "expected a quaternion of length 1 in the last four numbers"
             raise FormatError(text, file=str(place), line=number)
         pose = rigid(values[-7:])
-        pose[:3, :3] = pose[:3, :3].T  # here the quaternion is that of the rotation itself
+        pose[:3, :3] = pose[:3, :3].T  # undoes the inversion by rigid()
         poses.append(pose)
     return np.array([values[0] for _, values in lines]) if width == 8 else None, poses
 
 
 def _numbers_of_lines(place: Path) -> list[tuple[int, NDArray[np.float64]]]:
-    """The numbers of each line that is neither empty nor a comment, with the line's number."""
+    """Return line number and values of each line that is neither empty nor a comment."""
     found = []
     for number, line in enumerate(text_of(place).splitlines(), start=1):
         words = line.replace(",", " ").split()
@@ -123,7 +130,7 @@ def _numbers_of_lines(place: Path) -> list[tuple[int, NDArray[np.float64]]]:
 def _checked_matrix(
     rows: Sequence[NDArray[np.float64]], place: Path, line: int
 ) -> NDArray[np.float64]:
-    """Rows as a matrix that neither scales nor mirrors."""
+    """Return the rows as a (4, 4) matrix, and raise if it is no rigid transform."""
     if [len(row) for row in rows] == [4, 4, 4, 4]:
         pose = np.array(rows)
         turn = pose[:3, :3]

@@ -1,4 +1,4 @@
-"""Range images whose pixels are points: Stanford's single scans, and clouds of depth cameras."""
+"""Readers of range images whose pixels are points: Stanford's scans, clouds of depth cameras."""
 
 from __future__ import annotations
 
@@ -26,15 +26,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RangeGrid:
-    """A range image: one point per pixel, or none.
+    """A range image, in which a pixel has one point or no measurement.
 
     Attributes
     ----------
     points : (H, W, 3) float64
-        In the file's own units and axes; NaN where nothing was measured.
+        Points in the file's own units and axes; NaN without a measurement.
     valid : (H, W) bool
+        Whether the pixel has a measurement.
     color : (H, W, 3) uint8 or None
-        Red, green and blue of each pixel, where the file has them.
+        Red, green and blue of each pixel; None if the file has no colours.
     """
 
     points: NDArray[np.float64]
@@ -44,28 +45,29 @@ class RangeGrid:
 
 @checked
 def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> RangeGrid:
-    """Read the pixels of a range scan or of an organised cloud.
+    """Read the pixels of a range scan or of an organised point cloud.
 
     Parameters
     ----------
     path : path-like or URL
-        A PLY file with a ``range_grid``, as Stanford's single scans; a PCD file with a ``HEIGHT``
-        of 2 or more, as depth cameras give them; or such points in a ``.npy`` or ``.npz`` file,
-        (H, W, 3) and more numbers or a structured (H, W) array. In the last three NaN, and
-        (0, 0, 0), is no measurement.
+        A PLY file with a ``range_grid``, such as Stanford's single scans; a PCD file with a
+        ``HEIGHT`` of 2 or more, as depth cameras produce; or a ``.npy`` or ``.npz`` file with an
+        array (H, W, C), C >= 3, or a structured array (H, W). In PCD and NumPy files NaN and
+        (0, 0, 0) mean no measurement.
     max_bytes : int, optional
-        As for `read_mesh`.
+        See `read_mesh`.
 
     Returns
     -------
     RangeGrid
+        Points of the pixels, with colours if the file has some.
 
     Raises
     ------
     FormatError
-        As `read_mesh`, and when the file holds no range grid.
+        The file is damaged or hostile, or holds no range grid.
     OSError
-        `FileNotFoundError` and the like.
+        The file cannot be read.
 
     Examples
     --------
@@ -112,7 +114,7 @@ def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
     missing = [axis for axis in "xyz" if axis not in columns or columns[axis].ndim != 1]
     if missing:
         raise FormatError(f"a cloud has x, y and z; {', '.join(missing)} not found", file=file)
-    with np.errstate(invalid="ignore"):  # of NaN that signal
+    with np.errstate(invalid="ignore"):  # signalling NaN
         points = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
     if rows < 2 or cols < 2 or rows * cols != len(points):
         raise FormatError(
@@ -123,7 +125,7 @@ def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
         )
     valid = ~np.isnan(points).any(axis=1) & points.any(axis=1)
     points[~valid] = 0.0
-    measured_points(points, ScanFormat("pcd"), file)  # refuses what is not finite
+    measured_points(points, ScanFormat("pcd"), file)  # raises on infinite coordinates
     points[~valid] = np.nan
     color = _colors(columns)
     return RangeGrid(
@@ -134,7 +136,10 @@ def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
 
 
 def _colors(columns: dict[str, NDArray[Any]]) -> NDArray[np.uint8] | None:
-    """Red, green and blue, also out of one number of 32 bits, which PCD often calls a float."""
+    """Return red, green and blue, from three columns or from packed 32-bit numbers; None without.
+
+    PCD often declares the packed numbers as float.
+    """
     triple = [columns[name] for name in ("red", "green", "blue") if name in columns]
     if len(triple) == 3 and all(each.dtype == np.uint8 and each.ndim == 1 for each in triple):
         return np.stack(triple, axis=-1)

@@ -1,7 +1,7 @@
-"""Files behind a URL that fsspec opens (extra ``remote``): fetched before reading, sent when whole.
+"""Files at URLs that fsspec opens (extra ``remote``): downloaded to read, uploaded when complete.
 
-Readers and writers work on local files, with what lies beside them: a URL becomes a temporary
-folder for as long as it is read or written.
+Readers and writers work on local files and their companions, such as textures. While a URL is read
+or written, these lie in a temporary folder.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(://|::)")
 _CODES = {FileNotFoundError: errno.ENOENT, PermissionError: errno.EACCES}
-# Stores in which a folder is only a part of a name, and making one could make a bucket.
+# Object stores: a folder is only a part of a name there, and creating one could create a bucket.
 _OBJECT_STORES = frozenset(
     {"abfs", "abfss", "adl", "az", "gcs", "gs", "memory", "oss", "r2", "s3", "s3a"}
 )
@@ -41,7 +41,7 @@ _MOST_WORDS = 32
 _CONTINUED = re.compile(rb"\\\r?\n")
 _TAILS = re.compile(r"(?=\s(\S.*))")
 _END_OF_HEADER = re.compile(rb"^end_header", re.MULTILINE)
-# Statements by which a file names others: material libraries and textures, buffers and images.
+# Statements that refer to other files: material libraries and textures, buffers and images.
 _NAMED: dict[str, re.Pattern[bytes]] = {
     ".obj": re.compile(rb"^[ \t]*mtllib[ \t]+((?:\\\r?\n|[^\r\n])+)", re.MULTILINE),
     ".mtl": re.compile(
@@ -51,7 +51,7 @@ _NAMED: dict[str, re.Pattern[bytes]] = {
     ".gltf": re.compile(rb'"uri"\s*:\s*"([^"]+)"'),
     ".ply": re.compile(rb"^comment[ \t]+TextureFile[ \t]+([^\r\n]+)", re.MULTILINE),
 }
-# Files that lie beside one under its own name: the pose of a scan, the description of a sensor.
+# Companions with the same name and another suffix: the pose of a scan, the metadata of a sensor.
 _OF_ONE_NAME = {".3d": ".pose", ".pcap": ".json"}
 
 
@@ -59,16 +59,17 @@ _OF_ONE_NAME = {".3d": ".pose", ".pcap": ".json"}
 def is_url(source: str | os.PathLike[str]) -> bool:
     """Return whether the source is a URL such as ``s3://bucket/scan.bin``.
 
-    Addresses of sources (``kitti:``, ``sim:``) are not: their colon is followed by no slashes.
+    Addresses of sources (``kitti:``, ``sim:``) are no URLs, since no ``//`` follows their colon.
 
     Parameters
     ----------
     source : str or path
-        What a user gave as a file.
+        A path, URL or address.
 
     Returns
     -------
     bool
+        Always False for a path object.
 
     Examples
     --------
@@ -80,7 +81,7 @@ def is_url(source: str | os.PathLike[str]) -> bool:
 
 
 def filesystem(url: str) -> tuple[Any, str]:
-    """Return fsspec's file system of a URL, and the path in it.
+    """Return fsspec's file system for a URL, and the path in it.
 
     Raises
     ------
@@ -97,15 +98,15 @@ def filesystem(url: str) -> tuple[Any, str]:
         from fsspec.core import url_to_fs
     except ImportError:
         raise MissingExtraError("fsspec", "remote") from None
-    path_of(url, "url")  # no NUL characters, no bytes that are not UTF-8
+    path_of(url, "url")  # raises on NUL characters and on bytes that are not UTF-8
     try:
-        # An instance of its own: a transaction belongs to one writer.
+        # Not a cached instance, because its transaction would be shared with other writers.
         system, path = url_to_fs(url, skip_instance_cache=True, use_listings_cache=False)
     except ImportError as error:
         raise Error(f"{url}: {error}") from error
     except ValueError as error:
         raise InputError(f"{url}: {error}") from error
-    except Exception:  # some connect here: FTP
+    except Exception:  # some file systems, such as FTP, connect here
         with naming_remote(url):
             raise
     return system, str(path)
@@ -114,20 +115,22 @@ def filesystem(url: str) -> tuple[Any, str]:
 @checked
 @contextlib.contextmanager
 def local_copy(source: str | os.PathLike[str], *, max_bytes: int | None = None) -> Iterator[Path]:
-    """Yield a local file with the content of ``source``; a local source is yielded as it is.
+    """Yield a local file with the content of ``source``; a local path is yielded unchanged.
 
-    The copy has the name of the source, and what the source names beside it (material libraries,
-    textures, buffers) beside it. It is removed when the block ends.
+    The copy of a remote file has the same name. The files to which it refers (material libraries,
+    textures, buffers) are copied to the same folder. All are removed when the block ends.
 
     Parameters
     ----------
     source : path or URL
+        The file.
     max_bytes : int, optional
-        Refuse a remote file that has more.
+        Largest size of a remote file.
 
     Yields
     ------
     Path
+        Path of the local file.
 
     Raises
     ------
@@ -136,9 +139,10 @@ def local_copy(source: str | os.PathLike[str], *, max_bytes: int | None = None) 
     MissingExtraError
         fsspec is not installed (extra ``remote``).
     FormatError
-        The file has more than ``max_bytes``. One that is raised within the block names the URL.
+        The file has more than ``max_bytes``. A `FormatError` raised within the block is changed so
+        that it names the URL instead of the copy.
     OSError
-        There is no such file, or it cannot be fetched; ``filename`` is the URL.
+        The file does not exist or cannot be downloaded; ``filename`` is the URL.
 
     Examples
     --------
@@ -165,18 +169,20 @@ def local_copy(source: str | os.PathLike[str], *, max_bytes: int | None = None) 
 @checked
 @contextlib.contextmanager
 def local_output(output: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a local path to write to, whose files go to ``output`` when the block ends.
+    """Yield a local path to write to; a remote output is uploaded when the block ends.
 
-    A local output is yielded as it is. All files of a remote one appear at the end of the block,
-    in one transaction, the named one last; none does if the block raises.
+    A local path is yielded unchanged. For a URL, all files that were written to the folder are
+    uploaded in one transaction, ``output`` last; if the block raises, none is.
 
     Parameters
     ----------
     output : path or URL
+        The file to write.
 
     Yields
     ------
     Path
+        Local path to which the caller writes.
 
     Raises
     ------
@@ -185,7 +191,7 @@ def local_output(output: str | os.PathLike[str]) -> Iterator[Path]:
     MissingExtraError
         fsspec is not installed (extra ``remote``).
     OSError
-        It cannot be written; ``filename`` is the URL.
+        The file cannot be written; ``filename`` is the URL.
 
     Examples
     --------
@@ -213,7 +219,7 @@ def local_output(output: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _temporary_folder(url: str) -> Iterator[Path]:
-    """A folder; errors that name a file in it name the one beside ``url`` instead."""
+    """Yield a temporary folder; errors that name a file in it get the name beside ``url``."""
     with tempfile.TemporaryDirectory(prefix="manip3d-") as name:
         ours, theirs = f"{name}{os.sep}", url.rpartition("/")[0] + "/"
         try:
@@ -232,7 +238,7 @@ def _temporary_folder(url: str) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def naming_remote(url: str) -> Iterator[None]:
-    """Turn whatever a remote file system raises into an OSError that names the URL."""
+    """Turn any exception of a remote file system into an OSError that names the URL."""
     try:
         yield
     except Error:
@@ -243,7 +249,7 @@ def naming_remote(url: str) -> Iterator[None]:
         kind = next((code for kind, code in _CODES.items() if isinstance(error, kind)), errno.EIO)
         code = error.errno or kind
         raise OSError(code, error.strerror or os.strerror(code), url) from error
-    except Exception as error:  # each has errors of its own: missing credentials, a lost network
+    except Exception as error:  # each file system has its own types, for example for credentials
         raise OSError(errno.EIO, f"{type(error).__name__}: {error}", url) from error
 
 
@@ -260,7 +266,7 @@ def _fetch(system: Any, remote: str, local: Path, max_bytes: int | None, url: st
 def _fetch_companions(
     system: Any, place: PurePosixPath, copy: Path, max_bytes: int | None, url: str
 ) -> None:
-    """Fetch what the copy names beside it; readers warn of what is not there."""
+    """Download the files to which the copy refers; readers warn about those that are missing."""
     waiting, seen = [copy], {copy}
     while waiting:
         for name in companions(waiting.pop()):
@@ -277,15 +283,15 @@ def _fetch_companions(
 
 
 def reads_beside(path: PurePosixPath) -> bool:
-    """Return whether a file of this name can have others read with it."""
+    """Return whether a file with this suffix can refer to other files."""
     return _plain_suffix(path) in (*_NAMED, *_OF_ONE_NAME)
 
 
 def named_beside(source: str) -> Iterator[str]:
-    """Yield the files, or the URLs, that a file or a URL names beside it, as far as can be told.
+    """Yield the paths or URLs of the files to which a file or URL refers.
 
-    Behind a URL only glTF files are asked: their JSON is small, and reading them is what it takes.
-    A source that cannot be read names nothing.
+    A URL is downloaded only if it is a ``.gltf`` file, whose JSON is small; other URLs yield
+    nothing, and so does a source that cannot be read.
     """
     if is_url(source) and _plain_suffix(PurePosixPath(source)) != ".gltf":
         return
@@ -305,7 +311,7 @@ def named_beside(source: str) -> Iterator[str]:
 
 
 def companions(path: Path) -> Iterator[PurePosixPath]:
-    """Yield the files that a file names, as far as they lie below its folder."""
+    """Yield the relative paths of the files to which a file refers, if they lie below its folder."""
     suffix = _plain_suffix(path)
     if suffix in _OF_ONE_NAME:
         plain = path if path.suffix.lower() == suffix else path.with_suffix("")
@@ -319,12 +325,12 @@ def companions(path: Path) -> Iterator[PurePosixPath]:
 
 
 def _files_below(text: str, suffix: str) -> Iterator[PurePosixPath]:
-    """The files that a line may mean, without those above or beside the folder."""
+    """Yield the file names that a statement may mean, without those outside of the folder."""
     whole = text.replace("\\", "/")
     parts: list[str] = []
-    if suffix == ".obj":  # one name with blanks, or several names
+    if suffix == ".obj":  # a name with spaces, or several names
         parts = whole.split()
-    elif suffix == ".mtl" and whole.startswith("-"):  # -bm 0.5 my image.png
+    elif suffix == ".mtl" and whole.startswith("-"):  # options before a name: -bm 0.5 my image.png
         parts = [match[1] for match in islice(_TAILS.finditer(whole), _MOST_WORDS)]
     for name in dict.fromkeys([whole, *parts]):
         plain_name = urllib.parse.unquote(name) if suffix == ".gltf" else name
@@ -335,15 +341,16 @@ def _files_below(text: str, suffix: str) -> Iterator[PurePosixPath]:
 
 
 def _plain_suffix(path: PurePosixPath | Path) -> str:
-    """The suffix in small letters, without that of a compressed file."""
+    """Return the suffix in lower case, ignoring a final ``.gz`` or ``.xz``."""
     return PurePosixPath(path.name.lower().removesuffix(".gz").removesuffix(".xz")).suffix
 
 
 def _texts_of(path: Path, suffix: str) -> Iterator[bytes]:
-    """The content of a file in pieces of whole lines, of which few are in memory at a time.
+    """Yield the content of a file in blocks of whole lines, to save memory.
 
-    Of a compressed file there is as much as no hostile one can make too large; of a PLY file there
-    is the header; a glTF file is one piece, since a line break may stand within an entry.
+    A compressed file is read up to `_MOST_TEXT` bytes, so that a hostile one cannot expand without
+    limit; a PLY file, up to the end of its header. A glTF file is yielded as one block, because an
+    entry may span several lines.
     """
     packing = path.suffix.lower()
     opened: Any = {".gz": gzip.open, ".xz": lzma.open}.get(packing, open)
@@ -361,12 +368,12 @@ def _texts_of(path: Path, suffix: str) -> Iterator[bytes]:
         zlib.error,
         lzma.LZMAError,
         gzip.BadGzipFile,
-    ):  # the reader says what is wrong with it
+    ):  # the mesh reader reports the damage
         return
 
 
 def _lines_of(stream: Any, most: int) -> Iterator[bytes]:
-    """Blocks that end with a line, as long as they are no more than ``most`` bytes in all."""
+    """Yield blocks that end at the end of a line, of at most ``most`` bytes in all."""
     block = stream.read(min(_BLOCK, most))
     rest, line_end = b"", b"\r" if b"\r" in block and b"\n" not in block else b"\n"
     block = block.removeprefix(codecs.BOM_UTF8)
@@ -375,13 +382,13 @@ def _lines_of(stream: Any, most: int) -> Iterator[bytes]:
         lines, found, rest = (rest + block).rpartition(line_end)
         if found:
             yield lines.replace(b"\r", b"\n") if line_end == b"\r" else lines
-        rest = rest[:_BLOCK]  # no line that names a file is longer
+        rest = rest[:_BLOCK]  # a statement that names a file is shorter
         block = stream.read(min(_BLOCK, most))
     yield rest
 
 
 def _send(system: Any, files: dict[str, Path]) -> None:
-    """Write files in one transaction: what the file system can do to have all or none."""
+    """Upload files in one transaction, so that all or none appear if the file system can do so."""
     if not files:
         return
     protocols = {system.protocol} if isinstance(system.protocol, str) else set(system.protocol)
