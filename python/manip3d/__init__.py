@@ -6,7 +6,7 @@ import importlib
 
 from manip3d._util import main_interpreter  # noqa: F401
 
-TYPE_CHECKING = False  # that of `typing` takes ten times as long to import as the rest of this
+TYPE_CHECKING = False  # importing `typing` would take ten times as long as the rest of this module
 if TYPE_CHECKING:
     from typing import Any
 
@@ -104,9 +104,9 @@ _HOMES = {
     "read_mesh": "io",
     "view": "viewer",
 }
-"""The module of each name of the top level; it is imported when the name is first used.
+"""Module of each top-level name, imported at the first use of the name.
 
-The command begins with an import of this package, before it can say how Ctrl-C ends it.
+The import of this package must be quick, because the command cannot handle Ctrl-C before it ends.
 """
 
 

@@ -1,4 +1,4 @@
-"""Entry of the command ``manip3d``: imports the rest where Ctrl-C ends it without a traceback."""
+"""Entry point of the command ``manip3d``; it handles Ctrl-C during the imports, too."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def main() -> NoReturn:
-    """Run the command line; ends the process with its exit code."""
+    """Run the command line, and end the process with its exit code."""
     try:
         from manip3d import cli
 

@@ -1,4 +1,4 @@
-"""Cameras: the intrinsics of a sensor, and how a depth and a colour camera stand to each other."""
+"""Cameras: intrinsics, registration of a colour to a depth camera, and readers of calibrations."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ class Intrinsics:
     Attributes
     ----------
     width, height : int, pixels
-        1 to 16384.
+        Size of the image, 1 to 16384.
     fx, fy : float, pixels
-        Focal lengths. ``fy`` is negative where the image's y axis points up.
+        Focal lengths. ``fy`` is negative if the image's y axis points up.
     cx, cy : float, pixels
         Principal point.
     distortion : five floats
-        Brown's model: k1, k2, p1, p2, k3 (OpenCV's order).
+        Coefficients of Brown's model: k1, k2, p1, p2, k3 (OpenCV's order).
     rays : (height, width, 2) float32, optional
-        x/z and y/z of each pixel, as calibrations of the Kinect V2 come; NaN = a pixel that sees
-        nothing. It replaces the model above when a depth image is lifted to points.
+        Ray table: x/z and y/z of each pixel, as in calibrations of the Kinect V2; NaN = a pixel
+        without a line of sight. It replaces the model above when a depth image is lifted to points.
     mirrored : bool
-        The image is flipped left to right; points are those of the camera that is not.
+        Whether the image is flipped left to right. Points are those of the camera before the flip.
 
     Raises
     ------
@@ -68,7 +68,7 @@ class Intrinsics:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | np.integer):
                 raise InputError(f"intrinsics.{name}: expected a whole number, got {value!r}")
-            if not -(2**31) <= value < 2**31:  # what the core can be asked about
+            if not -(2**31) <= value < 2**31:  # _core takes int32 and checks the exact range
                 raise InputError(f"intrinsics.{name}: expected 1 to 16384, got {value}")
             object.__setattr__(self, name, int(value))
         for name in ("fx", "fy", "cx", "cy"):
@@ -99,7 +99,7 @@ class Intrinsics:
         _core.check_intrinsics(self)
 
     def __eq__(self, other: object) -> bool:
-        """Whether all values are equal, those of the ray tables among them."""
+        """Return whether all values, including the ray tables, are equal."""
         return same_camera(self, other) if isinstance(other, Intrinsics) else NotImplemented
 
     def __hash__(self) -> int:
@@ -121,24 +121,23 @@ class Intrinsics:
         Parameters
         ----------
         depth : (H, W) uint16 in millimetres or float32 in metres
-            The distance along the optical axis. 0 and NaN mean no measurement. With ``pixels``:
-            (...) uint16 in millimetres, as taken from an image, or float in metres; one number per
-            pixel, or one for all.
+            Distance along the optical axis. 0 and NaN mean no measurement. With ``pixels``: (...)
+            uint16 in millimetres or float in metres; one number per pixel, or one for all.
         pixels : (..., 2) float, optional
-            Columns and rows ``(u, v)``, which need not be whole nor, except with a ray table, lie
-            inside the image. A depth of 1 gives the lines of sight.
+            Columns and rows ``(u, v)``, which may be fractions. They may lie outside the image,
+            unless the camera has a ray table. A depth of 1 gives the lines of sight.
         threads : int
-            Threads for an image; 0: all cores. The result is the same for any number.
+            Number of threads for an image; 0: all cores. The result does not depend on it.
 
         Returns
         -------
         (H, W, 3) float32, or (..., 3) float64 with ``pixels``
-            NaN where there is no measurement or no line of sight.
+            Points; NaN without a measurement or a line of sight.
 
         Raises
         ------
         InputError
-            Another shape or dtype; a depth that is negative or infinite.
+            ``depth`` or ``pixels`` has another shape or dtype; a depth is negative or infinite.
 
         Examples
         --------
@@ -168,27 +167,28 @@ class Intrinsics:
         z = np.where(z > 0, z, np.nan)
         flat = np.ascontiguousarray(np.broadcast_to(z, at.shape[:-1])).reshape(-1)
         points = np.asarray(_core.unproject_pixels(at.reshape(-1, 2), flat, self), np.float64)
-        points[np.isnan(points[:, 0])] = np.nan  # the depth where there is no line of sight
+        points[np.isnan(points[:, 0])] = np.nan  # without a line of sight, z is NaN, too
         return points.reshape(*at.shape[:-1], 3)
 
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the pixels at which points of the camera frame appear.
+        """Return the pixels to which points of the camera frame are projected.
 
         Parameters
         ----------
         points : (..., 3) float, metres
+            Points in the camera frame.
 
         Returns
         -------
         (..., 2) float64
-            Columns and rows ``(u, v)``; pixel centres are whole numbers. They may lie outside the
-            image. NaN for points that do not lie in front of the camera, and for those that no
-            pixel of a ray table looks at.
+            Columns and rows ``(u, v)``; pixel centres are integers. They may lie outside the image.
+            NaN for points that are not in front of the camera, and for points that no pixel of a
+            ray table sees.
 
         Raises
         ------
         InputError
-            Another shape or dtype.
+            ``points`` has another shape or dtype.
 
         Examples
         --------
@@ -202,9 +202,10 @@ class Intrinsics:
         return np.asarray(pixels, np.float64).reshape(*xyz.shape[:-1], 2)
 
     def resized(self, width: int, height: int) -> Intrinsics:
-        """The camera of the image resized to ``width`` x ``height`` pixels.
+        """Return the camera of the image resized to ``width`` x ``height`` pixels.
 
-        Pixel centres are integers, so the principal point moves by half pixels.
+        The image's corner is at (-0.5, -0.5), because pixel centres are integers:
+        cx' = (cx + 0.5) width' / width - 0.5.
 
         Raises
         ------
@@ -239,15 +240,16 @@ def same_camera(one: Intrinsics, other: Intrinsics) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Transform from the pixels of a depth camera to those of a colour image.
+    """Pose and intrinsics of a colour camera relative to a depth camera.
 
     Attributes
     ----------
     color : Intrinsics
         Intrinsics of the colour camera, without a ray table.
     rotation : (3, 3) float64
-        Takes points of the depth camera to the colour camera.
+        Rotation R of the transform from the depth to the colour camera's frame, p' = R p + t.
     translation : (3,) float64, metres
+        Translation t of that transform.
 
     Raises
     ------
@@ -271,7 +273,7 @@ class Registration:
         _core.check_registration(self)
 
     def __eq__(self, other: object) -> bool:
-        """Whether all values are equal."""
+        """Return whether all values are equal."""
         if not isinstance(other, Registration):
             return NotImplemented
         return (
@@ -285,7 +287,7 @@ class Registration:
 
 
 def checked_depth(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16 | np.float32]:
-    """The image in one of the two dtypes of the core; the same object if it is in one."""
+    """Return a depth image as a C-contiguous array, without a copy if it is one; check its size."""
     if not isinstance(intrinsics, Intrinsics):
         raise InputError(f"intrinsics: expected Intrinsics, got {intrinsics!r}")
     image = as_array(depth, "depth")
@@ -302,7 +304,7 @@ def checked_depth(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16
 
 
 def _last_axis(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
-    """A (..., size) C-contiguous float64 array."""
+    """Return a C-contiguous float64 array (..., size)."""
     array = as_array(values, name)
     if array.dtype.kind not in "iuf" or array.ndim == 0 or array.shape[-1] != size:
         raise InputError(
@@ -320,18 +322,19 @@ def _number(value: float, name: str) -> float:
 
 @dataclass(frozen=True)
 class CameraPreset:
-    """The nominal depth camera of a sensor, for images whose own calibration is lost.
+    """The nominal depth camera of a sensor, for images without their own calibration.
 
     Attributes
     ----------
     title : str
-        The sensor.
+        Name of the sensor.
     cameras : tuple of Intrinsics
-        One for each size of its images.
+        Nominal cameras, one for each image size.
     is_resizable : bool
-        The sensor also delivers the same view at other sizes.
+        Whether the sensor delivers the same view at other sizes as well.
     depth_unit : str
-        Unit of its depth images, as in `manip3d.io.DEPTH_UNITS`; ``guess``: it has several.
+        Unit of the sensor's depth images, one of `manip3d.io.DEPTH_UNITS`; ``guess`` if several are
+        in use.
     """
 
     title: str
@@ -340,7 +343,7 @@ class CameraPreset:
     depth_unit: str
 
     def fitting(self, width: int, height: int) -> Intrinsics | None:
-        """Return the camera for an image of that size; None if the sensor has no such image."""
+        """Return the camera for an image of this size; None if the sensor has no such size."""
         for camera in self.cameras:
             if (camera.width, camera.height) == (width, height):
                 return camera
@@ -351,7 +354,7 @@ class CameraPreset:
 
     @property
     def sizes(self) -> str:
-        """The sizes of its images in words: ``640 x 480``."""
+        """Sizes of the sensor's images in words: ``640 x 480``."""
         return " or ".join(f"{camera.width} x {camera.height}" for camera in self.cameras)
 
 
@@ -395,16 +398,16 @@ CAMERA_PRESETS: Mapping[str, CameraPreset] = {
     ),
     "primesense": CameraPreset("PrimeSense, Xtion", _vga(525.0, 525.0), True, "guess"),
 }  # fmt: skip
-"""Nominal depth cameras by name; cameras of one kind differ by some pixels."""
+"""Nominal depth cameras by name; cameras of the same type differ by a few pixels."""
 
 _MOST_CAMERA_BYTES = 1 << 20
 CAMERA_SUFFIXES = (".json", ".txt", ".xml", ".yaml", ".yml")
-"""Files that `read_intrinsics` takes."""
+"""Suffixes of the files that `read_intrinsics` reads."""
 
 
 @checked
 def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) -> Intrinsics:
-    """Return the depth camera that a text names, for an image of a size.
+    """Return a depth camera from numbers, a preset's name or a calibration file.
 
     Parameters
     ----------
@@ -412,35 +415,37 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
         One of
 
         - ``fx,fy,cx,cy`` in pixels, or a name of `CAMERA_PRESETS`;
-        - an ``.xml``, ``.yaml``, ``.yml`` or ``.json`` file: the calibration that OpenCV's
-          FileStorage holds, also of a stereo pair (M1 and D1, or P1 of the rectified images), whose
-          left camera it is, the CameraInfo of ROS, the camera of Open3D or Record3D (``.json``), or
-          an object with the fields of `Intrinsics` by our names, nerfstudio's or librealsense's,
-          other fields left out with a warning;
-        - a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers, as 7-Scenes, 3DMatch and
-          ScanNet have it, the four numbers above, the ``calib.txt`` of a stereo pair of Middlebury
-          or ETH3D, whose left camera it is, or COLMAP's ``cameras.txt``.
+        - an ``.xml``, ``.yaml``, ``.yml`` or ``.json`` file: a calibration in OpenCV's FileStorage,
+          a CameraInfo of ROS, a camera of Open3D or Record3D (``.json``), or an object with the
+          fields of `Intrinsics` under the names of manip3d, nerfstudio or librealsense (other
+          fields are ignored with a warning). If OpenCV's calibration is that of a stereo pair, the
+          left camera is read (P1 of the rectified images, or else M1 and D1);
+        - a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers (7-Scenes, 3DMatch, ScanNet),
+          the four numbers above, COLMAP's ``cameras.txt``, or the ``calib.txt`` of a stereo pair of
+          Middlebury or ETH3D, of which the left camera is read.
     width, height : int, pixels
         Size of the image.
 
     Returns
     -------
     Intrinsics
+        Camera for an image of this size.
 
     Raises
     ------
     InputError
-        The text names no camera, or one of another image size.
+        ``camera`` is none of these, or is for another image size.
     FormatError, OSError
-        The file cannot be read, or it describes a lens that `Intrinsics` cannot, such as a fisheye.
+        The file cannot be read, or describes a lens that `Intrinsics` cannot, such as a fisheye.
     MissingExtraError
         The file is YAML, and PyYAML is not installed: ``pip install 'manip3d[io]'``.
 
     Warns
     -----
     UserWarning
-        The CameraInfo has a distortion and another camera for rectified images: the image is taken
-        as not rectified. A calibration is that of a stereo pair: which camera it is taken for.
+        A CameraInfo has distortion, and another camera for rectified images; the image is treated
+        as not rectified. Or the calibration is that of a stereo pair; the warning states which
+        camera was read.
 
     Examples
     --------
@@ -473,17 +478,18 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
 
 @checked
 def camera_depth_unit(camera: str | os.PathLike[str]) -> str:
-    """Return the unit of the depth images of a camera that `read_intrinsics` takes.
+    """Return the unit of a camera's depth images.
 
     Parameters
     ----------
     camera : str or path-like
+        A camera that `read_intrinsics` accepts.
 
     Returns
     -------
     str
-        A unit as `manip3d.io.read_depth_guessing` takes it. The ``calib.txt`` of a stereo pair
-        turns its disparities into depth, ``disparity:FB,DOFFS``. ``guess`` where it is not known.
+        A unit of `manip3d.io.read_depth_guessing`: that of a preset; ``disparity:FB,DOFFS`` for the
+        ``calib.txt`` of a stereo pair, whose images are disparities; ``guess`` if it is not known.
 
     Raises
     ------
@@ -508,7 +514,7 @@ def camera_depth_unit(camera: str | os.PathLike[str]) -> str:
 
 @dataclass(frozen=True)
 class _StereoCalibration:
-    """The calibration of a rectified stereo pair, as Middlebury's pairs of 2014 have it."""
+    """Calibration of a rectified stereo pair, in the format of Middlebury's pairs of 2014."""
 
     fields: dict[str, float]
     depth_unit: str
@@ -555,7 +561,7 @@ def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
 
 
 def _fields_of_file(path: Path, width: int, height: int) -> dict[str, Any]:
-    """The fields of `Intrinsics` in a file; of several cameras, of the one of the image's size."""
+    """Return the fields of `Intrinsics` in a file; if it has several cameras, for this size."""
     suffix = path.suffix.lower()
     if suffix == ".txt":
         text = _text_of_camera(path)
@@ -573,7 +579,7 @@ def _fields_of_file(path: Path, width: int, height: int) -> dict[str, Any]:
 
 
 def _values_of(element: Element) -> Any:
-    """The mapping or the text that an element of OpenCV's XML holds."""
+    """Return an element of OpenCV's XML as a mapping of its children, or as text if it has none."""
     if len(element) == 0:
         return (element.text or "").strip().strip('"')
     return {child.tag: _values_of(child) for child in element}
@@ -582,7 +588,7 @@ def _values_of(element: Element) -> Any:
 def _fields_of_mapping(fields: Any, path: Path) -> dict[str, Any]:
     if not isinstance(fields, Mapping):
         raise TypeError("no object")
-    if isinstance(fields.get("intrinsic"), Mapping):  # Open3D's PinholeCameraParameters
+    if isinstance(fields.get("intrinsic"), Mapping):  # PinholeCameraParameters of Open3D
         fields = fields["intrinsic"]
     matrix = fields.get("intrinsic_matrix")
     if matrix is not None:
@@ -597,7 +603,7 @@ def _fields_of_mapping(fields: Any, path: Path) -> dict[str, Any]:
 
 
 def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    """A camera by OpenCV's names or ROS's, in lower case without underscores."""
+    """Return a camera from OpenCV's or ROS's fields, in lower case without underscores."""
 
     def first(*names: str) -> Any:
         return next((fields[name] for name in names if name in fields), None)
@@ -606,7 +612,8 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
     if matrix.size != 9:
         raise ValueError(f"a camera_matrix of {matrix.size} numbers")
     square = matrix.reshape(3, 3)
-    by_column = np.any(square[2, :2]) and not np.any(square[:2, 2])  # as Apple's are stored
+    # Apple's matrices are stored column by column, so that cx and cy are in the last row.
+    by_column = np.any(square[2, :2]) and not np.any(square[:2, 2])
     camera: dict[str, Any] = _pinhole_of_matrix(square.T if by_column else square)
     model = str(fields.get("distortionmodel", "")).lower()
     if model in ("equidistant", "fisheye") or str(fields.get("fisheyemodel", 0)) not in ("0", ""):
@@ -628,18 +635,19 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
 
 _SIZES = ("imagesize", "imagewidth", "imageheight", "width", "height", "w", "h")
 _LEFT = ("1", "l", "left")
-"""How names of the left camera's numbers end: M1, cameraMatrixL, camera_matrix_left."""
+"""Endings of the left camera's fields: M1, cameraMatrixL, camera_matrix_left."""
 
 
 def _left_of_pair(fields: Mapping[str, Any], path: Path) -> Mapping[str, Any] | None:
-    """The left camera of a stereo pair, by the names of a single camera; None: it is no pair.
+    """Return the left camera of a stereo pair under the names of a single camera; None: no pair.
 
-    OpenCV's sample writes M1 and D1 as intrinsics, P1 as extrinsics; others write all to one file.
-    Depth of a pair is that of its rectified left image, whose camera is P1.
+    OpenCV's sample program writes M1 and D1 to a file of intrinsics, and P1 to one of extrinsics;
+    other programs write all to one file. P1 has precedence, because it is the camera of the
+    rectified left image, to which a pair's depth belongs.
     """
 
     def left(size: int, *names: str) -> Any:
-        """The numbers of that name; the k1 and p1 of a lens are single numbers."""
+        """Return a field with ``size`` numbers (0: any), unlike the numbers k1 and p1 of a lens."""
         sided = (name + side for name in names for side in _LEFT)
         found = (fields[name] for name in sided if name in fields)
         return next((value for value in found if size in (0, _numbers_of(value).size)), None)
@@ -667,7 +675,7 @@ def _whole(value: Any) -> int:
 
 
 def _numbers_of(value: Any) -> NDArray[np.float64]:
-    """The numbers of a matrix: a list, rows, text, or a mapping that has them as ``data``."""
+    """Return the numbers of a list, of rows, of text, or of a mapping with the key ``data``."""
     if isinstance(value, Mapping):
         value = value.get("data", [])
     if isinstance(value, str):
@@ -684,7 +692,7 @@ def _brown_of(coefficients: NDArray[np.float64]) -> tuple[float, ...]:
 def _warn_of_rectified(
     camera: Mapping[str, float], projection: NDArray[np.float64], path: Path
 ) -> None:
-    """Tell of the camera that rectified images have, if it is another one."""
+    """Warn if the camera of rectified images is another one, and state it."""
     if projection.size != 12:
         return
     other = _pinhole_of_matrix(projection.reshape(3, 4)[:, :3])
@@ -714,7 +722,7 @@ _COLMAP_MODELS = {
 def _fields_of_colmap(
     cameras: Sequence[tuple[str, str, str, str]], width: int, height: int
 ) -> dict[str, Any]:
-    """The camera of COLMAP's ``cameras.txt`` that has the image's size."""
+    """Return the camera of COLMAP's ``cameras.txt`` with the image's size, or else the first."""
     fitting = {camera for camera in cameras if (int(camera[1]), int(camera[2])) == (width, height)}
     if len(fitting) > 1:
         raise ValueError(f"{len(fitting)} different cameras of {width} x {height} pixels")
@@ -732,7 +740,7 @@ def _fields_of_colmap(
         "height": int(camera_height),
         "fx": given.get("fx", focal),
         "fy": given.get("fy", focal),
-        # COLMAP's pixels have their corners at integers, ours their centres.
+        # In COLMAP integers are the corners of pixels, in manip3d their centres.
         "cx": given["cx"] - 0.5,
         "cy": given["cy"] - 0.5,
         "distortion": _brown_of(lens),
@@ -742,13 +750,13 @@ def _fields_of_colmap(
 _OTHER_NAMES = {
     "fl_x": "fx", "fl_y": "fy", "ppx": "cx", "ppy": "cy", "w": "width", "h": "height",
 }  # fmt: skip
-"""Names of nerfstudio and librealsense, and ours."""
+"""Names of nerfstudio and librealsense, with the fields of `Intrinsics`."""
 
 _BROWN_NAMES = ("k1", "k2", "p1", "p2", "k3")
 
 
 def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a camera by our names; others are left out with a warning."""
+    """Return the fields of a camera under the names of `Intrinsics`; others cause a warning."""
     ours = {_OTHER_NAMES.get(name, name): value for name, value in fields.items()}
     if "distortion" not in ours and any(name in ours for name in _BROWN_NAMES):
         ours["distortion"] = [ours.pop(name, 0.0) for name in _BROWN_NAMES]
@@ -770,7 +778,7 @@ def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
 
 
 def _fields_of_matrix(text: str) -> dict[str, float]:
-    """A camera of nothing but numbers, row by row, and comments behind ``#``."""
+    """Return a camera from a text of numbers, row by row, with comments after ``#``."""
     text = re.sub(r"#[^\n]*", "", text)
     words = re.split(r"[\s,;\[\]]+", text.strip(" \t\r\n[],;"), maxsplit=16)
     numbers = [float(word) for word in words]
@@ -788,7 +796,7 @@ def _pinhole_of_matrix(matrix: NDArray[np.float64]) -> dict[str, float]:
 
 
 def _expect_pinhole(matrix: NDArray[np.float64]) -> None:
-    """Refuse what is not a camera, such as a pose; the skew may be what rounding left."""
+    """Refuse a matrix that is no camera, such as a pose; a skew of up to 1e-3 fx is rounding."""
     below = np.array([matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1.0])
     rest = np.concatenate([(matrix - np.eye(*matrix.shape))[:, 3:].ravel(), below])
     if matrix.shape[0] == 4:
@@ -801,9 +809,10 @@ _STEREO_KEYS = ("cam0", "doffs", "baseline")
 
 
 def _stereo_calibration(text: str, path: Path) -> _StereoCalibration | None:
-    """Return the entries of a ``calib.txt``; None: it is not of a stereo pair.
+    """Return the calibration in a ``calib.txt``; None if it is not that of a stereo pair.
 
-    The baseline is in millimetres; depth is baseline x focal length / (disparity + doffs).
+    Depth is baseline x focal length / (disparity + doffs); the file has the baseline in
+    millimetres, focal length and doffs in pixels.
     """
     values = dict(re.findall(r"^[ \t]*(\w+)[ \t]*=[ \t]*([^\r\n]*)", text, re.MULTILINE))
     if not any(key in values for key in _STEREO_KEYS):

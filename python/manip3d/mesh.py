@@ -1,4 +1,4 @@
-"""Triangle meshes with per-corner attributes, and their materials."""
+"""Triangle meshes with per-corner attributes, their materials, and summaries of defects."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 AlphaMode = Literal["opaque", "mask", "blend"]
 
 _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-# Turns +z up into +y up about x: (x, y, z) -> (x, z, -y).
+# Rotation about x from +z up to +y up: (x, y, z) -> (x, z, -y).
 _Z_UP_TO_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
@@ -34,9 +34,9 @@ class Texture:
     Attributes
     ----------
     path : str or None
-        Where the image lies; relative to the mesh file it was named by unless absolute.
+        Path of the image; a relative path starts in the folder of the mesh file.
     data : bytes or None
-        Content of a PNG or JPEG file (glTF embeds images); ``None`` when only the path is known.
+        Content of a PNG or JPEG file (glTF embeds images); None if only the path is known.
     """
 
     path: str | None = None
@@ -50,19 +50,24 @@ class Material:
     Attributes
     ----------
     name : str
+        Name of the material.
     base_color : (r, g, b, a) float in [0, 1]
-        Factor of the base colour texture, linear.
+        Base colour in linear space; it multiplies the base colour texture.
     metallic, roughness : float in [0, 1]
+        Metalness and roughness; they multiply the metallic-roughness texture.
     alpha_mode : 'opaque', 'mask' or 'blend'
+        Use of alpha: ignore it, compare it with ``alpha_cutoff``, or blend.
     alpha_cutoff : float
-        Alpha below it is not drawn in mode ``mask``.
+        In mode ``mask``, points with a smaller alpha are not drawn.
     double_sided : bool
-        Whether faces are seen from behind. Only glTF files say; all others mean both sides.
+        Whether faces are visible from behind. Only glTF files state it; with all other formats it
+        is True.
     textures : dict of str to Texture
-        By role: ``base_color``, ``metallic_roughness``, ``normal``, ``occlusion``, ``emissive``.
+        Textures by role: ``base_color``, ``metallic_roughness``, ``normal``, ``occlusion``,
+        ``emissive``.
     emissive : (r, g, b) float, at least 0
-        Light that the surface sends out, linear: the factor of the emissive texture where there is
-        one, and (0, 0, 0) then counts as (1, 1, 1).
+        Emitted light in linear space; it multiplies the emissive texture. If there is such a
+        texture, (0, 0, 0) is treated as (1, 1, 1).
 
     Examples
     --------
@@ -86,7 +91,7 @@ class Material:
 
 
 def _interop() -> ModuleType:
-    from manip3d.io import _interop as module  # only who converts pays for the import
+    from manip3d.io import _interop as module  # imported late, since few programs convert meshes
 
     return module
 
@@ -103,28 +108,32 @@ class Mesh(Showable):
     vertices : (V, 3) float64
         Coordinates in the file's own units and axes.
     faces : (F, 3) int32
+        Indices into ``vertices``.
     texcoords : (T, 2) float64, optional
         Texture coordinates, v up (OBJ's convention).
     face_texcoords : (F, 3) int32, optional
+        Indices of the corners into ``texcoords``.
     normals : (K, 3) float64, optional
+        Normals of corners.
     face_normals : (F, 3) int32, optional
+        Indices of the corners into ``normals``.
     colors : (V, 3) uint8, optional
-        sRGB.
+        Colours of the vertices, sRGB.
     face_material : (F,) int32, optional
-        Index into ``materials``; -1 = none.
+        Indices of the faces into ``materials``; -1 = none.
     materials : sequence of Material
+        Materials of the faces.
     source : str, optional
-        The file it was read from: relative texture paths start in its folder.
+        The file from which the mesh was read; relative texture paths start in its folder.
 
     Raises
     ------
     InputError
-        An array has another shape, cannot be converted without loss, or indexes out of range.
+        An array has another shape, cannot be converted without loss, or has an index out of range.
 
     Notes
     -----
-    C-contiguous arrays of the dtypes above are kept as they are, without a copy; others are
-    converted.
+    C-contiguous arrays of these dtypes are not copied; others are converted.
     """
 
     __slots__ = (
@@ -188,18 +197,18 @@ class Mesh(Showable):
         self.validate()
 
     def validate(self) -> None:
-        """Check indices, lengths and finiteness; arrays may have been written to since.
+        """Check indices, lengths and finiteness, for example after an array was changed in place.
 
         Raises
         ------
         InputError
-            Naming the array, the row, what was expected and what came.
+            An array is invalid; the error names the array, the row, and the expected values.
         """
         _core.check_mesh(self)
 
     @property
     def num_vertices(self) -> int:
-        """Number of vertices, unreferenced ones included."""
+        """Number of vertices, including unreferenced ones."""
         return len(self.vertices)
 
     @property
@@ -209,7 +218,7 @@ class Mesh(Showable):
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """(2, 3) corners of the bounding box of the vertices that some face uses."""
+        """Lowest and highest corner, (2, 3), of the bounding box of the vertices used by faces."""
         box: NDArray[np.float64] = _core.bounding_box(self)
         return box
 
@@ -220,11 +229,11 @@ class Mesh(Showable):
         return float(np.linalg.norm(high - low, axis=-1))
 
     def summary(self) -> MeshSummary:
-        """Counts of vertices, edges, defects and attributes, as stored and welded."""
+        """Return counts of vertices, edges, defects and attributes, as stored and welded."""
         return summarize(self)
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the mesh to a file, whole or not at all; see `manip3d.io.write_mesh`."""
+        """Write the mesh to a file atomically; see `manip3d.io.write_mesh`."""
         from manip3d.io import write_mesh
 
         write_mesh(self, path)
@@ -232,10 +241,10 @@ class Mesh(Showable):
     def to_open3d(self) -> Any:
         """Convert to an ``open3d.geometry.TriangleMesh`` (legacy).
 
-        Vertices and faces stay as they are, one for one. UVs become ``triangle_uvs`` (NaN where a
-        corner has none), materials ``triangle_material_ids`` (-1 = none), base colour images
-        ``textures`` (an empty image where a material has none or its file is missing). Normals are
-        kept where each vertex has a single one; other traits of materials are lost.
+        Vertices and faces are unchanged. UVs become ``triangle_uvs`` (NaN if a corner has none),
+        materials ``triangle_material_ids`` (-1 = none), base colour images ``textures`` (an empty
+        image if a material has none or its file is missing). Normals are kept if each vertex has a
+        single normal; other properties of materials are lost.
 
         Raises
         ------
@@ -250,9 +259,9 @@ class Mesh(Showable):
 
         Corners with equal UVs share one texture coordinate; NaN means none. Materials are named
         ``material_0`` and so on, since Open3D's have no names; textures become PNG. A single
-        texture without ``triangle_material_ids`` is that of all faces. Of a tensor mesh's material
-        the maps ``albedo``, ``normal`` and ``ao``, base colour, metallic and roughness are taken. A
-        warning names what is left out, such as colours of faces.
+        texture without ``triangle_material_ids`` is used for all faces. Of a tensor mesh's material
+        the maps ``albedo``, ``normal`` and ``ao``, base colour, metallic and roughness are kept. A
+        warning names the properties that are lost, such as colours of faces.
 
         Raises
         ------
@@ -263,22 +272,23 @@ class Mesh(Showable):
         return mesh
 
     def to_trimesh(self, *, geometry_only: bool = False) -> Any:
-        """Convert to a ``trimesh.Trimesh``, or to a ``trimesh.Scene`` where one cannot hold it.
+        """Convert to a ``trimesh.Trimesh``, or to a ``trimesh.Scene`` if one cannot hold the mesh.
 
-        A ``Trimesh`` has one UV per vertex and one material: vertices are split at seams, and
-        faces of different materials, or with and without UVs, become geometries of a ``Scene``
-        (``part_0000`` and so on, by material, those without UVs first). Materials become
-        ``PBRMaterial``; normals are kept where each vertex has a single one.
+        A ``Trimesh`` has one UV per vertex and one material. Therefore vertices are split at
+        texture seams, and faces of different materials, or with and without UVs, become separate
+        geometries of a ``Scene`` (``part_0000`` and so on, by material, those without UVs first).
+        Materials become ``PBRMaterial``; normals are kept if each vertex has a single normal.
 
         Parameters
         ----------
         geometry_only : bool
-            Always a single ``Trimesh`` with the very vertices and faces; no UVs, no materials.
+            Return a single ``Trimesh`` with unchanged vertices and faces, without UVs and
+            materials.
 
         Raises
         ------
         MissingExtraError
-            trimesh is not installed, or Pillow, which its textures need.
+            trimesh is not installed, or the mesh has textures and Pillow is not installed.
         """
         return _interop().to_trimesh(self, geometry_only=geometry_only)
 
@@ -286,15 +296,17 @@ class Mesh(Showable):
     def from_trimesh(source: Any) -> Mesh:
         """Convert from a ``trimesh.Trimesh`` or ``Scene``; the inverse of `to_trimesh`.
 
-        Meshes of a scene are placed by its graph and put one after the other; vertices stay split
-        at seams. Where some have vertex colours, the vertices of others are white. Normals are not
-        taken: trimesh does not tell stored from computed ones. A warning names what else is left
-        out: colours of faces, transparency of vertices, what is no mesh.
+        Meshes of a scene are transformed by its graph and concatenated; vertices stay split at
+        texture seams. If only some meshes have vertex colours, the vertices of the others are
+        white. Colours of faces become materials or vertex colours. Normals are not kept, because
+        trimesh does not distinguish stored from computed ones. A warning names the other losses:
+        colours of faces beside those of vertices, transparency of colours, geometries that are no
+        meshes.
 
         Raises
         ------
         InputError
-            ``source`` is neither.
+            ``source`` is neither a ``Trimesh`` nor a ``Scene``.
         """
         mesh: Mesh = _interop().from_trimesh(source)
         return mesh
@@ -303,7 +315,7 @@ class Mesh(Showable):
     def oriented(
         self, *, unit: Literal["m", "cm", "mm", "in", "ft"] = "m", up: Literal["y", "z"] = "y"
     ) -> Mesh:
-        """Return the mesh in metres with +y up, as glTF wants it.
+        """Return the mesh in metres with +y up, the convention of glTF.
 
         Parameters
         ----------
@@ -315,7 +327,7 @@ class Mesh(Showable):
         Raises
         ------
         InputError
-            Another unit or axis.
+            ``unit`` or ``up`` has another value.
 
         Examples
         --------
@@ -330,7 +342,7 @@ class Mesh(Showable):
         return self.replace(vertices=vertices @ _Z_UP_TO_Y_UP.T + 0.0, normals=normals)
 
     def replace(self, **changes: Any) -> Mesh:
-        """A mesh with some of the constructor's arguments changed; the other arrays are shared."""
+        """Return a mesh with some constructor arguments changed; the other arrays are shared."""
         unknown = set(changes) - set(self.__slots__)
         if unknown:
             raise InputError(f"replace: no such array: {', '.join(sorted(unknown))}")
@@ -347,7 +359,7 @@ class Mesh(Showable):
 
 Corner = tuple[float, float, float]
 
-# Rows of the printed table that have a count as stored and a count welded.
+# Rows of the printed table with two counts: as stored, and welded.
 _PAIRED = {
     "vertices": "vertices",
     "edges": "edges",
@@ -370,14 +382,17 @@ _SINGLE = {
 
 @dataclass(frozen=True)
 class MeshSummary:
-    """Counts of a mesh, as stored and (``..._welded``) with equal positions taken as one vertex.
+    """Counts of a mesh: as stored, and (``..._welded``) with equal positions merged.
 
     Attributes
     ----------
     vertices, vertices_welded : int
-        As stored, unreferenced ones included; distinct positions that some face uses.
+        Number of stored vertices, including unreferenced ones; number of distinct positions of
+        vertices that faces use.
     faces : int
+        Number of triangles.
     edges, edges_welded : int
+        Number of distinct edges.
     boundary_edges, boundary_edges_welded : int
         Edges of exactly one face.
     non_manifold_edges, non_manifold_edges_welded : int
@@ -385,29 +400,30 @@ class MeshSummary:
     complex_vertices, complex_vertices_welded : int
         Vertices of a boundary edge whose number of boundary neighbours is not 2.
     degenerate_faces, degenerate_faces_welded : int
-        Faces with a repeated vertex. All other counts but `faces` and `faces_without_uv` leave
-        them out.
+        Faces with a repeated vertex. All other counts except `faces` and `faces_without_uv` exclude
+        them.
     duplicate_faces, duplicate_faces_welded : int
         Faces with the three vertices of an earlier face, in any orientation.
     components, components_welded : int
-        Sets of faces that hang together through shared vertices.
+        Sets of faces that are connected through shared vertices.
     zero_area_faces : int
-        Faces that are not degenerate as stored and have no area.
+        Faces of area 0 that are not degenerate as stored.
     unreferenced_vertices : int
         Vertices that no face uses.
     materials_used : int
-        Distinct materials of the faces.
+        Number of distinct materials of the faces.
     texcoords : int
-        Rows of the table of texture coordinates.
+        Number of rows of the table of texture coordinates.
     faces_without_uv : int
         Faces with at least one corner that has no texture coordinate.
     multi_uv_vertices : int
         Welded vertices with more than one distinct texture coordinate.
     closed : bool
-        There are faces and, when welded, no boundary edge.
+        Whether there are faces and, after welding, no boundary edges.
     has_normals, has_colors : bool
+        Whether the mesh has normals, and vertex colours.
     bounds : ((x, y, z), (x, y, z)) float
-        Corners of the bounding box of the vertices that some face uses.
+        Lowest and highest corner of the bounding box of the vertices that faces use.
     """
 
     vertices: int
@@ -439,11 +455,11 @@ class MeshSummary:
     bounds: tuple[Corner, Corner]
 
     def as_dict(self) -> dict[str, Any]:
-        """The fields by name, ready for JSON."""
+        """Return the fields by name, as values that can be written as JSON."""
         return dataclasses.asdict(self)
 
     def __str__(self) -> str:
-        """A table for a terminal: one row per count, as stored and welded."""
+        """Return a table for a terminal, with one row per count, as stored and welded."""
         lines = [f"{'':24}{'stored':>14}{'welded':>14}", f"{'faces':24}{self.faces:>14}"]
         for name, title in _PAIRED.items():
             stored, welded = getattr(self, name), getattr(self, f"{name}_welded")
@@ -459,7 +475,7 @@ class MeshSummary:
 
 
 def summarize(mesh: Mesh) -> MeshSummary:
-    """Count what ``mesh`` consists of; see :meth:`manip3d.Mesh.summary`."""
+    """Count vertices, edges, defects and attributes; see :meth:`manip3d.Mesh.summary`."""
     fields = _core.summarize(mesh)
     low, high = fields.pop("bounds").tolist()
     return MeshSummary(**fields, bounds=(tuple(low), tuple(high)))

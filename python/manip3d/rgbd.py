@@ -1,4 +1,4 @@
-"""RGB-D frames: what a depth camera with colour and a body tracker sees at one moment."""
+"""RGB-D frames: depth image, colour image and skeletons of a camera at one moment."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ JOINTS: tuple[str, ...] = tuple(_core.joint_names())
 """Names of the Kinect V2's 25 joints by number; left and right are the person's own."""
 
 PARENTS: tuple[int, ...] = tuple(_core.joint_parents())
-"""The joint that each one hangs from. Bone j runs from ``PARENTS[j]`` to j; there is no bone 0."""
+"""Parent of each joint. Bone j runs from ``PARENTS[j]`` to j; there is no bone 0."""
 
 MIRRORED_JOINTS: tuple[int, ...] = tuple(_core.mirrored_joints())
-"""The joint on the other side of the body; joints of the middle are their own."""
+"""Joint on the other side of the body for each joint; a joint on the midline maps to itself."""
 
 NOT_TRACKED, INFERRED, TRACKED = 0, 1, 2
 """Values of `Skeleton.states`."""
 
 NO_BODY = 255
-"""Value of `RgbdFrame.body_index` where nobody is."""
+"""Value of `RgbdFrame.body_index` at pixels that show no person."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,21 +55,21 @@ class Skeleton:
     Attributes
     ----------
     positions : (25, 3) float32
-        Metres; x right, y down, z ahead. Read only where the state is not `NOT_TRACKED`.
+        Positions in metres; x right, y down, z forward. Meaningless if the state is `NOT_TRACKED`.
     orientations : (25, 4) float32
-        Unit quaternions w, x, y, z, from the bone that ends at the joint to the camera frame;
-        0 where there is none.
+        Unit quaternions w, x, y, z that rotate from the frame of the bone that ends at the joint to
+        the camera frame; 0 if not known.
     states : (25,) uint8
         `NOT_TRACKED`, `INFERRED` or `TRACKED`.
     id : int
-        The same as long as the sensor keeps track of the person.
+        Number of the person, constant while the sensor tracks the person without interruption.
     body : int
         Value of the person's pixels in `RgbdFrame.body_index`; `NO_BODY`: not known.
 
     Raises
     ------
     InputError
-        An array of another shape, a state or body out of range.
+        An array has another shape, or a state or ``body`` is out of range.
     """
 
     positions: NDArray[np.float32]
@@ -105,13 +105,14 @@ class Skeleton:
 
 @dataclass(frozen=True)
 class RgbdCalibration:
-    """Calibration that does not change from frame to frame; cameras are not mirrored.
+    """Calibration of a depth and a colour camera, shared by all frames; no camera is mirrored.
 
     Attributes
     ----------
     depth : Intrinsics
+        Intrinsics of the depth camera.
     registration : Registration, optional
-        Registration of the colour camera. Without it the colour image has the depth image's pixels.
+        Registration of the colour camera; default: the colour image has the depth image's pixels.
     """
 
     depth: Intrinsics
@@ -141,27 +142,28 @@ class RgbdFrame(Showable):
     Attributes
     ----------
     depth : (H, W) uint16
-        Millimetres along the optical axis; 0: no measurement.
+        Depth in millimetres along the optical axis; 0: no measurement.
     calibration : RgbdCalibration
+        Calibration of the cameras.
     color : (H', W', 3) uint8, optional
-        R, G, B.
+        Colour image: red, green, blue.
     body_index : (H, W) uint8, optional
-        Number of the person that the pixel belongs to, or `NO_BODY`.
+        Number of the person at each pixel, or `NO_BODY`.
     skeletons : tuple of Skeleton
-        Skeletons of the people that the sensor keeps track of.
+        Skeletons of the people that the sensor tracks.
     time_ns : int
         Time of the depth image, nanoseconds by the sensor's clock.
     number : int
-        Counts what the sensor made, so that gaps show frames that were lost.
+        Number of the frame, counted by the sensor, so that gaps show lost frames.
     grabbed_ns : int
-        Time at which this machine got it from a camera, or from a recording in real time,
-        nanoseconds since 1970 (`time.time_ns`); 0: nobody noted it. Recordings do not keep it.
+        Time at which this computer received the frame from a camera, or from a recording played in
+        real time, nanoseconds since 1970 (`time.time_ns`); 0: not known. It is not recorded.
 
     Raises
     ------
     InputError
-        Images whose sizes do not agree with each other or with the calibration; a time or number
-        that is not a whole number of 64 bits.
+        Sizes of images do not agree with each other or with the calibration; a time or number is
+        no 64-bit integer.
     """
 
     depth: NDArray[np.uint16]
@@ -228,7 +230,7 @@ def _check_image(name: str, image: object, dtype: type, shape: tuple[int, ...]) 
 
 
 def check_frames(name: str, frames: object) -> None:
-    """Refuse a container that holds something else than frames; sources are not looked into."""
+    """Refuse a container whose items are not all frames; iterators and sources are not checked."""
     if isinstance(frames, np.ndarray):
         raise InputError(f"{name}: expected RGB-D frames, got an array of shape {frames.shape}")
     if isinstance(frames, list | tuple | set | frozenset | dict):
@@ -238,7 +240,7 @@ def check_frames(name: str, frames: object) -> None:
 
 
 def numbered(frames: Sequence[RgbdFrame], places: Sequence[int]) -> list[RgbdFrame]:
-    """Frames with distinct numbers: where all numbers are the same, their places are numbers."""
+    """Return the frames; if all have the same number, it is replaced by the frame's place."""
     if len(frames) < 2 or any(frame.number != frames[0].number for frame in frames):
         return list(frames)
     return [replace(frame, number=place) for frame, place in zip(frames, places, strict=False)]

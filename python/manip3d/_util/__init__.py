@@ -1,1 +1,1 @@
-"""Argument checks, options and processes: nothing of the domain."""
+"""General helpers that know nothing of 3D content: argument checks, options, files, processes."""

@@ -1,4 +1,4 @@
-"""Conversion of arguments at the API border: the only place where arrays are copied."""
+"""Conversion of array arguments of public functions, the only place where they are copied."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 def masked_elements(values: object) -> str:
-    """Say how many elements of a `numpy.ma` array are masked, and the cure; empty: none is.
+    """Return how many elements of a `numpy.ma` array are masked, and the cure; '' if none is.
 
-    What lies under a mask is any number: taken as one, it would count as measured.
+    The data under a mask is arbitrary, so that without the mask it would count as measured.
     """
-    # NumPy 2 imports numpy.ma when it is first used. Until its class is there, which another thread
-    # may be about to define, there are no masked arrays.
+    # NumPy 2 imports numpy.ma on first use. Before its class exists, which another thread may be
+    # about to define, there are no masked arrays.
     masked_array = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
     if masked_array is None or not isinstance(values, masked_array):
         return ""
-    from numpy import ma  # waits for a thread that is importing it
+    from numpy import ma  # waits until another thread has finished the import
 
     if not ma.is_masked(values):
         return ""
@@ -38,7 +38,7 @@ def masked_elements(values: object) -> str:
 def as_array(values: ArrayLike, name: str) -> NDArray[Any]:
     """Return ``numpy.asarray(values)`` in this machine's byte order.
 
-    Masked elements are refused, as the array would be without its mask.
+    Masked elements are refused, because ``asarray`` drops the mask.
     """
     if masked := masked_elements(values):
         raise InputError(f"{name}: expected an array without masked elements, got {masked}")
@@ -58,7 +58,10 @@ def _shaped(array: NDArray[Any], columns: int | None, name: str) -> NDArray[Any]
 def rows(
     values: ArrayLike, columns: int | None, dtype: type[_Scalar], name: str
 ) -> NDArray[_Scalar]:
-    """An (N, columns) or, for None, (N,) C-contiguous array; the same object if it is one."""
+    """Return a C-contiguous array (N, columns), or (N,) if ``columns`` is None.
+
+    An array that has this shape, dtype and order already is returned without a copy.
+    """
     array = _shaped(as_array(values, name), columns, name)
     if array.dtype.kind not in "biuf":
         raise InputError(f"{name}: expected numbers, got dtype {array.dtype}")
@@ -75,12 +78,12 @@ def rows(
                 f"{name}: expected whole numbers in [{limits.min}, {limits.max}], "
                 f"got {array[~fits][0]}"
             )
-    with np.errstate(over="ignore"):  # infinite then, which is refused where that matters
+    with np.errstate(over="ignore"):  # overflow gives infinity, which callers refuse if they must
         return np.ascontiguousarray(array, dtype=dtype)
 
 
 def vector(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
-    """A (size,) float64 array of finite numbers."""
+    """Return a float64 array (size,) of finite numbers."""
     array = as_array(values, name)
     if array.shape != (size,) or array.dtype.kind not in "biuf" or not np.isfinite(array).all():
         words = {2: "two", 3: "three"}.get(size, str(size))
@@ -89,7 +92,7 @@ def vector(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
 
 
 def index_rows(values: ArrayLike, columns: int | None, name: str) -> NDArray[np.int32]:
-    """An (N, columns) or (N,) C-contiguous int32 array; other integer dtypes are range-checked."""
+    """Return a C-contiguous int32 array (N, columns) or (N,); other integers are range-checked."""
     array = _shaped(as_array(values, name), columns, name)
     if array.size and array.dtype.kind not in "iu":
         raise InputError(f"{name}: expected integers, got dtype {array.dtype}")
@@ -106,16 +109,17 @@ def index_rows(values: ArrayLike, columns: int | None, name: str) -> NDArray[np.
 def checked_grid(
     points: ArrayLike, valid: ArrayLike | None, *, kept: bool = False
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """A grid of points as float32, and which of them are valid: by default the finite ones.
+    """Return a grid of points as float32, and its mask of valid points (default: finite ones).
 
-    What a result keeps (``kept``) is a copy, so that the caller may use their arrays again.
+    With ``kept``, for results that keep the arrays, both are copies, so that the caller may reuse
+    its own arrays.
     """
     grid = as_array(points, "points")
     if grid.ndim != 3 or grid.shape[2] != 3 or grid.dtype.kind != "f":
         raise InputError(
             f"points: expected (H, W, 3) floats, got shape {grid.shape}, dtype {grid.dtype}"
         )
-    taken = np.array if kept else np.asarray  # the second copies where it has to
+    taken = np.array if kept else np.asarray  # np.asarray copies only if it must convert
     grid = taken(grid, np.float32, order="C")
     if valid is None:
         return grid, np.isfinite(grid).all(axis=2)

@@ -1,4 +1,4 @@
-"""Which caller's line a warning names."""
+"""Level of the caller whose line a warning names."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ _PACKAGE = __name__.partition(".")[0]
 def caller_level() -> int:
     """Return the ``stacklevel`` with which a warning names the line that called this package.
 
-    However many functions of the package lie between: `manip3d.capture.open` calls `open_rgbd`.
+    It skips all functions of the package on the stack, since these call each other
+    (`manip3d.capture.open` calls `open_rgbd`).
     """
     level, frame = 1, sys._getframe(1)
     while frame.f_back is not None:

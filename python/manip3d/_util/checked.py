@@ -1,4 +1,4 @@
-"""Arguments of public functions against their annotations."""
+"""Check of the arguments of public functions against their annotations."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ _Checked = TypeVar("_Checked", bound=Callable[..., Any])
 
 
 def _has_64_bits(value: Any) -> bool:
-    # Not `in range`, which counts up to what is no plain int, such as NumPy's.
+    # `value in range(...)` would iterate over the range if value is no plain int (NumPy's scalars).
     return -(2**63) <= operator.index(value) < 2**63
 
 
 def checked(function: _Checked) -> _Checked:
-    """Refuse arguments that are not of the annotated kinds, before the function runs.
+    """Refuse arguments whose types do not match the annotations, before the function runs.
 
-    The decorated function raises an `InputError` that names the argument, what is expected and
-    what came. Of a class, the constructor and its own public methods are decorated.
+    The decorated function raises an `InputError` that names the argument, the expected type and the
+    value. For a class, the constructor and its own public methods are decorated.
 
     Parameters
     ----------
@@ -39,10 +39,9 @@ def checked(function: _Checked) -> _Checked:
 
     Notes
     -----
-    Annotations of numbers, texts, choices (``Literal``), paths, containers and classes are
-    understood, as are unions of them, ``ArrayLike`` (an array of numbers) and aliases. An argument
-    whose annotation has another part is left to the function, which gets scalars of NumPy as
-    Python's numbers.
+    Checked are annotations of numbers, strings, choices (``Literal``), paths, containers, classes,
+    unions of these, ``ArrayLike`` (an array of numbers), and aliases. An argument whose annotation
+    has any other part is not checked. NumPy's scalars are passed on as Python's numbers.
     """
     if isinstance(function, type):
         for name, member in tuple(vars(function).items()):
@@ -51,7 +50,7 @@ def checked(function: _Checked) -> _Checked:
         return function
     names = tuple(inspect.signature(function).parameters)
 
-    @functools.cache  # at the first call, when all names of the module are there
+    @functools.cache  # evaluated at the first call, when all names of the module are defined
     def kinds() -> Mapping[str, _Kind]:
         return _kinds_of(function)
 
@@ -68,27 +67,27 @@ def checked(function: _Checked) -> _Checked:
 
 
 def _plain(value: Any) -> Any:
-    """Return NumPy's scalars as Python's numbers, which results and JSON keep."""
+    """Return NumPy's scalars as Python's numbers, because JSON cannot write NumPy's."""
     return value.item() if isinstance(value, np.number | np.bool_) else value
 
 
 class _Kind:
-    """Accepted types of one annotation, with the text that names them in errors."""
+    """Types that one annotation accepts, and their description for error messages."""
 
     def __init__(
         self, text: str, accepts: Callable[[Any], bool], item: _Kind | None = None
     ) -> None:
         self.text = text
         self.accepts = accepts
-        self.item = item  # of a sequence
+        self.item = item  # type of the items of a sequence, else None
 
     def __str__(self) -> str:
         return self.text
 
     def complaint(self, value: Any) -> str:
-        """Return what follows the argument's name in an error.
+        """Return the text after the argument's name in an error message.
 
-        For a sequence it names the first wrong item.
+        For a sequence it names the first item of a wrong type.
         """
         if self.item is not None and _is_sequence(value):
             for index, each in enumerate(value):
@@ -115,7 +114,7 @@ def _is_array(value: Any) -> bool:
         return False
     try:
         return np.asarray(value).dtype.kind in "biuf"
-    except (TypeError, ValueError, OverflowError):  # rows of different lengths, among others
+    except (TypeError, ValueError, OverflowError):  # for example rows of different lengths
         return False
 
 
@@ -135,7 +134,7 @@ _SIMPLE: dict[Any, _Kind] = {
 
 
 def _kinds_of(function: Callable[..., Any]) -> dict[str, _Kind]:
-    # Modules may import types for annotations alone; the package has those that everybody shares.
+    # Modules may import types only under TYPE_CHECKING, so that names of the package are added.
     shared = vars(builtins) | vars(collections.abc) | vars(sys.modules["manip3d"])
     names = shared | getattr(inspect.unwrap(function), "__globals__", {})
     found = {}
@@ -151,13 +150,13 @@ def _kinds_of(function: Callable[..., Any]) -> dict[str, _Kind]:
 
 
 def _kind_of(note: ast.expr, names: Mapping[str, Any]) -> _Kind | None:
-    """The kind of an annotation; None: something that only the function can check."""
+    """Return the accepted types of an annotation; None if it cannot be checked here."""
     if isinstance(note, ast.Name) and note.id == "ArrayLike":
         return _ARRAY
     if isinstance(note, ast.BinOp):
         return _either(_kind_of(note.left, names), _kind_of(note.right, names))
     if isinstance(note, ast.Constant):
-        if isinstance(note.value, str):  # an annotation in quotes
+        if isinstance(note.value, str):  # a quoted annotation
             return _kind_of(ast.parse(note.value, mode="eval").body, names)
         return _SIMPLE[None] if note.value is None else None
     if isinstance(note, ast.Subscript):
@@ -179,7 +178,7 @@ def _either(left: _Kind | None, right: _Kind | None) -> _Kind | None:
 
 
 def _resolved(note: ast.expr, names: Mapping[str, Any]) -> Any:
-    """The thing that a dotted name means at run time, or None."""
+    """Return the object that a dotted name refers to at run time, or None."""
     if isinstance(note, ast.Attribute):
         return getattr(_resolved(note.value, names), note.attr, None)
     return names.get(note.id) if isinstance(note, ast.Name) else None
@@ -196,7 +195,7 @@ def _kind_of_class(found: Any) -> _Kind | None:
 
 
 def _kind_of_choice(words: str | tuple[str, ...]) -> _Kind:
-    """The kind of what is one of the texts of a `Literal`."""
+    """Return the type that accepts the strings of a `Literal`."""
     choices = (words,) if isinstance(words, str) else words
     *others, last = map(repr, choices)
     return _Kind(
@@ -255,7 +254,7 @@ def _kind_of_tuple(inner: ast.expr, names: Mapping[str, Any]) -> _Kind | None:
 
 
 def _shown(value: Any) -> str:
-    """A value in a message: short, and safe for a terminal."""
+    """Return a value for an error message, shortened and safe for a terminal."""
     if masked := masked_elements(value):
         return f"an array with {masked}"
     if isinstance(value, np.ndarray) and value.ndim:

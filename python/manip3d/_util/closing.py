@@ -1,4 +1,4 @@
-"""`Closing`: a base class for what a ``with`` statement closes."""
+"""Base class of objects that a ``with`` statement closes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Closing(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of what is held; may be called twice."""
+        """Release the file, key or thread; may be called twice."""
 
     def __enter__(self) -> Self:
         return self

@@ -1,4 +1,4 @@
-"""Parts of writing a file that appears whole or not at all: a folder beside it, and syncs."""
+"""Building blocks of atomic file writing: temporary folders and syncs to disk."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from manip3d import _core
 
 
 def sync_folder(folder: Path) -> None:
-    """Write to the disk which names a folder holds; a file system that cannot is left alone."""
+    """Sync the directory entries of a folder to disk, if its file system can."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
@@ -25,14 +25,14 @@ def sync_folder(folder: Path) -> None:
 
 
 def sync_file(path: Path) -> None:
-    """Write to the disk what a file holds."""
+    """Sync the content of a file to disk."""
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
 
 @contextlib.contextmanager
 def _named(target: str | os.PathLike[str], folder: Path) -> Iterator[None]:
-    """Errors that name the temporary folder, or nothing, get the name of the target."""
+    """Give errors that name the temporary folder, or no file, the name of the target."""
     try:
         yield
     except OSError as error:
@@ -45,7 +45,10 @@ def _named(target: str | os.PathLike[str], folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def folder_beside(target: Path, path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A private folder, locked until it is removed; those of dead writers are removed at once."""
+    """Yield a private temporary folder beside ``target``, locked until it is removed.
+
+    Temporary folders whose writers have died are removed first.
+    """
     with _named(path, target.parent):
         name, lock = _core.make_temporary_folder(os.fsencode(target.parent))
     folder = Path(os.fsdecode(name))

@@ -1,4 +1,4 @@
-"""The optional packages: which extra brings which module, and what to say where one is absent."""
+"""Optional packages: the modules of each extra, and checks that they are installed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "live": ("aiohttp", "cryptography", "open3d", "PIL"),
     "diary": ("sqlalchemy", "cryptography", "scipy", "PIL"),
 }
-"""Modules that each extra brings."""
+"""Modules that each extra installs."""
 
 DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
     "PIL": ("pillow",),
@@ -40,7 +40,7 @@ DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
     "ouster": ("ouster-sdk",),
     "yaml": ("pyyaml",),
 }
-"""Names of packages whose module has another name."""
+"""Distributions of modules whose distribution has another name."""
 
 
 def missing_modules(extra: str) -> list[str]:
@@ -56,12 +56,12 @@ def _is_installed(module: str) -> bool:
 
 
 def require(extra: str) -> None:
-    """Check that everything of an extra is installed, before any work is done.
+    """Check that all modules of an extra are installed.
 
     Raises
     ------
     MissingExtraError
-        A module is absent.
+        A module is not installed.
     """
     absent = missing_modules(extra)
     if absent:
@@ -75,7 +75,7 @@ def opencv() -> Any:
     Raises
     ------
     MissingExtraError
-        It is not installed.
+        OpenCV is not installed.
     """
     try:
         import cv2

@@ -1,4 +1,4 @@
-"""A fingerprint of the code that makes results: stale ones are never reused."""
+"""Fingerprint of the code that computes results, so that stale results are not reused."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from pathlib import Path
 
 from manip3d import __version__, _core
 
-# Modules that show results but do not make them: a change there keeps stored results valid.
+# Modules that show results but do not compute them; after a change there, stored results are valid.
 _PRESENTATION = {"cli", "report", "viewer", "_environment.py"}
 
 
 @cache
 def code_fingerprint() -> str:
-    """Version and a hash of the package's binary and sources: stale results are never reused."""
+    """Return the version, and a hash of the binary and the sources that compute results."""
     core = Path(_core.__file__).read_bytes()
     return f"{__version__}+{_fingerprint(core, lambda parts: not _PRESENTATION & parts)}"
 
 
 @cache
 def presentation_fingerprint() -> str:
-    """A hash of the command line, reports and viewer, which `code_fingerprint` leaves out."""
+    """Return a hash of the command line, reports and viewer, which `code_fingerprint` omits."""
     return _fingerprint(b"", lambda parts: bool({"cli", "report", "viewer"} & parts))
 
 

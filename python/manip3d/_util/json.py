@@ -1,4 +1,4 @@
-"""Values as JSON knows them."""
+"""Conversion of values to JSON, and records with a checksum."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def finite(value: Any) -> Any:
-    """Return the value with NaN and infinities as None, which JSON can write."""
+    """Return the value with NaN and infinities replaced by None, since JSON has neither."""
     if isinstance(value, dict):
         return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -18,21 +18,21 @@ def finite(value: Any) -> Any:
 
 
 def canonical_json(value: Any) -> bytes:
-    """Return the one spelling of a JSON value that hashes are taken of; NaN stays NaN."""
+    """Return the canonical JSON text of a value, of which hashes are computed; NaN stays NaN."""
     return json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
 
 
 def sealed(record: dict[str, Any]) -> dict[str, Any]:
-    """Return the record with a checksum of itself, for `unsealed`."""
+    """Return the record with its own checksum added, which `unsealed` verifies."""
     return record | {"sha256": hashlib.sha256(canonical_json(record)).hexdigest()}
 
 
 def unsealed(text: bytes) -> dict[str, Any] | None:
-    """Return the record that `sealed` made, or None where a byte of its JSON has changed."""
+    """Return the record in the JSON text of a `sealed` one; None if it fails its checksum."""
     try:
         record: dict[str, Any] = json.loads(text)
         claimed = record.pop("sha256")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return None  # torn, truncated or foreign
+        return None  # damaged, cut off, or not such a record
     is_whole = claimed == hashlib.sha256(canonical_json(record)).hexdigest()
     return record if is_whole else None

@@ -1,4 +1,4 @@
-"""Packages whose modules are imported with the first use of a name that they define."""
+"""Lazy packages: a module is imported at the first use of a name that it defines."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ def lazily(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package (PEP 562).
 
-    A command starts in a third of a second when it imports what it uses, and in twice as much when
-    a package imports all that it has. Type checkers read the package's ``__init__.pyi``, which
-    names the same; a test compares them. No module of the package may have the name of something
-    that the package exports: importing it would hide that.
+    A command that imports only the modules it uses starts in a third of a second; with all modules
+    it takes twice as long. Type checkers read the package's ``__init__.pyi``, which must export the
+    same names; a test compares them. No module of the package may have the name of an exported
+    object, because importing the module would replace that object.
 
     Parameters
     ----------
     package : str
-        Its ``__name__``.
+        The package's ``__name__``.
     homes : mapping of str to str
-        By module of the package, the names that it defines, separated by spaces.
+        For each module of the package, the names that it defines, separated by spaces.
     """
     home_of = {name: module for module, names in homes.items() for name in names.split()}
 

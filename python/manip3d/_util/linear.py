@@ -1,8 +1,8 @@
-"""Products and fits that round the same on every processor.
+"""Matrix products and line fits that give the same bits on every processor.
 
-NumPy hands ``@``, ``dot``, the norm of one vector and ``polyfit`` to a BLAS, which chooses its
-kernels by the processor: with or without fused multiply-add, in other orders. Where the last bit
-decides something, or where the same input promises the same output, these stand in for them.
+NumPy passes ``@``, ``dot``, the norm of one vector and ``polyfit`` to a BLAS, which chooses its
+kernels by processor: with or without fused multiply-add, and in different orders of summation. Use
+these functions instead if the last bit matters, or if equal input must give equal output.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def product(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
-    """``a @ b``."""
+    """Return ``a @ b``, summed without a BLAS."""
     left, right = np.asarray(a), np.asarray(b)
     how = {1: "...i,i->...", 2: "...i,ij->...j"}.get(right.ndim, "...ij,...jk->...ik")
-    return np.asarray(np.einsum(how, left, right))  # not optimized: else a BLAS again
+    return np.asarray(np.einsum(how, left, right))  # optimize=True would call a BLAS
 
 
 def line_fit(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
-    """Slope and offset of the line y(x) of least squares, as ``numpy.polyfit(x, y, 1)``."""
+    """Return slope and offset of the least-squares line y(x), as ``numpy.polyfit(x, y, 1)``."""
     center, height = x.mean(), y.mean()
     away = x - center
     slope = float((away * (y - height)).sum() / (away * away).sum())

@@ -1,4 +1,4 @@
-"""Locks of files, which the operating system frees when the program that holds them is killed."""
+"""File locks, which the operating system releases if the process that holds them is killed."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
 
 
 def locked_file(path: Path) -> int | None:
-    """Lock a file, which is made if it is absent and which only its owner may open.
+    """Lock a file; a missing one is created, with access for its owner only.
 
     Returns
     -------
     int or None
-        Descriptor of the open file, which is locked until it is closed; None where another program,
-        or another descriptor of this one, has locked it.
+        Descriptor of the open file, which is locked until the descriptor is closed; None if another
+        process, or another descriptor of this process, has locked the file.
 
     Raises
     ------
     OSError
-        It cannot be made or opened, or is a symbolic link.
+        The file cannot be created or opened, or is a symbolic link.
     """
     flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW
     lock = os.open(path, flags, 0o600)
@@ -41,18 +41,18 @@ def locked_file(path: Path) -> int | None:
 
 @contextmanager
 def new_folder_locked(path: Path) -> Iterator[bool]:
-    """Make a folder if it is absent, and lock it; it is removed again if nothing was put into it.
+    """Create a folder if it does not exist, and lock it; at the end it is removed if it is empty.
 
     Yields
     ------
     bool
-        False: another program, or another thread of this one, has locked it. True also on file
-        systems without locks, such as those of networks.
+        False if another process, or another thread of this process, has locked the folder. True
+        also on file systems without locks, such as some network file systems.
 
     Raises
     ------
     OSError
-        It cannot be made or opened.
+        The folder cannot be created or opened.
     """
     path.mkdir(exist_ok=True)
     lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -68,5 +68,5 @@ def new_folder_locked(path: Path) -> Iterator[bool]:
     finally:
         if is_ours:
             with suppress(OSError):
-                path.rmdir()  # if it is empty
+                path.rmdir()  # fails if the folder is not empty
         os.close(lock)

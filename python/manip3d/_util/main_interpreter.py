@@ -1,4 +1,4 @@
-"""Refuses subinterpreters when it is imported: the compiled core would wait for ever in them."""
+"""Importing this module raises ImportError in subinterpreters, where ``_core`` would deadlock."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import importlib
 
 
 def _is_main() -> bool:
-    for name in ("_interpreters", "_xxsubinterpreters"):  # from Python 3.13 on, and before
+    for name in ("_interpreters", "_xxsubinterpreters"):  # Python 3.13 and later; earlier versions
         try:
             interpreters = importlib.import_module(name)
         except ImportError:

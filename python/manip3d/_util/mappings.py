@@ -1,4 +1,4 @@
-"""Mappings that results hold."""
+"""Read-only mappings for results."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ _Value = TypeVar("_Value")
 
 
 class ReadOnlyMapping(Mapping[str, _Value]):
-    """A mapping that nobody can change; unlike ``MappingProxyType`` it can be pickled.
+    """A read-only mapping; unlike ``MappingProxyType`` it can be pickled.
 
     Parameters
     ----------
     items : mapping
-        It is copied.
+        Keys and values, which are copied.
     """
 
     __slots__ = ("_items",)

@@ -1,4 +1,4 @@
-"""Resident memory of this process, and sizes as people write them."""
+"""Resident memory of this process; parsing and formatting of sizes such as ``2GiB``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _UNITS = {"": 1, "b": 1} | {
 
 
 def resident_bytes() -> int | None:
-    """Resident memory of this process; ``None`` where the system does not say."""
+    """Return the resident memory of this process in bytes; None if it is not known."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     except (OSError, ValueError, IndexError):
@@ -26,9 +26,9 @@ def resident_bytes() -> int | None:
 
 
 def most_resident_bytes() -> int | None:
-    """The most that this process has held so far; ``None`` where the system does not say.
+    """Return the peak resident memory of this process in bytes; None if it is not known.
 
-    (``getrusage`` would count what the parent held when it started this process.)
+    ``getrusage`` is not used because its peak includes the parent's memory at the fork.
     """
     try:
         status = Path("/proc/self/status").read_text(encoding="ascii")
@@ -39,7 +39,7 @@ def most_resident_bytes() -> int | None:
 
 
 def release_unused() -> None:
-    """Give freed memory back to the system, where the C library can."""
+    """Return freed memory to the operating system, if the C library can."""
     try:
         trim = ctypes.CDLL(None).malloc_trim
     except (OSError, TypeError, AttributeError):
@@ -48,12 +48,12 @@ def release_unused() -> None:
 
 
 def bytes_of(text: str) -> int:
-    """The number of bytes of ``"2GiB"``, ``"500 MB"`` or ``"100000"``.
+    """Return the number of bytes of ``"2GiB"``, ``"500 MB"`` or ``"100000"``.
 
     Raises
     ------
     InputError
-        It is not a positive number with one of the units.
+        The text is not a positive number with one of the units.
     """
     match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*([a-z]*)\s*", text.lower())
     size = 0
@@ -65,7 +65,7 @@ def bytes_of(text: str) -> int:
 
 
 def written_size(size: int) -> str:
-    """Bytes as people read them: ``1.5 GiB``."""
+    """Return a number of bytes as a readable text: ``1.50 GiB``."""
     for unit, power in (("GiB", 3), ("MiB", 2)):
         if size >= 1024**power:
             return f"{size / 1024**power:.2f} {unit}"

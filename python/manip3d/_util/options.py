@@ -1,4 +1,4 @@
-"""Options that many functions share: random numbers, threads, progress."""
+"""Arguments that many functions share: random generators, threads, progress."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def generator_of(rng: Rng) -> np.random.Generator:
-    """``numpy.random.default_rng(rng)``."""
+    """Return ``numpy.random.default_rng(rng)``, after a check of the argument."""
     is_seed = isinstance(rng, int | np.integer) and rng >= 0
     if not (rng is None or is_seed or isinstance(rng, np.random.Generator)):
         raise InputError(f"rng: expected a seed >= 0, a Generator or None, got {rng!r}")
@@ -26,12 +26,12 @@ def generator_of(rng: Rng) -> np.random.Generator:
 
 
 def seed_of(rng: Rng) -> int:
-    """64 bits for a kernel of the core, drawn from ``numpy.random.default_rng(rng)``."""
+    """Return a 64-bit seed for a kernel in ``_core``, drawn from ``generator_of(rng)``."""
     return int(generator_of(rng).integers(2**64, dtype=np.uint64))
 
 
 def threads_of(threads: int) -> int:
-    """``threads``, or ``MANIP3D_THREADS`` for 0; 0 where neither says how many: all cores."""
+    """Return the number of threads; for 0, that in ``MANIP3D_THREADS``, or 0 (all cores)."""
     if not 0 <= threads < 1 << 31:
         raise InputError(f"threads: expected 0 to 2147483647, got {threads}")
     if threads != 0:
@@ -44,9 +44,10 @@ def threads_of(threads: int) -> int:
 
 @contextmanager
 def reporting(progress: Progress, message: str) -> Iterator[Callable[[float], object] | None]:
-    """The callback ``fraction -> None`` of a kernel for the argument ``progress`` of a function.
+    """Yield a kernel's callback ``fraction -> None`` for a function's argument ``progress``.
 
-    ``True`` draws a bar on the standard error stream; a callable gets ``(fraction, message)``.
+    True draws a bar on the standard error stream; a callable gets ``(fraction, message)``. The
+    callback is None if ``progress`` is None or False.
     """
     if progress is None or progress is False:
         yield None
@@ -65,9 +66,9 @@ def reporting(progress: Progress, message: str) -> Iterator[Callable[[float], ob
 
 @contextmanager
 def sharing(progress: Progress, message: str) -> Iterator[Callable[[float, float], Progress]]:
-    """Share one progress out to several runs: ``part(begin, end)`` reports one of them.
+    """Divide one progress among several runs: ``part(begin, end)`` is the progress of one run.
 
-    The whole never goes back, and ends at 1, also where a run stopped before its own end.
+    The total never decreases, and ends at 1 even if a run stops early.
     """
     with reporting(progress, message) as report:
         so_far = 0.0
@@ -89,7 +90,7 @@ def sharing(progress: Progress, message: str) -> Iterator[Callable[[float, float
 
 
 def shares(sizes: Iterable[float]) -> list[tuple[float, float]]:
-    """Begin and end of each run's part of one progress, from the runs' costs."""
+    """Return begin and end, from 0 to 1, of each run's part in a total, from the runs' costs."""
     ends = np.cumsum([0.0, *sizes])
     ends = ends / ends[-1] if ends[-1] > 0.0 else np.linspace(0.0, 1.0, len(ends))
     return [(float(begin), float(end)) for begin, end in itertools.pairwise(ends)]

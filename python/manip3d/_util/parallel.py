@@ -1,7 +1,7 @@
-"""Independent tasks in parallel processes (or on Dask), each outcome as it comes.
+"""Independent tasks in parallel processes (or on Dask), with outcomes in the order of finishing.
 
-An error of a task is part of its outcome, also when the task takes its process down; Ctrl-C stops
-the workers at once, and so does the end of the process that started them.
+An error of a task is part of its outcome, even if the task crashes its process. Ctrl-C ends the
+workers immediately, and so does the end of the process that started them.
 """
 
 from __future__ import annotations
@@ -25,17 +25,18 @@ from manip3d.errors import InputError, MissingExtraError, error_details
 
 _Key = TypeVar("_Key", bound=Hashable)
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
-"""A function that can be imported by name, and its arguments."""
+"""A function, which must be importable by name, and its arguments."""
 
 _DASK_WINDOW = 1000
-"""Tasks that a Dask scheduler has at once: enough for hundreds of workers, and little memory."""
+"""Number of tasks submitted to a Dask scheduler at a time: enough for hundreds of workers, while
+the scheduler needs little memory."""
 
 _log = logging.getLogger("manip3d")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The value of a task, or the error it ended with (``""``: none) and its `error_details`."""
+    """The value of a task, or the error that ended it ('' if none) and its `error_details`."""
 
     value: Any = None
     error: str = ""
@@ -50,18 +51,19 @@ def run_tasks(
     Parameters
     ----------
     tasks : mapping
-        Read as the work proceeds: only a window of it is with the workers at any time.
+        Tasks by key. It is read while the work proceeds; the workers hold only a few tasks at any
+        time.
     jobs : int
-        Processes; 1: in this one, in order. Each worker's ``MANIP3D_THREADS`` is its share of
-        the cores.
+        Number of worker processes; 1 runs the tasks in this process, in order. The environment
+        variable ``MANIP3D_THREADS`` of each worker is its share of the cores.
     dask : str
         Address of a Dask scheduler to use instead; ``"local"`` starts one with ``jobs`` workers.
-        A task whose worker is lost runs again on another one. Workers that do not set
-        ``MANIP3D_THREADS`` run each task with one thread, as Dask counts threads.
+        If a worker is lost, its tasks run again on another one. Workers without
+        ``MANIP3D_THREADS`` run each task with one thread, because Dask plans one thread per task.
 
     Notes
     -----
-    Close the generator when leaving early, so that the workers stop.
+    Close the generator if you leave the loop early, so that the workers stop.
     """
     if jobs == 1 and not dask:
         yield from ((key, _attempt(*task)) for key, task in tasks.items())
@@ -78,7 +80,7 @@ def run_tasks(
                     lambda *task: executor.submit(attempt, *task), waiting, running, window
                 )
             is_done = True
-        except BrokenProcessPool:  # one task took its worker down: find out which, each on its own
+        except BrokenProcessPool:  # a task crashed its worker: run each alone to find which one
             for key, task in running.items():
                 yield key, _isolated(task)
 
@@ -90,11 +92,11 @@ def _outcomes(
     window: int,
     attempts: int = 3,
 ) -> Generator[tuple[_Key, Outcome]]:
-    """Keep ``window`` tasks with the workers until none waits; ``running`` says which they are.
+    """Keep ``window`` tasks submitted until none is waiting; ``running`` holds the submitted ones.
 
-    Dask gives up all tasks that were with a worker that died once too often: they run again one
-    after the other, so that only the one that is to blame has an error. Tasks that are lost
-    because the connection to the scheduler broke run again, too.
+    If a worker of Dask dies too often, all tasks on it fail. They run again one after the other, so
+    that only the task that crashes has an error. Tasks that are lost because the connection to the
+    scheduler broke run again, too.
     """
     finished: SimpleQueue[tuple[_Key, Future[Outcome]]] = SimpleQueue()
     given_up: dict[_Key, Task] = {}
@@ -138,7 +140,7 @@ def _attempt_on_dask(function: Callable[..., Any], arguments: tuple[Any, ...]) -
 def _attempt(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:
     try:
         return Outcome(function(*arguments))
-    except Exception as error:  # part of the outcome, never lost
+    except Exception as error:  # becomes a part of the outcome
         _log.debug("%s", traceback.format_exc())
         return _failure(error)
 
@@ -161,7 +163,8 @@ def _isolated(task: Task) -> Outcome:
 def _executor(workers: int, dask: str) -> Iterator[Executor]:
     if dask:
         with _dask_client(workers, dask) as client:
-            yield client.get_executor(pure=False)  # a task that failed may be tried again
+            # pure=False: Dask does not reuse the result of an equal task, so that it can run again.
+            yield client.get_executor(pure=False)
         return
     others = set(multiprocessing.active_children())
     executor = ProcessPoolExecutor(
@@ -173,7 +176,7 @@ def _executor(workers: int, dask: str) -> Iterator[Executor]:
     try:
         yield executor
         executor.shutdown()
-    except BaseException:  # Ctrl-C among them: at once, not after the tasks at work
+    except BaseException:  # including Ctrl-C: do not wait for running tasks
         executor.shutdown(wait=False, cancel_futures=True)
         for process in set(multiprocessing.active_children()) - others:
             process.kill()
@@ -181,15 +184,15 @@ def _executor(workers: int, dask: str) -> Iterator[Executor]:
 
 
 def _start_worker(threads: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ["MANIP3D_THREADS"] = str(threads)
 
 
 def _end_with_parent() -> None:
-    """End this process when the one that started it has ended, killed or not.
+    """End this process when its parent has ended, even if that was killed.
 
-    Nothing else would: a worker waits for tasks at a pipe that the other workers hold open, too.
+    Otherwise it would wait for ever, because other workers keep the pipe for tasks open.
     """
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -203,11 +206,11 @@ def _dask_client(workers: int, address: str) -> Any:
     except ImportError:
         raise MissingExtraError("distributed", "dask") from None
     if address == "local":
-        # A free port for the dashboard: Dask's own may be taken by another cluster.
+        # Port 0 is any free port; another cluster may use the default port of the dashboard.
         return Client(n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0")
     try:
         return Client(address)
-    except ValueError as error:  # no address at all
+    except ValueError as error:  # the text is no address
         raise InputError(
             f"dask: expected local or the address of a scheduler, such as tcp://127.0.0.1:8786, "
             f"got {address!r}: {error}"

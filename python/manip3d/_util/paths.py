@@ -1,4 +1,4 @@
-"""Checks of paths at the API border."""
+"""Checks of path arguments of public functions."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from manip3d.errors import InputError
 
 
 def path_of(path: str | os.PathLike[str], name: str = "path") -> Path:
-    """Return the path that the argument ``name`` gives.
+    """Return an argument as a Path; ``name`` is the argument's name in errors.
 
     Raises
     ------
     InputError
-        It is not a path, or has a NUL character, where the operating system would cut it off.
+        The argument is no path, has characters that file names cannot have, or has a NUL character,
+        at which the operating system would cut it off.
     """
     if not isinstance(path, str | os.PathLike) or not isinstance(os.fspath(path), str):
         raise InputError(f"{name}: expected a path, got {type(path).__name__}")
@@ -29,16 +30,16 @@ def path_of(path: str | os.PathLike[str], name: str = "path") -> Path:
 
 
 def is_hidden(name: str) -> bool:
-    """Return whether a file or a folder of this name is left out where a folder is searched.
+    """Return whether a file or folder of this name is hidden, so that searches ignore it.
 
-    Programs leave such files beside others: macOS ``._scan.bin`` beside each ``scan.bin`` on drives
-    that are not its own, editors and version control theirs.
+    Programs create such files beside others: macOS writes ``._scan.bin`` beside each ``scan.bin``
+    on foreign file systems; editors and version control have theirs.
     """
     return name.startswith(".")
 
 
 def by_number(name: str) -> tuple[tuple[tuple[int, str, int], ...], str]:
-    """Key that sorts names as people do: numbers in them by their size, so that 2 is before 10."""
+    """Return a key that sorts names with numbers in them by value, so that 2 is before 10."""
     parts = re.split(r"([0-9]+)", name)
     key = tuple((1, "", int(p)) if i % 2 else (0, p, 0) for i, p in enumerate(parts))
-    return key, name  # 01 and 1 are two names
+    return key, name  # the name distinguishes 01 from 1

@@ -1,4 +1,4 @@
-"""Files that end: no pipes, sockets and devices."""
+"""Reading of regular files only; pipes, sockets and devices, which may not end, are refused."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from manip3d.errors import FormatError
 
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
-    """Open a regular file for reading bytes; a pipe or a device could go on for ever.
+    """Open a regular file for reading bytes; refuse pipes and devices, which may be endless.
 
     Raises
     ------
     FormatError
-        It is a pipe, a socket or a device.
+        The file is a pipe, a socket or a device.
     OSError
-        `FileNotFoundError`, `IsADirectoryError` and the like.
+        The file cannot be opened (`FileNotFoundError`, `IsADirectoryError`, ...).
     """
-    # Without O_NONBLOCK, opening a pipe waits for its writer.
+    # Without O_NONBLOCK, opening a pipe would wait for its writer.
     file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))  # noqa: SIM115
     if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         return file
@@ -28,14 +28,14 @@ def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
 
 
 def limited_bytes(path: str | os.PathLike[str], most: int) -> bytes:
-    """Return the content of what `open_regular` opens, of at most so many bytes.
+    """Return the content of a regular file of at most ``most`` bytes.
 
     Raises
     ------
     FormatError
-        It is longer, or no regular file.
+        The file has more bytes, or is no regular file.
     OSError
-        As `open_regular`.
+        See `open_regular`.
     """
     with open_regular(path) as file:
         content = file.read(most + 1)

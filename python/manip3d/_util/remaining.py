@@ -1,4 +1,4 @@
-"""How long a run will still take."""
+"""Estimate of the time that a run still needs."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Callable
 
 
 class RemainingTime:
-    """Words for the time that a run still needs, if it goes on as it has since it began.
+    """Estimate in words of the time that a run still needs, if it continues at its mean speed.
 
     Parameters
     ----------
     begun_at : float
-        The fraction that was done before: by a run that was stopped.
+        Fraction that was already done at the start, by an earlier run that was stopped.
     clock : callable
-        Seconds.
+        Function that returns the time in seconds.
     """
 
     def __init__(self, begun_at: float = 0.0, clock: Callable[[], float] = time.monotonic) -> None:
@@ -22,7 +22,7 @@ class RemainingTime:
         self._begun_s = clock()
 
     def __call__(self, fraction: float) -> str:
-        """``about 12 minutes left``; ``""`` where there is nothing to judge by."""
+        """Return a text such as ``about 12 minutes left``; '' before any progress or at the end."""
         done = fraction - self._begun_at
         if not (done > 0.0 and fraction < 1.0):
             return ""

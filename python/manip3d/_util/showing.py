@@ -1,4 +1,4 @@
-"""How things show themselves: in a window, and as the result of a notebook's cell."""
+"""Base class of objects that can be shown in a browser and in a notebook."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from typing import Any
 
 
 class Showable:
-    """Something that the viewer knows how to show."""
+    """An object that `manip3d.viewer` can show."""
 
     __slots__ = ()
 
     def show(self, output: str | os.PathLike[str] | None = None, **options: Any) -> Path:
-        """Show it in the browser, or write a page (``.html``) or a picture (``.png``).
+        """Show the object in the browser, or write a page (``.html``) or a picture (``.png``).
 
         Parameters
         ----------
         output : path, optional
-            Where to write; without it a page in the folder for temporary files is opened in the
-            browser, where there is a display.
+            Output file. Default: a page in the folder for temporary files, which is opened in the
+            browser if there is a display.
         **options
-            As for `manip3d.viewer.view`.
+            Options of `manip3d.viewer.view`.
 
         Returns
         -------
         Path
-            The file that shows it.
+            The file that was written.
         """
         from manip3d.viewer import view
 
@@ -36,7 +36,7 @@ class Showable:
     def _repr_mimebundle_(
         self, include: Collection[str] | None = None, exclude: Collection[str] | None = None
     ) -> dict[str, str | bytes]:
-        """Return what a notebook shows: the viewer, a picture, and text."""
+        """Return the object in the forms that notebooks show: viewer, picture and text."""
         from manip3d.viewer.notebook import mimebundle
 
         return mimebundle(self)

@@ -1,6 +1,6 @@
-"""Text files of others: regular files of bounded size, any bytes; XML and YAML without their traps.
+"""Safe reading of untrusted text, XML and YAML: regular files of bounded size, with any bytes.
 
-XML has no entities and no external files here, and a bounded depth; YAML has no aliases.
+XML may have no entities and no external files, and has a bounded depth; YAML may have no aliases.
 """
 
 from __future__ import annotations
@@ -17,18 +17,19 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 MOST_BYTES = 16 << 20
-# PyYAML takes about a second for this much.
+# PyYAML takes about a second to parse a file of this size.
 _MOST_YAML_BYTES = 128 << 10
 _MOST_DEPTH = 64
 
 
 def parse_xml(path: Path) -> Element:
-    """The root element of a file.
+    """Return the root element of an XML file.
 
     Raises
     ------
     FormatError
-        Not well-formed, larger than 16 MiB, nested deeper than 64, or it declares entities.
+        The file is not well-formed, is larger than 16 MiB, has more than 64 levels, or declares
+        entities.
     """
     return parse_xml_bytes(limited_bytes(path, MOST_BYTES), str(path))
 
@@ -40,9 +41,9 @@ def parse_xml_bytes(
     *,
     most_depth: int = _MOST_DEPTH,
 ) -> Element:
-    """The root element of the bytes of a file, which errors name; see `parse_xml`.
+    """Return the root element of XML bytes; errors name ``file``. See `parse_xml`.
 
-    Every 65,536 elements ``look`` is called, which may end the reading.
+    ``look`` is called every 65,536 elements; it may raise to end the reading.
     """
     from xml.etree.ElementTree import TreeBuilder
     from xml.parsers import expat
@@ -86,24 +87,25 @@ def parse_xml_bytes(
         ) from None
     except FormatError:
         raise
-    except (LookupError, ValueError) as error:  # the encoding that the file names
+    except (LookupError, ValueError) as error:  # the file declares an unknown encoding
         raise fail(f"expected XML in UTF-8: {error}") from None
     return builder.close()
 
 
 def parse_yaml(path: Path, *, extra: str) -> Any:
-    """The first document of a file, also of one that OpenCV wrote.
+    """Return the first document of a YAML file, which OpenCV may have written.
 
     Parameters
     ----------
     path : Path
+        The file.
     extra : str
-        The extra that PyYAML comes with, as `MissingExtraError` names it.
+        The extra that installs PyYAML, for the message of `MissingExtraError`.
 
     Raises
     ------
     FormatError
-        Not YAML, larger than 128 KiB, nested too deep, or it has aliases.
+        The file is not YAML, is larger than 128 KiB, is nested too deep, or has aliases.
     MissingExtraError
         PyYAML is not installed.
     """
@@ -113,7 +115,7 @@ def parse_yaml(path: Path, *, extra: str) -> Any:
         raise MissingExtraError("PyYAML", extra) from None
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        """Without aliases: nine of them can stand for a billion words."""
+        """Loader that refuses aliases, since nine nested ones can expand to a billion words."""
 
         def compose_node(self, parent: Any, index: Any) -> Any:
             if self.check_event(yaml.AliasEvent):
@@ -123,8 +125,8 @@ def parse_yaml(path: Path, *, extra: str) -> Any:
     for name in ("matrix", "nd-matrix"):
         Loader.add_constructor(f"tag:yaml.org,2002:opencv-{name}", Loader.construct_yaml_map)
     data = limited_bytes(path, _MOST_YAML_BYTES)
-    # "%YAML:1.0", OpenCV's first line for years, is no directive of YAML. The line stays, empty, so
-    # that errors name the right one.
+    # "%YAML:1.0", the first line of many OpenCV files, is no valid YAML directive. It becomes an
+    # empty line, so that errors name the right line number.
     data = re.sub(rb"\A(\xef\xbb\xbf)?%YAML[^\r\n]*", b"", data)
     try:
         return next(yaml.load_all(data, Loader), None)
@@ -133,7 +135,7 @@ def parse_yaml(path: Path, *, extra: str) -> Any:
         raise FormatError(f"not YAML: {error.problem}", file=str(path), line=line) from None
     except RecursionError:
         raise FormatError("not YAML: nested too deep", file=str(path)) from None
-    except Exception as error:  # values that are not of their tag's type fail in many ways
+    except Exception as error:  # various types if a value does not fit its tag
         raise FormatError(f"not YAML: {error!s:.200}", file=str(path)) from None
 
 
@@ -143,6 +145,6 @@ def text_of(path: Path) -> str:
     Raises
     ------
     FormatError
-        As `limited_bytes`.
+        The file is larger, or no regular file.
     """
     return limited_bytes(path, MOST_BYTES).decode("utf-8", "surrogateescape")

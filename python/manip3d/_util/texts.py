@@ -1,4 +1,4 @@
-"""Texts that people typed."""
+"""Control characters in text that users have typed."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from manip3d.errors import printable
 
 
 def has_control_characters(text: str) -> bool:
-    """Whether a text holds control characters other than line feeds, or lone surrogates.
+    """Return whether a text has control characters other than line feeds, or lone surrogates.
 
-    A terminal obeys the first; UTF-8 cannot hold the second, which stand for bytes that were no
-    text.
+    A terminal executes control characters. Lone surrogates, which stand for undecodable bytes,
+    cannot be encoded as UTF-8.
     """
     return any(unicodedata.category(sign) in ("Cc", "Cs") and sign != "\n" for sign in text)
 
 
 def legible(text: str) -> str:
-    """Return a text of any number of lines in which control characters are escapes."""
+    """Return a text, which may have several lines, with control characters escaped."""
     return "\n".join(map(printable, text.split("\n")))

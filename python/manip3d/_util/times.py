@@ -1,4 +1,4 @@
-"""Times of frames: nanoseconds since 1970, as integers, since float64 seconds hold only 0.2 us."""
+"""Times of frames in integer nanoseconds since 1970; float64 seconds resolve only 0.2 us."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ SECOND_NS = 1_000_000_000
 
 
 def parse_time(text: str) -> int:
-    """Nanoseconds since 1970 of ``2011-09-26 13:02:44.317412775``, which names no time zone: UTC.
+    """Return nanoseconds since 1970 of a time such as ``2011-09-26 13:02:44.317412775`` in UTC.
 
     Raises
     ------
     ValueError
-        The text is no such time.
+        The text has another form.
     """
     whole, _, fraction = text.strip().partition(".")
     if fraction and not (fraction.isascii() and fraction.isdigit()):
@@ -23,12 +23,12 @@ def parse_time(text: str) -> int:
 
 
 def nanoseconds(seconds: float) -> int:
-    """The nearest whole number of nanoseconds.
+    """Return seconds as the nearest integer of nanoseconds.
 
     Raises
     ------
     ValueError
-        More than 64 bits hold, infinity or NaN.
+        The result would not fit 64 bits, or ``seconds`` is NaN.
     """
     if not abs(seconds) < 9e9:
         raise ValueError(f"expected seconds below 9e9, got {seconds!r}")

@@ -1,7 +1,7 @@
-"""The command ``manip3d``: each verb parses its arguments, calls a public function and prints.
+"""The command ``manip3d``. Each verb parses its arguments, calls public functions, and prints.
 
-One module for each verb: its options, and how its result is printed. A verb's module is imported
-when the verb is used, so that ``manip3d --help`` is quick.
+Each verb has a module with its options and the output of its result. The module is imported when
+the verb is used, so that ``manip3d --help`` is quick.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _VERBS = {
     "study": "Run studies with people: rating of forgeries, JND, displays.",
     "capture": "List, record, play and export RGB-D cameras and recordings.",
 }
-"""Each verb, in the order of the help text, and what that says about it."""
+"""Verbs and their help, in the order of the help text."""
 
 
 _as_json: ContextVar[bool] = ContextVar("as_json", default=False)
@@ -57,22 +57,22 @@ _as_json: ContextVar[bool] = ContextVar("as_json", default=False)
 
 @contextlib.contextmanager
 def _telling_of_usage() -> Iterator[None]:
-    """Print an error of usage under ``--json``; how the words are used goes to stderr as always."""
+    """With ``--json``, print usage errors as JSON to stdout; Typer prints its text to stderr."""
     try:
         yield
     except Exception as error:
-        # The class of these errors is Click's, or Typer's own copy of it.
+        # Usage errors are recognised by this method, since their class is Click's or Typer's copy.
         message = getattr(error, "format_message", None)
         if message is not None and _as_json.get() and not _has_answered():
             line = " ".join(message().split())
-            with contextlib.suppress(OSError):  # the words on stderr are what matters
+            with contextlib.suppress(OSError):  # a closed stdout must not hide the text on stderr
                 print(json.dumps({"error": {"code": "usage", "message": line}}), flush=True)
         raise
 
 
 @contextlib.contextmanager
 def _telling_what_is_done() -> Iterator[None]:
-    """Print that a verb was interrupted, and what it notes of its outputs; Typer prints nothing."""
+    """Print that a verb was interrupted, with the error's notes on its output; Typer does not."""
     try:
         yield
     except KeyboardInterrupt as error:
@@ -83,7 +83,7 @@ def _telling_what_is_done() -> Iterator[None]:
 
 
 class _Verbs(TyperGroup):
-    """The verbs by name and one line of help; a verb is loaded when it is resolved."""
+    """The verbs by name and one line of help; a verb's module is imported when it is used."""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
@@ -105,7 +105,7 @@ class _Verbs(TyperGroup):
 
 
 def load(verb: str) -> Any:
-    """Import the module of a verb; return its command, or its group of commands."""
+    """Import the module of a verb, and return its command or its group of commands."""
     module = importlib.import_module(f"manip3d.cli.{'depth' if verb == 'cs3' else verb}")
     if hasattr(module, "app"):
         return typer.main.get_group(module.app)
@@ -154,7 +154,7 @@ def _root(
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:
-    """Run the command line; ends the process with its exit code."""
+    """Run the command line, and end the process with its exit code."""
     from manip3d.errors import Error
 
     words = sys.argv[1:] if arguments is None else arguments
@@ -164,21 +164,21 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     try:
         try:
             if {"--quiet", "-q"} & set(words) and not os.environ.get("MANIP3D_LOG"):
-                os.environ["MANIP3D_LOG"] = "error"  # for the processes of other files, too
+                os.environ["MANIP3D_LOG"] = "error"  # worker processes inherit it
             start_messages()
             app(arguments, prog_name="manip3d")
         finally:
             _flush(sys.stdout)
     except KeyboardInterrupt:
         sys.exit(130)
-    except BrokenPipeError:  # who read the output has read enough
+    except BrokenPipeError:  # the reader of the output has closed the pipe
         sys.exit(1)
     except (Error, OSError) as error:
         _fail(error, _one_line(error), as_json)
     except MemoryError as error:
         _fail(error, "out of memory", as_json)
-    except Exception as error:  # a bug of ours: say so in one line too
-        if isinstance(error.__cause__, KeyboardInterrupt):  # in the import of a compiled module
+    except Exception as error:  # a bug in manip3d is reported in one line, too
+        if isinstance(error.__cause__, KeyboardInterrupt):  # Ctrl-C during a compiled import
             print("manip3d: interrupted", file=sys.stderr)
             sys.exit(130)
         message = f"internal error: {type(error).__name__}: {error} (MANIP3D_LOG=debug: where)"
@@ -187,7 +187,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 
 
 def start_messages() -> None:
-    """Have the log and warnings told as messages, from the level that ``MANIP3D_LOG`` names."""
+    """Configure the log, with the level in ``MANIP3D_LOG``, and the output of warnings."""
     if os.environ.get("MANIP3D_LOG"):
         from manip3d.cli.terminal import configure_logging
 
@@ -196,7 +196,7 @@ def start_messages() -> None:
 
 
 def _show_warnings_in_lines() -> None:
-    """Have warnings told without the place in the code that Python puts before."""
+    """Print warnings in one line, without the file and line number that Python adds."""
 
     def show(
         message: Warning | str,
@@ -215,10 +215,11 @@ def _show_warnings_in_lines() -> None:
 
 
 def _prepare_streams() -> None:
-    """Make the standard streams print any file name, and stand in for those that are closed.
+    """Let the standard streams print any file name, and replace closed ones.
 
-    What is printed to a closed stdout is lost, which is an error; a closed stdin is empty. The
-    numbers of closed streams are taken, lest an output file gets one and is printed into.
+    A closed stdin is replaced by an empty one. A closed stdout is replaced by a read-only
+    descriptor, so that printing to it is an error. The descriptors 0 to 2 are always opened,
+    because an output file could get one of them otherwise, and would receive printed text.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
@@ -234,7 +235,7 @@ def _prepare_streams() -> None:
 
 
 def _flush(stream: TextIO) -> None:
-    """Write out what is buffered; after a failure forget it: Python would try again at exit."""
+    """Flush a stream; if that fails, redirect it, because Python would try again at exit."""
     try:
         stream.flush()
     except OSError:
@@ -251,9 +252,9 @@ def _one_line(error: Exception) -> str:
 
 
 def _fail(error: BaseException, message: str, as_json: bool) -> NoReturn:
-    """One clear line on stderr; the traceback only for ``MANIP3D_LOG=debug``.
+    """Print an error in one line to stderr, and exit with 1.
 
-    Under ``--json`` the code and the details go to stdout.
+    ``MANIP3D_LOG=debug`` adds the traceback. With ``--json``, code and details go to stdout.
     """
     if os.environ.get("MANIP3D_LOG", "").lower() == "debug":
         import traceback
@@ -267,14 +268,14 @@ def _fail(error: BaseException, message: str, as_json: bool) -> NoReturn:
             own = {} if isinstance(error, Error) else {"message": line}
             print(json.dumps({"error": error_details(error) | own}))
             _flush(sys.stdout)
-    with contextlib.suppress(OSError):  # also where stdout has failed
+    with contextlib.suppress(OSError):  # separate, because stdout may have failed
         print("manip3d: error: " + line, file=sys.stderr)
         _flush(sys.stderr)
     sys.exit(1)
 
 
 def _has_answered() -> bool:
-    """Whether stdout holds the verb's result already: that of files that did not fail."""
+    """Return whether a result was printed to stdout already (that of files that succeeded)."""
     from manip3d.cli.terminal import Terminal
 
     return Terminal.has_answered

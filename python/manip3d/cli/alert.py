@@ -47,20 +47,20 @@ app = typer.Typer(
 EXIT_CODES = {"authentic": 0, "no_trace": 0, "tampered": 3, "undecidable": MISSED}
 """Exit code of each verdict."""
 
-_SPEED = 10.0  # m/s, where the drive does not tell
+_SPEED = 10.0  # default speed of the car in m/s, for drives that do not state it
 
 
 @app.callback()
 def _group() -> None:
-    """Keep ``run`` a command of its own."""
+    """Keep ``run`` a subcommand; Typer would drop its name without a callback."""
 
 
 OVERVIEW = "overview.html"
-"""Page of all vehicles, in the folder of the pages of each."""
+"""Name of the page of all vehicles, in the folder with the page of each."""
 
 
 def _overview(summary: Summary, output: str) -> None:
-    """Write the page that shows all vehicles and leads to the page of each."""
+    """Write the page of all vehicles, with links to the page of each."""
     from manip3d import report
     from manip3d.io import local_output
 
@@ -228,20 +228,20 @@ def run(
 
 
 class _FrameLog:
-    """Shows every frame that was judged, and keeps it in the timeline while the disk allows."""
+    """Shows every judged frame, and adds it to the timeline until writing to the disk fails."""
 
     def __init__(self, timeline: AlertTimeline, view: _View) -> None:
         self.timeline = timeline
         self.error: OSError | None = None
-        """Why the timeline lacks frames; the drive is judged all the same."""
+        """Why the timeline is incomplete, or None; the drive is still judged."""
         self.num_blind = 0
-        """Frames that the cameras could not judge."""
+        """Number of frames that the cameras could not judge."""
         self.why_blind = ""
-        """Why they could not judge the first of these."""
+        """Why the cameras could not judge the first of these frames."""
         self._view = view
 
     def add(self, alert: Alert) -> None:
-        """Take the next frame."""
+        """Add the next frame."""
         self._view.show(alert)
         cameras = alert.witnesses["cross-modal"]
         if cameras.verdict == "undecidable":
@@ -265,9 +265,9 @@ def _conclude(
     *,
     as_json: bool,
 ) -> None:
-    """Write and print what was found, and end with the exit code of the verdict.
+    """Write and print the result, and exit with the code of the verdict.
 
-    A timeline that lacks frames is not written.
+    An incomplete timeline is not written.
     """
     verdict, reason = watched.verdict, watched.reason
     timeline, unwritten = log.timeline, log.error
@@ -280,14 +280,14 @@ def _conclude(
         else:
             with suppress(OSError):
                 shell.say(f"wrote {output}")
-    # The numbers of every frame are gathered only for output that holds them.
+    # The summary holds all frames, so that it is made only if an output needs it.
     is_taken = as_json or shell.is_collecting
     summary = timeline.summary(verdict, reason, counts) if is_taken else None
     shell.result(summary, lambda console: _show(console, timeline, verdict, reason, counts))
     if isinstance(watched.stopped, KeyboardInterrupt):
         raise watched.stopped
     if unwritten is not None and verdict != "tampered":
-        raise unwritten  # an alarm is more than an error, an error more than no alarm
+        raise unwritten  # the exit code of an alarm has precedence over that of an error
     raise typer.Exit(EXIT_CODES[verdict])
 
 
@@ -300,7 +300,7 @@ def _refuse_without_key(options: Mapping[str, object]) -> None:
 
 
 class _Files(NamedTuple):
-    """The drive that is watched, and the files that belong to it."""
+    """The source that is watched, and its options."""
 
     source: str
     frames: int | None
@@ -308,13 +308,13 @@ class _Files(NamedTuple):
     rigs: Path | None
     cameras: str | None
     picture: str | None
-    """Folder of the pictures that carry the records; empty: records beside the scans; None: no
-    records are read."""
+    """Folder of the pictures that carry the records; empty: the records are files beside the scans;
+    None: no records are read."""
     note: Callable[[str], None]
 
 
 def _opened(files: _Files) -> WatchedDrive:
-    """The drive with its cameras."""
+    """Open the drive with its cameras."""
     from manip3d import authenticate, capture, datasets, simulate
 
     if files.source.startswith("sim:"):
@@ -350,7 +350,7 @@ def _refuse_files(got: str, expected: str, files: _Files, *names: str) -> None:
 
 
 class _View:
-    """The last frames on a terminal, while they are judged."""
+    """Live table of the last judged frames on a terminal."""
 
     def __init__(self, shell: Terminal, source: str, total: int) -> None:
         self._shell, self._source, self._total = shell, source, total
@@ -375,7 +375,7 @@ class _View:
         self._end()
 
     def _end(self) -> None:
-        """Give the terminal back, where it is still there."""
+        """Restore the terminal, and ignore errors if it was closed."""
         live, self._live = self._live, None
         if live is not None:
             with suppress(OSError, ValueError):
@@ -397,7 +397,7 @@ class _View:
             grid.add_row(*row, style=style)
         try:
             self._live.update(grid, refresh=True)
-        # The terminal is gone, closed or lacks the letters: the drive is judged all the same.
+        # The terminal was closed, or cannot encode the text; the drive is still judged.
         except (OSError, ValueError):
             self._end()
 

@@ -1,4 +1,4 @@
-"""``manip3d forge alert-set``: the frames of table 7.2 as files, whole and attacked."""
+"""``manip3d forge alert-set``: write the frames of table 7.2, original and attacked, as files."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 MANIFEST = "manifest.csv"
 _COLUMNS = ("file", "drive", "frame", "attack", "points", "added", "moved", "removed")
 _SIZES = ("scan_bytes", "truth_bytes")
-"""Further columns of a piece, by which a run that goes on knows that its files are whole."""
+"""Further columns of a piece, by which a resumed run checks that its files are complete."""
 _SETTINGS = "set.json"
 _PIECES = "pieces"
 _PIECE = 5
-"""Frames of a piece: a run that was stopped loses at most so many."""
+"""Number of frames in a piece; a run that is stopped loses at most one piece."""
 
 
 class _Piece(NamedTuple):
-    """Neighbouring frames of a drive, and how many of them are wanted of each attack."""
+    """Consecutive frames of a drive, and the number of frames for each attack."""
 
     drive: int
     first: int
@@ -40,18 +40,18 @@ class _Piece(NamedTuple):
 def write_set(
     output: Path, frames: int | None, seed: int, shell: Terminal, *, force: bool
 ) -> dict[str, Any]:
-    """Write the set, or what an earlier run has left to do of it, and its manifest.
+    """Write the set, or the pieces that an earlier run did not finish, and its manifest.
 
     Raises
     ------
     InputError
-        The folder holds something else, or a set with other settings, without ``force``.
+        Without ``force``: the folder holds other files, or a set with other settings.
     """
     _begin(output, {"seed": seed, "frames": frames}, force=force)
     pieces = list(_pieces(frames))
     rows: list[dict[str, Any]] = []
     with shell.progress("alert-set") as bar:
-        progress = bar or shell.line  # a log gets a line for each piece
+        progress = bar or shell.line  # without a terminal, a line is printed for each piece
         for number, piece in enumerate(pieces):
             done = output / _PIECES / f"drive_{piece.drive}-{piece.first:05d}.csv"
             found = _whole_rows(done, output)
@@ -86,7 +86,7 @@ def _told(settings: object) -> str:
 
 
 def _begin(output: Path, settings: Mapping[str, Any], *, force: bool) -> None:
-    """Make the folder, or see that it holds a part of the same set."""
+    """Create the folder, or check that it holds a part of the same set."""
     path = output / _SETTINGS
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: expected a folder's name, got a file's")
@@ -111,7 +111,7 @@ def _begin(output: Path, settings: Mapping[str, Any], *, force: bool) -> None:
 
 
 def _files_of_set(output: Path) -> list[Path]:
-    """Remove what an earlier run wrote: the pieces first, without which frames are made anew."""
+    """Return the files of an earlier set, pieces first: without these, their frames are remade."""
     from manip3d.experiments import _alert_set
 
     scan = f"{'[0-9]' * 6}.bin.xz"
@@ -134,7 +134,7 @@ def _pieces(frames: int | None) -> Iterator[_Piece]:
 
 
 def _written(piece: _Piece, output: Path, seed: int) -> Iterator[dict[str, Any]]:
-    """Write the scans of a piece with their truth, and return their rows of the manifest."""
+    """Write the scans of a piece with their truth, and yield their rows of the manifest."""
     from manip3d.experiments import _alert_set
 
     street = _alert_set.seed_of(piece.drive, seed)
@@ -172,7 +172,7 @@ def _forged(forged: Forgery, path: Path, place: Mapping[str, Any]) -> dict[str, 
 
 
 def _whole_rows(piece: Path, output: Path) -> list[dict[str, Any]] | None:
-    """The rows of a piece, if its files are all there in the sizes that they had; else None."""
+    """Return the rows of a piece if all its files exist with their recorded sizes, else None."""
     if not piece.is_file():
         return None
     rows: list[dict[str, Any]] = list(csv.DictReader(io.StringIO(regular_bytes(piece).decode())))
@@ -184,7 +184,7 @@ def _whole_rows(piece: Path, output: Path) -> list[dict[str, Any]] | None:
 
 
 def _sizes(path: Path) -> dict[str, int]:
-    """The bytes of a scan and of its truth; 0 where there is none."""
+    """Return the sizes of a scan and of its truth in bytes; 0 for a missing file."""
     files = (path, path.with_name(f"{path.name}.truth.json"))
     return {
         name: file.stat().st_size if file.is_file() else 0

@@ -1,4 +1,4 @@
-"""``manip3d capture``: what can be opened; recording, playing, exporting, looking inside."""
+"""``manip3d capture``: list sources; record, play, export and describe RGB-D recordings."""
 
 from __future__ import annotations
 
@@ -61,14 +61,14 @@ _QUALITY = 90
 
 
 def listing() -> list[dict[str, Any]]:
-    """Every kind of source, with ``reason`` and ``cure`` where it cannot be opened."""
+    """Return a record of each kind of source, with ``reason`` and ``cure`` if it is unavailable."""
     from manip3d import capture
 
     return [asdict(scheme) for scheme in capture.sources()]
 
 
 def show_listing(console: Console, records: list[dict[str, Any]]) -> None:
-    """One line for each kind; what to do about the absent ones below."""
+    """Print one line for each kind of source, and below it the cures of unavailable ones."""
     rows = [
         ("absent" if r["reason"] else "ok", f"{r['name']}:{r['location']}", r["description"])
         for r in records
@@ -89,12 +89,12 @@ def open_source(
     speed: float = 0.0,
     start: int = 0,
 ) -> RgbdSource:
-    """The RGB-D source that the user names by its address, file or folder; says what it is.
+    """Open the RGB-D source at an address, file or folder, and print its size and length.
 
     Raises
     ------
     InputError
-        Nothing that can be opened.
+        The source cannot be opened.
     """
     from manip3d import capture
 
@@ -116,7 +116,7 @@ def open_source(
 
 
 def camera_of_images(text: str, uri: str) -> Intrinsics:
-    """``--intrinsics`` of a folder of images or a bag, whose first image has the size of all."""
+    """Read ``--intrinsics`` of a folder of images or a bag, for the size of its first image."""
     from manip3d.camera import read_intrinsics
     from manip3d.io import read_depth
 
@@ -143,18 +143,18 @@ def camera_of_images(text: str, uri: str) -> Intrinsics:
 
 
 def check_recording_output(output: Path, *, force: bool) -> None:
-    """Check ``-o`` of a recording, whose kind may stand before it: ``tum:walk``, ``mkv:a.mkv``.
+    """Check ``-o`` of a recording, which may have a scheme: ``tum:walk``, ``mkv:a.mkv``.
 
     Raises
     ------
     InputError
-        As `check_output`.
+        See `check_output`.
     """
     check_output(place_of_recording(output), (".mkv",), force=force, folder=True)
 
 
 def place_of_recording(output: Path) -> Path:
-    """The path of a recording, without its kind before it."""
+    """Return the path of a recording without its scheme."""
     scheme, _, place = str(output).partition(":")
     return Path(place) if scheme in ("folder", "mkv", "tum") and place else output
 
@@ -172,12 +172,13 @@ def write_recording(
     before: float = 0.0,
     force: bool,
 ) -> dict[str, Any]:
-    """Write a recording; Ctrl-C ends it whole.
+    """Write a recording; after Ctrl-C it is complete.
 
     Raises
     ------
     InputError
-        The trigger did not come; a recording that was made for it is removed.
+        The source ended before the trigger; a recording that was created is removed. Or it has no
+        frame, while ``output`` is an existing recording.
     """
     from manip3d import capture
     from manip3d.capture._rgbd_record import remove_recording
@@ -185,7 +186,7 @@ def write_recording(
     place = place_of_recording(output)
     was_there = place.exists()
     with ExitStack() as opened:
-        opened.enter_context(source)  # first: it is open, and is closed whatever fails
+        opened.enter_context(source)  # first, so that the source is closed on any error
         begins = None
         if trigger:
             begins, wanted = opened.enter_context(trigger_of(trigger))
@@ -239,9 +240,9 @@ def play(
     force: bool,
     start: int = 0,
 ) -> dict[str, Any]:
-    """Read frame after frame, as fast as the source gives them; pictures of them to ``output``.
+    """Read all frames and measure their rate; write pictures of them to ``output``.
 
-    ``.png`` gets a sheet of up to 24 frames, a folder a picture of each.
+    A ``.png`` file is a contact sheet of up to 24 frames; a folder gets a picture of each frame.
     """
     _refuse_folder_of(source, output)
     pictures = _Pictures(output, force=force)
@@ -271,7 +272,7 @@ def play(
 
 
 def show_play(console: Console, record: dict[str, Any]) -> None:
-    """One line."""
+    """Print the number of frames, the time and the rate, and the source's counters."""
     rate = record["frames_per_second"] or 0.0
     console.print(
         f"{counted(record['frames'], 'frame')} in {record['seconds']:.2f} s, {rate:.1f} /s"
@@ -280,7 +281,7 @@ def show_play(console: Console, record: dict[str, Any]) -> None:
 
 
 def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
-    """Cameras, counts, times and gaps: of the whole recording, of 2 seconds of a live source."""
+    """Return cameras, counts, times and gaps of a recording, or of 2 s of a live source."""
     from manip3d import capture
 
     with terminal.progress("read") as progress:
@@ -288,7 +289,7 @@ def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
 
 
 def show_info(console: Console, record: dict[str, Any]) -> None:
-    """A line for each camera, then what the frames are like."""
+    """Print a line for each camera, then counts, depth range and times of the frames."""
     for name in ("depth", "colour"):
         camera = record[name]
         if camera is None:
@@ -322,7 +323,7 @@ def _show_counters(console: Console, counters: dict[str, int]) -> None:
 
 
 def _spread(total: int | None) -> set[int] | None:
-    """Which of ``total`` frames go into a sheet; None: the first ones."""
+    """Return the indices of the frames of a sheet, spread evenly; None: use the first ones."""
     if total is None:
         return None
     wanted = min(total, _SHEET_FRAMES)
@@ -330,7 +331,10 @@ def _spread(total: int | None) -> set[int] | None:
 
 
 def picture(frame: RgbdFrame) -> NDArray[np.uint8]:
-    """Depth in grey, near is bright, people's pixels tinted; colour beside it."""
+    """Return a picture of a frame: depth in grey (near is bright), and its colour image beside it.
+
+    Pixels of people are tinted.
+    """
     depth = frame.depth.astype(np.float32)
     seen = depth > 0
     near, far = np.percentile(depth[seen], (1, 99)) if seen.any() else (0.0, 1.0)
@@ -348,7 +352,7 @@ def picture(frame: RgbdFrame) -> NDArray[np.uint8]:
 
 
 class _Pictures:
-    """A sheet or a folder of pictures, or nothing."""
+    """Writer of a contact sheet or of a folder of pictures; without output it does nothing."""
 
     def __init__(self, output: Path | None, *, force: bool) -> None:
         self._output = output
@@ -361,7 +365,7 @@ class _Pictures:
         output.mkdir(parents=True, exist_ok=force)
 
     def add(self, frame: RgbdFrame, *, in_sheet: bool) -> None:
-        """One more frame."""
+        """Add a frame."""
         if self._output is None:
             return
         if self._output.suffix:
@@ -372,12 +376,12 @@ class _Pictures:
             _write_png(self._output / f"{self._written:06}.png", picture(frame))
         except OSError:
             with suppress(OSError):
-                self._output.rmdir()  # if it is empty
+                self._output.rmdir()  # fails if the folder is not empty
             raise
         self._written += 1
 
     def finish(self) -> None:
-        """Write the sheet, or remove the pictures of a longer, older recording."""
+        """Write the sheet; in a folder, remove pictures with higher numbers from an earlier run."""
         if self._output is None:
             return
         if self._output.suffix:
@@ -389,7 +393,7 @@ class _Pictures:
 
 
 def _refuse_folder_of(source: RgbdSource, output: Path | None) -> None:
-    """Refuse to write pictures among those that are read."""
+    """Refuse an output inside the folder of the recording that is read."""
     folder = Path(source.uri.partition(":")[2].partition("?")[0])
     if output is None or not folder.is_dir():
         return
@@ -398,12 +402,12 @@ def _refuse_folder_of(source: RgbdSource, output: Path | None) -> None:
 
 
 def _tiled(images: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Pictures in rows, as many columns as rows or a few more."""
+    """Return the pictures as a grid with ceil(sqrt(n)) columns."""
     tiles = list(images)
     if not tiles:
         raise InputError("source: expected a frame, found none")
     height, width = (max(image.shape[axis] for image in tiles) for axis in (0, 1))
-    step = max(1, round(width / 400))  # a sheet is looked at as a whole
+    step = max(1, round(width / 400))  # reduces each picture to about 400 columns
     columns = int(np.ceil(np.sqrt(len(tiles))))
     rows = -(-len(tiles) // columns)
     height, width = -(-height // step), -(-width // step)

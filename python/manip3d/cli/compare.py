@@ -1,4 +1,4 @@
-"""``manip3d compare``: how far one mesh is from another."""
+"""``manip3d compare``: measure the distance of a mesh from its original."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 
 
 def _originals(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
-    """The original of each file: one for all, or that of its name in a folder of originals.
+    """Return the original of each file: the same for all, or by name in a folder of originals.
 
-    The name may have the suffix of the original: head.obj.glb is of head.obj, not of head.ply.
+    A file's name may include the suffix of its original: head.obj.glb belongs to head.obj, not to
+    head.ply.
     """
     from manip3d.batch import find_files, is_folder
 
@@ -90,7 +91,7 @@ def compare(
 
 
 def _record(found: Comparison) -> dict[str, Any]:
-    """The measures for ``--json``."""
+    """Return the measures for ``--json``."""
     record: dict[str, Any] = {
         "faces": list(found.faces),
         "metro": {"vertex": asdict(found.metro_vertex), "area": asdict(found.metro_area)},

@@ -1,4 +1,4 @@
-"""``manip3d convert``: another format, and on request metres and +y up."""
+"""``manip3d convert``: write another format, optionally in metres with +y up."""
 
 from __future__ import annotations
 

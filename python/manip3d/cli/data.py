@@ -1,4 +1,4 @@
-"""``manip3d data``: the registry's data sets on this machine."""
+"""``manip3d data``: list and download the registered data sets."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ app = typer.Typer(
 
 
 def listing() -> list[dict[str, Any]]:
-    """Every data set: name, kind, size, licence, and where it lies or how to get it."""
+    """Return a record of each data set: name, kind, size, licence, and its path if it is here."""
     from manip3d import datasets
 
     return [
@@ -44,7 +44,7 @@ def listing() -> list[dict[str, Any]]:
 
 
 def show(console: Console, records: list[dict[str, Any]]) -> None:
-    """One line per data set, then where data is looked for."""
+    """Print one line per data set, then the folder in which data is searched."""
     from manip3d import datasets
 
     rows = [
@@ -68,7 +68,7 @@ def _state(record: dict[str, Any]) -> str:
 
 
 def get(names: list[str], terminal: Terminal) -> None:
-    """Fetch data sets, each licence shown before its bytes; say where they are, or the steps."""
+    """Download data sets; print the licence first, then the paths, or the steps to do by hand."""
     from manip3d import datasets
 
     failed = []
@@ -85,7 +85,7 @@ def get(names: list[str], terminal: Terminal) -> None:
 
 
 def _fetch(data_set: DataSet, terminal: Terminal) -> str:
-    """Fetch one data set; return why that cannot be done, or an empty string."""
+    """Download one data set; return why that failed, or an empty string."""
     from manip3d import datasets
 
     if not datasets.is_fetchable(data_set):

@@ -1,4 +1,4 @@
-"""``manip3d demo``: what this is for, on one page."""
+"""``manip3d demo``: run the demo and open its page."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def demo(
 
 
 def tell(folder: Path, *, data: Any, seed: int, jobs: int, terminal: Terminal) -> Demo:
-    """Run the demo into a folder, new or of an earlier demo; say where its page is."""
+    """Run the demo in a new folder or in that of an earlier demo, and print the page's path."""
     from manip3d.report.demo import run_demo
 
     refuse_foreign_folder(folder, force=False)
@@ -64,7 +64,7 @@ def tell(folder: Path, *, data: Any, seed: int, jobs: int, terminal: Terminal) -
 
 
 def open_page(path: Path, terminal: Terminal) -> None:
-    """Open the report where there is a screen and a browser."""
+    """Open the page in a browser, if there is a display."""
     import webbrowser
 
     if terminal.quiet or not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

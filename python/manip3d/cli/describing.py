@@ -1,4 +1,4 @@
-"""``manip3d info``: what a mesh or a depth image is made of."""
+"""Summaries of meshes and depth images, for ``manip3d info``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LABELS = {
 
 
 def summary(source: str, terminal: Terminal) -> dict[str, Any]:
-    """All counts of the mesh, its materials and their textures."""
+    """Return all counts of a mesh, its materials and their textures."""
     mesh = open_mesh(source, terminal, may_be_empty=True)
     materials = [
         {"name": m.name, "textures": {role: t.path for role, t in m.textures.items()}}
@@ -33,7 +33,7 @@ def summary(source: str, terminal: Terminal) -> dict[str, Any]:
 
 
 def show(console: Console, record: dict[str, Any]) -> None:
-    """The counts, as stored beside welded where both exist."""
+    """Print the counts, as stored and welded if both exist, then bounds and materials."""
     rows = []
     for name, value in record.items():
         if name.endswith("_welded") or not isinstance(value, int):
@@ -63,7 +63,7 @@ def _cell(value: int) -> str:
 
 
 def depth_summary(source: str, unit: str) -> dict[str, Any]:
-    """Size, unit, measured pixels and distances of a depth image."""
+    """Return size, unit, number of measured pixels and depth range of a depth image."""
     from manip3d.io import read_depth_guessing
 
     reading = read_depth_guessing(source, unit=unit)
@@ -82,7 +82,7 @@ def depth_summary(source: str, unit: str) -> dict[str, Any]:
 
 
 def show_depth(console: Console, record: dict[str, Any]) -> None:
-    """Print the image's size, how much of it was measured, and how far away that is."""
+    """Print the image's size, the share of measured pixels, unit and depth range."""
     share = record["measured"] / record["pixels"]
     console.print(f"{record['width']} x {record['height']} pixels, {share:.0%} of them measured")
     console.print(record["told"])

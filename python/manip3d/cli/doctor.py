@@ -1,4 +1,4 @@
-"""``manip3d doctor``: what is here, what is missing, why, and the cure."""
+"""``manip3d doctor``: report what is installed and what is missing, why, and the cure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def examine() -> list[dict[str, Any]]:
-    """Checks in the order of a reader's questions.
+    """Return the results of all checks, in the order of the output.
 
     Each has ``what``, ``state`` ('ok', 'missing' or 'broken'), ``detail`` and ``cure``.
     """
@@ -37,7 +37,7 @@ def _core() -> dict[str, Any]:
     detail = f"manip3d {__version__}, Python {platform.python_version()}, {platform.machine()}"
     try:
         Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).validate()
-    except Exception as error:  # whatever it is, the doctor reports it
+    except Exception as error:  # the report states any error
         return _check("core", "broken", f"{detail}: {error}", "install manip3d again")
     return _check("core", "ok", f"{detail}, {len(os.sched_getaffinity(0))} cores")
 
@@ -116,7 +116,7 @@ def _settings() -> list[dict[str, Any]]:
 
 
 def show(console: Console, checks: list[dict[str, Any]]) -> None:
-    """One line per check; cures below what needs them."""
+    """Print one line per check, then the cures."""
     signs = {"ok": "ok", "missing": "missing", "broken": "BROKEN"}
     rows = [(signs[c["state"]], c["what"], c["detail"]) for c in checks]
     table(console, rows, ("state", "what", "detail"))

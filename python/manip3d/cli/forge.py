@@ -1,4 +1,4 @@
-"""``manip3d forge``: a forged scan or RGB-D stream, and its truth beside it."""
+"""``manip3d forge``: write forged scans and RGB-D streams, with their truth beside them."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ app = typer.Typer(
 
 @dataclass(frozen=True)
 class Order:
-    """Options of the command line; those that an attack does not use stay None."""
+    """Options of ``forge lidar``; each attack uses some of them."""
 
     hoax: str | None
     position: Sequence[float] | None
@@ -76,7 +76,7 @@ class Order:
 def forge_scan(
     attack: str, source: str, output: Path, order: Order, terminal: Terminal, *, force: bool
 ) -> dict[str, Any]:
-    """Forge a scan and write it, in its own format, with the truth as ``OUT.truth.json``.
+    """Forge a scan and write it, with the truth as ``OUT.truth.json``.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def forge_scan(
         An option that the attack needs is missing; the attack would change nothing; the truth
         file exists without ``force``.
     FormatError, OSError
-        As `manip3d.io.read_scan`.
+        See `manip3d.io.read_scan`.
     """
     import manip3d
 
@@ -264,7 +264,7 @@ ATTACKS: dict[str, Callable[[LidarFrame, Order], Forgery]] = {
 
 
 def _hoax(order: Order) -> Any:
-    """The hoax: a mesh, or points of a scan file."""
+    """Read the hoax: a mesh with z up, or a scan."""
     import manip3d
     from manip3d.cli.sources import mesh_suffix
     from manip3d.io import READABLE
@@ -282,7 +282,10 @@ def _hoax(order: Order) -> Any:
 
 
 def _seen_object(frame: LidarFrame, order: Order) -> LidarFrame:
-    """The object of the box, as the scanner saw it in the hoax's scan, else in the scan itself."""
+    """Return the points in the box, from the hoax's scan or, without a hoax, from the scan itself.
+
+    Without a box, the nearest object is used.
+    """
     import manip3d
     from manip3d import forge
 
@@ -457,7 +460,7 @@ def alert_set(
 
 
 class Method(StrEnum):
-    """How a mesh follows a skeleton."""
+    """Skinning method, by which a mesh follows a skeleton."""
 
     lbs = "lbs"
     rigid = "rigid"
@@ -465,7 +468,7 @@ class Method(StrEnum):
 
 
 class Scope(StrEnum):
-    """Which bones follow a pose."""
+    """Bones that follow a pose."""
 
     limbs = "limbs"
     body = "body"
@@ -490,10 +493,10 @@ def forge_frames(
     Raises
     ------
     InputError
-        An option does not fit; the truth file exists without ``force``; a live source without
-        ``frames``; no frame that was written has a forged pixel.
+        An option does not fit; the truth file exists without ``force``; the source is live, and
+        ``frames`` is not given; no frame that was written has a forged pixel.
     FormatError, DeviceError, OSError
-        A source raised it.
+        A source cannot be read.
     """
     from manip3d import forge
 
@@ -543,10 +546,10 @@ def forge_frames(
 
 @dataclass(frozen=True)
 class _WithoutOldTruth:
-    """A forged stream that removes the truth of an old recording before its first frame is forged.
+    """A forged stream that removes the truth file of an old recording before its first frame.
 
-    The recorder has removed the old recording by then: one that is stopped, or never begins, would
-    stand beside the truth about another one.
+    The recorder has removed the old recording by then. If the new recording is stopped early, the
+    old truth would otherwise lie beside it.
     """
 
     stream: ForgedStream
@@ -578,9 +581,9 @@ def _record(
 def _open_bounded(
     place: str, frames: int | None, terminal: Terminal, intrinsics: str = ""
 ) -> RgbdSource:
-    """A source that ends, or of which a number of frames is wanted.
+    """Open a source; raise if it is live and ``frames`` is None, because it would not end.
 
-    Its own calibration counts; ``intrinsics`` are for those that have none.
+    ``intrinsics`` are used only if the source has no calibration of its own.
     """
     from manip3d.cli.capture import open_source
 
@@ -606,7 +609,7 @@ def _first(opened: RgbdSource, most: int | None) -> list[RgbdFrame]:
 def _motion(
     pose: str, step_ns: float, frames: int | None, terminal: Terminal
 ) -> Sequence[RgbdFrame | Skeleton]:
-    """The poses of a motion file at the rate of the people's frames, or of any source."""
+    """Return the poses of a motion file or of another source at the pace of the person's frames."""
     from manip3d import forge
 
     if not pose.lower().endswith(".bvh"):
@@ -787,7 +790,7 @@ def forge_people(
             seed=seed,
             jobs=jobs,
             overwrite=force,
-            progress=progress or shell.line,  # a log gets a line for each
+            progress=progress or shell.line,  # without a terminal, a line is printed for each
             on_error=lambda name, error: shell.say(f"error: {name}: {error}"),
         )
     resumed = f", {made.resumed} of them there already" if made.resumed else ""

@@ -1,4 +1,4 @@
-"""``manip3d inspect``: has this scan or RGB-D recording been edited?"""
+"""``manip3d inspect``: look for edits of scans, drives and RGB-D recordings."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": 
 """Exit code of each verdict."""
 
 _KEPT_BYTES, _KEPT_ARRAY_BYTES = 256 << 20, 32 << 20
-"""Freed memory that the process keeps at most at the end of its heap; the largest array that it
-keeps, which is the most that glibc allows."""
+"""Largest amount of freed memory that the process keeps at the end of its heap, and largest array
+that is allocated on the heap (glibc's maximum), in bytes."""
 
 GRAVEST_FIRST = ("tampered", "processed", "undecidable", "no_trace")
 
 
 def _check_for_many(options: Mapping[str, Any]) -> None:
-    """Refuse options that belong to one scan, and logs that cannot be written."""
+    """Refuse options that are valid only for a single scan, and logs that cannot be written."""
     for name in ("previous", "following", "watermark", "rows"):
         if options[name] is not None:
             raise InputError(f"--{name}: can only be given with a single scan, got several")
@@ -69,8 +69,10 @@ def _check_for_many(options: Mapping[str, Any]) -> None:
 
 
 def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any]) -> int:
-    """The code of the gravest verdict that has one; 1 if a source or a scan of a drive could not be
-    read and nothing is tampered."""
+    """Return the exit code of the gravest verdict whose code is not 0.
+
+    It is 1 if a source, or a scan of a drive, could not be read, unless something is tampered.
+    """
     codes = _exit_codes(options["policy"])
     verdicts = {row.get("verdict") for row in rows}
     if any(row.get("failed") or row.get("error") for row in rows):
@@ -79,7 +81,7 @@ def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any])
 
 
 def _records(source: str) -> list[Path]:
-    """The watermark's record of a scan, which is used where there is a key."""
+    """Return the path of a scan's watermark record, which is an input if a key is given."""
     from manip3d import authenticate
 
     return [] if is_url(source) else [authenticate.find_record(source)]
@@ -92,7 +94,10 @@ def _stamp_of_keys(options: Mapping[str, Any]) -> str:
 
 
 def _name_copies(rows: Sequence[dict[str, Any]]) -> None:
-    """Say of each scan which one before it has its points, in any order and nearly all of them."""
+    """Add ``same_points_as`` to each row: the first earlier scan with nearly the same points.
+
+    The order of the points does not matter.
+    """
     from manip3d.authenticate._repeats import first_copies
 
     known = [row for row in rows if row.get("points_id")]
@@ -101,8 +106,10 @@ def _name_copies(rows: Sequence[dict[str, Any]]) -> None:
 
 
 def _find_scans(sources: Sequence[str], *, suffixes: Sequence[str]) -> list[SourceFile]:
-    """The scans and recordings that sources stand for; of a folder without any scan also texts and
-    arrays with points."""
+    """Return the scans and recordings to which the sources refer.
+
+    If a folder has no scans, its text files and arrays with points are scans.
+    """
     from manip3d._util.paths import by_number
     from manip3d.batch import find_files
 
@@ -124,9 +131,9 @@ def _find_scans(sources: Sequence[str], *, suffixes: Sequence[str]) -> list[Sour
 
 
 def _check_no_pictures(source: str, texts: Sequence[SourceFile]) -> None:
-    """Refuse a folder of depth images that is laid out otherwise than a recording.
+    """Refuse a folder of depth images that does not have the layout of a recording.
 
-    The texts beside the images are poses and cameras then, not scans.
+    The text files in such a folder are poses and cameras, and no scans.
     """
     if is_url(source) or not Path(source).is_dir() or not all(map(_is_text, texts)):
         return
@@ -151,7 +158,7 @@ def _is_depth(path: Path) -> bool:
 
 
 def _exported(source: str) -> list[SourceFile]:
-    """The texts and arrays with points of a folder; of another source none."""
+    """Return the text files and arrays with points in a folder; empty for other sources."""
     from manip3d.batch import find_files
 
     if is_url(source) or not Path(source).is_dir():
@@ -361,10 +368,10 @@ def inspect(
 
 
 def _keep_freed_memory() -> None:
-    """Have glibc keep what was freed for the next arrays; other C libraries are left as they are.
+    """Let glibc keep freed memory for following arrays; do nothing with other C libraries.
 
-    A scan is looked at in some hundred arrays of a megabyte, one after the other. Pages that the
-    system clears anew for each of them are a fifth of the time.
+    An inspection allocates some hundred arrays of a megabyte one after the other. If the operating
+    system provides cleared pages for each of them, that is a fifth of the time.
     """
     trim_threshold, mmap_threshold = -1, -3  # M_TRIM_THRESHOLD, M_MMAP_THRESHOLD of malloc.h
     if sys.platform != "linux":
@@ -377,8 +384,8 @@ def _keep_freed_memory() -> None:
 
 
 def _code_of_drive(together: DriveInspection, codes: Mapping[str, int], shell: Terminal) -> int:
-    """The code of a drive's verdict; 1 if a scan could not be read and it is not tampered."""
-    if together.num_missing and not shell.is_collecting:  # of a row the table tells
+    """Return the code of a drive's verdict; 1 if a scan could not be read, unless tampered."""
+    if together.num_missing and not shell.is_collecting:  # for several drives, the table states it
         told = f"{count(together.num_missing)} of {counted(together.num_scans, 'scan')}"
         print(f"manip3d: error: {told} could not be read", file=sys.stderr)
     code = codes[together.verdict]
@@ -395,7 +402,7 @@ def _hand_out(
     rows: Path | None,
     log: Path | None,
 ) -> None:
-    """Write the files that were asked for, then show the result."""
+    """Write the output files that are given, then print the result."""
     from manip3d import authenticate, report
 
     if output is not None:
@@ -413,7 +420,7 @@ def _hand_out(
 
 
 def _refuse(expected: str, got: str, **options: object) -> None:
-    """Refuse options that say nothing of such a source."""
+    """Refuse options that have no meaning for this kind of source."""
     for name, value in options.items():
         if value is not None:
             raise InputError(f"--{name}: can only be given with {expected}, got {got}")
@@ -425,7 +432,7 @@ def _check_plant(plant: int, *, power: bool) -> None:
 
 
 def _check_log(log: Path | None) -> None:
-    """Refuse a log that could not be appended to, before anything is read."""
+    """Refuse a log to which nothing can be appended, before any scan is read."""
     if log is not None:
         from manip3d.report._case_log import check_log
 
@@ -448,7 +455,7 @@ def _keys_of(paths: Sequence[Path] | None) -> AbstractContextManager[KeyRing | N
 
 
 def _record_of(source: str, record: Path | None, key: Sequence[Path] | None) -> bytes | None:
-    """The record that was named, or the one beside the scan; b'' is a record that is missing."""
+    """Return the given record, or with a key the one beside the scan (b'' if that is missing)."""
     from manip3d import authenticate
 
     if record is None and not key:
@@ -471,7 +478,7 @@ def inspect_drive(
     key: KeyRing | None,
     options: Mapping[str, Any],
 ) -> DriveInspection:
-    """Inspect scan after scan, a line each, and return what they say together."""
+    """Inspect the scans of a drive, print a line for each, and return the joint verdict."""
     import json
 
     from manip3d import authenticate, capture, datasets, report
@@ -528,8 +535,8 @@ def inspect_drive(
 _WITHOUT_MAPS: Mapping[str, Any] = {
     "density": None, "occlusion": None, "generic": None, "scan": None, "watermark": None,
 }  # fmt: skip
-"""What a drive's results go without, so that memory does not grow with them. What the turns say
-stays: the regions, and how the scanner moved."""
+"""Large parts that are removed from the results of a drive's scans to save memory. Results of
+detector IV, regions and motion of the scanner, are kept."""
 
 
 def show_drive(
@@ -551,7 +558,7 @@ def show_drive(
 
 
 def _is_rgbd(source: str) -> bool:
-    """Whether an address is one of RGB-D frames."""
+    """Return whether an address has a scheme of RGB-D sources."""
     scheme, colon, _ = source.partition(":")
     if not colon or Path(source).exists():
         return False
@@ -564,7 +571,7 @@ def _is_rgbd(source: str) -> bool:
 def inspect_recording(
     source: str, output: Path | None, log: Path | None, shell: Terminal, *, intrinsics: str = ""
 ) -> str:
-    """Inspect an RGB-D recording, print and write what was found, and return the verdict."""
+    """Inspect an RGB-D recording, print and write the results, and return the verdict."""
     from manip3d import authenticate, report
     from manip3d.cli.capture import open_source
 
@@ -586,7 +593,7 @@ def inspect_recording(
 
 
 def show_stream(console: Console, found: StreamInspection) -> None:
-    """Print the verdicts with their reasons and where something was inserted."""
+    """Print the verdicts with their reasons, the power, and the boxes of inserted parts."""
     console.print(f"{found.verdict}: {found.reason}", soft_wrap=True)
     console.print()
     rows = [
@@ -610,7 +617,7 @@ def show_stream(console: Console, found: StreamInspection) -> None:
 
 
 def _exit_codes(policy: str) -> dict[str, int]:
-    """The exit codes, with those of a policy such as ``processed=0,undecidable=0``."""
+    """Return the exit codes, changed by a policy such as ``processed=0,undecidable=0``."""
     codes = dict(EXIT_CODES)
     for part in filter(None, policy.split(",")):
         verdict, _, code = part.partition("=")

@@ -1,4 +1,4 @@
-"""The kind of thing that a source is, and which commands take it."""
+"""Kinds of sources (mesh, scan, recording, ...), and the commands that accept each kind."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ _POINTS_IN = {
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
 
 SHOWN = ("mesh", "scan", "range grid", "depth", "packets", "recording", "drive")
-"""The kinds that info and view take."""
+"""Kinds that ``info`` and ``view`` accept."""
 
 WHOLE = ("recording", "packets")
-"""The kinds of folders that are one source each, whatever files they hold."""
+"""Kinds of folders that are a single source, although they hold many files."""
 
 RECORDING = ("recording",)
-"""The kind of folder that is one source for what takes RGB-D recordings."""
+"""The same for commands that accept RGB-D recordings only."""
 
 NO_RECORDING = (
     ". A folder is an RGB-D recording if it holds frames.jsonl, depth images in depth/ (colour "
     "images in color/), the lists depth.txt and rgb.txt of a TUM sequence, or a trial of UTD-MHAD"
 )
-"""Advice about a folder in which nothing is a recording."""
+"""Advice in an error about a folder without any recording."""
 
 NAMES = {
     "mesh": "a mesh",
@@ -75,28 +75,28 @@ VERBS = {
     "results": "report",
     "folder": "simplify and play (of meshes), depth (of depth images), info and view (of a drive)",
 }
-"""The commands that take each kind."""
+"""Commands that accept each kind."""
 
 
 def kind_of(source: str) -> str:
-    """Return the kind of a source, one of `NAMES`.
+    """Return the kind of a source, one of `NAMES`; ``stream`` for an address or stdin.
 
     Raises
     ------
     FormatError
         A ROS 1 bag has no index.
     OSError
-        There is no such file or folder.
+        The file or folder does not exist.
     """
     if source == "-" or (":" in source and not Path(source).exists()):
         return "stream"
     path = Path(source)
     file, mark, _ = source.rpartition("#")
     if mark and not path.exists() and Path(file).exists():
-        path = Path(file)  # a bag, of which a topic is asked for
+        path = Path(file)  # a bag followed by a topic, or a recording followed by a sensor's number
     if path.is_dir():
         return _kind_of_folder(path)
-    path.stat()  # a missing file is an OSError that names it
+    path.stat()  # raises OSError, which names the file, if it does not exist
     suffix = _suffix(path)
     if suffix in (".pcap", ".pcapng", ".osf"):
         return "packets"
@@ -110,7 +110,8 @@ def kind_of(source: str) -> str:
         return _kind_of_ply(path)
     if suffix in SCAN_SUFFIXES and (suffix not in (".npy", ".npz") or holds_points(path)):
         return "scan"
-    from manip3d.io import DEPTH_SUFFIXES, READABLE, is_color_png  # with all readers of meshes
+    # Imported here, because this loads all readers of meshes.
+    from manip3d.io import DEPTH_SUFFIXES, READABLE, is_color_png
 
     if suffix in READABLE and suffix not in SCAN_SUFFIXES:
         return "mesh"
@@ -122,12 +123,12 @@ def kind_of(source: str) -> str:
 
 
 class OtherKindError(InputError):
-    """A source of a kind that the command does not take.
+    """Raised for a source of a kind that the command does not accept.
 
     Attributes
     ----------
     kind : str
-        Its kind, in words of `NAMES`.
+        The kind, as a value of `NAMES`.
     """
 
     def __init__(self, message: str, kind: str) -> None:
@@ -139,20 +140,20 @@ class OtherKindError(InputError):
 
 
 def expect_kind(source: str, *kinds: str, verb: str) -> str:
-    """Return the kind of a source that the command takes.
+    """Return the kind of a source, and raise if the command does not accept that kind.
 
     Raises
     ------
     OtherKindError
-        The source is of another kind; the message says which commands take that.
+        The source has another kind; the message names the commands that accept it.
     OSError
-        There is no such file or folder.
+        The file or folder does not exist.
     """
     kind = kind_of(source)
     if kind == "unknown" and (advice := scan_advice(Path(source))) is not None:
         raise OtherKindError(f"{source}: {advice}", NAMES[kind])
     if kind in ("stream", *kinds) or (kind == "unknown" and "mesh" in kinds):
-        return kind  # the reader of meshes looks into files of any name
+        return kind  # the mesh reader recognises files of any name by their content
     *others, last = (NAMES[name] for name in kinds)
     wanted = f"{', '.join(others)} or {last}" if others else last
     takers = f". Commands that take {NAMES[kind]}: {VERBS[kind]}" if kind in VERBS else ""
@@ -181,7 +182,7 @@ def _kind_of_folder(path: Path) -> str:
     names = ("frames.jsonl", "depth.txt", "depth")
     if any((path / name).exists() for name in names):
         return "recording"
-    if (path / "metadata.yaml").is_file():  # of a ROS 2 bag
+    if (path / "metadata.yaml").is_file():  # a ROS 2 bag
         from manip3d.capture import holds_clouds
 
         return "packets" if holds_clouds(path) else "recording"
@@ -191,26 +192,26 @@ def _kind_of_folder(path: Path) -> str:
 
 
 def _kind_of_ply(path: Path) -> str:
-    """A mesh has faces, a range scan has a grid, a scan has points only."""
+    """Return the kind of a PLY file: a mesh has faces, a range scan a grid, a scan only points."""
     elements = ply_elements(path)
     if elements is None:
         return "mesh"
     if b"range_grid" in elements:
         return "range grid"
     if not elements:
-        return "unknown"  # damaged
+        return "unknown"  # a damaged file
     return "scan" if are_points_only(elements) else "mesh"
 
 
 def shown_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of files that info and view take from a folder."""
+    """Return the suffixes of the files of a folder that ``info`` and ``view`` read."""
     from manip3d.io import DEPTH_SUFFIXES, READABLE
 
     return (*READABLE, *FOLDER_SUFFIXES, *DEPTH_SUFFIXES, *_RECORDINGS)
 
 
 def inspected_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of scans and recordings that inspect takes from a folder."""
+    """Return the suffixes of the scans and recordings of a folder that ``inspect`` reads."""
     return (*FOLDER_SUFFIXES, *_RECORDINGS)
 
 
@@ -232,10 +233,11 @@ def converted_suffixes() -> tuple[str, ...]:
 
 
 def own_sources(files: list[SourceFile]) -> list[SourceFile]:
-    """Leave out what lies in a folder beside sources: buffers and textures of meshes, truths.
+    """Remove files that are no sources: buffers and textures of meshes, truths of forgeries.
 
     The ``.bin`` of a glTF file is no scan, a texture of 16 bits is no depth image, and the truth of
-    a forgery (``OUT.truth.npz``) is neither. What a user names, or what a pattern matches, stays.
+    a forgery (``OUT.truth.npz``) is neither. Files that the user names, also by a pattern, are
+    kept.
     """
     from manip3d.io import READABLE
 
@@ -248,7 +250,7 @@ def own_sources(files: list[SourceFile]) -> list[SourceFile]:
 
 
 def _all_named(sources: list[str]) -> Iterator[str]:
-    """All that sources name, and that what they name does: a material library names textures."""
+    """Yield all files to which sources refer, directly or through others (material libraries)."""
     waiting = [source for source in sources if reads_beside(PurePosixPath(source))]
     seen = set(waiting)
     while waiting:

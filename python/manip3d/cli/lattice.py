@@ -1,4 +1,4 @@
-"""``manip3d lattice``: the lattice of a scanner, and what `inspect` finds with it."""
+"""``manip3d lattice``: estimate the lattice of a scanner, and the power of ``inspect`` with it."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def lattice(
 
 
 def _show(console: Console, found: dict[str, Any]) -> None:
-    """Print what the lattice is made of, and the power."""
+    """Print the numbers of lasers and steps of the lattice, and its power."""
     console.print(
         f"{found['lasers']} lasers, {found['steps']} steps of the encoder a turn (0: none found), "
         f"ranges in steps of {1000 * found['range_step']:g} mm (0: none found)",

@@ -1,4 +1,4 @@
-"""``manip3d lod``: levels of detail of a mesh."""
+"""``manip3d lod``: write levels of detail of a mesh."""
 
 from __future__ import annotations
 

@@ -36,28 +36,29 @@ if TYPE_CHECKING:
     from manip3d.batch import SourceFile, Summary
 
 Verb = Callable[..., None]
-_GRAVEST_FIRST = (3, 1, 4)  # tampering outranks what could not be read
+_GRAVEST_FIRST = (3, 1, 4)  # exit codes: tampered, then failed, then undecidable
 
 
 @dataclass(frozen=True)
 class Many:
-    """Rules by which a verb takes many files.
+    """Rules by which a verb processes many files.
 
     Attributes
     ----------
     suffixes : sequence of str
-        Files of a folder that are taken.
+        Suffixes of the files of a folder that are sources.
     to : str
         Suffix of the outputs; empty: that of the source.
     writable : sequence of str
-        Suffixes that the verb writes; a source with another one becomes ``otherwise``.
+        Suffixes that the verb writes.
     otherwise : str
+        Suffix of the outputs of sources whose suffix is not in ``writable``.
     noun : str
-        What one source is.
+        Word for one source in messages.
     find : callable
-        Lists the sources, as `manip3d.batch.find_files` does.
+        Function that lists the sources; default: `manip3d.batch.find_files`.
     whole : sequence of str
-        Kinds of folders that are one source each (`kinds.kind_of`), named or in a folder.
+        Kinds of folders (`kinds.kind_of`) that are a single source, named or within a folder.
     """
 
     suffixes: Sequence[str]
@@ -74,9 +75,9 @@ class Many:
         Raises
         ------
         InputError
-            There is none, or `to` is not a suffix that the verb writes.
+            There are no files, or `to` is not a suffix that the verb writes.
         OSError
-            A source is not there.
+            A source does not exist.
         """
         from manip3d.batch import find_files
 
@@ -105,7 +106,7 @@ class Many:
         return [found[name] for name in sorted(found, key=by_number)]
 
     def _whole_folders(self, source: Path) -> Iterator[SourceFile]:
-        """Return the folder if it is one source, such as a recording, else the sources in it."""
+        """Yield the folder if it is a single source, such as a recording, else those within it."""
         from manip3d.batch import SourceFile
         from manip3d.batch._stamps import stamp_of_folder
 
@@ -121,16 +122,16 @@ class Many:
     def _is_whole(self, folder: str) -> bool:
         try:
             return kinds.kind_of(folder) in self.whole
-        except Error:  # a recording that is damaged: the verb says in what way
+        except Error:  # a damaged recording, about which the verb raises an error
             return True
 
     def check_folder(self, sources: Sequence[str], output: object) -> None:
-        """Refuse an output that is named like one file, where each source gets a file of its own.
+        """Refuse the name of a file as the output of several sources, which needs a folder.
 
         Raises
         ------
         InputError
-            It has a suffix that the verb writes, and is not a folder that is there.
+            The output has a suffix that the verb writes, and is not an existing folder.
         """
         suffix = PurePosixPath(str(output or "")).suffix.lower()
         if suffix not in self.writable or not suffix or Path(str(output)).is_dir():
@@ -139,10 +140,10 @@ class Many:
         raise InputError(f"--output: expected a folder for {more}, got the file name {output}")
 
     def names(self, files: Sequence[SourceFile]) -> dict[str, str]:
-        """Return the name of each output, by that of its source.
+        """Return the name of each output by the name of its source.
 
-        Sources that differ in their suffix only keep it: head.ply and head.obj become head.ply.glb
-        and head.obj.glb.
+        If sources differ only in their suffix, it is kept: head.ply and head.obj become
+        head.ply.glb and head.obj.glb.
         """
         named = {file.relative: self.rename(file.relative) for file in files}
         uses = Counter(named.values())
@@ -196,24 +197,24 @@ def over_files(
     argument : str
         The verb's argument that takes several files.
     suffixes, writable : callable
-        As for `Many`; called when a command runs.
+        Return the attributes of `Many`; they are called when a command runs.
     otherwise : str
-        As for `Many`.
+        See `Many`.
     prepare : callable(files, options), optional
-        Returns options of single files, by their names; it may also change the common options.
+        Returns options of single files by their names; it may also change the common options.
     drives : bool
-        Each source is a whole drive, as `manip3d.batch.find_drives` finds them.
+        Whether each source is a whole drive, found by `manip3d.batch.find_drives`.
     whole : sequence of str
-        As for `Many`.
+        See `Many`.
     has_to : bool
-        The command has the option ``--to``, if it has outputs.
+        Whether the command gets the option ``--to``, if it has outputs.
     depends : callable(options) -> str
-        Text for everything else that results depend on, such as the content of a key file. Stored
-        rows are used again only if it is the same.
+        Returns a text that changes with all else on which results depend, such as the content of a
+        key file. Stored rows are used again only if it is the same.
     finish : callable(summary, output)
         Called at the end of a run with an output.
     choose : callable(files) -> files
-        Leaves out files that are not sources themselves.
+        Returns the files without those that are no sources themselves.
     skipped_code : int
         Exit code of a file that is skipped because the verb does not take its kind.
     exit_code : callable(rows, options) -> int, optional
@@ -229,7 +230,7 @@ def over_files(
         They are inputs, as are all options that are files or folders: a row is made again when an
         input changes.
     resumes : bool
-        False: rows of an earlier run are not used again, because results must be current.
+        Whether rows of an earlier run are used again; False if results must be current.
     together : callable(sources, options) -> bool, optional
         Makes one result of all files if the options ask for it, and returns whether it did;
         ``options["shared"]`` names those of ``--table``, ``--dask`` and ``--to`` that are given.
@@ -238,9 +239,9 @@ def over_files(
         in order and in this process, within the context. None: files are independent. Options are
         those of ``together``, as ``prepare`` left them.
     across : callable(rows)
-        Adds to rows what follows from comparing them, before they are printed.
+        Adds values to rows that result from comparing them, before they are printed.
     find : callable, optional
-        As for `Many`.
+        See `Many`.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -255,7 +256,8 @@ def over_files(
             from manip3d._util.fingerprint import presentation_fingerprint
 
             sources: list[str] = given.pop(argument)
-            if "" in sources:  # a variable of a script that is not set; it would be this folder
+            # An unset variable of a script gives "", which would mean the current folder.
+            if "" in sources:
                 raise InputError(f"{argument}: expected a file, a folder or an address, got ''")
             to, table, dask = given.pop("to", ""), given.pop("table"), given.pop("dask")
             jobs = given["jobs"] if has_jobs else given.pop("jobs")
@@ -271,14 +273,14 @@ def over_files(
             many = replace(many, whole=whole)
             if find is not None:
                 many = replace(many, find=find)
-            found = many.files(sources)  # a folder with nothing in it is told before its output
+            found = many.files(sources)  # first, so that an empty folder is reported first
             many.check_folder(sources, given.get("output"))
             files = choose(found)
             each = {} if prepare is None else prepare(files, given)
             chain = in_order(given | asked)
             also, options = depends(given), dict(given)
             inputs = functools.partial(_inputs, given=options, each=each, beside=beside)
-            also = f"{also} {presentation_fingerprint()}".lstrip()  # verbs make the rows, too
+            also = f"{also} {presentation_fingerprint()}".lstrip()  # rows depend on cli code, too
             files = [replace(file, stamp=f"{file.stamp} {also}") for file in files]
             work = {"module": verb.__module__, "verb": verb.__name__, "argument": argument,
                     "skipped_code": skipped_code}  # fmt: skip
@@ -347,7 +349,7 @@ def _signature(
         more |= {"to": (To, "")} if has_to else {}
         output = copy.copy(parameters["output"].annotation.__metadata__[0])
         output.parser, output.metavar = _path_or_url, output.metavar or "PATH"
-        # Any: typer makes a Path of what the parser of a Path gives.
+        # Any, because typer would convert the parser's result to a Path.
         parameters["output"] = parameters["output"].replace(annotation=Annotated[Any, output])
     more |= {"table": (table_option, ""), "dask": (Dask, "")}
     for option, (annotation, default) in more.items():
@@ -390,7 +392,7 @@ def _one(verb: Verb, argument: str, source: str, given: dict[str, Any]) -> None:
         with showing_as(names):
             try:
                 verb(**(given | more | {argument: str(local)}))
-            except typer.Exit as done:  # the output is sent all the same
+            except typer.Exit as done:  # the output is still uploaded
                 code = done.exit_code
     if code:
         raise typer.Exit(code)
@@ -453,7 +455,7 @@ class _Failures:
 
     def __init__(self, shell: Terminal, noun: str) -> None:
         self._shell, self._noun = shell, noun
-        self._first: dict[str, str] = {}  # source of each reason
+        self._first: dict[str, str] = {}  # the first source with each reason
         self._more: Counter[str] = Counter()
 
     def tell(self, source: str, error: str) -> None:
@@ -483,7 +485,7 @@ def _inputs(
     each: Mapping[str, Mapping[str, Any]],
     beside: Callable[[str], Sequence[Path]],
 ) -> list[str]:
-    """Return the files and folders that a verb reads besides the source."""
+    """Return the files and folders that a verb reads in addition to the source."""
     read = {name: value for name, value in given.items() if name not in _WRITTEN}
     named = {name for name in _texts([*read.values(), *each.get(file.name, {}).values()])}
     there = {name for name in named if is_url(name) or _is_there(name)}
@@ -503,7 +505,7 @@ def _texts(values: Iterable[Any]) -> Iterator[str]:
 def _is_there(name: str) -> bool:
     try:
         return bool(name) and Path(name).exists()
-    except (OSError, ValueError):  # no name of a file
+    except (OSError, ValueError):  # the text cannot be a file name
         return False
 
 
@@ -520,13 +522,13 @@ def on_file(
     shown_as: str,
     skipped_code: int = 0,
 ) -> dict[str, Any]:
-    """Run a verb on one file of many; returns what it prints under ``--json``, and its exit code.
+    """Run a verb on one file of many, and return its result for ``--json`` with its exit code.
 
-    A file of a folder that is of a kind the verb does not take is not an error: its row says so.
+    A file of a folder whose kind the verb does not accept is no error: its row has ``skipped``.
     """
     import multiprocessing
 
-    if multiprocessing.parent_process() is not None:  # a worker's
+    if multiprocessing.parent_process() is not None:  # this is a worker process
         start_messages()
     function = inspect.unwrap(getattr(importlib.import_module(module), verb))
     parameters = inspect.signature(function).parameters
@@ -573,7 +575,7 @@ def _tell(shell: Terminal, summary: Summary, noun: str, columns: Sequence[str]) 
 def _print_rows(
     rows: Sequence[Mapping[str, Any]], columns: Sequence[str], console: Console
 ) -> None:
-    """Print some columns for people, with the errors of files that failed, or all as CSV."""
+    """Print some columns as a table, with errors of failed files; without columns, all as CSV."""
     from manip3d.batch._table import table_text
 
     if not columns:
@@ -601,7 +603,7 @@ def _tell_failed(summary: Summary, noun: str, code: int) -> None:
 
 
 def _gravest(rows: Sequence[Mapping[str, Any]]) -> int:
-    """Return the most serious exit code of the files; unknown codes are no success."""
+    """Return the most serious exit code of the files; an unknown code is not treated as success."""
     codes = {1 if row.get("error") else int(row["exit_code"]) for row in rows}
     known = (code for code in _GRAVEST_FIRST if code in codes)
     return next(known, max(codes, default=0))

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 MISSED = 4
-"""Exit code: a target was missed under ``--strict``, or nothing can be decided."""
+"""Exit code if a target was missed with ``--strict``, or if the verdict is undecidable."""
 
 Source = Annotated[
     str,
@@ -125,7 +125,7 @@ Strict = Annotated[bool, typer.Option("--strict", help="Exit with code 4 when a 
 
 
 class Tier(StrEnum):
-    """Which data experiments use."""
+    """Data that experiments use."""
 
     auto = "auto"
     real = "real"
@@ -133,7 +133,7 @@ class Tier(StrEnum):
 
 
 class Scale(StrEnum):
-    """How much experiments do."""
+    """Amount of work of experiments."""
 
     quick = "quick"
     full = "full"

@@ -1,4 +1,4 @@
-"""``manip3d play``: a sequence of meshes as one page with a time bar."""
+"""``manip3d play``: show a sequence of meshes on one page with a time bar."""
 
 from __future__ import annotations
 
@@ -54,5 +54,5 @@ def play(
     if output is not None:
         terminal.say(f"wrote {output}")
     elif not viewer.has_display():
-        print(path)  # a result: somebody may open it elsewhere
+        print(path)  # on stdout, since the page can be opened on another computer
         terminal.say("There is no display here: open this page in a browser.")

@@ -1,4 +1,4 @@
-"""``manip3d report``: a results folder as one page."""
+"""``manip3d report``: write a results folder as one page."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def report(
 
 
 def write_page(folder: Path, output: Path | None, terminal: Terminal) -> Path:
-    """Write the report of a results folder; say where it is."""
+    """Write the report of a results folder, and print its path."""
     from manip3d import report
 
     path = output or folder / "report.html"

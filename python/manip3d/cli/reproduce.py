@@ -1,4 +1,4 @@
-"""``manip3d reproduce``: the experiments behind published tables and figures."""
+"""``manip3d reproduce``: run the experiments behind published tables and figures."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def reproduce(
 
 
 def listing(ids: list[str]) -> list[dict[str, Any]]:
-    """The experiments: id, title, the data they want, and what of it is missing."""
+    """Return a record of each experiment: id, title, its data sets, and the missing ones."""
     from manip3d import datasets
     from manip3d.experiments import select
 
@@ -94,7 +94,7 @@ def listing(ids: list[str]) -> list[dict[str, Any]]:
 
 
 def show_listing(console: Console, records: list[dict[str, Any]]) -> None:
-    """One line per experiment."""
+    """Print one line per experiment."""
     rows = [(r["id"], r["title"], _data_state(r)) for r in records]
     table(console, rows, ("id", "title", "real data"))
 
@@ -118,7 +118,7 @@ def run_experiments(
     dask: str,
     force: bool,
 ) -> RunSummary:
-    """Run experiments into a results folder, new or of an earlier run."""
+    """Run experiments in a new results folder or in that of an earlier run."""
     from manip3d.experiments import Plan, run, select
 
     experiments = select(ids)
@@ -153,7 +153,7 @@ def refuse_foreign_folder(folder: Path, *, force: bool) -> None:
 
 
 def digest(summary: RunSummary) -> dict[str, Any]:
-    """Return what ``--json`` prints: counts and verdicts; the rows are in the folder."""
+    """Return counts and verdicts for ``--json``; the rows are in the folder."""
     return {
         "folder": str(summary.folder),
         "cases": summary.cases,
@@ -169,7 +169,7 @@ def digest(summary: RunSummary) -> dict[str, Any]:
 
 
 def show(console: Console, summary: RunSummary) -> None:
-    """Every claim with its verdict."""
+    """Print every claim with its verdict."""
     rows = [
         (name, verdict["word"], verdict["claim"])
         for name, record in summary.results["experiments"].items()
@@ -181,7 +181,7 @@ def show(console: Console, summary: RunSummary) -> None:
 
 
 def some_claim_fails(summary: RunSummary) -> bool:
-    """Whether a claim does not hold, on the published files or on what stands in for them."""
+    """Return whether a claim does not hold on the published files or on their stand-ins."""
     records = summary.results["experiments"].values()
     failing = ("does not hold", "undecided")
     return any(v["word"] in failing for record in records for v in record["verdicts"])

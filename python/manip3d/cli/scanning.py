@@ -1,4 +1,4 @@
-"""``info`` and ``convert`` on scans and on recordings of LiDARs."""
+"""``info`` and ``convert`` for scans and for recordings of LiDARs."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _MOST_TOLD = 8
-"""Names of columns in one line."""
+"""Largest number of column names in a message."""
 
 
 def frames(
     source: str, terminal: Terminal, calibration: Path | None = None
 ) -> Iterator[LidarFrame]:
-    """The scans of a file or the frames of a recording, one after the other."""
+    """Yield the scans of a file or the frames of a recording."""
     from manip3d import capture, io
     from manip3d.capture._lidar import expect_scans
 
@@ -49,7 +49,7 @@ _REFUSED = ("bad_length", "unknown_product", "other_product", "unknown_return_mo
 
 
 def summary(source: str, terminal: Terminal, calibration: Path | None = None) -> dict[str, Any]:
-    """Counts and extents of the scans of a source."""
+    """Return counts and extents of the scans of a source."""
     from manip3d import capture
     from manip3d.capture._lidar import expect_scans
 
@@ -63,7 +63,7 @@ def summary(source: str, terminal: Terminal, calibration: Path | None = None) ->
 
 
 def _told(source: str, scans: list[dict[str, Any]]) -> dict[str, Any]:
-    """All scans, and how long they take together where each says when it began."""
+    """Return a record of all scans, with their duration and rate if all have times."""
     unit = scans[0].get("unit", "m") if scans else "m"
     record: dict[str, Any] = {"file": source, "unit": unit, "scans": scans}
     times = [scan["time_ns"] for scan in scans]
@@ -107,7 +107,7 @@ def _extent(values: Any) -> list[float] | None:
 
 
 def show(console: Console, record: dict[str, Any]) -> None:
-    """A row for each scan, then what was counted in a recording."""
+    """Print a row for each scan, extents of the first, and the counters of a recording."""
     rows = []
     for number, scan in enumerate(record["scans"]):
         about = scan.get("model") or scan["format"] or ""
@@ -153,12 +153,12 @@ def show(console: Console, record: dict[str, Any]) -> None:
 
 
 def convert(source: str, output: Path, terminal: Terminal, calibration: Path | None = None) -> None:
-    """A scan to a file; several (recordings, E57, PTX) to a folder in KITTI's layout, E57 or PTX.
+    """Convert scans to a file, or to a folder in KITTI's layout if ``output`` has no suffix.
 
     Raises
     ------
     InputError
-        Several scans, and ``output`` is a file of a format that holds one.
+        There are several scans, and the format of ``output`` holds only one.
     """
     from manip3d import io
     from manip3d.io._scan_files import names_left_out
@@ -191,7 +191,7 @@ def _tell_left_out(names: list[str], output: Path, terminal: Terminal) -> None:
 
 
 def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
-    """Warn of coordinates far from 0 that another format gets near 0, or that few programs read."""
+    """Warn if map coordinates or the scanner's position are lost or are rarely read by programs."""
     from manip3d.io._scan_tables import loses_map_coordinates, map_coordinates, map_place
 
     is_new = scan.format is not None and scan.format.name != "pcd"
@@ -214,7 +214,7 @@ def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
 
 
 def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal) -> None:
-    """``velodyne/000000.bin`` and so on, and ``times.txt`` where the scans have times."""
+    """Write ``velodyne/000000.bin`` and so on, and ``times.txt`` if all scans have times."""
     from manip3d.io._files import atomic_write
     from manip3d.io._scan_files import names_left_out
 
@@ -222,7 +222,7 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
     count_written, times = 0, []
     left_out: dict[str, None] = {}
     for number, scan in enumerate(scans):
-        folder.mkdir(parents=True, exist_ok=True)  # not before there is a scan
+        folder.mkdir(parents=True, exist_ok=True)  # here, so that without a scan there is no folder
         scan.write(folder / f"{number:06d}.bin")
         _tell_of_map(scan, ".bin", terminal)
         left_out |= dict.fromkeys(names_left_out(scan, ".bin"))

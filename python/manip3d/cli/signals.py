@@ -1,4 +1,4 @@
-"""Signals that end a program which somebody else wants to end."""
+"""Handling of signals by which another process ends this one."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ import threading
 from collections.abc import Iterator
 from types import FrameType
 
-_NAMES = ("SIGTERM", "SIGHUP")  # a shutdown; a terminal that was closed. Windows has no SIGHUP.
+_NAMES = ("SIGTERM", "SIGHUP")  # SIGHUP: the terminal was closed; it does not exist on Windows
 
 
 @contextlib.contextmanager
 def ended_like_ctrl_c() -> Iterator[None]:
-    """Have what ends a program end it as Ctrl-C does, with all that is to be written.
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt as Ctrl-C does, so that output is completed.
 
-    A second one interrupts nothing: the end is under way, and who waits in it may hear the signal,
-    as `manip3d phantom live` does. What is ignored, as by ``nohup``, stays so.
+    A second signal raises nothing, because the end is under way; code that waits there may still
+    handle signals, as `manip3d phantom live` does. Signals that are ignored, as by ``nohup``, stay
+    ignored.
     """
-    if threading.current_thread() is not threading.main_thread():  # it alone may do this
+    if threading.current_thread() is not threading.main_thread():  # others may not set handlers
         yield
         return
     numbers = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]

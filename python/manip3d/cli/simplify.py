@@ -1,4 +1,4 @@
-"""``manip3d simplify``."""
+"""``manip3d simplify``: reduce the faces of a mesh."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _expect_target(*targets: float | None) -> None:
 class Order:
     """Options of one simplification: the method, its targets and its limits."""
 
-    method: str  # "quality", "fast", or one of chapter 2
+    method: str  # "quality", "fast", or a method of chapter 2
     faces: int | None
     ratio: float | None
     max_error: float | None
@@ -94,8 +94,8 @@ class Order:
     clean: bool
     lock_box: Box | None
     options: dict[str, Any]
-    memory: int | None = None  # bytes of the whole process
-    importance: Path | None = None  # numbers of the vertices
+    memory: int | None = None  # ceiling of the memory of the whole process, bytes
+    importance: Path | None = None  # .npy file with a weight for each vertex
     lock_boundary: bool = False
 
     def __post_init__(self) -> None:
@@ -109,18 +109,18 @@ class Order:
 
     @property
     def cleans_itself(self) -> bool:
-        """Whether the method cleans what it is given, however it comes."""
+        """Whether the method always cleans its input."""
         return self.method in (Mode.quality, Mode.fast)
 
     def target(self, num_faces: int) -> int | None:
-        """Return the number of faces to stop at, for a mesh that was read with ``num_faces``."""
+        """Return the target number of faces for a mesh that had ``num_faces`` when it was read."""
         if self.ratio is None:
             return self.faces
         fraction = max(1, int(num_faces * self.ratio))
         return fraction if self.faces is None else max(self.faces, fraction)
 
     def limits(self) -> dict[str, Any]:
-        """Return the other limits that end the run: the largest error and distance."""
+        """Return the largest error and the largest distance, as arguments of the method."""
         limits: dict[str, Any] = {"max_error": self.max_error}
         if self.method != "fast":
             limits["max_distance"] = self.max_distance
@@ -130,7 +130,7 @@ class Order:
 
 
 def expect_surface(source: str, mesh: Mesh, cleaned: Mesh) -> None:
-    """Refuse a mesh whose faces all have two corners at one place: nothing is left to simplify."""
+    """Refuse a mesh whose faces all have two corners at the same position."""
     from manip3d.simplify._collapse import has_surface
 
     if not has_surface(cleaned):
@@ -149,16 +149,16 @@ def _expect_room(source: str, order: Order) -> None:
 
 
 def _importance(order: Order) -> NDArray[np.float64] | None:
-    """The numbers of --importance."""
+    """Read the weights of --importance."""
     if order.importance is None:
         return None
     check_regular(order.importance)
     try:
-        # A map: a file that is shorter than its header says is refused before memory is taken.
+        # A memory map refuses a file shorter than its header claims before memory is allocated.
         stored = np.lib.format.open_memmap(order.importance, mode="r")
     except OSError:
         raise
-    except Exception as error:  # the header is a Python literal: it fails in many ways
+    except Exception as error:  # the header is a Python literal, so errors have various types
         raise FormatError(f"{order.importance}: {error}") from None
     if stored.ndim != 1 or stored.dtype.kind not in "iuf":
         raise FormatError(
@@ -171,7 +171,7 @@ def _importance(order: Order) -> NDArray[np.float64] | None:
 def simplify_file(
     source: str, output: Path, order: Order, terminal: Terminal, progress: Progress | None = None
 ) -> dict[str, Any]:
-    """Clean and simplify one mesh, write it, and return what was done.
+    """Clean and simplify one mesh, write it, and return the record for ``--json``.
 
     Targets refer to the mesh as read, before cleaning.
     """
@@ -197,7 +197,8 @@ def simplify_file(
         limits["importance"] = weights
     result = _run(cleaned, order, limits, progress)
     seconds = time.perf_counter() - started
-    if order.cleans_itself and order.memory is None:  # parts drop faces for other reasons, too
+    # With a memory ceiling, faces are also dropped when parts are reduced, not only by cleaning.
+    if order.cleans_itself and order.memory is None:
         record["faces_cleaned"] = mesh.num_faces - result.dropped_faces
     record |= _outcome(result, result, target, seconds, result.mesh.num_faces)
     if result.mesh.num_faces == 0:
@@ -232,7 +233,7 @@ def _simplify_scene(
     terminal: Terminal,
     progress: Progress | None,
 ) -> dict[str, Any]:
-    """Simplify each mesh of a scene once; faces are counted as they are drawn."""
+    """Simplify each mesh of a scene once; its faces count once for each node that draws it."""
     from manip3d import simplify
 
     record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
@@ -286,7 +287,8 @@ def _outcome(
         "rejected": dict(run.rejected),
         "message": run.message,
         "seconds": round(seconds, 4),
-        # A limit of the error or the distance is kept where no collapse is left to try.
+        # Without a target number of faces, a run with no legal collapse left has missed nothing:
+        # limits of the error and of the distance are kept.
         "target_missed": is_short and (target is not None or stop == "refused"),
     }
 
@@ -332,13 +334,13 @@ def _ceiling(memory: str) -> int:
 
 
 def expect_cleaning(method: str, no_clean: bool) -> None:
-    """Refuse --no-clean where the method welds and cleans by itself."""
+    """Refuse --no-clean for methods that always clean the mesh."""
     if no_clean and method in (Mode.quality, Mode.fast):
         raise InputError(f"--no-clean: expected --mode published, got {method}, which cleans")
 
 
 def expect_locks(method: str, box: Box | None, boundary: bool) -> None:
-    """Refuse locks where the method has none, and a box whose lower corner is not the first."""
+    """Refuse locks for methods without locks, and a box whose first corner is not the lower one."""
     for name, is_given in (("--lock-box", box is not None), ("--lock-boundary", boundary)):
         if is_given and method not in (Mode.quality, Mode.fast):
             raise InputError(f"{name}: expected --mode quality or fast, got {method}")
@@ -349,7 +351,7 @@ def expect_locks(method: str, box: Box | None, boundary: bool) -> None:
 
 
 def locks(mesh: Mesh, box: Box | None, boundary: bool, terminal: Terminal) -> dict[str, Any]:
-    """Return the method's argument ``locked``, where vertices of a mesh are to stay."""
+    """Return the method's argument ``locked``, (V,) bool, or nothing if no vertex is locked."""
     from manip3d import simplify
 
     held: dict[str, NDArray[np.bool_]] = {}

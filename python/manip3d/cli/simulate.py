@@ -1,4 +1,4 @@
-"""``manip3d simulate``: scans and drives made on the spot."""
+"""``manip3d simulate``: write simulated drives, scans and meshes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def write_simulated(
     threads: int,
     seed: int,
 ) -> dict[str, Any]:
-    """Write what ``source`` names: a drive as a folder, a scan or a mesh as a file.
+    """Write the drive (a folder), scan or mesh (a file) that ``source`` names.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def _model(name: str, output: Path, terminal: Terminal, seed: int) -> dict[str, 
     from manip3d.io import WRITABLE
     from manip3d.simulate import models
 
-    if output.suffix.lower() not in WRITABLE:  # before the work, not after it
+    if output.suffix.lower() not in WRITABLE:  # checked before the simulation
         raise InputError(f"-o {output}: expected a name that ends in {', '.join(WRITABLE)}")
     make = models.MODELS[name]
     mesh = make(rng=seed) if "rng" in inspect.signature(make).parameters else make()
@@ -105,7 +105,7 @@ def _scan(
     from manip3d.io._scan_tables import scan_suffix
     from manip3d.simulate import scenes, terrestrial_scan
 
-    if scan_suffix(output) not in SCAN_SUFFIXES:  # before the work, not after it
+    if scan_suffix(output) not in SCAN_SUFFIXES:  # checked before the simulation
         raise InputError(f"-o {output}: expected a name that ends in {', '.join(SCAN_SUFFIXES)}")
     named = naming_options("resolution", resolution_deg="resolution")
     with terminal.progress("simulate") as progress, named:

@@ -1,4 +1,4 @@
-"""Opening what the user names: a file, ``-`` for stdin, or the files of a folder."""
+"""Opening of the meshes and scenes that the user names: a file, or ``-`` for stdin."""
 
 from __future__ import annotations
 
@@ -12,21 +12,23 @@ from manip3d.mesh import Mesh
 
 
 def open_mesh(source: str, terminal: Terminal, *, may_be_empty: bool = False) -> Mesh:
-    """Read a mesh from a file or, for ``-``, from stdin, and say what was read.
+    """Read a mesh from a file or, for ``-``, from stdin, and print its counts.
 
     Parameters
     ----------
     source : str
+        The file, or ``-``.
     terminal : Terminal
+        Prints the messages.
     may_be_empty : bool
-        A mesh without faces is worth a warning; else it is an error.
+        Whether a mesh without faces causes a warning instead of an error.
 
     Raises
     ------
     FormatError, OSError
-        As `manip3d.read_mesh`.
+        See `manip3d.read_mesh`.
     InputError
-        The mesh has no faces and that is not allowed.
+        The mesh has no faces, and ``may_be_empty`` is False.
     """
     if source == "-":
         mesh, kind = read_mesh_bytes(sys.stdin.buffer.read()), "stdin"
@@ -47,19 +49,22 @@ GLTF_SUFFIXES = (".glb", ".gltf")
 
 
 def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
-    """Read a glTF file that becomes one, with all that a mesh has no place for; say what was read.
+    """Read a glTF file as a scene if the output is glTF, too, so that its nodes are kept.
 
     Parameters
     ----------
     source : str
+        The file.
     output : Path
+        The output; a name without a suffix is that of a folder of ``.glb`` files.
     terminal : Terminal
+        Prints the messages.
 
     Returns
     -------
     Scene or None
-        ``None`` for another format, an output of another format, and a scene whose meshes can all
-        not be simplified without what a mesh lacks.
+        None if input or output have another format, if the file cannot be read as a scene, or if
+        none of its drawn meshes can be simplified (`Scene.fixed`).
     """
     kinds = {mesh_suffix(Path(source)), mesh_suffix(output) or ".glb"}
     if source == "-" or not kinds <= set(GLTF_SUFFIXES):
@@ -67,7 +72,7 @@ def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
     try:
         scene = read_scene(source)
     except FormatError as error:
-        read_mesh(source)  # raises what is wrong with the triangles, which then is told once
+        read_mesh(source)  # raises if the triangles are damaged as well, so that it is told once
         terminal.say(f"warning: nodes are not kept: {error}")
         return None
     if scene.num_instances == 0:
@@ -92,8 +97,8 @@ def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
 
 
 def tell_scene(before: Scene, after: Scene, terminal: Terminal) -> None:
-    """Say what became of a scene."""
-    if before.num_faces != before.num_stored_faces:  # else the sentence about the run says it all
+    """Print how the faces of a scene have changed, and which meshes have none left."""
+    if before.num_faces != before.num_stored_faces:  # otherwise the message on the run states this
         terminal.say(
             f"faces drawn: {count(before.num_faces)} -> {count(after.num_faces)}, stored: "
             f"{count(before.num_stored_faces)} -> {count(after.num_stored_faces)}"
@@ -113,6 +118,6 @@ def tell_scene(before: Scene, after: Scene, terminal: Terminal) -> None:
 
 
 def mesh_suffix(path: Path) -> str:
-    """The suffix that tells the format: ``.obj`` for ``head.obj.xz``."""
+    """Return the suffix of the format, ``.obj`` for ``head.obj.xz``."""
     name = path.name.lower().removesuffix(".xz").removesuffix(".gz")
     return Path(name).suffix

@@ -1,4 +1,4 @@
-"""``manip3d study``: studies with people, in a browser on this machine."""
+"""``manip3d study``: run studies with people in a browser on this computer."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Seconds = Annotated[
 
 
 class Template(StrEnum):
-    """Definitions to begin with."""
+    """Templates of definitions."""
 
     rating = "rating"
     jnd_non_textured = "jnd-non-textured"
@@ -128,7 +128,7 @@ def study_stimuli(
             images=images,
             seed=seed,
             overwrite=force,
-            progress=progress or shell.line,  # a log gets a line for each
+            progress=progress or shell.line,  # without a terminal, a line is printed for each
         )
     shell.say(f"wrote {counted(made.count, 'stimulus', 'stimuli')} to {made.folder}")
     for problem in made.problems:
@@ -143,7 +143,7 @@ _RUNS = {
     "jnd": "Measure the just noticeable difference of simplification. Ctrl-C ends it.",
     "display": "Run the comparison of displays: practice, play, questionnaire. Ctrl-C ends it.",
 }
-"""Kinds of studies, and what their commands do."""
+"""Kinds of studies, and the help of their commands."""
 
 
 def _add_run(kind: str, words: str) -> None:
@@ -181,7 +181,7 @@ def run_kind(
     seconds: float | None,
     shell: Terminal,
 ) -> None:
-    """Run a study of one kind, and say what came of it."""
+    """Run a study of one kind, and print the numbers of participants and answers."""
     from manip3d.study import StudyFolder, read_study, run_study
 
     study, content = read_study(definition)

@@ -27,7 +27,7 @@ _names: ContextVar[Mapping[str, str] | None] = ContextVar("names", default=None)
 
 @contextmanager
 def collecting() -> Iterator[list[Any]]:
-    """Gather the results of verbs in a list instead of printing them."""
+    """Collect the results of verbs in a list instead of printing them."""
     found: list[Any] = []
     token = _collected.set(found)
     try:
@@ -38,7 +38,7 @@ def collecting() -> Iterator[list[Any]]:
 
 @contextmanager
 def showing_as(names: Mapping[str, str]) -> Iterator[None]:
-    """Show other names for some files: the URLs of temporary copies."""
+    """Replace names of files in all output, for example temporary copies by their URLs."""
     token = _names.set({ours: shown for ours, shown in names.items() if ours != shown})
     try:
         yield
@@ -47,10 +47,7 @@ def showing_as(names: Mapping[str, str]) -> Iterator[None]:
 
 
 def shown(value: Any) -> Any:
-    """Return a text, or a result with its texts, as it is shown or written down for others.
-
-    See `showing_as`.
-    """
+    """Return a text, or a result with its texts, with the names that `showing_as` replaces."""
     if isinstance(value, dict):
         return {key: shown(item) for key, item in value.items()}
     if isinstance(value, str):
@@ -60,18 +57,19 @@ def shown(value: Any) -> Any:
 
 
 class Terminal:
-    """Prints for one verb, as its ``--json`` and ``--quiet`` say.
+    """Output of one verb, by its options ``--json`` and ``--quiet``.
 
     Parameters
     ----------
     as_json : bool
-        Results are one JSON value on stdout; nothing else goes there.
+        Print the result as one JSON value on stdout, and nothing else there.
     quiet : bool
-        No messages and no progress.
+        Print neither messages nor progress.
     """
 
     has_answered: ClassVar[bool] = False
-    """Whether a result was printed as JSON: stdout holds one value, never an error after it."""
+    """Whether a result was printed as JSON. An error is then not printed there, because stdout must
+    hold a single value."""
 
     def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
         self.as_json = as_json
@@ -79,18 +77,18 @@ class Terminal:
 
     @property
     def out(self) -> Console:
-        """Console for results that people read."""
+        """Console for results in readable form, on stdout."""
         from rich.console import Console
 
         return Console(highlight=False, width=None if sys.stdout.isatty() else 1000)
 
     def say(self, message: str) -> None:
-        """A message about what is being done."""
+        """Print a message to stderr, unless ``quiet``."""
         if not self.quiet:
             print(shown(message), file=sys.stderr)
 
     def result(self, value: Any, show: Callable[[Console], None] | None = None) -> None:
-        """The verb's result: ``value`` under ``--json``, else what ``show`` prints."""
+        """Print the verb's result: ``value`` with ``--json``, otherwise by ``show``."""
         found = _collected.get()
         if found is not None:
             found.append(value)
@@ -102,21 +100,21 @@ class Terminal:
 
     @property
     def is_collecting(self) -> bool:
-        """Whether the verb runs on one file of many, whose row its result becomes."""
+        """Whether the verb runs on one file of many, so that its result becomes a row."""
         return _collected.get() is not None
 
     def show(self, line: str) -> None:
-        """A line of a result for people, as soon as it is known."""
+        """Print a line of a result immediately, except with ``--json``."""
         if not self.as_json and not self.is_collecting:
             print(shown(line), flush=True)
 
     def line(self, fraction: float, message: str = "") -> None:
-        """One line of progress, for logs and pipes that show no bar."""
+        """Print one line of progress, for logs and pipes, which show no bar."""
         self.say(f"{fraction:5.0%}  {message}")
 
     @contextmanager
     def progress(self, title: str) -> Iterator[Progress | None]:
-        """A progress bar on stderr; None where nobody would see it."""
+        """Yield the callback of a progress bar on stderr; None if stderr is no terminal."""
         if self.quiet or not sys.stderr.isatty():
             yield None
             return
@@ -140,7 +138,7 @@ class Terminal:
 
 
 def table(console: Console, rows: Sequence[Sequence[str]], header: Sequence[str] = ()) -> None:
-    """Rows in columns, numbers to the right; on a terminal the last column wraps."""
+    """Print rows in columns, with numbers right-aligned; on a terminal the last column wraps."""
     from rich.table import Table
     from rich.text import Text
 
@@ -166,21 +164,21 @@ def _is_number(cell: str) -> bool:
 
 
 def refuse_existing(path: Path | None, *, force: bool) -> None:
-    """Refuse to replace a file that is there.
+    """Refuse to replace an existing file.
 
     Raises
     ------
     InputError
-        It exists and ``--force`` was not given.
+        The file exists, and ``--force`` was not given.
     """
     if path is not None and not force and path.exists() and not path.is_char_device():
         raise InputError(f"{path}: exists already; --force replaces it")
 
 
 def named_as_options(text: str, options: Sequence[str]) -> str:
-    """Return ``text`` with options for arguments: ``see depth_step`` becomes ``see --depth-step``.
+    """Replace names of arguments by options: ``see depth_step`` becomes ``see --depth-step``.
 
-    Only names with an underscore are found; others are words of the language as well.
+    Only names with an underscore are replaced, because others may be ordinary words.
     """
     for option in options:
         if "-" in option:
@@ -190,11 +188,11 @@ def named_as_options(text: str, options: Sequence[str]) -> str:
 
 @contextmanager
 def naming_options(*options: str, **others: str) -> Iterator[None]:
-    """Turn an error about an argument into one about the option of that name.
+    """Let errors about an argument name the option of the command line instead.
 
-    ``depth_step: expected >= 0`` becomes ``--depth-step: expected >= 0``. ``others`` are arguments
-    whose options have another name: ``key="diary-key"``; or that are no options, in capitals as
-    the help has them: ``uri="SOURCE"``.
+    ``depth_step: expected >= 0`` becomes ``--depth-step: expected >= 0``. ``others`` maps arguments
+    to options with another name (``key="diary-key"``), or to arguments of the command, in capitals
+    as in its help (``uri="SOURCE"``).
     """
     try:
         yield
@@ -228,20 +226,21 @@ def check_output(
     Parameters
     ----------
     path : Path or None
-        None: the command has no output.
+        The output; None if the option is not given.
     suffixes : sequence of str
-        The kinds that the command writes.
+        Suffixes of the formats that the command writes.
     force : bool
-        An existing output may be replaced.
+        Whether an existing output may be replaced.
     folder : bool
-        A name without a suffix is a folder and is accepted too.
+        Whether a name without a suffix, which is a folder, is accepted, too.
     option : str
-        Name of the option that an error is about.
+        Name of the option in errors.
 
     Raises
     ------
     InputError
-        The suffix is none of them, the folder of the output is absent, or the output exists.
+        The suffix is none of ``suffixes``, the folder of the output does not exist, or the output
+        exists.
     """
     if path is None:
         return
@@ -264,11 +263,11 @@ _LEFT_OUT = {
     "lost": "missing in the file",
     "lost_by_camera": "lost by the camera",
 }
-"""Counters of a source of RGB-D frames, by what becomes of so many frames."""
+"""Counters of frames that an RGB-D source leaves out, with the reason in words."""
 
 
 def left_out(counters: Mapping[str, int]) -> list[str]:
-    """Return what a source has not given of a recording, in words for an operator."""
+    """Return messages about frames that a source left out of a recording."""
     told = [
         f"{counted(number, 'frame')} left out: {words}"
         for name, words in _LEFT_OUT.items()
@@ -280,7 +279,7 @@ def left_out(counters: Mapping[str, int]) -> list[str]:
 
 
 def configure_logging() -> None:
-    """Send the package's log to stderr, from the level that ``MANIP3D_LOG`` names."""
+    """Send the package's log to stderr, from the level in ``MANIP3D_LOG`` on."""
     level = os.environ.get("MANIP3D_LOG", "warning").upper()
     names = logging.getLevelNamesMapping()
     if level not in names:
@@ -295,14 +294,14 @@ def configure_logging() -> None:
 
 
 def count(number: int) -> str:
-    """A number with its groups of thousands separated: ``80 354``.
+    """Return a number in groups of three digits: ``80 354``.
 
-    The separator is an ordinary space, unlike on pages: terminals show it, and it can be typed into
-    a search.
+    The separator is an ordinary space, unlike on HTML pages, because all terminals show it and
+    users can type it in a search.
     """
     return f"{number:,}".replace(",", " ")
 
 
 def counted(number: int, noun: str, plural: str = "") -> str:
-    """A number with its noun in the right form: ``1 face``, ``80 354 faces``."""
+    """Return a number with its noun in singular or plural: ``1 face``, ``80 354 faces``."""
     return f"{count(number)} {noun if number == 1 else plural or noun + 's'}"

@@ -1,4 +1,4 @@
-"""Triggers that begin a recording from outside: a signal, a key or a person."""
+"""Triggers that start a recording: a signal, a key or a person."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _SIGNALS = ("SIGUSR1", "SIGUSR2")
 
 @contextlib.contextmanager
 def trigger_of(word: str) -> Iterator[tuple[Callable[[RgbdFrame], bool], str]]:
-    """Yield the trigger that ``--trigger`` names, for `capture.record`, and how to set it off.
+    """Yield the trigger of ``--trigger`` for `capture.record`, and a phrase how to activate it.
 
     Raises
     ------
     InputError
-        There is no such trigger, here or at all.
+        The trigger does not exist, or not on this operating system.
     """
     if word == "person":
         yield (lambda frame: bool(frame.skeletons)), "a person with a skeleton"
@@ -50,12 +50,12 @@ def _signal(number: signal.Signals) -> Iterator[Callable[[], bool]]:
 
 
 def _key() -> Callable[[RgbdFrame], bool]:
-    """Whether a line has come on standard input; nothing waits for it, and no thread is left."""
+    """Return a trigger that polls the standard input for a line, without blocking or a thread."""
     try:
         typed = sys.stdin.fileno()
     except (AttributeError, OSError, ValueError):
         raise InputError("--trigger key: expected a terminal, got no standard input") from None
-    with contextlib.suppress(ImportError, OSError):  # what was typed before is not an answer
+    with contextlib.suppress(ImportError, OSError):  # discards what was typed before
         import termios
 
         if os.isatty(typed):

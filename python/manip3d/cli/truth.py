@@ -1,4 +1,4 @@
-"""The truth of a forged scan, as it stands in the file beside it."""
+"""The truth of a forged scan, as values for the JSON file beside it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def truth_of(forged: Forgery) -> dict[str, Any]:
-    """The ground truth as JSON values."""
+    """Return the ground truth as values that can be written as JSON; lengths are in metres."""
     box = forged.box
     return {
         "attack": forged.attack,

@@ -1,4 +1,4 @@
-"""``manip3d view``: the browser, an interactive page, or a picture."""
+"""``manip3d view``: show a source in the browser, or write an interactive page or a picture."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SUFFIXES = (".html", ".png")
 
 @dataclass(frozen=True)
 class Choice:
-    """Options about the source."""
+    """Options that apply to the source, and not to the output."""
 
     frame: int | None
     intrinsics: str
@@ -38,7 +38,7 @@ class Choice:
 
 
 _OPTIONS = ("frame", "unit", "color", "color-by")
-MOST_BESIDE = 9  # things on one page; more are a folder's, a page each
+MOST_BESIDE = 9  # largest number of sources on one page; more get a page each in a folder
 
 
 _USES: Mapping[str, tuple[Any, Sequence[str]]] = {
@@ -48,14 +48,15 @@ _USES: Mapping[str, tuple[Any, Sequence[str]]] = {
     "color": (None, ("depth",)),
     "calibration": (None, ("scan",)),
 }
-"""Options about some kinds of sources only: what they are if they are not given, and the kinds."""
+"""Options that apply to some kinds of sources only: their defaults, and the kinds."""
 _WORDS = {"scan": "a scan", "depth": "a depth image", "rgbd": "a recording"}
 
 
 def _refuse_unused(sources: Sequence[str], given: Mapping[str, Any]) -> None:
-    """Refuse an option that is about none of the sources: it would change nothing.
+    """Refuse an option that applies to none of the sources, since it would have no effect.
 
-    Folders, patterns and addresses may hold anything, and files that are absent are told later.
+    Nothing is refused if a source is a folder, a pattern or an address, whose content is not known
+    here, or a missing file, about which another error is raised later.
     """
     from manip3d import viewer
 
@@ -72,7 +73,7 @@ def _refuse_unused(sources: Sequence[str], given: Mapping[str, Any]) -> None:
 
 
 def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
-    """Show several files, named one by one, in one page or picture."""
+    """Show several explicitly named files on one page or picture; return whether this was done."""
     from manip3d import viewer
     from manip3d.batch import is_pattern
 
@@ -86,7 +87,7 @@ def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
     if any(is_url(source) or kinds.kind_of(source) == "folder" for source in sources):
         return False
     if output is not None and Path(output).is_dir():
-        return False  # a page each, in that folder
+        return False  # each source gets a page in that folder
     check_output(output, SUFFIXES, force=given["force"])
     terminal = Terminal(quiet=given["quiet"])
     calibration = given["calibration"]
@@ -163,7 +164,7 @@ def view(
 def write(
     thing: Any, source: str, output: Path | None, color_by: str | None, terminal: Terminal
 ) -> None:
-    """Show the thing, or write what the suffix of ``output`` tells."""
+    """Show an object in the browser, or write it in the format of ``output``'s suffix."""
     from manip3d import viewer
 
     options: dict[str, Any] = {"color_by": color_by}
@@ -178,7 +179,7 @@ def _tell(path: Path, output: Path | None, terminal: Terminal) -> None:
     if output is not None:
         terminal.say(f"wrote {output}")
     elif not viewer.has_display():
-        print(path)  # a result: somebody may open it elsewhere
+        print(path)  # on stdout, since the page can be opened on another computer
         terminal.say("There is no display here: open this page in a browser.")
 
 
@@ -204,7 +205,7 @@ def _open(source: str, choice: Choice, terminal: Terminal) -> Any:
 
 
 def _unit(choice: Choice) -> str:
-    """Unit of a depth image; the calibration of a stereo pair tells what its disparities are."""
+    """Return the unit of a depth image; a stereo pair's calibration defines its disparities."""
     from manip3d.camera import camera_depth_unit
 
     if choice.unit != "guess" or not choice.intrinsics:
@@ -221,7 +222,7 @@ def _size(thing: Any) -> str:
 
 
 def _camera(source: str, choice: Choice) -> Intrinsics:
-    """``--intrinsics`` of a depth image, or of the images of a folder."""
+    """Read ``--intrinsics`` for a depth image, or for the images of a folder."""
     from manip3d.camera import read_intrinsics
     from manip3d.capture import rgbd_address
     from manip3d.cli import capture

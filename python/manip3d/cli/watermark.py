@@ -1,4 +1,4 @@
-"""``manip3d watermark``: prove that scans were not changed."""
+"""``manip3d watermark``: embed keyed watermarks into scans, and verify them."""
 
 from __future__ import annotations
 
@@ -72,11 +72,11 @@ State = Annotated[
     typer.Option(help="File that remembers the frames seen, so that replays are noticed."),
 ]
 MOST_POINTS = 10_000_000
-"""Points of a scan that a verifier looks at, unless it says otherwise."""
+"""Default of the largest number of points of a scan that is verified."""
 
 
 _OPTION_OF = {"sessions": "session", "max_age_s": "max-age", "max_points": "max-points"}
-"""Options of fields of `Policy` that have another name."""
+"""Fields of `Policy` whose option has another name."""
 
 
 def policy_of(
@@ -301,20 +301,20 @@ def embed(
 
 
 def _with_records(num_scans: int, carrier: str) -> str:
-    """Return how many scans there are, and where their records went."""
+    """Return a phrase with the number of scans and the place of their records."""
     records = "its record" if num_scans == 1 else "their records"
     return f"{counted(num_scans, 'scan')} with {records}{f' in {carrier}' if carrier else ''}"
 
 
 def _verified_suffixes() -> tuple[str, ...]:
-    """Scans, and records, of which those without a scan are reported."""
+    """Return the suffixes of scans and of records; records without a scan are reported."""
     from manip3d import authenticate
 
     return (*FOLDER_SUFFIXES, authenticate.RECORD_SUFFIX)
 
 
 def _without_records(files: list[SourceFile]) -> list[SourceFile]:
-    """Leave out records whose scans are there."""
+    """Return the files without records whose scan exists."""
     from manip3d import authenticate
 
     return [
@@ -403,7 +403,7 @@ def verify(
 
 
 def _write_private(path: Path, value: dict[str, Any]) -> None:
-    """Write JSON that only the owner can read."""
+    """Write JSON to a file that only its owner can read."""
     from manip3d.io._files import atomic_write
 
     if not path.exists():

@@ -1,8 +1,8 @@
-"""Public data sets: where they come from, whose they are, where they lie, and loaders.
+"""Public data sets: origin, licence and checksums of their files, and loaders.
 
-Three tiers feed the same loaders: simulated data (`manip3d.simulate`) is always there, real data
-is found under ``$MANIP3D_DATA`` or else in the user's cache, and `fetch` brings the latter from
-its official homes. Every file's bytes are checked before it is opened.
+Real data is searched under ``$MANIP3D_DATA``, then in the user's cache, to which `fetch` downloads
+it from its official addresses. The checksum of a file is verified before the file is opened.
+`STAND_INS` are simulated data (`manip3d.simulate`), which are always available.
 
 Other packages add data sets through entry points of the group ``manip3d.datasets``.
 """

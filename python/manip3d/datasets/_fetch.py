@@ -1,4 +1,4 @@
-"""Fetching data sets from their official homes into the user's cache."""
+"""Download of data sets from their official addresses to the user's cache."""
 
 from __future__ import annotations
 
@@ -16,34 +16,35 @@ if TYPE_CHECKING:
 
 
 class FetchError(Error, OSError):
-    """A data set that could not be fetched. The message says why and where to look."""
+    """Raised when a data set cannot be downloaded; the message states the reason and its page."""
 
 
 @checked
 def fetch(data_set: DataSet, *, progress: Callable[[float, str], None] | None = None) -> list[Path]:
-    """Bring every file of a data set to this machine and check its bytes.
+    """Bring all files of a data set to this computer, and verify their checksums.
 
-    Files that are here already are checked, not fetched. Others come from their official homes
-    into the user's cache, uncompressed.
+    Files that exist already are verified. Others are downloaded, uncompressed, from their official
+    addresses to the user's cache.
 
     Parameters
     ----------
     data_set : DataSet
+        The data set.
     progress : callable, optional
         Called with the fraction done and the file's path.
 
     Returns
     -------
     list of Path
-        One per file of the data set, in its order.
+        Path of each file, in the order of the data set.
 
     Raises
     ------
     FetchError
-        ``MANIP3D_OFFLINE`` is set, a file has no stable official address, or its home does not
+        ``MANIP3D_OFFLINE`` is set, a file has no stable official address, or its server does not
         answer.
     ChecksumError
-        A file's bytes are not the registered ones.
+        A file has another SHA-256 than the registered one.
     MissingExtraError
         pooch is not installed.
 
@@ -66,21 +67,22 @@ def fetch(data_set: DataSet, *, progress: Callable[[float, str], None] | None = 
 
 @checked
 def is_fetchable(data_set: DataSet) -> bool:
-    """Return whether `fetch` may bring all files that are not here.
+    """Return whether `fetch` can download all missing files of a data set.
 
     Parameters
     ----------
     data_set : DataSet
+        The data set.
 
     Returns
     -------
     bool
-        False if a file is not here and has no stable official address.
+        False if a missing file has no stable official address.
 
     Raises
     ------
     InputError
-        ``data_set`` is something else.
+        ``data_set`` is no `DataSet`.
 
     Examples
     --------
@@ -93,21 +95,22 @@ def is_fetchable(data_set: DataSet) -> bool:
 
 @checked
 def steps_by_hand(data_set: DataSet) -> list[str]:
-    """Return the steps that bring a data set here without `fetch`.
+    """Return the steps by which a user obtains a data set without `fetch`.
 
     Parameters
     ----------
     data_set : DataSet
+        The data set.
 
     Returns
     -------
     list of str
-        One sentence for each step; empty if all files are here.
+        One sentence per step; empty if no file is missing.
 
     Raises
     ------
     InputError
-        ``data_set`` is something else.
+        ``data_set`` is no `DataSet`.
 
     Examples
     --------
@@ -162,7 +165,7 @@ def _download(data_set: DataSet, file: DataFile) -> None:
         pooch.retrieve(
             file.url, f"sha256:{file.content_sha256}", fname=target.name, path=target.parent
         )
-    except (OSError, ValueError) as error:  # ValueError: pooch's word for a wrong checksum
+    except (OSError, ValueError) as error:  # pooch raises ValueError for a wrong checksum
         raise FetchError(
             f"{data_set.name}: {file.url} could not be fetched ({error}); "
             f"its source is {data_set.page}"

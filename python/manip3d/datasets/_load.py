@@ -1,4 +1,4 @@
-"""Opening a data set's mesh, in one of the cleanings that experiments name."""
+"""Loading of the meshes of data sets, with the cleanings that experiments use."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ CLEANINGS: dict[str, str] = {
     "any-unwelded": "unwelded, one face of each coincident set kept",
     "any-welded": "welded, one face of each coincident set kept",
 }
-"""What each cleaning does, in words. All but ``stored`` also drop unreferenced vertices and
-faces with a repeated index."""
+"""Names of the cleanings, and what each does. All except ``stored`` also remove unreferenced
+vertices, and faces with a repeated index."""
 
 _OPTIONS: dict[str, dict[str, Any]] = {
     "welded": {"weld": True, "duplicates": "same"},
@@ -41,17 +41,19 @@ def clean(mesh: Mesh, cleaning: Cleaning) -> Mesh:
     Parameters
     ----------
     mesh : Mesh
+        The mesh.
     cleaning : str
         One of `CLEANINGS`; ``stored`` changes nothing.
 
     Returns
     -------
     Mesh
+        The cleaned mesh.
 
     Raises
     ------
     InputError
-        No such cleaning.
+        ``cleaning`` is none of `CLEANINGS`.
 
     Examples
     --------
@@ -71,7 +73,7 @@ def clean(mesh: Mesh, cleaning: Cleaning) -> Mesh:
 
 
 def with_uv_only(mesh: Mesh) -> Mesh:
-    """The mesh without the faces that have a corner without texture coordinate."""
+    """Return the mesh without faces that have a corner without a texture coordinate."""
     if mesh.face_texcoords is None:
         raise InputError("mesh: expected texture coordinates, got none")
     keep: NDArray[np.bool_] = np.all(mesh.face_texcoords >= 0, axis=1)
@@ -83,21 +85,22 @@ def with_uv_only(mesh: Mesh) -> Mesh:
 DERIVED: dict[str, tuple[str, Callable[[Mesh], Mesh]]] = {
     "BAe-125-uv": ("BAe-125", with_uv_only),
 }
-"""Meshes made from a data set on loading: name -> the data set and what is done to it."""
+"""Derived meshes by name: the data set, and the function that is applied to its mesh."""
 
 
 @checked
 def source_of(name: str) -> str:
-    """Return the data set that a mesh name stands for: itself, or what it is `DERIVED` from.
+    """Return the data set of a mesh: its own name, or the data set from which it is derived.
 
     Parameters
     ----------
     name : str
-        Name of a mesh in the registry.
+        Name of a mesh.
 
     Returns
     -------
     str
+        Name of a data set.
 
     Raises
     ------
@@ -120,23 +123,24 @@ def load_mesh(name: str, *, cleaning: Cleaning = "stored") -> Mesh:
     Parameters
     ----------
     name : str
-        A data set of kind ``mesh``, or one of the derived meshes (``BAe-125-uv``: BAe-125 without
-        its 374 faces that have no texture coordinates).
+        A data set of kind ``mesh``, or a derived mesh (``BAe-125-uv``: BAe-125 without its 374
+        faces that have no texture coordinates).
     cleaning : str
         One of `CLEANINGS`.
 
     Returns
     -------
     Mesh
+        The mesh after the cleaning.
 
     Raises
     ------
     InputError
-        No such mesh or cleaning.
+        ``name`` is no mesh, or ``cleaning`` is none of `CLEANINGS`.
     DataMissingError
-        The file is not on this machine.
+        The file is not on this computer.
     ChecksumError
-        The file is not the registered one.
+        The file has another SHA-256 than the registered one.
 
     Examples
     --------
@@ -154,7 +158,7 @@ def load_mesh(name: str, *, cleaning: Cleaning = "stored") -> Mesh:
 
 @checked
 def provenance(name: str) -> dict[str, Any]:
-    """Return where a data set comes from, for the record: origin, licence, checksums of its files.
+    """Return a record of a data set's origin, its licence and the checksums of its files.
 
     Parameters
     ----------
@@ -164,15 +168,15 @@ def provenance(name: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``name``, ``title``, ``origin``, ``page``, ``licence`` and ``files``, the SHA-256 of each
-        file; empty where not all of them are here.
+        ``name``, ``title``, ``origin``, ``page``, ``licence`` and ``files``. ``files`` has the
+        SHA-256 of each file, and is empty if a file is missing on this computer.
 
     Raises
     ------
     InputError
-        No such data set.
+        There is no such data set.
     ChecksumError
-        A file is not the registered one.
+        A file has another SHA-256 than the registered one.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The registry of data sets, and the places of their files on this machine."""
+"""Registry of data sets, and search for their files on this computer."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from manip3d._util.paths import path_of
 from manip3d.errors import Error, InputError
 
 ENTRY_POINTS = "manip3d.datasets"
-"""Group of entry points: each names a `DataSet` or an iterable of them."""
+"""Group of entry points; each refers to a `DataSet` or to an iterable of them."""
 _OWN = ("meshes", "scans", "rgbd", "people")
-"""Modules of this package that describe data sets: loaded by name, as plug-ins are."""
+"""Modules of this package with data sets, which are imported by name as plug-ins are."""
 
 
 class DataMissingError(Error, FileNotFoundError):
-    """Raised when a file of a data set is not on this machine; the message says how to get it."""
+    """Raised when a file of a data set is not on this computer; the message states the cure."""
 
 
 class ChecksumError(Error, ValueError):
@@ -36,18 +36,18 @@ class DataFile:
     Attributes
     ----------
     path : str
-        Relative to the data root, with forward slashes. A path that ends in ``.xz`` may also lie
-        there uncompressed, without that suffix.
+        Path relative to the data root, with forward slashes. If it ends in ``.xz``, the file may
+        also be stored uncompressed, without that suffix.
     size : int
-        Bytes of the file at ``path``.
+        Size of the file at ``path`` in bytes.
     sha256 : str
         SHA-256 of the file at ``path``.
     content_sha256 : str
-        SHA-256 of its uncompressed bytes, which are what the official home serves.
+        SHA-256 of the uncompressed file, which the official address serves.
     url : str
-        The official home's address of the uncompressed bytes; ``""``: there is none.
+        Official address of the uncompressed file; ``""`` if there is none.
     text : str
-        The file's whole content where it is a few lines that exist nowhere else; else ``""``.
+        Content of a file of a few lines that manip3d itself provides; ``""`` for other files.
     """
 
     path: str
@@ -59,28 +59,30 @@ class DataFile:
 
     @property
     def plain_path(self) -> str:
-        """The path of the uncompressed file."""
+        """Path of the uncompressed file, relative to the data root."""
         return self.path.removesuffix(".xz")
 
 
 @dataclass(frozen=True)
 class DataSet:
-    """A public data set: what it is, whose it is, where it comes from.
+    """A public data set: its files, its licence and its origin.
 
     Attributes
     ----------
     name : str
-        What `get` and ``manip3d data get`` know it by.
+        Name for `get` and ``manip3d data get``.
     title : str
+        Description in one line.
     kind : str
         ``mesh``, ``scan``, ``rgbd`` or ``lidar``.
     files : tuple of DataFile
-        The first one is the one that loaders open.
+        Files of the data set; loaders open the first.
     licence : str
+        Licence in words.
     origin : str
-        Who made it.
+        Authors, and the source of this copy.
     page : str
-        Where it can be seen and, when a file has no `DataFile.url`, got by hand.
+        Address of its web page, from which files without a `DataFile.url` are obtained by hand.
     facts : mapping of str to int
         Counts measured on the stored file.
     """
@@ -96,13 +98,13 @@ class DataSet:
 
     @property
     def size(self) -> int:
-        """Bytes of all files together, as stored."""
+        """Total size of all files as stored, in bytes."""
         return sum(file.size for file in self.files)
 
 
 @cache
 def registry() -> Mapping[str, DataSet]:
-    """Return all data sets by name: the package's own, then those of installed plug-ins.
+    """Return all data sets by name: manip3d's own, then those of installed plug-ins.
 
     Raises
     ------
@@ -129,21 +131,22 @@ def _data_sets(group: object) -> Iterable[DataSet]:
 
 @checked
 def get(name: str) -> DataSet:
-    """Return the data set of that name, whatever its case.
+    """Return the data set with a name; upper and lower case are equivalent.
 
     Parameters
     ----------
     name : str
-        As `manip3d data list` prints it.
+        A name that ``manip3d data list`` prints.
 
     Returns
     -------
     DataSet
+        The data set.
 
     Raises
     ------
     InputError
-        There is none; the message names similar ones.
+        There is no such data set; the message names similar ones.
 
     Examples
     --------
@@ -163,12 +166,12 @@ def get(name: str) -> DataSet:
 
 
 def cache_folder() -> Path:
-    """Return where fetched data goes: ``$MANIP3D_CACHE``, else the user's cache folder.
+    """Return the folder for downloaded data: in ``$MANIP3D_CACHE``, else in the user's cache.
 
     Returns
     -------
     Path
-        It need not exist.
+        The folder, which may not exist.
 
     Examples
     --------
@@ -183,11 +186,12 @@ def cache_folder() -> Path:
 
 
 def data_root() -> Path | None:
-    """Return the folder with real data: ``$MANIP3D_DATA``, else what `fetch` has filled, else None.
+    """Return the folder with real data: ``$MANIP3D_DATA``, else `cache_folder`.
 
     Returns
     -------
     Path or None
+        The first of the two that exists; None if neither does.
 
     Examples
     --------
@@ -202,21 +206,23 @@ def data_root() -> Path | None:
 
 @checked
 def data_folder_problem(folder: Path) -> str:
-    """Say what is wrong with a folder that ``MANIP3D_DATA`` names; empty: it can be used.
+    """Return why a folder cannot be used as ``MANIP3D_DATA``; empty if it can.
 
     Parameters
     ----------
     folder : Path
-        It should hold the folders that the paths of the registered files begin with.
+        The folder. It should hold at least one of the folders with which the paths of registered
+        files begin.
 
     Returns
     -------
     str
+        The reason in words, or ''.
 
     Raises
     ------
     InputError
-        ``folder`` is something else.
+        ``folder`` is no path.
 
     Examples
     --------
@@ -243,7 +249,7 @@ def _roots() -> list[Path]:
 
 @checked
 def locate(file: DataFile) -> Path | None:
-    """Return where the file lies on this machine, compressed or plain; None if it does not.
+    """Return the path of a file on this computer, compressed or not; None if it is missing.
 
     Parameters
     ----------
@@ -253,11 +259,12 @@ def locate(file: DataFile) -> Path | None:
     Returns
     -------
     Path or None
+        The path; the checksum is not verified.
 
     Raises
     ------
     InputError
-        ``file`` is something else.
+        ``file`` is no `DataFile`.
 
     Examples
     --------
@@ -275,20 +282,22 @@ def locate(file: DataFile) -> Path | None:
 
 @checked
 def is_here(data_set: DataSet) -> bool:
-    """Return whether all files of the data set lie on this machine (their bytes are not checked).
+    """Return whether all files of a data set are on this computer.
 
     Parameters
     ----------
     data_set : DataSet
+        The data set.
 
     Returns
     -------
     bool
+        Checksums are not verified.
 
     Raises
     ------
     InputError
-        ``data_set`` is something else.
+        ``data_set`` is no `DataSet`.
 
     Examples
     --------
@@ -309,18 +318,19 @@ def require(file: DataFile, name: str) -> Path:
     file : DataFile
         One of the files of a `DataSet`.
     name : str
-        Name of the data set, for the message.
+        Name of the data set, for the error message.
 
     Returns
     -------
     Path
+        Path of the file.
 
     Raises
     ------
     DataMissingError
-        It is not on this machine.
+        The file is not on this computer.
     ChecksumError
-        Its bytes are not the registered ones.
+        The file has another SHA-256 than the registered one.
 
     Examples
     --------
@@ -343,16 +353,17 @@ def require(file: DataFile, name: str) -> Path:
 
 @checked
 def file_sha256(path: Path) -> str:
-    """Return the hexadecimal SHA-256 of a file; computed once while its size and time stay.
+    """Return the hexadecimal SHA-256 of a file, cached while its size and time do not change.
 
     Parameters
     ----------
     path : Path
+        The file.
 
     Returns
     -------
     str
-        64 digits.
+        64 hexadecimal digits.
 
     Raises
     ------
@@ -373,20 +384,21 @@ def file_sha256(path: Path) -> str:
 
 @checked
 def folder_sha256(folder: Path) -> str:
-    """Return the hexadecimal SHA-256 of what ``sha256sum`` prints for all files of a folder.
+    """Return the hexadecimal SHA-256 of the output of ``sha256sum`` for all files of a folder.
 
-    It is that of ``find -L . -type f -print0 | LC_ALL=C sort -z | xargs -0 sha256sum`` in the
-    folder, where no name has a backslash or a line break.
+    It equals that of the output of
+    ``find -L . -type f -print0 | LC_ALL=C sort -z | xargs -0 sha256sum``, run in the folder, if no
+    name has a backslash or a line break.
 
     Parameters
     ----------
     folder : Path
-        Files in folders in it count, too; empty folders do not.
+        The folder; files in subfolders are included, empty folders are ignored.
 
     Returns
     -------
     str
-        64 digits.
+        64 hexadecimal digits.
 
     Raises
     ------
@@ -413,7 +425,7 @@ def folder_sha256(folder: Path) -> str:
             os.path.realpath(one)
             for one in (Path(place), *Path(place).parents)
             if one.is_relative_to(top)
-        }  # a link to one of them would be a circle
+        }  # folders above; a link to one of them would be followed for ever
         folders[:] = [name for name in folders if os.path.realpath(Path(place, name)) not in above]
         found = (Path(place, name) for name in files)
         names += [os.fsencode(f"./{one.relative_to(top)}") for one in found if one.is_file()]

@@ -1,4 +1,4 @@
-"""The CSV files of this package that name data files, their checksums and their homes."""
+"""Reader of this package's CSV files, which list data files, their checksums and addresses."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from manip3d.datasets._registry import DataFile
 
 
 def table(name: str) -> Iterator[dict[str, str]]:
-    """The rows of a CSV file of this package."""
+    """Yield the rows of a CSV file of this package."""
     text = files("manip3d.datasets").joinpath(name).read_text(encoding="utf-8")
     yield from csv.DictReader(text.splitlines())
 
 
 def data_file(folder: str, row: Mapping[str, str], text: str = "") -> DataFile:
-    """The file that a row names, below a folder of the data root."""
+    """Return the file of a row; its path is relative to ``folder`` in the data root."""
     return DataFile(
         path=f"{folder}/{row['path']}",
         size=int(row["size"]),

@@ -1,4 +1,4 @@
-"""Drives in KITTI's layout, as `manip3d.authenticate.watch_drive` watches them."""
+"""Drives in KITTI's layout, prepared for `manip3d.authenticate.watch_drive`."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from manip3d.datasets.kitti import KittiFrame, open_kitti
 from manip3d.errors import FormatError, InputError
 
 _FRONT_PAIRS = ((2, 3), (0, 1))
-"""KITTI's colour pair, then its grey one."""
+"""Camera numbers of KITTI's colour pair and of its grey pair."""
 
 
 class _Wanted(NamedTuple):
-    """The files that are read of each frame beside its scan."""
+    """Selection of the files that are read for each frame in addition to its scan."""
 
     records: bool
     carriers: Path | None
     front: tuple[int, int] | None
     has_rig: bool
     size: tuple[int, int] | None
-    """Width and height of pictures that the calibration is of; None: it does not say."""
+    """Width and height of the pictures for which the calibration is valid; None: not stated."""
     around: Mapping[str, tuple[int, int]]
     note: Callable[[str], object] | None
 
@@ -58,33 +58,34 @@ def watched_kitti(
     Parameters
     ----------
     folder : path
-        As for `open_kitti`.
+        Folder of the drive, see `open_kitti`.
     calibration : path, optional
-        As for `open_kitti`.
+        See `open_kitti`.
     rigs : path, optional
-        Stereo pairs, as `manip3d.authenticate.write_rigs` writes them; by default ``rigs.json`` in
-        the folder, else KITTI's colour pair, else its grey one.
+        File with stereo pairs, as `manip3d.authenticate.write_rigs` writes it; default:
+        ``rigs.json`` in the folder, else KITTI's colour pair, else its grey pair.
     records : bool
         Read the watermark's record of each scan.
     carriers : path, optional
-        Folder of the pictures that carry the records, which are read then; without it the records
-        stand beside the scans.
+        Folder of the pictures that carry the records; if it is given, records are read from these.
+        Default: the records are files beside the scans.
     frames : int, optional
-        The most frames to take.
+        Largest number of frames to read; default: all.
     note : callable, optional
-        Called with a sentence for each frame whose speed cannot be read.
+        Called with a sentence for each frame whose velocity cannot be read.
 
     Returns
     -------
     manip3d.authenticate.WatchedDrive
-        What cannot be read of a frame is missing at its moment only.
+        The drive. If a part of a frame cannot be read, only its own moment lacks that part, and
+        states the reason.
 
     Raises
     ------
     InputError
         There are no scans; ``carriers`` is not a folder; ``frames`` is below 1.
     FormatError, OSError
-        Calibration or rigs cannot be read.
+        The calibration or the file of rigs cannot be read.
 
     Examples
     --------
@@ -130,12 +131,12 @@ def watched_kitti(
 
 
 def _front_pair(frames: Sequence[KittiFrame]) -> tuple[int, int] | None:
-    """The first of KITTI's pairs of which any frame has pictures."""
+    """Return the first of KITTI's pairs for which some frame has pictures, or None."""
     return next((p for p in _FRONT_PAIRS for frame in frames if set(p) <= set(frame.images)), None)
 
 
 def _moment(frame: KittiFrame, wanted: _Wanted) -> DriveMoment:
-    """One frame with what its files hold, and why the others cannot be read."""
+    """Return a frame with the content of its files, and the reasons why some cannot be read."""
     unread: dict[str, str] = {}
     record, carrier, why = None, None, ""
     if wanted.records:
@@ -170,7 +171,7 @@ def _moment(frame: KittiFrame, wanted: _Wanted) -> DriveMoment:
 
 
 def _front_pictures(frame: KittiFrame, wanted: _Wanted) -> tuple[Any, Any] | None:
-    """The pictures of the front pair, which are to have the size that the calibration is of."""
+    """Read the pictures of the front pair, and check that they have the calibration's size."""
     if wanted.front is None:
         return None
     if not wanted.has_rig:
@@ -188,7 +189,8 @@ def _front_pictures(frame: KittiFrame, wanted: _Wanted) -> tuple[Any, Any] | Non
 
 
 def _pair_of(frame: KittiFrame, cameras: tuple[int, int]) -> tuple[Any, Any] | None:
-    """The pictures of one of several pairs; bad ones are refused here, not with the good ones."""
+    """Read the pictures of one of several pairs; check them here, so that an invalid pair does not
+    invalidate the others."""
     pictures = frame.pictures(*cameras)
     if pictures is not None:
         try:
@@ -199,7 +201,7 @@ def _pair_of(frame: KittiFrame, cameras: tuple[int, int]) -> tuple[Any, Any] | N
 
 
 def _or_why(otherwise: Any, read: Callable[[], Any]) -> tuple[Any, str]:
-    """Return what ``read`` gives and no reason, or ``otherwise`` and why it cannot be read."""
+    """Return the result of ``read`` and '', or ``otherwise`` and the reason why it failed."""
     try:
         return read(), ""
     except (FormatError, OSError) as error:
@@ -207,7 +209,7 @@ def _or_why(otherwise: Any, read: Callable[[], Any]) -> tuple[Any, str]:
 
 
 def _record_of(frame: KittiFrame, carriers: Path | None) -> tuple[bytes | None, Any]:
-    """The record of a scan: that beside it, or the picture that carries it."""
+    """Return the record beside a scan, or else the picture that carries it; one is None."""
     if carriers is None:
         return read_record(find_record(frame.scan_path)), None
     seen = carriers / f"{frame.scan_path.name.split('.')[0]}.png"

@@ -1,7 +1,7 @@
-"""KITTI's layouts: raw drives, object, odometry and stereo-2015, and what simulators write alike.
+"""Reader of KITTI's layouts: raw drives, and the object, odometry and stereo-2015 benchmarks.
 
-Geiger, Lenz, Stiller, Urtasun, "Vision meets Robotics: The KITTI Dataset", IJRR 2013. Scans may be
-compressed (``.bin.xz``). Nothing is read before it is asked for.
+Geiger, Lenz, Stiller, Urtasun, "Vision meets Robotics: The KITTI Dataset", IJRR 2013. Simulators
+may write the same layouts. Scans may be compressed (``.bin.xz``). Files are read on demand.
 """
 
 from __future__ import annotations
@@ -35,21 +35,23 @@ if TYPE_CHECKING:
 __all__ = ["KittiCalibration", "KittiDrive", "KittiFrame", "open_kitti"]
 
 _IMAGE_SUFFIXES = (".png", ".jpg")
-_OXTS_COLUMNS = (8, 9, 22)  # vf, vl and wu of dataformat.txt
+_OXTS_COLUMNS = (8, 9, 22)  # vf, vl and wu in KITTI's dataformat.txt
 
 
 @dataclass(frozen=True, eq=False)
 class KittiCalibration:
-    """Cameras and LiDAR of one drive.
+    """Calibration of the cameras and the LiDAR of one drive.
 
     Attributes
     ----------
     projections : mapping of int to (3, 4) float64
-        Rectified camera 0 frame to pixels of camera 0, 1 (grey), 2, 3 (colour).
+        Projection from the frame of the rectified camera 0 to the pixels of each camera: 0 and 1
+        are grey, 2 and 3 colour.
     T_rect_velo : (4, 4) float64
-        LiDAR frame to rectified camera 0 frame (x right, y down, z forward), metres.
+        Transform from the LiDAR frame to the frame of the rectified camera 0 (x right, y down,
+        z forward), metres.
     sizes : mapping of int to (int, int)
-        Width and height of each camera's rectified pictures; raw drives only.
+        Width and height of each camera's rectified pictures; only raw drives state them.
     """
 
     projections: Mapping[int, NDArray[np.float64]]
@@ -59,26 +61,26 @@ class KittiCalibration:
     def project(
         self, points: ArrayLike, camera: int = 2
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Pixels and depths of LiDAR points in a camera.
+        """Project LiDAR points to the pixels of a camera.
 
         Parameters
         ----------
         points : (N, 3), metres
-            In the LiDAR frame.
+            Points in the LiDAR frame.
         camera : int
-            0 to 3.
+            Number of the camera, 0 to 3.
 
         Returns
         -------
         pixels : (N, 2) float64
-            Column and row; without meaning where the depth is not positive.
+            Column and row; meaningless if the depth is not positive.
         depth : (N,) float64
-            Metres along the camera's axis.
+            Depth along the camera's optical axis, metres.
 
         Raises
         ------
         InputError
-            No such camera.
+            There is no such camera.
         """
         if camera not in self.projections:
             raise InputError(f"camera: expected one of {sorted(self.projections)}, got {camera}")
@@ -91,7 +93,7 @@ class KittiCalibration:
         return pixels, depth
 
     def baseline(self, left: int = 2, right: int = 3) -> float:
-        """Return the distance of two cameras, metres.
+        """Return the baseline of two cameras.
 
         Parameters
         ----------
@@ -101,6 +103,7 @@ class KittiCalibration:
         Returns
         -------
         float
+            Distance in metres; positive if ``right`` is to the right of ``left``.
         """
         shift = [self.projections[c][0, 3] / self.projections[c][0, 0] for c in (left, right)]
         return float(shift[0] - shift[1])
@@ -108,27 +111,28 @@ class KittiCalibration:
 
 @dataclass(frozen=True)
 class KittiFrame:
-    """The files of one frame of a drive: the scan and what was recorded with it.
+    """The files of one frame of a drive: the scan, and images and labels recorded with it.
 
     Attributes
     ----------
     name : str
-        Name of its files without the suffix: ``0000000005``, ``000005``, ...
+        Name of the frame's files without their suffix: ``0000000005``, ``000005``, ...
     scan_path : Path
         File with the LiDAR points.
     images : mapping of int to Path
-        Image files by the number of the camera, without cameras whose image is missing. KITTI has
-        cameras 0 to 3; higher numbers are further stereo pairs of simulated cars.
+        Image file of each camera; cameras whose image is missing are left out. KITTI has cameras
+        0 to 3; higher numbers are further stereo pairs of simulated cars.
     time_ns : int or None
-        Time of the scan, nanoseconds since 1970 (odometry drives: since their first frame).
+        Time of the scan in nanoseconds since 1970 (odometry drives: since their first frame).
     label_path : Path or None
-        Labelled objects (``label_2``).
+        File with labelled objects (``label_2``).
     truth_path : Path or None
-        Labels of points (``labels/NAME.label``, one uint32 per point as in SemanticKITTI).
+        File with labels of points (``labels/NAME.label``, one uint32 per point as in
+        SemanticKITTI).
     disparity_path : Path or None
-        Ground truth of the disparity (``disp_occ_0``).
+        File with the true disparity (``disp_occ_0``).
     oxts_path : Path or None
-        Position and velocity of the car (``oxts``).
+        File with position and velocity of the car (``oxts``).
     drive : KittiDrive
         The drive to which the frame belongs.
     """
@@ -144,12 +148,12 @@ class KittiFrame:
     drive: KittiDrive = field(repr=False)
 
     def scan(self) -> LidarFrame:
-        """Read the points; labels of points come as ``fields["label"]``.
+        """Read the points; labels of points, if there are any, are in ``fields["label"]``.
 
         Raises
         ------
         FormatError
-            The scan is damaged, or there is another number of labels than points.
+            The scan is damaged, or the numbers of labels and of points differ.
         """
         frame = read_scan(self.scan_path).replace(time_ns=self.time_ns)
         if self.truth_path is None:
@@ -164,12 +168,12 @@ class KittiFrame:
         return frame.replace(fields={**frame.fields, "label": np.frombuffer(raw, "<u4")})
 
     def calibration(self) -> KittiCalibration:
-        """Return the calibration of this frame (object) or of its drive.
+        """Read the calibration of this frame (object benchmark) or of its drive.
 
         Raises
         ------
         InputError
-            There is none.
+            There is no calibration.
         """
         folder = self.drive.calibration_path
         if folder is None:
@@ -177,7 +181,7 @@ class KittiFrame:
         return read_calibration(folder / f"{self.name}.txt" if self.drive.per_frame else folder)
 
     def velocity(self) -> tuple[float, float, float] | None:
-        """Velocity of the car: m/s ahead and to the left, rad/s counter-clockwise; None: unknown.
+        """Read the car's velocity: m/s forward, m/s left, rad/s counter-clockwise; None: unknown.
 
         Raises
         ------
@@ -200,7 +204,7 @@ class KittiFrame:
     def pictures(
         self, left: int = 2, right: int = 3
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
-        """Read a stereo pair: (H, W) grey or (H, W, 3) red, green, blue; None: it is not here.
+        """Read the two pictures of a stereo pair.
 
         Parameters
         ----------
@@ -210,6 +214,7 @@ class KittiFrame:
         Returns
         -------
         (left, right) or None
+            Pictures (H, W), grey, or (H, W, 3), red, green and blue; None if one is missing.
 
         Raises
         ------
@@ -231,14 +236,14 @@ class KittiFrame:
         return pair
 
     def boxes(self) -> tuple[Box, ...]:
-        """Labelled objects, in the LiDAR frame; none where there are no labels.
+        """Read the boxes of labelled objects, in the LiDAR frame; empty without labels.
 
-        From ``label_2``, else from a raw drive's ``tracklet_labels.xml``.
+        They are read from ``label_2``, or else from a raw drive's ``tracklet_labels.xml``.
 
         Raises
         ------
         FormatError
-            The labels are damaged; names the file.
+            The labels are damaged; the error names the file.
         """
         if self.label_path is None:
             return self.drive.tracklets.get(int(self.name) if self.name.isdecimal() else -1, ())
@@ -250,7 +255,7 @@ class KittiDrive:
     """A folder of scans in one of KITTI's layouts, as a sequence of `KittiFrame`; see `open_kitti`.
 
     ``len(drive)``, ``drive[3]``, ``drive[2:5]`` and loops work as for a tuple. Frames are in the
-    order of their file names; their files are read only when a method of the frame asks for them.
+    order of their file names. Their files are read only by the frame's methods.
 
     Attributes
     ----------
@@ -290,7 +295,7 @@ class KittiDrive:
 
     @functools.cached_property
     def _cameras(self) -> tuple[int, ...]:
-        """Numbers of the cameras with a folder of images: KITTI's 0 to 3, or more."""
+        """Numbers of the cameras with a folder of images: 0 to 3 in KITTI, or more."""
         digits = "[0-9][0-9]" if self.layout == "raw" else "[0-9]*"
         names = (folder.name[6:] for folder in self.path.glob(f"image_{digits}"))
         return tuple(sorted({int(name) for name in names if name.isdecimal() and len(name) <= 2}))
@@ -346,16 +351,17 @@ def open_kitti(
     ----------
     path : path-like
         A raw drive (``velodyne_points/data``, ``image_0N/data``), or a folder with ``velodyne``
-        and ``image_N`` (object, odometry sequence, stereo-2015). What a simulator writes in the
-        same layout opens alike.
+        and ``image_N`` (object, odometry sequence, stereo-2015), which a simulator may have
+        written.
     calibration : path-like, optional
-        Where the calibration lies, when not where KITTI has it: a day's folder with
-        ``calib_cam_to_cam.txt``, or a file such as odometry's ``calib.txt``.
+        Place of the calibration if it is not where KITTI has it: a day's folder with
+        ``calib_cam_to_cam.txt``, a file such as odometry's ``calib.txt``, or a folder with a file
+        for each frame.
 
     Returns
     -------
     KittiDrive
-        A sequence of frames, in the order of their numbers.
+        A sequence of frames, in the order of their file names.
 
     Raises
     ------
@@ -384,7 +390,7 @@ def open_kitti(
 
 
 def read_calibration(path: Path) -> KittiCalibration:
-    """Read a day's folder (raw) or one file (object, odometry)."""
+    """Read a calibration: a day's folder (raw drives) or a single file (object, odometry)."""
     if path.is_dir():
         cameras = _matrices(path / "calib_cam_to_cam.txt")
         rigid = _matrices(path / "calib_velo_to_cam.txt")
@@ -404,7 +410,7 @@ def read_calibration(path: Path) -> KittiCalibration:
         velo = _shaped(cameras, rigid_name, (3, 4), path)
         _check_rotation(velo[:, :3], rigid_name, path)
     rectify = np.eye(4)
-    if rotation in cameras:  # odometry's calib.txt has it inside Tr
+    if rotation in cameras:  # Tr in odometry's calib.txt includes the rectification
         rectify[:3, :3] = _rotation(cameras, rotation, file)
     rigid_velo = np.vstack([velo, [0.0, 0.0, 0.0, 1.0]])
     return KittiCalibration(
@@ -433,17 +439,18 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
     path : Path
         A text file with a line of 15 words for each object.
     calibration : KittiCalibration
-        Its ``T_rect_velo`` takes boxes from the rectified camera to the LiDAR frame.
+        The inverse of its ``T_rect_velo`` transforms boxes from the rectified camera's frame to the
+        LiDAR frame.
 
     Returns
     -------
     tuple of Box
-        In the order of the lines.
+        Boxes in the order of the lines.
 
     Raises
     ------
     FormatError
-        A line whose last seven words are not finite numbers, or with a negative size; it is named.
+        A line does not end in seven finite numbers, or has a negative size; the error names it.
     """
     boxes = []
     velo_rect = np.linalg.inv(calibration.T_rect_velo)
@@ -463,7 +470,8 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
                 file=str(path),
                 line=number,
             ) from None
-        # The place is the middle of the bottom face, the turn about the camera's y (down).
+        # The position is the centre of the bottom face; the rotation is about the camera's y axis,
+        # which points down.
         bottom = product(velo_rect, [x, y, z, 1.0])
         heading = product(velo_rect[:3, :3], [np.cos(rotation), 0.0, -np.sin(rotation)])
         boxes.append(
@@ -499,7 +507,7 @@ def read_tracklets(path: Path) -> dict[int, tuple[Box, ...]]:
         (first,) = _numbers(item, ("first_frame",), path)
         label = (item.findtext("objectType") or "").strip()
         for frame, pose in enumerate(item.findall("poses/item"), round(first)):
-            # The place is the middle of the bottom face; people turned boxes about z only.
+            # The position is the centre of the bottom face. Annotators rotated boxes about z only.
             x, y, z, yaw = _numbers(pose, ("tx", "ty", "tz", "rz"), path)
             box = Box((x, y, z + height / 2.0), (length, width, height), yaw, label, track)
             found.setdefault(frame, []).append(box)
@@ -517,7 +525,7 @@ def _numbers(element: Element, names: tuple[str, ...], path: Path) -> list[float
 
 
 def _finite(text: str) -> float:
-    """Return a number that a file may hold: no nan, no inf, no 1e999."""
+    """Parse a finite number; raise ValueError for nan, inf and overflow (1e999)."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(text)
@@ -525,7 +533,7 @@ def _finite(text: str) -> float:
 
 
 def _matrices(path: Path) -> dict[str, NDArray[np.float64]]:
-    """The lines ``name: numbers`` of a calibration file; others (dates) are left out."""
+    """Return the lines ``name: numbers`` of a calibration file; others (dates) are ignored."""
     found = {}
     for line in text_of(path).splitlines():
         name, _, values = line.partition(":")
@@ -557,7 +565,10 @@ def _rotation(
 
 
 def _check_rotation(matrix: NDArray[np.float64], name: str, file: Path) -> None:
-    """Refuse what has no inverse: files have seven digits, so that a rotation is one to 1e-3."""
+    """Refuse a matrix for which R R^T differs from the identity by 1e-3 or more.
+
+    KITTI's files have seven digits, so that their rotations pass.
+    """
     worst = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
     if not worst < 1e-3:
         raise FormatError(

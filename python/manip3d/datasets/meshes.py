@@ -1,8 +1,9 @@
-"""The public meshes of chapter 2's experiments and of the benchmarks: facts, never the data.
+"""Registry entries of the public meshes of chapter 2's experiments and of the benchmarks.
 
-``meshes.csv`` and ``companions.csv`` hold names, checksums, licences, sources and the counts that
-were measured on the stored files: boundary and non-manifold edges as stored and welded (welding
-merges vertices with bit-identical coordinates), a polygon of n corners counting as n - 2 faces.
+``meshes.csv`` and ``companions.csv`` hold names, checksums, licences, sources, and counts that were
+measured on the stored files: boundary and non-manifold edges as stored and welded (welding merges
+vertices with bit-identical coordinates), where a polygon of n corners counts as n - 2 faces. The
+meshes themselves are not part of the package.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from pathlib import PurePosixPath
 from manip3d.datasets._registry import DataFile, DataSet
 from manip3d.datasets._tables import data_file, table
 
-# Written for this collection: the OBJ names the file, its source does not ship it.
+# Provided here because the OBJ refers to this file and its source does not contain it.
 _HEAD_MTL = """\
 # written for this copy; the OBJ names this file but the source repository does not ship it
 newmtl defaultMat

@@ -1,8 +1,8 @@
-"""Recordings of people as sequences of `manip3d.RgbdFrame`, turned into cameras that do not mirror.
+"""Recordings of people as sequences of `manip3d.RgbdFrame`; mirrored images are flipped back.
 
 ======================  ===========================================================================
 ``utd-mhad:a3_s1``      UTD-MHAD: one person by a Kinect V1, background removed, 20 joints
-``utd-mhad:PATH``       the same of files of one's own: ``..._depth.mat`` with its joints
+``utd-mhad:PATH``       the same from the user's own files: ``..._depth.mat`` with its joints
 ``labanotation:NAME``   Labanotation Suite: joints of a Kinect V2 with their states, no images
 ``people:DATA_SET``     images of people with a mask: `frame_names` of ``person_turning``,
                         ``person_ddrnet``, ``person_ddrnet_arms_up``, ``person_normalgan``,
@@ -44,12 +44,12 @@ _IMAGES = (
     "person_normalgan",
     "person_frontsurfaces",
 )
-# The writing on this one's shirt reads backwards: a Kinect's own picture.
+# The writing on this person's shirt is mirrored, as in the unprocessed images of a Kinect.
 _MIRRORED_IMAGES = (("person_normalgan", "01"),)
-_NOMINAL_PERIOD_NS = 33_333_333  # of recordings that keep no times
+_NOMINAL_PERIOD_NS = 33_333_333  # 30 frames per second, for recordings without times
 
-# The data set's order of joints -> Kinect V1's: head, shoulder centre, spine, hip centre come
-# first, from the top down.
+# Index in the data set of each joint in the Kinect V1's order. The data set begins with head,
+# shoulder centre, spine and hip centre, the Kinect with the hip centre.
 _UTD_JOINTS = (3, 2, 1, 0, *range(4, 20))
 _UTD_CAMERA = Intrinsics(320, 240, 285.63, 285.63, 160.0, 120.0)  # nominal Kinect V1, mirrored
 _KINECT2_CAMERA = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)  # nominal
@@ -90,11 +90,12 @@ DATA_SETS = _data_sets()
 
 
 class RgbdSequence(Sequence[RgbdFrame]):
-    """Frames of one recording, each made when it is asked for; from `open_people`.
+    """Frames of one recording, made on demand; returned by `open_people`.
 
     Attributes
     ----------
     uri : str
+        Address of the recording.
     title : str
         Title of the data set.
     """
@@ -127,7 +128,7 @@ class RgbdSequence(Sequence[RgbdFrame]):
 
 
 def unmirrored(camera: Intrinsics) -> Intrinsics:
-    """The camera of the image whose columns are reversed.
+    """Return the camera of the image with its columns reversed.
 
     Raises
     ------
@@ -141,7 +142,7 @@ def unmirrored(camera: Intrinsics) -> Intrinsics:
 
 @cache
 def people_uris() -> tuple[str, ...]:
-    """Return all addresses that `open_people` takes, also of data that are not here."""
+    """Return all registered addresses for `open_people`, including those of missing data."""
     return (
         *(f"utd-mhad:{name}" for name in _sequences(_UTD_MHAD, r"(a\d+_s\d)_t1_depth\.mat")),
         *(f"labanotation:{name}" for name in _sequences(_LABANOTATION, r"([^/]+)\.csv")),
@@ -150,7 +151,7 @@ def people_uris() -> tuple[str, ...]:
 
 
 def _sequences(data_set: str, pattern: str) -> list[str]:
-    """The sequences that the names of a data set's files tell, by number."""
+    """Return the names of sequences, from the file names of a data set, sorted by number."""
     matches = (re.search(f"/{pattern}$", file.path) for file in get(data_set).files)
     names = [match[1] for match in matches if match]
     return sorted(names, key=lambda name: [int(n) for n in re.findall(r"\d+", name)])
@@ -164,31 +165,32 @@ def open_people(uri: str) -> RgbdSequence:
     ----------
     uri : str
         One of `people_uris`: ``utd-mhad:a3_s1`` (action 3, subject 1), ``labanotation:NAME`` or
-        ``people:DATA_SET``; or a trial of UTD-MHAD that is not verified: ``utd-mhad:PATH`` of its
-        depth file (``a3_s1_t1_depth.mat``), or of a folder that holds one trial. The joints are
-        beside it, in ``a3_s1_t1_skeleton.mat``, or in ``../Skeleton``. The data set's films of
-        another camera (``a3_s1_t1_color.avi``) are not read, as nobody knows where that was.
+        ``people:DATA_SET``. Also ``utd-mhad:PATH`` of another trial of UTD-MHAD, which is not
+        verified: its depth file (``a3_s1_t1_depth.mat``), or a folder that holds one trial. Its
+        joints are read from ``a3_s1_t1_skeleton.mat`` in the same folder or in ``../Skeleton``. The
+        data set's colour videos (``a3_s1_t1_color.avi``) are not read, because the pose of their
+        camera is not known.
 
     Returns
     -------
     RgbdSequence
-        Its frames have ``body_index`` 0 where the person is. A frame of which a table of joints
-        lacks a row has no skeleton. Times are the recording's own
-        (Labanotation) or nominal, 30 frames a second. UTD-MHAD has no colour and says of no joint
-        whether it was inferred; Labanotation has no images: their depth is 0 everywhere.
+        ``body_index`` is 0 at the person's pixels. If a table of joints lacks a joint of a frame,
+        that frame has no skeleton. Times are those of the recording (Labanotation) or nominal, 30
+        frames per second. UTD-MHAD has no colour and does not state which joints were inferred;
+        Labanotation has no images, so that its depth is 0 everywhere.
 
     Raises
     ------
     InputError
-        No such recording.
+        There is no such recording.
     DataMissingError, ChecksumError
-        A file is not on this machine, or not the registered one.
+        A file is not on this computer, or has another SHA-256 than the registered one.
     FormatError
-        A file is damaged, or the joints of a trial are not there.
+        A file is damaged, or the joints of a trial are missing.
     OSError
-        `FileNotFoundError` and the like.
+        A file cannot be read.
     MissingExtraError
-        Pillow (images) is not installed.
+        Pillow, which reads the images, is not installed.
 
     Examples
     --------
@@ -252,7 +254,7 @@ def _labanotation(uri: str, name: str) -> RgbdSequence:
 
     path = _file(_LABANOTATION, f"{name}.csv")
     try:
-        # Some lines end in a comma, hence the columns.
+        # The columns are given because some lines end in a comma.
         values = np.loadtxt(path, np.float64, delimiter=",", ndmin=2, usecols=range(1 + 25 * 4))
     except ValueError as error:
         raise FormatError(str(error), file=str(path)) from None
@@ -269,7 +271,7 @@ def _labanotation(uri: str, name: str) -> RgbdSequence:
             depth=nothing,
             calibration=calibration,
             skeletons=(skeleton,),
-            time_ns=int(values[number, 0]) * 100,  # counted in 100 ns
+            time_ns=int(values[number, 0]) * 100,  # the file counts units of 100 ns
             number=number,
         )
 
@@ -283,7 +285,7 @@ def _images(uri: str, name: str) -> RgbdSequence:
         frame = load_frame(name, number)
         mirrored = (name, frames[number]) in _MIRRORED_IMAGES
         columns = slice(None, None, -1 if mirrored else 1)
-        depth = np.asarray(frame.depth, np.uint16)  # all of these are stored in millimetres
+        depth = np.asarray(frame.depth, np.uint16)  # all data sets in _IMAGES have millimetres
         camera = unmirrored(frame.intrinsics) if mirrored else frame.intrinsics
         body = _body(depth > 0 if frame.mask is None else frame.mask)
         return RgbdFrame(

@@ -1,7 +1,7 @@
-"""Folders of LiDAR range images: a 16-bit PNG per turn and one file with the angles.
+"""Reader of folders of LiDAR range images: a 16-bit PNG per turn, and one file with the angles.
 
-The layout of KIT's Velodyne tracking data (F. Moosmann): ``data/0000000000.png``, a row per laser
-and a column per azimuth step, ``velodyne_config.txt`` and ``timestamps.txt``.
+This is the layout of KIT's Velodyne tracking data (F. Moosmann): ``data/0000000000.png`` with a row
+per laser and a column per azimuth step, ``velodyne_config.txt`` and ``timestamps.txt``.
 """
 
 from __future__ import annotations
@@ -30,13 +30,15 @@ __all__ = ["RangeImageFolder", "RangeImageLayout", "open_range_images"]
 
 @dataclass(frozen=True, eq=False)
 class RangeImageLayout:
-    """Meaning of the pixels of a range image.
+    """Unit of the ranges and directions of the pixels of a range image.
 
     Attributes
     ----------
     units_per_metre : float
+        Stored units per metre.
     azimuth : (W,) float64
-        Azimuth of each column's middle, radians, counter-clockwise from x (ahead) seen from above.
+        Azimuth of each column's centre, radians, counter-clockwise from x (forward) seen from
+        above.
     elevation : (H,) float64
         Elevation of each row, radians, positive above the horizon.
     """
@@ -46,7 +48,7 @@ class RangeImageLayout:
     elevation: NDArray[np.float64]
 
     def points(self, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(H, W, 3) float64, metres: x ahead, y left, z up."""
+        """Return points (H, W, 3) from ranges (H, W), all in metres; x forward, y left, z up."""
         flat = np.cos(self.elevation)[:, None]
         directions = np.stack(
             [
@@ -63,13 +65,14 @@ class RangeImageLayout:
 def read_layout(path: Path) -> RangeImageLayout:
     """Read ``velodyne_config.txt``.
 
-    [multiplier] width height, azimuths of the left and right border, then one elevation per row,
-    positive downwards, or those of the upper and lower border; degrees.
+    Its only line has an optional multiplier (units per metre), width and height, azimuths of the
+    left and right border, and then either one elevation per row, positive downwards, or the
+    elevations of the upper and lower border. Angles are in degrees.
 
     Raises
     ------
     FormatError
-        No such line, or numbers that do not fit together.
+        There is no such line, or its numbers do not fit together.
     """
     for number, text in enumerate(text_of(path).splitlines(), 1):
         words = text.replace(";", " ").split()
@@ -89,7 +92,7 @@ def read_layout(path: Path) -> RangeImageLayout:
 def _layout_of(values: NDArray[np.float64]) -> RangeImageLayout | None:
     if not np.isfinite(values).all():
         return None
-    for head in (1, 0):  # with a multiplier, without
+    for head in (1, 0):  # numbers before the width: the multiplier or none
         if len(values) < head + 6:
             continue
         width, height, left, right = values[head : head + 4]
@@ -107,7 +110,7 @@ def _layout_of(values: NDArray[np.float64]) -> RangeImageLayout | None:
 
 @checked
 class RangeImageFolder(Sequence[LidarFrame]):
-    """The turns of a folder; each is read when it is asked for."""
+    """Sequence of the scanner's turns in a folder, each read on demand."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -178,14 +181,14 @@ def open_range_images(path: str | os.PathLike[str]) -> RangeImageFolder:
     Returns
     -------
     RangeImageFolder
-        A sequence of `manip3d.LidarFrame`: a point per pixel that is not 0, ``ring`` the row (0 the
-        highest laser), ``fields``: ``column``, ``range`` (metres). All lasers are taken to stand
-        at the origin, as the format does.
+        A sequence of `manip3d.LidarFrame`. Each has a point per pixel that is not 0; ``ring`` is
+        the row (0: the highest laser), ``fields`` are ``column`` and ``range`` (metres). All lasers
+        are at the origin, because the format states no offsets.
 
     Raises
     ------
     FormatError
-        The file of angles, or when read an image or time, is damaged or does not fit.
+        The file of angles is damaged. A damaged image or time raises it when that turn is read.
     OSError
         The folder or the file of angles is missing.
 

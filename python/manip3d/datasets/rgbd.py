@@ -1,7 +1,7 @@
-"""RGB-D recordings of people and scenes: each in its own units and file layout, all read alike.
+"""RGB-D recordings of people and scenes, whose units and file layouts differ.
 
-``rgbd.csv`` holds paths and checksums. The units are those that each data set defines; nothing is
-guessed from the numbers.
+``rgbd.csv`` holds paths and checksums. Units are those that each data set states; none is guessed
+from the numbers.
 """
 
 from __future__ import annotations
@@ -34,22 +34,24 @@ _INTERNAL = "none stated: for tests and measurements only, not to be published"
 
 @dataclass(frozen=True, eq=False)
 class DepthFrame:
-    """One depth image with what its recording says about it.
+    """A depth image with its camera, colour image, mask and pose.
 
     Attributes
     ----------
     name : str
+        Names of the data set and of the frame.
     depth : (H, W) uint16 in millimetres, or float32 in metres
         0 = no measurement.
     intrinsics : Intrinsics
         Intrinsics of the depth camera.
     color : (H', W', 3) uint8 or None
+        Colour image; None if the recording has none.
     is_registered : bool
-        Whether colour pixel (u, v) shows what depth pixel (u, v) measures.
+        Whether colour pixel (u, v) shows the surface measured by depth pixel (u, v).
     mask : (H, W) bool or None
-        Pixels of the person.
+        Pixels of the person; None if the recording has no mask.
     pose : (4, 4) float64 or None
-        Camera to world.
+        Transform from camera to world; None if it is not known.
     """
 
     name: str
@@ -62,7 +64,7 @@ class DepthFrame:
 
     @property
     def person(self) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """The depth of the masked pixels alone; all of it where there is no mask."""
+        """Depth of the person's pixels, 0 elsewhere; the whole depth image if there is no mask."""
         return self.depth if self.mask is None else np.where(self.mask, self.depth, 0)
 
 
@@ -71,7 +73,7 @@ _ReadPose = Callable[["Path", str], "NDArray[np.float64]"]
 
 @dataclass(frozen=True)
 class _Recording:
-    """How a data set lays out its files: templates in which ``*`` stands for the frame's name."""
+    """File layout of a data set: path templates in which ``*`` stands for the frame's name."""
 
     title: str
     folder: str
@@ -104,14 +106,14 @@ def _log_pose(path: Path, frame: str) -> NDArray[np.float64]:
 
 
 def _quaternion_pose(path: Path, frame: str) -> NDArray[np.float64]:
-    """A line for each frame; the first is frame 1."""
+    """Read the pose of a frame from a file with a line per frame, beginning with frame 1."""
     from manip3d.io._poses import trajectory
 
     return trajectory(path)[1][int(frame) - 1]
 
 
 def _turntable_pose(path: Path, _: str) -> NDArray[np.float64]:
-    """Rotation and translation of an OpenCV XML file."""
+    """Read rotation and translation from an OpenCV XML file."""
     numbers = {
         name: [float(word) for word in data.split()]
         for name, data in re.findall(
@@ -277,7 +279,7 @@ _RECORDINGS: Mapping[str, _Recording] = {
         page="https://github.com/IntelRealSense/librealsense",
     ),
 }
-_NOT_REGISTERED = ("scene_kitchen",)  # colour and depth only roughly
+_NOT_REGISTERED = ("scene_kitchen",)  # colour and depth are aligned only roughly
 _MASK_THRESHOLD = 127
 _RAY_TABLE = "kinect2_rays"
 
@@ -352,11 +354,12 @@ def frame_names(name: str) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
+        Names for `load_frame`.
 
     Raises
     ------
     InputError
-        No such data set, or it is not a recording.
+        There is no such data set, or it is no recording of images.
 
     Examples
     --------
@@ -383,14 +386,14 @@ def load_frame(name: str, frame: str | int = 0) -> DepthFrame:
     Returns
     -------
     DepthFrame
-        Depth in millimetres, or in metres where the data set has another unit.
+        Depth in millimetres, or in metres if the data set has another unit.
 
     Raises
     ------
     InputError
-        No such data set or frame.
+        There is no such data set or frame.
     DataMissingError, ChecksumError
-        A file is not on this machine, or not the registered one.
+        A file is not on this computer, or has another SHA-256 than the registered one.
     FormatError
         A file cannot be read.
     MissingExtraError
@@ -416,7 +419,7 @@ def load_frame(name: str, frame: str | int = 0) -> DepthFrame:
         return require(files[path], data_set.name) if template and path in files else None
 
     depth_path = find(recording.depth)
-    assert depth_path is not None  # the frame was named after it
+    assert depth_path is not None  # frame names come from the depth files
     depth = read_depth(depth_path, units_per_metre=recording.units_per_metre)
     color_path, mask_path, pose_path = map(find, (recording.color, recording.mask, recording.pose))
     read_pose = recording.read_pose
@@ -437,9 +440,9 @@ def _read_mask(path: Path) -> NDArray[np.bool_]:
 
 
 def load_kinect2_intrinsics() -> Intrinsics:
-    """Return a real Kinect V2's depth camera: a line of sight for each pixel.
+    """Return the depth camera of a real Kinect V2, with a line of sight for each pixel.
 
-    Its y axis points up, as in the table of that camera.
+    Its y axis points up, as in the table from which it is read.
 
     Returns
     -------
@@ -449,7 +452,7 @@ def load_kinect2_intrinsics() -> Intrinsics:
     Raises
     ------
     DataMissingError, ChecksumError
-        The table is not on this machine, or not the registered one.
+        The table is not on this computer, or has another SHA-256 than the registered one.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""The Stanford range scans: single range images with the poses that align them.
+"""The Stanford range scans: single range images, with the poses that align them.
 
-``scans.csv`` holds names, checksums, sources and the counts measured on the stored files; faces are
-two triangles per 2x2 cell of pixels with four points, one where three are there.
+``scans.csv`` holds names, checksums, sources and the counts measured on the stored files. A 2x2
+cell of pixels counts as two faces if it has four points, and as one if it has three.
 """
 
 from __future__ import annotations
@@ -67,16 +67,18 @@ DATA_SETS = _data_sets()
 
 @dataclass(frozen=True, eq=False)
 class RangeScan:
-    """One range image and where it belongs among its neighbours.
+    """One range image and its pose.
 
     Attributes
     ----------
     name : str
+        Name of the scan.
     points : (H, W, 3) float64
-        In the file's own units (metres) and axes; NaN where nothing was measured.
+        Points in metres and in the file's own axes; NaN without a measurement.
     valid : (H, W) bool
+        Whether the pixel has a measurement.
     pose : (4, 4) float64
-        Rigid transform from the scan's frame to the one that all scans of its set share.
+        Rigid transform from the scan's frame to the common frame of all scans of its set.
     """
 
     name: str
@@ -97,21 +99,22 @@ def _sets_of_scans() -> Mapping[str, tuple[DataSet, DataFile]]:
 
 @checked
 def scan_names(data_set: str = "") -> tuple[str, ...]:
-    """Return the names of the scans of a data set of kind ``scan``; of all of them without one.
+    """Return the names of the range scans of a data set, or of all data sets of kind ``scan``.
 
     Parameters
     ----------
     data_set : str
-        Name of the data set.
+        Name of the data set; default: all.
 
     Returns
     -------
     tuple of str
+        Names for `load_scan`.
 
     Raises
     ------
     InputError
-        No such data set, or it is of another kind.
+        There is no such data set, or it has another kind.
 
     Examples
     --------
@@ -137,13 +140,14 @@ def scan_path(name: str) -> Path:
     Returns
     -------
     Path
+        Path of the file.
 
     Raises
     ------
     InputError
-        No such scan.
+        There is no such scan.
     DataMissingError, ChecksumError
-        The file is not on this machine, or not the registered one.
+        The file is not on this computer, or has another SHA-256 than the registered one.
 
     Examples
     --------
@@ -156,7 +160,7 @@ def scan_path(name: str) -> Path:
 
 @checked
 def scan_is_here(name: str) -> bool:
-    """Return whether a scan and the poses of its set lie on this machine.
+    """Return whether a scan and the poses of its set are on this computer.
 
     Parameters
     ----------
@@ -166,11 +170,12 @@ def scan_is_here(name: str) -> bool:
     Returns
     -------
     bool
+        Checksums are not verified.
 
     Raises
     ------
     InputError
-        No such scan.
+        There is no such scan.
 
     Examples
     --------
@@ -194,14 +199,14 @@ def load_scan(name: str) -> RangeScan:
     Returns
     -------
     RangeScan
-        Its grid of points, and its pose in the frame of all scans of its set.
+        Its grid of points, and its pose in the common frame of its set.
 
     Raises
     ------
     InputError
-        No such scan.
+        There is no such scan.
     DataMissingError, ChecksumError
-        The file is not on this machine, or not the registered one.
+        The file is not on this computer, or has another SHA-256 than the registered one.
 
     Examples
     --------
@@ -232,12 +237,13 @@ def read_poses(path: Path) -> dict[str, NDArray[np.float64]]:
     Parameters
     ----------
     path : Path
+        The file.
 
     Returns
     -------
     dict of str to (4, 4) float64
-        By file: the transform of that scan to the frame of all. The rotation is the inverse of the
-        quaternion's, as the format has it.
+        For each file, the transform from the scan's frame to the common frame. In this format the
+        rotation is the inverse of the quaternion's.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Which public meshes stand in for the dissertation's models.
+"""Public meshes that stand in for the dissertation's models.
 
-RockerArm and Head are the published files. Car, Dragon, Jet and Airplane are not public: meshes
-with the same traits stand in for them, and every number measured on one says so.
+RockerArm and Head are the published files. Car, Dragon, Jet and Airplane are not public. Meshes
+with similar properties stand in for them, and each number measured on a stand-in is labelled so.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from manip3d.datasets._load import Cleaning
 
 @dataclass(frozen=True)
 class StandIn:
-    """One mesh, in one cleaning, in the place of one of the dissertation's models.
+    """A mesh with a cleaning that stands in for one of the dissertation's models.
 
     Attributes
     ----------
     published : str
-        The dissertation's model; ``""`` for a mesh shown beside them.
+        Name of the dissertation's model; ``""`` for an additional mesh.
     mesh : str
         Name for `manip3d.datasets.load_mesh`.
     cleaning : str
         One of `manip3d.datasets.CLEANINGS`.
     same_file : bool
-        Whether it is the published file itself.
+        Whether the mesh is the published file itself.
     textured : bool
-        Whether it stands in the textured group (tables 2.3, 2.4 and 2.7).
+        Whether the mesh belongs to the textured group (tables 2.3, 2.4 and 2.7).
     variant : str
-        Tells several cleanings of one mesh apart.
+        Name of the cleaning if a mesh is shown with several; else ''.
     """
 
     published: str
@@ -40,26 +40,26 @@ class StandIn:
 
     @property
     def label(self) -> str:
-        """The mesh, and its variant where several are shown."""
+        """Name of the mesh, with its variant if it has one."""
         return f"{self.mesh}, {self.variant}" if self.variant else self.mesh
 
     @property
     def data(self) -> str:
-        """``published``, ``stand-in`` or ``recorded``: in the place of nothing."""
+        """Kind of the data: ``published``, ``stand-in`` or ``recorded`` (an additional mesh)."""
         if self.same_file:
             return "published"
         return "stand-in" if self.published else "recorded"
 
     @property
     def role(self) -> str:
-        """Role of its numbers: the published model's, a stand-in's, or a mesh's beside them."""
+        """Role in words: the published model, a stand-in for one, or an additional mesh."""
         if self.same_file:
             return f"the published {self.published}"
         return f"stand-in for {self.published}" if self.published else "beside the published models"
 
 
-# As stored, the stand-ins have the share of boundary edges for which they were chosen; welded, as
-# the command line simplifies them, stand beside those whose seams or sheets that changes most.
+# The stand-ins were chosen by their share of boundary edges as stored. The command line welds
+# meshes before it simplifies them; meshes that welding changes most are listed welded as well.
 STAND_INS: tuple[StandIn, ...] = (
     StandIn("RockerArm", "rockerArm", same_file=True),
     StandIn("Car", "ferrari_458", variant="as stored"),

@@ -311,7 +311,7 @@ def named_beside(source: str) -> Iterator[str]:
 
 
 def companions(path: Path) -> Iterator[PurePosixPath]:
-    """Yield the relative paths of the files to which a file refers, if they lie below its folder."""
+    """Yield the paths of files to which a file refers, relative to its folder, if below it."""
     suffix = _plain_suffix(path)
     if suffix in _OF_ONE_NAME:
         plain = path if path.suffix.lower() == suffix else path.with_suffix("")

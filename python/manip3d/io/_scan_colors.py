@@ -1,4 +1,4 @@
-"""Colours and normals of scans, under the names that each format has for them."""
+"""Conversion of colours and normals of scans between the column names of different formats."""
 
 from __future__ import annotations
 
@@ -20,37 +20,39 @@ _COLORS = (
     ("r", "g", "b"),
 )
 _PACKED = ("rgb", "rgba")
-"""Red, green and blue in one number of 32 bits, as PCD has them, or in one row."""
+"""Names of a column with red, green and blue packed in 32 bits (PCD), or in 3 or 4 bytes a row."""
 _UNNAMED = (("c4", "c5", "c6"), ("c3", "c4", "c5"))
-"""The last columns of a text without names: those of Leica's ``.pts``, and those of Open3D's."""
+"""Colours in the last columns of a text file without column names: Leica's ``.pts``, Open3D's."""
 NORMALS = {
     "pcd": ("normal_x", "normal_y", "normal_z"),
     **dict.fromkeys(("ply", "npz", "xyzn"), ("nx", "ny", "nz")),
 }
-"""Names of normals by format."""
+"""Column names of normals in each format."""
 _NAMES = {
     "e57": ("colorRed", "colorGreen", "colorBlue"),
     **dict.fromkeys(("ply", "las", "csv", "pts", "ptx", "npz", "xyzrgb"), ("red", "green", "blue")),
 }
 _OF_CLOUDCOMPARE = "scalar_"
-"""Prefix that CloudCompare puts before the names of columns."""
+"""Prefix of column names that CloudCompare writes."""
 _WIDE = ("las", "csv")
-"""Formats that hold colours of 16 bits."""
+"""Formats whose colours may have 16 bits."""
 _LAS_STEP = 256
-"""LAS stretches a colour of 8 bits to 16 by this factor."""
+"""LAS scales 8-bit colours to 16 bits by this factor."""
 
 
 def plain_name(name: str) -> str:
-    """The name of a column as others write it: ``intensity`` for ``scalar_Intensity``."""
+    """Return a column name in lower case without CloudCompare's prefix: ``intensity``."""
     return name.lower().removeprefix(_OF_CLOUDCOMPARE)
 
 
 def renamed(frame: LidarFrame, name: str) -> LidarFrame:
-    """The frame with colours and normals as another format than its own names them.
+    """Return the frame with colours and normals under the names of the format ``name``.
 
-    Colours have 8 bits in all formats but LAS and CSV. The fields stay as they are where there are
-    none, or where the format has no names for them. LAS has whole intensities beside a reflectance,
-    which is the frame's intensity: they get a name of their own, or go if they say nothing.
+    Colours have 8 bits in all formats except LAS and CSV. Fields stay unchanged if the frame has no
+    colours, or if the format has no names for them, or if it is the frame's own format.
+
+    A frame read from LAS may have integer intensities beside a reflectance, which is the frame's
+    ``intensity``. The former become the field ``las_intensity``, or are dropped if all are 0.
     """
     if frame.format is not None and frame.format.name == name:
         return frame
@@ -69,7 +71,7 @@ def renamed(frame: LidarFrame, name: str) -> LidarFrame:
 
 
 def color_names(frame: LidarFrame, name: str) -> tuple[str, ...]:
-    """The fields of a renamed frame that hold its colours; empty: it has none."""
+    """Return the names of the colour fields of a frame from `renamed`; empty without colours."""
     names = _NAMES.get(name, ())
     return names if names and all(each in frame.fields for each in names) else ()
 
@@ -78,7 +80,7 @@ def _rename_normals(fields: dict[str, NDArray[Any]], name: str) -> None:
     wanted = NORMALS.get(name)
     for names in NORMALS.values():
         if wanted is not None and names != wanted and all(each in fields for each in names):
-            # Open3D takes those of 64 bits in PCD for 0.
+            # float32, because Open3D reads 64-bit normals in PCD as 0.
             taken = [fields.pop(each).astype(np.float32) for each in names]
             fields |= dict(zip(wanted, taken, strict=True))
 
@@ -86,7 +88,7 @@ def _rename_normals(fields: dict[str, NDArray[Any]], name: str) -> None:
 def _find_colors(
     fields: Mapping[str, NDArray[Any]],
 ) -> tuple[Sequence[str], NDArray[Any]] | None:
-    """The names of the fields that hold colours, and the colours, (N, 3), of 8 or 16 bits."""
+    """Return the names of the fields with colours, and the colours (N, 3) of 8 or 16 bits."""
     by_plain = {plain_name(name): name for name in fields}
     for names in (*_COLORS, *_UNNAMED):
         if not all(name in by_plain for name in names):
@@ -94,7 +96,8 @@ def _find_colors(
         taken = [by_plain[name] for name in names]
         if names in _UNNAMED and taken[-1] != list(fields)[-1]:
             continue
-        most = 255 if len(names[0]) < 3 else 65535  # r, or a column without a name, may be anything
+        # Columns named r or c4 need not be colours, so that they must have 8 bits.
+        most = 255 if len(names[0]) < 3 else 65535
         colors = _as_colors([fields[name] for name in taken], most)
         if colors is not None:
             return taken, colors
@@ -106,14 +109,15 @@ def _find_colors(
 
 
 def _as_colors(columns: Sequence[NDArray[Any]], most: int) -> NDArray[Any] | None:
-    """Columns of whole numbers from 0 to ``most``; None: they are no colours.
+    """Return the columns as colours, (N, 3); None if they are no integers from 0 to ``most``.
 
-    Numbers of 16 bits of which none is above 255 are those of 8 that were not stretched.
+    If ``most`` is 65535, fractions from 0 to 1 are colours, too. If no number is above 255, the
+    colours have 8 bits.
     """
     if any(values.ndim != 1 or values.dtype.kind not in "iuf" for values in columns):
         return None
     values = np.column_stack(columns)
-    if most > 255 and _are_shares(values):  # Open3D's, and those of renderers
+    if most > 255 and _are_shares(values):  # Open3D and renderers write such colours
         return np.rint(values * 255.0).astype(np.uint8)
     if not bool((np.isfinite(values) & (values == np.rint(values)) & (values >= 0)).all()):
         return None
@@ -124,7 +128,7 @@ def _as_colors(columns: Sequence[NDArray[Any]], most: int) -> NDArray[Any] | Non
 
 
 def _are_shares(values: NDArray[Any]) -> bool:
-    """Whether colours are numbers from 0 to 1, not all of them whole."""
+    """Return whether colours are floats from 0 to 1, of which some are neither 0 nor 1."""
     if values.dtype.kind != "f" or not bool(((values >= 0.0) & (values <= 1.0)).all()):
         return False
     return bool((values != np.rint(values)).any())

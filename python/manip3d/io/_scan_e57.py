@@ -1,4 +1,4 @@
-"""E57 through pye57: all scan positions, poses, rows and columns."""
+"""Reading and writing of E57 through pye57: all scan positions, poses, rows and columns."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _STATES = ("cartesianInvalidState", "sphericalInvalidState")
 INTEGERS = {"rowIndex": np.uint16, "columnIndex": np.uint16, "colorRed": np.uint8,
              "colorGreen": np.uint8, "colorBlue": np.uint8}  # fmt: skip
-"""Columns that are written beside coordinates and the intensity, and their types."""
+"""Columns that are written in addition to coordinates and intensity, and their types."""
 
 
 def _pye57() -> Any:
@@ -44,7 +44,7 @@ def _pye57() -> Any:
 
 
 def read_all(path: Path, limit: int) -> list[LidarFrame]:
-    """Every scan position, in the file's order; see `manip3d.io.read_scans`."""
+    """Read all scan positions, in the file's order; see `manip3d.io.read_scans`."""
     pye57 = _pye57()
     with open_regular(path) as stream:  # raises OSError before the parser runs
         if stream.read(8) != b"ASTM-E57":
@@ -58,14 +58,14 @@ def read_all(path: Path, limit: int) -> list[LidarFrame]:
             file.close()
     except (FormatError, OSError, MemoryError):
         raise
-    except Exception as error:  # whatever the library makes of a damaged file
-        # Behind the first line the library tells its own functions.
+    except Exception as error:  # pye57 raises various types for damaged files
+        # The lines after the first name functions of the library.
         reason = str(error).replace("\\n", "\n").strip().partition("\n")[0][:200]
         raise FormatError(f"damaged E57: {reason}", file=str(path)) from error
 
 
 def _check_claims(file: Any, path: Path, limit: int) -> None:
-    """Refuse a file whose scans together claim more than it can hold, or than is allowed."""
+    """Refuse a file whose scans claim more bytes than it can hold, or exceed a limit."""
     headers = [file.get_header(index) for index in range(file.scan_count)]
     claimed = sum(8 * each.point_count * max(1, len(each.point_fields)) for each in headers)
     refuse_expansion(claimed, path.stat().st_size, limit, str(path))
@@ -112,20 +112,20 @@ def _read_one(file: Any, index: int, path: Path) -> LidarFrame:
 
 
 def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
-    """Positions one after the other; pye57 writes coordinates as 32-bit floats.
+    """Write all scan positions; pye57 writes coordinates as 32-bit floats.
 
-    Coordinates of a map are written near 0, with the place of that in the pose.
+    Map coordinates are shifted near 0, and the shift is written in the pose.
 
     Raises
     ------
     InputError
-        A frame without points, which pye57 cannot write.
+        A frame has no points, which pye57 cannot write.
     """
     pye57 = _pye57()
     for frame in frames:
         if not frame.num_points:
             raise InputError("points: E57 needs at least one in each scan")
-    # libE57 crashes where a disk is full or broken: it writes into memory.
+    # Written to memory first, because libE57 crashes if the disk is full or fails.
     with os.fdopen(os.memfd_create("manip3d"), "rb") as memory:
         file = pye57.E57(f"/proc/self/fd/{memory.fileno()}", mode="w")
         try:

@@ -1,4 +1,4 @@
-"""Reading and writing of scans; `manip3d.io` shows the functions."""
+"""Reading and writing of scans in all formats; `manip3d.io` exports the functions."""
 
 from __future__ import annotations
 
@@ -26,25 +26,27 @@ SCAN_SUFFIXES: tuple[str, ...] = (
     *tables.TABLE_SUFFIXES,
     *(".npy", ".npz", ".las", ".laz", ".e57", ".ptx"),
 )
-"""Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
+"""Suffixes of the formats that `read_scan` reads and `write_scan` writes; LAS, LAZ and E57 need an
+extra."""
 
 _SEVERAL = (".e57", ".ptx")
-"""Suffixes of files that hold several scans."""
+"""Suffixes of formats that may hold several scans."""
 
 _EXPORTED = (".asc", ".pts", ".txt", ".csv", ".npy", ".npz")
 FOLDER_SUFFIXES: tuple[str, ...] = tuple(
     suffix for suffix in SCAN_SUFFIXES if suffix not in _EXPORTED
 )
-"""Suffixes by which folders are searched: most texts and arrays in a folder are not scans, and a
-watermarked drive consists of no other files, since what verifies it must find them."""
+"""Suffixes of the files that are scans of a folder. Text files and arrays are not among them,
+because most of those in a folder are no scans. All scans of a watermarked drive have one of these
+suffixes, so that verification finds them."""
 
 EXPORTED_SUFFIXES: tuple[str, ...] = tuple(s for s in SCAN_SUFFIXES if s not in FOLDER_SUFFIXES)
-"""Suffixes by which a folder without other scans is searched: exports of other programs."""
+"""Suffixes that count only in a folder without other scans: exports of other programs."""
 
 _PLY_HEADER_BYTES = 1 << 16
 _HEAD_BYTES, _HEAD_LINES, _MOST_COLUMNS = 4096, 8, 24
-"""Bytes and lines that tell a text of points, and the most columns of one: poses of a car and its
-navigation have more, or are named."""
+"""A text file is recognised as points by its first 4096 bytes or 8 lines, with at most 24 columns;
+files with poses or navigation data of a car have more columns, or other names."""
 
 
 @checked
@@ -56,69 +58,73 @@ def read_scan(
 ) -> LidarFrame:
     """Read a scan: one of `SCAN_SUFFIXES`, which ``.gz`` or ``.xz`` may follow.
 
-    LAS, LAZ, E57, PTX, ``.npy`` and ``.npz`` are not compressed further.
+    LAS, LAZ, E57, PTX, ``.npy`` and ``.npz`` may not be followed by ``.gz`` or ``.xz``.
 
     Parameters
     ----------
     path : path-like or URL
+        The file.
     origin : (3,) float, optional
-        Where the scanner stood, if the file does not say.
+        Position of the scanner in the coordinates of the points; default: as the format states, see
+        Notes.
     max_bytes : int, optional
-        The most uncompressed bytes to read. Without it compressed files are refused past 64 MiB
-        where they expand more than 200 times.
+        Largest number of uncompressed bytes to read. Default: a compressed file may have 64 MiB or
+        expand 200 times, whichever is more.
 
     Returns
     -------
     LidarFrame
-        The notes say where its scanner stands and what its coordinates are, format by format.
-        Points without coordinates (NaN, empty, marked invalid) were not measured: they are dropped
-        and counted, and ``file_rows`` has the rows of the others. KITTI's ``.bin`` has no such
-        points: NaN there is damage.
+        The scan. Points without coordinates (NaN, empty, marked invalid) were not measured: they
+        are dropped and counted, and ``file_rows`` holds the rows of the others. KITTI's ``.bin``
+        has no such points, so that NaN there is an error.
 
     Raises
     ------
     FormatError
-        The file is damaged or hostile; names the file and the line or byte.
+        The file is damaged or hostile; the error names the file and the line or byte.
     InputError
-        No format has that suffix, or the file holds several positions (see `read_scans`).
+        The suffix is unknown, or the file holds several scan positions (see `read_scans`).
     MissingExtraError
-        LAS, LAZ and E57: the package that reads them is not installed.
+        The package that reads LAS, LAZ or E57 is not installed.
     OSError
-        `FileNotFoundError` and the like.
+        The file cannot be read.
 
     Notes
     -----
-    Coordinates of 64 bits that lie far from 0, as those of maps do, are moved near it:
-    `ScanFormat.to_file` leads back.
+    64-bit coordinates far from 0, such as map coordinates, are shifted near 0;
+    `ScanFormat.to_file` is the transform back to the file's coordinates. Coordinates and the
+    scanner's position depend on the format:
 
     KITTI ``.bin``
-        Metres, x forward, y left, z up, the scanner at the origin. Where the values say that rows
-        have three, five, six or seven floats instead of x, y, z and intensity, ``fields`` has the
-        others as ``column_5`` and so on.
+        Metres, x forward, y left, z up, the scanner at the origin. Rows usually are x, y, z and
+        intensity. If the values show that rows have three, five, six or seven floats, ``fields``
+        has the further columns as ``column_5`` and so on.
     nuScenes ``.pcd.bin``
-        Coordinates as they are, the scanner at the origin.
+        Coordinates of the file, the scanner at the origin.
     PCD
-        Coordinates as they are, the scanner at the file's viewpoint.
+        Coordinates of the file, the scanner at the file's viewpoint.
     PLY, LAS, LAZ
-        Coordinates as they are; the scanner's position is not known.
+        Coordinates of the file; the scanner's position is not known.
     3DTK ``.3d``
         Converted to metres, x forward, y left, z up, the scanner at the origin.
         ``format.header["pose"]`` is the pose of the ``.pose`` file beside it.
     E57, PTX
-        The scanner's own frame, the scanner at the origin; ``format.header["pose"]`` is its pose.
-        Points of PTX at (0, 0, 0) were not measured; ``format.header["shape"]`` has the columns
-        and rows of its grid. Where it states another position than the pose, that is not known.
+        Coordinates relative to the scanner, the scanner at the origin; ``format.header["pose"]`` is
+        its pose. In PTX, points at (0, 0, 0) were not measured, and ``format.header["shape"]``
+        holds the numbers of columns and rows of the grid. If the scanner position that a PTX file
+        states contradicts its pose, the position is treated as unknown.
     Text (``.xyz``, ``.xyzi``, ``.xyzn``, ``.xyzrgb``, ``.asc``, ``.pts``, ``.txt``, ``.csv``)
-        A point a line; commas, semicolons or blanks between columns. A line before the points names
-        the columns; without one they are x, y, z, the intensity where there are four or seven, and
-        ``c3`` and so on; normals in ``.xyzn`` and colours in ``.xyzrgb``, as Open3D writes them.
-        The scanner's position is not known.
+        One point per line; columns are separated by commas, semicolons or spaces. A line before the
+        points may name the columns. Otherwise they are x, y, z, then the intensity if there are
+        four or seven columns, then ``c3`` and so on; in ``.xyzn`` normals follow and in ``.xyzrgb``
+        colours, as Open3D writes them. The scanner's position is not known.
     ``.npy``
         Rows of x, y, z, the intensity and up to four more numbers, or a structured array with
-        named columns; otherwise as text.
+        named columns. The scanner's position is not known.
     ``.npz``
         Open3D's point clouds: arrays ``positions`` or ``points``, ``colors``, ``normals``, and
-        others of as many rows; or one array as in ``.npy``. Otherwise as text.
+        others with the same number of rows; or one array as in ``.npy``. The scanner's position is
+        not known.
 
     Examples
     --------
@@ -139,22 +145,24 @@ def read_scan(
 
 @checked
 def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> list[LidarFrame]:
-    """Read all scans of a file: E57 and PTX may hold many positions, other formats hold one.
+    """Read all scans of a file; E57 and PTX may hold several positions, other formats hold one.
 
     Parameters
     ----------
     path : path-like or URL
+        The file.
     max_bytes : int, optional
-        The most uncompressed bytes to read.
+        Largest number of uncompressed bytes to read.
 
     Returns
     -------
     list of LidarFrame
+        The scans in the order of the file.
 
     Raises
     ------
     FormatError, InputError, MissingExtraError, OSError
-        As `read_scan`.
+        See `read_scan`.
 
     Examples
     --------
@@ -200,34 +208,43 @@ def _read_local(path: Path, limit: int, look: Callable[[float], None] | None) ->
 
 @checked
 def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
-    """Write a scan in the format that the suffix says, then ``.gz`` or ``.xz`` if wanted.
+    """Write a scan in the format of the suffix, which ``.gz`` or ``.xz`` may follow.
 
-    The file appears whole or not at all. A scan written to the format that it was read from keeps
-    the file's columns, their types and their order, and the coordinates of points that were not
-    moved. Another format gets x, y, z, the intensity (`.bin`: 0 where there is none), the ring and
-    what of ``fields`` it can hold; KITTI's ``.bin`` holds nothing else, 3DTK's ``.3d`` the
-    intensity, E57 rows, columns and colours (coordinates as 32-bit floats, those of a map near 0
-    with the rest in the pose), PTX colours. Colours get the names that the other format has for
-    them (PCD: one number), with 8 bits, in LAS with 16; normals those of PLY and PCD. ``.pts`` has
-    colours
-    as its last columns, ``.xyzrgb`` and ``.xyzn`` colours or normals only; ``.xyz``, ``.xyzi``,
-    ``.asc`` and ``.txt`` hold no more than the intensity. ``.npz`` is as Open3D reads it.
+    The file is written atomically.
 
     Parameters
     ----------
     frame : LidarFrame
+        The scan to write.
     path : path-like or URL
-        One of `SCAN_SUFFIXES`, which ``.gz`` or ``.xz`` may follow; not LAS, LAZ, E57, PTX,
-        ``.npy`` and ``.npz``.
+        Output file with one of `SCAN_SUFFIXES`; ``.gz`` or ``.xz`` may follow, except with LAS,
+        LAZ, E57, PTX, ``.npy`` and ``.npz``.
 
     Raises
     ------
     InputError
-        Unknown suffix.
+        The suffix is unknown.
     MissingExtraError
-        LAS, LAZ and E57: the package that writes them is not installed.
+        The package that writes LAS, LAZ or E57 is not installed.
     OSError
-        The operating system refused; the old file is whole.
+        The file cannot be written; an existing file stays unchanged.
+
+    Notes
+    -----
+    A scan that is written to the format from which it was read keeps the file's columns, their
+    types and their order, and the exact coordinates of points that were not moved. Another format
+    gets x, y, z, the intensity, the ring, and those ``fields`` that it can hold:
+
+    - ``.bin`` (KITTI) holds only the intensity, 0 if there is none; ``.3d`` (3DTK) only the
+      intensity.
+    - E57 holds rows, columns and colours. Its coordinates are 32-bit floats; map coordinates are
+      shifted near 0, and the shift is in the pose.
+    - PTX holds colours. ``.pts`` has colours in its last columns, ``.xyzrgb`` only colours and
+      ``.xyzn`` only normals. ``.xyz``, ``.xyzi``, ``.asc`` and ``.txt`` hold only the intensity.
+    - ``.npz`` is a point cloud that Open3D reads.
+
+    Colours and normals get the column names of the format. Colours have 8 bits, packed in one
+    number in PCD; LAS has 16 bits.
 
     Examples
     --------
@@ -258,7 +275,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
 
 
 def names_left_out(frame: LidarFrame, suffix: str) -> list[str]:
-    """The columns of a scan that a file of another format does not hold, if not all are 0."""
+    """Return the columns of a scan, other than zeros, that a file of this suffix cannot hold."""
     name = suffix.lstrip(".").replace("laz", "las")
     if suffix in tables.TABLE_SUFFIXES:
         name = tables.format_name(suffix)
@@ -293,20 +310,21 @@ def _refuse_compression(path: str | os.PathLike[str]) -> None:
 
 @checked
 def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> None:
-    """Write several scan positions to one E57 or PTX file, each with the pose it was read with.
+    """Write several scan positions to one E57 or PTX file, each with the pose from its own file.
 
     Parameters
     ----------
     frames : sequence of LidarFrame
+        The scans to write.
     path : path-like or URL
-        ``.e57`` or ``.ptx``; any other suffix takes exactly one scan.
+        Output file that ends in ``.e57`` or ``.ptx``; other formats hold exactly one scan.
 
     Raises
     ------
     InputError
-        Another suffix and not exactly one scan.
+        The suffix is another one, and there is not exactly one scan.
     MissingExtraError, OSError
-        As `write_scan`.
+        See `write_scan`.
 
     Examples
     --------
@@ -334,9 +352,9 @@ def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> N
 
 
 def ply_elements(path: Path) -> dict[bytes, bytes] | None:
-    """The elements that the header of a PLY file names, with their numbers as it writes them.
+    """Return the elements in the header of a PLY file, with their counts as text.
 
-    None: the file cannot be read; the reader of meshes says what is wrong.
+    None if the file cannot be read; the mesh reader then reports the reason.
     """
     openers: dict[str, Any] = {".gz": gzip.open, ".xz": lzma.open}
     try:
@@ -349,19 +367,19 @@ def ply_elements(path: Path) -> dict[bytes, bytes] | None:
 
 
 def are_points_only(elements: dict[bytes, bytes]) -> bool:
-    """Whether `ply_elements` are those of a scan without a grid."""
-    # MeshLab writes the scans that it opens with no faces, and says so.
+    """Return whether a PLY file with these elements is a scan without a range grid."""
+    # MeshLab saves scans with an element "face" of count 0.
     told = {name for name, number in elements.items() if number != b"0" or name == b"range_grid"}
     return told <= {b"vertex", b"camera"}
 
 
 def holds_points(path: Path) -> bool:
-    """Return whether a text or an array holds points: three numbers a line, or names of x, y, z.
+    """Return whether a text file or array holds points: three numbers per row, or columns x, y, z.
 
     Raises
     ------
     OSError
-        It cannot be read.
+        The file cannot be read.
     """
     if scan_suffix(path) == ".npy":
         from manip3d.io._scan_npy import is_npy_scan
@@ -393,9 +411,9 @@ def _is_number(text: str) -> bool:
 
 
 def readable_scans(folder: str | os.PathLike[str]) -> list[Path]:
-    """The scans of a folder: those of `FOLDER_SUFFIXES`, else the texts and arrays with points.
+    """Return the scans of a folder: those of `FOLDER_SUFFIXES`, or else text files and arrays.
 
-    Hidden files do not count.
+    Text files and arrays must hold points, see `holds_points`. Hidden files are ignored.
 
     Raises
     ------
@@ -415,7 +433,7 @@ def readable_scans(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def scan_paths(folder: str | os.PathLike[str], *, hidden: bool = False) -> Iterator[Path]:
-    """The scans of a folder, in the order of their names; hidden ones only where they are asked."""
+    """Yield the files of `FOLDER_SUFFIXES` in a folder by name, with hidden ones if ``hidden``."""
     yield from sorted(
         p
         for p in path_of(folder, "folder").iterdir()

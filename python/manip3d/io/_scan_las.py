@@ -1,4 +1,4 @@
-"""LAS and LAZ through laspy (and lazrs): every dimension kept, coordinates to the last bit."""
+"""Reading and writing of LAS and LAZ through laspy and lazrs, with all dimensions, losslessly."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def _laspy() -> Any:
 
 
 def read(path: Path, limit: int) -> LidarFrame:
-    """Read a scan, as `io.read_scan` does; points are moved near 0 where they lie far from it."""
+    """Read a scan, see `manip3d.io.read_scan`; points far from 0 are shifted near 0."""
     laspy = _laspy()
     num_chunks = check_las(path, limit)
-    # The parallel decoder reserves a whole chunk of the size that the file claims; a single chunk
-    # may claim any size, and decoding it in parallel gains nothing.
+    # The parallel decoder allocates a whole chunk of the size that the file claims. A single chunk
+    # may claim any size, and decoding it in parallel would be no faster.
     parallel, serial = laspy.LazBackend.LazrsParallel, laspy.LazBackend.Lazrs
     try:
         las = laspy.read(path, laz_backend=(parallel, serial) if num_chunks > 1 else serial)
@@ -53,7 +53,7 @@ def read(path: Path, limit: int) -> LidarFrame:
         }
     except (MemoryError, KeyboardInterrupt, SystemExit):
         raise
-    except BaseException as error:  # whatever it makes of a damaged file, panics of Rust included
+    except BaseException as error:  # various types for damaged files, including panics of Rust
         if isinstance(error, OSError) and error.errno is not None:
             raise
         raise FormatError(f"damaged LAS: {str(error)[:200]}", file=str(path)) from error
@@ -79,7 +79,7 @@ def read(path: Path, limit: int) -> LidarFrame:
 
 
 def write(frame: LidarFrame, path: Path) -> None:
-    """Write a scan, as `manip3d.io.write_scan` does."""
+    """Write a scan, see `manip3d.io.write_scan`."""
     laspy = _laspy()
     own = frame.format is not None and frame.format.name == "las"
     if own and frame.format is not None:
@@ -106,14 +106,14 @@ def write(frame: LidarFrame, path: Path) -> None:
         raise InputError(f"points: LAS cannot hold them: {error}") from error
     compressed = path.suffix.lower() == ".laz"
     with atomic_path(path) as temporary, temporary.open("wb") as disk:
-        # The message of lazrs about a full disk does not name the cause.
+        # Written to memory first, because lazrs does not name the cause if the disk is full.
         memory = io.BytesIO()
         las.write(memory if compressed else disk, do_compress=compressed)
         disk.write(memory.getbuffer())
 
 
 def _without_octree(header: Any) -> Any:
-    """Leave out the octree of a COPC file: laspy writes none, and other rows would not fit it."""
+    """Remove the octree records of a COPC file, which do not fit rows that laspy writes anew."""
     for records in (header.vlrs, header.evlrs):
         if records is not None:
             records[:] = [record for record in records if record.user_id.strip("\0 ") != "copc"]
@@ -130,7 +130,7 @@ def _fitting(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
 def _new_header(
     laspy: Any, exact: NDArray[np.float64], columns: dict[str, NDArray[Any]], frame: LidarFrame
 ) -> Any:
-    """Steps of 0.1 mm; what is not a standard dimension becomes an extra one."""
+    """Return a header with steps of 0.1 mm; other columns become extra dimensions."""
     is_colored = all(name in columns for name in ("red", "green", "blue"))
     header = laspy.LasHeader(point_format=7 if is_colored else 6, version="1.4")
     header.scales = np.full(3, 1e-4)

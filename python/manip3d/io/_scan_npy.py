@@ -1,4 +1,4 @@
-"""Scans as NumPy arrays: x, y, z, intensity and more of each row or pixel, or named columns."""
+"""Scans in NumPy arrays: rows or pixels of x, y, z, intensity and more, or named columns."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _FEWEST, _MOST = 3, 8
-"""Numbers of a point. No depth image is that narrow."""
+"""Number of values per point; no depth image is that narrow."""
 _LEAST_SIDE = 2
-"""Rows and columns of an organised cloud, at least."""
+"""Smallest number of rows and of columns of an organised cloud."""
 _NAMES = ("x", "y", "z", "intensity")
 
 
 def is_npy_scan(path: str | os.PathLike[str]) -> bool:
-    """Return whether an array is a scan, not a depth image: by its shape or its names.
+    """Return whether an array is a scan and no depth image, by its shape or column names.
 
     Raises
     ------
     OSError
-        It cannot be read.
+        The file cannot be read.
     """
     with open_regular(path) as file:
         return is_scan(file.read(MOST_HEADER))
 
 
 def is_scan(head: bytes) -> bool:
-    """Whether an array with these first bytes is a scan."""
+    """Return whether an array file with these first bytes is a scan."""
     try:
         shape, _, dtype, _ = read_npy_header(head)
     except FormatError:
@@ -61,23 +61,23 @@ def is_scan(head: bytes) -> bool:
 
 
 def has_names(data: bytes) -> bool:
-    """Whether the columns of an array have names.
+    """Return whether the array is a structured one, with named columns.
 
     Raises
     ------
     FormatError
-        The bytes are no array.
+        The bytes are no array file.
     """
     return read_npy_header(data)[2].names is not None
 
 
 def read(path: Path, limit: int) -> LidarFrame:
-    """Read a scan, as `manip3d.io.read_scan` does."""
+    """Read a scan, see `manip3d.io.read_scan`."""
     return frame_of_table(read_table(path, limit), origin=None)
 
 
 def read_table(path: Path, limit: int) -> Table:
-    """Read the points of an array, measured or not.
+    """Read all points of an array file, including those that were not measured.
 
     Raises
     ------
@@ -92,12 +92,12 @@ def read_table(path: Path, limit: int) -> Table:
 
 
 def table_of(data: bytes, name: str) -> Table:
-    """The points that the bytes of an array are, measured or not, row by row.
+    """Return all points in the bytes of an array file, row by row; ``name`` is for errors.
 
     Raises
     ------
     FormatError
-        They are no scan.
+        The array is no scan.
     """
     try:
         shape, is_fortran, dtype, start = read_npy_header(data)
@@ -133,14 +133,14 @@ def table_of(data: bytes, name: str) -> Table:
 
 
 def pairs_of(sides: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
-    """The size of an organised cloud of so many rows and columns, as PCD's header tells it."""
+    """Return height and width of an organised cloud as entries of a PCD header; else empty."""
     if len(sides) != 2:
         return ()
     return ("height", str(sides[0])), ("width", str(sides[1]))
 
 
 def write(frame: LidarFrame, path: Path) -> None:
-    """Write a scan, as `io.write_scan` does: as it was read, or rows of x, y, z and intensity."""
+    """Write a scan in its own layout if it was read from .npy, else rows of x, y, z, intensity."""
     layout = frame.format
     if layout is None or layout.name != "npy":
         names = _NAMES if frame.intensity is not None else _NAMES[:3]
@@ -155,14 +155,14 @@ def write(frame: LidarFrame, path: Path) -> None:
         named = [(c[0], c[1]) if c[2] == 1 else (c[0], c[1], (c[2],)) for c in layout.columns]
         array = rows.view(np.dtype(named))
     with atomic_path(path) as local, local.open("wb") as file:
-        # On a full disk, the error of an array that is saved to a file says nothing of the disk.
+        # Written to memory first, because NumPy's error for a full disk does not name the cause.
         content = io.BytesIO()
         np.save(content, array, allow_pickle=False)
         file.write(content.getbuffer())
 
 
 def _layout(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Column, ...]:
-    """The columns of an array; the first three of a plain one are x, y and z."""
+    """Return the columns of an array; those of a plain one begin with x, y and z."""
     if dtype.names is not None:
         assert dtype.fields is not None
         found = [(name, *_kind(dtype.fields[name][0])) for name in dtype.names]
@@ -177,7 +177,7 @@ def _layout(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Column, ...]:
 
 
 def _kind(dtype: np.dtype[Any]) -> tuple[str, int]:
-    """NumPy's name of a field's type, little endian, and how many it has; 0: not numeric."""
+    """Return the little-endian type name of a field, and its number of values; 0: not numeric."""
     base, shape = dtype.base, dtype.shape
     if base.kind not in "iufb" or len(shape) > 1:
         return "", 0

@@ -1,4 +1,4 @@
-"""Scans as archives of NumPy arrays: Open3D's point clouds, an array a quantity."""
+"""Scans in archives of NumPy arrays, one array per quantity, such as Open3D's point clouds."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ if TYPE_CHECKING:
     from manip3d.lidar import LidarFrame
 
 _POINTS = ("positions", "points", "xyz")
-"""Names of the coordinates in Open3D's tensor clouds, in its others and by ROS's converters."""
+"""Names of the coordinates: of Open3D's tensor and legacy point clouds, of converters for ROS."""
 _TRIPLES = {"colors": ("red", "green", "blue"), "normals": ("nx", "ny", "nz")}
-"""Columns of Open3D's arrays of three numbers a point."""
+"""Names of the three columns of Open3D's arrays ``colors`` and ``normals``."""
 
 
 def is_npz_scan(path: str | os.PathLike[str]) -> bool:
-    """Return whether an archive holds a scan, not a depth image: by the names of its arrays.
+    """Return whether an archive is a scan and no depth image.
 
-    One whose only array is a scan by itself counts, too.
+    It is a scan if an array has one of the names of coordinates, or if its only array is a scan.
 
     Raises
     ------
     OSError
-        It cannot be read.
+        The file cannot be read.
     """
     try:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
@@ -59,17 +59,17 @@ def is_npz_scan(path: str | os.PathLike[str]) -> bool:
                 return _scan_npy.is_scan(member.read(MOST_HEADER))
     except OSError:
         raise
-    except Exception:  # zipfile and zlib fail with a dozen types on damaged files
+    except Exception:  # zipfile and zlib raise various types for damaged files
         return False
 
 
 def read(path: Path, limit: int) -> LidarFrame:
-    """Read a scan, as `manip3d.io.read_scan` does."""
+    """Read a scan, see `manip3d.io.read_scan`."""
     return frame_of_table(read_table(path, limit), origin=None)
 
 
 def read_table(path: Path, limit: int) -> Table:
-    """Read the points of an archive, measured or not.
+    """Read all points of an archive, including those that were not measured.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def read_table(path: Path, limit: int) -> Table:
         if key is None:
             names = ", ".join(sorted(members)[:20]) or "none"
             raise FormatError(f"expected an array named {' or '.join(_POINTS)}, got {names}")
-        if _scan_npy.has_names(members[key]):  # pyntcloud's: all columns in one array
+        if _scan_npy.has_names(members[key]):  # pyntcloud writes all columns in one array
             return _scan_npy.table_of(members[key], name)
         points = _array(members.pop(key))
         if points.ndim not in (2, 3) or points.shape[-1] != 3 or points.dtype.kind not in "iuf":
@@ -107,7 +107,7 @@ def read_table(path: Path, limit: int) -> Table:
         raise FormatError(error.reason, file=name, byte_offset=error.byte_offset) from error
     except (OSError, Error):
         raise
-    except Exception as error:  # zipfile and zlib fail with a dozen types on damaged files
+    except Exception as error:  # zipfile and zlib raise various types for damaged files
         reason = f"damaged .npz: {str(error) or type(error).__name__}"
         raise FormatError(reason, file=name) from error
     columns: dict[str, NDArray[Any]] = dict(zip("xyz", points.T, strict=True))
@@ -115,7 +115,7 @@ def read_table(path: Path, limit: int) -> Table:
     for other, member in members.items():
         try:
             found = _columns_of(other, _by_points(_array(member), sides), len(points))
-        except FormatError:  # arrays of objects, or damaged ones
+        except FormatError:  # the array holds Python objects, or is damaged
             found = {}
         gone += [] if found else [other]
         columns |= {each: values for each, values in found.items() if each not in columns}
@@ -129,14 +129,14 @@ def read_table(path: Path, limit: int) -> Table:
 
 
 def _by_points(values: NDArray[Any], sides: tuple[int, ...]) -> NDArray[Any]:
-    """The numbers of an image's pixels, row by row."""
+    """Return the values of an organised cloud's points row by row; other arrays unchanged."""
     if len(sides) == 2 and values.shape[:2] == sides:
         return values.reshape(math.prod(sides), *values.shape[2:])
     return values
 
 
 def write(frame: LidarFrame, path: Path) -> None:
-    """Write a scan, as `io.write_scan` does: Open3D's tensor cloud, (N, k) numbers an array."""
+    """Write a scan as a tensor point cloud of Open3D, with an array (N, k) for each quantity."""
     arrays: dict[str, NDArray[Any]] = {"positions": stored_coordinates(frame, "npz")}
     if frame.intensity is not None:
         arrays["intensity"] = frame.intensity[:, None]
@@ -146,9 +146,9 @@ def write(frame: LidarFrame, path: Path) -> None:
             arrays[name] = np.column_stack([columns.pop(each) for each in triple])
     arrays |= {name: values[:, None] for name, values in columns.items() if name not in arrays}
     with atomic_path(path) as local, local.open("wb") as file:
-        # On a full disk, the error of an archive that is saved to a file says nothing of the disk.
+        # Written to memory first, because the error for a full disk would not name the cause.
         content = io.BytesIO()
-        with zipfile.ZipFile(content, "w") as archive:  # np.savez takes no array named "file"
+        with zipfile.ZipFile(content, "w") as archive:  # np.savez refuses an array named "file"
             for name, array in arrays.items():
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                     np.lib.format.write_array(member, np.ascontiguousarray(array))
@@ -168,7 +168,7 @@ def _array(data: bytes) -> NDArray[Any]:
     if any(side < 0 for side in shape):
         raise FormatError(f"expected a shape, got {shape}")
     count = 1
-    for side in shape:  # Python's own numbers: NumPy's would overflow
+    for side in shape:  # in Python's integers, because NumPy's could overflow
         count *= side
     if len(data) - start < count * dtype.itemsize:
         raise FormatError(
@@ -180,7 +180,7 @@ def _array(data: bytes) -> NDArray[Any]:
 
 
 def _columns_of(name: str, values: NDArray[Any], num_points: int) -> dict[str, NDArray[Any]]:
-    """The columns that an array of a number, or a few, for each point is; empty: it is none."""
+    """Return the columns in an array (N,) or (N, k) of numbers; empty for any other array."""
     if values.dtype.kind not in "iuf" or values.ndim not in (1, 2) or len(values) != num_points:
         return {}
     if values.shape[1:] == (0,):

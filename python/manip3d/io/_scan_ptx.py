@@ -1,4 +1,4 @@
-"""PTX, the text that Leica's Cyclone and others exchange scans of terrestrial scanners in."""
+"""Reading and writing of PTX, a text format of Leica's Cyclone for terrestrial scans."""
 
 from __future__ import annotations
 
@@ -28,18 +28,19 @@ if TYPE_CHECKING:
     Doubles = NDArray[np.float64]
 
 _LEAST_ROW = 6
-"""Bytes of the shortest point, ``0 0 0`` and the end of the line."""
+"""Size of the shortest point in bytes: ``0 0 0`` and the end of the line."""
 _LONGEST_LINE = 1000
 _MOST_DIGITS = 9
 _COLORS = ("red", "green", "blue")
 _NO_INTENSITY = 0.5
-"""Value that Leica's programs write where the intensity is not known."""
+"""Leica's programs write this value for an unknown intensity."""
 _SAME_PLACE = 1e-3
-"""Metres between two statements of one position: they are rounded to micrometres and more."""
+"""Tolerance in metres between two statements of the same position; both are rounded to
+micrometres or coarser."""
 
 
 def read_all(path: Path, limit: int) -> list[LidarFrame]:
-    """Every scan of a file, in its order; see `manip3d.io.read_scans`."""
+    """Read all scans in the order of the file; see `manip3d.io.read_scans`."""
     size = path.stat().st_size
     if limit and size > limit:
         raise FormatError(f"more than max_bytes = {limit}", file=str(path))
@@ -54,14 +55,14 @@ def read_all(path: Path, limit: int) -> list[LidarFrame]:
 
 
 class _Lines:
-    """The lines of a file, with the number of the last one for errors."""
+    """Iterator over the lines of a file that knows the number of the last line, for errors."""
 
     def __init__(self, file: Iterator[bytes], name: str) -> None:
         self._file, self.name, self.number = file, name, 0
         self._next: bytes | None = None
 
     def is_at_end(self) -> bool:
-        """Whether only empty lines are left."""
+        """Return whether only empty lines are left."""
         for line in self:
             if line.strip():
                 self._next = line
@@ -79,7 +80,7 @@ class _Lines:
         return next(self._file, None) if line is None else line
 
     def numbers(self, count: int) -> Doubles:
-        """The numbers of the next line."""
+        """Read a line of ``count`` finite numbers."""
         line = next(iter(self), b"")
         try:
             found = np.array([float(word) for word in line[:_LONGEST_LINE].split()])
@@ -90,7 +91,7 @@ class _Lines:
         return found
 
     def whole(self) -> int:
-        """The whole number of the next line."""
+        """Read a line with a single integer of at most nine digits."""
         line = next(iter(self), b"").strip()
         if not line.isdigit() or len(line) > _MOST_DIGITS:
             raise self.error(f"expected the number of columns or rows, got {_shown(line)}")
@@ -105,7 +106,7 @@ def _shown(line: bytes) -> str:
 
 
 def _read_one(lines: _Lines, size: int, index: int) -> LidarFrame:
-    """A grid of columns and rows, the scanner's position and axes, a matrix, then its points."""
+    """Read one scan: numbers of columns and rows, scanner position and axes, matrix, points."""
     shape = lines.whole(), lines.whole()
     count = shape[0] * shape[1]
     if count * _LEAST_ROW > size:
@@ -113,12 +114,12 @@ def _read_one(lines: _Lines, size: int, index: int) -> LidarFrame:
     check_points(count, lines.name)
     position = lines.numbers(3)
     axes = np.array([lines.numbers(3) for _ in range(3)])
-    pose = np.array([lines.numbers(4) for _ in range(4)]).T  # PTX multiplies rows of points
+    pose = np.array([lines.numbers(4) for _ in range(4)]).T  # PTX's matrix acts on row vectors
     if not np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0)) or not abs(np.linalg.det(pose)) > 0.0:
         raise lines.error("expected a matrix that moves and turns")
     table = _read_points(lines, count)
     stored = np.ascontiguousarray(table[:, :3])
-    # A scanner that stands elsewhere than at the origin wrote the points in another frame.
+    # If the stated position is not the origin of the points, they are not relative to the scanner.
     stands = np.linalg.solve(pose, [*position, 1.0])[:3]
     is_own = not position.any() or bool(np.abs(stands).max() < _SAME_PLACE)
     about = {"pose": pose, "position": position, "axes": axes, "shape": shape, "index": index}
@@ -139,7 +140,7 @@ def _read_one(lines: _Lines, size: int, index: int) -> LidarFrame:
 
 
 def _read_points(lines: _Lines, count: int) -> Doubles:
-    """(N, 3), (N, 4) with the intensity or (N, 7) with colours."""
+    """Read points: (N, 3), (N, 4) with the intensity, or (N, 7) also with colours."""
     begin = lines.number
     if not count:
         return np.empty((0, 4))
@@ -161,10 +162,10 @@ def _read_points(lines: _Lines, count: int) -> Doubles:
 
 
 def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
-    """Scans one after the other; those that were read from PTX or E57 keep their poses.
+    """Write all scans; those that were read from PTX or E57 keep their poses.
 
-    A scan that is no grid any more, because points were added or removed, has one column. A scanner
-    whose place is not known is said to stand at the origin, since PTX has no word for that.
+    If points were added or removed, the scan is no grid any more, and is written as one column. An
+    unknown position of the scanner is written as the origin, because PTX cannot express it.
     """
     with atomic_path(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as out:
         for frame in frames:
@@ -173,7 +174,7 @@ def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
             shape = known["shape"] if is_own else (1, frame.num_points)
             if shape[0] * shape[1] != frame.num_points:
                 shape = (1, frame.num_points)
-            given = known.get("pose")  # a .3d file without its .pose has None
+            given = known.get("pose")  # None for a .3d file without its .pose file
             pose = np.eye(4) if given is None else np.asarray(given)
             stands = np.append(frame.origin or (0.0, 0.0, 0.0), 1.0)
             position = known["position"] if is_own else product(pose, stands)[:3]
@@ -194,6 +195,6 @@ def _table_of(frame: LidarFrame) -> Doubles:
 
 
 def _row_of(frame: LidarFrame) -> str:
-    """Digits that lead back to the same numbers of 32 bits, of 64 where a map needs them."""
+    """Return the format of a row, with digits that preserve float32, or float64 coordinates."""
     digits = "%.9g" if stored_coordinates(frame, "ptx").dtype == np.float32 else "%.17g"
     return " ".join([digits] * 3 + ["%.9g"] + ["%d"] * len(color_names(frame, "ptx")))

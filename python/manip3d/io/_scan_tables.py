@@ -1,4 +1,4 @@
-"""Scans that are tables of points: KITTI, PCD, PLY, 3DTK, text; and what all formats share."""
+"""Scans in tables of points (KITTI, PCD, PLY, 3DTK, text), and functions shared by all formats."""
 
 from __future__ import annotations
 
@@ -33,32 +33,33 @@ TABLE_SUFFIXES: tuple[str, ...] = tuple(_core.point_suffixes())
 _COMPRESSED = (".gz", ".xz")
 _TEXT = ("xyz", "xyzi", "xyzn", "xyzrgb", "asc", "pts", "txt", "csv")
 _NAMED_BY_SUFFIX = {"xyzn": ("nx", "ny", "nz"), "xyzrgb": ("red", "green", "blue")}
-"""Columns after x, y and z in a text without names of columns, by Open3D's custom."""
+"""Columns after x, y and z in a text file without column names, as Open3D writes them."""
 _UNSTATED = (*_TEXT, "npy", "npz")
-"""Formats that do not say where the scanner is, or which of their numbers are whole."""
+"""Formats that state neither the scanner's position nor which columns are integers."""
 _OF_DOUBLES = (*_UNSTATED, "ply", "pcd", "las", "ptx")
-"""Formats that can hold the coordinates of a map to the millimetre."""
+"""Formats that can hold map coordinates to the millimetre."""
 _POSED = ("e57", "ptx")
-"""Formats that hold where the scanner stood."""
+"""Formats that hold the pose of the scanner."""
 _BARE = ("kitti", "nuscenes")
 _LARGEST = 1e9
-"""Metres, and any other number of a scan; halves of 64-bit numbers, read as 32-bit ones, are larger
-here and there."""
+"""Largest number in a scan, metres or otherwise. If 64-bit numbers are read as 32-bit ones, some
+are larger."""
 _FAR = 8192.0
-"""Metres; farther from 0 float32 has steps of more than a millimetre."""
+"""Metres; beyond this distance from 0, the spacing of float32 is about 1 mm (2**-10 m) or more."""
 _MOST_OF = (0.1, 0.5, 0.9)
-"""Quantiles of coordinates between which most lie, and their middle."""
+"""Quantiles of coordinates: the range of 80 % of the points, and its middle."""
 _INTENSITY = ("intensity", "reflectance", "reflectivity", "remission", "i")
 _RING = ("ring", "channel", "laser_id")
 _SAME = 1e-6
-"""Metres, and share, by which one coordinate differs in 32 and 64 bits."""
+"""Absolute (metres) and relative tolerance between a coordinate in 32 and in 64 bits."""
 
-# 3DTK: x to the right, y up, z ahead (left-handed), centimetres.
+# From metres with x forward, y left, z up to 3DTK's centimetres with x right, y up, z forward
+# (left-handed).
 _THREE_DTK = 100.0 * np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 
 def scan_suffix(path: str | os.PathLike[str]) -> str:
-    """Return the suffix that tells the format: lower case, without a compression's."""
+    """Return the suffix that determines the format, in lower case, ignoring ``.gz`` and ``.xz``."""
     name = PurePath(os.fspath(path))
     plain = PurePath(name.stem if name.suffix in _COMPRESSED else name.name)
     last_two = "".join(plain.suffixes[-2:]).lower()
@@ -66,12 +67,13 @@ def scan_suffix(path: str | os.PathLike[str]) -> str:
 
 
 def refuse_expansion(claimed: int, stored: int, limit: int, file: str) -> None:
-    """Refuse a compressed file that says that it holds far more than it can: `read_scan`'s limit.
+    """Refuse a compressed file that claims to hold too many bytes; see `read_scan`.
 
     Raises
     ------
     FormatError
-        More than ``limit`` bytes, or without one more than 64 MiB and 200 times the file.
+        ``claimed`` is more than ``limit``; or, if that is 0, more than 64 MiB and more than 200
+        times ``stored``.
     """
     if limit and claimed > limit:
         raise FormatError(f"more than max_bytes = {limit}", file=file)
@@ -83,14 +85,14 @@ def refuse_expansion(claimed: int, stored: int, limit: int, file: str) -> None:
 
 @dataclass(frozen=True)
 class _Table:
-    """Properties of one of the formats that are tables."""
+    """Name of a table format, and the function that returns the layout of a new file."""
 
     name: str
     layout: Callable[[LidarFrame], ScanFormat]
 
 
 def _dtype(columns: Sequence[Column]) -> np.dtype[Any]:
-    # Files repeat names; NumPy does not let them: the place keeps them apart.
+    # A file may repeat column names, which NumPy refuses; the index makes them unique.
     return np.dtype(
         [
             (f"{i} {name}", kind, (count,)) if count != 1 else (f"{i} {name}", kind)
@@ -101,7 +103,7 @@ def _dtype(columns: Sequence[Column]) -> np.dtype[Any]:
 
 @dataclass
 class Table:
-    """Columns by name, one value or row of values per point, and where they are from."""
+    """Columns by name, with one value or one row of values per point, and their source."""
 
     kind: str
     columns: dict[str, NDArray[Any]]
@@ -113,7 +115,7 @@ class Table:
 def read_columns(
     path: str | os.PathLike[str], limit: int, look: Callable[[float], None] | None = None
 ) -> Table:
-    """The file as it is: all rows, measured or not."""
+    """Read all rows of a file, including points that were not measured."""
     name = os.fspath(path)
     kind, fields, pairs, num_points, raw = _core.read_points(os.fsencode(name), limit, look)
     check_points(num_points, name)
@@ -130,12 +132,12 @@ def read_columns(
 
 
 def _refuse_doubles(raw: NDArray[np.uint8], file: str) -> None:
-    """Refuse a file without a header whose bytes are numbers of 64 bits, not of 32.
+    """Refuse a file without a header that holds 64-bit instead of 32-bit numbers.
 
     Raises
     ------
     FormatError
-        As 32-bit numbers some are far from what a scan holds, as 64-bit ones none is.
+        Read as 32-bit numbers, some are too large for a scan; read as 64-bit numbers, none is.
     """
     if raw.nbytes % np.dtype(np.float64).itemsize:
         return
@@ -162,7 +164,7 @@ def read_table(
 
 
 def _with_short_intensity(columns: tuple[Column, ...]) -> tuple[Column, ...]:
-    """The columns of a text with the intensity as float32: 0.1 is written as it was read."""
+    """Return the columns of a text file with the intensity as float32, so that 0.1 stays 0.1."""
     names = {column[0] for column in columns}
     taken = next((name for name in _INTENSITY if name in names), None)
     return tuple((name, "<f4" if name == taken else kind, n) for name, kind, n in columns)
@@ -174,12 +176,12 @@ def frame_of_table(
     origin: tuple[float, float, float] | None,
     time_ns: int | None = None,
 ) -> LidarFrame:
-    """The scan that a table of points is: those without coordinates (NaN) are left out.
+    """Return a table of points as a scan; points without coordinates (NaN) are left out.
 
     Raises
     ------
     FormatError
-        x, y or z is absent; a number that no scan has.
+        x, y or z is missing, or a coordinate or intensity is not finite.
     """
     name, by_name = table.source, _by_plain_names(table.columns)
     missing = [axis for axis in "xyz" if axis not in by_name or by_name[axis].ndim != 1]
@@ -193,7 +195,7 @@ def frame_of_table(
     to_file = _stored_to_file(table.kind, stored)
     layout = ScanFormat(table.kind, table.layout, table.header, to_file)
     points = measured_points(stored, layout, name)
-    # Taken in this order: each takes its column out of `by_name`, and the rest are other fields.
+    # Each call removes its column from `by_name`; the remaining columns become fields.
     intensity = _intensity(by_name, name)
     ring = _ring(by_name, table.kind, name)
     return LidarFrame(
@@ -212,10 +214,10 @@ def frame_of_table(
 
 
 def _stored_to_file(kind: str, stored: NDArray[Any]) -> NDArray[np.float64]:
-    """The (4, 4) transform from the frame of the points to the file's coordinates.
+    """Return the (4, 4) transform from the frame of the points to the file's coordinates.
 
-    Coordinates of 64 bits, such as those of a national grid, are brought near zero, so that float32
-    holds them; those of 32 bits lose nothing where they are.
+    64-bit coordinates, such as those of a national grid, are shifted near zero, so that float32
+    can hold them. 32-bit coordinates need no shift.
     """
     is_wide = kind in _UNSTATED or (kind in _OF_DOUBLES and stored.dtype != np.float32)
     return near_zero(stored) if is_wide else _to_file(kind)
@@ -224,9 +226,10 @@ def _stored_to_file(kind: str, stored: NDArray[Any]) -> NDArray[np.float64]:
 def _shifted_origin(
     origin: tuple[float, float, float] | None, to_file: NDArray[np.float64]
 ) -> tuple[float, float, float] | None:
-    """The scanner's position in the frame of the points; a shifted (0, 0, 0) means unknown.
+    """Return the scanner's position in the frame of the points; None if it is not known.
 
-    It is what a PCD file of a map has as its viewpoint where the viewpoint is not known.
+    If the points were shifted, a position of (0, 0, 0) is unknown: PCD files with map coordinates
+    have it as their viewpoint if the viewpoint is not known.
     """
     shift = to_file[:3, 3]
     if origin is None or not shift.any():
@@ -235,10 +238,11 @@ def _shifted_origin(
 
 
 def _ring(by_name: dict[str, NDArray[Any]], kind: str, name: str) -> NDArray[Any] | None:
-    """Take the column that numbers the lasers, the surest first.
+    """Remove and return the column with the numbers of the lasers; None without one.
 
-    A column of integers; then one that must hold whole numbers, because the format says so or
-    states no types; then one that happens to.
+    It is, in this order: a column of integers; a float column that must hold integers, because the
+    format says so or states no types (others raise `FormatError`); a float column that holds
+    integers.
     """
     ring = _take(by_name, _RING, "iu")
     if ring is None and kind == "nuscenes":
@@ -251,12 +255,12 @@ def _ring(by_name: dict[str, NDArray[Any]], kind: str, name: str) -> NDArray[Any
 
 
 def _columns(table: NDArray[Any], columns: Sequence[Column], file: str) -> dict[str, NDArray[Any]]:
-    """By name; the first of a name counts, and padding (PCD's ``_``) does not.
+    """Return the columns by name, without padding (PCD's ``_``); of equal names the first counts.
 
     Raises
     ------
     FormatError
-        A coordinate is named twice, with different values: nothing tells which column is meant.
+        Two columns of one coordinate have different values, so that the right one is not known.
     """
     for axis in "xyz":
         named = [i for i, (name, _, count) in enumerate(columns) if name == axis and count > 0]
@@ -271,14 +275,15 @@ def _columns(table: NDArray[Any], columns: Sequence[Column], file: str) -> dict[
 
 
 def _are_same(first: NDArray[Any], again: NDArray[Any]) -> bool:
-    """Whether columns hold one coordinate in 32 and 64 bits, as VeloView writes it."""
+    """Return whether two columns hold one coordinate in 32 and 64 bits, as VeloView writes it."""
     return first.shape == again.shape and np.allclose(first, again, _SAME, _SAME, equal_nan=True)
 
 
 def _by_plain_names(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The columns; those that others write in other letters get the name that is known here.
+    """Return the columns, with variants of known names (``Intensity``, ``X``) in lower case.
 
-    Whole numbers in columns X, Y and Z are steps of a unit that something else tells, as in LAS.
+    Integer columns X, Y and Z are not renamed, because they are steps of an unknown size, as in
+    LAS.
     """
     known = {*"xyz", *_INTENSITY, *_RING} - columns.keys()
     found: dict[str, NDArray[Any]] = {}
@@ -302,7 +307,13 @@ def _take(
 
 
 def _whole(by_name: dict[str, NDArray[Any]], column: str, file: str) -> NDArray[np.uint16]:
-    """Take a column of floats that are numbers of lasers."""
+    """Remove a column from ``by_name``, and return it as laser numbers (uint16).
+
+    Raises
+    ------
+    FormatError
+        A value is no integer from 0 to 65535.
+    """
     values = by_name.pop(column)
     bad = np.flatnonzero((values != np.rint(values)) | (values < 0) | (values > 65535))
     if bad.size:
@@ -315,14 +326,14 @@ def _whole(by_name: dict[str, NDArray[Any]], column: str, file: str) -> NDArray[
 
 
 def _is_whole(values: NDArray[Any] | None) -> bool:
-    """Whether a column of floats holds numbers of lasers."""
+    """Return whether a float column holds only integers from 0 to 65535."""
     if values is None or values.ndim != 1 or values.dtype.kind != "f" or not len(values):
         return False
     return bool(((values == np.rint(values)) & (values >= 0) & (values <= 65535)).all())
 
 
 def _intensity(by_name: dict[str, NDArray[Any]], file: str) -> NDArray[np.float32] | None:
-    """Take the column of intensities; one that says nothing (all NaN) stays a field."""
+    """Remove and return the column of intensities; if all are NaN, it stays a field."""
     before = dict(by_name)
     column = _take(by_name, _INTENSITY, "fiu")
     if column is None:
@@ -351,16 +362,16 @@ def _to_file(kind: str) -> NDArray[np.float64]:
 
 
 def near_zero(stored: NDArray[Any]) -> NDArray[np.float64]:
-    """(4, 4): takes points near 0 to coordinates that lie far from it, as those of maps do.
+    """Return a (4, 4) translation from points near 0 to coordinates far from 0, as in maps.
 
-    Those of a scan in millimetres are as large, but no larger than the scan is wide: it stays
-    around its scanner.
+    It is the identity unless most points are far from 0 compared with the size of the scan. A scan
+    in millimetres has large coordinates, too, but they are no larger than the scan is wide.
     """
     matrix = np.eye(4)
     if not len(stored):
         return matrix
-    # Stray returns far away move nothing, and points beyond what float32 holds are refused as they
-    # stand in the file.
+    # The median ignores a few far outliers. Points too large for float32 are not shifted, so that
+    # measured_points() refuses them with the coordinates of the file.
     farthest = np.abs(stored).max(axis=1)
     if np.median(farthest) > _FAR and farthest.max() <= np.finfo(np.float32).max:
         wide = stored.astype(np.float64, copy=False)
@@ -371,8 +382,10 @@ def near_zero(stored: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def map_coordinates(frame: LidarFrame, name: str) -> NDArray[np.float64] | None:
-    """Coordinates of a map that a scan was read from, for a file of another format that can hold
-    them; None: the scan has none, or the format cannot."""
+    """Return the map coordinates of a scan, for a file of another format.
+
+    None if the scan was not read from map coordinates, or if the format cannot hold them.
+    """
     if frame.format is None or name not in _OF_DOUBLES:
         return None
     to_file = frame.format.to_file
@@ -385,7 +398,7 @@ def map_coordinates(frame: LidarFrame, name: str) -> NDArray[np.float64] | None:
 
 
 def stored_coordinates(frame: LidarFrame, name: str) -> NDArray[Any]:
-    """The coordinates in a file of a format, those of a map where it can hold them."""
+    """Return the coordinates for a file of a format: map coordinates if it can hold them."""
     if frame.format is not None and frame.format.name == name:
         if frame.exact is None and not frame.format.to_file[:3, 3].any():
             return frame.points
@@ -396,7 +409,7 @@ def stored_coordinates(frame: LidarFrame, name: str) -> NDArray[Any]:
 
 
 def loses_map_coordinates(frame: LidarFrame, suffix: str) -> bool:
-    """Whether a file of this suffix gets coordinates near 0 for those of the map."""
+    """Return whether map coordinates are lost in a file of this suffix, which gets shifted ones."""
     name = suffix.lstrip(".").replace("laz", "las")
     if frame.format is None or frame.format.name == name or name in (*_OF_DOUBLES, "e57"):
         return False
@@ -404,7 +417,10 @@ def loses_map_coordinates(frame: LidarFrame, suffix: str) -> bool:
 
 
 def map_place(frame: LidarFrame, suffix: str) -> NDArray[np.float64] | None:
-    """(3,): where the scanner stood on the map by a pose that a file of this suffix cannot hold."""
+    """Return the scanner's map position (3,) if its file states it and this suffix cannot.
+
+    None if the scan has no pose, or a pose near 0.
+    """
     if frame.format is None or frame.format.name not in _POSED or suffix.lstrip(".") in _POSED:
         return None
     place: NDArray[np.float64] = frame.format.header["pose"][:3, 3]
@@ -412,7 +428,7 @@ def map_place(frame: LidarFrame, suffix: str) -> NDArray[np.float64] | None:
 
 
 def measured_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDArray[np.float32]:
-    """File coordinates as points of the frame: metres, our axes, near 0."""
+    """Convert file coordinates to points of a frame: metres, manip3d's axes, near 0."""
     back = np.linalg.inv(layout.to_file)
     same = np.array_equal(back, np.eye(4))
     metres = stored if same else stored.astype(np.float64) @ back[:3, :3].T + back[:3, 3]
@@ -430,7 +446,7 @@ def measured_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDAr
 def exact_coordinates(
     stored: NDArray[Any], points: NDArray[np.float32]
 ) -> NDArray[np.float64] | None:
-    """The file's coordinates where the points do not say them to the bit."""
+    """Return the file's coordinates as float64 if float32 points do not equal them, else None."""
     if stored.dtype == np.float32 or np.array_equal(stored, points):
         return None
     return np.ascontiguousarray(stored, np.float64)
@@ -446,7 +462,7 @@ def _origin(kind: str, header: Mapping[str, str]) -> tuple[float, float, float] 
 
 
 def _decimals(steps: Sequence[float], offsets: Sequence[float]) -> int | None:
-    """Fewest decimals that write each whole number of steps from an offset; None: more than 9."""
+    """Return the number of decimals that write all ``offset + n * step`` exactly; None: above 9."""
     numbers = np.array([*steps, *offsets], np.float64)
     for decimals in range(10):
         scaled = numbers * 10.0**decimals
@@ -456,9 +472,9 @@ def _decimals(steps: Sequence[float], offsets: Sequence[float]) -> int | None:
 
 
 def _as_decimals(coordinates: NDArray[np.float64], frame: LidarFrame) -> NDArray[np.float64]:
-    """Coordinates of LAS, steps times a scale, as the decimal numbers that they stand for.
+    """Round LAS coordinates, which are steps times a scale, to the decimal numbers they stand for.
 
-    In 64 bits 111954 * 0.001 is 111.95400000000001. Points between two steps stay as they are.
+    In 64 bits 111954 * 0.001 is 111.95400000000001. Points between two steps are not rounded.
     """
     if frame.format is None or frame.format.name != "las":
         return coordinates
@@ -472,7 +488,7 @@ def _as_decimals(coordinates: NDArray[np.float64], frame: LidarFrame) -> NDArray
 
 
 def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
-    """The rows of the file."""
+    """Return the rows of a file with this layout, as a structured array."""
     table = np.zeros(frame.num_points, _dtype(layout.columns))
     own = frame.format is not None and frame.format.name == layout.name
     if own and frame.exact is not None:
@@ -488,7 +504,7 @@ def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
             values |= {key: column for key in names if key not in values}
     for i, (name, kind, count) in enumerate(layout.columns):
         found = values.get(name, values.get(plain_name(name)))
-        # A field of several numbers a point has no place in a column of one.
+        # A field with several values per point does not fit a column with one.
         if found is not None and count > 0 and found.size == count * len(found):
             table[f"{i} {name}"] = _cast(found, np.dtype(kind))
     return table
@@ -503,7 +519,7 @@ def _cast(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
 
 
 def _header(layout: ScanFormat, frame: LidarFrame) -> list[list[str]]:
-    """The file's own, with an organised cloud's size only while it still is one."""
+    """Return the header entries, without width and height if the number of points has changed."""
     pairs = [list(pair) for pair in layout.header.get("pairs", ())]
     sizes = {key: int(value) for key, value in pairs if key in ("width", "height")}
     if sizes and sizes["width"] * sizes["height"] != frame.num_points:
@@ -521,7 +537,7 @@ def _nuscenes_layout(frame: LidarFrame) -> ScanFormat:
 
 
 def kind_of_coordinates(frame: LidarFrame, name: str) -> str:
-    """NumPy's name of the type of coordinates in a new file of a format."""
+    """Return NumPy's type name of the coordinates in a new file of a format."""
     return "<f4" if map_coordinates(frame, name) is None else "<f8"
 
 
@@ -539,7 +555,7 @@ def _general_columns(frame: LidarFrame, name: str) -> tuple[Column, ...]:
 
 
 def general_fields(frame: LidarFrame) -> dict[str, NDArray[Any]]:
-    """Columns of a frame that another format may hold: numbers, one per point."""
+    """Return the columns of a frame that any format may hold: one number per point."""
     columns = {} if frame.ring is None else {"ring": frame.ring}
     columns |= {
         name: v for name, v in frame.fields.items() if v.ndim == 1 and v.dtype.kind in "iuf"
@@ -582,7 +598,7 @@ def _text_layout(name: str) -> Callable[[LidarFrame], ScanFormat]:
         if name == "csv":
             names = [re.sub(r"[\s,;\"#]", "_", column[0]) for column in columns]
             pairs = [("names", ",".join(names)), ("separator", ",")]
-        else:  # nothing would tell what other columns are
+        else:  # without column names, the meaning of other columns would be lost
             last = color_names(frame, name) or NORMALS.get(name, ())
             others = [column for column in columns if column[0] in last]
             has_fourth = frame.intensity is not None and name not in _NAMED_BY_SUFFIX
@@ -594,9 +610,10 @@ def _text_layout(name: str) -> Callable[[LidarFrame], ScanFormat]:
 
 
 def read_pose(path: Path) -> NDArray[np.float64] | None:
-    """The (4, 4) pose in our axes, metres, of a ``.3d`` file's ``.pose`` file; None without one.
+    """Return the pose of a ``.3d`` file, (4, 4) in metres and manip3d's axes; None without one.
 
-    Position in centimetres, then angles in degrees: R = Rx Ry Rz (3DTK's convention).
+    Its ``.pose`` file holds the position in centimetres, then angles in degrees for R = Rx Ry Rz
+    (3DTK's convention).
     """
     name = path.name[: -len(path.suffix)] if path.suffix in _COMPRESSED else path.name
     pose = path.with_name(name).with_suffix(".pose")
@@ -636,20 +653,21 @@ _TABLES = {
 
 
 def format_name(suffix: str) -> str:
-    """`ScanFormat`'s name of the format of one of `TABLE_SUFFIXES`."""
+    """Return the name in `ScanFormat` of the format of one of `TABLE_SUFFIXES`."""
     return _TABLES[suffix].name
 
 
 def column_names(frame: LidarFrame, suffix: str) -> set[str]:
-    """The columns of a new file of one of `TABLE_SUFFIXES`."""
+    """Return the column names of a new file of one of `TABLE_SUFFIXES`."""
     return {name for name, _, _ in _TABLES[suffix].layout(frame).columns}
 
 
 def write_table(frame: LidarFrame, name: str) -> None:
-    """Write a scan as the table that the suffix of ``name`` says; see `manip3d.io.write_scan`."""
+    """Write a scan in the table format of the suffix of ``name``; see `manip3d.io.write_scan`."""
     table = _TABLES.get(scan_suffix(name))
     if table is None:
-        _core.write_points(os.fsencode(name), [], [], 0, np.empty(0, np.int8))  # says what is known
+        # Raises InputError, which lists the known suffixes.
+        _core.write_points(os.fsencode(name), [], [], 0, np.empty(0, np.int8))
         return
     own = frame.format is not None and frame.format.name == table.name
     layout = frame.format if own and frame.format is not None else table.layout(frame)

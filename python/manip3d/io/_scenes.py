@@ -1,4 +1,4 @@
-"""Scenes of glTF files: nodes in a hierarchy, and meshes that several of them show."""
+"""Scenes of glTF files: a hierarchy of nodes, and meshes that several nodes may share."""
 
 from __future__ import annotations
 
@@ -33,22 +33,23 @@ class SceneNode:
     Attributes
     ----------
     name : str
-        Empty where the file gives none.
+        Name of the node; empty if the file states none.
     parent : int or None
-        Index of a node; ``None`` for a root.
+        Index of the parent node; None for a root.
     mesh : int or None
-        Index of the mesh that the node shows.
+        Index of the node's mesh; None if it has no mesh.
     transform : (4, 4) float64
-        From the node's coordinates into its parent's.
+        Transform from the node's coordinates to its parent's.
     drawn : bool
-        Whether the file's default scene has the node.
+        Whether the node belongs to the file's default scene.
     instances : (I, 4, 4) float64 or None
-        Where the mesh is shown, into the node's coordinates (``EXT_mesh_gpu_instancing``); None:
-        once, at the node itself.
+        Transforms from mesh to node coordinates, one for each instance
+        (``EXT_mesh_gpu_instancing``); None: the mesh is drawn once, in node coordinates.
     joint : int or None
-        The node of the first joint of a skin, which places the mesh in this node's stead.
+        Index of the node that is the first joint of the mesh's skin. A mesh with a skin is placed
+        by this node instead of its own. None: the mesh has no skin.
     inverse_bind : (4, 4) float64
-        From the coordinates of a mesh with a skin into those of ``joint``.
+        Transform from the coordinates of a mesh with a skin to those of ``joint``.
     """
 
     name: str
@@ -62,7 +63,7 @@ class SceneNode:
 
     @property
     def num_instances(self) -> int:
-        """Number of times that the node shows its mesh."""
+        """Number of times that the node draws its mesh."""
         if self.mesh is None:
             return 0
         return 1 if self.instances is None else len(self.instances)
@@ -75,14 +76,14 @@ class Deformation:
     Attributes
     ----------
     joints : (V, J) uint16
-        Indices into the joints of the skin; J is 4 for each of ``JOINTS_0``, ``JOINTS_1``, ..., and
-        0 without a skin.
+        Indices into the joints of the skin. J is 4 times the number of attributes ``JOINTS_0``,
+        ``JOINTS_1``, ..., and 0 without a skin.
     weights : (V, J) float32
-        Share of each joint in the movement of a vertex.
+        Weight of each joint in the movement of a vertex.
     targets : (T, V, 3) float32
-        What each morph target adds to the vertices.
+        Displacements of the vertices by each morph target.
     target_normals : (T, V, 3) float32
-        What each morph target adds to the normals; (0, V, 3) if none adds anything.
+        Changes of the normals by each morph target; (0, V, 3) if no target changes them.
     """
 
     joints: NDArray[np.uint16] = field(repr=False)
@@ -100,23 +101,24 @@ class Scene:
     nodes : tuple of SceneNode
         All nodes of the file.
     meshes : tuple of Mesh
-        Each mesh once, in its own coordinates, however many nodes show it, without its skin and
-        morph targets; one that is fixed in the shape of the default weights of its morph targets.
+        Each mesh once, in its own coordinates, even if several nodes share it. Skin and morph
+        targets are not applied, except that a fixed mesh has the shape of the default weights of
+        its morph targets.
     names : tuple of str
         Names of the meshes.
     fixed : tuple of str
-        For each mesh, why it is always written as it was read, such as ``"it has no
+        For each mesh, the reason why it is always written unchanged, such as ``"it has no
         triangles"``; empty for a mesh that :meth:`with_meshes` may replace.
     deformations : tuple of Deformation or None
-        For each mesh that may be replaced, what moves its vertices; None: nothing does.
+        For each mesh that may be replaced, its skin and morph targets; None if it has neither.
     more_texcoords : tuple of (V, S, 2) float32 or None
-        For each mesh that may be replaced, ``TEXCOORD_1`` and the S - 1 sets that follow, as the
-        file has them (v downwards); NaN where a vertex lacks a set, None where all do or no
-        texture reads them.
+        For each mesh that may be replaced, ``TEXCOORD_1`` and the S - 1 following sets in glTF's
+        convention (v downwards). NaN: a vertex lacks the set. None: the mesh has no further sets,
+        or no texture uses them.
     warnings : tuple of str
-        What reading left out.
+        Parts of the file that were left out.
     source : str or None
-        The file it was read from.
+        The file from which the scene was read.
     """
 
     nodes: tuple[SceneNode, ...]
@@ -132,7 +134,7 @@ class Scene:
 
     @property
     def num_uses(self) -> NDArray[np.int64]:
-        """(M,) times that each mesh is drawn: one for each drawn node or instance of it."""
+        """Number of times that each mesh is drawn, (M,): once per drawn node or instance."""
         uses = np.zeros(len(self.meshes), dtype=np.int64)
         for node in self.nodes:
             if node.drawn and node.mesh is not None:
@@ -141,34 +143,34 @@ class Scene:
 
     @property
     def num_instances(self) -> int:
-        """Number of times that meshes are drawn: one for each drawn node or instance."""
+        """Number of times that meshes are drawn: once per drawn node or instance."""
         return int(self.num_uses.sum())
 
     @property
     def num_faces(self) -> int:
-        """Faces that are drawn: those of a mesh count once for each node that shows it."""
+        """Number of drawn faces; those of a mesh count once for each node or instance."""
         return int(self.num_uses @ self._face_counts())
 
     @property
     def num_stored_faces(self) -> int:
-        """Faces that are stored: those of a mesh count once, however many nodes show it."""
+        """Number of stored faces; those of a mesh count once, even if several nodes share it."""
         return int(self._face_counts()[self.num_uses > 0].sum())
 
     @property
     def has_textures(self) -> bool:
-        """Whether the file has textures, images of formats that are not read included."""
+        """Whether the file has textures, including images in formats that are not read."""
         return bool(json.loads(self._document).get("textures"))
 
     @property
     def num_vertices(self) -> int:
-        """Vertices of the meshes, each mesh once."""
+        """Number of vertices of all meshes, each mesh counted once."""
         return sum(mesh.num_vertices for mesh in self.meshes)
 
     def _face_counts(self) -> NDArray[np.int64]:
         return np.array([mesh.num_faces for mesh in self.meshes], dtype=np.int64)
 
     def world_transforms(self) -> NDArray[np.float64]:
-        """(N, 4, 4) from the coordinates of each node into those of the scene."""
+        """Return the transform of each node to scene coordinates, (N, 4, 4)."""
         world = np.empty((len(self.nodes), 4, 4))
         known: set[int] = set()
         for start in range(len(self.nodes)):
@@ -190,30 +192,31 @@ class Scene:
         deformations: Mapping[int, Deformation] | None = None,
         more_texcoords: Mapping[int, NDArray[np.float32]] | None = None,
     ) -> Scene:
-        """Return the scene with other triangles for some of its meshes.
+        """Return the scene with some of its meshes replaced.
 
         Parameters
         ----------
         meshes : mapping of int to Mesh
-            By index; in the coordinates of the mesh that it replaces, with materials by their
-            index in that mesh's ``materials``. A mesh without faces is left out when the scene is
-            written; its nodes stay.
+            New meshes by the index of the mesh that they replace. They have the coordinates of that
+            mesh, and refer to materials by the index in its ``materials``. A mesh without faces is
+            not written with the scene, while its nodes are.
         deformations : mapping of int to Deformation, optional
-            What moves the vertices of the new meshes; needed for each that replaces one with a
-            skin or morph targets (``Scene.deformations``).
+            Skins and morph targets of the new meshes; required for each mesh that replaces one in
+            which ``Scene.deformations`` is not None.
         more_texcoords : mapping of int to (V, S, 2) float32, optional
-            Further texture coordinates of the new meshes; needed for each that replaces one with
-            several sets (``Scene.more_texcoords``).
+            Further texture coordinates of the new meshes; required for each mesh that replaces one
+            in which ``Scene.more_texcoords`` is not None.
 
         Returns
         -------
         Scene
+            A new scene.
 
         Raises
         ------
         InputError
-            There is no such mesh, or it is fixed; a deformation or texture coordinates are missing
-            or have not one row for each vertex.
+            The index is out of range, or the mesh is fixed; deformations or texture coordinates are
+            missing, or do not have one row per vertex.
         """
         changed = list(self.meshes)
         moved = list(self.deformations)
@@ -256,7 +259,7 @@ class Scene:
             File to write.
         max_vertices : int, optional
         quantize : bool
-            As for `manip3d.io.write_scene`.
+            See `manip3d.io.write_scene`.
         """
         write_scene(self, path, max_vertices=max_vertices, quantize=quantize)
 
@@ -265,32 +268,35 @@ class Scene:
 def read_scene(
     path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
 ) -> Scene:
-    """Read a ``.gltf`` or ``.glb`` file with its nodes: each mesh once, in its own coordinates.
+    """Read a ``.gltf`` or ``.glb`` file with its hierarchy of nodes.
 
-    `read_mesh` reads the same file as one mesh, in the coordinates of the scene.
+    Each mesh is read once, in its own coordinates. `read_mesh` instead reads the file as one mesh
+    in scene coordinates.
 
     Parameters
     ----------
     path, allow_outside, max_bytes
-        As for `read_mesh`.
+        See `read_mesh`.
 
     Returns
     -------
     Scene
+        Nodes and meshes of the file.
 
     Raises
     ------
     FormatError
-        As `read_mesh`, and for files of another format.
+        The file is damaged or hostile, or has another format.
     OSError
-        `FileNotFoundError` and the like.
+        The file cannot be read.
 
     Notes
     -----
-    Nodes with their names, parents and transforms, materials, textures, cameras, lights,
-    animations, skins and ``extras`` are written as they were read. So are meshes that are not plain
-    triangles (``Scene.fixed`` says why). Other meshes keep positions, normals, texture coordinates,
-    ``COLOR_0``, joints, weights and morph targets; what else they have is named in ``warnings``.
+    `write_scene` writes nodes with their names, parents and transforms, materials, textures,
+    cameras, lights, animations, skins and ``extras`` unchanged, and also meshes that are not plain
+    triangles (``Scene.fixed`` states the reason). Other meshes keep positions, normals, texture
+    coordinates, ``COLOR_0``, joints, weights and morph targets; ``warnings`` names their other
+    attributes, which are lost.
 
     Examples
     --------
@@ -335,7 +341,7 @@ def _index(value: int) -> int | None:
 
 
 def _fitting(deformation: Deformation | None, mesh: Mesh, index: int) -> Deformation:
-    """The deformation of a new mesh, if it has one row for each vertex."""
+    """Return the deformation of a new mesh; raise if it does not have one row per vertex."""
     if deformation is None:
         raise InputError(f"deformations: expected one for mesh {index}, which is moved, got none")
     rows = {len(deformation.joints), len(deformation.weights), deformation.targets.shape[1]}
@@ -350,7 +356,7 @@ def _fitting(deformation: Deformation | None, mesh: Mesh, index: int) -> Deforma
 def _fitting_texcoords(
     values: NDArray[np.float32] | None, mesh: Mesh, index: int
 ) -> NDArray[np.float32]:
-    """Further texture coordinates of a new mesh, if they have one row for each vertex."""
+    """Return further texture coordinates of a new mesh; raise if they have another shape."""
     if values is None:
         raise InputError(
             f"more_texcoords: expected those of mesh {index}, which has several sets, got none"
@@ -379,27 +385,29 @@ def write_scene(
     Parameters
     ----------
     scene : Scene
+        The scene to write; with ``coarser``, its finest level.
     path : path-like
-        Images lie in the file (``.glb``) or in the ``.bin`` beside it.
+        Output file. Images are stored in the file (``.glb``) or in the ``.bin`` beside it.
     coarser : sequence of Scene
-        Levels of detail of the same scene, finest first (the extension ``MSFT_lod``). A node that
-        has children, a camera or an animation gets a child that shows its mesh: a level takes the
-        place of its node, with all that hangs on it.
+        Coarser levels of detail of the same scene, finest first (the extension ``MSFT_lod``). A
+        level replaces a node with all its children. Therefore the mesh of a node that has children,
+        a camera or an animation is moved to a new child node.
     coverages : sequence of float
-        The least share of the screen that each level is made for, this one included.
+        Smallest share of the screen at which each level is shown, beginning with ``scene``.
     max_vertices : int, optional
-        As for `write_mesh`.
+        See `write_mesh`.
     quantize : bool
-        As for `write_mesh`, each mesh that may be simplified in its own box: its nodes get a child
-        that moves and scales it. Meshes of instances (``EXT_mesh_gpu_instancing``) and those with
-        a skin or morph targets are not.
+        Quantize each mesh that may be replaced, relative to its own bounding box, see `write_mesh`.
+        Its nodes get a child that moves and scales it. Instanced meshes
+        (``EXT_mesh_gpu_instancing``) and meshes with a skin or morph targets are not quantized.
 
     Raises
     ------
     InputError
-        Another suffix, levels of another scene, and what `write_mesh` refuses.
+        The suffix is another one, ``coarser`` holds levels of another scene, or a mesh is invalid
+        (see `write_mesh`).
     OSError
-        The operating system refused; the old file is whole.
+        The file cannot be written; an existing file stays unchanged.
 
     Examples
     --------
@@ -430,7 +438,7 @@ _Tables = tuple["ArrayLike", "ArrayLike", "ArrayLike", "ArrayLike"]
 
 
 def _replaced(scene: Scene) -> list[tuple[Mesh, _Tables | None, ArrayLike | None] | None]:
-    """The meshes that may have changed, with what their vertices have besides."""
+    """Return the replaceable meshes with deformations and texture coordinates; None: fixed."""
     return [
         None if reason else (mesh, None if moves is None else _tables(moves), more)
         for mesh, reason, moves, more in zip(
@@ -442,8 +450,8 @@ def _replaced(scene: Scene) -> list[tuple[Mesh, _Tables | None, ArrayLike | None
 def _tables(moves: Deformation) -> _Tables:
     weights = np.asarray(moves.weights, dtype=np.float32)
     sums = weights.sum(axis=-1, dtype=np.float64, keepdims=True)
-    # glTF asks for 1, and files that were quantised (Draco) miss it by the rounding of each weight,
-    # at most 8 times half of 1/255. Sums that are farther off are not a matter of rounding.
+    # glTF requires that weights sum to 1. In quantised files (Draco) the sum is off by the rounding
+    # of each weight, at most 8 times half of 1/255. Larger errors have another cause and are kept.
     off = np.abs(sums - 1.0)
     is_off = (off > 1e-6) & (off < 0.02)
     weights = np.divide(weights, sums, out=weights.astype(np.float64), where=is_off)

@@ -1,7 +1,8 @@
-"""Meshes of 3MF files: the parts that are to be built, at their places, with their colours.
+"""Reader of meshes in 3MF files: all items of the build, transformed, with their colours.
 
-The core specification 1.3 and the extensions for materials and production: archives of XML parts
-whose build items name objects, which are meshes or are put together of other objects.
+It follows the core specification 1.3 and the materials and production extensions. A file is an
+archive of XML parts, whose build items refer to objects; an object is a mesh, or composed of other
+objects.
 """
 
 from __future__ import annotations
@@ -28,26 +29,27 @@ if TYPE_CHECKING:
 
 SUFFIX = ".3mf"
 START = b"PK\x03\x04"
-"""The first bytes of an archive."""
+"""First bytes of a zip archive."""
 
 _RELATIONS = "_rels/.rels"
 _MODEL = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
 _MOST_BYTES, _MOST_RATIO = 64 << 20, 100
-"""A mesh may be named many times: what it may take, as for glTF."""
+"""Limits of the memory of a build, which may use a mesh many times: bytes, and ratio to the file's
+size; the larger one holds, as for glTF."""
 _BYTES_A_FACE, _BYTES_A_VERTEX = 50, 24
 _DEEPEST = 64
-"""Objects within objects."""
+"""Largest depth of nested objects."""
 
 _Look = Callable[[float], None] | None
 _Key = tuple[str, int]
-"""Part of the archive, and the number of an object or a resource in it."""
+"""Name of a part of the archive, and the id of an object or resource in it."""
 
 
 @dataclass
 class _Object:
     vertices: array[float] = field(default_factory=lambda: array("d"))
     faces: array[int] = field(default_factory=lambda: array("q"))
-    """v1 v2 v3, the group of properties, and the places of the corners in it."""
+    """Seven numbers per face: v1 v2 v3, id of the property group, index of each corner in it."""
     group: int = NONE
     place: int = 0
     components: list[tuple[_Key, NDArray[np.float64]]] = field(default_factory=list)
@@ -55,7 +57,7 @@ class _Object:
 
 @dataclass
 class _Group:
-    """Properties that corners of faces name: materials, colours or texture coordinates."""
+    """A property group: the materials, colours or texture coordinates of face corners."""
 
     materials: list[Material] = field(default_factory=list)
     colors: list[int] = field(default_factory=list)
@@ -65,7 +67,7 @@ class _Group:
 
 @dataclass
 class _Model:
-    """The content of the parts of an archive."""
+    """The content of all parts of an archive."""
 
     objects: dict[_Key, _Object] = field(default_factory=dict)
     groups: dict[_Key, _Group] = field(default_factory=dict)
@@ -79,12 +81,13 @@ class _Model:
 
 
 def read(data: bytes, limit: int, look: _Look = None) -> tuple[Mesh, list[str]]:
-    """Return the mesh of an archive, and what was left out.
+    """Return the mesh of an archive, and warnings about parts left out.
 
     Raises
     ------
     FormatError
-        It is damaged, or holds far more than it says. Without the file's name.
+        The archive is damaged, or takes more memory than the limit. The error does not name the
+        file.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -96,7 +99,7 @@ def read(data: bytes, limit: int, look: _Look = None) -> tuple[Mesh, list[str]]:
             return _Assembly(model, archive, most).mesh(), model.warnings
     except (Error, MemoryError):
         raise
-    except Exception as error:  # zipfile and zlib fail with a dozen types on damaged files
+    except Exception as error:  # zipfile and zlib raise various types for damaged files
         raise FormatError(f"damaged 3MF: {str(error) or type(error).__name__}") from error
 
 
@@ -125,7 +128,7 @@ def _read_parts(archive: zipfile.ZipFile, look: _Look) -> _Model:
 
 
 def _root_part(archive: zipfile.ZipFile) -> str:
-    """The part that the relations of the archive name, else that of all programs."""
+    """Return the root part that the archive's relationships name, or else the customary name."""
     found = []
 
     def start(name: str, attributes: dict[str, str]) -> None:
@@ -151,7 +154,7 @@ def _parser(start: Callable[[str, dict[str, str]], None]) -> expat.XMLParserType
 
     parser = expat.ParserCreate(namespace_separator=" ")
     parser.StartElementHandler = start
-    parser.StartDoctypeDeclHandler = refuse  # 3MF forbids it, and entities can be bombs
+    parser.StartDoctypeDeclHandler = refuse  # 3MF forbids DTDs, whose entities could be bombs
     return parser
 
 
@@ -253,7 +256,7 @@ class _PartReader:
         return (part, self.whole("objectid")), self.transform()
 
     def transform(self) -> NDArray[np.float64]:
-        """(4, 3): a row (x, y, z, 1) times it is where the point lies."""
+        """Return the transform, (4, 3), which acts on row vectors: (x, y, z, 1) @ transform."""
         text = self.attributes.get("transform")
         if text is None:
             return np.eye(4, 3)
@@ -269,7 +272,7 @@ class _PartReader:
         self.object.components.append(self.named_object())
 
     def item(self) -> None:
-        if self.is_root:  # the builds of other parts do not count
+        if self.is_root:  # only the build of the root part counts
             self.model.items.append(self.named_object())
 
     def start_group(self) -> None:
@@ -295,7 +298,7 @@ class _PartReader:
         self.group.colors.append(rgb)
 
     def packed(self, text: str) -> tuple[int, float]:
-        """0xRRGGBB, and the alpha, of ``#RRGGBB`` or ``#RRGGBBAA``."""
+        """Parse ``#RRGGBB`` or ``#RRGGBBAA`` to 0xRRGGBB and alpha, 0 to 1."""
         try:
             value = int(text[1:], 16)
         except ValueError:
@@ -316,14 +319,14 @@ class _PartReader:
 
 
 class _Assembly:
-    """Makes one mesh of the items that are to be built."""
+    """Assembles one mesh from the items of the build."""
 
     def __init__(self, model: _Model, archive: zipfile.ZipFile, most_bytes: int) -> None:
         self.model, self.archive, self.most_bytes = model, archive, most_bytes
         self.names = {name.lower(): name for name in archive.namelist()}
         self.sizes: dict[_Key, int] = {}
         self.materials: list[Material] = []
-        self.first_material: dict[_Key, int] = {}  # of a group
+        self.first_material: dict[_Key, int] = {}  # index of the first material of each group
 
     def mesh(self) -> Mesh:
         if not self.model.items:
@@ -336,7 +339,7 @@ class _Assembly:
             )
         if not any(self.model.objects[key].faces for key in self.sizes):
             raise FormatError("expected triangles in what is to be built, got none")
-        with np.errstate(over="ignore", invalid="ignore"):  # join() looks at the result
+        with np.errstate(over="ignore", invalid="ignore"):  # join() refuses infinite coordinates
             return self.join(
                 [each for key, at in self.model.items for each in self.placed(key, _square(at))]
             )
@@ -353,7 +356,7 @@ class _Assembly:
         return found
 
     def size(self, key: _Key, depth: int) -> int:
-        """The bytes that an object takes with all that it is put together of."""
+        """Return the memory in bytes of an object with all its components."""
         if key not in self.sizes:
             if depth > _DEEPEST:
                 raise FormatError(f"{key[0]}: objects within objects, more than {_DEEPEST} deep")
@@ -391,7 +394,7 @@ class _Assembly:
 
     def give_properties(self, piece: Piece, key: _Key, rows: NDArray[np.int64]) -> None:
         group = self.model.groups.get(key)
-        if group is None:  # of a kind that was warned of
+        if group is None:  # a kind of group that start() has warned about
             return
         chosen = rows[:, 3] == key[1]
         places = rows[chosen, 4:]

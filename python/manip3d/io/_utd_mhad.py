@@ -1,4 +1,4 @@
-"""Trials of UTD-MHAD: depth images of a Kinect V1 and the joints of the person in them."""
+"""Reader of UTD-MHAD's trials: depth images of a Kinect V1, and the joints of the person."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 DEPTH_ENDING = "_depth.mat"
-"""Ending of the names of the data set's depth files."""
+"""Ending of the data set's depth file names."""
 
 _SIZE = (240, 320)
 _JOINTS = 20
 _FARTHEST_M = 1000.0
-_MOST_BYTES = 1 << 28  # a trial of 4 s has 0.2 MB, one of an hour would have 200
-_UNCOMPRESSED = 1 << 26  # bytes of a variable that may be compressed by any factor
-_MOST_RATIO = 200  # of compression, beyond that: trials have 60
+_MOST_BYTES = 1 << 28  # a trial of 4 s has 0.2 MB, so that one of an hour would have 200 MB
+_UNCOMPRESSED = 1 << 26  # up to this number of bytes, a variable may have any compression ratio
+_MOST_RATIO = 200  # largest compression ratio of a larger variable; the data set's trials have 60
 _TABLE = "joints.csv"
-# Numbers of the MATLAB 5 format: data elements, types of numbers, and classes of numeric arrays.
+# Codes of the MATLAB 5 format: types of data elements, of numbers, and classes of numeric arrays.
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {
     1: "i1",
@@ -46,10 +46,11 @@ _NUMERIC = range(6, 16)
 
 
 def trial_at(place: str | os.PathLike[str]) -> Path | None:
-    """Return the trial that a file, or a folder that holds one trial, is; None for anything else.
+    """Return the path of the trial at a file or folder; None if it is no trial.
 
     A trial is a depth file of the data set, or a folder with ``depth_0000.png`` and so on, and
-    ``joints.csv``. A folder with the depth files of several trials is none.
+    ``joints.csv``. A folder with a single depth file stands for that file; one with several depth
+    files is no trial.
     """
     path = Path(place)
     if path.name.endswith(DEPTH_ENDING):
@@ -65,19 +66,20 @@ def read_trial(
 ) -> tuple[NDArray[np.uint16], NDArray[np.float64]]:
     """Return depth images (N, 240, 320) in millimetres and joints (N, 20, 3) in metres.
 
-    Images are mirrored, as the Kinect delivers them, and joints are in its axes and in the data
-    set's own order; they are all NaN in frames for which a table lacks a row. Without ``skeleton``
-    they are in ``..._skeleton.mat`` beside the depth file, or in the folder ``Skeleton`` beside
-    the folder of depth files, as the data set is distributed.
+    Images are mirrored, as the Kinect delivers them. Joints are in the Kinect's axes and in the
+    data set's own order. If a table lacks a joint of a frame, all joints of that frame are NaN.
+
+    ``skeleton`` is the file of joints for a depth file. Default: ``..._skeleton.mat`` in the same
+    folder, or in the folder ``Skeleton`` beside that folder, as the data set is distributed.
 
     Raises
     ------
     FormatError
-        A file is damaged, there are no joints, or one is not a finite number of metres.
+        A file is damaged, there are no joints, or a joint is not finite or farther than 1000 m.
     OSError
-        `FileNotFoundError` and the like.
+        A file cannot be read.
     MissingExtraError
-        Pillow is not installed (pictures).
+        Pillow is not installed, which reads PNG.
     """
     if trial.is_dir():
         images, joints, is_whole = _png_trial(trial)
@@ -113,12 +115,12 @@ def _skeleton_beside(trial: Path) -> Path:
     for place in places:
         if (place / name).is_file():
             return place / name
-    trial.stat()  # a missing trial is an OSError that names it
+    trial.stat()  # raises OSError, which names the trial, if that is missing
     raise FormatError(f"expected the joints of this trial in {places[0] / name}", file=str(trial))
 
 
 def _variable(path: Path, name: str, shape: tuple[int, int]) -> NDArray[Any]:
-    """A variable of a MATLAB 5 file whose last axis is time, with time first."""
+    """Read a variable of a MATLAB 5 file, and move its last axis, time, to the front."""
     content = limited_bytes(path, _MOST_BYTES)
     try:
         found = _matlab_arrays(content)
@@ -130,9 +132,9 @@ def _variable(path: Path, name: str, shape: tuple[int, int]) -> NDArray[Any]:
     return np.moveaxis(values, 2, 0)
 
 
-# scipy.io.loadmat ends the process at some damaged files.
+# A reader of our own, because scipy.io.loadmat crashes the process on some damaged files.
 def _matlab_arrays(content: bytes) -> dict[str, NDArray[Any]]:
-    """The arrays of real numbers of a MATLAB 5 file, by the format that MathWorks publishes."""
+    """Return the real numeric arrays of a MATLAB 5 file (MathWorks, "MAT-File Format")."""
     order = {b"IM": "<", b"MI": ">"}[content[126:128]]
     most = max(_UNCOMPRESSED, _MOST_RATIO * len(content))
     arrays = {}
@@ -148,7 +150,7 @@ def _matlab_arrays(content: bytes) -> dict[str, NDArray[Any]]:
         flags, dimensions, name, *numbers = islice(_elements(data, order), 5)
         array_class, is_complex = flags[1][0 if order == "<" else 3], len(numbers) > 1
         if array_class not in _NUMERIC or is_complex:
-            continue  # a text, a structure and the like
+            continue  # text, a structure, or another kind of variable
         sizes = np.frombuffer(dimensions[1], f"{order}i4")
         values = np.frombuffer(numbers[0][1], f"{order}{_TYPES[numbers[0][0]]}")
         arrays[name[1].decode("latin-1")] = values.reshape(sizes, order="F")
@@ -156,12 +158,12 @@ def _matlab_arrays(content: bytes) -> dict[str, NDArray[Any]]:
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """The data elements that follow each other: type and content."""
+    """Yield type and content of consecutive data elements."""
     at = 0
     while at + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, at)
         begin = at + 8
-        if kind >> 16:  # at most four bytes lie within the tag
+        if kind >> 16:  # small data element: up to four bytes of data within the tag
             kind, size, begin = kind & 0xFFFF, kind >> 16, at + 4
         if begin + size > len(data) or (begin == at + 4 and size > 4):
             raise ValueError("a data element is cut off")
@@ -173,9 +175,9 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 def _png_trial(
     folder: Path,
 ) -> tuple[NDArray[np.uint16], NDArray[np.float64], NDArray[np.bool_]]:
-    """Images of a folder, joints, and whether all joints of a frame are in the table.
+    """Read images and joints of a folder, and whether the table has all joints of each frame.
 
-    The table has a row for each joint: frame, joint, name, x, y, z.
+    The table has a row for each joint: frame, joint, name, x, y, z (metres).
     """
     from manip3d.io._depth_files import read_depth
 
@@ -213,7 +215,10 @@ def _png_trial(
 def _places_of(
     told: NDArray[np.float64], lines: list[int], num_frames: int, table: Path
 ) -> NDArray[np.intp]:
-    """Places of the rows among all joints of all frames. Rows may be missing, but not exchanged."""
+    """Return the index of each row among all joints of all frames.
+
+    Rows may be missing, but must be in order.
+    """
     frame, joint = told[:, 0], told[:, 1]
     place: NDArray[np.float64] = frame * _JOINTS + joint
     is_right = (frame == np.floor(frame)) & (joint == np.floor(joint)) & (frame >= 0) & (joint >= 0)

@@ -1,4 +1,4 @@
-"""Results as one page: experiments beside what was published, and the evidence of a scan."""
+"""Reports: results of experiments beside published values, evidence of scans, drives, streams."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ _HOMES = {
     "write_stream_evidence": "_stream_evidence",
     "write_suspected_rows": "_suspected",
 }
-"""Module of each name: a verdict on the terminal loads no viewer and no simulator."""
+"""Module of each name, imported on first use, so that a verdict on the terminal loads neither
+viewer nor simulator."""
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""The alerts of a drive as a page that loads nothing, or as JSON."""
+"""The alerts of a drive as a self-contained HTML page, or as JSON."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
 _MOST_SCENES = 12
 _MOST_ROWS = 200
-_DOTS = 2500  # of a scan seen from above
-_REACH = 45.0  # metres that the view from above shows ahead
-_SIDE = 22.0  # metres to each side
+_DOTS = 2500  # largest number of points in a view from above
+_REACH = 45.0  # metres ahead of the car in the view from above
+_SIDE = 22.0  # metres to each side of the car
 
 _ROWS = ("verdict", "watermark", "cross-modal", "forensics")
 QUIET = ("authentic", "no_trace")
@@ -48,7 +48,7 @@ QUIET = ("authentic", "no_trace")
 
 @dataclass(frozen=True)
 class _Scene:
-    """Pictures of one frame, small enough to keep."""
+    """Pictures of one frame, as HTML."""
 
     gravity: int
     number: int
@@ -65,13 +65,13 @@ def _gravity(record: Mapping[str, Any]) -> int:
 
 
 class _Records:
-    """The records of a drive, one JSON line each in a file, since those of an hour fill memory."""
+    """The records of a drive in a temporary file of JSON lines, since an hour would fill memory."""
 
     def __init__(self) -> None:
-        # Without a buffer: what a full disk refuses would stay in it and fail at each seek after.
+        # Unbuffered: if the disk is full, buffered data would fail again at each following seek.
         self._lines = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
         weakref.finalize(self, self._lines.close)
-        self._ends = array("q", [0])  # of the lines; behind the last end there is no whole line
+        self._ends = array("q", [0])  # offsets of the lines' ends; data after the last is invalid
 
     def append(self, record: Mapping[str, Any]) -> None:
         line = json.dumps(record).encode() + b"\n"
@@ -92,17 +92,17 @@ class _Records:
 
 
 class AlertTimeline:
-    """Verdicts of a monitor on a drive, frame by frame, for a page or for JSON.
+    """Verdicts of a monitor on the frames of a drive, which can be written as a page or as JSON.
 
-    The numbers of the frames go to a temporary file, and pictures are kept of a few: those where
-    the verdict changes, of which the gravest stay.
+    The numbers of all frames are kept in a temporary file. Pictures are kept of a few frames: the
+    gravest of those that are tampered, or at which the verdict changes.
 
     Parameters
     ----------
     source : str
         Name of the drive, for the title.
     risk : RiskParameters, optional
-        The monitor's, whose levels the page shows.
+        Parameters of the monitor; the page shows their levels.
     """
 
     @checked
@@ -119,11 +119,12 @@ class AlertTimeline:
 
     @checked
     def add(self, alert: Alert) -> None:
-        """Take the next frame.
+        """Add the next frame.
 
         Parameters
         ----------
         alert : manip3d.authenticate.Alert
+            The monitor's result for this frame.
         """
         record = alert.record()
         self._records.append(record)
@@ -132,7 +133,7 @@ class AlertTimeline:
         self._last = alert.verdict
         if _scan_of(alert) is None or not (is_new or alert.verdict == "tampered"):
             return
-        # The first frame of an attack tells more than the later ones.
+        # The first frame of an attack is graver by 1, so that its pictures are kept.
         gravity = _gravity(record) + (is_new and alert.verdict == "tampered")
         if len(self._scenes) == _MOST_SCENES:
             least = min(self._scenes, key=lambda scene: (scene.gravity, -scene.number))
@@ -145,11 +146,13 @@ class AlertTimeline:
 
     @property
     def records(self) -> list[dict[str, Any]]:
-        """The alerts so far, as JSON values."""
+        """Records of all alerts so far, as values that can be written as JSON."""
         return list(self._records)
 
     def gravest(self, count: int) -> tuple[list[dict[str, Any]], int]:
-        """Return the records to look at first, tampered frames before others, and of how many.
+        """Return the gravest records that are not quiet, and the number of all such records.
+
+        Tampered frames come first, then undecidable and skipped ones, each in their order.
 
         Parameters
         ----------
@@ -178,6 +181,7 @@ class AlertTimeline:
         verdict, reason : str
             Verdict on the whole drive and its reason, see `manip3d.authenticate.verdict_of_alerts`.
         counts : AlertCounts
+            Numbers of frames by verdict, and times.
 
         Raises
         ------
@@ -191,7 +195,7 @@ class AlertTimeline:
         )
 
     def summary(self, verdict: str, reason: str, counts: AlertCounts) -> dict[str, Any]:
-        """Return everything but the pictures, ready for JSON.
+        """Return everything except the pictures, as values that can be written as JSON.
 
         Parameters
         ----------
@@ -276,7 +280,7 @@ _OF_SECTORS = "<li><b style='background:#f0b8b8'></b>sectors that the watermark 
 
 
 def _legend(scenes: Sequence[_Scene]) -> str:
-    """Meaning of the colours of the pictures that are shown."""
+    """Return the legend of the colours that occur in the pictures."""
     items = _OF_MAPS if any(scene.maps for scene in scenes) else ""
     items += _OF_SECTORS if any(_SECTOR in scene.above for scene in scenes) else ""
     return f"<ul class=legend>{items}</ul>" if items else ""
@@ -296,7 +300,7 @@ def _facts(source: str, counts: AlertCounts) -> str:
 
 @dataclass(frozen=True)
 class Strip:
-    """Verdicts and scores of all frames for the timeline, a few bytes for each."""
+    """Verdicts and risk scores of all frames for the timeline; ``verdicts`` by row name."""
 
     verdicts: Mapping[str, Sequence[str]]
     scores: Sequence[float]
@@ -314,7 +318,7 @@ def strip_of(records: Iterable[Mapping[str, Any]], names: Sequence[str] = _ROWS[
 
 
 def _timeline(strip: Strip, levels: tuple[float, float]) -> str:
-    """One row of cells for each witness, the risk below, and what the colours mean."""
+    """Return a row of cells for each witness, the risk below, and the legend of the colours."""
     used = {verdict for row in strip.verdicts.values() for verdict in row}
     legend = "".join(
         f"<li><b style='background:{_COLORS[name]}'></b>{meaning}"
@@ -325,7 +329,7 @@ def _timeline(strip: Strip, levels: tuple[float, float]) -> str:
 
 
 def drawn(strip: Strip, levels: tuple[float, float]) -> str:
-    """One row of cells for each name, and the risk below with the levels medium and high."""
+    """Return a row of cells for each name, and the risk below with its levels medium and high."""
     count = max(len(strip.scores), 1)
     parts = ["<div class=time>"]
     for name, verdicts in strip.verdicts.items():
@@ -350,7 +354,7 @@ def drawn(strip: Strip, levels: tuple[float, float]) -> str:
 
 
 def _steps(scores: Sequence[float]) -> str:
-    """The line of the risk: level over each run of frames of the same score."""
+    """Return the SVG path of the risk, with one step for each run of frames of equal score."""
     parts = []
     for end in range(1, len(scores) + 1):
         shown = f"{1 - scores[end - 1]:.4f}"
@@ -366,7 +370,7 @@ def _verdict(record: Mapping[str, Any], row: str) -> str:
 
 
 def _cells(verdicts: Sequence[str]) -> list[str]:
-    """Rectangles, one for each run of the same verdict."""
+    """Return a rectangle for each run of frames with the same verdict."""
     cells = []
     begin = 0
     for end in range(1, len(verdicts) + 1):
@@ -383,7 +387,7 @@ def _cells(verdicts: Sequence[str]) -> list[str]:
 
 
 def _table(shown: Sequence[dict[str, Any]], count: int) -> str:
-    """The frames to look at, the gravest first, of so many."""
+    """Return the table of the gravest frames; ``count`` is the number of all that are not quiet."""
     if not shown:
         return "<h2>Frames</h2><p>Every frame is quiet.</p>"
     rows = "".join(
@@ -405,7 +409,7 @@ def _table(shown: Sequence[dict[str, Any]], count: int) -> str:
 
 
 def _all_maps(result: CrossModalResult | SurroundResult) -> str:
-    """The maps of a pair; of several those that contradict, else the first."""
+    """Return the maps of all accusing camera pairs, or of the first pair if none accuses."""
     pairs = getattr(result, "pairs", {"": result})
     accusing = {name: found for name, found in pairs.items() if found.verdict == "tampered"}
     shown = accusing or dict([next(iter(pairs.items()))])
@@ -413,7 +417,7 @@ def _all_maps(result: CrossModalResult | SurroundResult) -> str:
 
 
 def _maps(result: CrossModalResult, name: str) -> str:
-    """Range maps of both, and where they contradict each other."""
+    """Return range maps of LiDAR and cameras, and the map of their contradictions."""
     of_pair = f"{name}: " if name else ""
     rows = np.flatnonzero(result.judged.any(axis=1))
     window = slice(rows[0], rows[-1] + 1) if len(rows) else slice(None)
@@ -437,7 +441,7 @@ def _maps(result: CrossModalResult, name: str) -> str:
 
 
 def _in_colors(ranges: NDArray[np.float32], most: float) -> NDArray[np.uint8]:
-    """Near is dark, far is pale, white is nothing."""
+    """Return ranges in colours: near is dark, far is pale, white is no measurement."""
     share = np.clip(np.sqrt(ranges / most), 0.0, 1.0)[..., None]
     near, far = np.array([38.0, 24.0, 74.0]), np.array([236.0, 226.0, 150.0])
     colors = near + share * (far - near)
@@ -458,7 +462,7 @@ def _png(pixels: NDArray[np.uint8]) -> str:
 
 
 def _scan_of(alert: Alert) -> LidarFrame | None:
-    """The scan as one of the witnesses has it."""
+    """Return the scan from any of the witnesses' results, or None."""
     witnesses = (alert.cross_modal, alert.watermark, alert.forensics)
     return next(
         (each.scan for each in witnesses if each is not None and each.scan is not None), None
@@ -466,7 +470,10 @@ def _scan_of(alert: Alert) -> LidarFrame | None:
 
 
 def _from_above(alert: Alert) -> str:
-    """The scan ahead of the car, or around it, with sectors and boxes; the car drives upwards."""
+    """Return a view from above with points, tampered sectors and boxes; the car drives upwards.
+
+    With a single camera pair it shows only the area ahead of the car.
+    """
     dots = ""
     ahead_only = alert.cross_modal is not None and not hasattr(alert.cross_modal, "pairs")
     behind = 0.0 if ahead_only else _REACH
@@ -498,7 +505,7 @@ _SECTOR = "class=sector"
 
 
 def _sectors(alert: Alert) -> str:
-    """Wedges of the tiles that the watermark finds tampered, as far as the picture reaches."""
+    """Return wedges for the tiles that the watermark finds tampered, up to the picture's edge."""
     found = alert.watermark
     if found is None:
         return ""

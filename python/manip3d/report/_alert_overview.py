@@ -1,4 +1,4 @@
-"""A page with the verdict of `alert run` on the drives of several vehicles."""
+"""A page with the verdicts of ``alert run`` on the drives of several vehicles."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def write_alert_overview(
         address of the vehicle's own page relative to this one. For a drive that failed, ``source``
         (its path) and ``error`` (a message).
     output : path
-        ``.html``; an existing file is replaced.
+        Output file that ends in ``.html``; an existing file is replaced.
 
     Raises
     ------
     InputError
         ``drives`` is empty, or ``output`` has another suffix.
     OSError
-        The page cannot be written; an existing file then stays as it was.
+        The page cannot be written; an existing file stays unchanged.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def _word(verdict: str) -> str:
 
 
 def _vehicle(drive: Mapping[str, Any]) -> str:
-    """Name, verdict, reason, the verdicts over time with the risk, and the worst frames."""
+    """Return the section of a drive: name, verdict, reason, timeline with risk, worst frame."""
     name = html.escape(_name_of(str(drive["source"])))
     if drive.get("page"):
         name = f"<a href='{quote(str(drive['page']))}'>{name}</a>"
@@ -112,5 +112,5 @@ def _vehicle(drive: Mapping[str, Any]) -> str:
 
 
 def _name_of(source: str) -> str:
-    """The last part of a path; an address as it is."""
+    """Return the last part of a path; addresses are returned unchanged."""
     return source if ":" in source else PurePosixPath(source.rstrip("/")).name or source

@@ -1,4 +1,4 @@
-"""A log of inspections that shows when a line of it was changed, left out or put in."""
+"""Log of inspections with a hash chain, which reveals changed, removed and inserted lines."""
 
 from __future__ import annotations
 
@@ -31,25 +31,26 @@ if TYPE_CHECKING:
 LOG_SUFFIX = ".jsonl"
 
 _FIRST = "0" * 64
-"""In the place of the hash of the line before the first."""
+"""Value of ``previous`` in the first line."""
 
 _START = b'{"time": '
-"""How every line starts."""
+"""First bytes of every line."""
 
 
 @dataclass(frozen=True)
 class _End:
-    """The end of a log whose lines were checked so far.
+    """The last line of a log that this process has checked.
 
     Attributes
     ----------
     size : int
-        Bytes up to the end of the last line.
+        Bytes up to the end of the line.
     lines : int
+        Number of lines up to and including it.
     hash : str
-        Hash of the last line.
+        Hash of the line.
     last : bytes
-        The last line with its newline, which distinguishes a log that grew from one that was
+        The line with its newline, by which a log that grew is distinguished from one that was
         changed.
     """
 
@@ -60,7 +61,7 @@ class _End:
 
 
 _checked_logs: dict[tuple[int, int], _End] = {}
-"""By device and inode: what this process has checked, so that many appends read a log once."""
+"""Checked ends of logs by (device, inode), so that repeated appends do not read the whole log."""
 
 
 @checked
@@ -71,39 +72,40 @@ def append_log(
     source: str,
     source_sha256: str = "",
 ) -> str:
-    """Append an inspection to a log whose lines hold the hash of the line before.
+    """Append an inspection to a log in which each line holds the hash of the line before.
 
     Parameters
     ----------
     path : path
-        A ``.jsonl`` file; made if it is not there.
+        A ``.jsonl`` file; it is created if it does not exist.
     inspection : Inspection, StreamInspection or DriveInspection
         The result of `manip3d.authenticate.inspect`, `inspect_stream` or `judge_drive`.
     source : str
         Name of the scan.
     source_sha256 : str
-        Hash of its file, in hexadecimal digits; of a folder, `manip3d.datasets.folder_sha256`.
+        Hexadecimal SHA-256 of its file; for a folder, `manip3d.datasets.folder_sha256`.
 
     Returns
     -------
     str
-        The hash of the new line, 64 hexadecimal digits. Who keeps it elsewhere can prove later that
-        the log up to this line is the same.
+        Hash of the new line, 64 hexadecimal digits. Whoever keeps it in another place can prove
+        later that the log up to this line is unchanged.
 
     Raises
     ------
     FormatError
-        The log is damaged; it is not a regular file.
+        The log is damaged, or is not a regular file.
     OSError
-        The file cannot be written; the log is as it was.
+        The file cannot be written; the log stays unchanged.
 
     Notes
     -----
     Several processes may append to one log: each locks the file (``flock``) while it reads the end
-    and writes its line. A process checks a log as a whole before its first line, and after that
-    only what was appended since; `read_log` always checks everything. A writer that was killed can
-    leave the start of a line at the end. The error then says how many entries before it hold, and
-    how to cut the rest off.
+    and writes its line. A process checks the whole log before its first line, and later only lines
+    that were appended in the meantime; `read_log` always checks the whole log.
+
+    A writer that was killed can leave an incomplete line at the end. The next append moves its
+    bytes to a file ``LOG.torn-1`` beside the log, records their hash in the new line, and warns.
 
     Examples
     --------
@@ -152,16 +154,16 @@ def append_log(
 
 
 def check_log(path: str | os.PathLike[str]) -> None:
-    """Refuse a log that could not be appended to, before work is done whose result belongs in it.
+    """Refuse a log to which `append_log` cannot append, before the inspection is done.
 
     Raises
     ------
     InputError
-        The name does not end in ``.jsonl``, or there is no such folder.
+        The name does not end in ``.jsonl``, or its folder does not exist.
     FormatError
-        It is not a log, or a damaged one. A torn last line is not damage: `append_log` goes on.
+        The file is no log, or is damaged. An incomplete last line is no damage, see `append_log`.
     OSError
-        It cannot be read.
+        The file cannot be read.
     """
     target = path_of(path)
     if target.suffix.lower() != LOG_SUFFIX:
@@ -170,7 +172,7 @@ def check_log(path: str | os.PathLike[str]) -> None:
         raise InputError(f"{target}: there is no folder {target.parent}")
     if target.exists():
         with open_regular(target) as file:
-            fcntl.flock(file, fcntl.LOCK_SH)  # a line that is being written is not a torn one
+            fcntl.flock(file, fcntl.LOCK_SH)  # so that no line is incomplete while it is written
             _checked_end(file.fileno(), path)
 
 
@@ -181,7 +183,7 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     Parameters
     ----------
     path : path
-        What `append_log` wrote.
+        A log that `append_log` has written.
 
     Returns
     -------
@@ -191,7 +193,7 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     Raises
     ------
     FormatError
-        A line is not an entry; a line was changed, left out or put in; the last line is not whole.
+        A line is no entry; a line was changed, removed or inserted; the last line is incomplete.
 
     Examples
     --------
@@ -210,7 +212,7 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
 
 @contextmanager
 def _locked(target: Path) -> Iterator[int]:
-    """Open a log for appending, as the only writer."""
+    """Open a log for appending, with an exclusive lock."""
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK | os.O_CLOEXEC
     is_new = not target.exists()
     descriptor = os.open(target, flags, 0o666)
@@ -233,12 +235,14 @@ def _identity(descriptor: int) -> tuple[int, int]:
 
 
 def _checked_end(descriptor: int, path: str | os.PathLike[str]) -> tuple[_End, bytes]:
-    """The end of a log, of which only what this process has not checked before is read, and the
-    start of a line after it whose writer was interrupted."""
+    """Check a log, and return its end and the incomplete line after it (b"" if there is none).
+
+    Only lines that this process has not checked before are read.
+    """
     start = _checked_logs.get(_identity(descriptor), _End())
     length = len(start.last)
     if os.pread(descriptor, length, start.size - length) != start.last:
-        start = _End()  # it was cut or changed
+        start = _End()  # the log was cut or changed: check it from the beginning
     with os.fdopen(os.dup(descriptor), "rb") as file:
         file.seek(start.size)
         content = file.read()
@@ -247,15 +251,15 @@ def _checked_end(descriptor: int, path: str | os.PathLike[str]) -> tuple[_End, b
     end = start
     for entry, line in _entries(content, start, path):
         end = _End(end.size + len(line), end.lines + 1, str(entry["hash"]), line)
-    if end.last.endswith(b"\n"):  # else another writer may yet put the newline there
+    if end.last.endswith(b"\n"):  # otherwise another writer may append the missing newline
         _checked_logs[_identity(descriptor)] = end
     return end, torn
 
 
 def _torn_line(content: bytes) -> bytes:
-    """The last line, if it is the start of an entry; b"": the last line is whole, or no entry.
+    """Return the last line if it is the beginning of an entry; b"" if it is complete or no entry.
 
-    After a power cut, blocks that never reached the disk read as zeros.
+    It may end in zero bytes, which stand for blocks that were not written before a power cut.
     """
     line = content[max(content.rfind(b"\n"), content.rfind(b"\r")) + 1 :]
     written = line.rstrip(b"\0")
@@ -265,11 +269,11 @@ def _torn_line(content: bytes) -> bytes:
         json.loads(line)
     except (ValueError, RecursionError):
         return line
-    return b""  # only its newline is missing
+    return b""  # the entry is complete; only its newline is missing
 
 
 def _keep_aside(target: Path, torn: bytes) -> Path:
-    """Write the start of a line to a new file beside the log."""
+    """Write an incomplete line to a new file beside the log, and return the file's path."""
     for number in count(1):
         aside = target.with_name(f"{target.name}.torn-{number}")
         try:
@@ -290,20 +294,20 @@ def _keep_aside(target: Path, torn: bytes) -> Path:
 
 
 def _mark_of(torn: bytes, aside: Path) -> dict[str, Any]:
-    """The words of a log about bytes that were kept aside."""
+    """Return the entry of a log about an incomplete line that was moved to another file."""
     return {"bytes": len(torn), "sha256": hashlib.sha256(torn).hexdigest(), "kept": aside.name}
 
 
 def _entries(
     content: bytes, start: _End, path: str | os.PathLike[str]
 ) -> Iterator[tuple[dict[str, Any], bytes]]:
-    """Each entry with its line as it stands in the file, checked."""
+    """Yield each entry with its line in the file, after checking both and the hash chain."""
     before = start.hash
     for number, line in enumerate(content.splitlines(keepends=True), start.lines + 1):
         try:
             entry = json.loads(line)
             kept = entry["hash"]
-            # A name that stands twice in a line is read once: the bytes must be those of the entry.
+            # json.loads reads only one of two equal names, so that the bytes are compared as well.
             same = _line(entry).rstrip() == line.rstrip(b"\r\n")
             linked = same and entry["previous"] == before and _hash(entry) == kept
         except (ValueError, TypeError, KeyError, RecursionError) as error:
@@ -324,7 +328,7 @@ def _entries(
 
 
 def _torn(number: int, length: int) -> str:
-    """Return what a line that ends early means, and how to go on."""
+    """Return the message about an incomplete line, and how to continue the log."""
     return (
         f"line {number}: the last line is not whole: its writer was interrupted after {length} "
         "bytes. The entries before it hold; the next inspection that is appended keeps these bytes "
@@ -333,7 +337,7 @@ def _torn(number: int, length: int) -> str:
 
 
 def _append(descriptor: int, content: bytes, size: int, torn: bytes) -> None:
-    """Write all of it to the disk in place of a torn line, or leave the file as it was."""
+    """Replace an incomplete line by the content and sync it, or leave the file unchanged."""
     try:
         if torn:
             os.ftruncate(descriptor, size)

@@ -1,4 +1,4 @@
-"""The evidence of a whole drive as one page that loads nothing: timeline, map and table."""
+"""The evidence of a whole drive as one self-contained HTML page: timeline, map and table."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ COLORS = {
     "undecidable": "#8d8d8d",
     "not read": "#dddddd",
 }
-"""By verdict; every bar also has its verdict as a tooltip, and the table names it."""
+"""Colours of the verdicts, which are also stated by the bars' tooltips and by the table."""
 
 WIDTH, BAR, PLOT = 900.0, 26.0, 120.0
 HIGHEST = 600.0
-"""Pixels of the pictures."""
+"""Largest height of the map in pixels."""
 
 DEEPEST = 12.0
-"""Powers of ten down to which p-values are drawn."""
+"""Smaller p-values than 10 to the power of -DEEPEST are drawn at that value."""
 
 P_VALUES = (("generic", "#0072B2", 2.5), ("turns", "#D55E00", 4.0), ("reflectance", "#009E73", 5.5))
-"""Detectors whose p-values are drawn, with color and radius."""
+"""Detectors whose p-values are drawn, with the colour and radius (pixels) of their circles."""
 
 MOST_ROWS = 500
-"""Most rows of the table; the rest is counted."""
+"""Largest number of rows in the table; further rows are counted."""
 
 
 @checked
@@ -60,30 +60,31 @@ def write_drive_evidence(
     numbers: Sequence[int] | None = None,
     times_ns: Sequence[int | None] | None = None,
 ) -> None:
-    """Write what the detectors found in the scans of a drive as one page.
+    """Write the results of the detectors on the scans of a drive as one page.
 
     Parameters
     ----------
     found : sequence of (Inspection or None)
         The results of `manip3d.authenticate.inspect_drive`; None: a scan that could not be read.
     output : path
-        ``.html``, self-contained: a timeline of verdicts and p-values, a map of the way of the
-        scanner with the places that are suspected, and a table. An existing file is replaced.
+        Output file that ends in ``.html``: a self-contained page with a timeline of verdicts and
+        p-values, a map of the scanner's path with the suspected places, and a table. An existing
+        file is replaced.
     names : sequence of str
-        One for each scan.
+        Name of each scan.
     source : str
         Name of the drive, for the title.
     errors : sequence of str
-        What was said of the scans that could not be read.
+        Messages about the scans that could not be read.
     numbers : sequence of int, optional
-        As for `manip3d.authenticate.verdict_of_drive`.
+        See `manip3d.authenticate.verdict_of_drive`.
     times_ns : sequence of (int or None), optional
-        As for `manip3d.authenticate.judge_drive`.
+        See `manip3d.authenticate.judge_drive`.
 
     Raises
     ------
     InputError
-        Another suffix; another number of names, or of numbers, than of results.
+        The suffix is another one, or the numbers of names, of ``numbers`` and of results differ.
 
     Examples
     --------
@@ -106,16 +107,17 @@ def write_drive_evidence(
 
 
 def scanner_poses(found: Sequence[Inspection | None]) -> list[Pose | None]:
-    """Return where the scanner was at each scan, in the coordinates of the first.
+    """Return the scanner's pose at each scan, in the frame of the first scan.
 
     Parameters
     ----------
     found : sequence of (Inspection or None)
+        The results of `manip3d.authenticate.inspect_drive`.
 
     Returns
     -------
     list of ((4, 4) float64 or None)
-        As the alignments of detector IV follow each other; None from where they are interrupted.
+        Products of the alignments of detector IV; None from the first scan that is not aligned.
     """
     poses: list[Pose | None] = []
     for number, each in enumerate(found):
@@ -175,7 +177,7 @@ def _word(found: Inspection | None) -> str:
 
 
 def _limits(found: Sequence[Inspection | None]) -> str:
-    """By what was judged, and where the thresholds come from."""
+    """Return a list of facts: version, scanners, and the scans that fixed the thresholds."""
     facts = [
         f"manip3d {__version__}",
         "No verdict says that a scan is authentic: only a keyed watermark does.",
@@ -196,7 +198,7 @@ def _limits(found: Sequence[Inspection | None]) -> str:
 
 
 def _timeline(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
-    """A bar for each scan, and below it the p-values of detectors III and IV."""
+    """Return a bar for each scan, and below it the p-values of the detectors in `P_VALUES`."""
     if not found:
         return "<p>There are no scans.</p>"
     step = WIDTH / len(found)
@@ -237,7 +239,7 @@ def _timeline(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
 
 
 def _added_up(together: DriveEvidence) -> str:
-    """Evidence of all frames together: a curve, and the line that it must not reach."""
+    """Return the curve of the evidence accumulated over all frames, and the threshold."""
     if len(together.evidence) < 2:
         return ""
     lowest = min(0.0, float(together.evidence.min()))
@@ -274,7 +276,7 @@ def _p_of(found: Inspection, detector: str) -> float | None:
 
 
 def _map(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
-    """The way of the scanner from above, with the boxes of regions of scans that are accused."""
+    """Return a map of the scanner's path from above, with boxes of regions in tampered scans."""
     poses = scanner_poses(found)
     way = [pose[:2, 3] for pose in poses if pose is not None]
     outlines = [
@@ -291,7 +293,7 @@ def _map(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
     height = scale * float(high[1] - low[1])
     if height > HIGHEST:
         scale, height = scale * HIGHEST / height, HIGHEST
-    low[0] -= 0.5 * (WIDTH / scale - (high[0] - low[0]))  # in the middle
+    low[0] -= 0.5 * (WIDTH / scale - (high[0] - low[0]))  # centres the map
 
     def at(points: NDArray[np.float64]) -> str:
         return " ".join(
@@ -317,7 +319,7 @@ def _map(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
 
 
 def _outline(box: Box, pose: Pose) -> NDArray[np.float64]:
-    """(4, 2): corners of a box from above, in the coordinates of the drive."""
+    """Return the corners (4, 2) of a box from above, in the drive's coordinates."""
     cos, sin = math.cos(box.yaw), math.sin(box.yaw)
     length, width = max(box.size[0], 0.3) / 2.0, max(box.size[1], 0.3) / 2.0
     corners = np.array([(length, width), (-length, width), (-length, -width), (length, -width)])
@@ -334,13 +336,13 @@ def _p_text(p_value: float | None) -> str:
 
 
 def _table(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
-    """The scans of which something is said, the accused ones first."""
+    """Return a table of the scans whose verdict is not ``no_trace``, tampered ones first."""
     said = [
         (each, name)
         for each, name in zip(found, names, strict=True)
         if each is not None and each.verdict != "no_trace"
     ]
-    said.sort(key=lambda row: row[0].verdict != "tampered")  # each in its order otherwise
+    said.sort(key=lambda row: row[0].verdict != "tampered")  # stable: others keep their order
     rows = [
         f"<tr><td>{html.escape(name)}</td><td class={each.verdict}>{each.verdict}</td>"
         f"<td>{html.escape(each.reason)}</td>"

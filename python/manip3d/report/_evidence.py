@@ -1,4 +1,4 @@
-"""The evidence of one inspected scan as a page that loads nothing, or as JSON."""
+"""The evidence of one inspected scan as a self-contained HTML page, or as JSON."""
 
 from __future__ import annotations
 
@@ -42,16 +42,15 @@ _MOST_REGIONS = 24
 def write_evidence(
     inspection: Inspection, output: str | os.PathLike[str], *, source: str = "scan"
 ) -> None:
-    """Write what the detectors found in a scan as one file.
+    """Write the results of the detectors on a scan as one file.
 
     Parameters
     ----------
     inspection : Inspection
         The result of `manip3d.authenticate.inspect`.
     output : path
-        ``.html``: a self-contained page with the scan as points, and with pictures where
-        matplotlib is installed;
-        ``.json``: the numbers. An existing file is replaced.
+        Output file. ``.html``: a self-contained page with the scan as points, and with pictures if
+        matplotlib is installed; ``.json``: the numbers. An existing file is replaced.
     source : str
         Name of the scan, for the title.
 
@@ -83,7 +82,7 @@ def write_evidence(
 
 
 def _pictures(inspection: Inspection) -> dict[str, str]:
-    """PNG data by caption; none without matplotlib."""
+    """Return PNG data by caption; empty if matplotlib is not installed."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
@@ -113,7 +112,7 @@ def _density_figure(figure_type: type[Figure], density: DensityResult) -> Figure
         axes.axvspan(low, high, color="#D55E00", alpha=0.3)
     axes.set(xlabel="range, m", ylabel="nearest neighbour, mm")
     measured = np.flatnonzero(np.isfinite(density.signal))
-    if measured.size:  # beyond the last point only the fit goes on
+    if measured.size:  # the axes end at the last measurement; the fit continues beyond it
         last = measured[-1]
         axes.set_xlim(0.0, 1.05 * density.ranges[last])
         axes.set_ylim(0.0, 1.5e3 * max(density.fit[last], np.nanmax(density.signal)))
@@ -137,7 +136,7 @@ def _occlusion_figure(figure_type: type[Figure], occlusion: OcclusionResult) -> 
 
 
 def _shrunk(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The mask in at most 1600 columns and 600 rows; a marked cell stays visible."""
+    """Return the mask reduced to at most 1600 columns and 600 rows, by the maximum of blocks."""
     down, across = (
         max(1, -(-size // most))
         for size, most in zip(mask.shape, (_MOST_ROWS, _MOST_COLUMNS), strict=True)
@@ -152,9 +151,10 @@ def _shrunk(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _drawn_regions(inspection: Inspection) -> list[tuple[int, Region, NDArray[np.float64]]]:
-    """Regions of the accusing detector that a picture can show, the most significant first.
+    """Return the regions of the accusing detector that have points, the most significant first.
 
-    Each with its place in the table and what the turn before saw there.
+    Each has its row in the table, and the points (N, 3) of the previous frame in this region
+    (detector IV only, else empty).
     """
     report = inspection.accusing
     if report is None:
@@ -172,13 +172,13 @@ def _drawn_regions(inspection: Inspection) -> list[tuple[int, Region, NDArray[np
 
 
 def _insignificance(region: Region) -> tuple[float, float]:
-    """Smaller for more significant regions: by p-value, then by the strongest evidence."""
+    """Return a sort key: by p-value, then by the strongest evidence, most significant first."""
     p_value = 1.0 if region.p_value is None else region.p_value
     return p_value, -max(region.evidence.values(), default=0.0)
 
 
 def _how_many(inspection: Inspection) -> str:
-    """How many of the regions are drawn, where not all are."""
+    """Return a phrase with the number of drawn regions; empty if all are drawn."""
     count = len(_drawn_regions(inspection))
     if count <= _MOST_REGIONS:
         return ""
@@ -186,7 +186,7 @@ def _how_many(inspection: Inspection) -> str:
 
 
 def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure | None:
-    """Crops of the range image around the regions of the accusing detector."""
+    """Return crops of the range image around the regions of the accusing detector."""
     scan = inspection.scan
     shown = _drawn_regions(inspection)[:_MOST_REGIONS]
     if scan is None or not shown:
@@ -226,7 +226,7 @@ def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure 
 def _directions(
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Horizontal distance, azimuth and elevation of points, metres and radians."""
+    """Return horizontal distance (metres), azimuth and elevation (radians) of points."""
     rho = np.hypot(points[:, 0], points[:, 1])
     return rho, np.arctan2(points[:, 1], points[:, 0]), np.arctan2(points[:, 2], rho)
 
@@ -234,7 +234,7 @@ def _directions(
 def _draw_lattice(
     axes: Axes, inspection: Inspection, rho: NDArray[np.float64], z: NDArray[np.float64]
 ) -> None:
-    """The lines on which points of this scanner can lie, around those of a region."""
+    """Draw the lines of the lattice, on which points of this scanner lie, around a region."""
     low, high = float(rho.min()) - 0.5, float(rho.max()) + 0.5
     bottom, top = float(z.min()) - 0.2, float(z.max()) + 0.2
     axes.set(xlim=(low, high), ylim=(bottom, top))
@@ -255,7 +255,8 @@ def _png(figure: Figure) -> str:
 
 PAGE_STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
-    "overflow-wrap:break-word}small{display:block;color:#5d636b}"  # paths and hashes are long words
+    # break-word, because paths and hashes are long words
+    "overflow-wrap:break-word}small{display:block;color:#5d636b}"
     ".wide{overflow-x:auto;font-size:.9rem}table{border-collapse:collapse}"
     "td,th{padding:.2rem .6rem;text-align:left;border-bottom:1px solid #ccc}"
     "img{max-width:100%}.long{min-width:12rem}"
@@ -307,14 +308,14 @@ def _verdict_row(report: DetectorReport) -> str:
 
 
 def _scene(inspection: Inspection) -> str:
-    """The scan as points, with suspected ones and boxes coloured by detector."""
+    """Return a 3D view of the scan, with suspected points and boxes coloured by detector."""
     if inspection.scan is None or not inspection.scan.num_points:
         return ""
     return viewer.figure(inspection, "The scan, with suspected points and boxes by detector")
 
 
 def _ratio(inspection: Inspection) -> str:
-    """The likelihood ratio, in words."""
+    """Return a paragraph on the likelihood ratio; empty if there is none."""
     ratio = inspection.likelihood_ratio
     if ratio is None:
         return ""
@@ -326,7 +327,7 @@ def _ratio(inspection: Inspection) -> str:
 
 
 def _facts(inspection: Inspection, source: str) -> str:
-    """Return what was judged, by which detectors and limits."""
+    """Return a list of facts: file, scanner, processing, limits and smallest p-values."""
     facts = [f"manip3d {__version__}"]
     if Path(source).is_file():
         facts.append(f"SHA-256 of the file: {file_sha256(Path(source))}")
@@ -363,7 +364,7 @@ def _evidence_text(evidence: Mapping[str, float]) -> str:
 
 
 def _p_text(value: float) -> str:
-    """A p-value for people; those that double precision has no number for are 0."""
+    """Return a p-value as text; 0 means that it is below the range of double precision."""
     return f"{value:.2g}" if value > 0.0 else "below 1e-300"
 
 
@@ -390,7 +391,7 @@ def _regions(inspection: Inspection) -> str:
 def _power(inspection: Inspection) -> str:
     if not inspection.power:
         return ""
-    # Detectors I and II were measured with edits of their own.
+    # EDIT_MEANINGS describes the edits of detectors III to V; those of I and II differ.
     meanings = EDIT_MEANINGS if inspection.generic is not None else {}
     rows = "".join(
         f"<tr><td>{html.escape(name)}{_small(meanings.get(name, ''))}</td>"

@@ -1,4 +1,4 @@
-"""Evidence as a page for people or as numbers for programs, by the suffix of the file."""
+"""Writing of evidence as an HTML page or as JSON, by the suffix of the file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 
 EVIDENCE_KINDS = (".html", ".json")
-"""Suffixes that `write_evidence`, `write_stream_evidence` and `AlertTimeline.write` know."""
+"""Suffixes that `write_evidence`, `write_stream_evidence` and `AlertTimeline.write` accept."""
 
 
 def write_page_or_record(
@@ -22,7 +22,7 @@ def write_page_or_record(
     page: Callable[[], str],
     record: Callable[[], Mapping[str, Any]],
 ) -> None:
-    """Write what the suffix asks for; the other one is not made."""
+    """Write the page or the record, by the suffix of ``output``; the other one is not computed."""
     path = path_of(output, "output")
     kind = path.suffix.lower()
     if kind not in EVIDENCE_KINDS:
@@ -32,9 +32,10 @@ def write_page_or_record(
 
 
 def sha256_of_source(source: str) -> tuple[str, str]:
-    """SHA-256 of a file or a folder, also one with its scheme before it, and what it is of.
+    """Return the SHA-256 of a file or folder, and a phrase that states what was hashed.
 
-    Both are empty if the source is neither.
+    The source may have the scheme ``folder:``, ``mkv:`` or ``tum:``. Both are empty if it is
+    neither a file nor a folder.
     """
     from manip3d.datasets import file_sha256, folder_sha256
 

@@ -1,4 +1,4 @@
-"""The report as one HTML page that loads nothing: styles, figures and pictures are inside."""
+"""The report as one self-contained HTML page, with embedded styles, figures and pictures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MEDIA = {".svg": "image/svg+xml", ".webp": "image/webp", ".png": "image/png"}
 
 
 def html(results: Mapping[str, Any], folder: Path) -> str:
-    """The whole page."""
+    """Return the whole page."""
     page: str = (
         environment()
         .get_template("report.html")
@@ -36,7 +36,7 @@ def _command(results: Mapping[str, Any]) -> str:
 
 
 def environment() -> jinja2.Environment:
-    """The templates, with the filters that they use.
+    """Return the environment of the templates, with the filters that they use.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def environment() -> jinja2.Environment:
 
 
 def numbers(results: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Content of a results folder for the templates."""
+    """Return the content of a results folder as variables for the templates."""
     return {
         "results": results,
         "environment": results["environment"],
@@ -71,17 +71,17 @@ def numbers(results: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def template(name: str) -> str:
-    """The text of a template."""
+    """Return the text of a template."""
     return files("manip3d.report").joinpath("templates", name).read_text(encoding="utf-8")
 
 
 def embedded(folder: Path, name: str) -> str:
-    """A file of the results folder as a ``data:`` address.
+    """Return a picture of the results folder as a ``data:`` address.
 
     Raises
     ------
     FormatError
-        The results name a file outside their folder, or of another kind.
+        The file is outside the results folder, or is no picture.
     """
     path = (folder / name).resolve()
     if not path.is_relative_to(folder.resolve()) or path.suffix not in _MEDIA:
@@ -91,7 +91,7 @@ def embedded(folder: Path, name: str) -> str:
 
 
 def _experiments(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str, Any]]:
-    said: set[str] = set()  # a note that several experiments share is read once
+    said: set[str] = set()  # a note that several experiments share is shown once
     for name, record in results["experiments"].items():
         notes = [note for note in record["notes"] if note not in said]
         said.update(notes)
@@ -116,7 +116,7 @@ def _experiments(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str,
 
 
 def _why(verdict: Mapping[str, Any]) -> str:
-    """Why there is no verdict, in a few words; ``""`` where there is one, or nothing applies."""
+    """Return a short explanation of a verdict other than "holds" and "does not hold", or ''."""
     if verdict["word"] == "undecided":
         confirmed = any(f["holds"] and "published" in f["data"] for f in verdict["findings"])
         return "holds on the published files" if confirmed else "the published files are not here"
@@ -126,7 +126,7 @@ def _why(verdict: Mapping[str, Any]) -> str:
 
 
 def _scores(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """On which data a claim was judged, and in how many parts it holds there."""
+    """Return, for each kind of data, the number of findings judged and of those that hold."""
     kinds: dict[str, list[bool]] = {}
     for finding in verdict["findings"]:
         if finding["holds"] is not None:
@@ -146,7 +146,7 @@ _TONES = {"holds": "yes", "does not hold": "no", "undecided": "soft"}
 
 
 def _headlines(results: Mapping[str, Any]) -> Iterator[dict[str, str]]:
-    """Results of QEM4VR on the published files, beside the printed ones."""
+    """Yield results of QEM4VR on the published files, beside the published values."""
     seen = set()
     for name, record in results["experiments"].items():
         for column in (column for column in record["columns"] if column["ratio"]):
@@ -184,7 +184,7 @@ def _sheets(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str, Any]
 
 
 def _tally(results: Mapping[str, Any]) -> dict[str, int]:
-    """How many claims there are of each verdict."""
+    """Return the number of claims with each verdict."""
     words = [v["word"] for e in results["experiments"].values() for v in e["verdicts"]]
     known = (*_TONES, "not judged", "not applicable", "reported")
     return {word: words.count(word) for word in known}

@@ -9,7 +9,7 @@ from manip3d.report._tables import Cell, Table, readable, tables
 
 
 def markdown(results: Mapping[str, Any]) -> str:
-    """The whole report."""
+    """Return the whole report as Markdown."""
     environment = results["environment"]
     lines = [
         "# Measured beside published",

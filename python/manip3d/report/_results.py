@@ -1,4 +1,4 @@
-"""The results of experiments as one page, beside what was published."""
+"""The results of experiments beside the published values, as one file."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def write_report(results_dir: str | os.PathLike[str], output: str | os.PathLike[
         text = _text(results, folder, path.suffix.lower())
     except (Error, OSError, MemoryError):
         raise
-    except Exception as error:  # templates fail in many ways on results that are damaged
+    except Exception as error:  # templates raise various types for damaged results
         raise FormatError(
             f"damaged results: {type(error).__name__}: {error}", file=str(folder)
         ) from error

@@ -1,4 +1,4 @@
-"""The evidence of one inspected RGB-D stream as a page that loads nothing, or as JSON."""
+"""The evidence of one inspected RGB-D stream as a self-contained HTML page, or as JSON."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from manip3d.authenticate import StreamInspection
 
 _MOST_FRAMES = 6
-_MARK = np.array([230.0, 94.0, 0.0])  # what was inserted
-_WIDTH, _HEIGHT = 720, 180  # of a curve, in its own units
+_MARK = np.array([230.0, 94.0, 0.0])  # red, green and blue of inserted pixels
+_WIDTH, _HEIGHT = 720, 180  # size of a curve in SVG user units
 
 
 @checked
@@ -38,24 +38,24 @@ def write_stream_evidence(
     *,
     source: str = "stream",
 ) -> None:
-    """Write what was found in an RGB-D stream as one file.
+    """Write the results of the detectors on an RGB-D stream as one file.
 
     Parameters
     ----------
     inspection : StreamInspection
         The result of `manip3d.authenticate.inspect_stream`.
     frames : iterable of RgbdFrame
-        Frames that were judged, found by their numbers; others are left out.
+        Frames of the stream. Those that were judged are found by their numbers; others are ignored.
     output : path
-        ``.html``: a self-contained page with frames, what was inserted in them, and the curves of
-        noise; ``.json``: the numbers. An existing file is replaced.
+        Output file. ``.html``: a self-contained page with frames, their inserted pixels, and curves
+        of the noise; ``.json``: the numbers. An existing file is replaced.
     source : str
         Name of the stream, for the title.
 
     Raises
     ------
     InputError
-        The suffix is neither of the two, or the page has no frame that was judged.
+        The suffix is neither of the two, or ``frames`` has no frame that was judged (``.html``).
     MissingExtraError
         Pillow, which draws the frames, is not installed.
 
@@ -143,7 +143,7 @@ def _facts(inspection: StreamInspection, source: str) -> str:
 
 
 def _frames(inspection: StreamInspection, frames: Sequence[RgbdFrame]) -> str:
-    """Up to six frames, spread over the stream."""
+    """Return pictures of up to six frames, evenly spread over the stream."""
     masks = dict(zip(inspection.numbers.tolist(), inspection.masks, strict=False))
     places = np.linspace(0, len(frames) - 1, min(_MOST_FRAMES, len(frames))).round().astype(int)
     shown = []
@@ -163,7 +163,7 @@ def _frames(inspection: StreamInspection, frames: Sequence[RgbdFrame]) -> str:
 
 
 def _marked(frame: RgbdFrame, mask: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """The depth in grey, the mask in orange; at most 640 columns."""
+    """Return a picture of the depth in grey and the mask in orange, of at most 640 columns."""
     picture = depth_picture(frame.depth)
     if mask is not None:
         picture[mask] = (0.5 * picture[mask] + 0.5 * _MARK).astype(np.uint8)
@@ -187,7 +187,7 @@ def _curves(inspection: StreamInspection, frames: Sequence[RgbdFrame]) -> str:
 
 
 def _curve(values: NDArray[np.float64], caption: str) -> str:
-    """A line over the number of the frame, from 0 to the largest value."""
+    """Return a curve of values over the frames, with an axis from 0 to the largest value."""
     top = float(values.max()) or 1.0
     across = np.linspace(40.0, _WIDTH - 10.0, max(2, len(values)))
     up = _HEIGHT - 20.0 - (_HEIGHT - 40.0) * values / top

@@ -1,4 +1,4 @@
-"""Parts of an inspection without a page: the scanner's place, rows of suspected points."""
+"""Text output of an inspection: the scanner's position, and a table of suspected points."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @checked
 def place_sentence(inspection: Inspection) -> str:
-    """Say where the scanner stood and who states it.
+    """Return a phrase with the scanner's position and its source.
 
     Parameters
     ----------
@@ -26,11 +26,12 @@ def place_sentence(inspection: Inspection) -> str:
     Returns
     -------
     str
+        The position in metres, and whether it was given, stated by the file or estimated.
 
     Raises
     ------
     InputError
-        ``inspection`` is something else.
+        ``inspection`` is no `Inspection`.
 
     Examples
     --------
@@ -62,14 +63,14 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
     inspection : Inspection
         The result of `manip3d.authenticate.inspect`.
     output : path
-        ``.csv``: row in the scan's file (from 0, counting points without coordinates, which are
-        dropped on reading), x, y, z in metres, detector, region (from 1), p-value. An existing file
-        is replaced.
+        Output file that ends in ``.csv``, with these columns: row in the scan's file (from 0;
+        points without coordinates, which are dropped on reading, are counted), x, y, z in metres,
+        detector, region (from 1), p-value. An existing file is replaced.
 
     Raises
     ------
     InputError
-        The suffix is another, or the inspection is without its scan.
+        The suffix is another one, or the inspection does not contain its scan.
 
     Examples
     --------

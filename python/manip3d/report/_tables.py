@@ -1,4 +1,4 @@
-"""An experiment's rows as the tables of a report, whatever the report is written in."""
+"""Tables of an experiment's rows, independent of the format of the report."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Cell:
-    """One value, and how it is meant.
+    """One value of a table, with the published value beside it.
 
     Attributes
     ----------
     text : str
+        The value as text.
     kind : str
-        ``value``, ``best`` (lowest of its model among those that reached the target), ``word`` or
-        ``none``.
+        ``value``, ``best`` (the lowest of its model among rows that reached the target), ``word``
+        or ``none``.
     printed : str
-        The published value that belongs to it; ``""``: none.
+        The published value; ``""`` if there is none.
     ratio : str
-        Measured over published, where the row is of the published file.
+        Measured over published value, only for rows of the published file.
     hint : str
-        Whose the published value is where it is another file's; ``""``: the same file's.
+        Source of the published value if it belongs to another file; ``""`` for the same file.
     """
 
     text: str
@@ -45,8 +46,9 @@ class Group:
     Attributes
     ----------
     title : str
+        Name of the model.
     about : tuple of str
-        What it is, its cleaning, its faces.
+        Role, cleaning and number of faces of the model.
     rows : list of list of Cell
         One cell per heading of the table.
     """
@@ -58,14 +60,16 @@ class Group:
 
 @dataclass(frozen=True)
 class Table:
-    """Headings, and groups of rows.
+    """A table: headings, and groups of rows.
 
     Attributes
     ----------
     title : str
-        What its rows share, where an experiment has several tables; else ``""``.
+        Value that all rows share, if an experiment has several tables; else ``""``.
     headings : list of str
+        Titles of the columns.
     groups : list of Group
+        Rows of each model.
     """
 
     title: str
@@ -79,7 +83,7 @@ class Table:
 
 
 def tables(record: Mapping[str, Any]) -> list[Table]:
-    """The tables of one experiment of ``results.json``."""
+    """Return the tables of one experiment of ``results.json``."""
     key = record.get("split", "")
     parts: dict[str, list[Row]] = {}
     for row in record["rows"]:
@@ -88,7 +92,7 @@ def tables(record: Mapping[str, Any]) -> list[Table]:
 
 
 def _table(title: str, rows: Sequence[Row], columns: Sequence[Mapping[str, Any]]) -> Table:
-    """One table; columns in which no row has anything are left out."""
+    """Return one table; columns without any value are left out."""
     columns = [c for c in columns if any(row.get(c["name"]) is not None for row in rows)]
     by_model: dict[str, list[Row]] = {}
     for row in rows:
@@ -102,12 +106,12 @@ def _table(title: str, rows: Sequence[Row], columns: Sequence[Mapping[str, Any]]
 
 
 def readable(text: str) -> str:
-    """Names as words: ``ferrari_458`` becomes ``ferrari 458``."""
+    """Replace underscores within names by spaces: ``ferrari_458`` becomes ``ferrari 458``."""
     return re.sub(r"(?<=[^\W_])_(?=[^\W_])", " ", text)
 
 
 def number(value: float, column: Mapping[str, Any]) -> str:
-    """A number as its column shows it, whole ones in groups of three."""
+    """Format a number with its column's scale and digits; integers in groups of three digits."""
     if not math.isfinite(value):
         return "not a number"
     scaled = value * column["scale"]
@@ -159,7 +163,7 @@ def _word(row: Row, column: Mapping[str, Any]) -> str:
 
 
 def _published(row: Row, column: Mapping[str, Any]) -> tuple[str, str, str]:
-    """The published value; the ratio to it where it is of the same file; whose it is, else."""
+    """Return `Cell.printed`, `Cell.ratio` and `Cell.hint` of a value."""
     printed, measured = row.get(column["published"]), row.get(column["name"])
     if printed is None:
         return "", "", ""

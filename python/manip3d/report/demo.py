@@ -1,4 +1,4 @@
-"""The demo: five stories with pictures and their commands, then the numbers, as one page."""
+"""The demo page: five stories with pictures and commands, followed by tables of experiments."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from manip3d.io._files import atomic_write, regular_bytes
 __all__ = ["NUMBERS", "Demo", "run_demo"]
 
 NUMBERS = ("table-2.2", "table-2.3", "table-2.4", "table-3.4", "table-4.1", "table-6.1")
-"""Experiments whose tables follow the stories; their models are as large as the published ones."""
+"""Experiments whose tables follow the stories. Their models are as large as the published ones."""
 
 _LEADS = {
     "model": (
@@ -57,9 +57,9 @@ class Demo:
     Attributes
     ----------
     page : Path
-        The page, which loads nothing.
+        The self-contained page.
     summary : RunSummary
-        What was run, stories and tables together.
+        Summary of the run of all stories and tables.
     """
 
     page: Path
@@ -79,26 +79,28 @@ def run_demo(
     Parameters
     ----------
     folder : path
-        Created if absent; an interrupted or finished demo in it is used again.
+        Output folder, created if it does not exist. Results of an interrupted or finished demo in
+        it are reused.
     data : 'auto', 'real' or 'simulated'
-        ``auto``: recorded data where ``MANIP3D_DATA`` has them.
+        ``auto``: recorded data if they are found under ``MANIP3D_DATA``, else simulated data.
     seed : int
-        Seed of the tables' random choices.
+        Seed of the random choices of the tables.
     jobs : int
-        Processes; 0: one per core.
+        Number of processes; 0: one per core.
     progress : callable, optional
-        Called with the fraction done and what was just finished.
+        Called with the fraction done and the name of the part that was just finished.
 
     Returns
     -------
     Demo
+        The page and the summary of the run.
 
     Raises
     ------
     MissingExtraError
         A package of the extra ``demo`` is not installed.
     DataMissingError, KeyboardInterrupt
-        As `manip3d.experiments.run`.
+        See `manip3d.experiments.run`.
     """
     _require_packages()
     tables = [replace(experiment, sheets=None) for experiment in select(list(NUMBERS))]
@@ -111,12 +113,12 @@ def run_demo(
 
 
 def _require_packages() -> None:
-    """Say in one sentence what is missing, before the work.
+    """Check that all packages of the demo are installed, before the work.
 
     Raises
     ------
     MissingExtraError
-        A package is not installed.
+        Packages are not installed; the error names all of them.
     """
     missing = [
         name for module, name in _MODULES.items() if importlib.util.find_spec(module) is None
@@ -168,12 +170,12 @@ def _story(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _picture(folder: Path, name: str) -> str:
-    """A story's picture as a ``data:`` address.
+    """Return a story's picture as a ``data:`` address.
 
     Raises
     ------
     FormatError
-        The results name a file outside their folder.
+        The file is outside the results folder.
     """
     path = (folder / name).resolve()
     if not path.is_relative_to(folder.resolve()):
