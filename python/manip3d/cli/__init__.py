@@ -136,7 +136,7 @@ def _root(
         int | None, typer.Option(min=1, help="Refuse files of more points, vertices or pixels.")
     ] = None,
     max_seconds: Annotated[
-        float | None, typer.Option(help="Refuse files that take longer to read.")
+        float | None, typer.Option(help="Refuse files that take longer to read, seconds.")
     ] = None,
 ) -> None:
     if version:

@@ -133,7 +133,7 @@ def run(
     ] = None,
     speed: Annotated[
         float,
-        typer.Option(min=0, help="Speed of the car where the drive has no oxts, m/s."),
+        typer.Option(min=0, help="Speed of the car if the drive has no oxts, m/s."),
     ] = _SPEED,
     budget: Annotated[
         float | None,

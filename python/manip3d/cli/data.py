@@ -118,9 +118,9 @@ def data_get(
     ],
     quiet: Quiet = False,
 ) -> None:
-    """Fetch data sets from their official homes. Each licence is shown first.
+    """Download data sets from their official addresses. Each licence is shown first.
 
-    For a data set that no program may fetch, the steps to get it by hand are printed.
+    For a data set that no program may download, the steps to get it by hand are printed.
 
     Example: manip3d data get spot
     """

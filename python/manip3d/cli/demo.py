@@ -22,7 +22,7 @@ def demo(
         typer.Option("-o", "--output", help="Folder of the results and of the page."),
     ] = Path("demo"),
     data: Annotated[
-        Tier, typer.Option(help="Data to use; auto: recorded data where MANIP3D_DATA has them.")
+        Tier, typer.Option(help="Data to use; auto: recorded data if MANIP3D_DATA has them.")
     ] = Tier.auto,
     quiet: Quiet = False,
     jobs: Processes = 0,
@@ -30,8 +30,8 @@ def demo(
 ) -> None:
     """Show what manip3d does, on one page with pictures.
 
-    The page tells stories with pictures and the commands that made them, then the numbers, and is
-    opened in the browser. No data and no network are needed. A demo that was stopped goes on when
+    The page has stories with pictures and the commands that made them, followed by tables, and is
+    opened in the browser. No data and no network are needed. A demo that was stopped continues when
     the same command is given again.
 
     Example: manip3d demo -o demo

@@ -356,7 +356,7 @@ def forge_lidar(
         tuple[float, float, float, float, float, float, float] | None,
         typer.Option(
             metavar="X Y Z L W H YAW",
-            help="Box of the object that is changed: centre, size (metres) and turn (radians); by "
+            help="Box of the object that is changed: centre, size (metres) and yaw (radians); by "
             "default that of the nearest object.",
         ),
     ] = None,
@@ -765,7 +765,7 @@ def forge_people(
     """Forge the published set of people, with truth. It has six simulated people, four actions and
     three backgrounds.
 
-    A run that was stopped goes on where it was when the same command is given again.
+    A run that was stopped continues when the same command is given again.
 
     Example: manip3d forge people -o streams --people 1 --actions 1 --scenes 1 --frames 3
     """

@@ -18,16 +18,16 @@ def lattice(
         list[str],
         typer.Argument(
             metavar="SOURCE...",
-            help="Clean scans of one scanner as it gave them, at least four, or their folder or "
-            "drive.",
+            help="At least four scans of one scanner, neither edited nor processed, or the folder "
+            "or drive that holds them.",
         ),
     ],
     output: Output,
     planted: Annotated[
-        int, typer.Option(min=1, help="Edits of each class that are planted in a scan.")
+        int, typer.Option(min=1, help="Number of edits of each class to plant in a scan.")
     ] = 10,
     most: Annotated[
-        int, typer.Option(min=4, help="Most scans that are read, evenly spread over all.")
+        int, typer.Option(min=4, help="Largest number of scans to read, evenly spread over all.")
     ] = 20,
     seed: Seed = 0,
     force: Force = False,
@@ -38,9 +38,9 @@ def lattice(
     """Estimate the lattice of a scanner, and its power of detection.
 
     The lattice is estimated from every second scan. To measure its power, the other scans are
-    judged by it, as they are and with planted edits. For other scanners than an HDL-64E, 'inspect
+    judged by it, unchanged and with planted edits. For other scanners than an HDL-64E, 'inspect
     --lattice' gives the verdict no_trace only with a lattice whose power was measured in this way.
-    If detector III accuses clean scans it cannot judge their scanner, which is an error.
+    If detector III accuses clean scans, it cannot judge this scanner, and the command fails.
 
     Example: manip3d lattice clean -o lattice.json
     """

@@ -59,7 +59,7 @@ def lod(
         typer.Option(
             "--quantize",
             help="Store positions and texture coordinates in 16 bits and normals in 8, for readers "
-            "that know KHR_mesh_quantization.",
+            "that support KHR_mesh_quantization.",
         ),
     ] = False,
     mode: Annotated[
@@ -89,7 +89,7 @@ def lod(
 
     An output that ends in .glb or .gltf holds all levels (MSFT_lod); a folder's name without a
     suffix gives one .glb for each, and lods.json. Several meshes become one .glb each in a folder.
-    A glTF file keeps its nodes and the looks of its materials: each mesh has levels of its own.
+    A glTF file keeps its nodes and the appearance of its materials: each mesh has its own levels.
 
     Example: manip3d lod head.obj -o head.glb --levels 4
     """

@@ -55,7 +55,7 @@ FolderUnits = Annotated[
     typer.Option(
         "--units-per-metre",
         min=0,
-        help="Depth units per metre of a folder of images; 0: the usual number for its kind.",
+        help="Depth units per metre of a folder of images; 0: 1000, or 5000 for a TUM sequence.",
     ),
 ]
 DepthUnit = Annotated[
@@ -109,8 +109,8 @@ TableOfNow = Annotated[
     str,
     typer.Option(
         metavar="FILE",
-        help="Table of the results, .csv or .parquet, one row a file. All rows are made anew each "
-        "time.",
+        help="Table of the results, .csv or .parquet, one row a file. All rows are computed anew "
+        "in each run.",
     ),
 ]
 To = Annotated[

@@ -28,8 +28,8 @@ def play(
 ) -> None:
     """Play a sequence of meshes on one page, with a time bar.
 
-    The frames are in the order of their names, as 'manip3d depth' writes those of a folder of
-    depth images. Opens the browser, or writes the page (.html), which needs nothing else.
+    The frames are in the order of their names, which 'manip3d depth' gives to the meshes of a
+    folder of depth images. Opens the browser, or writes the page (.html), which is self-contained.
 
     Example: manip3d play frames/ -o film.html --rate 30
     """

@@ -34,7 +34,7 @@ def reproduce(
     ] = Path("results"),
     data: Annotated[
         Tier,
-        typer.Option(help="Data to use; auto: real data where they are present."),
+        typer.Option(help="Data to use; auto: real data if they are present."),
     ] = Tier.auto,
     scale: Annotated[
         Scale,

@@ -466,7 +466,7 @@ def simplify(
         typer.Option(
             metavar="SIZE",
             help="Ceiling of the memory of the process, such as 2GiB, for --mode quality and fast: "
-            "a larger mesh is first reduced in parts. Reading the file counts, too.",
+            "a larger mesh is first reduced in parts. It includes the memory for reading the file.",
         ),
     ] = None,
     no_clean: NoClean = False,
@@ -482,8 +482,8 @@ def simplify(
     --max-error or --max-distance. Several files are simplified one by one into a folder, in
     parallel processes.
 
-    A glTF file that becomes one keeps its nodes and the looks of its materials: each mesh is
-    simplified once, and its faces count once for each node that draws it.
+    If input and output are glTF, the nodes and the appearance of the materials are kept: each mesh
+    is simplified once, and its faces count once for each node that draws it.
 
     Example: manip3d simplify head.obj -o light.glb --faces 5000
     """

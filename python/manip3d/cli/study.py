@@ -33,7 +33,7 @@ AnswersOut = Annotated[
     Path,
     typer.Option("-o", "--output", help="Folder of the answers; an existing one is continued."),
 ]
-Folder = Annotated[Path, typer.Option("-o", "--output", help="Folder to make.")]
+Folder = Annotated[Path, typer.Option("-o", "--output", help="Output folder to create.")]
 Participant = Annotated[
     str | None,
     typer.Option(help="Code of the only participant; by default the page asks for a code."),

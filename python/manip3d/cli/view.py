@@ -148,8 +148,8 @@ def view(
     """Show a mesh, a scan, a depth image or a frame of a recording.
 
     Opens the browser, or writes a page (.html) or a picture (.png). Scans and depth images are
-    shown as points; a depth image is first seen as its camera saw it. Several files are shown side
-    by side, or with a folder as --output as a page each.
+    shown as points; the first view of a depth image is that of its camera. Several files are shown
+    side by side, or with a folder as --output as a page each.
 
     Example: manip3d view scan.bin -o scan.html
     """

@@ -109,7 +109,7 @@ def policy_of(
 
 @app.command("keygen")
 def keygen(
-    path: Annotated[Path, typer.Argument(metavar="KEY", help="File to make.")],
+    path: Annotated[Path, typer.Argument(metavar="KEY", help="Key file to create.")],
     days: Annotated[
         int,
         typer.Option(
@@ -199,9 +199,7 @@ def embed(
     ] = "",
     round_points: Annotated[
         bool,
-        typer.Option(
-            "--round", help="Move points onto the grid of --units-per-m where they are off it."
-        ),
+        typer.Option("--round", help="Move points that are off the grid of --units-per-m onto it."),
     ] = False,
     units_per_m: Annotated[
         int,
