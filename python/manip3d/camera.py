@@ -400,7 +400,7 @@ CAMERA_PRESETS: Mapping[str, CameraPreset] = {
 }  # fmt: skip
 """Nominal depth cameras by name; cameras of the same type differ by a few pixels."""
 
-_MOST_CAMERA_BYTES = 1 << 20
+_MOST_CAMERA_BYTES = 1 << 20  # largest size of a calibration file; real ones have a few kB
 CAMERA_SUFFIXES = (".json", ".txt", ".xml", ".yaml", ".yml")
 """Suffixes of the files that `read_intrinsics` reads."""
 

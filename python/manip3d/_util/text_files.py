@@ -16,10 +16,10 @@ from manip3d.errors import FormatError, MissingExtraError
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-MOST_BYTES = 16 << 20
+MOST_BYTES = 16 << 20  # largest size of a text or XML file, bytes
 # PyYAML takes about a second to parse a file of this size.
 _MOST_YAML_BYTES = 128 << 10
-_MOST_DEPTH = 64
+_MOST_DEPTH = 64  # largest depth of nested XML elements
 
 
 def parse_xml(path: Path) -> Element:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-SECOND_NS = 1_000_000_000
+SECOND_NS = 1_000_000_000  # nanoseconds per second
 
 
 def parse_time(text: str) -> int:

@@ -32,7 +32,7 @@ _MEMORY = 4 << 30
 few hundred megabytes fits."""
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Type codes of sensor_msgs/PointField, as NumPy's type names."""
-_MOST_POINTS = 1 << 28
+_MOST_POINTS = 1 << 28  # largest number of points in a message
 _FIXED_FRAMES = ("base", "map", "odom", "world", "earth", "utm")
 """Parts of the names of coordinate frames whose origin is not the scanner (REP 105)."""
 
@@ -68,7 +68,7 @@ _HEAD = 4096  # bytes; the header record of a ROS 1 bag is padded to this length
 _MOST_INDEX = 1 << 24  # bytes of the index that are searched for message types
 _MCAP = b"\x89MCAP0\r\n"
 _MCAP_FOOTER = 9 + 20 + len(_MCAP)  # record header; two offsets and a checksum; the magic bytes
-_MOST_METADATA = 1 << 22
+_MOST_METADATA = 1 << 22  # bytes of metadata.yaml that are searched for message types
 _IMAGES_2 = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 
 

@@ -24,7 +24,7 @@ images converted from OpenCV, whose order is blue, green, red."""
 _BAYER = {"bayer_rggb8": "BG", "bayer_bggr8": "RG", "bayer_gbrg8": "GR", "bayer_grbg8": "GB"}
 """Bayer patterns of ROS and OpenCV's name of each: ROS names the first pixels of the first two
 rows, OpenCV the second and third pixel of the second row."""
-_MOST_PIXELS = 1 << 26
+_MOST_PIXELS = 1 << 26  # largest number of pixels in a picture
 
 
 def decoded(picture: BagPicture) -> NDArray[np.uint8]:

@@ -156,7 +156,7 @@ def depth_size(path: Path, topic: str) -> tuple[int, int]:
     Raises
     ------
     FormatError, InputError, MissingExtraError, OSError
-        As `manip3d.capture.open_rgbd`.
+        See `manip3d.capture.open_rgbd`.
     """
     with closing(BagRecording(path, "", mode="images")) as bag:
         depth = _depth_topic(bag.cameras(), topic, path)

@@ -60,9 +60,9 @@ def watched_recording(
     Parameters
     ----------
     uri : str
-        As for `open_lidar`.
+        Address of the recording, see `open_lidar`.
     calibration : path, optional
-        As for `open_lidar`.
+        See `open_lidar`.
     rigs : path, optional
         File with the geometry of the pair in a bag, as `manip3d.authenticate.write_rigs` writes it;
         its camera numbers are not used.
@@ -87,7 +87,7 @@ def watched_recording(
         The bag lacks the topics or their geometry; it has several pairs and ``cameras`` selects
         none; ``rigs`` or ``cameras`` is given without a bag; ``rigs`` holds several pairs.
     FormatError, OSError
-        As for `open_lidar` and `manip3d.authenticate.read_rigs`.
+        See `open_lidar` and `manip3d.authenticate.read_rigs`.
 
     Examples
     --------

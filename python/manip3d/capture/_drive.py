@@ -130,6 +130,7 @@ def open_drive(
     Returns
     -------
     LidarDrive
+        An iterable of the scans; its attributes are filled while it is iterated.
 
     Raises
     ------

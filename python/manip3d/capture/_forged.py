@@ -28,7 +28,7 @@ LEARNED = 30
 MOST_KEPT = 300
 """Largest number of frames of a background or a motion that are kept in memory."""
 
-_RATE = 30.0
+_RATE = 30.0  # frames per second to which a BVH motion is resampled
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ForgedPlan:
     source : str
         Address of the source that is forged.
     kind : int
-        Type of the forgery, 1 or 2, see `manip3d.forge.StreamForger`.
+        Type of the forgery, 1 or 2, see `manip3d.forge.stream`.
     pose, background : str
         Address of the source of the motion (or a BVH file) and of the background; empty: none.
     still : bool

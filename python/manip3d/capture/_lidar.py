@@ -24,7 +24,7 @@ from manip3d.lidar import LidarFrame, ScanFormat
 RETURN_TYPES: tuple[str, ...] = ("unknown", "strongest", "last", "both")
 """Names of the values of ``fields["return_type"]``; both: the last return is the strongest."""
 
-DEFAULT_PORT = 2368
+DEFAULT_PORT = 2368  # UDP port to which Velodyne's scanners send data by default
 
 _Item = TypeVar("_Item")
 
@@ -95,7 +95,7 @@ class LidarSource(FrameSource[LidarFrame]):
         Parameters
         ----------
         timeout : float, optional
-            As for `read`.
+            See `read`.
 
         Raises
         ------

@@ -33,8 +33,9 @@ class SourceSummary:
     source : str
         Address of the source.
     depth : Intrinsics
+        Depth camera.
     color : Intrinsics or None
-        None if the source states no separate colour camera.
+        Colour camera; None if the source states no separate one.
     num_frames, num_color, num_body_index, num_skeletons : int
         Number of all frames, and of those with a colour image, with a body index image, and with
         skeletons.

@@ -20,7 +20,7 @@ from manip3d.errors import FormatError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_MOST_LASERS = 128
+_MOST_LASERS = 128  # largest number of lasers in a calibration
 
 # Names of the attributes, in db.xml and in YAML. db.xml has degrees and centimetres, YAML radians
 # and metres. Both define rotCorrection with the opposite sign of `azimuth_offset`: it is subtracted

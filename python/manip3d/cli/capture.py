@@ -56,8 +56,8 @@ app = typer.Typer(
 FirstFrame = Annotated[
     int, typer.Option("--start", min=0, help="Index of the first frame to read, from 0 on.")
 ]
-_SHEET_FRAMES = 24
-_QUALITY = 90
+_SHEET_FRAMES = 24  # largest number of frames on a contact sheet
+_QUALITY = 90  # default quality of JPEG
 
 
 def listing() -> list[dict[str, Any]]:

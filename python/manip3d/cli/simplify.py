@@ -366,7 +366,7 @@ def locks(mesh: Mesh, box: Box | None, boundary: bool, terminal: Terminal) -> di
 
 
 class Mode(StrEnum):
-    """Modes of simplification, by what matters most."""
+    """Modes of simplification, by priority: error, published method, or speed."""
 
     quality = "quality"
     published = "published"

@@ -72,7 +72,7 @@ def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
     try:
         scene = read_scene(source)
     except FormatError as error:
-        read_mesh(source)  # raises if the triangles are damaged as well, so that it is told once
+        read_mesh(source)  # if the triangles are damaged, too, this raises a single error
         terminal.say(f"warning: nodes are not kept: {error}")
         return None
     if scene.num_instances == 0:

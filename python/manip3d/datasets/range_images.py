@@ -65,9 +65,9 @@ class RangeImageLayout:
 def read_layout(path: Path) -> RangeImageLayout:
     """Read ``velodyne_config.txt``.
 
-    Its only line has an optional multiplier (units per metre), width and height, azimuths of the
-    left and right border, and then either one elevation per row, positive downwards, or the
-    elevations of the upper and lower border. Angles are in degrees.
+    Its first line that is no comment has an optional multiplier (units per metre), width and
+    height, azimuths of the left and right border, and then either one elevation per row, positive
+    downwards, or the elevations of the upper and lower border. Angles are in degrees.
 
     Raises
     ------

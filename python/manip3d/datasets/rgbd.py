@@ -280,7 +280,7 @@ _RECORDINGS: Mapping[str, _Recording] = {
     ),
 }
 _NOT_REGISTERED = ("scene_kitchen",)  # colour and depth are aligned only roughly
-_MASK_THRESHOLD = 127
+_MASK_THRESHOLD = 127  # half of 255, since masks stored as JPEG have intermediate values
 _RAY_TABLE = "kinect2_rays"
 
 

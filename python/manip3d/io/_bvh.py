@@ -24,7 +24,7 @@ MOST_BYTES = 1 << 26
 MOST_JOINTS = 1024
 """Largest number of joints of a skeleton; motion capture of bodies with hands has about 100."""
 
-_MOST_FRAMES = 1 << 24
+_MOST_FRAMES = 1 << 24  # largest number of frames of a motion
 _FARTHEST = 1e9  # largest offset or channel value; sums of larger ones lose their decimals
 _CHANNELS = {
     f"{axis}{kind}".lower(): (number, kind == "rotation")

@@ -34,9 +34,11 @@ _MOST_BYTES, _MOST_RATIO = 64 << 20, 100
 """Limits of the memory of a scene, which may instance a geometry many times: bytes, and ratio to
 the file's size; the larger one holds, as for glTF."""
 _BYTES_A_CORNER, _BYTES_A_VERTEX, _BYTES_A_PLACE = 25, 24, 2048
+"""Memory of an index of a corner, of a vertex (three doubles) and of an instance, in bytes."""
 _DEEPEST = 192
 """Largest depth of nested nodes. Each bone is nested in the one before, and tails and ropes have
 many bones."""
+# Largest depth of XML elements: that of nodes and of their content.
 _DEEPEST_ELEMENT = _DEEPEST + 64
 _POLYGONS = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 _LINES = ("lines", "linestrips")

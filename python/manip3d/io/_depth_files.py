@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".pfm", ".exr", ".npy", ".npz")
 """Suffixes of the formats that `read_depth` reads."""
 
-MILLIMETRES = 1000.0
-MOST_PIXELS = 1 << 25
+MILLIMETRES = 1000.0  # units per metre
+MOST_PIXELS = 1 << 25  # default of the largest image, 33.5 million pixels
 
 
 @checked
@@ -160,7 +160,7 @@ def read_pixel_map(
 
 @checked
 def is_color_png(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is a PNG of at most 8 bits per channel, hence no depth image.
+    """Return whether a file is a PNG of at most 8 bits per channel, and so no depth image.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ _ROLES = {
 _ALPHA_MODES: dict[str, AlphaMode] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
 
 
-# --- What both need ---------------------------------------------------------------------------
+# --- Common to both ---------------------------------------------------------------------------
 
 
 def _vertex_normals(mesh: Mesh) -> NDArray[np.float64] | None:

@@ -23,7 +23,7 @@ _VARIABLE = 0xFFFFFFFF  # chunk size of files whose chunk table also holds numbe
 _LAYERED = 3  # LASzip's compressor for point formats 6 to 10
 # Number of layers of each item type in a layered chunk; extra bytes have one layer per byte.
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
-_EXTRA_BYTES = 14
+_EXTRA_BYTES = 14  # item type of extra bytes
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ _FEET = (9002, 9003)
 """EPSG codes of the international foot and of the US survey foot."""
 _MODEL, _GEOGRAPHIC = 1024, 2
 """GeoTIFF key GTModelType, and its value for longitudes and latitudes."""
-_GEO_KEYS, _WKT = 34735, 2112
+_GEO_KEYS, _WKT = 34735, 2112  # record ids of GeoKeyDirectoryTag and of OGC WKT (LAS 1.4)
 _FOOT_IN_WKT = re.compile(r'UNIT\s*\[\s*"[^"]*"\s*,\s*0?\.3048')
 _METRE_IN_WKT = re.compile(r'UNIT\s*\[\s*"met(?:re|er)s?"', re.IGNORECASE)
 _PROJECTED_IN_WKT = re.compile(r"PROJ(?:CS|CRS|ECTEDCRS)\s*\[", re.IGNORECASE)

@@ -15,7 +15,7 @@ from manip3d.mesh import Material, Mesh
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-NONE = -1
+NONE = -1  # index that means no texture coordinate, normal, colour or material
 
 
 def _no_rows(width: int) -> Callable[[], NDArray[np.float64]]:

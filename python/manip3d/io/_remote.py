@@ -33,11 +33,11 @@ _CODES = {FileNotFoundError: errno.ENOENT, PermissionError: errno.EACCES}
 _OBJECT_STORES = frozenset(
     {"abfs", "abfss", "adl", "az", "gcs", "gs", "memory", "oss", "r2", "s3", "s3a"}
 )
-_BLOCK = 1 << 20
-_MOST_COMPANIONS = 256
-_MOST_TEXT = 64 << 20
-_MOST_GLTF = 1 << 30
-_MOST_WORDS = 32
+_BLOCK = 1 << 20  # bytes per read
+_MOST_COMPANIONS = 256  # largest number of files that are downloaded with a file
+_MOST_TEXT = 64 << 20  # bytes of a compressed or remote file that are searched for names
+_MOST_GLTF = 1 << 30  # bytes of a .gltf file that are searched for names
+_MOST_WORDS = 32  # largest number of words in an .mtl statement at which a name may begin
 _CONTINUED = re.compile(rb"\\\r?\n")
 _TAILS = re.compile(r"(?=\s(\S.*))")
 _END_OF_HEADER = re.compile(rb"^end_header", re.MULTILINE)

@@ -43,7 +43,7 @@ suffixes, so that verification finds them."""
 EXPORTED_SUFFIXES: tuple[str, ...] = tuple(s for s in SCAN_SUFFIXES if s not in FOLDER_SUFFIXES)
 """Suffixes that count only in a folder without other scans: exports of other programs."""
 
-_PLY_HEADER_BYTES = 1 << 16
+_PLY_HEADER_BYTES = 1 << 16  # bytes of a PLY file in which the header must end
 _HEAD_BYTES, _HEAD_LINES, _MOST_COLUMNS = 4096, 8, 24
 """A text file is recognised as points by its first 4096 bytes or 8 lines, with at most 24 columns;
 files with poses or navigation data of a car have more columns, or other names."""

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 _LEAST_ROW = 6
 """Size of the shortest point in bytes: ``0 0 0`` and the end of the line."""
-_LONGEST_LINE = 1000
-_MOST_DIGITS = 9
+_LONGEST_LINE = 1000  # bytes of a line that are parsed; points have about 60
+_MOST_DIGITS = 9  # largest number of digits in the number of columns or rows
 _COLORS = ("red", "green", "blue")
 _NO_INTENSITY = 0.5
 """Leica's programs write this value for an unknown intensity."""

@@ -37,6 +37,7 @@ _MOST_BYTES, _MOST_RATIO = 64 << 20, 100
 """Limits of the memory of a build, which may use a mesh many times: bytes, and ratio to the file's
 size; the larger one holds, as for glTF."""
 _BYTES_A_FACE, _BYTES_A_VERTEX = 50, 24
+"""Memory of a face and of a vertex (three doubles), in bytes."""
 _DEEPEST = 64
 """Largest depth of nested objects."""
 

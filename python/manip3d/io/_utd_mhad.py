@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 DEPTH_ENDING = "_depth.mat"
 """Ending of the data set's depth file names."""
 
-_SIZE = (240, 320)
-_JOINTS = 20
-_FARTHEST_M = 1000.0
+_SIZE = (240, 320)  # rows and columns of the depth images
+_JOINTS = 20  # joints of a Kinect V1 skeleton
+_FARTHEST_M = 1000.0  # largest plausible coordinate of a joint; others are errors of unit
 _MOST_BYTES = 1 << 28  # a trial of 4 s has 0.2 MB, so that one of an hour would have 200 MB
 _UNCOMPRESSED = 1 << 26  # up to this number of bytes, a variable may have any compression ratio
 _MOST_RATIO = 200  # largest compression ratio of a larger variable; the data set's trials have 60

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     )
     from manip3d.lidar import LidarFrame
 
-_MOST_SCENES = 12
-_MOST_ROWS = 200
+_MOST_SCENES = 12  # largest number of frames with pictures
+_MOST_ROWS = 200  # largest number of rows in the table of frames
 _DOTS = 2500  # largest number of points in a view from above
 _REACH = 45.0  # metres ahead of the car in the view from above
 _SIDE = 22.0  # metres to each side of the car
@@ -57,7 +57,7 @@ class _Scene:
     above: str
 
 
-_TAMPERED = 2
+_TAMPERED = 2  # gravity of a tampered frame
 
 
 def _gravity(record: Mapping[str, Any]) -> int:

@@ -35,7 +35,7 @@ COLORS = {
 }
 """Colours of the verdicts, which are also stated by the bars' tooltips and by the table."""
 
-WIDTH, BAR, PLOT = 900.0, 26.0, 120.0
+WIDTH, BAR, PLOT = 900.0, 26.0, 120.0  # pixels: width, height of bars and of the plot
 HIGHEST = 600.0
 """Largest height of the map in pixels."""
 

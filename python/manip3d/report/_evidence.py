@@ -34,8 +34,8 @@ if TYPE_CHECKING:
         Region,
     )
 
-_MOST_ROWS, _MOST_COLUMNS = 600, 1600
-_MOST_REGIONS = 24
+_MOST_ROWS, _MOST_COLUMNS = 600, 1600  # largest size of the occlusion map, pixels
+_MOST_REGIONS = 24  # largest number of regions that are drawn
 
 
 @checked

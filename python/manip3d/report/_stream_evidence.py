@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from manip3d.authenticate import StreamInspection
 
-_MOST_FRAMES = 6
+_MOST_FRAMES = 6  # largest number of frames that are shown
 _MARK = np.array([230.0, 94.0, 0.0])  # red, green and blue of inserted pixels
 _WIDTH, _HEIGHT = 720, 180  # size of a curve in SVG user units
 
