@@ -104,7 +104,7 @@ def pose_of(
 
 
 def rigid(transform: Mapping[str, Any]) -> NDArray[np.float64] | None:
-    """T_parent_child of a translation and a quaternion (x, y, z, w); None if it is invalid."""
+    """Return T_parent_child of a translation and a quaternion (x, y, z, w); None if invalid."""
     x, y, z, w = turn = np.array(transform["rotation"])
     length = float(turn @ turn)
     if not 0.99 < length < 1.01 or not np.isfinite(transform["translation"]).all():

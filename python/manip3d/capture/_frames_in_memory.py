@@ -18,7 +18,7 @@ _MOST_SEARCH_S = 0.1  # longest time that read() looks for a frame that is not l
 class FrameClock:
     """Clock of a playback at a given speed; 0: all frames are due at once, 1: real time.
 
-    It starts with the first frame whose time is asked for.
+    The clock starts with the first call of `late_s`.
     """
 
     def __init__(self, speed: float) -> None:

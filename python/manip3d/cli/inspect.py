@@ -71,7 +71,7 @@ def _check_for_many(options: Mapping[str, Any]) -> None:
 def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any]) -> int:
     """Return the exit code of the gravest verdict whose code is not 0.
 
-    It is 1 if a source, or a scan of a drive, could not be read, unless something is tampered.
+    The code is 1 if a source, or a scan of a drive, could not be read, unless one is tampered.
     """
     codes = _exit_codes(options["policy"])
     verdicts = {row.get("verdict") for row in rows}

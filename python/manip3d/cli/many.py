@@ -209,12 +209,12 @@ def over_files(
     has_to : bool
         Whether the command gets the option ``--to``, if it has outputs.
     depends : callable(options) -> str
-        Returns a text that changes with all else on which results depend, such as the content of a
-        key file. Stored rows are used again only if it is the same.
+        Returns a text that changes if anything else changes on which results depend, such as the
+        content of a key file. Stored rows are used again only if the text is the same.
     finish : callable(summary, output)
         Called at the end of a run with an output.
     choose : callable(files) -> files
-        Returns the files without those that are no sources themselves.
+        Returns the files that are sources themselves, without files that belong to another source.
     skipped_code : int
         Exit code of a file that is skipped because the verb does not take its kind.
     exit_code : callable(rows, options) -> int, optional

@@ -386,9 +386,9 @@ def file_sha256(path: Path) -> str:
 def folder_sha256(folder: Path) -> str:
     """Return the hexadecimal SHA-256 of the output of ``sha256sum`` for all files of a folder.
 
-    It equals that of the output of
-    ``find -L . -type f -print0 | LC_ALL=C sort -z | xargs -0 sha256sum``, run in the folder, if no
-    name has a backslash or a line break.
+    The output meant is that of
+    ``find -L . -type f -print0 | LC_ALL=C sort -z | xargs -0 sha256sum``, run in the folder. The
+    checksums agree if no name has a backslash or a line break.
 
     Parameters
     ----------

@@ -338,7 +338,7 @@ def _places(joints: list[_Joint], values: Floats) -> Floats:
 
 
 def _turned(rotation: Floats, axis: int, degrees: Floats) -> Floats:
-    """Return rotations (T, 3, 3), each times a rotation about one of its own axes, in degrees."""
+    """Return rotations (T, 3, 3), each times a rotation by ``degrees`` about its own ``axis``."""
     angle = np.deg2rad(degrees)
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
     i, j = (axis + 1) % 3, (axis + 2) % 3

@@ -94,8 +94,8 @@ class _Records:
 class AlertTimeline:
     """Verdicts of a monitor on the frames of a drive, which can be written as a page or as JSON.
 
-    The numbers of all frames are kept in a temporary file. Pictures are kept of a few frames: the
-    gravest of those that are tampered, or at which the verdict changes.
+    The numbers of all frames are kept in a temporary file. Pictures are kept of a few frames only:
+    the gravest of the frames that are tampered or at which the verdict changes.
 
     Parameters
     ----------
