@@ -1,4 +1,4 @@
-"""People in RGB-D frames: skeletons, their limbs, and what is made of them."""
+"""People in RGB-D frames: skeletons, phantom limbs, animation, and colliders for games."""
 
 from __future__ import annotations
 

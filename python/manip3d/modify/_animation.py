@@ -23,18 +23,18 @@ PoseScope = Literal["limbs", "body"]
 
 @dataclass(frozen=True, eq=False)
 class AnimationMesh:
-    """The labelled pixels of a person, with triangles that can be taken apart at joints.
+    """Mesh of a person's labelled pixels whose bones can move apart at the joints.
 
     Attributes
     ----------
     vertices : (n, 3) float32
-        Metres, row by row of the image.
+        Positions in metres, in row-major order of the pixels.
     pixels : (n, 2) int32
         Column and row of each vertex.
     labels : (n,) uint8
         Bone of each vertex, 1 to 24.
     faces : (m, 3) int32
-        Front faces look at the camera.
+        Triangles, whose front faces the camera.
     """
 
     vertices: NDArray[np.float32]
@@ -50,9 +50,9 @@ class Animated:
     Attributes
     ----------
     vertices : (n, 3) float32
-        Metres.
+        Moved vertices, metres.
     skeleton : Skeleton
-        Bones have the lengths that they had.
+        The moved skeleton; bones keep their lengths.
     """
 
     vertices: NDArray[np.float32]
@@ -77,28 +77,28 @@ def animation_mesh(
     depth : (H, W) uint16 in millimetres or float32 in metres
     intrinsics : Intrinsics
     labels : (H, W) uint8
-        Bone of each pixel, as of `segment_body`; 0 is not the person.
+        Bone of each pixel, as returned by `segment_body`; 0: not the person.
     skeleton : Skeleton, optional
-        Without it bones must meet at a joint to share a triangle.
+        Joints for ``joint_reach``; without a skeleton ``joint_reach`` has no effect.
     by_label : bool
-        Only bones that meet at a joint share a triangle. Without it limbs drag along what they lie
-        on (figure 5.5).
+        Allow a triangle between two bones only if they meet at a joint. If false, a limb that
+        touches another part of the body in the image drags that part along (figure 5.5).
     joint_reach : float, metres
-        Around the joint between them, bones one apart share triangles too: upper arm and chest. 0:
-        never, as published.
+        Two bones with one bone between them (upper arm and chest) may share a triangle within
+        this distance of the joint between them. 0: never, as published.
     max_step : float, metres
-        Largest change of depth within a triangle. 0: z / f tan 78 degrees and three standard
-        deviations of a Kinect's noise.
+        Largest change of depth within a triangle. 0: the sum of z / f tan 78 degrees (z: depth,
+        f: focal length in pixels) and three standard deviations of a Kinect's noise.
 
     Returns
     -------
     AnimationMesh
-        Vertices are the pixels of bones; no triangle joins bones that do not meet.
+        One vertex for each pixel that has a bone; no triangle joins bones that do not meet.
 
     Raises
     ------
     InputError
-        Another shape or dtype, a label above 24, an option out of range.
+        A wrong shape or dtype, a label above 24, or an option out of range.
 
     Notes
     -----
@@ -143,26 +143,27 @@ def animate(
     method: Skinning = "lbs",
     scope: PoseScope = "limbs",
 ) -> Animated | None:
-    """Move the vertices of a person so that their bones point where those of a pose do.
+    """Move the vertices of a person so that their bones point in the directions of a pose's bones.
 
     Parameters
     ----------
     vertices : (n, 3), metres
-        In the frame of ``skeleton``; not changed.
+        Vertices in the coordinate frame of ``skeleton``; the array is not changed.
     labels : (n,) uint8
         Bone of each vertex, 1 to 24.
     skeleton : Skeleton
-        The pose that the vertices are in.
+        The pose of the vertices.
     pose : Skeleton
-        Anybody's pose, in any place: only directions are taken over.
+        Target pose, of any person at any place: only the directions of its bones are used.
     method : {"lbs", "rigid", "spherical"}
-        ``spherical``: as published, the polar angle from the optical axis and the azimuth of each
-        vertex about its joint change as those of the bone; rigid within the image plane, and not
-        towards the camera. ``rigid``: each vertex turns with its bone. ``lbs``: the same, blended
-        linearly with the next bone over the last fifth of a bone.
+        ``spherical``: as published; the polar angle from the optical axis and the azimuth of each
+        vertex about its joint change by the same angles as those of its bone. This is a rigid
+        motion if the bone moves in the image plane, but not if it moves towards the camera.
+        ``rigid``: each vertex turns with its bone. ``lbs``: linear blend skinning, like ``rigid``
+        but blended linearly with the next bone over the last fifth of a bone.
     scope : {"limbs", "body"}
-        ``limbs``: arms and legs take their directions against the trunk, which stays as it is;
-        ``body``: all bones, so that the body turns too.
+        ``limbs``: arms and legs take the pose's directions relative to the trunk, and the trunk
+        keeps its place; ``body``: all bones take them, and the body turns too.
 
     Returns
     -------
@@ -172,13 +173,14 @@ def animate(
     Raises
     ------
     InputError
-        Another shape, a label out of range, an unknown method or scope.
+        A wrong shape, a label out of range, or an unknown method or scope.
 
     Notes
     -----
     Angles are applied to ``skeleton``, so that bones keep their lengths (section 5.1.2). From the
-    trunk outwards each bone is turned as the one before it, then by the shortest turn to its new
-    direction. A bone that is not tracked in one of the two moves with the one before it.
+    trunk outwards, each bone first turns with its parent bone, then by the shortest rotation to
+    its new direction. A bone that is not tracked in ``skeleton`` or in ``pose`` moves with its
+    parent.
 
     Examples
     --------

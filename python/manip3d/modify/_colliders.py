@@ -1,4 +1,4 @@
-"""Bodies as simple solids that games can touch: `ColliderTracker`."""
+"""Approximation of a person by simple solids for collision tests in games: `ColliderTracker`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from manip3d.rgbd import Skeleton
 
 TORSO = 0
-"""Value of `Hits.bone` for the torso's box."""
+"""Value of `Hits.bone` if the torso's box was hit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,14 +28,17 @@ class BodyColliders:
     Attributes
     ----------
     start, end : (25, 3) float32
-        Axes of the capsules by bone; bone 3's is a point, the centre of the head's sphere.
+        End points of the capsule's axis, by bone. The axis of bone 3 is a single point, the centre
+        of the head's sphere.
     radius : (25,) float32
-        0 where there is none: bone 0, bones of the torso, bones that are not tracked.
+        Radius of each capsule; 0 for bones without one: bone 0, bones of the torso, and bones that
+        are not tracked.
     torso_centre : (3,) float32
+        Centre of the torso's box.
     torso_axes : (3, 3) float32
-        Columns: to the person's left, up, ahead.
+        Unit axes of the box as columns: towards the person's left, up, and ahead.
     torso_half_size : (3,) float32
-        Along these axes; 0 where there is no torso.
+        Half the extent of the box along each axis; 0: the torso is not tracked.
     """
 
     start: NDArray[np.float32]
@@ -48,16 +51,16 @@ class BodyColliders:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """First contacts of N targets.
+    """First contact of each of N targets with a person.
 
     Attributes
     ----------
     time : (N,) float64
-        0 at the previous frame, 1 now; NaN: nothing was touched.
+        Time of the contact, 0 at the previous frame and 1 at the current one; NaN: no contact.
     bone : (N,) int8
-        Whose capsule, or `TORSO`; -1: nothing.
+        Bone of the capsule that was touched, or `TORSO`; -1: no contact.
     point : (N, 3) float32
-        Where the target's centre was; NaN: nothing.
+        Centre of the target at that time, metres; NaN: no contact.
     """
 
     time: NDArray[np.float64]
@@ -88,15 +91,15 @@ class ColliderTracker:
     Parameters
     ----------
     percentile : float
-        Share of a bone's points that lie within its radius, in one frame; (0, 1].
+        Share of a bone's points in one frame that lie within its radius; (0, 1].
     frames : int
-        Over which radii are averaged; 1 to 1000.
+        Number of frames over which a radius is averaged; 1 to 1000.
     min_points : int
-        A frame with fewer points of a bone says nothing about its radius.
+        Smallest number of points of a bone from which a frame's radius is measured.
     min_radius, max_radius : float, metres
-        Radii are clamped to these.
+        Bounds that radii are clamped to.
     first_radius : float, metres
-        Radius of a bone where no point was seen of it nor of its mirrored bone.
+        Radius of a bone until points of it, or of the same bone on the other side, are seen.
 
     Raises
     ------
@@ -129,15 +132,16 @@ class ColliderTracker:
         labels: ArrayLike | None = None,
         squared_distances: ArrayLike | None = None,
     ) -> BodyColliders:
-        """The colliders of the next frame.
+        """Return the colliders of the next frame.
 
         Parameters
         ----------
         skeleton : Skeleton
+            The person in this frame.
         labels : (N,) uint8, optional
             Nearest bone of each of the person's points.
         squared_distances : (N,) float32, optional
-            Squared distance of each point to the solid, square metres.
+            Squared distance of each point to its bone, square metres.
 
         Raises
         ------
@@ -147,7 +151,7 @@ class ColliderTracker:
         if (labels is None) != (squared_distances is None):
             raise InputError("labels, squared_distances: expected both or neither")
         bones = rows([] if labels is None else labels, None, np.uint8, "labels")
-        with np.errstate(over="ignore"):  # beyond float32: as far as infinity
+        with np.errstate(over="ignore"):  # a value too large for float32 becomes infinity
             squares = rows(
                 [] if squared_distances is None else squared_distances,
                 None,
@@ -169,9 +173,9 @@ class ColliderTracker:
         Parameters
         ----------
         start, end : (N, 3), metres
-            Centres of the spheres at the two frames.
+            Centres of the spheres at the previous and at the current frame.
         radius : float or (N,), metres
-            0: points.
+            Radii of the spheres; 0: points.
 
         Raises
         ------
@@ -180,12 +184,12 @@ class ColliderTracker:
         """
         first = rows(start, 3, np.float32, "start")
         last = rows(end, 3, np.float32, "end")
-        with np.errstate(over="ignore"):  # beyond float32: as far as infinity
+        with np.errstate(over="ignore"):  # a value too large for float32 becomes infinity
             radii = np.asarray(radius, np.float32)
         if radii.ndim == 0:
             radii = np.full(len(first), radii)
         return Hits(*self._core.first_hits(first, last, np.ascontiguousarray(radii)))
 
     def reset(self) -> None:
-        """Forget the person."""
+        """Discard all measurements, for another person."""
         self._core.reset()

@@ -1,7 +1,7 @@
-"""Skeletons of other trackers as the Kinect V2's 25 joints.
+"""Conversion of other trackers' skeletons to the Kinect V2's 25 joints.
 
-``joint_layouts.csv`` names the joints of each tracker in its order, ``joint_maps.csv`` says what
-each of the 25 joints is made from.
+``joint_layouts.csv`` lists the joints of each tracker in the tracker's order. ``joint_maps.csv``
+gives each of the 25 joints as a weighted sum of a tracker's joints.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ _AT_BEST = {"tracked": TRACKED, "inferred": INFERRED}
 
 @dataclass(frozen=True)
 class _Rule:
-    """One of the 25 joints as a weighted sum of another tracker's."""
+    """One of the 25 joints as a weighted sum of another tracker's joints.
+
+    ``at_best`` is the best state that the joint can have, even if all ``sources`` are tracked.
+    """
 
     joint: int
     at_best: int
@@ -44,7 +47,7 @@ def _table(name: str) -> list[dict[str, str]]:
 
 @cache
 def joint_layouts() -> dict[str, tuple[str, ...]]:
-    """Names of the joints of each tracker that `skeleton_from` knows, in its order.
+    """Return the names of the joints of each tracker that `skeleton_from` knows, in its order.
 
     Returns
     -------
@@ -58,7 +61,7 @@ def joint_layouts() -> dict[str, tuple[str, ...]]:
 
 @cache
 def _rules(layout: str) -> tuple[_Rule, ...]:
-    """The rules of a layout; of two for one joint the first is the better."""
+    """Return the rules of a layout; of several rules for one joint the better comes first."""
     names = joint_layouts()[layout]
     if layout == "kinect-v2":
         return tuple(_Rule(j, TRACKED, np.array([j]), np.ones(1)) for j in range(len(JOINTS)))
@@ -93,16 +96,16 @@ def skeleton_from(
     Parameters
     ----------
     joints : (J, 3), metres
-        In the order of `joint_layouts`. Joints that are not finite count as not tracked.
+        Positions in the order of `joint_layouts`. A joint that is not finite counts as not tracked.
     states : (J,), optional
-        `NOT_TRACKED`, `INFERRED` or `TRACKED`; without it all are tracked.
+        `NOT_TRACKED`, `INFERRED` or `TRACKED` for each joint; default: all are tracked.
     layout : str
-        A key of `joint_layouts`.
+        Tracker of ``joints``: a key of `joint_layouts`.
     axes : str
-        ``camera``: x right, y down, z ahead; ``kinect``: x left, y up, z ahead, as the Kinect's
-        SDKs deliver joints.
+        Axes of ``joints``. ``camera``: x right, y down, z ahead; ``kinect``: x left, y up,
+        z ahead, as in the Kinect's SDKs.
     id, body : int
-        As in `Skeleton`.
+        Person's number and value in the body index, as in `Skeleton`.
 
     Returns
     -------
@@ -112,17 +115,17 @@ def skeleton_from(
     Raises
     ------
     InputError
-        Another layout, number of joints or state.
+        An unknown layout or state, or a wrong number of joints.
 
     Notes
     -----
-    A joint that the tracker has not is a weighted sum of its neighbours: a midpoint of two joints
-    is as good as the worse of them, a proportion of the body (the neck at 0.35 of the way from
-    shoulders to head, the middle of the spine, the tips of MediaPipe's fingers) is `INFERRED` at
-    best. Where a source is not tracked, the next rule for the joint is tried (the nose for the
-    head when an ear is hidden). What no rule gives is `NOT_TRACKED`: hand tips and thumbs of
-    Kinect V1, hands and feet of COCO. The spine joint of Kinect V1 stays where that sensor puts
-    it, lower than the Kinect V2's SpineMid.
+    A joint that the tracker does not have is a weighted sum of its neighbours. A midpoint of two
+    joints has the worse of their two states. A joint placed by a proportion of the body (the neck
+    at 0.35 of the way from shoulders to head, the middle of the spine, the tips of MediaPipe's
+    fingers) is `INFERRED` at best. If a source joint is not tracked, the next rule for the joint
+    is tried (the nose for the head if an ear is hidden). A joint that no rule gives is
+    `NOT_TRACKED`: hand tips and thumbs of Kinect V1, hands and feet of COCO. The spine joint of
+    Kinect V1 is taken over unchanged; it lies lower than the Kinect V2's SpineMid.
 
     Examples
     --------
@@ -158,10 +161,10 @@ def skeleton_from(
 
 
 def _weighted_sum(weights: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum the weighted points one term at a time; rounding then is the same with every BLAS.
+    """Sum the weighted points one term at a time, so that rounding is the same with every BLAS.
 
-    With fused multiply-add the weighted sum of x and -x is not zero, and the sign of a joint in
-    the middle of the body would depend on the machine.
+    A BLAS with fused multiply-add need not return 0 for the weighted sum of x and -x, and the sign
+    of a coordinate in the middle of the body would depend on the machine.
     """
     total = np.zeros(3)
     for weight, point in zip(weights, points, strict=True):

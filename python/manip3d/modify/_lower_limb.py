@@ -1,4 +1,4 @@
-"""Measurements for games of the legs: the foot by its shoe cover, and places for targets."""
+"""Measurements for leg games: the position of a foot in a shoe cover, and positions of targets."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ Side = Literal["left", "right"]
 
 @checked
 class ShoeCoverTracker:
-    """Finds a foot by the blue cover of its shoe, whose small movements no sensor's joints show.
+    """Finds a foot by the blue cover of its shoe, because trackers miss small foot movements.
 
-    The pixels within reach of the ankle whose colour is blue, the largest 8-connected patch of
-    them, and its median by coordinate. Nothing else that is blue should be near by.
+    The foot is the median, coordinate by coordinate, of the largest 8-connected patch of blue
+    pixels within ``reach`` of the ankle. Other blue objects must be farther away.
 
     Parameters
     ----------
     hue : pair of int
-        Least and largest, 0 to 179 (OpenCV's units).
+        Smallest and largest hue of the cover, both included, 0 to 179 (OpenCV's units).
     min_saturation, min_value : int
-        0 to 255.
+        Smallest saturation and value (HSV) of the cover, 0 to 255.
     reach : float, metres
-        Around the ankle.
+        Largest distance of a pixel's point from the ankle.
     min_pixels : int
-        A smaller patch is not a foot.
+        Smallest number of pixels of a patch that counts as a foot.
 
     Raises
     ------
@@ -58,27 +58,30 @@ class ShoeCoverTracker:
         )
 
     def update(self, frame: RgbdFrame, skeleton: Skeleton, side: Side) -> Skeleton | None:
-        """The skeleton with its foot where the cover is, tracked; None: no ankle, or no cover.
+        """Return the skeleton with the foot, as tracked, at the shoe cover.
+
+        The result is None if the ankle is not tracked or no cover is found.
 
         Parameters
         ----------
         frame : RgbdFrame
-            With colour, in the depth image's pixels or registered.
+            Frame with a colour image, in the depth image's pixels or with a registration.
         skeleton : Skeleton
+            The person in this frame.
         side : {'left', 'right'}
             Side of the foot.
 
         Raises
         ------
         InputError
-            The frame has no colour; another side.
+            The frame has no colour, or ``side`` is not ``left`` or ``right``.
         """
         fields = self._core.update(frame, skeleton, side == "left")
         return None if fields is None else Skeleton(**fields)
 
     @property
     def num_pixels(self) -> int:
-        """Size of the largest patch found last."""
+        """Number of pixels of the largest patch in the last frame."""
         return int(self._core.num_pixels)
 
 
@@ -89,15 +92,15 @@ class Placement:
     Attributes
     ----------
     knee_height : float, metres
-        From ankle to knee.
+        Distance from ankle to knee.
     reach : float, metres
-        From the hip centre to where a foot gets.
+        Largest distance of a foot from the hip centre.
     left, right : (3,) float32, metres
-        The targets, camera frame.
+        Positions of the two targets, camera frame.
     stable_frames : int
-        For which the person has kept still.
+        Number of frames since the person last moved.
     frozen : bool
-        It does not change any more.
+        The placement is final: later frames do not change it.
     """
 
     knee_height: float
@@ -110,23 +113,24 @@ class Placement:
 
 @checked
 class PlacementEstimator:
-    """Places targets by the person's knee height, while it is being estimated.
+    """Places targets within reach of a person's feet, from the measured knee height.
 
-    Knee height alone is measured, on the intact leg: a thigh that points at the camera is not.
-    From the hip to the sole legs measure 0.491 / 0.246 times as much (Drillis & Contini, "Body
-    segment parameters", 1966). All is a mean since the person last moved.
+    Only the knee height of the intact leg is measured, because a thigh that points at the camera
+    cannot be. The reach from hip to sole is 0.491 / 0.246 times the knee height (Drillis & Contini,
+    "Body segment parameters", 1966). All values are means over the frames since the person last
+    moved.
 
     Parameters
     ----------
     share : float
-        Share of the reach at which targets stand; (0, 1].
+        Distance of the targets from the hip centre as a share of the reach; (0, 1].
     spread : float
         Sine of the angle between straight ahead and each target; [0, 1).
     stable_frames : int
         Number of frames in a row within ``tolerance`` after which the placement is frozen.
     tolerance : float, metres
-        How far knee height and hip centre may be from their running means; beyond, the means start
-        anew.
+        Largest distance of knee height and hip centre from their running means. If it is exceeded,
+        the person has moved and the means start anew.
 
     Raises
     ------
@@ -165,5 +169,5 @@ class PlacementEstimator:
         return None if fields is None else Placement(**fields)
 
     def reset(self) -> None:
-        """Start anew."""
+        """Discard the placement and all means."""
         self._core.reset()

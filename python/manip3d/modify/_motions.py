@@ -1,7 +1,7 @@
-"""Motions of motion capture as the Kinect V2's 25 joints.
+"""Conversion of motion capture to skeletons with the Kinect V2's 25 joints.
 
-``bvh_layouts.csv`` says what the joints of each convention are called in the order of Kinect V1's,
-the first name that a file has; `skeleton_from` makes the 25 of them.
+``bvh_layouts.csv`` lists, for each naming convention, the possible names of the Kinect V1's joints;
+the first name that the file contains is used. `skeleton_from` then makes the 25 joints.
 """
 
 from __future__ import annotations
@@ -24,19 +24,21 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 0.0254 / 0.45)
-"""Metres of the units in use; the last is that of Carnegie Mellon's data set."""
+"""Metres per unit of each unit that is tried; the last is the unit of Carnegie Mellon's data."""
 
 _LEG = 0.85
-"""Metres from hip to ankle of an adult, from which the unit is inferred."""
+"""Distance from hip to ankle of an adult in metres, from which the unit is inferred."""
 
 _OPTIONAL = {"HandLeft", "HandRight", "FootLeft", "FootRight", "Spine"}
-_AWAY = 2.5  # metres from the camera to the first frame's base of the spine
+"""Joints that a file may lack."""
+_AWAY = 2.5  # metres from the camera to the base of the spine in the first frame
 _MOST_SKELETONS = 1 << 20
+"""Largest number of skeletons, which bounds the memory that a wrong rate can ask for."""
 
 
 @cache
 def _layouts() -> dict[str, dict[str, tuple[str, ...]]]:
-    """By convention: what Kinect V1's joints may be called there."""
+    """Return the possible names of each Kinect V1 joint, by naming convention."""
     text = files("manip3d.modify").joinpath("bvh_layouts.csv").read_text(encoding="utf-8")
     found = {}
     for row in csv.DictReader(text.splitlines()):
@@ -49,32 +51,33 @@ def _layouts() -> dict[str, dict[str, tuple[str, ...]]]:
 def skeletons_from_motion(
     motion: Motion, *, metres_per_unit: float | None = None, rate: float | None = None
 ) -> tuple[Skeleton, ...]:
-    """Return the poses of a motion as skeletons before a camera.
+    """Return the poses of a motion as skeletons in front of a camera.
 
     Parameters
     ----------
     motion : Motion
-        As for `io.read_bvh`, y up. Joints are known by their names: those of `rgbd.JOINTS` (as
-        `capture.export_joints` writes them), of Carnegie Mellon's and Mixamo's files (``Hips``,
-        ``LeftArm``, ``LeftForeArm``, with any prefix up to a colon), of Biovision's (``Hips``,
-        ``LeftShoulder``, ``LeftElbow``) and of Poser's (``hip``, ``lShldr``, ``lForeArm``).
+        Motion with y up, as read by `io.read_bvh`. Joints are identified by their names: those of
+        `rgbd.JOINTS` (as `capture.export_joints` writes them), of Carnegie Mellon's and Mixamo's
+        files (``Hips``, ``LeftArm``, ``LeftForeArm``, with any prefix up to a colon), of
+        Biovision's (``Hips``, ``LeftShoulder``, ``LeftElbow``) and of Poser's (``hip``,
+        ``lShldr``, ``lForeArm``).
     metres_per_unit : float, optional
-        Without it metres, centimetres, millimetres, inches, feet or Carnegie Mellon's unit,
-        whichever makes the legs nearest to an adult's.
+        Unit of the positions. Default: metres, centimetres, millimetres, inches, feet or Carnegie
+        Mellon's unit, whichever brings the length of the legs nearest to an adult's.
     rate : float, optional
-        Skeletons per second, each the nearest frame in time; by default every frame.
+        Skeletons per second, each from the frame nearest in time; default: one for every frame.
 
     Returns
     -------
     tuple of Skeleton
-        In camera axes: the motion is rotated about the vertical, and moved, as a whole, so that the
-        person faces the camera in the first frame, 2.5 m away. Joints that the file does not have
-        are `NOT_TRACKED`, or inferred by `skeleton_from`.
+        Skeletons in camera axes. The whole motion is rotated about the vertical and moved so that
+        in the first frame the person faces the camera from 2.5 m. Joints that the file lacks are
+        `NOT_TRACKED`, or inferred by `skeleton_from`.
 
     Raises
     ------
     InputError
-        Names of no known convention, an option out of range.
+        The names of the joints follow no known convention, or an option is out of range.
 
     Examples
     --------
@@ -99,7 +102,7 @@ def skeletons_from_motion(
 
 
 def _frames_at(count: int, frame_s: float, rate: float | None) -> NDArray[np.intp]:
-    """Numbers of the frames that are nearest to the times of a rate."""
+    """Return the indices of the frames nearest in time to samples at ``rate`` per second."""
     if rate is None:
         return np.arange(count)
     wanted = int((count - 1) * frame_s * rate + 1e-6) + 1
@@ -110,7 +113,7 @@ def _frames_at(count: int, frame_s: float, rate: float | None) -> NDArray[np.int
 
 
 def _columns(names: Sequence[str]) -> tuple[str, list[int | None]]:
-    """The convention of a file, and where its joints are; None: it has none of that kind."""
+    """Return a file's naming convention and each joint's column; None: joint not in the file."""
     plain = {name.rpartition(":")[2].lower(): column for column, name in enumerate(names)}
     if all(joint.lower() in plain for joint in JOINTS):
         return "kinect-v2", [plain[joint.lower()] for joint in JOINTS]
@@ -131,7 +134,7 @@ def _joint(places: NDArray[np.float64], names: Sequence[str], name: str) -> NDAr
 
 
 def _unit(places: NDArray[np.float64], names: Sequence[str]) -> float:
-    """Metres of the unit that makes the legs nearest to an adult's."""
+    """Return the metres per unit that bring the length of the legs nearest to an adult's."""
     length = 0.0
     for side in ("Left", "Right"):
         hip, knee, ankle = (_joint(places, names, f"{part}{side}") for part in _LEG_PARTS)
@@ -145,7 +148,7 @@ _LEG_PARTS = ("Hip", "Knee", "Ankle")
 
 
 def _before_the_camera(places: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:
-    """Metres, y up -> camera axes, turned to face the camera in the first frame."""
+    """Convert metres, y up, to camera axes; the person faces the camera in the first frame."""
     first = places[0]
     left = sum(
         _joint(first, names, f"{part}Left") - _joint(first, names, f"{part}Right")
@@ -155,7 +158,8 @@ def _before_the_camera(places: NDArray[np.float64], names: Sequence[str]) -> NDA
     across = np.array([left[0], 0.0, left[2]])  # type: ignore[index]
     length = float(np.linalg.norm(across))
     cosine, sine = (across[0] / length, across[2] / length) if length > 1e-9 else (1.0, 0.0)
-    # About y, so that the person's left is at +x, then half a turn about x: y down, z ahead.
+    # A rotation about y brings the person's left to +x; half a turn about x makes y point down and
+    # z ahead.
     turn = np.array([[cosine, 0.0, sine], [0.0, -1.0, 0.0], [sine, 0.0, -cosine]])
     moved = np.einsum("ij,tkj->tki", turn, places - base)
     return np.asarray(moved + np.array([0.0, 0.0, _AWAY]))

@@ -40,47 +40,47 @@ class PixelKind(enum.IntEnum):
     NONE = 0  #: nothing
     BODY = 1  #: the person, as measured
     PHANTOM = 2  #: a mirrored point whose surface faces the camera
-    AWAY = 3  #: a mirrored point that shows the back of its surface
-    FILLED = 4  #: a hole of the phantom, from its neighbours or the limb whose place it takes
-    ROOT_FILLED = 5  #: the gap at the root of the limb, from the intact side
-    BRIDGED = 6  #: between two mirrored points that were neighbours
+    AWAY = 3  #: a mirrored point whose surface faces away from the camera
+    FILLED = 4  #: a hole of the phantom, filled from its neighbours or from the affected limb
+    ROOT_FILLED = 5  #: the gap at the root of the limb, filled by mirroring the intact side
+    BRIDGED = 6  #: interpolated between two mirrored points that were neighbours before mirroring
 
 
 class PhantomState(enum.StrEnum):
     """State of the phantom in one frame."""
 
-    TRACKING = "tracking"  #: the intact limb is seen, and mirrored
-    DEGRADED = "degraded"  #: the intact limb is mirrored, but the picture is implausible
-    HOLDING = "holding"  #: it cannot be mirrored; the last phantom moves with the body
+    TRACKING = "tracking"  #: the intact limb is seen and mirrored
+    DEGRADED = "degraded"  #: the intact limb is mirrored, but the result is implausible
+    HOLDING = "holding"  #: the limb cannot be mirrored; the last phantom moves with the body
     FADING = "fading"  #: as HOLDING, with decreasing opacity
     LOST = "lost"  #: there is no phantom
-    LATE = "late"  #: the frame came before, or is older; these are the last one's images
+    LATE = "late"  #: the frame repeats or precedes the last one, whose images are returned again
 
 
 class PhantomReason(enum.StrEnum):
     """Reason why the state of a frame is not TRACKING."""
 
     NONE = "none"  #: the state is TRACKING
-    NO_PERSON = "no_person"  #: the key person's skeleton, or its pixels, are not there
+    NO_PERSON = "no_person"  #: the key person has no skeleton or no pixels in the frame
     NO_PLANE = "no_plane"  #: the axes of the body have not been found yet
-    OCCLUDED = "occluded"  #: too little of the intact limb is seen, or of the person
-    INFERRED = "inferred"  #: a joint of it is guessed for long and not seen, or an arm is elsewhere
-    NO_SKELETON = "no_skeleton"  #: no skeleton has been seen at all
-    CALIBRATION = "calibration"  #: the joints lie beside the person's pixels, or differ in height
+    OCCLUDED = "occluded"  #: too little of the intact limb, or of the person, is seen
+    INFERRED = "inferred"  #: a joint of the intact limb is not seen and was inferred for too long
+    NO_SKELETON = "no_skeleton"  #: no frame so far had a skeleton
+    CALIBRATION = "calibration"  #: joints lie beside the person's pixels, or heights disagree
     STOPPED = "stopped"  #: the joints stand still while the person moves
-    SIDES = "sides"  #: left and right are exchanged: by the joints, the feet point backwards
-    SHAKY = "shaky"  #: the plane of symmetry is not known well enough
-    LEAP = "leap"  #: the phantom moved much farther than the intact limb did
-    DETACHED = "detached"  #: the phantom does not hang at the body
+    SIDES = "sides"  #: left and right are exchanged: the feet of the skeleton point backwards
+    SHAKY = "shaky"  #: the plane of symmetry is too uncertain
+    LEAP = "leap"  #: the phantom moved much farther than the intact limb
+    DETACHED = "detached"  #: the phantom is not connected to the body
     SHREDDED = "shredded"  #: the phantom is in pieces
-    CUT = "cut"  #: too much of the person's silhouette is gone
-    DOUBLED = "doubled"  #: too much of the affected limb is left
-    CLOTH = "cloth"  #: too much may be an empty sleeve or leg of trousers
-    LATE = "late"  #: the frame came before, or is older than the last one
+    CUT = "cut"  #: too much of the person's silhouette was removed
+    DOUBLED = "doubled"  #: too much of the affected limb is still visible
+    CLOTH = "cloth"  #: too many visible pixels may be an empty sleeve or trouser leg
+    LATE = "late"  #: the frame repeats the last one, or is older
 
     @property
     def message(self) -> str:
-        """Advice to the operator, a sentence."""
+        """The reason as a sentence for the operator, with advice."""
         return _MESSAGES[self]
 
 
@@ -122,51 +122,46 @@ class PhantomQuality:
     fit : float
         Share of the tracked joints that lie on the person's pixels.
     hidden : float
-        Share of the tracked joints that are hidden by something at least 15 % nearer.
+        Share of the tracked joints that are hidden by something nearer by at least 15 %.
     stature : float
-        Height of the person's pixels, from crown to sole, divided by that of the joints: a mean
-        over about three seconds, which shows a wrong focal length. 1 until head and a foot are
-        tracked within the image, without a body index, and with ``segmentation="paper"``.
+        Ratio of the height of the person's pixels, from crown to sole, to the height of its joints;
+        a mean over about three seconds. A value far from 1 indicates a wrong focal length. 1 if the
+        head and a foot are not both tracked within the image, if there is no body index, and with
+        ``segmentation="paper"``.
     offset : float, metres
-        Distance of the limbs' pixels from their bones, sideways or behind them: a mean over about
-        two seconds, which shows joints beside the person, as from a wrong principal point or unit
-        of depth. 0 without a body index.
+        Distance of the limbs' pixels from their bones, sideways or behind; a mean over about two
+        seconds. A large value indicates joints beside the person, caused for instance by a wrong
+        principal point or unit of depth. 0 if there is no body index.
     plane_deg : float, degrees
-        Standard deviation of the normal of the plane of symmetry, including its rotation against
-        shoulders and hips as far as this exceeds their errors, for example when the chest twists
-        above a missing leg. 0 with ``plane="joints"``.
+        Standard deviation of the plane of symmetry's normal. It includes the normal's deviation
+        from the shoulders and hips beyond their errors (for instance if the chest twists above a
+        missing leg). 0 with ``plane="joints"``.
     across : float, metres
-        Standard deviation of the intact leg's distance from the plane: the largest one among joints
-        that are within two standard deviations of the plane or beyond it, and so may be on its
-        other side. 0 without such joints, and for arms.
+        Uncertainty of the side on which the intact leg lies: the largest standard deviation of the
+        distance from the plane among the leg's joints that are beyond the plane or within two
+        standard deviations of it. 0 if there is no such joint, and for arms.
     leap : float, metres
-        How much farther the end of the phantom moved since the last frame than the end of the
-        intact limb.
+        Excess of the movement of the phantom's end over that of the intact limb's end since the
+        last frame.
     gap : float, metres
         Distance from the root of the limb to the largest connected piece of the phantom.
     largest : float
         Share of the phantom's pixels in that piece.
     lost : float
-        Share of the person's pixels that are empty now. For legs, of the pixels below the hips; for
-        arms, of the pixels at which the camera should see the trunk.
+        Share of the person's pixels that are empty in the result. For legs the pixels below the
+        hips are counted, for arms those where the camera should see the trunk.
     left : float
-        Share of the affected limb's pixels that still show the body. Pixels within 10 cm of its
-        root, and pixels farther from the camera than the phantom (such as a chair), do not count.
+        Share of the affected limb's pixels that still show the body. Counted are pixels farther
+        than 10 cm from the limb's root and not behind the phantom, as a chair is.
     cloth : float
-        Number of body pixels that may be an empty sleeve or leg of trousers, divided by that of the
-        intact limb. Symmetry cannot decide about these pixels, because the intact limb hides their
-        mirrored places from the camera. Above 0.05 the state is not ``tracking``. 0 if the affected
-        limb itself is seen, with ``keep_residual``, and without a true reflection. Cloth is missed
-        if something else hides its mirrored place, or if the arm's is within 16 cm of the plane of
-        symmetry.
-    stray : float
-        Number of body pixels above the hips that lie more than 8 cm from the skin of the nearest
-        bone, divided by that of the intact limb: an arm at which the tracker has no joints. Where
-        the nearest bone is not an arm's, the limit is 15 cm, and only pixels more than 20 cm from
-        the plane of symmetry count. Above 0.2 the state is not ``tracking``. 0 for legs.
+        Number of body pixels that may be an empty sleeve or trouser leg, divided by the number of
+        pixels of the intact limb. Symmetry cannot decide about these pixels, because the intact
+        limb hides their mirrored places from the camera. Above 0.05 the state is not ``tracking``.
+        0 if the affected limb itself is seen, with ``keep_residual``, and without a true
+        reflection. Cloth is missed if something else hides its mirrored place and, for an arm,
+        within 16 cm of the plane of symmetry.
     score : float
-        The largest ratio of one of these measures to its limit; above 1 the state is not
-        ``tracking``.
+        Largest ratio of these measures to their limits; above 1 the state is not ``tracking``.
     """
 
     fit: float
@@ -187,7 +182,7 @@ class PhantomQuality:
 
 @dataclass(frozen=True, eq=False)
 class BodyPlane:
-    """The plane at which a limb was mirrored.
+    """The plane of symmetry at which a limb was mirrored.
 
     Attributes
     ----------
@@ -213,50 +208,52 @@ class PhantomFrame:
     Attributes
     ----------
     depth : (H, W) float32
-        Metres; person and phantom, 0 elsewhere.
+        Depth of person and phantom in metres; 0 elsewhere.
     labels : (H, W) uint8
-        Bone of each pixel, 1 to 24 by its far joint; 0: none. Remaining pixels of the affected limb
-        have the number of its first bone; pixels of the phantom have those of all its bones.
+        Bone of each pixel, 1 to 24, numbered by its far joint; 0: none. A remaining part of the
+        affected limb has the number of that limb's first bone, the phantom those of all its bones.
     kinds : (H, W) uint8
         `PixelKind` of each pixel.
     source : (H, W, 2) int32
         Row and column of the depth pixel whose texture is shown; -1: none.
     vertices : (n, 3) float32
-        Points in metres: first those of the drawn pixels, row by row, then ``n - num_points``
-        repeated ones with the phantom's texture, where body and phantom meet.
+        Positions in metres: one vertex for each pixel of person and phantom, in row-major order,
+        then ``n - num_points`` duplicates with the phantom's texture, where body and phantom meet.
     pixels : (n, 2) int32
         Column and row of each vertex.
     texcoords : (n, 2) float32
-        Into the colour image, v up; NaN where the colour camera sees nothing.
+        Texture coordinates in the colour image, v up; NaN for points that the colour camera does
+        not see.
     faces : (m, 3) int32
-        Front faces look at the camera.
+        Triangles, whose front faces the camera.
     num_points : int
+        Number of pixels of person and phantom.
     skeleton : Skeleton
-        The key person's, smoothed, with the phantom's joints.
+        Smoothed skeleton of the key person, with the phantom's joints.
     state : PhantomState
     reason : PhantomReason
     opacity : float
-        Opacity of the phantom: less than 1 while it fades.
+        Opacity to draw the phantom with; less than 1 while it fades.
     visible : float
         Share of the intact limb, by length, that the camera sees.
     quality : PhantomQuality
     plane : BodyPlane or None
-        The plane of symmetry; None before it was ever known.
+        The plane of symmetry; None until it is known for the first time.
     texture_number : int
-        `RgbdFrame.number` of the frame whose colours belong to the phantom: an older one while
-        the phantom is held.
+        `RgbdFrame.number` of the frame with the phantom's colours; while the phantom is held, this
+        is an older frame.
     num_person, num_removed, num_mirrored, num_away, num_filled : int
         Numbers of pixels: of the person, removed, mirrored, mirrored with a surface that then faces
         away from the camera, and filled as holes.
     late_frames : int
-        Number of frames that were older than the previous frame, or had its time and no later
+        Number of frames that were older than the previous one, or had the same time and no later
         number. At most ten in a row are skipped.
     color : (H', W', 3) uint8 or None
-        The frame's own, for the body.
+        Colour image of this frame, for the body.
     phantom_color : (H', W', 3) uint8 or None
-        Colour image of frame ``texture_number``, from which the phantom is textured.
+        Colour image of frame ``texture_number``, for the phantom.
     seconds : dict of str to float
-        By stage, in the order of table 4.1; wall time.
+        Wall time of each stage, in the order of table 4.1.
     """
 
     depth: NDArray[np.float32] = field(repr=False)
@@ -293,7 +290,7 @@ class PhantomFrame:
 
     @property
     def message(self) -> str:
-        """The state and its reason as a sentence for an operator."""
+        """`reason` as a sentence for the operator."""
         return self.reason.message
 
     @property
@@ -301,14 +298,14 @@ class PhantomFrame:
         """(m,) bool: triangles that show the phantom, with its texture and opacity."""
         column, row = self.pixels.T
         is_phantom = self.phantom[row, column]
-        is_phantom[self.num_points :] = True  # body pixels again, with the phantom's texture
+        is_phantom[self.num_points :] = True  # duplicated vertices have the phantom's texture
         return np.asarray(is_phantom[self.faces].any(axis=1))
 
     def parts(self) -> tuple[DepthMesh, DepthMesh]:
-        """Body and phantom as two meshes on the same vertices, each with the colours of its frame.
+        """Return body and phantom as two meshes with the same vertices, each with its colour image.
 
-        The body is drawn as it is, the phantom with ``opacity``: while it is held, its texture is
-        that of the frame in which the intact limb was seen last.
+        Draw the body opaque and the phantom with ``opacity``. While the phantom is held, its
+        texture is that of the frame in which the intact limb was last seen.
         """
         from manip3d.simplify import DepthMesh
 
@@ -320,14 +317,15 @@ class PhantomFrame:
         return body, phantom
 
     def mesh(self, color: NDArray[np.uint8] | None = None) -> DepthMesh:
-        """The textured mesh as a `manip3d.simplify.DepthMesh`.
+        """Return body and phantom as one textured `manip3d.simplify.DepthMesh`.
 
-        One mesh has one texture: where the phantom is held, `parts` has the right ones.
+        One mesh has only one texture. While the phantom is held, body and phantom need different
+        textures: use `parts`.
 
         Parameters
         ----------
         color : (H, W, 3) uint8, optional
-            Texture. By default the colour of the frame that was processed, if it had one.
+            Texture. Default: the colour image of the processed frame, if it had one.
 
         Returns
         -------
@@ -341,7 +339,7 @@ class PhantomFrame:
 
 @dataclass(frozen=True, eq=False)
 class _Buffers:
-    """Arrays into which the core writes a frame."""
+    """Arrays that the core writes the results of a frame into."""
 
     depth: NDArray[np.float32]
     labels: NDArray[np.uint8]
@@ -354,9 +352,9 @@ class _Buffers:
 
     @staticmethod
     def of_size(rows: int, cols: int, pool: _core.ArrayPool | None = None) -> _Buffers:
-        """Pool of arrays; an array returns to the pool when its last view is deleted."""
+        """Take arrays from a pool, to which each returns when its last view is deleted."""
         empty = (pool or _core.ArrayPool()).empty
-        capacity = rows * cols  # no page of it is touched before it is written
+        capacity = rows * cols  # unused pages take no memory, because nothing writes to them
         return _Buffers(
             empty((rows, cols), np.float32),
             empty((rows, cols), np.uint8),
@@ -396,34 +394,39 @@ class PhantomPipeline:
     smoothed joints, segmentation, removal of the affected limb, mirroring of the intact one, hole
     filling, phantom skeleton, points and textured mesh.
 
-    While the intact limb cannot be mirrored - less than ``least_visible`` of it is seen, one of its
-    joints beyond the root is inferred for more than ``inferred_seconds`` at a place where the depth
-    image does not show the limb, or on a stump, or the skeleton is gone - the last phantom moves
-    with the body for ``hold_seconds``, then fades in ``fade_seconds``. A frame that is not newer
-    than the last one is counted and passed over, unless it is more than a second older: then a new
-    recording begins. Where all times are 0, frames count as 30 a second. A frame whose phantom
-    is implausible is ``degraded``: see `PhantomQuality`.
+    While the intact limb cannot be mirrored, the last phantom moves with the body for
+    ``hold_seconds`` and then fades within ``fade_seconds``. The limb cannot be mirrored if less
+    than ``least_visible`` of it is seen, if the skeleton is missing, or if a joint beyond the
+    limb's root is inferred for more than ``inferred_seconds`` on a stump or at a place where the
+    depth image does not show the limb. A frame that is not newer than the last one is counted and
+    skipped, unless it is more than a second older: then a new recording begins. If all times are 0,
+    frames count as 30 a second. A frame whose phantom is implausible is ``degraded``: see
+    `PhantomQuality`.
 
-    Trackers invent joints of a limb that is missing. Unless the person has shown the limb, joints
-    of it that the camera looks through, and bones half as long again as the intact limb's, count
-    as not tracked (``segmentation="skin"``).
+    Trackers invent joints of a missing limb. Until the person has shown the affected limb, two
+    kinds of its joints count as not tracked (``segmentation="skin"``): joints at which the depth
+    image shows something farther away, and those at the ends of bones longer by more than 5 cm than
+    1.5 times the intact limb's.
 
-    A seated person's thighs may be turned against the trunk by ten degrees and more. Of a person
-    who has the affected leg, both legs tell that turn, averaged over 3 seconds, and ``plane`` of
-    the result is theirs; of a person who lacks it nothing does. Empty pixels beside the phantom
-    that showed it in the frame before are filled, so that its border does not flicker.
+    A seated person's thighs may be turned relative to the trunk by ten degrees or more. If the
+    person has the affected leg, this angle is measured from both legs, averaged over 3 seconds, and
+    ``plane`` of the result is the legs' plane; if the leg is missing, the angle is unknown. Empty
+    pixels beside the phantom that showed it in the previous frame are filled, so that its border
+    does not flicker.
 
     Parameters
     ----------
     affected : {"left_arm", "right_arm", "left_leg", "right_leg"}
         The limb to replace; left is the person's own left.
     mode : {"reflection", "paper", "2d"}
-        At the person's plane of symmetry; as printed (oblique where shoulders or hips tilt
-        against the spine); or left to right in the image, for comparison.
+        ``reflection``: reflect at the person's plane of symmetry; ``paper``: as printed (oblique if
+        shoulders or hips tilt against the spine); ``2d``: left to right in the image, for
+        comparison.
     plane : {"trunk", "joints"}, optional
-        The plane of symmetry: of the trunk, whose surface and joints are followed from frame to
-        frame; or of four joints of each frame, as in the source. By default ``trunk``, without
-        smoothing ``joints``. The other modes take the joints'.
+        Source of the plane of symmetry for ``reflection``. ``trunk``: surface and joints of the
+        trunk, tracked from frame to frame; ``joints``: four joints of each frame alone, as in the
+        dissertation. Default: ``trunk``, but ``joints`` without smoothing. Modes other than
+        ``reflection`` use the joints.
     smoothing : {"default", "seated"} or None
         Preset of `JointSmoother`; None: joints are not smoothed.
     segmentation : {"skin", "paper"}
@@ -432,22 +435,22 @@ class PhantomPipeline:
         Points within this distance of a limb's bones belong to the limb.
     root_radius : float, metres
         Radius around the shoulder or hip within which the second filling mirrors the intact side
-        (in the source, of legs only); 0: no second filling.
+        (in the dissertation, for legs only); 0: no second filling.
     keep_residual : bool
-        Do not remove the rest of the affected limb.
+        Keep the remaining part of the affected limb instead of removing it.
     near, far, margin : float, metres
-        Bounds of depth; without a body index the person lies within ``margin`` of the depths of
-        its joints, near the skin of its bones and above the floor, where that is seen (with
-        ``segmentation="paper"``, the depths alone count).
+        ``near`` and ``far`` bound the depth. If there is no body index, the person's pixels are
+        those within ``margin`` of the depths of its joints, near the skin of its bones and above
+        the floor, if the floor is seen (with ``segmentation="paper"``, only the depths count).
     least_visible : float
         Smallest visible share of the intact limb, by length, at which it is mirrored.
     inferred_seconds, hold_seconds, fade_seconds : float, seconds
-        Times of the paragraph on limbs that cannot be mirrored; 0 to 3600.
+        Times used if the limb cannot be mirrored, see above; 0 to 3600.
     max_depth_step : float, metres
         Triangles whose corners differ more in depth are left out.
     texturing : {"source", "calibration"}
-        Texture from the source pixel, or from where the colour camera sees the phantom's own
-        points, which is wrong (figure 4.4).
+        ``source``: texture of the pixel that was mirrored; ``calibration``: texture at the
+        projection of the phantom's own points into the colour camera, which is wrong (figure 4.4).
 
     Raises
     ------
@@ -507,19 +510,19 @@ class PhantomPipeline:
         Parameters
         ----------
         frame : RgbdFrame
-            The frame after the one given last; skeletons are needed for a phantom. Frames with one
-            time, if their numbers grow, are a thirtieth of a second apart or less.
+            The next frame; a phantom needs skeletons. Frames with equal times and growing numbers
+            count as a thirtieth of a second apart or less.
 
         Returns
         -------
         PhantomFrame
-            With arrays of its own.
+            The result, whose arrays later frames do not overwrite.
 
         Raises
         ------
         InputError
-            Depth or colour does not have the size that the calibration says, or a calibration is
-            out of range. The next frame is not affected.
+            Depth or colour does not have the size given by the calibration, or a calibration is out
+            of range. Later frames can be processed.
         """
         rows, cols = frame.depth.shape
         buffers = _Buffers.of_size(rows, cols, self._pool)
@@ -555,10 +558,10 @@ class PhantomPipeline:
             return self._last
 
     def select(self, person: int) -> Self:
-        """Make a person the patient, by `Skeleton.id`, as soon as that id is in view.
+        """Make the person with this `Skeleton.id` the patient as soon as the id is in view.
 
-        Until then the present one stays; without a selection the pipeline finds the patient
-        itself.
+        Until then the current patient is kept. If no person is selected, the pipeline chooses the
+        patient by the rules of `KeyPerson`.
 
         Parameters
         ----------
@@ -575,7 +578,7 @@ class PhantomPipeline:
         return self
 
     def reset(self) -> Self:
-        """Forget all frames: for another person, or another recording."""
+        """Discard all frames, for another person or another recording."""
         with self._lock:
             self._core.reset()
             self._last = self._phantom_color = None
@@ -605,19 +608,21 @@ def _frame(report: dict[str, Any], buffers: _Buffers) -> PhantomFrame:
 
 @dataclass(frozen=True, eq=False)
 class BodyMirror:
-    """The map that takes a person's one side to the other, p -> ``linear`` p + ``offset``.
+    """Affine map from one side of a person to the other, p -> ``linear`` p + ``offset``.
 
     Attributes
     ----------
     linear : (3, 3) float64
-        Its own inverse.
+        Linear part, which is its own inverse.
     offset : (3,) float64, metres
+        Translation.
     normal : (3,) float64
-        n = y_s x z_s, towards the person's left.
+        Normal n = y_s x z_s, towards the person's left.
     origin : (3,) float64, metres
         A point of the plane: SpineMid for arms, SpineBase for legs.
     skeleton : Skeleton
-        The person's, with the mirrored joints of the intact limb in place of the affected one.
+        The person's skeleton with the mirrored joints of the intact limb in place of the affected
+        limb's.
     """
 
     linear: NDArray[np.float64]
@@ -635,32 +640,33 @@ class BodyMirror:
 def body_mirror(
     skeleton: Skeleton, affected: Limb, *, mode: MirrorMode = "reflection"
 ) -> BodyMirror | None:
-    """Compute the mirror of `PhantomPipeline` for one skeleton, unfiltered.
+    """Compute the mirror map of `PhantomPipeline` from one skeleton, without filtering over time.
 
     Parameters
     ----------
     skeleton : Skeleton
-        The person as the tracker says.
+        The person's skeleton from the tracker.
     affected : 'left_arm', 'right_arm', 'left_leg' or 'right_leg'
-        The limb that is missing; it is made of the other one.
+        The missing limb, which the mirrored limb of the other side replaces.
     mode : 'reflection', 'paper' or '2d'
-        How the intact side is mirrored, see `Notes`.
+        Kind of the map, see `Notes`.
 
     Returns
     -------
     BodyMirror or None
-        None where the axes of the body (eq. 4.2 for arms, 4.8 for legs) cannot be told: a joint is
-        missing, or they are nearly parallel.
+        None if the axes of the body (eq. 4.2 for arms, 4.8 for legs) are undefined, because a joint
+        is missing or the axes are nearly parallel.
 
     Raises
     ------
     InputError
-        No such limb or mode.
+        An unknown limb or mode.
 
     Notes
     -----
-    ``reflection``: I - 2 n n^T. ``paper``: eq. 4.3 to 4.7, M^-1 diag(-1, 1, 1) M with M's rows x_s,
-    y_s, z_s, which is the same where x_s is square to y_s. ``2d``: u' = 2 u_s - u at one depth.
+    ``reflection``: linear = I - 2 n n^T. ``paper``: eq. 4.3 to 4.7, M^-1 diag(-1, 1, 1) M, where
+    x_s, y_s and z_s are the rows of M; equal to the reflection if x_s is perpendicular to y_s.
+    ``2d``: u' = 2 u_s - u at constant depth, where u_s is the column of the axis.
 
     Examples
     --------
@@ -691,9 +697,11 @@ class BodySegmentation:
     Attributes
     ----------
     labels : (H, W) uint8
-        Bone, 1 to 24, by its far joint (`manip3d.rgbd.PARENTS`); 0 where the person is not.
+        Bone of each pixel, 1 to 24, numbered by its far joint (`manip3d.rgbd.PARENTS`); 0: not the
+        person.
     distances : (H, W) float32, metres
-        To that bone itself (of the trunk, to the nearer rod); infinite where there is none.
+        Distance of the pixel's point to the axis of that bone (for the trunk, to the nearer of its
+        two rods); infinite for pixels without a bone.
     """
 
     labels: NDArray[np.uint8]
@@ -721,44 +729,46 @@ def segment_body(
     depth : (H, W) uint16 in millimetres or float32 in metres
     intrinsics : Intrinsics
     skeleton : Skeleton
-        Bones between joints that are tracked or inferred count. Of two as near the lower one wins;
-        a bone without length is a point.
+        Bones whose joints are both tracked or inferred are used. If two bones are equally near, the
+        lower number wins; a bone of length 0 is a point.
     segmentation : {"skin", "paper", "region"}
-        ``skin``: the bone whose skin is nearest, at the distance to the bone less the thickness of
-        the flesh around it; ``paper``: the bone itself, as printed (eq. 4.1), to which a trunk is
-        no thicker than an arm; ``region``: labels grow from the pixels under the bones and stop at
-        steps of the depth (section 5.1.1).
+        ``skin``: the bone whose skin is nearest, that is, the distance to the bone's axis less the
+        thickness of the flesh around it; ``paper``: the bone whose axis is nearest, as printed
+        (eq. 4.1), which treats the trunk as no thicker than an arm; ``region``: labels grow from
+        the pixels under the bones and stop at depth steps (section 5.1.1).
     body_index : (H, W) uint8, optional
         As for `RgbdFrame`.
     near, far, margin : float, metres
         As for `PhantomPipeline`.
     seeds : {"line", "middle"}
-        For ``region`` only: all pixels under a bone, or the one under its middle (figure 5.4).
+        For ``region`` only: a label starts from all pixels under a bone, or from the pixel under
+        its middle (figure 5.4).
     reach : float, metres
         For ``region`` only: pixels beyond a contour count up to this distance from the bone's skin.
 
     Returns
     -------
     BodySegmentation
-        Bone of each pixel, and its distance to it.
+        Bone of each pixel, and the pixel's distance to it.
 
     Raises
     ------
     InputError
-        Another shape or dtype, or an option out of range.
+        A wrong shape or dtype, or an option out of range.
 
     Notes
     -----
-    ``skin``: thicknesses are girths, breadths and depths of the mean adult [Gordon et al., "2012
-    Anthropometric Survey of U.S. Army Personnel", Natick/TR-15/007], scaled by the lengths of the
-    person's own arms and legs. A trunk, broader than deep, is a pair of rods from hips to chest.
-    Distances to skins are compared in standard deviations of what girths differ by among people, a
-    tenth, and joints are off, 1 cm; beyond three of them in metres.
+    ``skin``: thicknesses come from girths, breadths and depths of the mean adult [Gordon et al.,
+    "2012 Anthropometric Survey of U.S. Army Personnel", Natick/TR-15/007], scaled by the lengths of
+    the person's own arms and legs. The trunk, broader than deep, is a pair of rods from hips to
+    chest. Distances to skins are compared in units of their standard deviation, which combines the
+    spread of girths among people (a tenth) and the error of joints (1 cm); beyond three standard
+    deviations they are compared in metres.
 
-    ``region``: of all pixels that a label may spread to, the one nearest to its bone's skin comes
-    first, so that the result depends on no order. A step is a change of depth above
-    z / f tan 78 degrees and three standard deviations of a Kinect's noise; labels spread over steps
-    last. Pixels that nothing reaches are not the person.
+    ``region``: of all pixels that a label may spread to, the one nearest to its bone's skin is
+    taken first, so that the result does not depend on the order of the pixels. A depth step is a
+    change of depth above z / f tan 78 degrees plus three standard deviations of a Kinect's noise;
+    labels spread over steps last. Pixels that no label reaches are not the person.
 
     Examples
     --------

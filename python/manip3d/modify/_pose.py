@@ -1,4 +1,4 @@
-"""Skeletons from colour and depth where the sensor brings none: MediaPipe's landmarks, lifted."""
+"""Skeletons for sensors that deliver none: MediaPipe's landmarks, lifted to 3D by depth."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from manip3d.rgbd import (
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-_RADIUS = {  # metres from the skin that the camera sees to the joint, of an adult
+_RADIUS = {  # metres from the visible skin to the joint inside, for an adult
     "Nose": 0.10,
     "Shoulder": 0.06,
     "Elbow": 0.04,
@@ -51,22 +51,23 @@ def lift_landmarks(
     window: int = 5,
     min_visibility: float = 0.5,
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Lift MediaPipe's landmarks in the picture to joints in space by the depth under them.
+    """Lift MediaPipe's landmarks from the image to 3D joints by the depth at their pixels.
 
     Parameters
     ----------
     pixels : (33, 2)
-        Column and row in the depth image.
+        Column and row of each landmark in the depth image.
     visibility : (33,)
-        MediaPipe's own guess, 0 to 1, that nothing hides the landmark.
+        MediaPipe's estimate, 0 to 1, that nothing hides the landmark.
     relative_depth : (33,), metres
-        Along the camera's axis, from any origin (MediaPipe's world landmarks: the hips).
+        Position along the camera's axis, from any common origin (in MediaPipe's world landmarks,
+        the hips).
     frame : RgbdFrame
-        With ``body_index``, only pixels of people count.
+        Frame with depth. If it has a ``body_index``, only depths of people's pixels are used.
     window : int, pixels
-        Side of the square around a landmark whose median depth is taken; odd.
+        Side of the square around a landmark over which the median depth is taken; odd.
     min_visibility : float
-        Landmarks below it are inferred.
+        Landmarks with a lower visibility are `INFERRED`.
 
     Returns
     -------
@@ -80,12 +81,13 @@ def lift_landmarks(
     Raises
     ------
     InputError
-        Wrong shapes, an even window.
+        Wrong shapes, or an even window.
 
     Notes
     -----
-    Depth is that of the skin; joints lie inside. Each is pushed along its line of sight by the
-    usual distance there (6 cm at shoulder and knee, 10 cm at the hip, 2.5 cm at the wrist, ...).
+    A depth image shows the skin, and joints lie below it. Each joint is therefore moved along its
+    line of sight by an adult's distance from skin to joint (6 cm at shoulder and knee, 10 cm at the
+    hip, 2.5 cm at the wrist, ...).
 
     Examples
     --------
@@ -132,7 +134,7 @@ def lift_landmarks(
 def _median_depth(
     pixels: NDArray[np.float64], frame: RgbdFrame, window: int
 ) -> NDArray[np.float64]:
-    """Median of the measured depths of people around each pixel, metres; 0: there are none."""
+    """Return the median depth of people's pixels around each pixel, metres; 0: no depth there."""
     reach = np.arange(window) - window // 2
     column, row = np.rint(pixels).astype(np.intp).T
     height, width = frame.depth.shape
@@ -152,20 +154,21 @@ def _median_depth(
 
 @checked
 class PoseTracker(Closing):
-    """Finds one person's skeleton in frames with colour: MediaPipe's 33 landmarks, lifted to 25.
+    """Finds one person's skeleton in frames with colour, by MediaPipe's 33 landmarks.
 
-    Colour may have the depth image's pixels or, by ``calibration.registration``, a camera of its
-    own: then the depth image is carried over into that camera first. Close it, or use it in a
-    ``with`` statement.
+    The landmarks are lifted to 3D by depth and converted to the Kinect V2's 25 joints. The colour
+    image may have the depth image's pixels or, with ``calibration.registration``, a camera of its
+    own; in the second case the depth image is first reprojected into that camera. Call `close`, or
+    use the tracker in a ``with`` statement.
 
     Parameters
     ----------
     static : bool
-        The frames are pictures that have nothing to do with each other.
+        The frames are unrelated pictures, and no person is tracked from one to the next.
     min_confidence : float
-        Least confidence of MediaPipe's detector, 0 to 1.
+        Smallest confidence of MediaPipe's detector and tracker, 0 to 1.
     min_visibility : float
-        As for `lift_landmarks`.
+        Landmarks with a lower visibility are `INFERRED`, as for `lift_landmarks`.
 
     Raises
     ------
@@ -176,8 +179,8 @@ class PoseTracker(Closing):
 
     Notes
     -----
-    The model (BlazePose, Bazarevsky et al. 2020) comes with MediaPipe 0.10.21, which wants
-    numpy < 2. MediaPipe writes a few lines about itself to the standard error output.
+    The model (BlazePose, Bazarevsky et al. 2020) comes with MediaPipe 0.10.21, which requires
+    numpy < 2. MediaPipe writes a few log lines to the standard error output.
     """
 
     def __init__(
@@ -208,12 +211,12 @@ class PoseTracker(Closing):
         Parameters
         ----------
         frame : RgbdFrame
-            With colour, in the depth image's pixels or those of ``calibration.registration``.
+            Frame with colour, in the depth image's pixels or those of ``calibration.registration``.
 
         Returns
         -------
         Skeleton or None
-            None: nobody is found, or nobody with depth.
+            None: no person is found, or none of the person's landmarks has depth.
 
         Raises
         ------
@@ -252,18 +255,18 @@ class PoseTracker(Closing):
         Parameters
         ----------
         frame : RgbdFrame
-            With colour, in the depth image's pixels or those of ``calibration.registration``.
+            Frame with colour, in the depth image's pixels or those of ``calibration.registration``.
 
         Returns
         -------
         RgbdFrame
-            Without skeletons if nobody is found.
+            The frame has no skeleton if nobody is found.
         """
         skeleton = self.find(frame)
         return replace(frame, skeletons=() if skeleton is None else (skeleton,))
 
     def reset(self) -> None:
-        """Forget the frames so far."""
+        """Discard what was tracked in the frames so far."""
         self._pose.reset()
 
     def close(self) -> None:
@@ -274,10 +277,11 @@ class PoseTracker(Closing):
 
 
 def depth_under_color(frame: RgbdFrame) -> RgbdFrame:
-    """Depth and people as the colour camera would see them, in pixels as wide as the depth image's.
+    """Reproject depth and body index into the colour camera, at the depth image's resolution.
 
-    What hides something else from the colour camera covers it. Without a registration the frame
-    itself: its colour has the depth image's pixels.
+    If several points fall into one pixel, the nearest to the colour camera is kept. Without a
+    registration the frame is returned unchanged, because its colour image already has the depth
+    image's pixels.
     """
     registration = frame.calibration.registration
     if registration is None:
@@ -309,7 +313,7 @@ def depth_under_color(frame: RgbdFrame) -> RgbdFrame:
 
 
 def _body_under(positions: NDArray[np.float64], states: NDArray[np.uint8], frame: RgbdFrame) -> int:
-    """The number of the person whom most tracked joints lie on."""
+    """Return the value of the body index that most tracked joints lie on."""
     if frame.body_index is None:
         return NO_BODY
     camera = frame.calibration.depth

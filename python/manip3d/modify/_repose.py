@@ -1,4 +1,4 @@
-"""Virtual enhancement: the user's own avatar moves further than the user does."""
+"""Virtual enhancement: an avatar of the user that moves further than the user does."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 POSABLE_JOINTS: tuple[str, ...] = tuple(
     name for joint, name in enumerate(JOINTS) if _core.is_posable(joint)
 )
-"""Joints that `repose` takes gains and limits for: neck, shoulders, elbows, wrists, hips, knees,
+"""Joints that `repose` accepts gains and limits for: neck, shoulders, elbows, wrists, hips, knees,
 ankles."""
 
 
@@ -34,7 +34,7 @@ class Reposed:
     vertices : (V, 3) float32 or float64, metres
         Vertices, in the dtype of the input.
     skeleton : Skeleton
-        Bones have their lengths; orientations are turned along.
+        The moved skeleton: bones keep their lengths, and orientations turn with the bones.
     """
 
     vertices: NDArray[Any]
@@ -53,30 +53,30 @@ def repose(
     band: float = 0.08,
     threads: int = 0,
 ) -> Reposed | None:
-    """Turn joints of a person further, or less far, from rest than they are.
+    """Turn joints of a person further from their rest pose, or less far.
 
     Parameters
     ----------
     vertices : (V, 3), metres
-        Vertices of the person's mesh, in the frame of the skeleton. Other dtypes than float32
-        become float64. Not changed.
+        Vertices of the person's mesh, in the frame of the skeleton. Dtypes other than float32
+        become float64. The array is not changed.
     skeleton : Skeleton
-        The pose that the vertices are in.
+        The pose of the vertices.
     gains : mapping of str to float, optional
-        By one of `POSABLE_JOINTS`: what the angle from rest is multiplied by; 0 to 100. 1, for all
-        others, changes no bit.
+        Factor of the angle from rest, by the joint's name in `POSABLE_JOINTS`; 0 to 100. Default: 1
+        for all joints, which leaves every bit as it is.
     limits : mapping of str to float, degrees, optional
-        By joint: the largest angle from rest afterwards.
+        Largest angle from rest after the gain is applied, by the joint's name.
     rest : Skeleton, optional
-        Without it a person who stands: arms and legs hang along the spine, feet point ahead, the
-        head is up.
+        The rest pose. Default: a standing person whose arms and legs hang along the spine, whose
+        feet point ahead and whose head is up.
     blended : bool
-        Vertices near a joint move with all bones that meet there, by dual quaternions; else each
-        with its nearest bone, and the skin opens at joints.
+        Move a vertex near a joint with all bones that meet there, blended by dual quaternions. If
+        false, each vertex moves with its nearest bone alone, and the skin opens at joints.
     band : float, metres
-        Width over which bones are blended.
+        A bone farther from a vertex than the nearest bone by this distance has no weight.
     threads : int
-        0: ``MANIP3D_THREADS``, else all cores.
+        Number of threads; 0: ``MANIP3D_THREADS`` if it is set, otherwise all cores.
 
     Returns
     -------
@@ -86,14 +86,15 @@ def repose(
     Raises
     ------
     InputError
-        Another joint, a number out of range, another shape.
+        A joint that is not posable, a number out of range, or a wrong shape.
 
     Notes
     -----
-    The torso at rest is turned onto the torso of now; outwards from it a joint's angle is the
-    shortest turn from where its bone would be had the joint stayed at rest. Twist about a bone
-    stays. Blending: Kavan et al., "Geometric skinning with approximate dual quaternion blending",
-    ACM Transactions on Graphics 2008; weights come from distances to the bones.
+    The torso of the rest pose is aligned with the current torso. From the torso outwards, the angle
+    of a joint is that of the shortest rotation from the direction that its bone would have at rest
+    to its current direction. Twist about a bone is kept. Blending: Kavan et al., "Geometric
+    skinning with approximate dual quaternion blending", ACM Transactions on Graphics 2008; weights
+    come from distances to the bones.
 
     Examples
     --------

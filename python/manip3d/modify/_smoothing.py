@@ -1,4 +1,4 @@
-"""Choose the patient's skeleton and remove the jitter of its joints."""
+"""Choice of the patient's skeleton among several, and smoothing of its joints."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def smoother_options(
     jitter_radius: float | None = None,
     max_deviation: float | None = None,
 ) -> _core.JointSmootherOptions:
-    """A preset with some of its numbers changed."""
+    """Return a preset with the given options changed."""
     presets = {
         "default": _core.JointSmootherOptions,
         "seated": _core.JointSmootherOptions.seated,
@@ -51,27 +51,29 @@ def smoother_options(
 class JointSmoother:
     """Double exponential smoothing of one person's joints, frame by frame.
 
-    With raw X, filtered F, trend B, output Y and primes for the previous frame: F = X, B = 0 at
-    first and F = (X + X') / 2 in the second frame; then, d being the distance of X from F',
-    X* = X if d > J else F' + (d / J) (X - F'); F = (1 - s) X* + s (F' + B');
-    B = c (F - F') + (1 - c) B'; Y = F + p B, pulled to within D of X. J and D are doubled for
-    inferred joints. A joint that is not tracked, not finite or at the origin comes out as not
-    tracked, and starts anew when it is back.
+    Let X be the measured position, F the filtered one, B the trend and Y the output; a prime marks
+    the previous frame. In the first frame F = X and B = 0, in the second F = (X + X') / 2. In later
+    frames, with d the distance of X from F':
+    X* = X if d > J, otherwise F' + (d / J) (X - F'); F = (1 - s) X* + s (F' + B');
+    B = c (F - F') + (1 - c) B'; Y = F + p B, limited to a distance D from X. J and D are doubled
+    for inferred joints. A joint that is not tracked, not finite or at the origin is returned as
+    not tracked, and its filter starts anew when the joint is tracked again.
 
     Parameters
     ----------
     preset : {"default", "seated"}
-        s, c, p, J, D = .25, .25, .25, .03, .05 or, for people who sit, .5, .1, .5, .1, .1.
+        Values of (s, c, p, J, D): (.25, .25, .25, .03, .05) or, for seated people,
+        (.5, .1, .5, .1, .1).
     smoothing : float, optional
-        s in [0, 1).
+        s, the weight of the prediction F' + B', in [0, 1).
     correction : float, optional
-        c in [0, 1].
+        c, the weight of the new trend, in [0, 1].
     prediction : float, optional
-        p >= 0, frames.
+        p >= 0, the number of frames to extrapolate.
     jitter_radius : float, optional
-        J >= 0, metres.
+        J >= 0, metres; smaller movements are damped.
     max_deviation : float, optional
-        D >= 0, metres.
+        D >= 0, metres; largest distance of the output from the measurement.
 
     Raises
     ------
@@ -117,12 +119,12 @@ class JointSmoother:
         )
 
     def add(self, skeleton: Skeleton) -> Skeleton:
-        """Return the next frame's skeleton, smoothed; orientations stay as they are.
+        """Return the next frame's skeleton with smoothed positions; orientations are unchanged.
 
         Parameters
         ----------
         skeleton : Skeleton
-            Skeleton of the next frame, as tracked.
+            Skeleton of the next frame from the tracker.
 
         Returns
         -------
@@ -131,7 +133,7 @@ class JointSmoother:
         return Skeleton(**self._core.add(skeleton))
 
     def reset(self) -> Self:
-        """Forget all frames: for another person, or another recording."""
+        """Discard all frames, for another person or another recording."""
         self._core.reset()
         return self
 
@@ -149,21 +151,21 @@ def _shares(clothes: ArrayLike, num_people: int) -> NDArray[np.float32]:
 
 @checked
 def clothing_colors(frame: RgbdFrame) -> NDArray[np.float32]:
-    """Measure the colours of the clothes that each person of a frame wears on the trunk.
+    """Measure the colours of the clothes on the trunk of each person in a frame.
 
-    Pixels along the spine, 11 cm to either side of it, where the depth image shows the front of the
-    trunk and no arm before it.
+    Pixels within 11 cm to either side of the spine are counted if the depth image shows the front
+    of the trunk there and no arm in front of it.
 
     Parameters
     ----------
     frame : RgbdFrame
-        With a colour image and skeletons.
+        Frame with a colour image and skeletons.
 
     Returns
     -------
     (N, 15) float32
-        A row for each skeleton: shares of 12 hues, from red on every 30 degrees, and of black,
-        grey and white. A row adds up to 1, or is 0 where too little of the trunk is seen.
+        A histogram for each skeleton: shares of 12 hues, every 30 degrees from red on, and of
+        black, grey and white. A row adds up to 1, or is 0 if too little of the trunk is seen.
 
     Raises
     ------
@@ -173,8 +175,8 @@ def clothing_colors(frame: RgbdFrame) -> NDArray[np.float32]:
     Notes
     -----
     Two rows a and b are compared by their Hellinger distance, sqrt(1 - sum sqrt(a b)) [Comaniciu,
-    Ramesh & Meer, "Kernel-based object tracking", 2003, eq. 16]; `KeyPerson` takes below 0.35 for
-    the same clothes and above 0.6 for others.
+    Ramesh & Meer, "Kernel-based object tracking", 2003, eq. 16]. For `KeyPerson`, clothes are the
+    same below a distance of 0.35 and different above 0.6.
 
     Examples
     --------
@@ -207,27 +209,32 @@ def clothing_colors(frame: RgbdFrame) -> NDArray[np.float32]:
 
 @checked
 class KeyPerson:
-    """Holds on to one of the people in view, whoever else walks through the picture.
+    """Follows one of the people in view, the key person, while others pass through the image.
 
-    At first the one whose SpineBase projects nearest to the image centre, then whoever has its id,
-    unless it jumped away while somebody else stands where it was a moment ago: trackers swap ids.
-    Where the hips are out of the picture, the lowest joint of the spine tells where they are.
-    Once lost, the only newcomer of the same size is taken: at once when alone in view, after 0.3
-    seconds beside others; after ``patience`` the newcomer nearest to where it was last seen, within
-    ``reach``. Others who were seen beside it are not newcomers until they were not seen for
-    ``forget``: `select` takes one of them. Where clothes are given, whoever has the id and wears
-    other colours is passed over for the only one nearby in the key person's colours, and a newcomer
-    in other colours is not taken. Another shirt or a jacket is learnt within some 4 seconds at 30
-    frames a second, while its wearer keeps id and place and nobody else is within 1 m.
+    The key person is chosen as the one whose SpineBase projects nearest to the image centre. It is
+    then followed by its id, unless that id jumped away while another person stands at its last
+    position, because trackers swap ids. If the hips are outside the image, their position is
+    extrapolated from the lowest tracked joint of the spine.
+
+    If the key person is lost, a newcomer of the same size takes its place: at once if the newcomer
+    is alone in view, after 0.3 seconds beside other people. After ``patience`` it is the newcomer
+    nearest to the last position, within ``reach``. People who were seen together with the key
+    person are not newcomers until nobody has seen them for ``forget``; one of them can be chosen by
+    `select`.
+
+    If clothes are given, a person who has the key person's id but wears other colours is rejected
+    in favour of the only person nearby in the key person's colours, and a newcomer in other colours
+    is not taken. A change of clothes is learnt within about 4 seconds at 30 frames a second, if its
+    wearer keeps id and place and nobody else is within 1 m.
 
     Parameters
     ----------
     patience : float, seconds
-        Time before a lost person is looked for among newcomers.
+        Time after which a lost key person is looked for among newcomers near its last position.
     reach : float, metres
-        How far from where it was last seen a person is looked for.
+        Largest distance of such a newcomer from the last position.
     forget : float, seconds
-        After so long the choice is made as if for the first time, among newcomers.
+        Time after which the key person is chosen anew among newcomers, as in the first frame.
 
     Raises
     ------
@@ -255,11 +262,11 @@ class KeyPerson:
         people : sequence of Skeleton
             The people in view.
         camera : Intrinsics
-            The depth camera that sees them.
+            The depth camera of the frame.
         time : float, seconds
-            Time of the frame; it grows from call to call.
+            Time of the frame; it must grow from call to call.
         clothes : (N, 15) float32, optional
-            Clothes of the people as of `clothing_colors`.
+            Clothes of the people, from `clothing_colors`.
 
         Returns
         -------
@@ -268,15 +275,15 @@ class KeyPerson:
         Raises
         ------
         InputError
-            ``clothes`` has another shape than one row for each of the people, or a share that is
-            not 0 to 1.
+            ``clothes`` does not have one row for each of the people, or a share is not between 0
+            and 1.
         """
         worn = None if clothes is None else _shares(clothes, len(people))
         index = self._core.find(people, camera, float(time), worn)
         return None if index is None else people[index]
 
     def select(self, person: int) -> Self:
-        """Take the person of this `Skeleton.id` as soon as it is among the people.
+        """Make the person with this `Skeleton.id` the key person as soon as the id is in view.
 
         Parameters
         ----------
@@ -287,6 +294,6 @@ class KeyPerson:
         return self
 
     def reset(self) -> Self:
-        """Choose anew at the next frame."""
+        """Discard the key person; the next frame chooses one as the first did."""
         self._core.reset()
         return self

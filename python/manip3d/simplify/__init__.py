@@ -1,4 +1,4 @@
-"""Fewer points and faces for the same shape."""
+"""Simplification of meshes, depth images and range scans: fewer points and faces, same shape."""
 
 from manip3d.simplify._camera_files import JointFileResult, simplify_camera_files
 from manip3d.simplify._cameras import (

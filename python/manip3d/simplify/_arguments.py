@@ -1,4 +1,4 @@
-"""Arguments that all functions of depth images take."""
+"""Checks of arguments that the functions of depth images share."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 def checked_color(
     color: ArrayLike | None, shape: tuple[int, ...], registration: Registration | None = None
 ) -> NDArray[np.uint8] | None:
-    """The colour image of a depth image of ``shape``, or of the registered colour camera's size.
+    """Return a colour image of the depth image's ``shape`` or of the registered colour camera's.
 
-    It is a copy: results keep it, and whoever takes pictures uses their buffer again.
+    The image is copied, because results keep it while a camera overwrites its buffer.
     """
     if registration is not None:
         if not isinstance(registration, Registration):
@@ -38,12 +38,12 @@ def checked_color(
 
 
 def limit_of(value: float | None) -> float:
-    """A limit that is not given is infinite."""
+    """Return the limit, or infinity if it is None."""
     return math.inf if value is None else float(value)
 
 
 def count_of(value: int, name: str) -> int:
-    """A count as an int; bool and fractions are refused."""
+    """Return a count as an int; refuse bool and fractions."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
         raise InputError(f"{name}: expected a whole number >= 0, got {value!r}")
     return int(value)

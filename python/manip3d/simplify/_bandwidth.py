@@ -1,4 +1,4 @@
-"""A limit on bytes per second, and the number of points of a frame that fits into its share."""
+"""Bandwidth limits: the number of bytes of each frame, and the number of points that fit."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ Item = TypeVar("Item")
 
 SECOND_NS = 1_000_000_000
 LEAST_POINTS = 3
-_AIM = 0.97  # of the bytes of a frame: sizes are not known beforehand
+_AIM = 0.97  # share of the allowed bytes to aim at, because a size is only predicted
 _MOST_TRIES = 8
 
 
 @dataclass(frozen=True)
 class Bandwidth:
-    """Bytes a second, and frames a second that share them alike.
+    """Limit in bytes per second, shared equally by the frames of a second.
 
     Raises
     ------
     InputError
-        A number is not positive and finite, or there is less than a byte for a frame.
+        A number is not positive and finite, or the limit is less than one byte per frame.
     """
 
     bytes_per_second: float
@@ -46,19 +46,19 @@ class Bandwidth:
 
     @property
     def share(self) -> int:
-        """Bytes of one frame: a second begins at most so many frames."""
+        """Bytes of one frame; at most ``ceil(rate)`` frames begin within a second."""
         return int(self.bytes_per_second // math.ceil(self.rate))
 
 
 class SlidingSecond:
-    """Bytes sent in the second before a frame; frames may come late, or too many of them."""
+    """Bytes sent in the last second; holds the limit if frames are late or too frequent."""
 
     def __init__(self, bandwidth: Bandwidth) -> None:
         self._bandwidth = bandwidth
         self._sent: deque[tuple[int, int]] = deque()
 
     def allowance(self, time_ns: int) -> int:
-        """Bytes that a frame at this time may have, so that no second has more than its bytes."""
+        """Return the bytes that a frame may have so that no second exceeds the limit."""
         if self._sent and time_ns < self._sent[-1][0]:
             raise InputError(
                 f"time_ns: expected {self._sent[-1][0]} or later, as frames come in order, "
@@ -70,7 +70,7 @@ class SlidingSecond:
         return max(0, min(self._bandwidth.share, math.floor(left)))
 
     def spend(self, time_ns: int, size: int) -> None:
-        """Count the bytes of a frame."""
+        """Record the bytes of a frame that was sent."""
         self._sent.append((time_ns, size))
 
 
@@ -83,22 +83,23 @@ def fit_bytes(
     bytes_per_point: float,
     least_share: float,
 ) -> Item | None:
-    """Make an item of as many points as fit into an allowance of bytes.
+    """Make an item with as many points as fit into ``allowance`` bytes, by a secant search.
 
     Parameters
     ----------
     make : callable
-        Takes a number of points; returns the item, its number of points and its bytes.
+        Takes a number of points; returns the item, its number of points and its size in bytes.
     most_points : int
+        Largest number of points to ask for.
     allowance : int
-        Bytes.
+        Largest size in bytes.
     guess : float
         Number of points of the first try.
     bytes_per_point : float
-        Bytes that a further point is assumed to add, until two tries show it.
+        Assumed size of a point, used until two tries have measured it.
     least_share : float
-        If an item has fewer bytes than this share of the allowance, more points are tried, unless
-        the last try had no more points than the one before.
+        An item smaller than this share of the allowance is tried again with more points, unless
+        the last increase gave an item with no more points than before: no more points exist.
 
     Returns
     -------
@@ -107,7 +108,7 @@ def fit_bytes(
     """
     fits: tuple[Item, int, int] | None = None
     too_large: tuple[int, int] | None = None
-    most = 0  # points of what fits
+    most = 0  # points of the best item that fits
     points = _clamp(guess, LEAST_POINTS, most_points)
     slope = bytes_per_point
     before: tuple[int, int] | None = None

@@ -88,7 +88,8 @@ class JointFileResult:
     def target_missed(self) -> bool:
         """Whether the mesh has fewer than 99 % of the wanted points.
 
-        No more are wanted than were measured; a place that several views see counts several times.
+        The wanted number is at most the number of measured points; a place that several views
+        measured counts several times.
         """
         if self.options.points is None:
             return False
@@ -167,7 +168,7 @@ def simplify_camera_files(
     pictures = [path_of(color, "colors") for color in colors] if colors else [None] * len(files)
     placed = poses_of_files(files, place)
     are_images = _are_images(files)
-    if are_images:  # guessed for each alone, units could differ
+    if are_images:  # one unit for all, because guesses for single images could differ
         options = replace(options, unit=common_depth_unit(files, options.unit, options.intrinsics))
     view_of = _image_view if are_images else _scan_view
     views = [
@@ -223,15 +224,15 @@ def _are_images(files: Sequence[Path]) -> bool:
 
 
 def _valid_pixels(view: CameraView) -> NDArray[np.bool_]:
-    """Measured pixels of a view as `_image_view` and `_scan_view` make it."""
+    """Return the measured pixels of a view made by `_image_view` or `_scan_view`."""
     return np.asarray(view.valid if view.depth is None else np.asarray(view.depth) > 0, bool)
 
 
 def _filled(join: Join, points: int) -> JointSimplification:
-    """Join views to at most ``points`` vertices and, if possible, to not many fewer.
+    """Join views to at most ``points`` vertices and, if possible, only a few less.
 
-    Points that several views have in common are dropped where the views are joined. As many as were
-    dropped are asked for in addition, up to `_MOST_TRIES` times.
+    Joining drops points of surfaces that several views share. Each further try, up to `_MOST_TRIES`
+    in all, asks for as many additional points as were dropped.
     """
     best = join(points)
     asked = points + (missing := points - _num_used(best))

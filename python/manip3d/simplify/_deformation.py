@@ -1,4 +1,4 @@
-"""Skins and morph targets of simplified meshes, taken from the surface of the original."""
+"""Skinning weights and morph targets of simplified meshes, sampled on the original's surface."""
 
 from __future__ import annotations
 
@@ -18,21 +18,22 @@ _OF_TARGETS = 0.1  # share of a morph target that the swaying of a surface has
 
 
 def deformation_of(deformation: Deformation, original: Mesh, simplified: Mesh) -> Deformation:
-    """Return what moves the vertices of a simplified mesh.
+    """Return skinning weights and morph targets for the vertices of a simplified mesh.
 
     Parameters
     ----------
     deformation : Deformation
-        Moves the original's vertices.
+        Skinning weights and morph targets of the original's vertices.
     original, simplified : Mesh
-        In the same coordinates, with the same materials.
+        Meshes in the same coordinates, with the same materials.
 
     Returns
     -------
     Deformation
-        At each vertex the original's at the foot of the vertex on the original's surface, weighted
-        by the foot's barycentric coordinates. Of all joints of the foot's three corners the
-        heaviest stay, as many as a vertex of the original has.
+        Values of the original at the foot of each vertex, which is its nearest point on the
+        original's surface, interpolated by the foot's barycentric coordinates. Of the joints of the
+        foot's three corners those with the largest weights are kept, as many as a vertex of the
+        original has.
     """
     corners, shares = _feet(original, simplified)
     joints, weights = _heaviest(
@@ -49,7 +50,7 @@ def deformation_of(deformation: Deformation, original: Mesh, simplified: Mesh) -
 
 
 def rows_of(deformation: Deformation, rows: NDArray[np.int64]) -> Deformation:
-    """Return what moves the vertices of a mesh that has some of them in several rows."""
+    """Return the deformation of a mesh whose vertices are ``rows`` of another; rows may repeat."""
     return Deformation(
         deformation.joints[rows],
         deformation.weights[rows],
@@ -61,10 +62,11 @@ def rows_of(deformation: Deformation, rows: NDArray[np.int64]) -> Deformation:
 def sway(deformation: Deformation, size: float) -> NDArray[np.float64]:
     """Return (V, 3) a small movement of the vertices that shows where a surface bends.
 
-    A straight limb has no shape at its elbow, and a calm mouth none of its smile: simplified as it
-    lies, it loses the vertices that a pose needs. A pose in which each joint is moved by `size` in
-    a direction of its own, and each morph target acts by a tenth, has that shape. It is linear in
-    weights and targets, so that it can be taken back exactly from other vertices.
+    A straight arm has no curvature at its elbow, and a face at rest none of its smile's, so that
+    simplification in the rest pose removes vertices that other poses need. The pose returned here,
+    in which each joint moves by `size` in a direction of its own and each morph target has a weight
+    of a tenth, has that curvature. It is linear in weights and targets, so that the movement of
+    the simplified mesh's vertices can be computed and subtracted exactly.
     """
     count, influences = deformation.joints.shape
     moved = np.zeros((count, 3))
@@ -78,7 +80,7 @@ def sway(deformation: Deformation, size: float) -> NDArray[np.float64]:
 
 
 def _directions(count: int) -> NDArray[np.float64]:
-    """(N, 3) unit vectors, each far from those before it; the same bits on every machine."""
+    """Return (N, 3) unit vectors, each far from those before; the same bits on every machine."""
     steps = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # a low-discrepancy sequence
     offsets = (np.arange(1, count + 1)[:, None] * steps) % 1.0 - 0.5
     directions: NDArray[np.float64] = offsets / np.sqrt(_dot(offsets, offsets))[:, None]
@@ -88,7 +90,7 @@ def _directions(count: int) -> NDArray[np.float64]:
 def _blended(
     table: NDArray[np.float32], corners: NDArray[np.int32], shares: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """(T, N, 3) the rows of each target at the feet."""
+    """Return (T, N, 3) the rows of each morph target, interpolated at the feet."""
     blended = np.zeros((len(table), len(corners), 3))
     for corner in range(3):
         blended += table[:, corners[:, corner]] * shares[:, corner, None]
@@ -98,13 +100,13 @@ def _blended(
 def _heaviest(
     joints: NDArray[np.uint16], weights: NDArray[np.float64], most: int
 ) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
-    """The `most` joints of each row with the largest weights, which then add up to 1."""
+    """Return the `most` joints of each row with the largest weights, normalised to a sum of 1."""
     count = len(joints)
     kept_joints = np.zeros((count, most), dtype=np.uint16)
     kept_weights = np.zeros((count, most), dtype=np.float32)
     if most == 0 or count == 0:
         return kept_joints, kept_weights
-    keys = np.arange(count)[:, None] * 2**16 + joints  # one for each joint of each row
+    keys = np.arange(count)[:, None] * 2**16 + joints  # a number for each pair of row and joint
     pairs, which = np.unique(keys, return_inverse=True)
     sums = np.bincount(which.reshape(-1), weights.reshape(-1))
     rows = pairs >> 16
@@ -120,10 +122,10 @@ def _heaviest(
 
 
 def _feet(original: Mesh, simplified: Mesh) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Return (N, 3) corners of the original's faces, and the share of each in a vertex's foot.
+    """Return (N, 3) corners of the face under each vertex's foot, and barycentric coordinates.
 
-    A foot lies on a face of the vertex's own material that looks the same way, where there is one:
-    lips that touch belong to different jaws.
+    If possible, a foot lies on a face of the vertex's own material with a similar normal, because
+    surfaces that touch, such as lips, may move differently.
     """
     faces, looks = _faces_of_vertices(simplified)
     materials = _materials(simplified)[faces]
@@ -155,7 +157,7 @@ def _feet(original: Mesh, simplified: Mesh) -> tuple[NDArray[np.int32], NDArray[
 def nearest_faces(
     mesh: Mesh, chosen: NDArray[np.int64], points: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The nearest of some faces, and the nearest point on it."""
+    """Return the nearest of the given faces to each point, and the nearest point on it."""
     some = Mesh(mesh.vertices, mesh.faces[chosen])
     _, face, foot = _core.closest_points(some, np.ascontiguousarray(points), math.inf, 0, None)
     return chosen[face], foot
@@ -168,14 +170,14 @@ def _materials(mesh: Mesh) -> NDArray[Any]:
 
 
 def _looks(mesh: Mesh) -> NDArray[np.float64]:
-    """(F, 3) normals as long as twice the area."""
+    """Return (F, 3) face normals whose length is twice the area."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     looks: NDArray[np.float64] = np.cross(b - a, c - a)
     return looks
 
 
 def _faces_of_vertices(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """A face of each vertex, and (N, 3) the sum of the normals of all its faces."""
+    """Return one face of each vertex, and (N, 3) the sum of the normals of all its faces."""
     face = np.zeros(mesh.num_vertices, dtype=np.int64)
     looks = np.zeros((mesh.num_vertices, 3))
     of_faces = _looks(mesh)
@@ -186,13 +188,13 @@ def _faces_of_vertices(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.float6
 
 
 def barycentric(triangles: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 3) shares of the corners of (N, 3, 3) triangles in points on them."""
+    """Return (N, 3) barycentric coordinates of points on (N, 3, 3) triangles."""
     first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     offset = points - triangles[:, 0]
     aa, ab, bb = _dot(first, first), _dot(first, second), _dot(second, second)
     ap, bp = _dot(first, offset), _dot(second, offset)
     area = aa * bb - ab * ab
-    # A triangle without area is the longer of its two edges.
+    # A triangle without area is treated as the longer of its two edges.
     is_flat = ~(area > 1e-12 * aa * bb)
     with np.errstate(divide="ignore", invalid="ignore"):
         u = np.where(is_flat, np.where(aa >= bb, ap / aa, 0.0), (bb * ap - ab * bp) / area)
@@ -205,6 +207,6 @@ def barycentric(triangles: NDArray[np.float64], points: NDArray[np.float64]) -> 
 
 
 def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) dot products of rows."""
+    """Return (N,) the dot products of corresponding rows."""
     products = a * b
     return np.asarray(products[:, 0] + products[:, 1] + products[:, 2])

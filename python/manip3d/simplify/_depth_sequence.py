@@ -1,4 +1,4 @@
-"""Depth images in their order, from files to meshes that stay still where the pictures do."""
+"""Sequences of depth images in files, simplified to meshes that are stable over time."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ __all__ = ["DepthSequence"]
 
 @checked
 class DepthSequence:
-    """Turn the depth images of one camera, one after another, into meshes that stay still.
+    """Simplify the depth images of one camera, in order, to meshes that are stable over time.
 
-    Each file is what `simplify_depth_file` makes of it, but by a `ReliefStream`: pixels are
-    smoothed over time while they change little, and vertices are kept from mesh to mesh. The images
-    are to be given in the order in which they were taken. One that cannot be read is left out, and
-    the next follows the one before it.
+    Each file is simplified as by `simplify_depth_file`, but with a `ReliefStream`: pixels are
+    smoothed over time while they change little, and vertices are kept from mesh to mesh. Give the
+    images in the order in which they were taken. An image that cannot be read is skipped and does
+    not affect the later ones.
 
     Parameters
     ----------
     options : DepthOptions
-        Options of all images; method ``relief``. Give the unit of the images: ``guess`` asks each
-        of them.
+        Options of all images; the method must be ``relief``. Give the unit of the images, because
+        ``guess`` infers a unit from each image alone.
 
     Raises
     ------
     InputError
-        Another method.
+        The method is not ``relief``.
 
     Examples
     --------
@@ -91,21 +91,21 @@ class DepthSequence:
         Parameters
         ----------
         source : path-like
-            A depth image (``manip3d.io.DEPTH_SUFFIXES``), or an organised cloud of a depth camera,
-            of the size of the first one, whose camera is that of all clouds.
+            A depth image (``manip3d.io.DEPTH_SUFFIXES``) or an organised cloud of a depth camera,
+            of the same size as the first one. The camera of the first cloud is used for all clouds.
         output, color, mask, confidence, confidence_max
             As for `simplify_depth_file`.
 
         Returns
         -------
         DepthFileResult
-            Coverage, bridges and steps are those of the smoothed image.
+            The result; coverage, bridges and steps are measured on the smoothed image.
 
         Raises
         ------
         InputError, FormatError, OSError, MissingExtraError
-            As `simplify_depth_file`; an InputError for a scan, for a cloud that is not a camera's,
-            and for an image of another size.
+            As `simplify_depth_file`. In addition, an InputError for a scan, for a cloud that is not
+            from a depth camera, and for an image of another size.
         """
         path, target = path_of(source, "source"), path_of(output, "output")
         is_cloud = is_cloud_file(path)
@@ -125,7 +125,7 @@ class DepthSequence:
 
 
 class Smoothing:
-    """Takes up images one after another, by a `ReliefStream` that begins with the first one."""
+    """Smooths images one after another by a `ReliefStream` that starts with the first image."""
 
     def __init__(self) -> None:
         self._stream: ReliefStream | None = None
@@ -134,7 +134,7 @@ class Smoothing:
     def take(
         self, depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: Maps
     ) -> Callable[[int], DepthSimplification]:
-        """Smooth the next image; return what makes a mesh of so many points of it."""
+        """Smooth the next image; return a function from a number of points to a mesh."""
         if self._camera is None or self._stream is None:
             self._camera = camera
             self._stream = ReliefStream(
@@ -153,5 +153,5 @@ class Smoothing:
                 f"source: expected an image of {first.width} x {first.height} pixels as the first "
                 f"of the sequence, got {camera.width} x {camera.height}"
             )
-        # The mask has been taken out of the depth already.
+        # Masked pixels have already been removed from the depth image.
         return self._stream._take(depth, maps.color, None, maps.confidence)[0]

@@ -1,4 +1,4 @@
-"""Faces across depth steps: between a person and the wall behind there is no surface."""
+"""Removal of faces across depth steps, as between a person and the wall behind."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 AnyDepthMesh = TypeVar("AnyDepthMesh", bound=DepthMesh)
 
 DEPTH_STEP = 0.05
-"""Change of depth from one pixel to the next, as a share of the depth, that no slope explains: at
-f = 525 pixels a surface would have to be inclined by 87.8 degrees (arctan 0.05 f) to show it."""
+"""Relative change of depth between neighbouring pixels above which they belong to two surfaces. At
+f = 525 pixels a single surface would need a slope of 87.8 degrees (arctan 0.05 f) for it."""
 
 _TAN_78 = math.tan(math.radians(78))
-_NOISE_AT_1_M = 1.425e-3  # as of DepthStepOptions
-_MOST_OFF = 0.25  # of a face's pixels; the same as kMostOff in relief_coverage.cpp
-_BLOCK = 1 << 21  # samples that are looked at together
+_NOISE_AT_1_M = 1.425e-3  # metres, standard deviation; the same as in DepthStepOptions
+_MOST_OFF = 0.25  # share of a face's pixels; the same as kMostOff in relief_coverage.cpp
+_BLOCK = 1 << 21  # samples that are processed together
 
 
 @checked
@@ -49,17 +49,18 @@ def cut_depth_steps(
     found : DepthMesh
         A mesh of ``depth``, of any method.
     depth : (H, W) uint16 or float32
-        The image, in millimetres or metres if the camera is known, else in any unit; 0 and NaN
-        mean no measurement.
+        The depth image. If the camera is known, uint16 is in millimetres and float32 in metres; if
+        not, any unit may be used. 0 and NaN mean no measurement.
     step : float
-        A change of depth by more than this share of the depth is a step; see Notes.
+        Relative change of depth above which neighbouring pixels are separated by a step; see Notes.
     intrinsics : Intrinsics, optional
-        The camera. Default: that of ``found``, if it was simplified; else ``step`` alone decides.
+        The camera. Default: the camera of ``found`` if ``found`` is a `DepthSimplification`;
+        otherwise ``step`` alone decides.
 
     Returns
     -------
     DepthMesh
-        A mesh of the type of ``found``, with all its vertices.
+        A mesh of the same type and with the same vertices as ``found``, but without those faces.
 
     Raises
     ------
@@ -68,20 +69,20 @@ def cut_depth_steps(
 
     Notes
     -----
-    If the camera is known, a change of depth must also be larger than that of a surface inclined by
-    78 degrees against the image plane from one pixel to the next, plus three standard deviations of
-    a Kinect's noise: z / f tan 78 degrees + 3 * 0.0014 z^2 (metres). With coarse pixels, a floor
-    changes by more than 5 percent between them.
+    If the camera is known, a step must also exceed the change between neighbouring pixels on a
+    surface inclined by 78 degrees to the image plane plus three standard deviations of a Kinect's
+    noise: z / f tan 78 degrees + 3 * 0.0014 z^2 (metres; z: depth, f: focal length in pixels).
+    This matters for coarse images, in which a floor changes by more than 5 percent per pixel.
 
-    A face is left out if the depths at the ends of one of its edges differ by a step, and the depth
-    changes by a step between two successive measured pixels on the straight line between them in
-    the image. Something that only stands in front of an edge, such as one noisy pixel, is no step.
+    A face is left out if the depths at the ends of one of its edges differ by a step and, on the
+    line between them in the image, two consecutive measured pixels also differ by a step. An object
+    in front of an edge, such as one noisy pixel, is therefore not a step.
 
-    In a `Relief` with ``depth_step``, steps are boundaries already, and a long edge may pass behind
-    something. Its faces are left out only if both conditions hold: along one edge, the sum of the
-    steps (with their signs) is more than half of the difference of the ends, and more than a
-    quarter of the measured pixels over the face, without its corners, are a step before or behind
-    it.
+    In a `Relief` with ``depth_step``, steps are already boundaries, and a long edge may pass behind
+    an object. A face of such a relief is left out only if two conditions hold: along one of its
+    edges the signed sum of the steps is more than half of the difference between the ends, and more
+    than a quarter of the measured pixels over the face, without its corners, lie a step in front of
+    it or behind it.
 
     Examples
     --------
@@ -107,7 +108,7 @@ def cut_depth_steps(
         cut = found.with_faces(np.ascontiguousarray(found.faces[~known.faces]))
         return replace(cut, cover=known.cover) if isinstance(cut, DepthSimplification) else cut
     metres = 1e-3 if image.dtype == np.uint16 else 1.0
-    with np.errstate(over="ignore"):  # beyond float32: as infinite as beyond float64
+    with np.errstate(over="ignore"):  # a depth too large for float32 counts as infinite
         image = np.nan_to_num(image.astype(np.float32), posinf=0.0, neginf=0.0)
     rule = StepRule.of(step, focal, metres)
     pixels = found.pixels
@@ -123,7 +124,10 @@ def cut_depth_steps(
 
 @dataclass(frozen=True)
 class StepRule:
-    """Rule that tells which change of depth is a step, in the unit of the image."""
+    """Rule for the change of depth that is a step, in the unit of the image.
+
+    A step at depth z is a change above z max(``step``, ``slope`` + ``noise`` z).
+    """
 
     step: float
     slope: float = 0.0
@@ -131,15 +135,15 @@ class StepRule:
 
     @staticmethod
     def of(step: float, focal: float, metres: float = 1.0) -> StepRule:
-        """Make a rule; ``focal`` 0: without a camera. ``metres`` is the unit of the image."""
+        """Make a rule; ``focal`` 0: no camera is known; ``metres``: metres per unit of depth."""
         if focal == 0:
             return StepRule(step)
         return StepRule(step, _TAN_78 / focal, 3 * _NOISE_AT_1_M * metres)
 
     def differ(self, one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Return whether measured depths differ by a step."""
+        """Return whether two measured depths differ by a step."""
         nearest = np.minimum(one, other).astype(np.float64)
-        with np.errstate(over="ignore"):  # steps may be as large as numbers are
+        with np.errstate(over="ignore"):  # a very large ``step`` may overflow to infinity
             limit = nearest * np.maximum(self.step, self.slope + self.noise * nearest)
         return np.asarray((np.abs(one - other) > limit) & (one > 0))
 
@@ -147,7 +151,7 @@ class StepRule:
 def _known_off(
     found: DepthMesh, image: NDArray[Any], step: float, focal: float
 ) -> OffSurface | None:
-    """Faces across steps that a relief has found, for its image and rule."""
+    """Return the faces across steps that a relief has stored, if image and rule are the same."""
     if not (isinstance(found, Relief) and isinstance(found.surface, DenseImage)):
         return None
     own = found.surface
@@ -160,7 +164,7 @@ def _known_off(
 
 
 def _has_boundaries(found: DepthMesh) -> TypeGuard[Relief]:
-    """Whether steps are boundaries of it already."""
+    """Return whether the mesh already has its boundaries at depth steps."""
     return isinstance(found, Relief) and math.isfinite(found.surface.depth_step)
 
 
@@ -173,7 +177,7 @@ def across_steps(
 ) -> NDArray[np.bool_]:
     """Return which faces span a step.
 
-    ``surface``: given if the faces come from a surface whose boundaries are steps.
+    ``surface`` is the dense surface of a mesh whose boundaries are steps; None: another mesh.
     """
     corners = np.ascontiguousarray(faces, np.int32)
     places = np.ascontiguousarray(pixels, np.int32)
@@ -208,10 +212,9 @@ def across_gaps(
     valid: NDArray[np.bool_],
     max_edge: float,
 ) -> NDArray[np.bool_]:
-    """Return which faces bridge a gap: an edge whose measured points are too far apart.
+    """Return which faces join surfaces that no chain of dense edges up to ``max_edge`` connects.
 
-    No chain of dense edges up to ``max_edge`` joins the ends of such an edge. Something
-    that only stands in front of the edge does not count: the leaps to it and back cancel out.
+    An object in front of an edge is ignored, because the leaps to it and back cancel out.
     """
     codes, of_side = _sides(faces, len(pixels))
     begin, end = pixels[codes // len(pixels)], pixels[codes % len(pixels)]
@@ -229,11 +232,11 @@ def _leaps(
     valid: NDArray[np.bool_],
     max_edge: float,
 ) -> NDArray[np.bool_]:
-    """Return for each row of pixels whether the leaps between its points exceed ``max_edge``."""
+    """Return whether the leaps along each row of pixels add up to more than ``max_edge``."""
     last = np.maximum.accumulate(np.where(valid[v, u], np.arange(u.shape[1]), 0), axis=1)
     u, v = np.take_along_axis(u, last, axis=1), np.take_along_axis(v, last, axis=1)
     between = np.diff(points[v, u].astype(np.float64), axis=1)
-    # A diagonal is two dense edges.
+    # A diagonal step counts as two dense edges.
     edges = np.abs(np.diff(u, axis=1)) + np.abs(np.diff(v, axis=1))
     is_leap = np.linalg.norm(between, axis=2) > max_edge * edges
     leaps = np.where(is_leap[..., None], between, 0.0).sum(axis=1)
@@ -241,15 +244,15 @@ def _leaps(
 
 
 def _sides(faces: NDArray[np.int32], num_pixels: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Return each edge once, as one number, and the edge of each side of each face."""
+    """Return each distinct edge as one number, and the index of the edge of each face's side."""
     sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     return np.unique(sides[:, 0].astype(np.int64) * num_pixels + sides[:, 1], return_inverse=True)
 
 
 def _lines(begin: NDArray[Any], end: NDArray[Any]) -> Iterator[tuple[NDArray[np.intp], int]]:
-    """Yield groups of lines of similar length, and the number of pixels of the longest line."""
+    """Yield blocks of lines of similar length, and the number of pixels of the longest."""
     length = np.abs(end - begin).max(axis=1)
-    longest_of_all = length.max(initial=0)  # without faces there are no lines
+    longest_of_all = length.max(initial=0)  # a mesh without faces has no lines
     longest = 1
     while True:
         alike = np.flatnonzero((length <= longest) & (length > longest // 2))
@@ -263,7 +266,7 @@ def _lines(begin: NDArray[Any], end: NDArray[Any]) -> Iterator[tuple[NDArray[np.
 def _on_line(
     begin: NDArray[Any], end: NDArray[Any], samples: int
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the pixels (u, v) of the lines; shorter lines repeat their last pixel."""
+    """Return u and v of the pixels of each line; shorter lines repeat their last pixel."""
     length = np.maximum(np.abs(end - begin).max(axis=1), 1)[:, None]
     way = np.minimum(np.arange(samples), length)
     u, v = (

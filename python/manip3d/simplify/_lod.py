@@ -1,4 +1,4 @@
-"""Levels of detail from one run, and a budget of faces shared over several models."""
+"""Levels of detail of a mesh, and a budget of faces shared by several models."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from manip3d._util.options import Progress
     from manip3d.mesh import Mesh
 
-_FEWEST = 4  # faces: no model is simplified further for a shared budget
+_FEWEST = 4  # number of faces below which no model is simplified for a shared budget
 
-# The search for the error that models share: runs of each model, the ratio of errors below which
-# their numbers of faces are interpolated, how near to the budget is near enough, and the part of
-# the largest error that counts as none.
+# Limits of the search for the common error: largest number of runs of each model, ratio of errors
+# below which numbers of faces are interpolated, share of the budget by which the result may miss
+# it, and share of the largest error that counts as zero.
 _MOST_ERRORS = 7
 _ALIKE = 1.2
 _NEAR = 0.01
@@ -41,7 +41,7 @@ class LodLevel:
     ----------
     mesh : Mesh
     max_error : float
-        Largest error of the steps that led here, in the file's unit; 0 for a mesh as it was read.
+        Largest error of the simplification of this level, in the file's unit; 0 for the input mesh.
         `LodChain.error_measure` says what it measures.
     """
 
@@ -50,7 +50,7 @@ class LodLevel:
 
     @property
     def num_faces(self) -> int:
-        """Faces of this level."""
+        """Number of faces of this level."""
         return self.mesh.num_faces
 
 
@@ -61,12 +61,12 @@ class LodChain:
     Attributes
     ----------
     levels : tuple of LodLevel
-        The first is the mesh itself.
+        Levels; the first is the input mesh.
     result : SimplifyResult or QualityResult
-        The run that all levels come from; with ``method="quality"`` or ``"fast"`` that of the
-        coarsest one tried.
+        The run that all levels come from; with ``method="quality"`` or ``"fast"``, which run once
+        for each level, the run of the coarsest level tried.
     error_measure : str
-        What the ``max_error`` of a level measures, in words; manifests have it.
+        Name of the error measured by ``max_error`` of a level; manifests contain it.
     """
 
     levels: tuple[LodLevel, ...]
@@ -120,13 +120,13 @@ def lod_chain(
     mesh : Mesh
         The finest level; not changed.
     levels : int or sequence of int
-        How many levels there are in all, or the numbers of faces of the coarser ones, descending.
+        Total number of levels, or the numbers of faces of the coarser levels in descending order.
     ratio : float in (0, 1)
-        Faces of a level over those of the one before, where ``levels`` is a number.
+        Number of faces of a level divided by that of the next finer one, if ``levels`` is a number.
     method : str
-        ``"quality"`` or ``"fast"``: each level is simplified from ``mesh`` on its own, by
-        :func:`quality` or :func:`fast`. One of `METHODS`: a single run down to the coarsest level,
-        whose collapses are replayed up to each level, so that all levels share its vertices.
+        ``"quality"`` or ``"fast"``: each level is simplified independently from ``mesh``, by
+        :func:`quality` or :func:`fast`. One of `METHODS`: one run down to the coarsest level, whose
+        collapses are replayed up to each level, so that all levels use vertices of that run.
     options : dict of str, optional
         Arguments of the method, such as ``{"max_distance": 0.1}``.
     progress : None, True or callable
@@ -135,13 +135,13 @@ def lod_chain(
     Returns
     -------
     LodChain
-        Levels that the simplifier cannot reach are left out: see ``result.stop``.
+        The levels. Those that the simplifier cannot reach are left out; ``result.stop`` says why.
 
     Raises
     ------
     InputError
-        Fewer than two levels, counts that do not descend, ``ratio`` out of its range, and what
-        the simplifier refuses.
+        Fewer than two levels, counts that do not descend, ``ratio`` out of its range, or an input
+        that the simplifier refuses.
 
     Examples
     --------
@@ -185,7 +185,7 @@ _OF_SURFACES = (
 
 
 def measure_of(method: str) -> str:
-    """Name of the measure of a method's errors."""
+    """Return the name of the error that a method measures."""
     return _MEASURES.get(method, _OF_SURFACES)
 
 
@@ -244,7 +244,7 @@ def _run(
 
 
 def targets_of(num_faces: int, levels: int | Sequence[int], ratio: float) -> list[int]:
-    """Numbers of faces of the coarser levels."""
+    """Return the target numbers of faces of the coarser levels."""
     if isinstance(levels, int):
         if levels < 2:
             raise InputError(f"levels: expected at least 2, got {levels}")
@@ -258,7 +258,7 @@ def targets_of(num_faces: int, levels: int | Sequence[int], ratio: float) -> lis
 
 
 def _faces_left(mesh: Mesh, result: SimplifyResult) -> np.ndarray:
-    """(C,) number of faces after each collapse of the record."""
+    """Return (C,) the number of faces after each collapse of the record."""
     return np.asarray(_core.faces_left(mesh, result.collapses), dtype=np.int64)
 
 
@@ -269,7 +269,7 @@ class SharedBudget:
     Attributes
     ----------
     levels : tuple of LodLevel
-        One for each model, in order.
+        One level for each model, in the order of the models.
     num_faces : int
         Number of faces of all models together.
     max_error : float
@@ -293,28 +293,28 @@ def polygon_budget(
     share: float = 0.8,
     other_ms: float = 0.0,
 ) -> int:
-    """Compute how many triangles a headset draws in time.
+    """Compute the number of triangles that a headset can draw within one refresh interval.
 
     Parameters
     ----------
     ms_per_million : float
-        Milliseconds for each million triangles, measured on that device with a scene like one's
-        own: `FrameTimes.ms_per_million` of `manip3d.viewer.frame_times`.
+        Milliseconds per million triangles, measured on the target device with a similar scene:
+        `FrameTimes.ms_per_million` of `manip3d.viewer.frame_times`.
     refresh_hz : float
-        Refresh rate of the display, such as 72 or 90.
+        Refresh rate of the display in hertz, such as 72 or 90.
     views : int
-        How often the scene is drawn for each picture: 2 for two eyes one after the other, 1 where
-        the device draws both at once.
+        Number of times the scene is drawn for each picture: 2 if the two eyes are drawn one after
+        the other, 1 if the device draws both at once.
     share : float in (0, 1]
-        Part of the time between two pictures that may be used: frames differ, and a late one is
-        seen.
+        Share of the refresh interval that may be used; below 1 because frame times vary and a late
+        frame is visible.
     other_ms : float
-        What else each picture takes, whatever is in it.
+        Milliseconds per picture of work that does not depend on the scene.
 
     Returns
     -------
     int
-        For `share_budget`, or ``target_faces`` of a single model; 0 where the other work alone
+        Budget for `share_budget`, or ``target_faces`` of a single model; 0 if the other work alone
         takes too long.
 
     Raises
@@ -324,8 +324,8 @@ def polygon_budget(
 
     Notes
     -----
-    The time is taken as proportional to the triangles, which holds for scenes that are large
-    enough: small ones wait for their pixels, and the budget is then too small.
+    The time is assumed to be proportional to the number of triangles, which holds for large scenes.
+    The time of small scenes is dominated by their pixels, and the budget is then too small.
 
     Examples
     --------
@@ -358,14 +358,15 @@ def share_budget(
     options: Mapping[str, Any] | None = None,
     progress: Progress = None,
 ) -> SharedBudget:
-    """Simplify several models to a number of faces in all, every one up to the same error.
+    """Simplify several models to a total number of faces, each model up to the same error.
 
     Parameters
     ----------
     meshes : sequence of Mesh
-        In one unit: their errors are compared. Models seen from farther away may be scaled down.
+        The models, all in the same unit, because their errors are compared. Scale down models that
+        are seen from farther away.
     faces : int
-        The budget.
+        Largest number of faces of all models together.
     method : str
         ``"quality"``, ``"fast"`` or one of `METHODS`.
     options : dict of str, optional
@@ -380,18 +381,19 @@ def share_budget(
     Raises
     ------
     InputError
-        No model, a budget below 1, and what the simplifier refuses.
+        No model, a budget below 1, or an input that the simplifier refuses.
 
     Notes
     -----
-    No model is simplified further than to four faces, or just below. With ``"quality"`` and
-    ``"fast"`` the error is sought up to which all models together have as many faces as the budget:
-    eight runs of each model at most, and a last one to its number of faces. What they call an error
-    counts boundaries and seams.
+    Each model keeps four faces, or slightly fewer. With ``"quality"`` and ``"fast"`` the common
+    error is found for which all models together have as many faces as the budget. This takes at
+    most eight runs of each model and a last run to its number of faces. The error of these methods
+    includes boundaries and seams.
 
     With `METHODS` each model is simplified once, and the collapses of all records are made in the
-    order of the largest error so far. That error is of the surface alone: whatever lies in a plane
-    has none, so that a flat open model loses its outline before others lose anything.
+    order of the largest error so far. That error measures only the distance from the surface. It is
+    0 for every change within a plane, so that a flat open model loses its outline before the other
+    models lose a face.
 
     Examples
     --------
@@ -430,7 +432,7 @@ def _share_by_runs(
     options: Mapping[str, Any] | None,
     part: Callable[[float, float], Progress],
 ) -> tuple[LodLevel, ...]:
-    """The number of faces of each mesh where all have the same error, then a run to each."""
+    """Find each mesh's number of faces at the common error, then simplify each mesh to it."""
     run = _OWN_RUNS[method]
     given = dict(options or {})
     limit = given.pop("max_error", None)
@@ -467,7 +469,7 @@ def _share_by_runs(
             least, many = error, np.minimum(many, counts)
         else:
             most, few = error, np.maximum(few, counts)
-    # Between the two errors each model gives up its faces evenly.
+    # Between the two errors the models' numbers of faces are interpolated by one common share.
     spare = max(0, faces - int(few.sum())) / max(1, int((many - few).sum()))
     targets = few + np.floor(min(1.0, spare) * (many - few)).astype(np.int64)
     return tuple(
@@ -487,7 +489,7 @@ def _share_by_records(
     options: Mapping[str, Any] | None,
     part: Callable[[float, float], Progress],
 ) -> tuple[LodLevel, ...]:
-    """The collapses of all records in the order of their errors."""
+    """Apply the collapses of all records in the order of their errors."""
     parts = shares([mesh.num_faces for mesh in meshes])
     results = [
         _run(mesh, _FEWEST, method, options, part(*own))

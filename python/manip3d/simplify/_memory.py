@@ -1,4 +1,4 @@
-"""Simplification under a ceiling of memory: first in parts, then all that is left of them."""
+"""Simplification within a memory limit: first in parts, then the remaining mesh as a whole."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ if TYPE_CHECKING:
 _TABLES = ("vertices", "faces", "texcoords", "face_texcoords", "normals", "face_normals",
            "colors", "face_material")  # fmt: skip
 
-# Bytes, measured on lattices with all of these tables, welded and not, of one piece and of as many
-# pieces as faces: for each face, face of a mesh in pieces, vertex as stored, vertex that a closed
-# surface would not have, face with texture, texture coordinate, face with normals, normal, coloured
-# vertex.
+# Bytes per item, measured on lattices with all tables, welded and not, in one piece and with each
+# face a piece of its own. The items are those of bytes_per_face(): face, face of a mesh in several
+# pieces, vertex as stored, vertex in excess of a closed surface's number (F / 2), face with
+# texture, texture coordinate, face with normals, normal, coloured vertex.
 _BYTES = {
     "fast": (125, 215, 12, 300, 20, 45, 25, 10, 15),
     "quality": (474, 200, 12, 528, 30, 245, 30, 50, 30),
 }
-_BYTES_LEFT = {"fast": 60, "quality": 210}  # more for each face of the result
+_BYTES_LEFT = {"fast": 60, "quality": 210}  # additional bytes for each face of the result
 _MARGIN = 1.1
 _CONSTANT = 16 << 20
 
-# Options that only a run of the whole mesh takes as they are given.
+# Options that are passed on unchanged only if the whole mesh is simplified in one run.
 _OF_ONE_RUN = frozenset({"max_distance", "importance", "locked"})
 
-_SLACK = 1.25  # faces that the chosen mode starts with at least, for each that it is to leave
-_FEWEST = 20_000  # faces of a part: more of them would be at its borders otherwise
+_SLACK = 1.25  # least number of faces that the chosen mode starts with, per face of the target
+_FEWEST = 20_000  # least faces of a part; in smaller parts too many faces lie at the borders
 _DEEPEST = 12
-_PART_EXCESS = 1.25  # parts are not equally large
-_CUTS = (0.5, 0.35, 0.6)  # each round cuts elsewhere, so that no border stays
+_PART_EXCESS = 1.25  # size of the largest part over the mean, because parts are not equally large
+_CUTS = (0.5, 0.35, 0.6)  # share below the cut in each round; borders move, so that none remains
 
 
 def _storage(mesh: Mesh) -> int:
@@ -62,11 +62,11 @@ def _storage(mesh: Mesh) -> int:
 
 
 def _num_places(mesh: Mesh) -> float:
-    """About how many places the vertices have, from those whose coordinates hash to 0 of 64."""
+    """Estimate the number of distinct positions from the vertices that hash to 0 of 64 values."""
     found = []
     factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
     for rows in blocks(mesh.num_vertices):
-        places = mesh.vertices[rows] + 0.0  # -0.0 lies where 0.0 does
+        places = mesh.vertices[rows] + 0.0  # turns -0.0 into 0.0
         hashes = (places.view(np.uint64) * factors).sum(axis=1, dtype=np.uint64)
         hashes ^= hashes >> np.uint64(29)
         found.append(places[(hashes * factors[0]) >> np.uint64(58) == 0])
@@ -77,7 +77,7 @@ def _num_places(mesh: Mesh) -> float:
 
 
 def bytes_per_face(mesh: Mesh, mode: str) -> float:
-    """Most memory that a mode takes for each face of a mesh, beside the mesh."""
+    """Return the largest memory that a mode uses per face of a mesh, without the mesh itself."""
     faces = mesh.num_faces
     in_pieces = faces if _core.count_components(mesh) > 1 else 0
     excess = max(0.0, _num_places(mesh) - faces / 2)
@@ -91,11 +91,11 @@ def bytes_per_face(mesh: Mesh, mode: str) -> float:
 
 @dataclass(frozen=True)
 class _Plan:
-    """How a mesh comes below the ceiling."""
+    """Way to simplify a mesh within the memory limit."""
 
-    direct: bool  # the mode takes the mesh as it is
-    faces: int = 0  # left by the first stage
-    depth: int = 0  # 2^depth parts; 0: in one piece
+    direct: bool  # the chosen mode can simplify the whole mesh
+    faces: int = 0  # faces left by the first stage
+    depth: int = 0  # the first stage has 2^depth parts; 0: the whole mesh
 
 
 def _plan(mesh: Mesh, mode: str, memory: int, target: int) -> _Plan:
@@ -138,10 +138,10 @@ def _plan(mesh: Mesh, mode: str, memory: int, target: int) -> _Plan:
 
 @dataclass
 class _Stage:
-    """State of the mesh so far."""
+    """Mesh, maps and counts after the runs so far."""
 
     mesh: Mesh
-    vertex_map: NDArray[np.int32] | None = None  # None: all is where it was
+    vertex_map: NDArray[np.int32] | None = None  # None: identity
     face_map: NDArray[np.int32] | None = None
     max_error: float = 0.0
     rejected: Counter[str] = field(default_factory=Counter)
@@ -150,25 +150,25 @@ class _Stage:
     dropped_faces: int = 0
 
     def count(self, result: QualityResult) -> None:
-        """Add what a run on a part did."""
+        """Add the counts of a run."""
         self.rejected.update(result.rejected)
         self.removed_pieces += result.removed_pieces
         self.relaxed_collapses += result.relaxed_collapses
         self.dropped_faces += result.dropped_faces
 
     def follow(self, vertex_map: NDArray[np.int32], face_map: NDArray[np.int32]) -> None:
-        """Go on to where these maps lead; -1 stays -1."""
+        """Compose the maps so far with those of a run; -1 stays -1."""
         if self.vertex_map is None or self.face_map is None:
             self.vertex_map, self.face_map = vertex_map, face_map
             return
         for own, following in ((self.vertex_map, vertex_map), (self.face_map, face_map)):
-            after = np.append(following, np.int32(-1))  # for -1
+            after = np.append(following, np.int32(-1))  # index -1 reads this last row
             for rows in blocks(len(own)):
                 own[rows] = after[own[rows]]
 
 
 def _locked_now(stage: _Stage, locked: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
-    """The locked vertices of the mesh as it is now."""
+    """Return the locked vertices as rows of the current mesh."""
     if locked is None or stage.vertex_map is None:
         return locked
     now = np.zeros(stage.mesh.num_vertices + 1, dtype=np.bool_)
@@ -179,7 +179,7 @@ def _locked_now(stage: _Stage, locked: NDArray[np.bool_] | None) -> NDArray[np.b
 def _from(
     report: Callable[[float], object], low: float, high: float
 ) -> Callable[[float, str], object]:
-    """Return the callback that reports a part of the work to `report`."""
+    """Return a callback that reports the fractions of one part of the work to `report`."""
     return lambda fraction, _: report(low + (high - low) * fraction)
 
 
@@ -201,7 +201,7 @@ def _reduce_whole(
 
 
 class _Reduced:
-    """The parts of a mesh after simplification, one after the other."""
+    """Collects the simplified parts of a mesh, one after the other."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.vertex_map = np.full(mesh.num_vertices, -1, dtype=np.int32)
@@ -218,16 +218,18 @@ class _Reduced:
         used: NDArray[np.int64],
         inside: NDArray[np.bool_],
     ) -> None:
-        """Take in a part whose first faces are its `own`, the others those beside it.
+        """Add a simplified part.
 
-        Of the vertices that were `used` those `inside` are its own, too.
+        Before simplification the part consisted of its `own` faces, followed by the faces that
+        cross its border. `used` are its vertices in the whole mesh; those marked `inside` belong to
+        this part and not to a neighbour.
         """
         self.error = max(self.error, done.max_error)
         to = done.vertex_map[inside]
         self.vertex_map[used[inside]] = np.where(to < 0, to, to + np.int32(self._num_vertices))
         is_own = np.ones(done.mesh.num_faces + 1, dtype=np.bool_)
         is_own[done.face_map[len(own) :]] = False
-        is_own[-1] = False  # for faces that are gone
+        is_own[-1] = False  # index -1: faces that were removed
         row_of = np.where(is_own, np.cumsum(is_own) - 1 + self._num_faces, -1).astype(np.int32)
         self.face_map[own] = row_of[done.face_map[: len(own)]]
         part = _with_faces(done.mesh, is_own[:-1])
@@ -237,9 +239,9 @@ class _Reduced:
         self._num_faces += part.num_faces
 
     def joined(self, mesh: Mesh, crossing: NDArray[np.intp]) -> tuple[Mesh, int]:
-        """All parts and the faces between them, and how many of those vanished."""
+        """Return the joined parts and faces between them, and how many of the latter vanished."""
         between = self.vertex_map[mesh.faces[crossing]]
-        has_area = (between >= 0).all(axis=1)  # others have no area: two corners at one place
+        has_area = (between >= 0).all(axis=1)  # a removed vertex: two corners coincided, no area
         kept = crossing[has_area]
         self.face_map[kept] = self._num_faces + np.arange(len(kept), dtype=np.int32)
         last = take_faces(mesh, kept)[0] if len(kept) else None
@@ -256,7 +258,7 @@ def _reduce_in_parts(
     locked: NDArray[np.bool_] | None,
     report: Callable[[float], object],
 ) -> None:
-    """Each part by itself; faces between parts stay as they are."""
+    """Simplify each part independently; faces between parts are unchanged."""
     mesh = stage.mesh
     fixed = _locked_now(stage, locked)
     part = part_of_vertices(mesh, depth, share)
@@ -294,7 +296,7 @@ def _reduce_in_parts(
 
 
 def _with_faces(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
-    """Some of the faces; the vertices and other tables stay whole."""
+    """Return the mesh with the chosen faces only; vertices and other tables are complete."""
     names = ("faces", "face_texcoords", "face_normals", "face_material")
     tables = {name: table for name in names if (table := getattr(mesh, name)) is not None}
     return mesh.replace(**{name: table[chosen] for name, table in tables.items()})
@@ -311,7 +313,7 @@ def simplify_within(
     progress: Progress = None,
     **options: Any,
 ) -> QualityResult:
-    """Simplify while the process holds at most `memory` bytes; see :func:`simplify`."""
+    """Simplify while the process uses at most `memory` bytes; see :func:`simplify`."""
     run: Callable[..., QualityResult] = quality if mode == "quality" else fast
     target, error_limit, _ = stopping_rules(
         mesh, target_faces, ratio, max_error, options.get("max_distance")
@@ -334,7 +336,7 @@ def simplify_within(
     locked = locked_of(mesh, options.get("locked"))
     stage = _Stage(mesh)
     with sharing(progress, "simplify") as part:
-        with reporting(part(0.0, 0.5), "simplify") as report:  # each round of parts begins at 0
+        with reporting(part(0.0, 0.5), "simplify") as report:  # each round reports from 0 again
             _reduce(stage, plan, 0.5 * error_limit, locked, report or (lambda _: None))
         if stage.mesh.num_faces > plan.faces:
             raise InputError(
@@ -373,7 +375,7 @@ def _reduce(
     locked: NDArray[np.bool_] | None,
     report: Callable[[float], object],
 ) -> None:
-    """The first stage: rounds of the fast mode, until the chosen mode has room."""
+    """Run the first stage: rounds of the fast mode until the mesh fits the chosen mode."""
     if plan.depth == 0:
         _reduce_whole(stage, plan.faces, max_error, locked, report)
         return

@@ -1,4 +1,4 @@
-"""Fewer faces for the same shape: the function to start with."""
+"""`simplify`, the main function for meshes, and its modes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MODES_WITH: dict[str, tuple[Mode, ...]] = {
 
 
 def default_mode(max_distance: float | None) -> Mode:
-    """Return the mode of a run that names none: one that leaves vertices where they are, for 0."""
+    """Return the default mode: 'published' if ``max_distance`` is 0, otherwise 'quality'."""
     return "published" if max_distance == 0 else "quality"
 
 
@@ -50,39 +50,39 @@ def simplify(
     memory: int | None = None,
     progress: Progress = None,
 ) -> QualityResult | SimplifyResult:
-    """Simplify a mesh: the function to start with.
+    """Simplify a mesh by edge collapses, to a number of faces or within an error.
 
     Parameters
     ----------
     mesh : Mesh
-        Not changed.
+        The input, which is not changed.
     mode : 'quality', 'published' or 'fast', optional
-        The least error on any mesh (:func:`quality`), the published method with its rules and
-        numbers, whose vertices are vertices of the input (:func:`qem4vr`), or speed, at a larger
-        error (:func:`fast`). Default: 'published' where ``max_distance`` is 0, else 'quality'.
+        'quality': the smallest error (:func:`quality`); 'published': the published method with its
+        rules and constants, whose vertices are vertices of the input (:func:`qem4vr`); 'fast': the
+        shortest time, with a larger error (:func:`fast`). Default: 'published' if ``max_distance``
+        is 0, otherwise 'quality'.
     target_faces : int, optional
         Stop at this many faces or fewer.
     ratio : float in [0, 1], optional
-        The fraction of the input's faces that stays; with ``target_faces``, the larger number of
-        faces is the target.
+        Fraction of the input's faces to keep; with ``target_faces``, the larger number of faces is
+        the target.
     max_error : float, optional
-        No step with a larger error, in the file's unit; each mode says what it measures.
+        Largest error of a collapse, in the file's unit; each mode documents what it measures.
     max_distance : float, optional
-        The two-sided Hausdorff distance between the surfaces, boundaries included, in the file's
-        unit, does not exceed it. 0 allows only collapses that leave the surface exactly as it is,
-        which are those of ``mode='published'``; ``mode='fast'`` has no such limit.
-        Targets combine; the first one reached stops. One is needed.
+        Largest two-sided Hausdorff distance between the surfaces, boundaries included, in the
+        file's unit. 0 allows only collapses that leave the surface exactly as it is, which are
+        those of ``mode='published'``; ``mode='fast'`` has no such limit. At least one of the four
+        targets is needed; simplification stops at the first one that is reached.
     locked : (V,) bool, optional
-        Vertices that stay where they are; for ``mode='quality'`` and ``mode='fast'``.
+        Vertices that must not move; for ``mode='quality'`` and ``mode='fast'``.
     importance : (V,) float > 0, optional
-        How many times as much as elsewhere it costs to change the surface at a vertex; for
-        ``mode='quality'``.
+        Factor of the error at each vertex, 1: normal; for ``mode='quality'``.
     memory : int, bytes, optional
-        Ceiling of the resident memory of this process, the mesh and all else that it holds
-        included; for ``mode='quality'`` and ``mode='fast'``. A mesh too large for the mode below
-        this ceiling is first brought to as many faces as fit, by :func:`fast`, in parts where the
-        whole does not fit either; then the mode goes on to the target. The two stages share
-        `max_error`, and the result's is their sum.
+        Limit of the resident memory of this process, including the mesh and everything else; for
+        ``mode='quality'`` and ``mode='fast'``. A mesh too large for the mode within this limit is
+        first reduced by :func:`fast` to as many faces as fit (in parts, if :func:`fast` does not
+        fit either), and then simplified by the mode to the target. The two stages share
+        `max_error`, and the error of the result is the sum of both.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
@@ -93,8 +93,8 @@ def simplify(
     Raises
     ------
     InputError
-        No target, an option out of its range, an unknown mode, or a ceiling that is too low: the
-        message says how much memory is needed.
+        No target, an option out of its range, an unknown mode, or a memory limit that is too low;
+        in this case the message says how much memory is needed.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Organised clouds of depth cameras: the camera is estimated from the points."""
+"""Estimation of the camera of an organised cloud from its points."""
 
 from __future__ import annotations
 
@@ -19,35 +19,36 @@ if TYPE_CHECKING:
     from manip3d.io import RangeGrid
 
 _MOST_PIXELS = 20_000
-"""Largest number of pixels to which the four numbers of the camera are fitted."""
+"""Largest number of pixels that the camera is fitted to; far more than its parameters need."""
 
 _MOST_OFF = 0.05
-"""Share of the image size by which a pixel may differ from the pinhole model; lenses do less."""
+"""Largest deviation of a pixel from a pinhole camera, as a share of the image's size; lens
+distortion is smaller."""
 
 
 _MOST_SKEW = 0.02
-"""Largest skew as a share of the focal length; rows and columns of a camera are orthogonal."""
+"""Largest skew as a share of the focal length; the pixel axes of a camera are perpendicular."""
 
 
 def is_cloud_file(path: Path) -> bool:
-    """Return whether a file may be an organised cloud: a .pcd, or an array of points."""
+    """Return whether a file may be an organised cloud: a .pcd or an array that holds points."""
     suffix = scan_suffix(path)
     return suffix == ".pcd" or (suffix in (".npy", ".npz") and holds_points(path))
 
 
 @dataclass(frozen=True, eq=False)
 class CloudCamera:
-    """The camera of a cloud that may have been transformed to another frame, such as a robot's.
+    """Camera of a cloud whose points may be in another coordinate frame, such as a robot's.
 
     Attributes
     ----------
     intrinsics : Intrinsics
     depth : (H, W) float64
-        z of the camera in the file's unit; NaN where nothing was measured.
+        z in the camera's frame, in the file's unit; NaN: no measurement.
     rotation : (3, 3) float64 or None
-        From the file's axes to the camera's; None: they are the same.
+        Rotation from the file's axes to the camera's axes; None: they are the same.
     centre : (3,) float64
-        The camera's place in the file.
+        Position of the camera in the file's coordinates.
     """
 
     intrinsics: Intrinsics
@@ -56,7 +57,10 @@ class CloudCamera:
     centre: NDArray[np.float64]
 
     def to_file(self, points: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
-        """Transform points from the camera's frame to the file's, both in ``unit`` file units."""
+        """Transform points from the camera's frame to the file's.
+
+        ``points`` and the result are in a unit that is ``unit`` times the file's.
+        """
         if self.rotation is None:
             return points
         moved: NDArray[np.float64] = points @ self.rotation + self.centre / unit
@@ -78,13 +82,13 @@ def find_camera(grid: RangeGrid) -> CloudCamera | None:
 
 
 def rows_go_up(grid: RangeGrid, place: ArrayLike = (0.0, 0.0, 0.0)) -> bool:
-    """Whether triangles of a range image face the sensor with the rows counted upwards.
+    """Return whether triangles of a range image face the sensor if rows are counted upwards.
 
     Parameters
     ----------
     grid : RangeGrid
     place : (3,)
-        Where the sensor stood.
+        Position of the sensor.
     """
     corner, right, below = grid.points[:-1, :-1], grid.points[:-1, 1:], grid.points[1:, :-1]
     upwards = np.cross(right - corner, below - corner)
@@ -95,7 +99,7 @@ def rows_go_up(grid: RangeGrid, place: ArrayLike = (0.0, 0.0, 0.0)) -> bool:
 def _pose(
     points: NDArray[np.float64], valid: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Rotation to the camera's axes and place of the camera, by the direct linear transform."""
+    """Return rotation and position of the camera by the direct linear transform."""
     rows, cols = np.nonzero(valid)
     if len(rows) < 6:
         return None
@@ -114,7 +118,7 @@ def _pose(
     camera *= np.sign(np.linalg.det(camera[:, :3]))
     if abs(np.linalg.det(camera[:, :3])) < 1e-12:
         return None
-    # RQ of the left part: the QR of it upside down.
+    # RQ decomposition of the left 3x3 part, by a QR decomposition with the rows reversed.
     q, r = np.linalg.qr(camera[::-1, :3].T)
     lens, rotation = r.T[::-1, ::-1], q.T[::-1]
     signs = np.sign(np.diag(lens))
@@ -126,21 +130,21 @@ def _pose(
 
 
 def camera_of_cloud(points: NDArray[np.float64], valid: NDArray[np.bool_]) -> Intrinsics | None:
-    """Return the camera that an organised cloud in the camera's axes is the depth image of.
+    """Return the camera of an organised cloud whose points are in the camera's axes.
 
-    Its rays are those of the measured pixels, so that lenses need no model; those of the others,
-    and the focal lengths, are those of the pinhole that fits best.
+    The ray of a measured pixel is the direction of its point, so that no lens model is needed. The
+    other rays and the focal lengths are those of the best fitting pinhole camera.
 
     Parameters
     ----------
-    points : (H, W, 3), NaN where nothing was measured
+    points : (H, W, 3), NaN: no measurement
     valid : (H, W) bool
 
     Returns
     -------
     Intrinsics or None
-        None: points lie beside or behind the camera, or columns and rows do not follow x / z and
-        y / z, as in the clouds of turning LiDARs and in those that were turned to another frame.
+        None: a point lies beside or behind the camera, or column and row are not linear in x / z
+        and y / z, as in clouds of rotating LiDARs and in clouds rotated to another frame.
     """
     rows, cols = np.nonzero(valid)
     if len(rows) < 3 or not (points[..., 2][valid] > 0.0).all():
@@ -162,7 +166,7 @@ def camera_of_cloud(points: NDArray[np.float64], valid: NDArray[np.bool_]) -> In
 def _line(
     slopes: NDArray[np.float64], pixels: NDArray[np.int64], size: int
 ) -> tuple[float, float] | None:
-    """Focal length and principal point along one axis; None: the pixels do not follow a line."""
+    """Fit focal length and principal point along one axis; None: the fit is not linear."""
     design = np.column_stack([slopes, np.ones(len(slopes))])
     (focal, centre), _, rank, _ = np.linalg.lstsq(design, pixels.astype(np.float64), rcond=None)
     off = np.abs(design @ (focal, centre) - pixels)

@@ -1,4 +1,4 @@
-"""Meshes in parts: cutting along planes, taking some faces, joining what became of them."""
+"""Division of a mesh into parts along planes, selection of faces, and joining of parts."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from manip3d.mesh import Mesh
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_BLOCK = 1 << 18  # rows looked at together: their copies need next to no memory
-_SAMPLE = 1 << 17  # vertices that say where to cut
+_BLOCK = 1 << 18  # rows processed together, so that temporary copies stay small
+_SAMPLE = 1 << 17  # largest number of vertices from which the cuts are computed
 
 CROSSING = 0xFFFF
-"""Part of a face whose corners lie in different parts."""
+"""Part number of a face whose corners lie in different parts."""
 
 _CORNER_TABLES = (("texcoords", "face_texcoords"), ("normals", "face_normals"))
 
@@ -24,10 +24,10 @@ _CORNER_TABLES = (("texcoords", "face_texcoords"), ("normals", "face_normals"))
 def compact_rows(
     table: NDArray[Any] | None, index: NDArray[np.int32] | None
 ) -> tuple[NDArray[Any] | None, NDArray[np.int32] | None]:
-    """The rows that an index names, and the index of them; -1 stays -1."""
+    """Return the rows of a table that an index uses, and the index into them; -1 stays -1."""
     if table is None or index is None or not (index >= 0).any():
         return None, None
-    is_used = np.zeros(len(table) + 1, dtype=np.bool_)  # the last one: of -1
+    is_used = np.zeros(len(table) + 1, dtype=np.bool_)  # the last item stands for index -1
     is_used[index.reshape(-1)] = True
     is_used[-1] = False
     used = np.flatnonzero(is_used)
@@ -37,15 +37,15 @@ def compact_rows(
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """Slices that together are all of so many rows."""
+    """Yield consecutive slices that together cover ``count`` rows."""
     for start in range(0, count, _BLOCK):
         yield slice(start, min(start + _BLOCK, count))
 
 
 def part_of_vertices(mesh: Mesh, depth: int, share: float) -> NDArray[np.uint16]:
-    """Part of each vertex, one of 2^depth, by its position alone.
+    """Return the part of each vertex, 0 to 2^depth - 1, which depends on its position only.
 
-    Each part is cut across its longest side, so that `share` of its vertices lie below the cut.
+    Each part is cut across its longest side so that `share` of its vertices lie below the cut.
     """
     step = max(1, mesh.num_vertices // _SAMPLE)
     sample = mesh.vertices[::step]
@@ -75,7 +75,7 @@ def part_of_vertices(mesh: Mesh, depth: int, share: float) -> NDArray[np.uint16]
 
 
 def part_of_faces(mesh: Mesh, part: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Part of each face whose corners lie in one, :data:`CROSSING` for the others."""
+    """Return the part of each face; :data:`CROSSING` if its corners lie in different parts."""
     of_face = np.empty(mesh.num_faces, dtype=np.uint16)
     for rows in blocks(mesh.num_faces):
         corners = part[mesh.faces[rows]]
@@ -85,7 +85,7 @@ def part_of_faces(mesh: Mesh, part: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 def take_faces(mesh: Mesh, chosen: NDArray[np.int64]) -> tuple[Mesh, NDArray[np.int64]]:
-    """A mesh of some faces, and the vertices of the whole that are its own."""
+    """Return a mesh of the chosen faces, and the rows of its vertices in the whole mesh."""
     is_used = np.zeros(mesh.num_vertices, dtype=np.bool_)
     is_used[mesh.faces[chosen].reshape(-1)] = True
     used = np.flatnonzero(is_used)
@@ -106,22 +106,23 @@ def take_faces(mesh: Mesh, chosen: NDArray[np.int64]) -> tuple[Mesh, NDArray[np.
 
 
 def with_used_vertices(mesh: Mesh) -> Mesh:
-    """The mesh without the vertices that no face uses; the mesh itself if there are none."""
+    """Return the mesh without vertices that no face uses; the mesh itself if there are none."""
     taken, used = take_faces(mesh, np.arange(mesh.num_faces))
     return mesh if len(used) == mesh.num_vertices else taken
 
 
 def join(parts: Sequence[Mesh], faces: NDArray[np.int32], last: Mesh | None) -> Mesh:
-    """All parts in one mesh, whose faces are given.
+    """Join parts to one mesh with the given faces.
 
     Parameters
     ----------
     parts : sequence of Mesh
-        Vertices and what belongs to corners and faces; their own `faces` are not looked at.
+        Parts whose vertices and tables of corners and faces are concatenated; their own `faces`
+        are not used.
     faces : (F, 3) int32
-        The faces of all parts, one after the other, then those of `last`.
+        Faces of all parts in order, then those of `last`, as rows of the joined vertices.
     last : Mesh or None
-        Faces between parts: its vertices are those of the parts.
+        Mesh with the tables of the faces between parts; its vertices are not used.
     """
     every = [*parts, *([] if last is None else [last])]
     first = every[0]

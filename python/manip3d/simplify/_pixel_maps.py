@@ -1,4 +1,4 @@
-"""Maps of the pixels beside their depth: which count, and how far each is believed."""
+"""Masks and confidences of the pixels of a depth image."""
 
 from __future__ import annotations
 
@@ -17,25 +17,24 @@ __all__ = ["confidence_of_levels"]
 
 @checked
 def confidence_of_levels(levels: ArrayLike, highest: int) -> NDArray[np.float32]:
-    """Return the confidence of each pixel for the levels that a camera gives.
+    """Return the confidence of each pixel from the confidence levels of a camera.
 
     Parameters
     ----------
     levels : (H, W) unsigned integers
-        0: not believed at all.
+        Confidence levels; 0: the pixel is not used.
     highest : int
-        The level of a pixel that is fully believed: 2 for ARKit, 15 for a RealSense L515, 255 for
-        an image of grey values.
+        Level of full confidence: 2 for ARKit, 15 for a RealSense L515, 255 for a grey image.
 
     Returns
     -------
     (H, W) float32
-        ``levels / highest``, as `relief` takes it.
+        Confidence ``levels / highest``, for `relief`.
 
     Raises
     ------
     InputError
-        Another shape or dtype, ``highest`` below 1, or a higher level than that.
+        A wrong shape or dtype, ``highest`` below 1, or a level above ``highest``.
 
     Examples
     --------
@@ -60,7 +59,7 @@ def confidence_of_levels(levels: ArrayLike, highest: int) -> NDArray[np.float32]
 def mask_image(
     mask: ArrayLike | None, shape: tuple[int, ...], name: str = "mask"
 ) -> NDArray[np.bool_] | None:
-    """A mask of the given shape; True: the pixel counts."""
+    """Check a mask of the given shape; True: the pixel is used."""
     if mask is None:
         return None
     found = np.asarray(mask)
@@ -74,7 +73,7 @@ def mask_image(
 def confidence_image(
     confidence: ArrayLike | None, shape: tuple[int, ...], name: str = "confidence"
 ) -> NDArray[np.float32] | None:
-    """Confidences of the given shape, 0 to 1."""
+    """Check confidences of the given shape, 0 to 1."""
     if confidence is None:
         return None
     found = np.asarray(confidence)
@@ -93,5 +92,5 @@ def confidence_image(
 def masked_depth(
     depth: NDArray[np.uint16 | np.float32], mask: NDArray[np.bool_] | None
 ) -> NDArray[np.uint16 | np.float32]:
-    """A depth image without measurements where the mask is False."""
+    """Return a copy of a depth image in which pixels outside the mask have no measurement."""
     return depth if mask is None else np.where(mask, depth, depth.dtype.type(0))

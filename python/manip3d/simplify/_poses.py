@@ -19,7 +19,7 @@ from manip3d.io._poses import matrix_pose, poses_by_file, poses_of_log, trajecto
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_MOST_SECONDS_APART = 0.02  # as TUM's own tool associates depth images and poses
+_MOST_SECONDS_APART = 0.02  # tolerance of TUM's own tool, which matches depth images and poses
 
 
 @checked
@@ -33,13 +33,13 @@ def poses_of_files(
     sources : sequence of path-like
         Depth images or range scans. Only their names are used.
     poses : path-like
-        A trajectory: lines ``time tx ty tz qx qy qz qw`` (camera to world) as in TUM's
-        ``groundtruth.txt``, or without the time, or the twelve numbers of a 3x4 matrix, row by row
-        (KITTI). A folder with a 4x4 matrix for each source: ``NAME.pose.txt`` (7-Scenes) or
-        ``NAME.txt`` (ScanNet) of ``NAME.depth.png`` or ``NAME.png``. A ``.log`` of Redwood and
-        Open3D: three whole numbers, the first that of the frame, and a 4x4 matrix. Or a Stanford
-        ``.conf`` file, which names each source (`manip3d.datasets.read_poses`). Lines that begin
-        with ``#`` are comments.
+        One of four formats. (1) A trajectory file with lines ``time tx ty tz qx qy qz qw`` (camera
+        to world) as in TUM's ``groundtruth.txt``, with the same lines without the time, or with
+        the twelve numbers of a 3x4 matrix, row by row (KITTI). (2) A folder with a 4x4 matrix for
+        each source: ``NAME.pose.txt`` (7-Scenes) for ``NAME.depth.png``, or ``NAME.txt`` (ScanNet)
+        for ``NAME.png``. (3) A ``.log`` of Redwood and Open3D: three whole numbers, of which the
+        first is the frame's number, and a 4x4 matrix. (4) A Stanford ``.conf`` file, which names
+        each source (`manip3d.datasets.read_poses`). Lines that begin with ``#`` are comments.
 
     Returns
     -------
@@ -58,11 +58,11 @@ def poses_of_files(
     -----
     In a trajectory with times, a file's name is a time in seconds (``1305031102.160407.png``), and
     its pose is the one with the nearest time, at most 0.02 s away (the tolerance of TUM's own
-    tool). If the names are not times, the lines are taken in order, one for each file. Names are
+    tool). If the names are not times, the lines are assigned in order, one to each file. Names are
     not times if none is a number, or if names and times ascend and most names, such as
-    ``000001.png``, are not near any time. Lines without times are taken in order, too. In a
-    ``.log`` a file's name is the number of its frame; if a name is none, the matrices are taken in
-    order.
+    ``000001.png``, are not near any time. Lines without times are also assigned in order. In a
+    ``.log`` a file's name is the number of its frame; if a name is not a number, the matrices are
+    assigned in order.
 
     Examples
     --------
@@ -100,7 +100,7 @@ def poses_of_files(
 
 
 def _matrix_of(file: Path, folder: Path) -> NDArray[np.float64]:
-    """The matrix of a depth image, in a file of its own."""
+    """Read the matrix of a depth image from the image's own pose file."""
     stem = Path(plain_name(file)).stem
     frame = stem.removesuffix(".depth")
     for name in (f"{frame}.pose.txt", f"{frame}.txt", f"{stem}.txt"):
@@ -133,7 +133,7 @@ def _by_time(
 
 
 def _number_in(file: Path) -> float:
-    """The number that is a file's name; NaN where the name is not a number."""
+    """Return the number that a file's name consists of; NaN if the name is not a number."""
     stem = Path(plain_name(file)).stem
     return float(stem) if re.fullmatch(r"-?[0-9]+(\.[0-9]*)?", stem) else math.nan
 

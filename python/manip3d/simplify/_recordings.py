@@ -1,4 +1,4 @@
-"""The frames of an RGB-D recording, from a camera or a file to sparse meshes in files."""
+"""Simplification of the frames of an RGB-D recording, from a camera or file, to mesh files."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _SUFFIX = ".glb"
 
 @dataclass(frozen=True)
 class RecordingResult:
-    """The meshes of a recording's frames; see `simplify_recording`.
+    """Results of a recording's frames; see `simplify_recording`.
 
     Attributes
     ----------
     frames : tuple of DepthFileResult
-        One for each frame that became a mesh; ``source`` is its number.
+        One result for each frame that became a mesh; ``source`` is the frame's number.
     failed : mapping of int to str
-        Why other frames did not: their numbers, and the reason.
+        Reason why a frame became no mesh, by the frame's number.
     """
 
     frames: tuple[DepthFileResult, ...]
@@ -59,25 +59,27 @@ def simplify_recording(
     Parameters
     ----------
     frames : iterable of RgbdFrame
-        A source of `manip3d.capture.open_rgbd`, or frames. The colour image becomes the texture.
+        A source from `manip3d.capture.open_rgbd`, or any other iterable of frames. A frame's colour
+        image becomes the texture.
     output : path-like
-        Folder of the meshes, which is made: ``000000.glb``, ... by the frames' numbers. Meshes of
-        these names are replaced.
+        Folder of the meshes, which is created. Files are named by the frames' numbers,
+        ``000000.glb``, ...; existing files of these names are replaced.
     options : DepthOptions
-        Frames bring their camera and their unit: give neither.
+        Options without camera and unit, which the frames contain.
     stable : bool
-        Frames go through one `ReliefStream` (``relief``), so that meshes stay still where the
-        picture does.
+        Process all frames by one `ReliefStream` (method ``relief``), so that static surfaces have
+        the same mesh in every frame.
     num_frames : int, optional
         Stop after this many frames.
     progress : None, True or callable
-        ``True`` shows a bar; a callable gets ``(fraction, message)``. The fraction is 0 where
-        nobody knows how many frames there are.
+        ``True`` shows a bar; a callable gets ``(fraction, message)``. The fraction is 0 if the
+        number of frames is unknown.
 
     Returns
     -------
     RecordingResult
-        A frame without a surface, as of a camera that begins, is left out and named.
+        The results. A frame without a surface, such as the first ones of some cameras, is left out
+        and listed in ``failed``.
 
     Raises
     ------

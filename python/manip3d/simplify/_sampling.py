@@ -1,4 +1,4 @@
-"""Choices of depth pixels that CS3 is compared with: lattice, Poisson disks, scale space."""
+"""Sampling methods that CS3 is compared with: lattice, Poisson disks, scale-space analysis."""
 
 from __future__ import annotations
 
@@ -51,36 +51,37 @@ def sample_depth(
         0 and NaN mean no measurement.
     intrinsics : Intrinsics
     target_points : int
-        Largest number of vertices; within 1 % of it where the method can.
+        Largest number of vertices; the result is within 1 % of it if the method allows.
     method : 'uniform', 'poisson' or 'ssa'
-        A square lattice; points in random order, none within a radius of another; or zero
-        crossings of the Laplacian of Gaussian along the rows (scale-space analysis), which is
-        meant for a single object.
+        'uniform': a square lattice; 'poisson': points in random order, none within a radius of
+        another; 'ssa': zero crossings of the Laplacian of Gaussian along the rows (scale-space
+        analysis), which is meant for a single object.
     color : (H', W', 3 or 4) uint8, optional
         Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
     max_edge : float, metres, optional
         Triangles with a longer edge are left out.
     rng : int, numpy.random.Generator or None
-        For ``'poisson'``.
+        Seed or generator for ``'poisson'``; None: another result each time.
     threads : int
-        0: all cores. The result is the same for any number.
+        Number of threads; 0: all cores. The result does not depend on it.
 
     Returns
     -------
     DepthSimplification
-        The chosen pixels in row-major order, triangulated as CS3's are: Delaunay, without the
-        triangles whose centroid falls on a pixel without depth.
+        The chosen pixels in row-major order, triangulated as those of CS3: a Delaunay triangulation
+        without the triangles whose centroid falls on a pixel without depth.
 
     Raises
     ------
     InputError
-        Another shape or dtype, a negative or infinite depth, or an option out of range.
+        A wrong shape or dtype, a negative or infinite depth, or an option out of range.
 
     Notes
     -----
-    Poisson disks: R. L. Cook, ACM Transactions on Graphics 5(1), 1986. Scale space: I. Cheng,
-    P. Boulanger, Proc. 3DPVT 2006. Both in the dissertation's section 3.6.
+    Poisson disks: R. L. Cook, ACM Transactions on Graphics 5(1), 1986. Scale-space analysis:
+    I. Cheng, P. Boulanger, Proc. 3DPVT 2006. Section 3.6 of the dissertation compares both with
+    CS3.
 
     Examples
     --------
@@ -128,20 +129,20 @@ def sample_depth_grid(
     Parameters
     ----------
     points : (H, W, 3) float
-        As for `manip3d.io.read_range_grid`. Rounded to float32.
+        Points as returned by `manip3d.io.read_range_grid`. They are rounded to float32.
     valid : (H, W) bool, optional
-        Default: where all three coordinates are finite.
+        Measured points. Default: points whose three coordinates are all finite.
     target_points : int
-        How many points to keep.
+        Number of points to keep.
     method : 'uniform', 'poisson' or 'ssa'
         As for `sample_depth`.
     color : (H, W, 3 or 4) uint8, optional
     rows_up : bool
         As for `dense_mesh_grid`.
     max_edge : float, optional
-        In the unit of the points.
+        Triangles with a longer edge are left out; in the unit of the points.
     rng : int, numpy.random.Generator or None
-        Seed, or generator; None: another result each time.
+        Seed or generator for ``'poisson'``; None: another result each time.
 
     Returns
     -------
@@ -181,7 +182,7 @@ def _meshed(
     max_edge: float,
     color: NDArray[np.uint8] | None,
 ) -> DepthSimplification:
-    """The modified Delaunay triangulation of section 3.4."""
+    """Triangulate the chosen pixels by the modified Delaunay triangulation of section 3.4."""
     if not max_edge > 0:
         raise InputError(f"max_edge: expected > 0, got {max_edge}")
     height, width = valid.shape

@@ -1,4 +1,7 @@
-"""Further sets of texture coordinates of simplified meshes, taken from the original's surface."""
+"""Additional sets of texture coordinates of simplified meshes, sampled on the original's surface.
+
+A *chart* is a set of connected faces without a texture seam between them.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +16,24 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _EDGES = ((0, 1), (1, 2), (2, 0))
-_MOST_CUTS = 6  # times that a chart is halved: 64 parts of one that is sewn to itself
+_MOST_CUTS = 6  # times that a chart with a seam to itself is halved, to at most 64 parts
 
 
 def charts(mesh: Mesh, values: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return (F,) the chart of each face: no set has a seam within a chart.
+    """Return (F,) the chart of each face, so that none of the S sets has a seam within a chart.
 
     Parameters
     ----------
     mesh : Mesh
     values : (V, S, 2) float32
-        Texture coordinates of the vertices.
+        Texture coordinates of the vertices in S sets.
 
     Returns
     -------
     (F,) int64
-        Faces that are joined by edges with the same values at both ends have the same number, but
-        a chart that is sewn to itself, such as that of an unrolled pipe, is cut until its seam
-        lies between two of them.
+        Number of each face's chart. Faces that are connected by edges with equal values at both
+        ends share a chart. A chart with a seam to itself, such as that of an unrolled pipe, is cut
+        until the seam lies between two charts.
     """
     places = _numbered(_bits(mesh.vertices))
     points = _numbered(np.column_stack([places, _bits(values.reshape(len(values), -1))]))
@@ -54,25 +57,26 @@ def texcoords_of(
     simplified: Mesh,
     of_simplified: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
-    """Return texture coordinates of a simplified mesh, whose vertices are parted at seams.
+    """Return texture coordinates of a simplified mesh, whose vertices are duplicated at seams.
 
     Parameters
     ----------
     values : (V, S, 2) float32
         Texture coordinates of the original's vertices.
     original, simplified : Mesh
-        In the same coordinates.
+        Meshes in the same coordinates.
     of_original, of_simplified : (F,) int64
-        Chart of each face of either.
+        Chart of each face of the original and of the simplified mesh.
 
     Returns
     -------
     rows : (N,) int64
-        For each new vertex the one of ``simplified`` that it was.
+        Vertex of ``simplified`` that each new vertex is a copy of.
     faces : (F, 3) int32
-        Faces of the new vertices.
+        Faces as rows of the new vertices.
     values : (N, S, 2) float32
-        At each new vertex the original's at the nearest point of its chart.
+        Texture coordinates of each new vertex: those of the original at the nearest point of the
+        same chart.
     """
     keys = of_simplified[:, None] * simplified.num_vertices + simplified.faces
     asked, which = np.unique(keys, return_inverse=True)
@@ -92,13 +96,13 @@ def texcoords_of(
 
 
 def parted(mesh: Mesh, rows: NDArray[np.int64], faces: NDArray[np.int32]) -> Mesh:
-    """Return the mesh with those rows of its vertices, and the faces of them."""
+    """Return the mesh with the given rows of its vertices, and with faces that refer to them."""
     colors = None if mesh.colors is None else mesh.colors[rows]
     return mesh.replace(vertices=mesh.vertices[rows], faces=faces, colors=colors)
 
 
 def _bits(rows: NDArray[Any]) -> NDArray[np.int64]:
-    """The bits of numbers, so that equal ones (-0 and 0, NaN and NaN) are equal integers."""
+    """Return the bits of numbers as integers; equal numbers (-0 and 0, NaN and NaN) are equal."""
     positive = rows + 0.0
     positive = np.where(np.isnan(positive), np.nan, positive).astype(rows.dtype)
     bits = np.int64 if rows.dtype == np.float64 else np.int32
@@ -106,20 +110,20 @@ def _bits(rows: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def _numbered(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The same number for equal rows."""
+    """Number the rows; equal rows have the same number."""
     _, numbers = np.unique(rows, axis=0, return_inverse=True)
     return numbers.reshape(-1).astype(np.int64)
 
 
 def _rows_by_number(numbers: NDArray[np.int64]) -> dict[int, NDArray[np.int64]]:
-    """The rows that have each number."""
+    """Return the rows with each number, by number."""
     order = np.argsort(numbers, kind="stable")
     found, starts = np.unique(numbers[order], return_index=True)
     return dict(zip(found.tolist(), np.split(order, starts[1:]), strict=True))
 
 
 def _joined(corners: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """(F,) the least point of all that faces join to those of a face."""
+    """Return (F,) the connected component of each face, named by its smallest point."""
     least = np.arange(count)
     while True:
         before = least.copy()
@@ -135,7 +139,7 @@ def _joined(corners: NDArray[np.int64], count: int) -> NDArray[np.int64]:
 def _seams(
     places: NDArray[np.int64], points: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of faces that share an edge whose ends have other values in each."""
+    """Return pairs of faces that share an edge but differ in the values at its ends."""
     ends = np.concatenate([places[:, edge] for edge in _EDGES])
     values = np.concatenate([points[:, edge] for edge in _EDGES])
     face = np.tile(np.arange(len(places)), 3)
@@ -153,7 +157,7 @@ def _halved(
     second: NDArray[np.int64],
     middles: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """Cut each chart that is sewn to itself, across the longest way from one side to the other."""
+    """Halve each chart that has a seam to itself, along the axis in which the sides differ most."""
     halves = 2 * of_faces
     faces_of = _rows_by_number(of_faces)
     for number, rows in _rows_by_number(of_faces[first]).items():
