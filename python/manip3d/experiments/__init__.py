@@ -1,4 +1,4 @@
-"""Experiments: one module per published table or figure, all on one small runner.
+"""Experiments that reproduce published tables and figures: one module for each, run by `run`.
 
 Other packages add experiments through entry points of the group ``manip3d.experiments``.
 """

@@ -38,7 +38,7 @@ def weight_ablation(
     source_value: float,
     note: str,
 ) -> Experiment:
-    """Return an experiment that runs QEM4VR with several values of one weight.
+    """Return the experiment that runs QEM4VR at several values of one weight.
 
     Parameters
     ----------
@@ -47,16 +47,15 @@ def weight_ablation(
     weights : sequence of float
         Values of the weight.
     readings : sequence of dict
-        Further options; each weight is run with each of them, and they become columns.
+        Values of other options; each weight is combined with each of them. These options become
+        columns, too.
     titles : dict
-        Titles of these options in the report.
-    meshes : dict of scale to labels
-        Models for a quick and for a full run.
-    measures : dict of column to scale
-        Columns in which the dissertation's value of the weight is claimed to be the best, and the
-        factor with which the report shows them.
-    source_value : float
-        The dissertation's value of the weight.
+        Column titles of these options.
+    meshes : dict of str to sequence of str
+        Models to simplify, by the plan's scale.
+    measures : dict of str to float
+        Columns in which the weight of the dissertation must have the lowest value, and the factor
+        by which numbers are shown.
     """
 
     def cases(plan: Plan) -> list[Case]:

@@ -1,4 +1,4 @@
-"""The six attacks of ALERT on objects that LiDAR and cameras both see."""
+"""The six attacks of ALERT on objects that both LiDAR and cameras see."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from manip3d.lidar import Box, LidarFrame
 
 ATTACKS = ("additive", "subtractive", "additive_subtractive", "replacement", "translation",
            "rotation", "rotation_2m")  # fmt: skip
-"""Attacks 1 to 6, and 6 with the 2 m sideways that the authors' own tool has."""
+"""Attacks 1 to 6, and attack 6 with the sideways shift of 2 m that the authors' own tool makes."""
 
 HALF_VIEW = math.radians(33.0)
-"""Largest direction of an object's middle: KITTI's cameras see 40 degrees to each side, of which
-the left edge has no partner in the right image."""
+"""Largest azimuth of an object's centre, radians. KITTI's cameras see 40 degrees to each side, but
+the left edge of the left image has no match in the right image."""
 NEAREST, FARTHEST = 6.0, 30.0
 FEWEST_POINTS = 50
-_PEDESTAL = 0.15  # metres above the ground at which the object is cut: the ground stays
+_PEDESTAL = 0.15  # metres above the ground; lower points do not belong to the object
 
 
 def targets(frame: LidarFrame, boxes: Sequence[Box]) -> list[Box]:
-    """Labelled objects in view, the nearest first, cut off above the ground."""
+    """Return boxes of the labelled objects in view, nearest first, without the ground below."""
     found = []
     for box in boxes:
         x, y, z = box.center
@@ -39,7 +39,7 @@ def targets(frame: LidarFrame, boxes: Sequence[Box]) -> list[Box]:
 
 
 def segmented(frame: LidarFrame) -> list[Box]:
-    """Objects of the size of road users in an unlabelled scan, by clustering above the ground."""
+    """Find objects of the size of road users in an unlabelled scan, by clustering above ground."""
     found = []
     for box in forge.segment(frame).boxes:
         length, width = sorted(box.size[:2], reverse=True)
@@ -51,14 +51,14 @@ def segmented(frame: LidarFrame) -> list[Box]:
 def attacked(
     frame: LidarFrame, box: Box, attack: str, rng: np.random.Generator
 ) -> tuple[LidarFrame, list[Box]] | None:
-    """The frame after an attack on an object, and where it was changed; None: no free place."""
+    """Return a frame after an attack on an object, and the changed boxes; None: no free place."""
     if attack == "subtractive":
         return forge.subtractive(frame, box, threads=1).frame, [box]
     inside = frame.select(box.contains(frame.points))
     if attack in ("replacement", "translation", "rotation", "rotation_2m"):
         try:
             return _in_its_place(frame, inside, box, attack)
-        except InputError:  # it would stand in something
+        except InputError:  # the object would intersect another one
             return None
     for _ in range(200):
         turn = float(rng.uniform(-HALF_VIEW, HALF_VIEW)) - math.atan2(*box.center[1::-1])
@@ -66,13 +66,14 @@ def attacked(
         copy, place = _copied(inside, box, turn, away)
         if not NEAREST <= math.hypot(*place.center[:2]) <= FARTHEST:
             continue
-        if box.contains(copy.points).any():  # the object itself counts as gone
+        # The collision test of additive_subtractive() ignores the object, because it is removed.
+        if box.contains(copy.points).any():
             continue
         try:
             if attack == "additive":
                 return forge.additive(frame, copy, threads=1).frame, [place]
             made = forge.additive_subtractive(frame, copy, box, threads=1)
-        except InputError:  # it would stand in something
+        except InputError:  # the copy would intersect another object
             continue
         return made.frame, [place, box]
     return None
@@ -81,7 +82,7 @@ def attacked(
 def _in_its_place(
     frame: LidarFrame, inside: LidarFrame, box: Box, attack: str
 ) -> tuple[LidarFrame, list[Box]]:
-    """The object moved or turned, or the same object seen from its other side, as another is."""
+    """Move or turn the object, or replace it by a copy of itself turned by half a turn."""
     if attack == "replacement":
         turned = inside.points * np.array([-1, -1, 1], np.float32)
         made = forge.replacement(frame, inside.replace(points=turned), box, threads=1)
@@ -95,7 +96,7 @@ def _in_its_place(
 
 
 def _copied(inside: LidarFrame, box: Box, turn: float, away: float) -> tuple[LidarFrame, Box]:
-    """An object at another azimuth and distance, with the side towards the scanner that it had."""
+    """Copy an object to another azimuth and distance; the same side faces the scanner."""
     cosine, sine = math.cos(turn), math.sin(turn)
     x, y, z = box.center
     at = np.array([cosine * x - sine * y, sine * x + cosine * y]) * away

@@ -1,4 +1,4 @@
-"""The frames of table 7.2: simulated streets as long as the published drives, and their attacks."""
+"""Frames of table 7.2: as many of simulated streets as of the published drives, and attacks."""
 
 from __future__ import annotations
 
@@ -28,16 +28,17 @@ ATTACKS = {
     "translation": "5",
     "rotation": "6",
 }
-"""This package's names of the attacks, and the table's."""
+"""Name of each attack in the table, by this package's name."""
 
 FEWEST_POINTS = 20
-"""An object with fewer is not attacked."""
+"""Smallest number of points of an object that is attacked."""
 
 _MOST_TURNS = 100
-"""Frames of a street; the next one goes on."""
+"""Largest number of frames of one street; further frames come from the next street."""
 
 _TURNS_DEG = (180.0, 150.0, 210.0, 120.0, 240.0, 90.0, 270.0, 60.0, 300.0, 30.0, 330.0)
-"""Directions, from the object, in which a copy of it is tried: behind the car first."""
+"""Azimuths relative to the object, degrees, at which a place for its copy is tried in this order;
+180 is behind the scanner's car."""
 
 
 def published_lines() -> tuple[dict[str, str], ...]:
@@ -46,7 +47,7 @@ def published_lines() -> tuple[dict[str, str], ...]:
 
 
 def published_frames(drive: int, attack: str) -> int:
-    """Return how many frames of a drive were attacked so, or were left as they are."""
+    """Return the published number of frames of a drive with this attack, or of clean frames."""
     wanted = (str(drive), ATTACKS[attack])
     return next(
         int(line["frames"])
@@ -61,9 +62,10 @@ def seed_of(drive: int, seed: int) -> int:
 
 
 def frames(seed: int, first: int, count: int) -> Iterator[tuple[int, LidarFrame, tuple[Box, ...]]]:
-    """Frames of simulated streets by their numbers; a street is as long as its drive.
+    """Yield number, scan and boxes of ``count`` frames of simulated streets, from ``first`` on.
 
-    Each piece of a street draws its own noise, so that it needs none of those before it.
+    The noise of a frame depends on the street and on the street's first frame in this call, so that
+    no earlier frame has to be simulated.
     """
     from manip3d.simulate.drives import drive
     from manip3d.simulate.lidar import TURN_PERIOD
@@ -92,12 +94,12 @@ def _as_frame(scan: Any) -> LidarFrame:
 
 
 def attacked(frame: LidarFrame, boxes: Sequence[Box], attack: str) -> Forgery | None:
-    """Attack the nearest labelled object that the attack can put into a free place; None: none."""
+    """Attack the nearest labelled object for which there is a free place; None: there is none."""
     for target in _targets(frame, boxes):
         for turn in _TURNS_DEG if attack.startswith("additive") else (0.0,):
             try:
                 return _forged(frame, target, attack, math.radians(turn))
-            except InputError:  # it would stand in something
+            except InputError:  # the object would intersect another one
                 continue
     return None
 
@@ -118,13 +120,13 @@ def _forged(frame: LidarFrame, target: Box, attack: str, turn: float) -> Forgery
         return forge.additive(frame, inside, offset=elsewhere, threads=1)
     if attack == "additive_subtractive":
         return forge.additive_subtractive(frame, inside, target, offset=elsewhere, threads=1)
-    # Replace the object by itself, seen from behind.
+    # Replace the object by a copy of itself, rotated by half a turn about the scanner's z axis.
     turned = inside.points * np.array([-1, -1, 1], np.float32)
     return forge.replacement(frame, inside.replace(points=turned), target, threads=1)
 
 
 def _targets(frame: LidarFrame, boxes: Sequence[Box]) -> Iterator[Box]:
-    """Objects with enough points, the nearest first, each looked at when it is asked for."""
+    """Yield the objects with at least `FEWEST_POINTS` points, nearest first."""
     for box in sorted(boxes, key=lambda box: float(np.hypot(*box.center[:2]))):
         if np.count_nonzero(box.contains(frame.points)) >= FEWEST_POINTS:
             yield box

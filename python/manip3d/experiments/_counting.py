@@ -1,10 +1,10 @@
-"""Shares that were counted, with their intervals."""
+"""Confidence intervals of counted shares."""
 
 from __future__ import annotations
 
 
 def interval(found: int, of: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share."""
+    """Return Wilson's 95 % confidence interval of the share ``found`` / ``of``."""
     if of == 0:
         return (0.0, 1.0)
     z, share = 1.959964, found / of

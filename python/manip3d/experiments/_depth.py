@@ -1,8 +1,8 @@
-"""Common parts of the experiments of chapter 3: range images, methods, the measured case.
+"""Common parts of the experiments of chapter 3: range images, methods, and the measured case.
 
-Tables 3.3 and 3.4 and most figures look at the same reduced meshes, so a case does not belong to
-one of them: it reduces one range image by one method to one number of points and takes every
-measure of the result.
+Tables 3.3 and 3.4 and most figures use the same reduced meshes. A case therefore belongs to no
+single experiment: it reduces one range image by one method to one number of points and computes
+every measure of the result.
 """
 
 from __future__ import annotations
@@ -55,26 +55,28 @@ SHORT = {name: title.partition(" (")[0] for name, title in TITLES.items()}
 _PRINTED = {"qem4vr": "QEM", "uniform": "UNI", "poisson": "PDS", "ssa": "SSA", "cios": "CS3"}
 
 MAX_EDGE = 0.5
-"""Metres: a longer edge joins two things of a scene. The text names no number."""
+"""Longest edge of a triangle in a scene, metres; a longer one joins two objects. The dissertation
+gives no number."""
 
 
 @dataclass(frozen=True)
 class DepthModel:
-    """A range image in the place of one of the dissertation's models.
+    """Range image that is, or stands in for, one of the dissertation's models.
 
     Attributes
     ----------
     published : str
-        The dissertation's model.
+        Name of the dissertation's model.
     label : str
+        Name of the range image in reports.
     kind : 'object', 'scene' or 'person'
-        Scenes have their long triangles cut, as the text says.
+        Content. In scenes, triangles with long edges are removed, as the dissertation says.
     source : tuple of str
         ``("scan", name)``, ``("frame", data set, frame)`` or ``("simulated", name)``.
     data : str
-        The data set it lies in; ``""``: it is simulated.
+        Data set of the range image; ``""``: it is simulated.
     same_file : bool
-        Whether it is the published file itself.
+        Whether the range image is the published file itself.
     width : int
         Width of a simulated image, pixels.
     """
@@ -96,7 +98,7 @@ class DepthModel:
 
     @property
     def role(self) -> str:
-        """Origin of its numbers: the published model, or a stand-in."""
+        """Description in reports: the published model, or what stands in for it."""
         if self.same_file:
             return f"the published {self.published}"
         simulated = "" if self.data else "simulated "
@@ -104,7 +106,7 @@ class DepthModel:
 
     @property
     def options(self) -> dict[str, Any]:
-        """The part of a case's options that says which range image it looks at."""
+        """Return the options of a case that name the range image."""
         return {
             "model": self.label,
             "kind": self.kind,
@@ -140,7 +142,7 @@ SIMULATED = (
     DepthModel("Desk", "room (simulated)", "scene", ("simulated", "room")),
     DepthModel("Person 1", "person (simulated)", "person", ("simulated", "person")),
 )
-# Without data, these stand for the others too.
+# Stand-ins without data: the simulated image of the second model also stands in for the first.
 _STANDS_FOR = {"Dragon": "Bunny", "Buddha": "Bunny", "Human": "Desk", "Cabinet": "Desk",
                "Person 2": "Person 1", "Person 3": "Person 1"}  # fmt: skip
 _QUICK = ("Bunny", "Desk", "Person 1")
@@ -148,14 +150,14 @@ _QUICK_WIDTH, _FULL_WIDTH = 320, 640
 
 
 def models(plan: Plan, published: Sequence[str] = ()) -> list[DepthModel]:
-    """The range images that a plan looks at.
+    """Return the range images of a plan.
 
     Parameters
     ----------
     plan : Plan
     published : sequence of str
-        Only those in the place of these models, in a quick run too; none: all, and in a quick run
-        three of them.
+        Published models to include, in quick runs, too. Empty: all models, or three of them in a
+        quick run.
     """
     wanted = published or (_QUICK if plan.scale == "quick" else [m.published for m in REAL])
     chosen: list[DepthModel] = []
@@ -176,12 +178,12 @@ def _simulated(published: str, plan: Plan) -> DepthModel:
 
 
 def simulated_width(plan: Plan) -> int:
-    """Width of simulated images, pixels."""
+    """Return the width of simulated images, pixels."""
     return _QUICK_WIDTH if plan.scale == "quick" else _FULL_WIDTH
 
 
 def real_data(published: Sequence[str] = ()) -> tuple[str, ...]:
-    """The data sets that an experiment on these models wants."""
+    """Return the data sets of an experiment on these models; empty: on all models."""
     return tuple(m.data for m in REAL if not published or m.published in published)
 
 
@@ -190,7 +192,7 @@ def real_data(published: Sequence[str] = ()) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class RangeInput:
-    """A range image as the methods take it: a depth image with its camera, or a grid of points.
+    """Range image in the form that the methods accept: a depth image with camera, or a point grid.
 
     Attributes
     ----------
@@ -198,7 +200,7 @@ class RangeInput:
     points, valid : (H, W, 3) and (H, W) arrays, or None
     color : (H, W, 3) uint8 or None
     max_edge : float or None
-        Longest edge of a triangle, for scenes.
+        Longest edge of a triangle, metres; None: no limit.
     """
 
     depth: NDArray[Any] | None = None
@@ -210,7 +212,7 @@ class RangeInput:
 
     @property
     def measured(self) -> NDArray[np.bool_]:
-        """(H, W) bool: pixels with a measurement."""
+        """Return (H, W) bool: pixels with a measurement."""
         if self.valid is not None:
             return self.valid
         assert self.depth is not None
@@ -218,13 +220,13 @@ class RangeInput:
         return measured
 
     def call(self, on_depth: Callable[..., T], on_grid: Callable[..., T], *a: Any, **k: Any) -> T:
-        """One of the two forms that each function has."""
+        """Call ``on_depth`` if this is a depth image, ``on_grid`` if it is a grid of points."""
         if self.depth is None:
             return on_grid(self.points, self.valid, *a, **k)
         return on_depth(self.depth, self.intrinsics, *a, **k)
 
     def dense(self) -> DepthMesh:
-        """The mesh of all pixels."""
+        """Return the mesh of all measured pixels."""
         from manip3d import simplify
 
         return self.call(
@@ -235,19 +237,19 @@ class RangeInput:
         )
 
     def error(self, mesh: Mesh | DepthMesh) -> RangeImageError:
-        """The mesh against this range image."""
+        """Measure the errors of a mesh against this range image."""
         from manip3d import metrics
 
         return self.call(metrics.range_image_error, metrics.range_image_error_grid, mesh)
 
 
 def open_input(options: Mapping[str, Any]) -> RangeInput:
-    """The range image of a case."""
+    """Open the range image of a case."""
     max_edge = MAX_EDGE if options["kind"] == "scene" else None
     kind, *names = options["source"]
     if kind == "scan":
         scan = datasets.load_scan(names[0])
-        points = scan.points.astype(np.float32)  # once, and no part of any method's time
+        points = scan.points.astype(np.float32)  # here, so that no method's time includes it
         return RangeInput(points=points, valid=scan.valid, max_edge=max_edge)
     if kind == "frame":
         frame = datasets.load_frame(names[0], names[1])
@@ -261,7 +263,7 @@ def _open_simulated(name: str, width: int, max_edge: float | None) -> RangeInput
 
     make = simulated.room if name == "room" else simulated.person
     scene = make(width=width, height=width * 3 // 4)
-    if name == "figure":  # as scanned by a laser: no noise, no colour
+    if name == "figure":  # stands in for a laser scan, without noise and colour
         exact = np.nan_to_num(scene.depth).astype(np.float32)
         return RangeInput(exact, scene.intrinsics, max_edge=max_edge)
     capture = scene.capture(flying=0.0, rng=0)  # "pre-processed to remove the sensor noise"
@@ -272,9 +274,9 @@ def _open_simulated(name: str, width: int, max_edge: float | None) -> RangeInput
 
 
 def reduce(image: RangeInput, method: str, points: int, **options: Any) -> DepthMesh | Mesh:
-    """The range image reduced to at most so many points by one method, on one thread.
+    """Reduce a range image to at most ``points`` points by one method, on one thread.
 
-    Edge collapse works on the dense mesh, which is part of its work.
+    Methods by edge collapse build the dense mesh first, and their time includes this step.
     """
     from manip3d import simplify
 
@@ -293,14 +295,15 @@ def reduce(image: RangeInput, method: str, points: int, **options: Any) -> Depth
 
 
 def _collapsed(dense: Mesh, method: str, points: int) -> Mesh:
-    """Edge collapse to the level of detail that has at most ``points`` vertices.
+    """Collapse edges to the level of detail that has at most ``points`` vertices.
 
-    Faces are what collapse counts, so one run goes below and its record is searched.
+    The target of a collapse is a number of faces. One run therefore goes below the target, and its
+    record is searched for the level with the right number of vertices.
     """
     from manip3d import simplify
 
     result = simplify.METHODS[method](dense, target_faces=points)
-    low, high = points, 3 * points  # a planar mesh has fewer than two faces a vertex
+    low, high = points, 3 * points  # a planar mesh has fewer than two faces per vertex
     while low < high:
         middle = (low + high + 1) // 2
         if result.level_of_detail(middle).num_vertices <= points:
@@ -311,7 +314,7 @@ def _collapsed(dense: Mesh, method: str, points: int) -> Mesh:
 
 
 def processor_time_ms(work: Callable[[], Any], repeats: int) -> float:
-    """The least processor time of several runs, in milliseconds; of fewer where they are long."""
+    """Return the smallest processor time of ``repeats`` runs in milliseconds; fewer if too slow."""
     least, together = math.inf, 0.0
     for _ in range(repeats):
         started = time.process_time()
@@ -323,12 +326,12 @@ def processor_time_ms(work: Callable[[], Any], repeats: int) -> float:
     return 1000.0 * least
 
 
-_LONG = 2.0  # seconds, of all runs together
+_LONG = 2.0  # seconds of all runs together, after which none is repeated
 
 
 def time_ms(image: RangeInput, method: str, points: int, reduced: Mesh | DepthMesh,
             repeats: int, **options: Any) -> float:  # fmt: skip
-    """Cost of a method from range image to mesh, without the search for its level of detail."""
+    """Return the time from range image to mesh, without the search for the level of detail."""
     if method not in COLLAPSES:
         return processor_time_ms(lambda: reduce(image, method, points, **options), repeats)
     from manip3d import simplify
@@ -343,20 +346,21 @@ def time_ms(image: RangeInput, method: str, points: int, reduced: Mesh | DepthMe
 # --- The case -----------------------------------------------------------------------------------
 
 PUBLISHED_POINTS = {"Bunny": 4026, "Buddha": 7806}
-"""Points of table 3.2, where the printed number is the rounded, not the cut-off tenth."""
+"""Numbers of points of table 3.2 where the printed number is a tenth rounded to the nearest integer
+instead of rounded down."""
 
 
 def reduction_case(
     model: DepthModel, method: str, plan: Plan, *, share: float, **options: Any
 ) -> Case:
-    """The case that reduces a range image by a method and takes every measure.
+    """Return the case that reduces a range image by a method and computes every measure.
 
     Parameters
     ----------
     share : float
-        Share of the measured pixels that stay.
+        Share of the measured pixels to keep.
     options
-        For the method.
+        Options of the method.
     """
     tenth = PUBLISHED_POINTS.get(model.published) if model.same_file and share == 0.1 else None
     return Case(
@@ -376,7 +380,7 @@ def reduction_case(
 
 
 def reduce_and_measure(case: Case) -> Row:
-    """Reduce one range image by one method; every measure against its dense mesh."""
+    """Reduce one range image by one method and compare the result with the dense mesh."""
     options = case.options
     image = open_input(options)
     count = int(image.measured.sum())
@@ -401,7 +405,7 @@ def reduce_and_measure(case: Case) -> Row:
 
 
 def measures(image: RangeInput, mesh: Mesh, options: Mapping[str, Any]) -> Row:
-    """Every measure of a reduced mesh, as flat columns."""
+    """Return every measure of a reduced mesh, as flat columns."""
     from manip3d import metrics
 
     dense = image.dense().mesh
@@ -432,7 +436,7 @@ def measures(image: RangeInput, mesh: Mesh, options: Mapping[str, Any]) -> Row:
 
 
 def _printed(table: str, row: Row, column: str) -> float | None:
-    """A cell of table 3.4, whose rows are model and method."""
+    """Return a cell of table 3.4, which has a row for each model and method."""
     name = _PRINTED.get(row["method"], row["method"])
     for printed in _published.published_rows(table):
         if printed["model"] == row["stands_in_for"] and printed["method"] == name:
@@ -441,7 +445,7 @@ def _printed(table: str, row: Row, column: str) -> float | None:
 
 
 def printed_time(table: str, row: Row) -> float | None:
-    """A cell of tables 3.2 and 3.3, whose columns are methods."""
+    """Return a cell of table 3.2 or 3.3, which has a column for each method."""
     method: str = row["method"]
     name = _PRINTED.get(method, method) if "3_3" in table else method.upper()
     for printed in _published.published_rows(table):
@@ -453,12 +457,12 @@ def printed_time(table: str, row: Row) -> float | None:
 def _number(text: str) -> float | None:
     try:
         return float(text)
-    except ValueError:  # n.a., unreadable
+    except ValueError:  # the cell is "n.a." or unreadable
         return None
 
 
 def complete_quality(row: Row) -> Row:
-    """The row with what table 3.4 prints for the model that it is or stands in for."""
+    """Add to a row the values that table 3.4 prints for its model."""
     units = {"metro": ("metro_1e-3", 1e-3), "mse": ("mse_1e-3", 1e-3), "fmpd": ("fmpd_1e-1", 1e-1)}
     printed = {name: _printed(QUALITY, row, column) for name, (column, _) in units.items()}
     return row | {
@@ -471,7 +475,7 @@ QUALITY = "table_3_4_quality_at_5_percent"
 
 
 def by_model(rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Row]]]:
-    """Rows of each model, by method, in the order of the table."""
+    """Yield each model with its rows by method, in the order of the table."""
     groups: dict[str, dict[str, Row]] = {}
     for row in rows:
         groups.setdefault(row["model"], {})[row["method"]] = row
@@ -479,7 +483,7 @@ def by_model(rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Row]]]:
 
 
 def listing(rows: Mapping[str, Row], name: str, scale: float = 1.0, digits: int = 3) -> str:
-    """``UNI 0.889, CS3 0.711``."""
+    """Return the values of one column by method, such as ``UNI 0.889, CS3 0.711``."""
     return ", ".join(
         f"{SHORT.get(method, method)} {row[name] * scale:.{digits}f}"
         for method, row in rows.items()
@@ -501,7 +505,7 @@ QUALITY_COLUMNS = (
     Column("fmpd", "FMPD", 1.0, 3, "published_fmpd", ratio=False, lower_is_better=True),
 )
 ERROR_COLUMNS = tuple(replace(column, published="") for column in QUALITY_COLUMNS)
-"""Columns without published numbers: what a figure shows is not printed as numbers."""
+"""Columns without published numbers, for figures, whose values are not printed."""
 DATA_NOTE = data_note("range image")
 NOTE = (
     "Every method "

@@ -1,4 +1,4 @@
-"""Common parts of figures of chapter 3: claims on one error."""
+"""Common parts of figures of chapter 3: claims about one error."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from manip3d.experiments._model import Claim, Finding, Row
 
 
 def below_others(method: str, others: Sequence[str], name: str, what: str, source: str) -> Claim:
-    """A method has less of a measure than each of some others."""
+    """Return the claim that a method has a lower value of a measure than each of ``others``."""
 
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:
         for model, group in by_model(rows):

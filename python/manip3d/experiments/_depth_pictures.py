@@ -1,4 +1,4 @@
-"""Pictures of chapter 3: reduced meshes, chosen pixels, and where the error is."""
+"""Pictures of chapter 3: reduced meshes, chosen pixels, and error maps."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _Draw = Callable[[str, Mapping[str, Any]], list[dict[str, Any]]]
 
 
 def sheets(rows: Sequence[Row]) -> dict[str, Sheet]:
-    """One sheet of the reduced meshes per range image."""
+    """Return a sheet of the reduced meshes for each range image."""
     return _sheets(rows, draw_meshes, "reduced", "")
 
 
 def error_sheets(rows: Sequence[Row]) -> dict[str, Sheet]:
-    """One sheet of error maps per range image."""
+    """Return a sheet of error maps for each range image."""
     about = "distance from each vertex of the dense mesh: dark blue 0, yellow 2e-3 of the diagonal"
     return _sheets(rows, draw_errors, "reduced", about)
 
 
 def point_sheets(rows: Sequence[Row]) -> dict[str, Sheet]:
-    """One sheet of chosen pixels over the depth per range image."""
+    """Return a sheet of chosen pixels over the depth image for each range image."""
     return _sheets(rows, draw_points, "pixels", "the chosen pixels over the depth")
 
 
@@ -57,7 +57,7 @@ def _sheets(rows: Sequence[Row], draw: _Draw, name: str, about: str) -> dict[str
 
 
 def draw_meshes(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The dense mesh and every method's, in grey and with the colour image."""
+    """Draw the dense mesh and each method's mesh, in grey and with the colour image."""
     image = open_input(options)
     dense = image.dense().mesh
     labels, meshes, identity = _unpacked(folder, options, dense)
@@ -69,7 +69,7 @@ def draw_meshes(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]
 
 
 def draw_errors(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The dense mesh, coloured by its vertices' distance from each method's mesh."""
+    """Draw the dense mesh, coloured by the distance of its vertices from each method's mesh."""
     from manip3d import metrics
 
     image = open_input(options)
@@ -94,14 +94,14 @@ _HEAT = np.array([[34, 30, 90], [40, 110, 140], [90, 180, 110], [250, 230, 60]],
 
 
 def _heat(values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Colours that grow lighter with the value, 0 to 1."""
+    """Return colours of values from 0 to 1; larger values are lighter."""
     at = np.clip(values, 0.0, 1.0) * (len(_HEAT) - 1)
     channels = [np.interp(at, np.arange(len(_HEAT)), channel) for channel in _HEAT.T]
     return np.stack(channels, axis=1).astype(np.uint8)
 
 
 def draw_points(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Each method's pixels as dots over the depth, cut to what is measured."""
+    """Draw each method's pixels as dots over the depth image, cropped to the measured pixels."""
     root = Path(folder)
     image = open_input(options)
     shade = _depth_shade(image)
@@ -117,14 +117,15 @@ def draw_points(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]
         digest = hashlib.sha256(canonical_json([*identity, "points, upright"])).hexdigest()[:24]
         path = f"pictures/{digest}.webp"
         (root / "pictures").mkdir(exist_ok=True)
-        shown = picture[cut] if image.points is None else picture[cut][::-1]  # a scan's rows go up
+        # Rows of a scan are counted upwards.
+        shown = picture[cut] if image.points is None else picture[cut][::-1]
         atomic_write(root / path, _pictures.webp(_enlarged(shown)))
         items.append({"label": label, "faces": 0, "shaded": path})
     return items
 
 
 def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Pixels as squares, on a page of the sheet's shape."""
+    """Enlarge each pixel to a square, on a page with the sheet's aspect ratio."""
     factor = max(2, min(960 // picture.shape[1], 800 // picture.shape[0]))
     large = picture.repeat(factor, axis=0).repeat(factor, axis=1)
     width = max(large.shape[1], large.shape[0] * 6 // 5)
@@ -136,7 +137,7 @@ def _enlarged(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _depth_shade(image: RangeInput) -> NDArray[np.uint8]:
-    """Near is light; white where nothing is measured."""
+    """Return the depth as grey values: near pixels are light, pixels without depth white."""
     measured = image.measured
     if image.points is not None:
         values = -np.nan_to_num(image.points)[..., 2]
@@ -150,7 +151,7 @@ def _depth_shade(image: RangeInput) -> NDArray[np.uint8]:
 def _unpacked(
     folder: str, options: Mapping[str, Any], like: Mesh
 ) -> tuple[list[str], list[Mesh], list[Any]]:
-    """Labels, meshes, and what pictures of them depend on."""
+    """Return labels and meshes of the pictures, and the values that identify the pictures."""
     packed = {label: (Path(folder) / name).read_bytes() for label, name in options["files"].items()}
     identity = [options["source"], options["width"], _VIEW]
     identity += [hashlib.sha256(data).hexdigest() for data in packed.values()]
@@ -158,7 +159,7 @@ def _unpacked(
 
 
 def _upright(mesh: Mesh, image: RangeInput) -> Mesh:
-    """Cameras look along +z with y down; pictures are taken from +z with y up."""
+    """Turn a mesh from the camera's axes (z ahead, y down) to those of pictures (from +z, y up)."""
     if image.depth is None:
         return mesh
     return mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))

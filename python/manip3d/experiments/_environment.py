@@ -1,4 +1,4 @@
-"""The machine and the packages of a run, and a fingerprint of the code that made it."""
+"""Description of the machine, the operating system and the package versions of a run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LIBRARIES = ("numpy", "scipy", "matplotlib", "open3d", "vtk", "pyvista", "trime
 
 
 def environment() -> dict[str, Any]:
-    """Machine, operating system and versions, for the record of a run."""
+    """Return machine, operating system and package versions, for the record of a run."""
     return {
         "manip3d": __version__,
         "code": code_fingerprint(),

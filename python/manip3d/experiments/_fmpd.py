@@ -1,4 +1,4 @@
-"""Common parts of tables 2.6 and 2.7: FMPD, compared by ranks and never by values."""
+"""Common parts of tables 2.6 and 2.7: FMPD, whose ranks are compared instead of its values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COLUMNS = (
 
 
 def note(rows: Sequence[Row]) -> str:
-    """Why values are not compared, with those of a published file where one was measured."""
+    """Return the note why values are not compared, with those of a published file if measured."""
     measured = (
         f"{row['model']} by {METHOD_TITLES[row['method']]} gives {row['fmpd']:.3f} for the printed "
         f"{row['published_fmpd']:.3f}"

@@ -29,7 +29,7 @@ COLUMNS = (Column("points", "points"), Column("added", "pasted points"))
 
 
 def cases(plan: Plan, kind: str) -> list[Case]:
-    """The one case of a figure."""
+    """Return the single case of a figure."""
     real = plan.data != "simulated" and all(
         datasets.is_here(datasets.get(name)) for name in _forensics.HOAXES
     )
@@ -52,7 +52,7 @@ def cases(plan: Plan, kind: str) -> list[Case]:
 
 
 def view_scene(case: Case) -> Row:
-    """The scan as made and forged, as range images, masks, dots and signals."""
+    """Return range images, masks, points and signals of a scan and of its forgeries."""
     options = case.options
     kind = options["kind"]
     random = np.random.default_rng([options["seed"], options["number"]])
@@ -85,7 +85,7 @@ def view_scene(case: Case) -> Row:
 
 
 def _views(points: Points, target: NDArray[np.float64], size: float) -> dict[str, Any]:
-    """A range image and dots seen from above, around a place."""
+    """Return a range image and a plan view of the points around a place."""
     near = points[np.abs(points - target).max(axis=1) < 3.0 * size].astype(np.float64)
     distance = math.sqrt(float(target @ target))
     half = math.degrees(1.5 * size / distance)
@@ -112,7 +112,7 @@ def _views(points: Points, target: NDArray[np.float64], size: float) -> dict[str
 
 
 def _signal(points: Points, target: NDArray[np.float64]) -> dict[str, Any]:
-    """MIN_ipd over range as printed, and the masks of detector II."""
+    """Return MIN_ipd over range as in the printed method, and the masks of detector II."""
     raw = authenticate.density_consistency(
         points,
         parameters=authenticate.DensityParameters(
@@ -139,7 +139,7 @@ def _signal(points: Points, target: NDArray[np.float64]) -> dict[str, Any]:
 def _around(
     found: authenticate.OcclusionResult, mask: NDArray[np.uint8], target: NDArray[np.float64]
 ) -> list[list[int]]:
-    """The part of a mask around a place."""
+    """Return the part of a mask around a place."""
     if not mask.size:
         return []
     elevation = math.degrees(math.atan2(target[2], math.hypot(target[0], target[1])))
@@ -153,7 +153,7 @@ def _around(
 
 
 def range_images(rows: Sequence[Row], names: Sequence[str], title: str) -> dict[str, Figure]:
-    """Range images side by side."""
+    """Draw range images side by side."""
     from matplotlib.figure import Figure
 
     figures = {}
@@ -174,7 +174,7 @@ def range_images(rows: Sequence[Row], names: Sequence[str], title: str) -> dict[
 
 
 def spacing_views(rows: Sequence[Row]) -> dict[str, Figure]:
-    """The forged scene from the front and from above, coloured by spacing."""
+    """Draw the forged scene from the front and from above, coloured by point spacing."""
     from matplotlib.figure import Figure
 
     figures = {}
@@ -193,7 +193,7 @@ def spacing_views(rows: Sequence[Row]) -> dict[str, Figure]:
 
 
 def masks(rows: Sequence[Row]) -> dict[str, Figure]:
-    """The stages of detector II."""
+    """Draw the stages of detector II."""
     from matplotlib.figure import Figure
 
     figures = {}
@@ -216,7 +216,7 @@ def masks(rows: Sequence[Row]) -> dict[str, Figure]:
 
 
 def signals(rows: Sequence[Row]) -> dict[str, Figure]:
-    """MIN_ipd over range, its moving average, and sudden changes in sectors."""
+    """Draw MIN_ipd over range, its moving average, and sudden changes in sectors."""
     from matplotlib.figure import Figure
 
     figures = {}

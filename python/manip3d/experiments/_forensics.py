@@ -1,4 +1,4 @@
-"""Common parts of tables 6.1 and 6.2: simulated scans, their forgeries, two detectors."""
+"""Common parts of tables 6.1 and 6.2: simulated scans, their forgeries, and two detectors."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ HOAXES = ("bun_zipper", "dragon_45k")
 CLASSES = ("original", "CTP", "CRTP")
 DETECTORS = ("I", "II")
 
-# Scenes that are forged, as published: 13 outdoor and 8 indoor ones by CTP, 7 and 5 by CRTP, each
-# with both hoaxes; 10 subtractive and deforming forgeries, five of each.
+# Numbers of forged scenes, as published: 13 outdoor and 8 indoor scenes by CTP, 7 and 5 by CRTP,
+# each with both hoaxes; and 10 subtractive and deforming forgeries, five of each kind.
 _FORGED = {
     ("outdoor", "CTP"): 13,
     ("outdoor", "CRTP"): 7,
@@ -34,17 +34,17 @@ _EDITED = {
     "indoor": ("subtractive", "subtractive", "deforming", "deforming", "deforming"),
 }
 
-# Largest extent of a hoax and its distance from the scanner, metres.
+# Largest extent of a hoax, and its distances from the scanner; metres.
 _SIZE = {"outdoor": 1.0, "indoor": 0.3}
 _DISTANCE = {"outdoor": (10.0, 20.0), "indoor": (2.0, 3.5)}
 _DENT = 0.1
 _RESOLUTION = {"full": 0.06, "quick": 0.2}
 _QUICK = 2
-"""Scenes of each kind in a quick run."""
+"""Number of scenes of each kind in a quick run."""
 
 
 def resolution_note(rows: Sequence[Row]) -> str:
-    """How many scans there are, and how fine they are."""
+    """Return the note about the number of scans and their resolution."""
     steps = sorted({row["resolution_deg"] for row in rows})
     fineness = " and ".join(f"{step:g}" for step in steps)
     return f"This run: {counted(len(rows), 'scan')} with {fineness} degrees between rays."
@@ -63,13 +63,13 @@ TOO_FEW = "a quick run has too few scans to judge this"
 
 
 def role(real: bool) -> str:
-    """Description of the scans and the hoaxes."""
+    """Return the description of the scans and the hoaxes."""
     hoaxes = " and ".join(HOAXES) if real else "a ball and a knot in the place of Stanford models"
     return f"simulated scan in the place of the published one; hoaxes: {hoaxes}"
 
 
 def cases(plan: Plan) -> list[Case]:
-    """One case a scene, with all its forgeries: the scan is made once."""
+    """Return one case for each scene with all its forgeries, so that it is scanned only once."""
     from manip3d.simulate import scenes
 
     real = plan.data != "simulated" and all(datasets.is_here(datasets.get(name)) for name in HOAXES)
@@ -98,7 +98,7 @@ def cases(plan: Plan) -> list[Case]:
 
 
 def judge_scene(case: Case) -> Row:
-    """Scan a scene, forge it, and let both detectors judge all of it."""
+    """Scan a scene, forge the scan, and let both detectors judge the scan and its forgeries."""
     options = case.options
     random = np.random.default_rng([options["seed"], options["number"]])
     points = scan_of(options)
@@ -111,7 +111,7 @@ def judge_scene(case: Case) -> Row:
 
 
 def scan_of(options: Any) -> Points:
-    """The simulated scan of a case."""
+    """Return the simulated scan of a case."""
     from manip3d.simulate import scenes
     from manip3d.simulate.terrestrial import terrestrial_scan
 
@@ -172,17 +172,17 @@ def _forgeries(
 
 
 def open_hoax(name: str) -> tuple[Points, Points]:
-    """Vertices, z up, and outward normals of a hoax: a Stanford model or a stand-in."""
+    """Return vertices (z up) and outward normals of a hoax: a Stanford model or a stand-in."""
     if name in HOAXES:
         mesh = datasets.load_mesh(name)
-        vertices = mesh.vertices[:, [0, 2, 1]] * np.array([1.0, -1.0, 1.0])  # y was up
+        vertices = mesh.vertices[:, [0, 2, 1]] * np.array([1.0, -1.0, 1.0])  # from y up to z up
         corners = vertices[mesh.faces]
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals = np.zeros_like(vertices)
         for corner in range(3):
             np.add.at(normals, mesh.faces[:, corner], across)
         return vertices.astype(np.float32), normals.astype(np.float32)
-    # Points spread over a sphere as the seeds of a sunflower, with bumps.
+    # A sphere with bumps, sampled evenly by a Fibonacci spiral.
     count = 35_947 if name == "ball" else 22_982
     index = np.arange(count) + 0.5
     z = 1.0 - 2.0 * index / count
@@ -194,14 +194,14 @@ def open_hoax(name: str) -> tuple[Points, Points]:
 
 
 def _facing(vertices: Points, normals: Points, scale: float, place: NDArray[np.float64]) -> Points:
-    """The part of a hoax that faces the scanner in the origin."""
+    """Return the part of a hoax that faces the scanner in the origin."""
     to_scanner = -(place + scale * (vertices - vertices.mean(axis=0)))
     facing: Points = vertices[np.einsum("ij,ij->i", normals, to_scanner) > 0.0]
     return facing
 
 
 def free_place(points: Points, kind: str, random: np.random.Generator) -> NDArray[np.float64]:
-    """A free place on the ground, for the hoax's lowest point, in the scan's frame."""
+    """Find a free place on the ground for the hoax's lowest point, in the scan's coordinates."""
     size = _SIZE[kind]
     sample = points[:: max(1, len(points) // 400_000)].astype(np.float64)
     best: NDArray[np.float64] | None = None
@@ -214,7 +214,7 @@ def free_place(points: Points, kind: str, random: np.random.Generator) -> NDArra
             continue
         heights = sample[near, 2]
         ground = float(np.quantile(heights, 0.1))
-        if ground > 0.0:  # above the scanner: a ceiling or a roof
+        if ground > 0.0:  # a surface above the scanner is a ceiling or a roof
             continue
         above = int(np.count_nonzero((heights > ground + 0.3 * size) & (heights < ground + size)))
         if above < fewest:
@@ -227,7 +227,7 @@ def free_place(points: Points, kind: str, random: np.random.Generator) -> NDArra
 
 
 def object_box(points: Points, kind: str) -> Box:
-    """An object of the scan: the first that segmentation finds, else half a metre of it."""
+    """Return the box of the first object that segmentation finds, or else a box of half a metre."""
     sample = points[:: max(1, len(points) // 200_000)]
     found = forge.segment(sample, max_range=30.0, tolerance=0.3 if kind == "outdoor" else 0.15)
     for box in found.boxes:
@@ -250,7 +250,7 @@ COLUMNS = (
 
 
 def complete(row: Row) -> Row:
-    """The row with the number of correct verdicts of each detector and class."""
+    """Add to a row the number of correct verdicts of each detector and class."""
     counts = {
         f"{detector}_{attack}": _fraction(row, detector, attack)
         for detector in DETECTORS
@@ -267,7 +267,7 @@ def _fraction(row: Row, detector: str, attack: str) -> str | None:
 def entries(
     rows: Sequence[Row], attack: str, *, front: bool = False, kind: str = ""
 ) -> list[dict[str, Any]]:
-    """The part of a class that was judged: whole hoaxes, or only their fronts."""
+    """Return the judged scans of a class: with whole hoaxes, or only with their fronts."""
     return [
         entry
         for row in rows
@@ -278,10 +278,10 @@ def entries(
 
 
 def is_right(entry: dict[str, Any], detector: str) -> bool:
-    """Whether a verdict is the truth; undecidable never is."""
+    """Return whether a verdict is correct; the verdict undecidable never is."""
     return bool(entry[detector] == ("no_trace" if entry["attack"] == "original" else "tampered"))
 
 
 def accuracy(found: Sequence[dict[str, Any]], detector: str) -> float:
-    """Percent of right verdicts."""
+    """Return the percentage of correct verdicts."""
     return 100.0 * sum(is_right(entry, detector) for entry in found) / len(found)

@@ -1,4 +1,4 @@
-"""Attacks on frames of a spinning LiDAR, by an attacker who writes files as the scanner does."""
+"""Attacks on frames of a spinning LiDAR whose results have the scanner's order and rounding."""
 
 from __future__ import annotations
 
@@ -22,21 +22,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Material of an attacker in one frame.
+    """Input of the attacks on one frame.
 
     Attributes
     ----------
     scan : (N, 3) float32
         The clean frame.
     box : Box
-        Box of the object that is removed, moved or bent.
+        Box of the object that is removed, moved or deformed.
     hoax : (K, 3) float32
-        Points of an object of another drive.
+        Points of an object from another drive.
     distance, azimuth : float
-        Where the hoax is to stand, metres and radians.
+        Wanted horizontal distance, metres, and azimuth, radians, of the hoax.
     lattice : SensorLattice
         Lattice of the scanner.
     seed : int
+        Seed of random attacks.
     """
 
     scan: Points
@@ -49,9 +50,9 @@ class Target:
 
     @property
     def at_distance(self) -> Points:
-        """The hoax turned about the scanner and moved away from it until it stands there.
+        """Return the hoax, turned about the scanner and moved radially to its wanted place.
 
-        It keeps its height and the face that it turns to the scanner.
+        Its height is unchanged, and the same side faces the scanner.
         """
         center = self.hoax.mean(axis=0, dtype=np.float64)
         turn = self.azimuth - math.atan2(center[1], center[0])
@@ -65,12 +66,12 @@ class Target:
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """Wanted place of the hoax's centroid."""
+        """Wanted position of the hoax's centroid."""
         return np.asarray(self.at_distance.mean(axis=0, dtype=np.float64))
 
 
 def as_written(points: Points, lattice: SensorLattice) -> Points:
-    """Points as KITTI's files have them: whole millimetres, ring after ring, each by azimuth."""
+    """Round to whole millimetres and sort by ring, then azimuth, as in KITTI's files."""
     step = 1.0 / lattice.coordinate_step if lattice.coordinate_step else 1e6
     rounded = np.ascontiguousarray(np.round(points.astype(np.float64) * step) / step, np.float32)
     reading = lattice.read(rounded)
@@ -102,11 +103,11 @@ def _crtp(target: Target) -> forge.Forgery:
 
 
 def _spacing_of_ground(target: Target) -> float:
-    """Mean distance to the nearest neighbour of the points within 1 m of the foot of the hoax."""
+    """Return the mean nearest-neighbour distance of points within 1 m of the foot of the hoax."""
     foot = target.position
     foot[2] = float(target.at_distance[:, 2].min())
     near = target.scan[np.linalg.norm(target.scan - foot, axis=1) < 1.0].astype(np.float64)
-    if len(near) < 2:  # a gap of the scan: the steps of its angles
+    if len(near) < 2:  # in a gap of the scan, use the scanner's angular step of 0.2 degrees
         return target.distance * math.radians(0.2)
     apart = np.linalg.norm(near[:, None] - near[None], axis=2)
     np.fill_diagonal(apart, np.inf)
@@ -177,7 +178,10 @@ def _snapped(attack: Callable[[Target], forge.Forgery], along: str) -> Callable[
 def _on_firings(
     attack: Callable[[Target], forge.Forgery], *, whole_ranges: bool
 ) -> Callable[[Target], Points]:
-    """Return what a scanner of this lattice would have measured of the touched points."""
+    """Return an attack whose changed points lie where a scanner with this lattice could see them.
+
+    Each firing keeps its nearest changed point and hides the points behind.
+    """
 
     def run(target: Target) -> Points:
         forgery, lattice = attack(target), target.lattice
@@ -237,10 +241,11 @@ OTHERS: Mapping[str, Callable[[Target], Points]] = MappingProxyType(
         "translation on firings, ranges": _on_firings(_translation, whole_ranges=True),
     }
 )
-"""Attacks that remove or bend, and attackers who know the scanner's lattice better and better."""
+"""Attacks that remove or deform, then attacks that fit the scanner's lattice more and more
+closely: heights or rays of rings, firings, and firings with whole range steps."""
 
 appended = ADDING["CTP"]
-"""The points of the hoax, appended to the scan where it is to stand."""
+"""Attack that appends the points of the hoax, at its wanted place, to the scan."""
 
 on_firings = OTHERS["occlusion on firings, ranges"]
-"""The hoax as firings of the scanner would see it, with whole steps of range."""
+"""Attack that inserts the hoax as the scanner's firings would see it, with whole range steps."""

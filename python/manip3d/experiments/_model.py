@@ -26,10 +26,12 @@ class Plan:
     Attributes
     ----------
     data : 'auto', 'real' or 'simulated'
-        ``auto``: real data where it is here, simulated models in the place of the rest.
+        ``auto``: real data that is present, simulated models in place of the rest; ``real``: real
+        data only; ``simulated``: simulated models only.
     scale : 'quick' or 'full'
+        ``quick``: few small cases, for a look in a minute; ``full``: all cases.
     seed : int
-        Seeds every random choice of the cases.
+        Seed of every random choice of the cases.
     """
 
     data: DataTier = "auto"
@@ -44,12 +46,12 @@ class Case:
     Attributes
     ----------
     run : callable
-        ``run(case) -> dict``, importable by name. Values that are a `Mesh` or `bytes` are stored
-        beside the row; all others are JSON values.
+        ``run(case) -> dict``, importable by name. Values that are a `Mesh` or `bytes` are stored in
+        files of their own; all others are JSON values.
     options : mapping of JSON values
-        All that the result depends on, seeds included, apart from the code and `inputs`.
+        Everything that the result depends on, including seeds, except code and `inputs`.
     inputs : tuple of str
-        Names of the registered meshes that it opens.
+        Names of the registered meshes that the case opens.
     """
 
     run: Callable[[Case], Row]
@@ -62,14 +64,14 @@ class Case:
         return f"{self.run.__module__}:{self.run.__qualname__}"
 
     def key(self, inputs_sha256: Mapping[str, str], code: str) -> str:
-        """Return the name of its result: a hash of function, options, inputs and code.
+        """Return the name of the stored result: a hash of function, options, inputs and code.
 
         Parameters
         ----------
         inputs_sha256 : mapping of str to str
-            SHA-256 of each input by its name.
+            SHA-256 of each input, by its name.
         code : str
-            Fingerprint of the code.
+            Hash of the code.
         """
         record = {
             "function": self.function,
@@ -86,25 +88,27 @@ DATA_KINDS: dict[str, str] = {
     "recorded": "recorded data that stand for nothing published",
     "simulated": "simulated",
 }
-"""Data on which a row was measured: the values of ``data``, in words."""
+"""Kinds of data on which a row can be measured (values of ``data``), with their descriptions."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Verdict of one model (or other part) on a claim.
+    """Result of a claim for one model or another part of the rows.
 
     Attributes
     ----------
     subject : str
+        The model or part.
     holds : bool or None
-        None: not applicable there.
+        Whether the claim holds for it; None: not applicable.
     numbers : str
-        What was compared.
+        The compared numbers.
     data : str
-        What it was measured on: one of `DATA_KINDS`, or several of them, separated by commas;
+        Kind of data of the numbers: one of `DATA_KINDS`, or several of them, separated by commas;
         filled in by `Claim.verdict`.
     unjudged : str
-        Why this run cannot judge it although it applies: another file, too small a scale.
+        Reason why this run cannot judge the claim although it applies, such as another file or too
+        small a scale; ``""``: it can.
     """
 
     subject: str
@@ -116,16 +120,17 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim judged: it holds if every applicable finding holds.
+    """Verdict on a claim, which holds if every applicable finding holds.
 
     Attributes
     ----------
     claim : str
+        Text of the claim.
     source : str
-        Where the claim is made.
+        Table, figure or section that makes the claim.
     findings : tuple of Finding
     unjudged : str
-        Why the claim could not be judged: a case that it needs failed; ``""``: it could.
+        Reason why the claim could not be judged, such as a failed case; ``""``: it was judged.
     reported : bool
         Whether the numbers are reported without any claim.
     """
@@ -138,7 +143,7 @@ class Verdict:
 
     @property
     def holds(self) -> bool | None:
-        """True, False, or None where nothing applies or a case that the claim needs failed."""
+        """True or False; None if no finding applies or if a case that the claim needs failed."""
         judged = [finding.holds for finding in self.findings if finding.holds is not None]
         return all(judged) if judged and not self.unjudged else None
 
@@ -146,9 +151,9 @@ class Verdict:
     def word(self) -> str:
         """``holds``, ``does not hold``, ``undecided``, or why there is no verdict.
 
-        Undecided: a published claim that fails on stand-ins or simulated data alone; only the
-        published files can refute it. Without a verdict: ``not judged`` (a case failed),
-        ``reported`` or ``not applicable``.
+        Undecided means that a published claim fails only on stand-ins or simulated data, because
+        only the published files can refute it. If there is no verdict, the word is ``not judged``
+        (a case failed), ``reported`` or ``not applicable``.
         """
         if self.unjudged:
             return "not judged"
@@ -160,18 +165,21 @@ class Verdict:
         return "does not hold" if refuted else "undecided"
 
     def _refutes(self, finding: Finding) -> bool:
-        """An aim of ours can fail on any data, what is published only on what it was said of."""
+        """Return whether a finding refutes the claim.
+
+        Any data can refute an aim of this package, but only the published data a published claim.
+        """
         decisive = self.source.startswith("aim") or not finding.data or "published" in finding.data
         return finding.holds is False and decisive
 
 
 def _every_row(_: Row) -> bool:
-    """Return True: a claim needs every row unless it says otherwise.
+    """Return True: by default a claim needs every row.
 
     Parameters
     ----------
     _ : dict
-        The row; it is not looked at.
+        The row, which is not used.
     """
     return True
 
@@ -183,21 +191,22 @@ class Claim:
     Attributes
     ----------
     text : str
+        The claim as a sentence.
     source : str
-        Table, figure or section that says so, or ``aim`` for one of our own.
+        Table, figure or section that makes the claim, or ``aim`` for an aim of this package.
     judge : callable
-        Rows that did not fail -> findings. Each kind of data is judged apart, so that a verdict
-        says on which data it rests.
+        Function from rows of cases that did not fail to findings. It is called for each kind of
+        data separately, so that each finding is based on one kind.
     about : callable
-        Tells whether the claim needs a row. It may look at options only, since failed rows have
-        nothing else.
+        Function from a row to whether the claim needs it. It may use only the row's options,
+        because failed rows have nothing else.
     data : tuple of str
-        Kinds of data that can judge it: ``("published",)`` where it is about numbers of the
-        published files. On other data the numbers are shown and nothing is judged.
+        Kinds of data that can judge the claim: ``("published",)`` if it is about numbers of the
+        published files. On other data the numbers are shown without a judgement.
     together : bool
-        Judge rows of all kinds of data at once: for claims that compare them.
+        Judge rows of all kinds of data in one call, for claims that compare them.
     reported : bool
-        Numbers without a claim.
+        Report numbers without a claim.
     """
 
     text: str
@@ -211,9 +220,9 @@ class Claim:
     def verdict(self, rows: Sequence[Row]) -> Verdict:
         """Judge the claim on the rows that it needs.
 
-        Without any, or if one of them failed, the claim is not judged; what the other models say
-        stands in the findings. Models with a failed case are left out, since judges compare whole
-        models.
+        If there is no such row, or if one of them failed, the claim is not judged, but the findings
+        contain the results of the other models. Models with a failed case are left out, because
+        judges compare all methods of a model.
 
         Parameters
         ----------
@@ -231,7 +240,7 @@ class Claim:
         try:
             for kinds, group in self._by_data(whole):
                 findings += self._found(kinds, group)
-        except Exception as error:  # the report is written all the same, and says so
+        except Exception as error:  # the report is still written, and contains the error
             unjudged = unjudged or f"the judge failed: {type(error).__name__}: {error}"
         findings += [
             Finding(_subject(row), None, f"failed: {row['error']}", _kind(row)) for row in failed
@@ -262,28 +271,28 @@ def _listed(kinds: Sequence[str]) -> str:
 
 
 def _subject(row: Row) -> str:
-    """Model, method and level of a row, as far as it has them."""
+    """Return model, method and level of a row, without those that it lacks."""
     words = (row.get(name) for name in ("model", "method", "level"))
     return " ".join(str(word) for word in words if word not in (None, ""))
 
 
 @checked
 def counted(number: int, noun: str, plural: str = "") -> str:
-    """Return a number with its noun in the singular or plural, for pages: ``1 face``, ``2 faces``.
+    """Return a number with its noun in the singular or plural, such as ``1 face``, ``2 faces``.
 
     Parameters
     ----------
     number : int
-        How many there are.
+        The count.
     noun : str
-        The singular.
+        The noun in the singular.
     plural : str
-        The plural; empty: the singular and an ``s``.
+        The noun in the plural; empty: the singular with an ``s``.
 
     Returns
     -------
     str
-        Groups of thousands are separated by a narrow no-break space, U+202F.
+        The text, in which groups of thousands are separated by a narrow no-break space, U+202F.
 
     Raises
     ------
@@ -307,21 +316,22 @@ class Column:
     Attributes
     ----------
     name : str
-        Key in the row.
+        Key of the value in the row.
     title : str
+        Heading of the column.
     scale : float
-        Shown is the value times this.
+        Factor by which the value is multiplied before it is shown.
     digits : int or None
-        Decimals; None: as it is.
+        Number of decimals; None: the value is not rounded.
     published : str
-        Key of the published value that stands beside it; ``""``: none.
+        Key of the published value that is shown next to it; ``""``: none.
     ratio : bool
-        Whether their ratio stands there too, where both are of the same file.
+        Whether the ratio of both values is shown, too, if they were measured on the same file.
     lower_is_better : bool
-        Whether the report marks each model's lowest value, among rows whose ``reached`` is not
+        Whether the report marks each model's lowest value among rows whose ``reached`` is not
         false.
     words : mapping of str to str
-        How the row's words are shown.
+        Texts shown in place of values that are words.
     """
 
     name: str
@@ -336,16 +346,17 @@ class Column:
 
 @dataclass(frozen=True)
 class Sheet:
-    """Pictures that belong together: one model and what was made of it.
+    """Group of pictures of one model and its results.
 
     Attributes
     ----------
     about : str
-        Said beside its name.
+        Description shown next to the model's name.
     draw : callable
-        ``draw(folder, options)``, importable by name: draws into the results folder and returns
-        a list of dicts with ``label``, ``faces``, and the file of each style.
+        ``draw(folder, options)``, importable by name, which draws into the results folder and
+        returns a list of dicts with ``label``, ``faces``, and the file of each style.
     options : mapping
+        Second argument of ``draw``.
     """
 
     about: str
@@ -371,33 +382,36 @@ class Experiment:
     Attributes
     ----------
     id : str
-        ``table-2.2``.
+        Name such as ``table-2.2``.
     title : str
+        Heading in the report.
     published : str
-        Name of the CSV in ``experiments/published`` it answers; ``""``: none.
+        Name of the CSV in ``experiments/published`` that is reproduced; ``""``: none.
     data : tuple of str
-        Registered meshes that it wants.
+        Names of the registered data sets that it uses if present.
     cases : callable
-        Plan -> cases, in the order of the table.
+        Function from a plan to cases, in the order of the table.
     columns : tuple of Column
-        What the report's table shows, below a heading for each model.
+        Columns of the report's table, which has a heading for each model.
     claims : tuple of Claim
+        Claims to judge.
     complete : callable
-        Row -> row with what the publication says about it; runs after the case.
+        Function that adds published values to a row; runs after the case.
     gather : callable or None
-        Rows of cases, failed ones among them -> rows of the table, where cases are pieces of rows,
-        so that a stopped run resumes within them; runs before `complete`.
+        Function from the rows of all cases, including failed ones, to rows of the table. It is
+        needed if several cases form one row, so that a stopped run can resume within a row; runs
+        before `complete`.
     figures : callable or None
-        Rows that did not fail -> figures by name.
+        Function from the rows that did not fail to figures by name.
     sheets : callable or None
-        Rows that did not fail -> pictures by the name of their model.
+        Function from the rows that did not fail to pictures by the name of their model.
     notes : tuple of str or callable
-        What a reader must know to read the numbers. What depends on the run is a function of the
-        rows that did not fail; ``""``: nothing to say.
+        Explanations of the numbers. A note that depends on the run is a function of the rows that
+        did not fail; it may return ``""`` for no note.
     role : str
-        What its data are, where cases do not say it.
+        Description of the data, for cases that do not give one.
     split : str
-        Key in the rows by whose values the report makes several tables; ``""``: one table.
+        Key in the rows; the report makes one table for each of its values. ``""``: one table.
     """
 
     id: str

@@ -1,4 +1,4 @@
-"""Notes that depend on what a run has measured: which data its rows are of."""
+"""Notes of a report that name the data of a run."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _MEANINGS = {
 
 
 def data_note(thing: str) -> Callable[[Sequence[Row]], str]:
-    """A note that names what the rows are measured on, kind by kind.
+    """Return a note that lists the data of the rows by kind: published, stand-in, simulated.
 
     Parameters
     ----------
     thing : str
-        What a row is of: ``mesh``, ``range image``.
+        Noun for the object of a row, such as ``mesh`` or ``range image``.
     """
 
     def note(rows: Sequence[Row]) -> str:
@@ -40,7 +40,7 @@ def data_note(thing: str) -> Callable[[Sequence[Row]], str]:
 
 
 def _names(rows: Sequence[Row], kind: str) -> str:
-    """``rockerArm as RockerArm, lifeboat for Dragon``."""
+    """Return names such as ``rockerArm as RockerArm, lifeboat for Dragon``."""
     models = {row["model"]: row.get("stands_in_for", "") for row in rows if row["data"] == kind}
     word = "as" if kind == "published" else "for"
     return ", ".join(

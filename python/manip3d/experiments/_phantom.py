@@ -1,4 +1,4 @@
-"""Common parts of the experiments of chapter 4: patients, pipeline, truth, pictures."""
+"""Common parts of the experiments of chapter 4: scenes, pipeline, ground truth, and pictures."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Picture = NDArray[np.uint8]
 
 FEET = 0.3048
-"""Metres."""
+"""Length of a foot in metres."""
 
 ROLE = "simulated patient, in the place of the published recordings"
 NOTE = (
@@ -34,7 +34,7 @@ NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A simulated frame with its truth, and what the pipeline made of it."""
+    """A simulated frame with its ground truth, and the pipeline's result."""
 
     capture: BodyCapture
     phantom: PhantomFrame
@@ -46,14 +46,14 @@ class Outcome:
 
     @property
     def truth(self) -> BodyTruth:
-        """The truth of the frame."""
+        """The ground truth of the frame."""
         return self.capture.truth
 
 
 def outcomes(
     scene: Mapping[str, Any], pipeline: Mapping[str, Any], times: Sequence[float]
 ) -> Iterator[Outcome]:
-    """A simulated scene through a pipeline of its own.
+    """Yield the results of a new pipeline on a simulated scene.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def outcomes(
     pipeline : mapping
         Options of `PhantomPipeline`.
     times : sequence of float, seconds
-        Growing.
+        Times of the frames, ascending.
     """
     from manip3d.modify import PhantomPipeline
     from manip3d.simulate import BodySimulator
@@ -78,7 +78,7 @@ def outcomes(
 
 
 def segmented(frame: RgbdFrame, segmentation: Segmentation = "skin") -> NDArray[np.uint8]:
-    """The nearest bone of each pixel of the first person."""
+    """Return the nearest bone of each pixel, by the first person's skeleton."""
     from manip3d.modify import segment_body
 
     person, camera = frame.skeletons[0], frame.calibration.depth
@@ -88,33 +88,36 @@ def segmented(frame: RgbdFrame, segmentation: Segmentation = "skin") -> NDArray[
 
 
 def drawn(phantom: PhantomFrame, *kinds: str) -> Mask:
-    """Pixels of some of the kinds."""
+    """Return the pixels of the given kinds."""
     from manip3d.modify import PixelKind
 
     return np.isin(phantom.kinds, [int(PixelKind[kind]) for kind in kinds])
 
 
 def covered(phantom: PhantomFrame) -> Mask:
-    """Pixels that show the phantom."""
+    """Return the pixels that show the phantom."""
     return phantom.phantom
 
 
 def distances(points: NDArray[np.floating[Any]], surface: Any) -> Floats:
-    """Metres from each point to a mesh."""
+    """Return the distance of each point to a mesh, metres."""
     from manip3d.metrics import closest_points
 
     return np.asarray(closest_points(surface, points).distance)
 
 
 def errors(outcome: Outcome, limb: Any) -> Floats:
-    """Distance of each unfilled phantom point to the intact limb, reflected in the true plane."""
+    """Return the distances of unfilled phantom points to the reflected intact limb, metres.
+
+    The limb is reflected at the true plane of symmetry.
+    """
     camera = outcome.frame.calibration.depth
     points = camera.unproject(outcome.phantom.depth)[drawn(outcome.phantom, "PHANTOM", "AWAY")]
     return distances(points, outcome.truth.phantom(limb))
 
 
 def sensor_errors(outcome: Outcome, limb: str) -> Floats:
-    """Distance of the intact limb's own measured points to its true surface."""
+    """Return distances of the intact limb's measured points to the limb's true surface."""
     from manip3d.simulate import LIMBS, opposite
 
     intact: Any = opposite(limb)
@@ -125,7 +128,7 @@ def sensor_errors(outcome: Outcome, limb: str) -> Floats:
 
 
 def true_cover(outcome: Outcome, limb: Any) -> Mask:
-    """Pixels at which the reflected limb would be seen, before what else there is of the person."""
+    """Return the pixels at which the reflected limb would be visible in front of the person."""
     from manip3d.simulate import cast_mesh
 
     camera = outcome.frame.calibration.depth
@@ -135,7 +138,10 @@ def true_cover(outcome: Outcome, limb: Any) -> Mask:
 
 
 def hole_sizes(shown: Mask, wanted: Mask) -> list[int]:
-    """Pixels of each hole: enclosed by what is shown, where something ought to be."""
+    """Return the number of pixels of each hole.
+
+    A hole is a region of ``wanted`` pixels that are not ``shown`` but enclosed by shown ones.
+    """
     from scipy import ndimage
 
     holes = ndimage.binary_fill_holes(shown) & ~shown & wanted
@@ -147,7 +153,7 @@ def hole_sizes(shown: Mask, wanted: Mask) -> list[int]:
 
 
 def box_of(mask: Mask, margin: int = 12) -> tuple[slice, slice]:
-    """Rows and columns around a mask."""
+    """Return the rows and columns of a mask's bounding box, with a margin in pixels."""
     rows, columns = np.nonzero(mask.any(1))[0], np.nonzero(mask.any(0))[0]
     if not len(rows):
         return slice(None), slice(None)
@@ -158,7 +164,7 @@ def box_of(mask: Mask, margin: int = 12) -> tuple[slice, slice]:
 
 
 def packed(picture: Picture) -> str:
-    """A picture as a word of JSON: base64 of its PNG."""
+    """Encode a picture as a string for JSON: base64 of its PNG file."""
     import io
 
     from PIL import Image
@@ -169,7 +175,7 @@ def packed(picture: Picture) -> str:
 
 
 def unpacked(word: str) -> Picture:
-    """The picture of a word."""
+    """Decode a picture from the string that `packed` returned."""
     import io
 
     from PIL import Image
@@ -178,7 +184,7 @@ def unpacked(word: str) -> Picture:
 
 
 def panels(rows: Sequence[Row], width: float = 2.3) -> dict[str, Figure]:
-    """The pictures of each row's ``views`` side by side."""
+    """Draw the pictures of each row's ``views`` side by side."""
     from matplotlib.figure import Figure
 
     figures = {}

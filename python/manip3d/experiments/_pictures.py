@@ -1,4 +1,4 @@
-"""Pictures of the originals and of what each method made of them, all from one camera."""
+"""Pictures of original meshes and of each method's result, from the same camera."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from manip3d.mesh import Mesh
 
 _SIZE = (480, 400)
-_QUALITY = 82  # of the WebP files: about 15 kB a picture, no visible loss
+_QUALITY = 82  # quality of WebP files: about 15 kB per picture, no visible loss
 _STYLES: dict[str, dict[str, Any]] = {
     "shaded": {"texture": False, "shading": "flat"},
     "textured": {"texture": True, "shading": "smooth"},
@@ -29,12 +29,12 @@ _STYLES: dict[str, dict[str, Any]] = {
 
 
 def sheets(rows: Sequence[Row]) -> dict[str, Sheet]:
-    """One sheet of pictures per model that was simplified to its table's target.
+    """Return a sheet of pictures for each model that was simplified to its table's target.
 
     Returns
     -------
     dict of str to Sheet
-        By model.
+        Sheets by the name of the model.
     """
     methods: dict[str, dict[str, str]] = {}
     found: dict[str, Sheet] = {}
@@ -49,9 +49,9 @@ def sheets(rows: Sequence[Row]) -> dict[str, Sheet]:
 
 
 def draw(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Draw the original and every method's mesh, in grey and with its materials.
+    """Draw the original and each method's mesh, in grey and with its materials.
 
-    Pictures that exist are kept: their names are hashes of what they show.
+    Existing pictures are not drawn again, because their names are hashes of their content.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def draw(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]:
     Raises
     ------
     RenderError
-        Nothing can draw here.
+        No renderer works on this machine.
     """
     root = Path(folder)
     original = open_model(options)
@@ -84,19 +84,19 @@ def draw_set(
     styles: Iterable[str],
     **view: Any,
 ) -> list[dict[str, Any]]:
-    """Draw meshes from the camera that frames the first; pictures that exist are kept.
+    """Draw meshes from the camera that frames the first one; existing pictures are kept.
 
     Parameters
     ----------
     root : Path
         The results folder.
     identity : sequence of JSON values
-        All that the pictures depend on.
+        Values that determine the pictures; their hash names the files.
     labels, meshes : sequences of the same length
     styles : iterable of str
         ``shaded``, ``textured``.
     view
-        For `manip3d.viewer.comparison`.
+        Options of `manip3d.viewer.comparison`.
 
     Returns
     -------
@@ -124,7 +124,10 @@ def draw_set(
 def draw_alike(
     meshes: Sequence[Mesh], *, size: tuple[int, int], **options: Any
 ) -> list[NDArray[np.uint8]]:
-    """Draw each mesh from the camera that frames the first; options of `viewer.comparison`."""
+    """Draw each mesh from the camera that frames the first one.
+
+    ``options`` are those of `viewer.comparison`.
+    """
     from manip3d import viewer
 
     sheet = viewer.comparison(meshes, columns=1, size=size, **options)
@@ -133,7 +136,7 @@ def draw_alike(
 
 
 def webp(image: NDArray[np.uint8]) -> bytes:
-    """The WebP file of a picture."""
+    """Encode a picture as a WebP file."""
     from PIL import Image
 
     stream = io.BytesIO()
@@ -142,7 +145,7 @@ def webp(image: NDArray[np.uint8]) -> bytes:
 
 
 def read_picture(path: Path) -> NDArray[np.uint8]:
-    """A picture file as (H, W, 3) uint8."""
+    """Read a picture file as (H, W, 3) uint8."""
     import numpy as np
     from PIL import Image
 

@@ -1,4 +1,4 @@
-"""Common parts of figures 2.11 and 2.17: Dragon and Jet, simplified further and further."""
+"""Common parts of figures 2.11 and 2.17: Dragon and Jet at decreasing numbers of faces."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ _LEVELS = {
     "full": (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.05, 0.02),
     "quick": (0.5, 0.2, 0.1),
 }
-# Okabe and Ito's colours, which readers of every colour vision tell apart; QEM4VR stands out.
+# Okabe and Ito's colours, which people with colour blindness can distinguish. The style of QEM4VR
+# is the most prominent.
 _STYLES: dict[str, dict[str, Any]] = {
     "qem-orig": {"color": "#999999", "marker": "o"},
     "qem-bp": {"color": "#E69F00", "marker": "s"},
@@ -33,7 +34,7 @@ _STYLES: dict[str, dict[str, Any]] = {
 
 
 def cases(plan: Plan) -> list[Case]:
-    """Each stand-in of Dragon and Jet by each method at each level; shared by both figures."""
+    """Return the cases of Dragon and Jet by each method at each level, shared by both figures."""
     return [
         simplification_case(model, faces, method, plan, level=level)
         for model, faces in models(plan)
@@ -44,10 +45,10 @@ def cases(plan: Plan) -> list[Case]:
 
 
 def curves(rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, list[Row]]]]:
-    """Each model's rows by method, by falling number of faces.
+    """Yield each model with its rows by method, in descending order of faces.
 
-    A curve ends where its method stops: levels that it could not reach repeat its last mesh and
-    are left out.
+    A curve ends at the last level that its method reached. At further levels the method returns the
+    same mesh again, and these rows are left out.
     """
     by_model: dict[str, dict[str, list[Row]]] = {}
     for row in sorted(rows, key=lambda row: -row["level"]):
@@ -60,14 +61,14 @@ def curves(rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, list[Row]]]]:
 
 
 def ends_early(curve: list[Row]) -> bool:
-    """Whether a curve ends above its last target."""
+    """Return whether a method stopped above the last target."""
     return bool(curve[-1]["stop"] == "no_legal_collapse")
 
 
 def plots(
     rows: Sequence[Row], name: str, label: str, scale: float, *, logarithmic: bool = False
 ) -> dict[str, Figure]:
-    """One figure per model: the measure against the number of faces, a line per method."""
+    """Draw a figure for each model: the measure over the number of faces, a line per method."""
     from matplotlib.figure import Figure
 
     figures = {}
@@ -87,7 +88,8 @@ def plots(
         if logarithmic:
             axes.set_yscale("log")
             highest = max(row[name] * scale for curve in by_method.values() for row in curve)
-            axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-4 * highest))  # less is rounding
+            # Smaller values are rounding errors.
+            axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-4 * highest))
         axes.invert_xaxis()
         axes.grid(alpha=0.3)
         axes.legend()

@@ -16,7 +16,7 @@ METHOD_NAMES = {
     "qem-btp": "QEM_BTP",
     "qem4vr": "QEM_4VR",
 }
-"""This package's names of the methods, and the tables' names."""
+"""Name of each method in the tables, by this package's name."""
 
 
 @checked
@@ -27,12 +27,12 @@ def published_rows(name: str) -> tuple[dict[str, str], ...]:
     Parameters
     ----------
     name : str
-        As `Experiment.published` has it, such as ``table_6_1_lidar_forensics``.
+        Name of the table, as in `Experiment.published`, such as ``table_6_1_lidar_forensics``.
 
     Returns
     -------
     tuple of dict
-        A row each, in the table's order.
+        One dict for each row, in the table's order.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def published_rows(name: str) -> tuple[dict[str, str], ...]:
 
 
 def value(table: str, model: str, method: str, column: str) -> float | str | None:
-    """One cell: a number, ``"fail"`` where the method failed, None where nothing is printed."""
+    """Return a cell: a number, ``"fail"`` if the method failed, or None if nothing is printed."""
     for row in published_rows(table):
         if row["model"] == model and row["method"] == METHOD_NAMES.get(method, method):
             text = row[column]

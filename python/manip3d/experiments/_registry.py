@@ -1,4 +1,4 @@
-"""Which experiments there are: the package's own and those of plug-ins."""
+"""Registry of experiments: those of this package and those of plug-ins."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from manip3d.errors import InputError
 from manip3d.experiments._model import Experiment
 
 ENTRY_POINTS = "manip3d.experiments"
-"""Group of entry points: each names an `Experiment`."""
+"""Group of entry points; each refers to an `Experiment`."""
 
 _BUILT_IN = (
     "table_2_1",
@@ -90,7 +90,7 @@ def registry() -> Mapping[str, Experiment]:
     Raises
     ------
     InputError
-        Two have the same id, or an entry point names something else.
+        Two experiments have the same id, or an entry point does not refer to an experiment.
     """
     modules = [importlib.import_module(f"manip3d.experiments.{name}") for name in _BUILT_IN]
     found: dict[str, Experiment] = {}
@@ -106,8 +106,8 @@ def registry() -> Mapping[str, Experiment]:
 
 
 ALIASES = {"figure-7.9": "figure-7.10", "figure-7.11": "figure-7.12"}
-"""Published figures that the experiment of another one draws: scans before and after embedding, and
-attacks as cameras and LiDAR see them."""
+"""Published figures that another figure's experiment draws: 7.9, scans before and after embedding,
+and 7.11, attacks as seen by cameras and LiDAR."""
 
 
 @checked
@@ -118,14 +118,14 @@ def _nearest(name: str, known: Iterable[str]) -> str:
 
 @checked
 def select(ids: list[str]) -> list[Experiment]:
-    """Return the experiments of these ids, in the registry's order; all of them for an empty list.
+    """Return the experiments with these ids, in the registry's order; all for an empty list.
 
-    An id of `ALIASES` is that of the experiment that draws the figure, too.
+    An id in `ALIASES` selects the experiment that draws this figure, too.
 
     Parameters
     ----------
     ids : list of str
-        As ``manip3d reproduce --list`` prints them.
+        Ids, as printed by ``manip3d reproduce --list``.
 
     Returns
     -------

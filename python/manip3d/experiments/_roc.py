@@ -1,4 +1,4 @@
-"""Receiver operating characteristics: areas, intervals over scenes, thresholds."""
+"""Receiver operating characteristics: curves, areas, and confidence intervals."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 Scores = Mapping[str, Sequence[float]]
-"""By scene."""
+"""Scores of the frames of each scene, by scene."""
 
 
 def auc(clean: ArrayLike, forged: ArrayLike) -> float:
-    """Probability that a forged frame scores higher than a clean one; ties count half."""
+    """Return the area under the ROC curve.
+
+    It is the probability that a forged frame has a higher score than a clean one; ties count half.
+    """
     ranks = np.subtract.outer(np.asarray(forged, float), np.asarray(clean, float))
     return float(np.mean((ranks > 0) + 0.5 * (ranks == 0)))
 
@@ -23,7 +26,7 @@ def auc(clean: ArrayLike, forged: ArrayLike) -> float:
 def auc_interval(
     clean: Scores, forged: Scores, *, resamples: int = 2000, seed: int = 0
 ) -> tuple[float, float]:
-    """95 % interval of the area: scenes are drawn with replacement, with all their frames."""
+    """Return the 95 % bootstrap interval of the area; whole scenes are drawn with replacement."""
     scenes = sorted(set(clean) & set(forged))
     random = np.random.default_rng(seed)
     areas = []
@@ -40,7 +43,7 @@ def auc_interval(
 
 
 def curve(clean: Sequence[float], forged: Sequence[float]) -> tuple[list[float], list[float]]:
-    """False-alarm and detection rates over all thresholds, from (0, 0) to (1, 1)."""
+    """Return false-alarm and detection rates over all thresholds, from (0, 0) to (1, 1)."""
     thresholds = np.unique(np.concatenate([clean, forged]))[::-1]
     false = [float(np.mean(np.asarray(clean) >= t)) for t in thresholds]
     found = [float(np.mean(np.asarray(forged) >= t)) for t in thresholds]
@@ -48,7 +51,7 @@ def curve(clean: Sequence[float], forged: Sequence[float]) -> tuple[list[float],
 
 
 def upper_bound(events: int, trials: int, confidence: float = 0.95) -> float:
-    """Clopper and Pearson's upper bound of a rate."""
+    """Return Clopper and Pearson's one-sided upper confidence bound of a rate."""
     from scipy.stats import beta
 
     return 1.0 if events >= trials else float(beta.ppf(confidence, events + 1, trials - events))

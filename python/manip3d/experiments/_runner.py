@@ -1,7 +1,7 @@
-"""Runs experiments: cases in parallel, each result stored as it finishes, resumed when asked again.
+"""Runner of experiments: cases run in parallel, and each result is stored as soon as it is ready.
 
-A results folder may be interrupted and resumed at any time: a stored row is used again only if
-its inputs, options and code are the same and none of its bytes has changed.
+A run may be interrupted and resumed at any time. A stored row is used again only if its inputs,
+options and code are the same and none of its bytes has changed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Progress = Callable[[float, str], None]
 T = TypeVar("T")
 
 RESULTS_FORMAT = 2
-"""Format of ``results.json``; counted up when readers of older ones would fail."""
+"""Version of the format of ``results.json``; increased with each incompatible change."""
 
 _log = logging.getLogger("manip3d")
 
@@ -48,17 +48,20 @@ class RunSummary:
     Attributes
     ----------
     folder : Path
+        The results folder.
     experiments : list of str
+        Ids of the experiments.
     cases : int
-        Different cases of all experiments; shared ones count once.
+        Number of different cases of all experiments; shared ones count once.
     resumed : int
         Number of these cases whose stored result was used again.
     failed : int
+        Number of failed cases.
     seconds : float
         Wall time.
     problems : list of str
-        What else went wrong: claims that could not be judged although no case failed, figures
-        that could not be drawn.
+        Other errors: claims that could not be judged although no case failed, and figures that
+        could not be drawn.
     results : dict
         The content of ``results.json``.
     """
@@ -83,20 +86,23 @@ def run(
     dask: str = "",
     progress: Progress | None = None,
 ) -> RunSummary:
-    """Run experiments into a results folder.
+    """Run experiments and write their results to a folder.
 
     Parameters
     ----------
     experiments : sequence of Experiment
     folder : Path
-        Created if absent; finished cases in it are used again when nothing they depend on changed.
+        Results folder, created if absent. Finished cases in it are used again if nothing that they
+        depend on has changed.
     plan : Plan, optional
+        Options of the run.
     jobs : int
-        Processes; 0: one per core; 1: in this process.
+        Number of processes; 0: one per core; 1: this process only.
     dask : str
-        Address of a Dask scheduler that sees the same data folder; ``"local"`` starts one here.
+        Address of a Dask scheduler whose workers can read the data folder; ``"local"`` starts a
+        scheduler on this machine.
     progress : callable, optional
-        Called with the fraction done and what was just finished.
+        Called with the finished fraction and the name of the case that has just finished.
 
     Returns
     -------
@@ -107,14 +113,14 @@ def run(
     InputError
         An argument is out of range.
     DataMissingError, ChecksumError
-        ``data='real'`` and a mesh is absent, or a mesh's bytes are not the registered ones.
+        ``data='real'`` and a mesh is absent, or a mesh does not have the registered hash.
     KeyboardInterrupt
-        After stopping the workers; what had finished stays stored.
+        Raised again after the workers have stopped; finished cases remain stored.
 
     Notes
     -----
-    A case that fails is recorded with its error, leaves the claims that need it not judged, and is
-    tried again by the next run.
+    A case that fails is recorded with its error and tried again by the next run. Claims that need
+    it are not judged.
 
     Examples
     --------
@@ -175,7 +181,7 @@ def run(
 
 
 def describe(case: Case) -> str:
-    """A case in a few words, for people."""
+    """Describe a case in a few words, for progress messages."""
     words = (case.options.get(name) for name in ("model", "method", "level"))
     return " ".join(str(word) for word in words if word not in (None, "")) or case.function
 
@@ -194,12 +200,12 @@ def _input_hashes(case: Case) -> dict[str, str]:
 
 
 def _run_case(case: Case) -> Row:
-    """Run one case, in whatever process this is."""
+    """Run one case in the current process."""
     return {name: _plain(value) for name, value in case.run(case).items()}
 
 
 def _plain(value: Any) -> Any:
-    """NumPy's scalars and arrays as JSON values."""
+    """Convert NumPy scalars and arrays to JSON values."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 
 
@@ -224,14 +230,14 @@ def _rows(
 
 
 def _data_of(case: Case) -> str:
-    """Data on which a case was measured, where its options do not name them."""
+    """Return the kind of data of a case whose options do not name it."""
     return "recorded" if case.inputs else "simulated"
 
 
 def _completed(experiment: Experiment, row: Row) -> Row:
     try:
         row = experiment.complete(row)
-    except Exception as error:  # one row must not end the run
+    except Exception as error:  # an error in one row must not end the run
         row = row | {"error": row["error"] or f"{type(error).__name__}: {error}"}
     return {"role": experiment.role or DATA_KINDS[row["data"]]} | row
 
@@ -275,7 +281,7 @@ def _attempted(
     """Call ``make`` with the rows that did not fail; None, and a problem, if it fails."""
     try:
         return make(_sound(rows))
-    except Exception as error:  # the report is written all the same, and says so
+    except Exception as error:  # the report is still written, and lists the problem
         _log.warning("%s: %s: %s", what, type(error).__name__, error)
         problems.append(f"{what}: {type(error).__name__}: {error}")
         return None
@@ -284,7 +290,7 @@ def _attempted(
 def _figures(
     experiment: Experiment, rows: list[Row], store: Store, problems: list[str]
 ) -> dict[str, str]:
-    """Draw the figures as SVG: name -> file."""
+    """Draw the figures as SVG; return the files by name."""
     if experiment.figures is None:
         return {}
     written = {}
@@ -305,7 +311,7 @@ def _draw_pictures(
     jobs: int,
     problems: list[str],
 ) -> dict[str, Any]:
-    """Sheets of pictures by model, or why there are none."""
+    """Draw the sheets of pictures by model, or return the reason why there are none."""
     sheets: dict[str, Sheet] = {}
     for experiment in experiments:
         if experiment.sheets is not None:
@@ -320,9 +326,9 @@ def _draw_pictures(
 
 
 def _strict(value: Any) -> Any:
-    """The value with infinities and NaN as words, which JSON has no numbers for.
+    """Convert a value to strict JSON: infinities and NaN become strings.
 
-    What numpy computes in a claim is a number of Python's.
+    NumPy numbers, which claims may compute, become Python numbers.
     """
     if hasattr(value, "item") and not hasattr(value, "__len__"):
         value = value.item()
@@ -334,7 +340,7 @@ def _strict(value: Any) -> Any:
 
 
 def _csv(rows_by_experiment: Mapping[str, list[Row]]) -> str:
-    """One line a row, one value a cell: lists and mappings stand in ``results.json`` only."""
+    """Return the rows as CSV. Lists and mappings are left out; ``results.json`` contains them."""
     rows = [row for rows in rows_by_experiment.values() for row in rows]
     nested = {k for row in rows for k, value in row.items() if isinstance(value, dict | list)}
     names = [name for name in dict.fromkeys(k for row in rows for k in row) if name not in nested]

@@ -1,4 +1,4 @@
-"""Scans as a camera above the street would show them, with boxes around what is suspected."""
+"""Pictures of scans from a camera above the street, with boxes around suspected objects."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Image = NDArray[np.uint8]
 
-_NEAR = 0.5  # metres before the camera: nothing nearer is drawn
+_NEAR = 0.5  # metres; points nearer to the camera are not drawn
 _BACKGROUND = (18, 22, 30)
 _MARKED = (226, 92, 255)
 _BOX = (255, 190, 60)
-# Blue, green, yellow: low to high.
+# Colours from low to high points: blue, green, yellow.
 _RAMP = np.array([[66, 104, 190], [70, 170, 140], [222, 208, 120]], np.float64)
 
 
@@ -30,10 +30,10 @@ class Eye:
     Attributes
     ----------
     position, target : (3,) metres
-        Where it stands and what it looks at; z is up.
+        Position of the camera and the point that it looks at; z is up.
     size : (width, height), pixels
     field_deg : float
-        Horizontal field of view.
+        Horizontal field of view, degrees.
     """
 
     position: Floats
@@ -42,7 +42,7 @@ class Eye:
     field_deg: float = 62.0
 
     def project(self, points: ArrayLike) -> tuple[Floats, Floats]:
-        """Pixels (N, 2) and the distance along the line of sight (N,)."""
+        """Return pixels (N, 2) and distances along the optical axis (N,), metres."""
         forward = self.target - self.position
         forward = forward / np.linalg.norm(forward)
         right = np.cross(forward, (0.0, 0.0, 1.0))
@@ -69,9 +69,9 @@ def draw_scan(
     points : (N, 3) float32, metres
     eye : Eye
     marked : (N,) bool, optional
-        Points in a colour of their own.
+        Points to draw in a separate colour.
     boxes : sequence of (centre, size)
-        Drawn as edges over everything.
+        Boxes whose edges are drawn over all points.
     """
     colors = _by_height(points[:, 2])
     if marked is not None:

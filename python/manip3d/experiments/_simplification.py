@@ -1,7 +1,7 @@
-"""Common parts of the experiments of chapter 2: models, the measured case, and claims over rows.
+"""Common parts of the experiments of chapter 2: models, the measured case, and claims about rows.
 
-Tables 2.2 to 2.7 look at the same simplified meshes, so a case does not belong to one table: it
-simplifies one model by one method to one target and takes every measure of the result.
+Tables 2.2 to 2.7 use the same simplified meshes. A case therefore belongs to no single table: it
+simplifies one model by one method to one target and computes every measure of the result.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ NON_TEXTURED_METHODS = ("qem-orig", "qem-bp", "qem4vr")
 TEXTURED_METHODS = ("qem-orig", "qem-bp", "qem-tp", "qem-btp", "qem4vr")
 TEXTURE_PRESERVING = ("qem-tp", "qem-btp")
 PUBLISHED_TARGETS = {"RockerArm": 8174, "Head": 1844}
-"""Faces of the published simplified meshes that every method reached; 10 % for all others."""
+"""Numbers of faces of the published simplified meshes. They apply to models for which every method
+reached the same number; all other models are simplified to 10 %."""
 
-# Without data, models with the same traits, made by manip3d.simulate.models with these faces: as
-# many as the published models have.
+# Simulated models for runs without data, made by manip3d.simulate.models with the same traits and
+# the same numbers of faces as the published models.
 SIMULATED = (
     (StandIn("RockerArm", "rocker"), 80_354),
     (StandIn("Car", "car", variant="as stored"), 268_630),
@@ -37,7 +38,7 @@ SIMULATED = (
     (StandIn("Airplane", "airplane", textured=True), 66_496),
 )
 
-# One mesh for each published model: for a look in a minute.
+# One mesh for each published model, for quick runs of about a minute.
 _QUICK = (
     "rockerArm",
     "2CylinderEngine, welded",
@@ -55,16 +56,16 @@ _QUICK = (
 
 
 def real_data(*, textured: bool | None = None) -> tuple[str, ...]:
-    """The data sets that experiments on these models want."""
+    """Return the data sets of experiments on these models."""
     wanted = (model for model in STAND_INS if textured in (None, model.textured))
     return tuple(dict.fromkeys(datasets.source_of(model.mesh) for model in wanted))
 
 
 def models(plan: Plan, *, textured: bool | None = None) -> list[tuple[StandIn, int]]:
-    """Which meshes a plan looks at, each with the faces to simulate it with; 0: it is real.
+    """Return the meshes of a plan, each with the number of faces to simulate; 0: a real mesh.
 
-    With ``data='auto'`` each published model is looked at on its real meshes that are here, and
-    on the simulated one where none is.
+    With ``data='auto'`` each published model is represented by its real meshes that are present, or
+    by the simulated one if none is.
     """
     real = [m for m in STAND_INS if _wanted(m, plan)]
     if plan.data == "auto":
@@ -85,7 +86,7 @@ def _wanted(model: StandIn, plan: Plan) -> bool:
 
 
 def model_options(model: StandIn, simulated_faces: int) -> dict[str, Any]:
-    """The part of a case's options that says which mesh it looks at, and in whose place."""
+    """Return the options of a case that name its mesh and the published model it stands for."""
     simulated = simulated_faces > 0
     return {
         "model": f"{model.label} (simulated)" if simulated else model.label,
@@ -106,15 +107,15 @@ def simplification_case(
     level: float | None = None,
     **options: Any,
 ) -> Case:
-    """The case that simplifies a model by a method and takes every measure.
+    """Return the case that simplifies a model by a method and computes every measure.
 
     Parameters
     ----------
     level : float, optional
-        Fraction of the faces of the mesh as read; without it the published number of faces, or
-        10 % where the model is not the published file.
+        Target as a fraction of the faces of the original mesh. Default: the published number of
+        faces, or 10 % if the model is not the published file.
     options
-        For the method.
+        Options of the method.
     """
     published_target = PUBLISHED_TARGETS[model.published] if model.same_file else None
     return Case(
@@ -134,7 +135,7 @@ def simplification_case(
 
 
 def open_model(options: Mapping[str, Any]) -> Mesh:
-    """The mesh of a case, as read or as simulated, before cleaning."""
+    """Open the mesh of a case, read or simulated, before cleaning."""
     if not options["simulated_faces"]:
         return datasets.load_mesh(options["mesh"])
     from manip3d.simulate import models
@@ -143,7 +144,7 @@ def open_model(options: Mapping[str, Any]) -> Mesh:
 
 
 def simplify_and_measure(case: Case) -> Row:
-    """Simplify one model by one method to one target; every measure against the mesh as read."""
+    """Simplify a model by one method to one target and compare the result with the original."""
     from manip3d import simplify
 
     options = case.options
@@ -176,7 +177,7 @@ def simplify_and_measure(case: Case) -> Row:
 
 
 def measures(original: Mesh, simplified: Mesh, options: Mapping[str, Any]) -> Row:
-    """Every measure of a simplified mesh, as flat columns."""
+    """Return every measure of a simplified mesh, as flat columns."""
     from manip3d import metrics
 
     per_face, seed = options["samples_per_face"], options["seed"]
@@ -219,10 +220,10 @@ _TABLES = {
 
 
 def complete(row: Row) -> Row:
-    """The row with what the tables print for the model that it is or stands in for.
+    """Add to a row the values that the tables print for its model.
 
-    ``published_X`` is the printed X of that model: to be compared where ``data`` is
-    ``published``, and only to be read beside the measured one where it is not.
+    ``published_X`` is the printed X of the model that the row's mesh is or stands in for. It can be
+    compared with the measured X only if ``data`` is ``published``.
     """
     printed: Row = {}
     for name, (tables, column, unit) in _TABLES.items():
@@ -236,7 +237,7 @@ def complete(row: Row) -> Row:
 
 
 def by_model(rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Row]]]:
-    """Rows of each model, by method, in the order of the table."""
+    """Yield each model with its rows by method, in the order of the table."""
     groups: dict[str, dict[str, Row]] = {}
     for row in rows:
         groups.setdefault(row["model"], {})[row["method"]] = row
@@ -244,22 +245,25 @@ def by_model(rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Row]]]:
 
 
 def ran(rows: dict[str, Row]) -> dict[str, Row]:
-    """The rows of the methods that ran."""
+    """Return the rows of the methods that ran."""
     return {method: row for method, row in rows.items() if ran_row(row)}
 
 
 def ran_row(row: Row) -> bool:
-    """Whether a method ran."""
+    """Return whether a method ran."""
     return bool(row["stop"] != "refused")
 
 
 def shown(value: float | None, scale: float = 1.0, digits: int = 3) -> str:
-    """A number for a finding; ``-`` for none."""
+    """Format a number for a finding; ``-`` for None."""
     return "-" if value is None else f"{value * scale:.{digits}f}"
 
 
 def listing(rows: dict[str, Row], name: str, scale: float = 1.0) -> str:
-    """``QEM-BP 0.158 (at 5 751 faces), QEM4VR 0.157``: faces where the target was missed."""
+    """Return values by method, such as ``QEM-BP 0.158 (at 5 751 faces), QEM4VR 0.157``.
+
+    The number of faces is added if the method missed its target.
+    """
     return ", ".join(
         f"{METHOD_TITLES.get(method, method)} {shown(row.get(name), scale)}"
         + ("" if reached(row) else f" (at {counted(row['faces'], 'face')})")
@@ -268,7 +272,7 @@ def listing(rows: dict[str, Row], name: str, scale: float = 1.0) -> str:
 
 
 def reached(row: Row) -> bool:
-    """Whether a method reached the target."""
+    """Return whether a method reached the target."""
     return bool(row["stop"] == "target_reached")
 
 
@@ -281,14 +285,14 @@ def lowest(
     among: Callable[[Row], bool],
     five: bool = False,
 ) -> Claim:
-    """QEM4VR has the lowest ``name`` on every model.
+    """Return the claim that QEM4VR has the lowest ``name`` on every model.
 
     Parameters
     ----------
     among : callable
-        Tells whether a row is compared.
+        Function from a row to whether it is compared.
     five : bool
-        Judge only where all five methods are compared.
+        Judge only models for which all five methods are compared.
     """
     need = TEXTURED_METHODS if five else ("qem4vr",)
 
@@ -313,10 +317,11 @@ def lowest(
 def lowest_claims(
     name: str, measure: str, source: str, *, scale: float, five: bool
 ) -> tuple[Claim, ...]:
-    """QEM4VR has the lowest error: of five methods, of those that ran, of those at the target.
+    """Return the claims that QEM4VR has the lowest error of three groups of methods.
 
-    A method that stops early keeps more faces, so its error is lower for another reason: the last
-    claim leaves it out.
+    The groups are all five methods, the methods that ran, and the methods that reached the target.
+    A method that stops early keeps more faces and for this reason has a lower error; the last claim
+    leaves such methods out.
     """
     claims = [
         lowest(
@@ -341,9 +346,9 @@ def lowest_claims(
 
 
 def below(name: str, sampling: str, method: str, model: str, *, scale: float) -> Claim:
-    """QEM4VR has less of a measure than one baseline, on a published file.
+    """Return the claim that QEM4VR has a lower value than one baseline, on a published file.
 
-    Whether it has depends on how the texture lies on the model, so no stand-in can judge it.
+    The result depends on the model's texture coordinates, so that no stand-in can judge it.
     """
 
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:
@@ -358,7 +363,7 @@ def below(name: str, sampling: str, method: str, model: str, *, scale: float) ->
 
 
 def reaches_target() -> Claim:
-    """QEM4VR reaches its target on every model."""
+    """Return the claim that QEM4VR reaches its target on every model."""
 
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:
         for row in rows:
@@ -371,7 +376,7 @@ def reaches_target() -> Claim:
 
 
 def reaches_where_others_stop(methods: tuple[str, ...], source: str) -> Claim:
-    """QEM4VR reaches the target where methods that freeze boundaries stop before it."""
+    """Return the claim that QEM4VR reaches targets which methods with fixed boundaries miss."""
 
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:
         for model, group in by_model(rows):
@@ -397,7 +402,7 @@ def reaches_where_others_stop(methods: tuple[str, ...], source: str) -> Claim:
 
 
 def refuses_faces_without_uv() -> Claim:
-    """The texture-preserving baselines fail where faces have no texture coordinates."""
+    """Return the claim that texture-preserving baselines fail on faces without coordinates."""
 
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:
         for row in rows:
@@ -427,7 +432,7 @@ def equal_methods(
     scale: float,
     within: float = 0.02,
 ) -> Claim:
-    """Two methods come out alike on a published model without boundary."""
+    """Return the claim that two methods give equal results on a published model without border."""
 
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:
         for model, group in by_model(rows):
@@ -463,7 +468,7 @@ METHOD_TITLES = {
 def at_most(
     name: str, limit: float, model: str, what: str, *, scale: float, method: str = "qem4vr"
 ) -> Claim:
-    """An aim of ours on a published file: ``name`` of QEM4VR is at most ``limit``."""
+    """Return the aim that ``name`` of QEM4VR is at most ``limit`` on a published file."""
 
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:
         for row in rows:

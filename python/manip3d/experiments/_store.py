@@ -1,9 +1,9 @@
-"""A results folder: each case's row under its key, verified when it is read again.
+"""Results folder: the row of each case is stored under the case's key and verified when read.
 
 ::
 
-    DIR/cases/KEY.json       the row, with a checksum of itself and of the files beside it
-    DIR/files/KEY-NAME.npz   meshes, KEY-NAME.bin other bytes
+    DIR/cases/KEY.json       the row, with checksums of the row and of its files
+    DIR/files/KEY-NAME.npz   meshes of the row; KEY-NAME.bin: other bytes
     DIR/results.json         everything, for the report
     DIR/results.csv          the rows
     DIR/figures, DIR/pictures
@@ -39,7 +39,7 @@ _ARRAYS = (
 
 @checked
 def pack_mesh(mesh: Mesh) -> bytes:
-    """Return a mesh's arrays as an npz archive; materials stay with the mesh it was made from.
+    """Return a mesh's arrays as an npz archive, without the materials.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def pack_mesh(mesh: Mesh) -> bytes:
     Raises
     ------
     InputError
-        ``mesh`` is something else.
+        ``mesh`` is not a mesh.
 
     Examples
     --------
@@ -76,9 +76,9 @@ def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
     Parameters
     ----------
     data : bytes
-        What `pack_mesh` returned.
+        Result of `pack_mesh`.
     like : Mesh
-        The mesh that it was made from.
+        Mesh with the materials, such as the original of a simplified mesh.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
     Raises
     ------
     InputError
-        An argument is something else, or the arrays are not a mesh.
+        An argument has another type, or the arrays are not a mesh.
 
     Examples
     --------
@@ -114,19 +114,19 @@ class Store:
     folder: Path
 
     def save(self, key: str, row: Row) -> Row:
-        """Store a case's row; meshes and bytes in it become files and are named in their place.
+        """Store a case's row; meshes and bytes are written to files and replaced by their names.
 
         Parameters
         ----------
         key : str
             Key of the case.
         row : dict
-            What the case returned.
+            Result of the case.
 
         Returns
         -------
         dict
-            The row as `load` gives it.
+            The row that `load` will return.
         """
         plain, files = dict(row), {}
         for name, value in row.items():
@@ -138,11 +138,11 @@ class Store:
                 plain[name] = relative
         text = json.dumps(sealed({"key": key, "row": plain, "files": files}), indent=1)
         self.write(f"cases/{key}.json", text)
-        stored: Row = json.loads(text)["row"]  # what a resumed run would read: no tuples
+        stored: Row = json.loads(text)["row"]  # equal to what a resumed run reads, without tuples
         return stored
 
     def load(self, key: str) -> Row | None:
-        """Return the stored row, or None where there is none or a byte of it has changed.
+        """Return the stored row, or None if there is none or a byte of it has changed.
 
         Parameters
         ----------
@@ -165,12 +165,12 @@ class Store:
             ):
                 return None
         except (OSError, KeyError, TypeError, AttributeError):
-            return None  # foreign: the case runs again
+            return None  # the file is not a stored row: the case runs again
         row: Row = record["row"]
         return row
 
     def write(self, name: str, data: str | bytes) -> Path:
-        """Write a file of the results folder, whole or not at all.
+        """Write a file of the results folder atomically.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Recordings, backgrounds, forged streams and scores that the experiments of chapter 5 share."""
+"""Recordings, backgrounds, forged streams and scores shared by the experiments of chapter 5."""
 
 from __future__ import annotations
 
@@ -23,14 +23,15 @@ NOTE = (
 )
 TURNING, KITCHEN = "person_turning", "scene_kitchen"
 WALL_MM = 2600
-"""Depth of the wall behind the turning person."""
+"""Depth of the wall behind the turning person, millimetres."""
 
 MARGIN = 20
-"""Pixels around the turning person that are filled with the wall: the sensor's shadow."""
+"""Width in pixels of the border around the turning person that is also filled with the wall's
+depth, because it contains the sensor's shadow."""
 
 
 def scene(name: str) -> list[RgbdFrame]:
-    """The frames of a recorded scene without people."""
+    """Return the frames of a recorded scene without people."""
     from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
     frames = []
@@ -46,12 +47,12 @@ def scene(name: str) -> list[RgbdFrame]:
 
 @cache
 def turning() -> tuple[RgbdFrame, ...]:
-    """The turning person, as recorded."""
+    """Return the recording of the turning person."""
     return tuple(datasets.open_people(f"people:{TURNING}"))
 
 
 def walls(margin: int = MARGIN) -> list[RgbdFrame]:
-    """The wall behind the turning person: the person's area of each frame is filled with 2.6 m."""
+    """Return the frames of the turning person with the person replaced by a wall at 2.6 m."""
     from manip3d.rgbd import NO_BODY
 
     frames = []
@@ -64,7 +65,7 @@ def walls(margin: int = MARGIN) -> list[RgbdFrame]:
 
 
 def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
-    """A mask and all within so many steps to the four neighbours."""
+    """Dilate a mask by ``pixels`` steps to the four neighbours."""
     grown = mask.copy()
     for _ in range(pixels):
         wider = grown.copy()
@@ -77,7 +78,7 @@ def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
 
 
 def pasted(frame: RgbdFrame, background: RgbdFrame) -> RgbdFrame:
-    """The person's pixels over a background, holes included: as the published medians were made."""
+    """Paste the person's pixels, with their holes, over a background, as in the published test."""
     from manip3d.rgbd import NO_BODY
 
     person = np.asarray(frame.body_index != NO_BODY)
@@ -85,17 +86,17 @@ def pasted(frame: RgbdFrame, background: RgbdFrame) -> RgbdFrame:
 
 
 def windows(values: Sequence[float], size: int) -> list[float]:
-    """Medians of all windows of so many neighbours."""
+    """Return the median of each window of ``size`` consecutive values."""
     data = np.asarray(values)
     return [float(np.median(data[i : i + size])) for i in range(len(data) - size + 1)]
 
 
 def overlap(found: NDArray[np.bool_], truth: NDArray[np.bool_]) -> float:
-    """Intersection over union."""
+    """Return the intersection over union of two masks."""
     return float((found & truth).sum() / max(1, (found | truth).sum()))
 
 
 def runs(frames: Sequence[Any], size: int) -> Iterator[Sequence[Any]]:
-    """Pieces of so many frames, one after the other."""
+    """Yield consecutive pieces of ``size`` frames."""
     for start in range(0, len(frames) - size + 1, size):
         yield frames[start : start + size]

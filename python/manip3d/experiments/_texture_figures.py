@@ -1,4 +1,4 @@
-"""Texture error and time beside texture-preserving QEM: figures 3.13 and 3.14, and everywhere."""
+"""Texture error and time of CS3 and texture-preserving QEM: figures 3.13 and 3.14 and a table."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _complete(row: Row) -> Row:
 
 
 def _printed_ratio(model: str) -> float:
-    """CS3's printed texture error over that of texture-preserving QEM."""
+    """Return the ratio of CS3's printed texture error to that of texture-preserving QEM."""
     printed = {
         row["method"]: float(row["texture_error_1e-6"])
         for row in _published.published_rows(_TABLE)
@@ -106,7 +106,7 @@ def _cases(plan: Plan, published: tuple[str, ...], share: float) -> list[Case]:
 
 
 def texture_table(share: float) -> Experiment:
-    """Every object, scene and person."""
+    """Return the experiment on every object, scene and person."""
     return Experiment(
         id="texture-3",
         title=f"Texture error and time of all range images, {share:.0%} of the points",
@@ -120,7 +120,7 @@ def texture_table(share: float) -> Experiment:
 
 
 def texture_figure(number: str, published: str, share: float) -> Experiment:
-    """The experiment of one of the two figures."""
+    """Return the experiment of one of the two figures."""
     source = f"figure {number}"
     return Experiment(
         id=f"figure-{number}",

@@ -1,4 +1,4 @@
-"""How QEM4VR depends on its boundary weight W_b, in both readings of the curvature."""
+"""Dependence of QEM4VR on its boundary weight W_b, in both readings of the curvature."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How QEM4VR depends on its seam weight W_t, as a weight of planes and as printed."""
+"""Dependence of QEM4VR on its seam weight W_t, as a weight of planes and as printed."""
 
 from __future__ import annotations
 

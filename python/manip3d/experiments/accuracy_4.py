@@ -1,6 +1,6 @@
-"""How near the phantom comes to the truth, which only a simulator knows.
+"""Accuracy of the phantom limb on simulated people, whose ground truth is known.
 
-The truth is the intact limb of the whole body, reflected in the body's plane of symmetry.
+The ground truth is the intact limb, reflected in the body's plane of symmetry.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from manip3d.modify import Segmentation
 
 _JITTER = 0.01
-"""Standard deviation of joints, metres: what Kinect V2 skeletons of moving people show."""
+"""Standard deviation of joint positions, metres, as in Kinect V2 skeletons of moving people."""
 
 _EXACT = {"noise": 0.0, "jitter": 0.0}
 _NOISY = {"noise": 1.0, "jitter": 0.0}
 _JITTERY = {"noise": 1.0, "jitter": _JITTER}
 _CORRELATION = 0.9
-"""From frame to frame: trackers filter, so that their errors drift rather than shake."""
+"""Correlation of joint errors between frames: trackers filter, so that errors change slowly."""
 
 _BIAS = 0.02
-"""Length of each joint's error that turns with its bone, metres."""
+"""Length of each joint's constant error, which turns with its bone, metres."""
 
 _CORRELATED = _JITTERY | {"correlation": _CORRELATION}
 _BIASED = _JITTERY | {"bias": _BIAS}
@@ -54,7 +54,7 @@ _SENSING: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "biased by pose, raw": (_BIASED, _AS_THEY_COME),
 }
 _RULES: dict[str, Segmentation] = {"": "skin", "_paper": "paper"}
-"""Suffix of a measure, and the segmentation that it is of."""
+"""Segmentation of the measures, by the suffix of their names."""
 
 _GIRTHS = (0.8, 1.0, 1.25)
 _TURNS = (-45, -30, -20, 0, 20, 30, 45)
@@ -95,7 +95,7 @@ _BENT: tuple[tuple[str, str, dict[str, Any]], ...] = (
         {"motion": "arm-raise", "amputated": "right_arm", "side": "both"},
     ),
 )
-"""Limbs that are bent, or rest on something: the name of the case, the limb, and the scene."""
+"""Scenes with limbs that are bent or rest on something: name of the case, limb, and scene."""
 
 
 def _cases(plan: Plan) -> list[Case]:
@@ -156,7 +156,7 @@ def _median(values: Any) -> float:
 
 
 def surface_error(case: Case) -> Row:
-    """Distances to the reflected limb, its length, its source pixels, its holes."""
+    """Measure the phantom's distance to the reflected limb, its length, source pixels and holes."""
     options = case.options
     limb = options["limb"]
     sensing, pipeline = _SENSING[options["sensing"]]
@@ -196,7 +196,7 @@ def surface_error(case: Case) -> Row:
 
 
 def _ends(outcome: _phantom.Outcome, limb: Any) -> tuple[Any, Any]:
-    """Measured and true place of the phantom's hand or foot."""
+    """Return the measured and the true position of the phantom's hand or foot."""
     from manip3d.simulate import LIMBS, opposite
 
     origin, normal = outcome.truth.mirror_plane(limb)
@@ -207,9 +207,9 @@ def _ends(outcome: _phantom.Outcome, limb: Any) -> tuple[Any, Any]:
 
 
 def _lag(times: Any, shown: Any, wanted: Any) -> float:
-    """Seconds by which one path is behind the other: the shift that leaves least between them.
+    """Return the delay of the shown path, seconds: the shift with the smallest squared difference.
 
-    Not a number where there is too little of it, or nothing moves.
+    NaN if there are too few frames, or if nothing moves.
     """
     earliest, latest, least_motion = -0.05, 0.3, 0.02  # seconds, seconds, metres
     asked = (times - times[0] >= latest) & (times[-1] - times >= -earliest)
@@ -227,7 +227,7 @@ def _lag(times: Any, shown: Any, wanted: Any) -> float:
 
 
 def _length_error(outcome: _phantom.Outcome, limb: str) -> float:
-    """Error of the phantom's length against the intact limb's true one, as a share."""
+    """Return the relative error of the phantom's length, compared with the true intact limb."""
     from manip3d.simulate import LIMBS, opposite
 
     def length(joints: Any, name: str) -> float:
@@ -240,9 +240,9 @@ def _length_error(outcome: _phantom.Outcome, limb: str) -> float:
 
 
 def _source_misses(outcome: _phantom.Outcome) -> Any:
-    """Pixels from where each unfilled point is to where its source pixel's reflection is.
+    """Return distances in pixels from unfilled points to the reflections of their source pixels.
 
-    The plane is the one that the pipeline used.
+    The plane of reflection is the one that the pipeline used.
     """
     mirror = outcome.phantom.plane
     camera = outcome.frame.calibration.depth
@@ -256,7 +256,7 @@ def _source_misses(outcome: _phantom.Outcome) -> Any:
 
 
 def cover_when_turned(case: Case) -> Row:
-    """Covered share of the limb that ought to be seen, and the largest hole."""
+    """Measure the covered share of the visible reflected limb, and the largest hole."""
     turn = float(case.options["angle"])
     scene = _scene(case, motion="arm-raise", amputated="right_arm", turn=turn, **_EXACT)
     cover, holes, away, error = [], [0], [], []
@@ -278,7 +278,7 @@ def cover_when_turned(case: Case) -> Row:
 
 
 def label_bones(case: Case) -> Row:
-    """Share of each bone's true pixels that get its name; the trunk counts as one bone."""
+    """Measure the share of each bone's pixels with the right label; the trunk is one bone."""
     from manip3d.rgbd import JOINTS
     from manip3d.simulate import BodySimulator
 
@@ -297,17 +297,18 @@ def label_bones(case: Case) -> Row:
 
 
 _TRUNK_AS_ONE = np.arange(25, dtype=np.uint8)
-_TRUNK_AS_ONE[[20, 4, 8, 12, 16]] = 1  # where one of them ends on the skin is a convention
+# The borders between the bones of the trunk are a convention.
+_TRUNK_AS_ONE[[20, 4, 8, 12, 16]] = 1
 
 
 def _judged(capture: Any) -> Any:
-    """(H, W) bool: pixels of the person that lie on one of its surfaces."""
+    """Return (H, W) bool: pixels of the person's surface, without flying pixels."""
     seen = (capture.frame.body_index == 0) & (capture.frame.depth > 0)
     return seen & (capture.truth.bones < 25) & ~capture.truth.flying
 
 
 def part_limbs(case: Case) -> Row:
-    """Pixels of several poses that are told to be of the wrong limb, or of the trunk."""
+    """Measure the shares of trunk pixels assigned to limbs and of limb pixels assigned wrongly."""
     from manip3d.simulate import LIMBS, BodySimulator
 
     part = np.zeros(25, np.uint8)
@@ -331,7 +332,10 @@ def part_limbs(case: Case) -> Row:
 
 
 def tilt_shoulders(case: Case) -> Row:
-    """The worst joint and the median surface error of a true and of the paper's reflection."""
+    """Measure the largest error of the hand and the median surface error, for two reflections.
+
+    The reflections are the true one and the one as printed, with tilted shoulders.
+    """
     from manip3d.modify import body_mirror
     from manip3d.simulate import LIMBS, opposite
 
@@ -357,9 +361,9 @@ def tilt_shoulders(case: Case) -> Row:
 
 
 def bend_limbs(case: Case) -> Row:
-    """Pixels of the affected limb, which is there, that the removal leaves.
+    """Count the pixels of the affected limb, here present, that its removal leaves.
 
-    Those that fly between two surfaces are of neither, and counted apart.
+    Flying pixels between two surfaces belong to neither and are counted separately.
     """
     row: Row = {}
     for suffix, rule in _RULES.items():
@@ -398,7 +402,7 @@ def _left(case: Case, segmentation: Segmentation) -> dict[str, int]:
 
 
 def hold_still(case: Case) -> Row:
-    """How much the phantom of somebody who holds still moves from frame to frame."""
+    """Measure the movement from frame to frame of the phantom of a person who holds still."""
     from manip3d.simulate import LIMBS
 
     limb = "right_arm"
@@ -538,7 +542,7 @@ def _plots(rows: Sequence[Row]) -> dict[str, Figure]:
         angles = [row["angle"] for row in turned]
         axes.plot(angles, [row["coverage"] for row in turned], marker="o", label="covered")
         axes.plot(angles, [row["away"] for row in turned], marker="s", label="facing away")
-        # Share of a cylinder's mirrored half that still faces the camera after a turn.
+        # Theory: share of a cylinder's mirrored half that still faces the camera after a turn.
         turn = np.linspace(0.0, 45.0, 46)
         half = 0.5 * (1.0 + np.cos(np.deg2rad(2.0 * turn)))
         axes.plot(turn, half, "k:", label="visible half of a cylinder")

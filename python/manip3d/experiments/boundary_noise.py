@@ -1,7 +1,7 @@
-"""Boundary noise: what each method leaves of the pixels that float between two surfaces.
+"""Boundary noise: share of flying pixels, which float between two surfaces, that each method keeps.
 
 Section 3.6 says that importance order, the repulsion of chosen points and the check on long edges
-remove sensor noise at the boundaries of things. Only simulated images know which pixels float.
+remove sensor noise at the boundaries of objects. Flying pixels are known only in simulated images.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _SHARE = 0.05
 
 
 def measure(case: Case) -> Row:
-    """One simulated image reduced by one method: what is left of its flying pixels."""
+    """Reduce a simulated image by one method and measure the flying pixels that remain."""
     from manip3d import metrics, simulate
 
     options = case.options

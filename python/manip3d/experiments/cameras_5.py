@@ -1,4 +1,4 @@
-"""Clean recordings of every camera that is here, as they are and processed: nobody is accused."""
+"""False alarms on clean recordings of several cameras, unchanged and after harmless processing."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def judge_camera(case: Case) -> Row:
-    """Verdicts on a recording, as it is and after each kind of processing."""
+    """Judge a recording, unchanged and after each kind of processing."""
     from manip3d.authenticate import inspect_stream
 
     name = case.options["model"]
@@ -84,9 +84,9 @@ def judge_camera(case: Case) -> Row:
 
 
 def _changed(frame: RgbdFrame, depth: Depth, *, is_scaled: bool) -> RgbdFrame:
-    """The frame with another depth image, of another size perhaps, and the calibration of that.
+    """Replace the depth image of a frame, and adapt the calibration if its size differs.
 
-    What is not scaled was cut out of the middle.
+    ``is_scaled`` true: the image was resized; false: it was cropped about its centre.
     """
     from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
@@ -100,7 +100,7 @@ def _changed(frame: RgbdFrame, depth: Depth, *, is_scaled: bool) -> RgbdFrame:
 
 def _resized_camera(camera: Intrinsics, width: int, height: int, *, is_scaled: bool) -> Intrinsics:
     across, down = width / camera.width, height / camera.height
-    if is_scaled:  # the corner of the image, half a pixel before the first centre, stays there
+    if is_scaled:  # the image's corner, half a pixel before the first pixel centre, is fixed
         return replace(
             camera, width=width, height=height, rays=None,
             fx=across * camera.fx, fy=down * camera.fy,
@@ -129,18 +129,18 @@ def _resized(depth: Depth, factor: float, smooth: bool) -> Depth:
 
 
 def _smaller_and_back(depth: Depth) -> Depth:
-    """Half the size and back, without new values: the size tells nothing."""
+    """Halve the resolution and enlarge again, so that size and values do not reveal the change."""
     half = np.repeat(np.repeat(depth[::2, ::2], 2, axis=0), 2, axis=1)
     return half[: depth.shape[0], : depth.shape[1]]
 
 
 def _eight_bits(depth: Depth) -> Depth:
-    """256 levels of 32 mm, as old players keep depth."""
+    """Quantise to 256 levels of 32 mm, as old players store depth."""
     return np.asarray(np.minimum(depth // 32, 255) * 32, np.uint16)
 
 
 def _jpeg(depth: Depth) -> Depth:
-    """8 bits over 8 m through JPEG of quality 75."""
+    """Quantise to 8 bits over 8 m and compress by JPEG of quality 75."""
     from PIL import Image
 
     stream = io.BytesIO()
@@ -151,7 +151,7 @@ def _jpeg(depth: Depth) -> Depth:
 
 
 def _skipped_blocks(depths: Sequence[Depth]) -> list[Depth]:
-    """Blocks of 16 pixels that change by less than 4 mm are repeated, as video codecs do."""
+    """Repeat 16 x 16 blocks whose median change is below 4 mm, as video codecs do."""
     coded = [depths[0]]
     for depth in depths[1:]:
         height, width = depth.shape
@@ -168,7 +168,7 @@ def _skipped_blocks(depths: Sequence[Depth]) -> list[Depth]:
 
 
 def _held(depths: Sequence[Depth]) -> list[Depth]:
-    """Pixels keep their value until they change by 25 mm, as filters against flicker do."""
+    """Keep the value of a pixel until it changes by 25 mm, as filters against flicker do."""
     held = [depths[0]]
     for depth in depths[1:]:
         change = np.abs(depth.astype(np.int32) - held[-1])
@@ -177,7 +177,10 @@ def _held(depths: Sequence[Depth]) -> list[Depth]:
 
 
 def _kept(depths: Sequence[Depth], *, least: int, last: int) -> list[Depth]:
-    """Missing pixels keep their depth if so many of the last frames had one, as RealSense's do."""
+    """Keep the depth of a missing pixel if ``least`` of the ``last`` frames measured it.
+
+    RealSense cameras have such a persistence filter.
+    """
     kept = [depths[0]]
     measured = [depths[0] > 0]
     for depth in depths[1:]:
@@ -188,7 +191,7 @@ def _kept(depths: Sequence[Depth], *, least: int, last: int) -> list[Depth]:
 
 
 def _gaps_filled(depth: Depth, *, by_farther: bool) -> Depth:
-    """Gaps of five pixels of a row and more get the value on their left, or the farther one."""
+    """Fill gaps of at least five pixels in a row with the left value, or with the farther one."""
     column = np.arange(depth.shape[1])
     left = np.maximum.accumulate(np.where(depth > 0, column, -1), axis=1)
     right = np.where(depth > 0, column, len(column))
@@ -233,9 +236,9 @@ _MAY_CHANGE_NOTHING = (
     "wide gaps filled, farther side",
     "wide gaps filled, left side",
 )
-"""Where a camera moves nothing is repeated, where it stands still hardly a missing pixel is kept,
-where nothing is in front of anything there are no wide gaps, and the recording is as clean as
-before."""
+"""Recordings that a kind of processing hardly changes: blocks do not repeat while the camera moves,
+few missing pixels are kept while it stands still, and a scene without depth steps has no wide gaps.
+"""
 
 
 def _nobody(kind: str) -> Callable[[Sequence[Row]], Iterator[Finding]]:

@@ -1,4 +1,4 @@
-"""Detectors I and II, made for laser scanners, on clouds of points of RGB-D cameras."""
+"""Detectors I and II, made for laser scanners, on point clouds of RGB-D cameras."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _RECORDED = (_streams.TURNING, _streams.KITCHEN, "scene_kinect2_desk")
 _KINDS = ("clean", "pasted", "composited")
-_ASIDE = (0.3, 0.5, 0.0)  # metres ahead and to the left: where the person is pasted
+_ASIDE = (0.3, 0.5, 0.0)  # metres ahead, left, up: shift of the pasted person
 
 
 def _cases(plan: Plan) -> list[Case]:
@@ -39,13 +39,13 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def judge_simulated(case: Case) -> Row:
-    """A person in a scene, and what was put in."""
+    """Judge a simulated person in a scene, clean and with a second person inserted."""
     frame = _person(case.options["scene"], case.options["motion"], case.options["seed"] + 50)
     return _judged([frame], case.options["seed"])
 
 
 def judge_recorded(case: Case) -> Row:
-    """Frames of a recording, spread over it."""
+    """Judge evenly spaced frames of a recording, clean and with a person inserted."""
     name = case.options["model"]
     frames = list(_streams.turning()) if name == _streams.TURNING else _streams.scene(name)
     step = max(1, len(frames) // case.options["frames"])
@@ -87,7 +87,7 @@ def _judged(frames: Sequence[RgbdFrame], seed: int) -> Row:
 
 
 def points_of(frame: RgbdFrame, mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-    """Points of a depth image, x ahead, y left, z up."""
+    """Return the points of a depth image, metres; x ahead, y left, z up."""
     depth = frame.depth if mask is None else np.where(mask, frame.depth, 0)
     rays = frame.calibration.depth.unproject(depth.astype(np.float32) / np.float32(1000.0))
     seen = rays.reshape(-1, 3)[(depth > 0).ravel()]

@@ -1,4 +1,4 @@
-"""Table 7.2, its columns of the cross-modal check: attacks detected, clean frames accused."""
+"""Table 7.2, columns of the cross-modal check: detected attacks and false positives."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _QUICK_FRAMES = 2
 _FULL_FRAMES = {1: 800, 2: 395, 3: 570}  # as published
 
 TUNED = ("2011_09_26_drive_0002_sync", "kitti_odometry/00")
-"""Real frames on which thresholds were chosen; the others are reported."""
+"""Real data on which thresholds were chosen; the results on the others are reported."""
 REPORTED = ("2011_09_26_drive_0005_sync", "kitti_stereo2015", "kitti_object")
 _REAL = {
     "2011_09_26_drive_0002_sync": ("kitti_raw/2011_09_26/2011_09_26_drive_0002_sync", "", (2, 3)),
@@ -30,15 +30,15 @@ _REAL = {
     "kitti_object": ("kitti_object", "", (2, 3)),
     "kitti_odometry/00": ("kitti_odometry/00", "", (0, 1)),
 }
-"""Folder, calibration and cameras of each drive."""
+"""Folder, folder of the calibration and numbers of the two cameras of each drive."""
 
 
 TYPES = {
     "additive": ("additive",),
     "subtractive": ("subtractive",),
-    "additive_subtractive": ("both", "modification"),  # the latter where they are near
+    "additive_subtractive": ("both", "modification"),  # the latter if both places are close
 }
-"""Right types of an attack; of all others it is a modification."""
+"""Correct types of an attack; the correct type of all other attacks is "modification"."""
 
 
 class _Moment(NamedTuple):
@@ -80,7 +80,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def compare(case: Case) -> Row:
-    """Judge each frame as it is, and after each attack on its nearest object in view."""
+    """Judge each frame, clean and after each attack on its nearest object in view."""
     options = case.options
     if options["model"] in _REAL:
         moments = _recorded(options["model"])
@@ -122,14 +122,14 @@ def _judged(frame: LidarFrame, moment: _Moment) -> authenticate.CrossModalResult
 
 
 def _touch(found: Box, wanted: Box, slack: float = 0.5) -> bool:
-    """Whether a found box lies where something was changed, within half a metre over the ground."""
+    """Return whether a found box is within ``slack`` metres of a changed box, seen from above."""
     gap = np.abs(np.subtract(found.center[:2], wanted.center[:2]))
-    reach = max(wanted.size[:2]) / 2  # of any yaw
+    reach = max(wanted.size[:2]) / 2  # bound for any yaw
     return bool(np.all(gap <= np.add(found.size[:2], 2 * slack) / 2 + reach))
 
 
 def _simulated(seed: int, count: int) -> Iterator[_Moment]:
-    """Frames of simulated streets, a second apart; a street is as long as its drive."""
+    """Yield ``count`` frames of simulated streets, one per second of each street's drive."""
     from manip3d.simulate import cameras
     from manip3d.simulate.drives import drive
     from manip3d.simulate.streets import street

@@ -1,4 +1,4 @@
-"""Detector III on real and simulated frames of an HDL-64E: who is found, and who is accused."""
+"""Detector III on real and simulated frames of an HDL-64E: detection rates and false alarms."""
 
 from __future__ import annotations
 
@@ -26,25 +26,27 @@ if TYPE_CHECKING:
 
 RAW = "lidar/kitti_raw/"
 TUNING = RAW + "2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data"
-"""The drive that the lattice is estimated from; like the donors it is in no test."""
+"""Drive from which the lattice is estimated; it and the `DONORS` are in no test."""
 DONORS = (
     RAW + "unidentified_drive_a/velodyne_points/data/0000000000.bin.xz",
     RAW + "2011_09_26/unidentified_drive_b/velodyne_points/data/0000000000.bin.xz",
 )
-"""Frames that pasted objects are cut from."""
+"""Frames from which pasted objects are cut."""
 DRIVE_5 = RAW + "2011_09_26/2011_09_26_drive_0005_sync/velodyne_points/data"
 
 ALARM_RATE = 0.01
 WITH_TIME = "with the frame before"
 FEWEST_FORGERIES = 20
-"""Below, an area under a curve says nothing: quick runs."""
+"""Smallest number of forgeries from which an area under a ROC curve is judged; quick runs have
+fewer."""
 RANGES = (5.0, 35.0)
-"""Metres: where objects that are touched or pasted stand."""
+"""Smallest and largest distance of changed or pasted objects from the scanner, metres."""
 
 SIMULATED_STREETS, FRAMES_PER_STREET = {"full": 210, "quick": 4}, 5
 STREETS_PER_CASE = {"full": 15, "quick": 2}
 TUNING_STREET = 5000
-"""Simulated frames of the test are of streets 0 and up, the lattice's of this one and up."""
+"""First street from which the lattice of simulated frames is estimated; tests use streets from 0
+on."""
 
 
 @dataclass(frozen=True)
@@ -71,14 +73,14 @@ SCENES = (
         (RAW + "2011_09_26/2011_09_26_drive_0079_extract/velodyne_points/data/0000000000.bin.xz",),
     ),
 )
-"""Scenes of the test. Frame 10 of drive 0005 is frame 000002 of stereo-2015."""
+"""Scenes of the test. Frame 10 of drive 0005 is the same as frame 000002 of stereo-2015."""
 ODOMETRY = Scene(
     "odometry 00", tuple(f"lidar/kitti_odometry/00/velodyne/{i:06d}.bin.xz" for i in range(6))
 )
 TIMED = Scene("drive 0005, pairs", tuple(_frame(i) for i in range(20)))
-"""Frames 1, 3, ... are judged beside the frame before each."""
+"""Frames 1, 3, ... are judged together with their previous frames."""
 CHOSEN_ON = ("stereo-2015 000124",)
-"""Scenes whose frames have chosen a threshold: judged one by one, and part of no rate."""
+"""Scenes on whose frames a threshold was chosen; they are judged but count in no rate."""
 OBJECTS = {"full": {"drive 0005": 3}, "quick": {}}
 OBJECTS_OF_ONE_FRAME = {"full": 8, "quick": 2}
 
@@ -95,7 +97,7 @@ def _load(file: str) -> Points:
 
 
 def _sums(files: Sequence[str]) -> dict[str, str]:
-    """Return what the row depends on: the bytes of its files."""
+    """Return the hashes of the files that a row depends on."""
     root = datasets.data_root()
     assert root is not None
     return {file: datasets.file_sha256(root / file) for file in files}
@@ -136,7 +138,7 @@ _REMOVING = "subtractive"
 
 
 def cases(plan: Plan) -> list[Case]:
-    """Clean scenes, the attacks on each, odometry, and blocks of simulated streets."""
+    """Return cases of clean scenes, attacks on each, odometry, and simulated streets."""
     root = None if plan.data == "simulated" else datasets.data_root()
     made: list[Case] = []
     for scene in SCENES:
@@ -191,7 +193,7 @@ def cases(plan: Plan) -> list[Case]:
 
 
 def _simulated_cases(plan: Plan) -> list[Case]:
-    """Blocks of clean simulated streets."""
+    """Return cases of clean simulated streets, several streets in each case."""
     block = STREETS_PER_CASE[plan.scale]
     return [
         Case(
@@ -211,7 +213,7 @@ def _simulated_cases(plan: Plan) -> list[Case]:
 
 
 def run_clean(case: Case) -> Row:
-    """The verdicts on the frames of a scene as they are."""
+    """Judge the clean frames of a scene."""
     lattice = _real_lattice()
     frames = [_load(file) for file in case.options["files"]]
     results = [generic_consistency(frame, lattice=lattice) for frame in frames]
@@ -228,7 +230,7 @@ def run_clean(case: Case) -> Row:
 
 
 def run_simulated(case: Case) -> Row:
-    """The verdicts on clean simulated frames."""
+    """Judge clean simulated frames."""
     lattice = _simulated_lattice()
     first, streets = case.options["first"], case.options["streets"]
     results = [
@@ -245,7 +247,7 @@ def run_simulated(case: Case) -> Row:
 
 
 def run_attack(case: Case) -> Row:
-    """The verdicts on forgeries of a scene's frames."""
+    """Judge forgeries of a scene's frames."""
     lattice = _real_lattice()
     attack = {**ADDING, **OTHERS}[case.options["attack"]]
     forgeries, distances = [], []
@@ -267,7 +269,7 @@ def run_attack(case: Case) -> Row:
 
 
 def run_timed(case: Case) -> Row:
-    """Gain by the clean frame before, where something was removed: the evidence ``time``."""
+    """Judge frames with removed objects with and without the previous frame (evidence ``time``)."""
     lattice = _real_lattice()
     attack = {**ADDING, **OTHERS}[_REMOVING]
     files = sorted(case.options["files"])
@@ -300,7 +302,7 @@ def _share(flags: Sequence[bool]) -> float:
 
 
 def _published_detectors(frames: Sequence[Points]) -> Row:
-    """Verdicts of detectors I and II on the same frames."""
+    """Return the verdicts of detectors I and II on the same frames."""
     density = [authenticate.density_consistency(frame) for frame in frames]
     occlusion = [authenticate.occlusion_consistency(frame) for frame in frames]
     return {
@@ -316,14 +318,14 @@ def _published_detectors(frames: Sequence[Points]) -> Row:
 
 @functools.cache
 def _hoaxes() -> tuple[Points, ...]:
-    """Objects of other drives, as the scanner saw them."""
+    """Return the points of objects of other drives."""
     return tuple(
         points for file in DONORS for _, points in _objects(_load(file)) if len(points) > 80
     )
 
 
 def _objects(scan: Points) -> list[tuple[Box, Points]]:
-    """Objects that stand free on the ground, of the size of people and cars."""
+    """Find objects of the size of people and cars that stand free on the ground."""
     found = forge.segment(scan, tolerance=0.2, ground_height=0.2)
     kept = []
     for index, box in enumerate(found.boxes):
@@ -340,7 +342,7 @@ def _objects(scan: Points) -> list[tuple[Box, Points]]:
 def _targets(
     scan: Points, lattice: SensorLattice, number: int, random: np.random.Generator
 ) -> Iterator[Target]:
-    """Objects of a scan with a margin of 10 cm, and places on the ground that the scanner sees."""
+    """Choose targets: boxes of objects with a margin of 10 cm, and visible places on the ground."""
     objects, hoaxes = _objects(scan), _hoaxes()
     rho = np.hypot(scan[:, 0], scan[:, 1])
     ground = np.flatnonzero((scan[:, 2] < -1.4) & (rho > RANGES[0]) & (rho < RANGES[1]))
@@ -364,7 +366,7 @@ def _targets(
 
 
 def _scores(rows: Sequence[Row], attack: str, name: str = "scores") -> dict[str, list[float]]:
-    """Return the scores of real frames by scene; attack ``""``: those of the clean ones."""
+    """Return the scores of real frames by scene; attack ``""``: the scores of clean frames."""
     tested = [row for row in rows if row["model"] != "clean, simulated"]
     left_out = (ODOMETRY.name, *CHOSEN_ON)
     wanted = [row for row in tested if row["attack"] == attack and row["scene"] not in left_out]
@@ -464,7 +466,7 @@ def _rate_kept(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """ROC curves of detector III, and of I and II beside it, over all attacks that add or move."""
+    """Draw ROC curves of detectors I, II and III over all attacks that add or move points."""
     from matplotlib.figure import Figure
 
     clean = [s for scores in _scores(rows, "").values() for s in scores]

@@ -1,4 +1,4 @@
-"""Figure 3.10: where the error of each method is, Dragon at 5 %."""
+"""Figure 3.10: error maps of each method, Dragon at 5 %."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _TITLES = {"plain": "plain Delaunay", "modified": "modified (section 3.4)"}
 
 
 def triangulate(case: Case) -> Row:
-    """One choice of points, triangulated with or without the checks."""
+    """Triangulate a choice of points with or without the checks of section 3.4."""
     from manip3d import metrics, simplify
 
     image = open_input(case.options)
@@ -52,7 +52,7 @@ def triangulate(case: Case) -> Row:
 def _over_depth(
     chosen: DepthMesh, faces: NDArray[np.int32], measured: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Whether the pixel at each triangle's centroid has a measurement."""
+    """Return whether the pixel at each triangle's centroid has a measurement."""
     u, v = np.rint(chosen.pixels[faces].mean(axis=1)).astype(np.intp).T
     over: NDArray[np.bool_] = measured[v, u]
     return over

@@ -1,4 +1,4 @@
-"""Figure 3.8: a scene sampled uniformly, by CS3, and by CS3 that depends on the distance."""
+"""Figure 3.8: a scene sampled uniformly, by CS3, and by distance-dependent CS3."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ _BINS = 8
 
 
 def _power_of_radius(image: RangeInput, target: int) -> float:
-    """With which power of the radius the number of CS3's points falls, around so many."""
+    """Return the exponent p of n ~ r^-p, n being CS3's number of points and r its radius."""
     many, few = (reduce(image, "cios", n) for n in (target, target // 2))
-    # The radius is the factor times sqrt(w h / n).
+    # r = factor * sqrt(w h / n), w and h being the size of the image.
     radius = few.factor / many.factor * math.sqrt(2.0)  # type: ignore[union-attr]
     return math.log(many.num_vertices / few.num_vertices) / math.log(radius)
 
 
 def sample(case: Case) -> Row:
-    """The number of chosen pixels for each measured one, by distance."""
+    """Measure the share of measured pixels that are chosen, by distance."""
     image = open_input(case.options)
     measured, depth = image.measured, image.depth
     assert depth is not None
@@ -54,7 +54,7 @@ def sample(case: Case) -> Row:
     method, options = _WAYS[case.options["method"]]
     mesh = reduce(image, method, target, **options)
     pixels: NDArray[np.int32] = mesh.pixels  # type: ignore[union-attr]
-    # Bins that hold as many measured pixels each.
+    # Bins of distance with equal numbers of measured pixels.
     edges = np.quantile(metres[measured], np.linspace(0.0, 1.0, _BINS + 1))
     everywhere = np.histogram(metres[measured], edges)[0]
     chosen = np.histogram(metres[pixels[:, 1], pixels[:, 0]], edges)[0]
@@ -124,7 +124,7 @@ def _costs_the_same(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _as_printed(rows: Sequence[Row]) -> str:
-    """How many points eq. 3.9 chooses without the factor that brings them back."""
+    """Return a note with eq. 3.9's number of points without the factor that keeps it constant."""
     times = [
         row["literal_count"] / row["points"] for row in rows if row["method"] == "cs3-distance"
     ]

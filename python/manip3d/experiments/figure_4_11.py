@@ -12,7 +12,7 @@ from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding,
 
 _LIMB: Final = "right_arm"
 _SHIFT = 0.08
-"""Metres by which figure 4.11 c's shoulder is wrong."""
+"""Error of the shoulder in figure 4.11 c, metres."""
 
 
 def _cases(plan: Plan) -> list[Case]:
@@ -39,7 +39,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def view_turned(case: Case) -> Row:
-    """Mirrored in the image (2D) and in space (3D)."""
+    """Mirror the limb of a turned person in the image (2D) and in space (3D)."""
     row: Row = {"views": {}}
     for mode, name in (("2d", "a) 2D"), ("reflection", "b) 3D")):
         (outcome,) = _phantom.outcomes(
@@ -59,7 +59,10 @@ def _textured(outcome: _phantom.Outcome, older: Any = None) -> Any:
 
 
 def _skeleton_error(outcome: _phantom.Outcome) -> float:
-    """Metres from the phantom's joints to the intact limb's, reflected in the true plane."""
+    """Return the error of the phantom's joints, metres.
+
+    The true joints are those of the intact limb, reflected in the true plane.
+    """
     from manip3d.simulate import LIMBS, opposite
 
     limb: Any = _LIMB
@@ -71,7 +74,7 @@ def _skeleton_error(outcome: _phantom.Outcome) -> float:
 
 
 def view_wrong_joint(case: Case) -> Row:
-    """Effect of a wrong shoulder on the plane, and by it on the phantom."""
+    """Measure the effect of a wrong shoulder on the plane and thereby on the phantom."""
     from dataclasses import replace
 
     from manip3d.modify import PhantomPipeline
@@ -82,7 +85,7 @@ def view_wrong_joint(case: Case) -> Row:
     for name, shift in (("as it is", 0.0), ("c) wrong shoulder", _SHIFT)):
         person = capture.frame.skeletons[0]
         joints = person.positions.copy()
-        joints[8, 2] += shift  # the right shoulder seems farther away: the plane turns
+        joints[8, 2] += shift  # the right shoulder appears farther away, which turns the plane
         frame = replace(capture.frame, skeletons=(replace(person, positions=joints),))
         outcome = _phantom.Outcome(
             capture, PhantomPipeline(affected=_LIMB, plane="joints").process(frame)
@@ -96,7 +99,7 @@ def view_wrong_joint(case: Case) -> Row:
 
 
 def view_occluded(case: Case) -> Row:
-    """States and pixels of the phantom before and while a board hides the intact arm."""
+    """Record states and pixels of the phantom before and while a board hides the intact arm."""
     rate = case.options["rate"]
     times = [1.0 + i / rate for i in range(round(2.0 * rate))]
     scene = case.options["scene"]
@@ -147,7 +150,7 @@ def _skeleton_matters(rows: Sequence[Row]) -> Iterator[Finding]:
 def _occlusion_is_said(rows: Sequence[Row]) -> Iterator[Finding]:
     for row in rows:
         if "states" in row:
-            # While the board comes in, the mirrored arm is in pieces: it is seen, and degraded.
+            # While the board enters, the mirrored arm is in pieces and the state is "degraded".
             order = [state for state in dict.fromkeys(row["states"]) if state != "degraded"]
             numbers = " -> ".join(order) + f"; {row['pixels'][-1]} pixels at the end"
             holds = order == ["tracking", "holding", "fading", "lost"] and row["pixels"][-1] == 0

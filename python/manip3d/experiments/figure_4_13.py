@@ -12,13 +12,13 @@ from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding,
 
 _LIMB: Final = "right_leg"
 _SHIFT = 0.05
-"""Metres by which the affected hip and knee are detected too high."""
+"""Error of the affected hip and knee, which are detected too high, metres."""
 
 _NARROWER = 0.15
-"""Radius of the second filling that is tried beside the default of 0.20 m."""
+"""Radius of the second filling, metres, that is compared with the default of 0.20 m."""
 
 _AROUND = 0.30
-"""Metres around the true hip in which missing pixels are counted."""
+"""Radius around the true hip within which missing pixels are counted, metres."""
 
 
 def _cases(plan: Plan) -> list[Case]:
@@ -30,7 +30,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def view_steps(case: Case) -> Row:
-    """Pictures a to f, and the gap at the root before and after the second filling."""
+    """Make pictures a to f and measure the gap at the root before and after the second filling."""
     from dataclasses import replace
 
     from manip3d.modify import PhantomPipeline
@@ -77,7 +77,7 @@ def view_steps(case: Case) -> Row:
 
 
 def _near_root(frame: Any, truth: Any, mine: Any) -> Any:
-    """Pixels of the person around the true root, where nothing should be missing."""
+    """Return the person's pixels around the true root, none of which should be missing."""
     points = frame.calibration.depth.unproject(frame.depth)
     return mine & (np.linalg.norm(points - truth.joints[16], axis=2) < _AROUND)
 

@@ -19,7 +19,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def view_steps(case: Case) -> Row:
-    """Pictures a to e, and how many pixels each step touches."""
+    """Make pictures a to e and count the pixels that each step changes."""
     from manip3d.simulate import LIMBS
     from manip3d.viewer import people
 

@@ -34,7 +34,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def view_textures(case: Case) -> Row:
-    """Both textures, and where they take the phantom's colours from."""
+    """Draw both textures and measure whether their colours come from the intact limb."""
     scene, time = case.options["scene"], case.options["time"]
     from manip3d.viewer import people
 
@@ -49,7 +49,7 @@ def view_textures(case: Case) -> Row:
 
 
 def _origin_of_colors(outcome: _phantom.Outcome) -> dict[str, Any]:
-    """Shares of the phantom's pixels whose colour is the intact limb's, in truth."""
+    """Return the share of the phantom's pixels whose colour truly comes from the intact limb."""
     from manip3d.simulate import LIMBS, opposite
 
     phantom = _phantom.drawn(outcome.phantom, "PHANTOM", "AWAY")

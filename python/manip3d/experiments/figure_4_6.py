@@ -1,4 +1,4 @@
-"""Figure 4.6: a phantom leg of somebody who sits."""
+"""Figure 4.6: the phantom leg of a seated person."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def view_leg(case: Case) -> Row:
-    """The scene, the person as seen, and the person with the phantom."""
+    """Draw the scene, the person, and the person with the phantom leg."""
     from manip3d.viewer import people
 
     options = case.options

@@ -1,4 +1,4 @@
-"""Figures 5.1 and 5.2: a person in poses that they never took."""
+"""Figures 5.1 and 5.2: a person in forged poses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def view_forgery(case: Case) -> Row:
-    """The person as recorded, type I and II in colour and depth, and one who really moves."""
+    """Draw the recorded person, forgeries of types I and II, and a person who really moves."""
     from manip3d import forge
     from manip3d.simulate import BodySimulator
     from manip3d.viewer import people

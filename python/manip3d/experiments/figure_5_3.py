@@ -15,7 +15,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def view_stages(case: Case) -> Row:
-    """Depth filter, contours, the skeleton's lines, regions; without a body index."""
+    """Draw depth filter, contours, the skeleton's lines and regions, without a body index."""
     from manip3d.modify import segment_body
     from manip3d.simulate import BodySimulator
     from manip3d.viewer import people
@@ -51,7 +51,7 @@ def view_stages(case: Case) -> Row:
 
 
 def contour_pixels(metres: np.ndarray, focal: float) -> np.ndarray:
-    """Pixels beside a step of the depth, as region growing sees steps; for the picture."""
+    """Return the pixels next to a depth step, by the rule of region growing, for the picture."""
     contour = np.zeros(metres.shape, bool)
     for axis in (0, 1):
         one = metres[:-1] if axis == 0 else metres[:, :-1]
@@ -66,7 +66,7 @@ def contour_pixels(metres: np.ndarray, focal: float) -> np.ndarray:
 
 
 def seed_pixels(joints: np.ndarray, camera: object) -> list[tuple[int, int]]:
-    """Column and row of points along each bone."""
+    """Return column and row of points along each bone."""
     from manip3d.camera import Intrinsics
     from manip3d.rgbd import PARENTS
 

@@ -1,4 +1,4 @@
-"""Figure 5.4: seeds along the bones against one seed each, with a skeleton beside the body."""
+"""Figure 5.4: seeds along the bones or one seed per bone, for a skeleton displaced sideways."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def view_seeds(case: Case) -> Row:
-    """Share of the person's pixels with their true bone, by seeds."""
+    """Measure the share of the person's pixels with the right bone, for both kinds of seeds."""
     from dataclasses import replace
 
     from manip3d.modify import segment_body

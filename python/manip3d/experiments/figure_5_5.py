@@ -1,4 +1,4 @@
-"""Figure 5.5: meshes with and without segmentation; the three ways to move them."""
+"""Figure 5.5: meshes with and without segmentation, moved by the three methods of skinning."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def view_meshes(case: Case) -> Row:
-    """How much edges of the mesh change their length, and pictures."""
+    """Measure the change of the mesh's edge lengths, and draw pictures."""
     from manip3d import forge, modify
     from manip3d.simulate import BodySimulator
 
@@ -66,14 +66,14 @@ def _edges(vertices: Any, faces: Any) -> Any:
 
 
 def _stretch(before: Any, after: Any, faces: Any, labels: Any) -> float:
-    """Mean relative change of edges within the upper arms."""
+    """Return the mean relative change of edge lengths within the upper arms."""
     arm = np.isin(labels[faces], (5, 9)).all(axis=1) & (np.ptp(labels[faces], axis=1) == 0)
     old, new = _edges(before, faces[arm]), _edges(after, faces[arm])
     return float(np.abs(new / old - 1.0).mean())
 
 
 def _torn(before: Any, after: Any, faces: Any) -> int:
-    """Triangles with an edge that became longer than 10 cm."""
+    """Count the triangles with an edge that became longer than 10 cm."""
     return int(((_edges(after, faces) > 0.1) & (_edges(before, faces) < 0.1)).any(axis=1).sum())
 
 

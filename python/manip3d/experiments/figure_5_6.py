@@ -1,4 +1,4 @@
-"""Figure 5.6: the drawn person with and without interpolation, and drawn as triangles."""
+"""Figure 5.6: the person drawn as points, with and without interpolation, and as triangles."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def view_holes(case: Case) -> Row:
-    """Pixels of the person, drawn as triangles, that show the background."""
+    """Count holes: pixels of the person drawn as triangles that show the background otherwise."""
     from manip3d import forge
     from manip3d.simulate import BodySimulator
 

@@ -1,4 +1,4 @@
-"""Figure 5.7: segmentation by Voronoi regions and by region growing, against true bones."""
+"""Figure 5.7: segmentation by Voronoi regions and by region growing, compared with true bones."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def compare_methods(case: Case) -> Row:
     Returns
     -------
     dict
-        ``views``: packed pictures of the last time; ``bones``: the share of a bone's pixels that a
-        method gives to it, by method and bone; and such a share for each method and part of
-        `_PARTS`, all means over the times.
+        ``views``: packed pictures of the last time; ``bones``: the share of each bone's pixels with
+        the right label, by method and bone; and the same share for each method and part of
+        `_PARTS`. All shares are means over the times.
     """
     from manip3d.modify import segment_body
     from manip3d.simulate import BodySimulator
@@ -87,10 +87,10 @@ def compare_methods(case: Case) -> Row:
 def _right_shares(
     labels: NDArray[np.uint8], truth: NDArray[np.uint8], mine: NDArray[np.bool_]
 ) -> dict[str, float]:
-    """Shares of the person's pixels that have a right label, by part of `_PARTS`.
+    """Return the shares of the person's pixels with a right label, by part of `_PARTS`.
 
-    Arms and trunk are right where the label is any of their bones. Where an arm and the trunk meet
-    in the picture, ``arms on trunk`` tells how many pixels have the right one of the two.
+    For arms and trunk a label is right if it is any of their bones. ``arms on trunk`` is the share
+    among pixels where an arm and the trunk meet in the image.
     """
     same = labels == truth
     shares = {}
@@ -112,7 +112,7 @@ _PARTS = ("all", "head", "trunk", "arms", "head and shoulders", "arms on trunk")
 
 
 def _draw(rows: Sequence[Row]) -> dict[str, Figure]:
-    """The pictures, and the share of each bone over all motions."""
+    """Draw the pictures, and the share of right pixels of each bone over all motions."""
     from matplotlib.figure import Figure
 
     figures = dict(_phantom.panels(rows))

@@ -1,4 +1,4 @@
-"""Figure 5.8: inter-frame noise of original and forged streams, and what sees through the rest."""
+"""Figure 5.8: inter-frame noise of original and forged streams, and the stream detector."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ if TYPE_CHECKING:
 
     from manip3d.rgbd import RgbdFrame
 
-_SHIFT = 37  # frames that a running background is ahead
+_SHIFT = 37  # number of frames by which a running background is ahead
 _WINDOW = 30
 _PUBLISHED = {"original": 0.0535, "still background": 0.0089, "running background": 0.0730}
-_RUN = 10  # frames of a stream that the detector judges
+_RUN = 10  # number of frames of a stream that the detector judges
 
 
 def turning_streams() -> tuple[list[RgbdFrame], list[RgbdFrame], list[RgbdFrame]]:
-    """The turning person: as recorded, before one wall, and before the wall of 37 frames later."""
+    """Return three streams of the turning person: recorded, still and running background.
+
+    The still background is the wall of the first frame, the running one that of 37 frames later.
+    """
     people, walls = list(_streams.turning()), _streams.walls()
     still = [_streams.pasted(frame, walls[0]) for frame in people]
     later = walls[_SHIFT:] + walls[:_SHIFT]
@@ -32,7 +35,7 @@ def turning_streams() -> tuple[list[RgbdFrame], list[RgbdFrame], list[RgbdFrame]
 
 
 def _simulated(seed: int, frames: int) -> tuple[list[RgbdFrame], list[RgbdFrame]]:
-    """A simulated person, and their room while nobody is there."""
+    """Return frames of a simulated person, and of the empty room."""
     from manip3d.simulate import BodySimulator
 
     motions = ("wave", "arm-raise", "reach", "stepping")
@@ -54,7 +57,7 @@ def _cases(plan: Plan) -> list[Case]:
     cases = []
     if plan.data != "real":
         for number in range(2 if is_quick else 8):
-            seed = 100 + number + 1000 * plan.seed  # those that fixed the threshold are below 10
+            seed = 100 + number + 1000 * plan.seed  # the threshold was chosen on seeds below 10
             options = {"model": f"simulated person {number + 1}", "seed": seed, "frames": _RUN}
             cases.append(Case(judge_simulated, {"kind": "streams", "data": "simulated", **options}))
     wanted = plan.data == "real" or datasets.is_here(datasets.get(_streams.TURNING))
@@ -71,7 +74,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def judge_in_kitchen(case: Case) -> Row:
-    """A person of UTD-MHAD in the red kitchen of 7-Scenes, a moving camera's background."""
+    """Judge a person of UTD-MHAD in the red kitchen of 7-Scenes, recorded by a moving camera."""
     people = datasets.open_people(case.options["model"].partition(",")[0])[:_RUN]
     poses = datasets.open_people("utd-mhad:a16_s1")[10 : 10 + _RUN]
     kitchen = _streams.scene(_streams.KITCHEN)[:_RUN]
@@ -82,7 +85,7 @@ _PEOPLE = tuple(f"utd-mhad:a3_s{subject}" for subject in range(1, 9))
 
 
 def noise_of_turning(case: Case) -> Row:
-    """The published measure on the turning person."""
+    """Compute the published measure on the turning person."""
     from manip3d.authenticate import inter_frame_noise
 
     noise = {
@@ -93,7 +96,7 @@ def noise_of_turning(case: Case) -> Row:
     original = noise["original"]
     for name in _PUBLISHED:
         row[f"median {name}"] = float(np.median(noise[name]))
-    # A still background has less noise than the original, a running one has more.
+    # A still background has less noise than the original, a running one more.
     for name, word, sign in (
         ("still background", "still", -1.0),
         ("running background", "running", 1.0),
@@ -108,16 +111,17 @@ def noise_of_turning(case: Case) -> Row:
 
 
 def judge_simulated(case: Case) -> Row:
-    """One clean stream and its forgeries of both types, over still and running backgrounds."""
+    """Judge a clean stream and its forgeries of both types, over still and running backgrounds."""
     frames, room = _simulated(case.options["seed"], case.options["frames"])
     poses, _ = _simulated(case.options["seed"] + 1, case.options["frames"])
     return _judged(frames, frames, room, poses, {})
 
 
 def judge_recorded(case: Case) -> Row:
-    """A person of UTD-MHAD before the wall of the turning person, which fixed the threshold.
+    """Judge a person of UTD-MHAD in front of the wall of the turning person.
 
-    The clean stream is the turning person's, a run of frames that differs by subject.
+    The threshold was chosen on the recording of the turning person. The clean stream consists of
+    other frames of that recording for each subject.
     """
     number = _PEOPLE.index(case.options["model"])
     people = datasets.open_people(case.options["model"])[:_RUN]
@@ -212,12 +216,12 @@ def _kitchen(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _all_cameras(rows: Sequence[Row]) -> Iterator[Finding]:
-    """AUC of running backgrounds on all recordings, the moving camera's included."""
+    """Yield the AUC of running backgrounds on all recordings, including the moving camera's."""
     still = [row for row in _of(rows, "streams") if row["data"] == "recorded"]
     moving = _of(rows, "kitchen")
     if not still or not moving:
         return
-    # The clean stream of the kitchen is the same in each row.
+    # The kitchen's clean stream is the same in each row and is therefore counted once.
     clean = [row["score_clean"] for row in (*still, moving[0])]
     for kind in (1, 2):
         scores = [row[f"score_{kind}_running"] for row in (*still, *moving)]
@@ -231,7 +235,7 @@ def _all_cameras(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _silhouettes(rows: Sequence[Row]) -> Iterator[Finding]:
-    """AUC of scores of running backgrounds, by whether a camera or a simulator saw the people."""
+    """Yield the AUC of running backgrounds, for recorded and for simulated people."""
     for data in ("simulated", "recorded"):
         streams = [row for row in _of(rows, "streams") if row["data"] == data]
         clean = [row["score_clean"] for row in streams if row["score_clean"] is not None]

@@ -1,4 +1,4 @@
-"""Figure 6.3: a forged scene from the front and from above; spacing varies with distance."""
+"""Figure 6.3: a forged scene from the front and from above, coloured by point spacing."""
 
 from __future__ import annotations
 

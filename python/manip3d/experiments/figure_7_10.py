@@ -1,5 +1,4 @@
-"""Figures 7.9 and 7.10 and the numbers beside them: how far the watermark moves points, and what of
-it is recovered without an attack."""
+"""Figures 7.9 and 7.10: displacement of points by the watermark, and recovery without attack."""
 
 from __future__ import annotations
 
@@ -29,8 +28,8 @@ _MOST = {
 """Largest displacement of a point by an embedding, metres."""
 _DRAWN = {"lbm": "LBM", "qim-printed": "QIM"}
 """Embeddings whose scans figures 7.9 and 7.10 show."""
-_FLOAT = 4e-6  # metres: coordinates of up to 128 m as float32, rounded twice
-_SHOWN = 20_000  # points of the picture
+_FLOAT = 4e-6  # metres; rounding error of two float32 coordinates of up to 128 m
+_SHOWN = 20_000  # number of points in the picture
 
 
 def _cases(plan: Plan) -> list[Case]:
@@ -50,7 +49,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def embed(case: Case) -> Row:
-    """Embed and extract every frame of a drive, and measure how far points were moved."""
+    """Embed and extract the watermark of each frame of a drive, and measure the displacements."""
     options = case.options
     distances, recovered = [], 0
     row: Row = {}
@@ -58,8 +57,9 @@ def embed(case: Case) -> Row:
         for number, frame, _ in _alert_set.frames(options["seed"], 0, options["frames"]):
             sent, right = _marked(frame, options["method"], number, Path(folder))
             moved = sent.points.astype(np.float64) - frame.points
-            # Points keep their rows, and each moves less than half of what separates two: the
-            # distance to the nearest point is the one to itself.
+            # Points keep their rows, and each moves by less than half of the distance between two
+            # points. The nearest point of each is therefore the same point before embedding, and
+            # the Hausdorff distance is the largest displacement.
             distances.append(float(np.sqrt((moved**2).sum(axis=1)).max()))
             recovered += right
             if number == 0:
@@ -74,7 +74,7 @@ def embed(case: Case) -> Row:
 
 
 def _marked(frame: LidarFrame, method: str, number: int, folder: Path) -> tuple[LidarFrame, bool]:
-    """The frame with its watermark, and whether all of that is found in it again."""
+    """Return the frame with its watermark, and whether the whole watermark is recovered."""
     from manip3d import authenticate
 
     if not method.startswith("keyed"):

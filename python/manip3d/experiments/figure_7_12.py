@@ -1,5 +1,5 @@
-"""Figures 7.9, 7.11 and 7.12: the six attacks on one frame, and what cameras and LiDAR make of
-them."""
+"""Figures 7.9, 7.11 and 7.12: the six attacks on one frame, and the result of the cross-modal check
+of cameras and LiDAR."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def locate(case: Case) -> Row:
-    """Judge the first frame of a street that holds an object, as it is or attacked."""
+    """Judge the first frame of a street that contains an object, clean or attacked."""
     from manip3d import authenticate
 
     options = case.options

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PATTERNS = ("11100", "00111", "10101", "11111", "10000", "00001", "01010", "11000", "00000")
-"""Attacked frames of five, the oldest first."""
+"""Patterns of five frames, oldest first; 1: attacked."""
 
 
 def _cases(_: Plan) -> list[Case]:
@@ -19,7 +19,7 @@ def _cases(_: Plan) -> list[Case]:
 
 
 def weigh(case: Case) -> Row:
-    """The temporal element of one pattern."""
+    """Compute the temporal element of one pattern."""
     from manip3d import authenticate
 
     attacked = [letter == "1" for letter in case.options["model"]]
@@ -31,7 +31,7 @@ def weigh(case: Case) -> Row:
 
 
 def _late_weighs_more(rows: Sequence[Row]) -> Iterator[Finding]:
-    """Where as many frames are attacked, those whose last attack is later weigh more."""
+    """Compare patterns with equal numbers of attacked frames: later attacks must weigh more."""
     for a in rows:
         for b in rows:
             if a["attacked"] != b["attacked"] or not a["attacked"]:

@@ -1,4 +1,4 @@
-"""How often the interval of a staircase's 70.7 % point holds the truth."""
+"""Coverage of the confidence interval of a staircase's 70.7 % point, on simulated observers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ _SPREAD = None  # log-normal: median 3, two thirds between 1.7 and 5.2
 
 Ends = tuple[float, float]
 
-# Thresholds, slopes and lapse rates of observers: drawn evenly between two ends.
+# Thresholds, slopes and lapse rates of observers, drawn uniformly between two ends; and the law of
+# the psychometric function.
 _OBSERVERS: dict[str, tuple[Ends, Ends | None, Ends, str]] = {
     _ALL: ((10.0, 60.0), _SPREAD, (0.0, 0.05), "weibull"),
     "near 10 to 20 %": ((10.0, 20.0), _SPREAD, (0.0, 0.05), "weibull"),
@@ -37,7 +38,10 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def observe(case: Case) -> Row:
-    """Coverage of the 95 % interval, and errors of the estimate and of the mean of reversals."""
+    """Measure the coverage of the 95 % interval and the errors of two estimates.
+
+    The estimates are the fitted threshold and the mean of the reversals.
+    """
     from manip3d.study import (
         Rules,
         SimulatedObserver,

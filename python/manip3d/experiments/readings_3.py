@@ -1,4 +1,4 @@
-"""How much CS3's error depends on what the text of chapter 3 leaves open."""
+"""Dependence of CS3's error on details that the text of chapter 3 leaves open."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 KEPT = ("gradient_of_gradient", "backward", "down", 0.0)
-"""Stencil, A beside invalid pixels, rounding of Rd, outliers above Omega_max."""
+"""The reading that this package uses: stencil, A beside invalid pixels, rounding of Rd, and share
+of outliers above Omega_max."""
 
 _STENCILS = ("gradient_of_gradient", "compact", "forward", "sobel")
 _STENCIL_TITLES = {"gradient_of_gradient": "gradient of the gradient"}
@@ -30,9 +31,9 @@ _SCANS = {
     "happyStandRight_0": ("Buddha", "happy_stand", 3902),
     "dragonStandRight_0": ("Dragon", "dragon_stand", 2092),
 }
-"""Published model, data set, and 5 % of the points."""
+"""Published model, data set, and number of points (5 %) of each scan."""
 _PUBLISHED_SCANS = ("bun000", "happyStandRight_0")
-"""The published files themselves; the dragon's scan is not in the set."""
+"""Scans that are the published files; the published scan of the dragon is not in the data set."""
 
 _SIMULATED = "waves (simulated)"
 _SAMPLES = 200_000
@@ -42,7 +43,7 @@ def _readings(plan: Plan) -> list[tuple[str, str, str, float]]:
     everything = itertools.product(_STENCILS, _BESIDE, _ROUNDINGS, _OUTLIERS[plan.scale])
     if plan.scale == "full":
         return list(everything)
-    # In a look of a minute one choice at a time differs from the kept reading.
+    # In a quick run, at most one choice at a time differs from the kept reading.
     return [r for r in everything if sum(a != b for a, b in zip(r, KEPT, strict=True)) <= 1]
 
 
@@ -72,7 +73,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def _about(model: str) -> dict[str, str]:
-    """In whose place a model stands, and what it is."""
+    """Return the kind of data of a scan, its description, and the model that it stands in for."""
     if model not in _SCANS:
         return {"data": "simulated", "role": "simulated", "stands_in_for": ""}
     published, _, _ = _SCANS[model]
@@ -85,7 +86,7 @@ def _about(model: str) -> dict[str, str]:
 
 
 def _waves() -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """A disk of crossed waves with some noise: a range scan of nobody."""
+    """Make a synthetic range scan: a disk of crossed waves with some noise."""
     v, u = np.mgrid[0.0:120, 0.0:160]
     noise = np.random.default_rng(0).normal(scale=0.02, size=u.shape)
     z = 3 * np.sin(u / 9) * np.cos(v / 13) + np.abs(u - 70) / 8 + noise
@@ -93,7 +94,7 @@ def _waves() -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
 
 
 def measure(case: Case) -> Row:
-    """Simplify one scan to 5 % by one reading."""
+    """Simplify one scan to 5 % of its points by one reading."""
     from manip3d import simplify
     from manip3d.metrics import metro
 

@@ -1,4 +1,4 @@
-"""Chapter 4 on recorded people: the phantom without failure, joints smoothed, textured meshes."""
+"""Chapter 4 on recorded people: reliability of the phantom, smoothed joints, textured meshes."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _wanted(plan: Plan, data: str) -> bool:
 
 
 def run_sequence(case: Case) -> Row:
-    """All frames, once for each limb; the frame in the middle as a picture."""
+    """Process all frames once for each limb, and draw the frame in the middle."""
     from manip3d.modify import PhantomPipeline
 
     uri = case.options["model"]
@@ -82,14 +82,14 @@ def run_sequence(case: Case) -> Row:
 
 
 def _is_whole(phantom: PhantomFrame) -> bool:
-    """Are the numbers of a frame's mesh what they say?"""
+    """Return whether the arrays of a frame's mesh are consistent."""
     num_vertices = len(phantom.vertices)
     inside = phantom.faces.size == 0 or int(phantom.faces.max()) < num_vertices
     return inside and bool(np.isfinite(phantom.vertices).all())
 
 
 def smooth_sequence(case: Case) -> Row:
-    """The joints of a real Kinect V2, raw and smoothed."""
+    """Measure the jitter of a real Kinect V2's joints, raw and smoothed."""
     from manip3d.modify import JointSmoother
     from manip3d.rgbd import TRACKED
 
@@ -110,12 +110,12 @@ def smooth_sequence(case: Case) -> Row:
 
 
 def _jitter(positions: Any) -> float:
-    """Root mean square of what a joint does beside going straight on (second difference)."""
+    """Return the root mean square of the second differences of a joint's positions."""
     return float(np.sqrt(np.mean(np.sum(np.diff(positions, 2, axis=0) ** 2, axis=2))))
 
 
 def texture_image(case: Case) -> Row:
-    """A whole person by colour and depth alone: MediaPipe's skeleton, the phantom, its texture."""
+    """Process an image without skeleton: MediaPipe's skeleton, the phantom, and its texture."""
     from manip3d.modify import PhantomPipeline, PoseTracker
     from manip3d.rgbd import TRACKED
     from manip3d.viewer import people
@@ -147,7 +147,7 @@ def _grey(frame: RgbdFrame) -> Any:
 
 
 def _kinds(phantom: PhantomFrame) -> Any:
-    """The phantom green over the grey body; blue: its back; orange, pink, yellow: filled."""
+    """Draw pixel kinds: body grey, phantom green, its back blue, filled orange, pink, yellow."""
     from manip3d.viewer import people
 
     tint = np.array(
@@ -165,7 +165,7 @@ def _kinds(phantom: PhantomFrame) -> Any:
 
 
 def _cut(frame: RgbdFrame, picture: Any) -> str:
-    """The person and a margin, as the word that a row keeps."""
+    """Crop a picture to the person with a margin, and encode it for a row."""
     box = _phantom.box_of(frame.depth > 0, 20)
     return _phantom.packed(np.ascontiguousarray(picture[box]))
 

@@ -1,4 +1,4 @@
-"""Detectors I and II on real terrestrial scans, one by one; no number is published."""
+"""Detectors I and II on single real terrestrial scans; there are no published numbers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SCANS = (
     "3dtk_dat/scan002.3d.xz",
 )
 _SIZE = 0.3
-"""Metres, of the hoax."""
+"""Size of the hoax, metres."""
 
 
 def _cases(plan: Plan) -> list[Case]:
@@ -50,7 +50,11 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def judge_scan(case: Case) -> Row:
-    """One scan as it is, and with a hoax half way to the middle of what it shows."""
+    """Judge a scan, clean and with a hoax.
+
+    The hoax stands in the direction of the point with the median range, among points near the
+    horizon, at 60 % of this range.
+    """
     root = datasets.data_root()
     frame = manip3d.io.read_scan(root / case.options["file"])
     place = np.zeros(3) if frame.origin is None else np.asarray(frame.origin)
@@ -77,7 +81,7 @@ def judge_scan(case: Case) -> Row:
 
 
 def _spacing(position: Any, grid: authenticate.AngularGrid) -> float:
-    """Distance of the hoax as the scanner's grid has it."""
+    """Return the point spacing of the scanner's angular grid at the distance of the hoax."""
     step = np.radians(min(grid.azimuth_deg, grid.elevation_deg))
     return float(np.linalg.norm(position) * step)
 

@@ -1,4 +1,4 @@
-"""Edits of every kind against the printed watermark, the keyed one and a keyed hash of the file."""
+"""Edits of every kind against the printed watermark, the keyed watermark and a keyed hash."""
 
 from __future__ import annotations
 
@@ -20,20 +20,21 @@ if TYPE_CHECKING:
 
     Points = NDArray[np.float32]
     Sent = tuple["LidarFrame", Any]
-    """A scan as it was sent, and what travels beside it."""
+    """A scan as it was sent, and the metadata, record or tag sent with it."""
 
 DEFENCES = ("paper lbm", "paper qim", "keyed lbm", "keyed qim", "keyed detached", "hmac")
 
 _POINTS = 1800
 _ATTEMPTS = {"quick": 20, "full": 900}
-"""Attempts of each kind against each defence: 20 kinds times 900 times 6 are about 10^5."""
+"""Attempts of each kind against each defence: 20 kinds x 900 attempts x 6 defences are about 10^5.
+"""
 
 
 # --- Defences -------------------------------------------------------------------------------------
 
 
 class _Paper:
-    """The printed watermark: bits that do not depend on the points, metadata by a safe channel."""
+    """The printed watermark, whose bits do not depend on the points; metadata are sent safely."""
 
     def __init__(self, embedding: str) -> None:
         from manip3d.authenticate import noise_blocks
@@ -59,7 +60,7 @@ class _Paper:
         )
 
     def suspects(self, received: Sequence[Sent]) -> NDArray[np.integer[Any]]:
-        """Points of the last scan that the verifier lists."""
+        """Return the points of the last scan that the verifier lists."""
         from manip3d.authenticate import compare_paper
 
         scan, metadata = received[-1]
@@ -67,7 +68,7 @@ class _Paper:
 
 
 class _Keyed:
-    """`Watermarker`: bits and tags that depend on the points, frames in a chain."""
+    """`Watermarker`, whose bits and tags depend on the points and whose frames form a chain."""
 
     def __init__(self, embedding: str, key: KeyFile) -> None:
         self._embedding, self._key = embedding, key
@@ -91,7 +92,7 @@ class _Keyed:
             )
 
     def suspects(self, received: Sequence[Sent]) -> NDArray[np.integer[Any]]:
-        """Points of the last scan that the operator's report lists."""
+        """Return the points of the last scan that the operator's report lists."""
         from manip3d.authenticate import Watermarker
 
         with Watermarker(self._key) as verifier:
@@ -99,7 +100,7 @@ class _Keyed:
 
 
 class _Hmac:
-    """HMAC-SHA256 of the buffer of points and intensities: what a practitioner would write."""
+    """HMAC-SHA256 of the buffer of points and intensities, the obvious baseline."""
 
     def __init__(self, key: bytes = bytes(range(32))) -> None:
         self._key = key
@@ -120,7 +121,7 @@ class _Hmac:
         )
 
     def suspects(self, received: Sequence[Sent]) -> NDArray[np.integer[Any]]:
-        """None: a hash says yes or no."""
+        """Return no points, because a hash does not locate changes."""
         return np.empty(0, np.int64)
 
 
@@ -128,14 +129,14 @@ class _Hmac:
 
 
 def _changed(sent: Sequence[Sent], points: NDArray[Any]) -> list[Sent]:
-    """The stream with other points in its last frame, in whole millimetres."""
+    """Return the stream with other points in its last frame."""
     scan, beside = sent[-1]
     wide = np.asarray(points, np.float64)
     return [*sent[:-1], (scan.replace(points=wide.astype(np.float32)), beside)]
 
 
 def _same_points(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
-    """No attack: the last scan in another order."""
+    """Permute the points of the last scan, which is no attack."""
     scan, beside = sent[-1]
     return [*sent[:-1], (scan.select(random.permutation(scan.num_points)), beside)]
 
@@ -147,7 +148,7 @@ def _move_one(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
 
 
 def _least_move(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
-    """One coordinate of a point to the float32 next to it."""
+    """Change one coordinate of a point to the next larger float32."""
     points = sent[-1][0].points.copy()
     row, axis = random.integers(len(points)), random.integers(3)
     points[row, axis] = np.nextafter(points[row, axis], np.float32(1e6))
@@ -169,14 +170,14 @@ def _delete(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
 
 
 def _add(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
-    """Points of another frame."""
+    """Add points of another frame."""
     scan, beside = sent[-1]
     other = sent[0][0].select(random.choice(sent[0][0].num_points, 30, replace=False))
     return [*sent[:-1], (_joined(scan, other), beside)]
 
 
 def _stuff(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
-    """Points deleted, copies of one in their places."""
+    """Replace points by copies of one point."""
     scan, beside = sent[-1]
     rows = np.arange(scan.num_points)
     some = random.choice(scan.num_points, 6, replace=False)
@@ -199,7 +200,7 @@ def _flip_bit(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
 
 
 def _collage(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
-    """Half of the last scan replaced by that of the first, at an azimuth where sectors meet."""
+    """Replace half of the last scan by that of the first, cut at borders of azimuth sectors."""
     scan, beside = sent[-1]
     begin = 10.0 * random.integers(36)
     here, there = (_sector(s.points, begin, 180.0) for s in (scan, sent[0][0]))
@@ -227,12 +228,12 @@ def _reorder(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
 
 
 def _begin_late(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
-    """The beginning withheld, as after a rollback of the verifier."""
+    """Withhold the beginning of the stream, as after a rollback of the verifier."""
     return list(sent[int(random.integers(1, len(sent))) :])
 
 
 def _damage_record(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
-    """A bit of the record flipped, the record cut, or replaced by noise."""
+    """Flip a bit of the record, truncate it, replace it by noise, or append bytes."""
     scan, beside = sent[-1]
     if not isinstance(beside, bytes):
         return []
@@ -250,7 +251,7 @@ def _damage_record(sent: Sequence[Sent], random: np.random.Generator) -> list[Se
 
 
 def _downgrade(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
-    """Suite, embedding, carrier or flags of the record rewritten, and a point moved."""
+    """Rewrite suite, embedding, carrier or flags of the record, and move a point."""
     _, beside = sent[-1]
     if not isinstance(beside, bytes) or len(beside) < 100:
         return []
@@ -262,7 +263,7 @@ def _downgrade(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
 
 def _rewrite_bits(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
     """Read the lowest bits by rank, move the points of a sector along their rays, and write the
-    same bits back by rank: what needs no key."""
+    same bits back by rank, which needs no key."""
     scan, _ = sent[-1]
     units = _units(scan.points)
     cleared, bits = units & ~1, units & 1
@@ -272,7 +273,7 @@ def _rewrite_bits(sent: Sequence[Sent], random: np.random.Generator) -> list[Sen
     begin = 10.0 * random.integers(36)
     moved = _sector(scan.points, begin + 1.0, 8.0)
     forged[moved] = np.rint(cleared[moved] * random.uniform(1.2, 1.8)).astype(np.int64) & ~1
-    stay = _slices(forged) == slices  # those that would leave their sector are left alone
+    stay = _slices(forged) == slices  # points that would leave their sector are not moved
     forged[~stay] = cleared[~stay]
     written = forged.copy()
     written[_rank(forged, slices)] |= read
@@ -280,7 +281,7 @@ def _rewrite_bits(sent: Sequence[Sent], random: np.random.Generator) -> list[Sen
 
 
 def _foreign_key(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
-    """All frames, the last with a point moved, signed once more with a key of the attacker's."""
+    """Move a point of the last frame and sign all frames again with the attacker's key."""
     from manip3d.authenticate import EMBEDDINGS, KeyFile
 
     beside = sent[-1][1]
@@ -297,18 +298,18 @@ def _foreign_key(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent
 
 
 _EMBEDDING = 9
-"""Byte of a record that says how it is embedded."""
+"""Index of the byte of a record that names the embedding."""
 
 
 def _on_grid(frames: Sequence[LidarFrame]) -> list[LidarFrame]:
-    """Points in whole millimetres, as the embedder takes them."""
+    """Round points to whole millimetres, as the embedder expects them."""
     return [
         frame.replace(points=(_units(frame.points) / 1000).astype(np.float32)) for frame in frames
     ]
 
 
 def _mended(received: Sequence[Sent], guard: _Paper | _Keyed | _Hmac) -> list[Sent]:
-    """Flip the lowest bits of the points that the verifier suspects, asked once."""
+    """Ask the verifier once and flip the lowest bits of the points that it suspects."""
     units = _units(received[-1][0].points)
     units[guard.suspects(received)] ^= 1
     return _changed(received, units / 1000)
@@ -336,12 +337,12 @@ ATTACKS: Mapping[str, Callable[[Sequence[Any], np.random.Generator], list[Any]]]
     "signed with another key": _foreign_key,
     "one point moved, and the verifier asked": _move_one,
 }
-"""Each takes a stream of frames with what travels beside them, and returns what is received."""
+"""Attacks by name: functions from the sent stream of frames and records to the received stream."""
 
 HARMLESS = "none: points in another order"
 REEMBEDDING = "re-embedding without the key"
 ORACLE = "one point moved, and the verifier asked"
-"""The attacker mends the forgery by what the verifier says of it; the mended one is counted."""
+"""Attack in which the verifier's report is used to repair the forgery; the repaired one counts."""
 
 
 def _joined(scan: LidarFrame, other: LidarFrame) -> LidarFrame:
@@ -374,13 +375,16 @@ def _slices(cleared: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _rank(cleared: NDArray[np.int64], slices: NDArray[np.int64]) -> NDArray[np.intp]:
-    """The public order of points, which anybody can derive."""
+    """Return the order of points that is public, because it depends on no key."""
     x, y, z = cleared.T
     return np.lexsort((y, x, x * x + y * y, z, slices))
 
 
 def _frame(random: np.random.Generator) -> LidarFrame:
-    """Ground and walls in whole millimetres, all places different, none where sectors meet."""
+    """Make a scan of ground and walls in whole, even millimetres.
+
+    All points are different, and none lies on a border of azimuth sectors.
+    """
     from manip3d.lidar import LidarFrame
 
     angle = np.radians(random.integers(0, 36, _POINTS) * 10.0 + random.uniform(0.5, 9.5, _POINTS))
@@ -407,7 +411,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def attack(case: Case) -> Row:
-    """Count the streams of each defence that are accepted after the attack, and how many differ."""
+    """Count the accepted streams of each defence after an attack."""
     options = case.options
     random = np.random.default_rng(options["seed"])
     with tempfile.TemporaryDirectory() as folder:
@@ -417,7 +421,7 @@ def attack(case: Case) -> Row:
 def count_accepted(
     name: str, attempts: int, random: np.random.Generator, folder: Path
 ) -> dict[str, Any]:
-    """Accepted streams by defence, of so many attempts; None where the attack does not apply."""
+    """Count the accepted streams of ``attempts`` by defence; None: the attack does not apply."""
     from manip3d.authenticate import KeyFile
 
     with KeyFile.create(folder / "experiment.key") as key:
@@ -451,7 +455,7 @@ def count_accepted(
 
 
 def _is_same(received: Sequence[Sent], sent: Sequence[Sent]) -> bool:
-    """Whether the attack did nothing, as rewriting a byte by itself."""
+    """Return whether the attack changed nothing, for instance rewrote a byte with its own value."""
     return len(received) == len(sent) and all(
         np.array_equal(a.points, b.points)
         and np.array_equal(a.intensity, b.intensity)  # type: ignore[arg-type]
@@ -470,7 +474,7 @@ _HOLDS: Mapping[str, Callable[[int, int], bool]] = {
 def _judge(
     wanted: Callable[[str, str], str | None],
 ) -> Callable[[Sequence[Row]], Iterator[Finding]]:
-    """Whether as many of a defence's streams are accepted as wanted: all, most or none."""
+    """Return a judge of whether all, most or no streams of a defence are accepted, as wanted."""
 
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:
         for row in rows:

@@ -1,4 +1,4 @@
-"""Sequences: how restless the operators' meshes are from frame to frame, and what a frame costs."""
+"""Sequences: changes of the operators' meshes between frames, and the time of a frame."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ _METHODS = {
 }
 _SHARE = 0.05
 _STEADY = 0.02
-"""A pixel stands still if its depths over the sequence differ by at most this part of their mean:
-above the sensors' noise at 3 m, below what a limb or a step of the camera does."""
-_WARM_UP = 5  # frames that a stream may take to settle; nobody's are counted
+"""Largest range of a static pixel's depths over the sequence, as a share of their mean. It is above
+the sensors' noise at 3 m and below the changes by a moving limb or camera."""
+_WARM_UP = 5  # number of first frames, in which a stream settles; not counted for any method
 
 
 @dataclass(frozen=True)
 class _Sequence:
     label: str
     data: str = ""
-    prefix: str = ""  # of the frames' names
+    prefix: str = ""  # common beginning of the frames' names
     kind: str = "scene"
     first: int = 0
 
@@ -90,7 +90,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def _frames(options: Any) -> tuple[list[NDArray[Any]], Intrinsics, NDArray[np.uint8] | None]:
-    """Depth images, their camera, and the colour image of the last."""
+    """Return the depth images, their camera, and the colour image of the last frame."""
     kind, *source = options["source"]
     if kind == "simulated":
         from manip3d import simulate
@@ -104,14 +104,14 @@ def _frames(options: Any) -> tuple[list[NDArray[Any]], Intrinsics, NDArray[np.ui
 
 
 def _steady(depths: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
-    """(H, W): pixels that are measured in every frame and stand still."""
+    """Return (H, W) bool: static pixels, which are measured in every frame."""
     stack = np.stack(depths).astype(np.float64)
     still: NDArray[np.bool_] = np.ptp(stack, axis=0) <= _STEADY * stack.mean(axis=0)
     return still & (stack > 0).all(axis=0)
 
 
 def _slow(depths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Each frame's mean with the four before and after it, as far as there are any."""
+    """Return moving averages over nine frames; fewer at the ends of the sequence."""
     last = len(depths) - 1
     means = [depths[max(0, i - 4) : min(i + 4, last) + 1].mean(axis=0) for i in range(last + 1)]
     return np.stack(means)
@@ -134,7 +134,7 @@ def _operator(
 
 
 def measure(case: Case) -> Row:
-    """One sequence by one method, on one thread."""
+    """Simplify one sequence by one method, on one thread."""
     from manip3d import metrics
 
     options = case.options

@@ -1,4 +1,4 @@
-"""Cars spoofed into scans of an HDL-64E: published defences beside detectors III and IV."""
+"""Cars spoofed into scans of an HDL-64E: published defences compared with detectors III and IV."""
 
 from __future__ import annotations
 
@@ -26,35 +26,38 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 FIRST_STREET, DONORS = 91_000, 92_000
-"""Streets of the scans, and of the cars whose returns are replayed; no threshold stands on them."""
+"""First streets of the scans, and of the cars whose returns are replayed. No threshold was chosen
+on them."""
 STREETS, STREETS_PER_CASE = {"full": 60, "quick": 2}, {"full": 10, "quick": 2}
 FEWEST_RETURNS = 20
-"""Returns of a car that counts, genuine or replayed."""
+"""Smallest number of returns of a genuine or replayed car."""
 GENUINE_RANGES, SPOOFED_RANGES = (5.0, 40.0), (5.0, 8.0)
-"""Metres to the middle of a car: spoofing aims right before the victim [Sun et al., 2020]."""
+"""Distances of the centre of a car, metres. Spoofed cars appear directly in front of the victim
+[Sun et al., 2020]."""
 WITHIN = math.radians(10.0)
-"""The spoofed car stands so near to straight ahead, at most."""
+"""Largest azimuth of a spoofed car to either side of straight ahead, radians."""
 
 CELL = 0.25
-"""Metres: side of the cells of free space."""
+"""Side of the cells of free space, metres."""
 ALPHA = 0.25
-"""Weight of a return at the end, and at the edge, of a shadow [Hau et al., 2021]."""
+"""Weight of a return at the far end, or at the lateral edge, of a shadow [Hau et al., 2021]."""
 SENSOR_HEIGHT = 1.73
-"""Metres of KITTI's scanner above the ground."""
+"""Height of KITTI's scanner above the ground, metres."""
 LONGEST_SHADOW = 30.0
-"""Metres behind a car that is as tall as the scanner."""
+"""Largest length of a shadow, metres; used for cars as tall as the scanner or taller."""
 
 
 class View(NamedTuple):
-    """A box seen from the scanner, and the returns in directions that meet it.
+    """Frustum of a box seen from the scanner, with its returns.
 
     Attributes
     ----------
     points : (N, 3) float64
-        Returns between the left, right, upper and lower edges of the box.
+        Returns within the box's range of azimuth and elevation.
     ranges : (N,) float64
+        Distances of these returns, metres.
     nearest, farthest : float
-        Ranges of the corners of the box.
+        Distances of the nearest and farthest corner of the box, metres.
     """
 
     points: Floats
@@ -64,13 +67,13 @@ class View(NamedTuple):
 
 
 def corners_of(box: Box) -> Floats:
-    """(8, 3): the corners of a box."""
+    """Return (8, 3) the corners of a box."""
     sides = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]), axis=-1).reshape(-1, 3)
     return _out_of(box, sides * np.asarray(box.size))
 
 
 def _out_of(box: Box, offsets: Floats) -> Floats:
-    """Places given from the middle of a box along its sides, in the scanner's frame."""
+    """Transform offsets from a box's centre, along its sides, to the scanner's frame."""
     cos, sin = math.cos(box.yaw), math.sin(box.yaw)
     x = cos * offsets[:, 0] - sin * offsets[:, 1]
     y = sin * offsets[:, 0] + cos * offsets[:, 1]
@@ -78,7 +81,7 @@ def _out_of(box: Box, offsets: Floats) -> Floats:
 
 
 def _azimuths(points: Floats, box: Box) -> Floats:
-    """Azimuths from the middle of the box, in (-pi, pi]."""
+    """Return azimuths relative to the centre of the box, radians, in [-pi, pi)."""
     middle = math.atan2(box.center[1], box.center[0])
     turned = np.arctan2(points[:, 1], points[:, 0]) - middle
     return np.asarray(np.mod(turned + math.pi, 2.0 * math.pi) - math.pi)
@@ -89,7 +92,7 @@ def _elevations(points: Floats) -> Floats:
 
 
 def view_of(points: Points, box: Box) -> View:
-    """The returns in directions that meet a box: its frustum."""
+    """Return the frustum of a box: the returns within its range of azimuth and elevation."""
     every, corners = points.astype(np.float64), corners_of(box)
     inside = np.ones(len(every), bool)
     for of_points, of_corners in (
@@ -103,13 +106,13 @@ def view_of(points: Points, box: Box) -> View:
 
 
 def penetration(points: Points, box: Box) -> float:
-    """Share of the returns of a box's frustum that lie behind the box: CARLO's g."""
+    """Return CARLO's g, the share of the returns of a box's frustum that lie behind the box."""
     view = view_of(points, box)
     return float(np.mean(view.ranges > view.farthest)) if len(view.ranges) else 0.0
 
 
 def free_space(points: Points, box: Box) -> float:
-    """Share of the cells of a box that a laser passed on its way to a return: CARLO's f."""
+    """Return CARLO's f, the share of a box's cells that a laser passed on its way to a return."""
     view = view_of(points, box)
     counts = np.maximum(1, np.ceil(np.asarray(box.size) / CELL)).astype(np.int64)
     passed = np.zeros(counts, bool)
@@ -127,20 +130,20 @@ def free_space(points: Points, box: Box) -> float:
 
 
 def shadow(points: Points, box: Box) -> float:
-    """Weighted share of the returns in the shadow of a box: the score of Shadow-Catcher.
+    """Return the score of Shadow-Catcher, a weighted mean over the returns in a box's shadow.
 
-    A return weighs the more, the nearer it is to the start of the shadow and to its middle line;
-    a shadow without returns has a score of 0.
+    The weight of a return decreases with its distance from the start of the shadow and from the
+    shadow's middle line. A shadow without returns has a score of 0.
     """
     every, corners = points.astype(np.float64), corners_of(box)
     azimuths, rho = _azimuths(every, box), np.hypot(every[:, 0], every[:, 1])
     half = float(np.abs(_azimuths(corners, box)).max())
     start = float(np.hypot(corners[:, 0], corners[:, 1]).max())
-    top = box.center[2] + 0.5 * box.size[2]  # below the scanner where it is negative
+    top = box.center[2] + 0.5 * box.size[2]  # height relative to the scanner, metres
     length = start * (SENSOR_HEIGHT / -top - 1.0) if top < 0.0 else LONGEST_SHADOW
     length = min(length, LONGEST_SHADOW)
     covered = (np.abs(azimuths) < half) & (rho > start) & (rho < start + length)
-    covered &= every[:, 2] < rho * (top / start)  # below the ray over the upper far edge
+    covered &= every[:, 2] < rho * (top / start)  # below the ray over the far upper edge
     if not covered.any():
         return 0.0
     to_start, to_middle = (rho[covered] - start) / length, np.abs(azimuths[covered]) / half
@@ -155,18 +158,18 @@ PUBLISHED: Mapping[str, Callable[[Points, Box], float]] = MappingProxyType(
         "Shadow-Catcher": shadow,
     }
 )
-"""Scores of a box of a scan; the larger, the less it is a car."""
+"""Scores of a box of a scan; a larger score is stronger evidence against a genuine car."""
 
 OURS = ("III, alone", "IV, turns before and after")
 
 ATTACKS: Mapping[str, Callable[[Target], Points]] = MappingProxyType(
     {"appended": appended, "on firings": on_firings}
 )
-"""Ways in which replayed returns are written: as points of a file, or as firings can see them."""
+"""Ways to insert replayed returns: appended as points, or only where firings could see them."""
 
 
 class _Turns(NamedTuple):
-    """A scan, the turns before and after, and the genuine cars."""
+    """A scan, the previous and the next one, and the boxes of the genuine cars."""
 
     before: Points
     scan: Points
@@ -197,7 +200,10 @@ def _wider(box: Box) -> Box:
 
 
 def _trace(number: int) -> tuple[Points, Box] | None:
-    """Returns of a car, at most as many as can be injected, and its box."""
+    """Return the returns of a car and its box.
+
+    None: no car of the street has few enough returns to be injected.
+    """
     donor = _turns(number)
     random = np.random.default_rng(number)
     for box in donor.cars:
@@ -209,7 +215,7 @@ def _trace(number: int) -> tuple[Points, Box] | None:
 
 
 def _spoofed_box(box: Box, target: Target) -> Box:
-    """The box of a replayed car, turned and moved as its returns are."""
+    """Return the box of a replayed car, turned and moved like its returns."""
     center = target.hoax.mean(axis=0, dtype=np.float64)
     turn = target.azimuth - math.atan2(center[1], center[0])
     away = target.distance - math.hypot(center[0], center[1])
@@ -220,7 +226,7 @@ def _spoofed_box(box: Box, target: Target) -> Box:
 
 
 def run_streets(case: Case) -> Row:
-    """Scores of the genuine cars of streets, and of a car spoofed into each."""
+    """Score the genuine cars of streets, and a car spoofed into each street."""
     first, streets = case.options["first"], case.options["streets"]
     lattice = authenticate.kitti_lattice()
     scores: dict[str, list[list[float]]] = {name: [] for name in ("genuine", *ATTACKS)}
@@ -249,7 +255,7 @@ def _scores(
     boxes: Sequence[Box],
     lattice: authenticate.SensorLattice,
 ) -> list[list[float]]:
-    """One list for each box: the scores of the published defences, then of detectors III and IV."""
+    """Return scores for each box: those of published defences, then of detectors III and IV."""
     if not boxes:
         return []
     generic = authenticate.generic_consistency(
@@ -297,7 +303,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def _pooled(rows: Sequence[Row], kind: str) -> Floats:
-    """(N, 5): the scores of all cars of a kind."""
+    """Return (N, 5) the scores of all cars of a kind."""
     every = [score for row in rows for score in row.get(kind, ())]
     return np.asarray(every, np.float64).reshape(-1, len(PUBLISHED) + len(OURS))
 
@@ -310,7 +316,7 @@ def _beside(rows: Sequence[Row]) -> Iterator[Finding]:
             continue
         for column, name in enumerate((*PUBLISHED, *OURS)):
             clean, forged = genuine[:, column], spoofed[:, column]
-            # The largest of the clean where one percent of them is less than one.
+            # For fewer than 100 clean scores, this is the largest of them.
             limit = float(np.quantile(clean, 0.99, method="higher"))
             found = int(np.count_nonzero(forged > limit))
             yield Finding(
@@ -322,7 +328,7 @@ def _beside(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """ROC curves, one figure for each way of writing the returns."""
+    """Draw ROC curves, one figure for each way to insert the returns."""
     from matplotlib.figure import Figure
 
     genuine = _pooled(rows, "genuine")

@@ -1,9 +1,9 @@
-"""Five stories that show what the package is for: commands, what they made, and pictures of it.
+"""Five stories for the demo page: commands of the package, their results, and pictures of these.
 
-A story runs the very commands that the demo page prints, each in a process of its own, in a folder
-that is empty at first. Its pictures are drawn from the files that the commands wrote, so that the
-page cannot show what a reader would not get. Stories are experiments without a published table:
-the runner stores and resumes them like all others.
+A story runs the same commands that the demo page prints, each in a process of its own, in an
+initially empty folder. Its pictures are drawn from the files that the commands wrote, so that a
+reader who runs the commands gets what the page shows. Stories are experiments without a published
+table: the runner stores and resumes them like all others.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["STORIES", "command_line", "run_story"]
 
 _VERDICTS = (0, 3, 4)
-"""Exit codes that are verdicts: nothing found or authentic, tampered, undecidable."""
+"""Exit codes that are verdicts: 0 authentic or nothing found, 3 tampered, 4 undecidable."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Shown:
 
 
 Tell = Callable[[Path, Sequence[Any]], Shown]
-"""From the folder that the commands filled and the JSON value that each printed."""
+"""Function from the commands' folder and the JSON value that each printed to a story's content."""
 
 
 # --- The runner's side ---------------------------------------------------------------------------
@@ -77,12 +77,12 @@ def run_story(case: Case) -> Row:
 
 
 def command_line(command: str) -> list[str]:
-    """The arguments that a shell makes of a story's command, with this Python's ``manip3d``.
+    """Split a story's command into arguments like a shell, and run ``manip3d`` by this Python.
 
     Raises
     ------
     Error
-        The command is not one of ``manip3d``, or a variable in it is not set.
+        The program is not ``manip3d``, or a variable in the command is not set.
     """
     program, *arguments = shlex.split(os.path.expandvars(command))
     if program != "manip3d" or any("$" in word for word in arguments):
@@ -95,16 +95,17 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def _end_with_parent() -> None:
-    """Between fork and exec: Ctrl-C ends the command, and so does the end of its parent.
+    """Let the command end on Ctrl-C and with its parent; called between fork and exec.
 
-    The runner's workers ignore Ctrl-C and are killed, which their children would outlive.
+    The runner's workers ignore Ctrl-C and are killed; without this call their children would
+    continue to run.
     """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _run(command: str, folder: Path) -> Any:
-    """The JSON value that the command prints with ``--json``."""
+    """Run a command and return the JSON value that it prints with ``--json``."""
     done = subprocess.run(
         [*command_line(command), "--json", "--quiet"],
         cwd=folder,
@@ -122,14 +123,16 @@ def _run(command: str, folder: Path) -> Any:
 
 @dataclass(frozen=True)
 class _Recorded:
-    """Recorded data in place of a story's simulated input, below the folder of ``MANIP3D_DATA``.
+    """Recorded data in place of a story's simulated input, in the folder ``MANIP3D_DATA``.
 
     Attributes
     ----------
     files : tuple of str
+        Paths relative to that folder.
     title : str
+        Description for the page.
     data_set : str
-        Its registered name, under which the page says whose it is; ``""``: none.
+        Registered name of the data set, by which the page names its authors; ``""``: none.
     kind : str
         One of `DATA_KINDS`.
     """
@@ -140,7 +143,7 @@ class _Recorded:
     kind: str = "recorded"
 
     def sums(self) -> dict[str, str]:
-        """The files' hashes, or nothing where one is missing."""
+        """Return the files' hashes; an empty dict if a file is missing."""
         root = os.environ.get("MANIP3D_DATA")
         paths = {file: Path(root) / file for file in self.files} if root else {}
         if not paths or not all(path.is_file() for path in paths.values()):
@@ -155,15 +158,16 @@ def _experiment(
     simulated: str,
     recorded: _Recorded | None = None,
 ) -> Experiment:
-    """The experiment of a story.
+    """Return the experiment of a story.
 
     Parameters
     ----------
     commands : callable
-        Whether the recorded data are here -> commands.
+        Function from whether the recorded data are present to the commands.
     simulated : str
-        What the simulated input is.
+        Description of the simulated input.
     recorded : _Recorded, optional
+        Recorded data that are used instead if present.
     """
 
     def cases(plan: Plan) -> list[Case]:
@@ -231,7 +235,7 @@ _LIGHT = {"light": "the default mode", "plain": "plain quadric collapse"}
 
 
 def _compared(light: Mapping[str, Any], plain: Mapping[str, Any]) -> str:
-    """Both methods' errors in one sentence."""
+    """Return a sentence that compares the errors of both methods."""
     diagonal = light["boundary_gap"]["diagonal"]
     sentences = []
     for record, name in ((light, "the default mode"), (plain, "plain collapse")):
@@ -300,15 +304,15 @@ def _tell_depth(folder: Path, printed: Sequence[Any]) -> Shown:
 
 
 def _near(mesh: Mesh) -> Mesh:
-    """The mesh without what lies far behind the middle of the image: the rest fills a picture.
+    """Remove faces far behind the middle distance of the image, so that the rest fills a picture.
 
-    The middle is the distance that half of the image does not exceed. Vertices are no measure of
-    it, as a rough wall far away takes many.
+    The middle distance is the median over the image's area. The median over vertices would be
+    biased, because a rough wall far away has many vertices.
     """
     distance = -mesh.vertices[:, 2]  # cameras look along -z in glTF
     first, second, third = np.swapaxes((mesh.vertices[:, :2] / distance[:, None])[mesh.faces], 0, 1)
     (a, b), (c, d) = (second - first).T, (third - first).T
-    share = np.abs(a * d - b * c)  # of the image, twice the area
+    share = np.abs(a * d - b * c)  # twice the area of each face in the image
     farthest = distance[mesh.faces].max(axis=1)
     order = np.argsort(farthest)
     covered = np.cumsum(share[order])
@@ -322,7 +326,7 @@ def _near(mesh: Mesh) -> Mesh:
 # --- The phantom limb ----------------------------------------------------------------------------
 
 _FILM = (1, 4, 7, 10)
-"""Frames of the strip."""
+"""Numbers of the frames in the film strip."""
 
 
 def _phantom_commands(_: bool) -> list[str]:
@@ -354,7 +358,7 @@ def _tell_phantom(folder: Path, printed: Sequence[Any]) -> Shown:
 
 
 def _box_of_people(pictures: Sequence[Image]) -> tuple[slice, slice]:
-    """Rows and columns of what is not white in any of the pictures, and a margin."""
+    """Return rows and columns of the pixels that are not white in any picture, with a margin."""
     drawn = np.any([(picture < 250).any(axis=2) for picture in pictures], axis=0)
     rows, columns = np.nonzero(drawn.any(axis=1))[0], np.nonzero(drawn.any(axis=0))[0]
     margin = 8
@@ -432,7 +436,7 @@ _PARKED_CAR = "--box 9.97 -2.7 -0.77 3.9 1.9 1.4 0"
 
 def _proof_commands(recorded: bool) -> list[str]:
     source = f"$MANIP3D_DATA/{_KITTI_FILE}" if recorded else _STREET
-    car = f" {_PARKED_CAR}" if recorded else ""  # else the nearest object
+    car = f" {_PARKED_CAR}" if recorded else ""  # without a box the nearest object is taken
     return [
         *([] if recorded else ["manip3d simulate sim:street -o drives --frames 1 --no-pictures"]),
         "manip3d watermark keygen sensor.key",
@@ -480,7 +484,7 @@ def _tell_proof(folder: Path, printed: Sequence[Any]) -> Shown:
 
 
 def _joined(spans: Sequence[Sequence[float]]) -> list[list[float]]:
-    """The spans, those that follow one another as one."""
+    """Merge spans that directly follow one another."""
     joined: list[list[float]] = []
     for low, high in sorted(spans, key=lambda span: span[0]):
         if joined and joined[-1][1] == low:
@@ -542,4 +546,4 @@ STORIES: tuple[Experiment, ...] = (
         _Recorded((_KITTI_FILE,), "a street, recorded by an HDL-64E (KITTI)"),
     ),
 )
-"""In the order of the demo page."""
+"""The stories in the order of the demo page."""

@@ -23,8 +23,8 @@ from manip3d.experiments._simplification import model_options, models, open_mode
 _COUNTS = ("faces", "vertices", "boundary_edges")
 
 
-# What depends on how polygons are cut: the registered counts cut fans, which turns some of them
-# inside out, the readers do not.
+# Counts that depend on the triangulation of polygons. The registered counts come from fans, which
+# turn some triangles inside out; the readers of this package avoid that.
 _CUT_DEPENDENT = {
     f"{count}{welded}"
     for count in ("boundary_edges", "non_manifold_edges", "duplicate_faces")
@@ -33,7 +33,7 @@ _CUT_DEPENDENT = {
 
 
 def count(case: Case) -> Row:
-    """All counts of one mesh as read."""
+    """Count faces, vertices and boundary edges of one mesh as read."""
     row: Row = asdict(open_model(case.options).summary())
     if case.options["mesh"] in datasets.registry() and not case.options["simulated_faces"]:
         row["registered"] = dict(datasets.get(case.options["mesh"]).facts)

@@ -22,7 +22,7 @@ from manip3d.experiments._simplification import (
 
 
 def cases(plan: Plan) -> list[Case]:
-    """Every non-textured model by each method; shared with table 2.6."""
+    """Return the cases of each non-textured model by each method, shared with table 2.6."""
     return [
         simplification_case(model, faces, method, plan)
         for model, faces in models(plan, textured=False)

@@ -23,7 +23,7 @@ from manip3d.experiments._simplification import (
 
 
 def cases(plan: Plan) -> list[Case]:
-    """Every textured model by each method; shared with tables 2.4 and 2.7."""
+    """Return the cases of each textured model by each method, shared with tables 2.4 and 2.7."""
     return [
         simplification_case(model, faces, method, plan)
         for model, faces in models(plan, textured=True)

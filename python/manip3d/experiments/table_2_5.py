@@ -1,4 +1,4 @@
-"""Table 2.5: frame rates of scenes of one to six models, as they are and simplified."""
+"""Table 2.5: frame rates of scenes of one to six models, original and simplified."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _METHODS = {
     "QEM_4VR": "QEM4VR",
 }
 
-# In the order in which the models come into the scene: the differences of the published numbers
-# of polygons are those of table 2.1.
+# Models in the order in which they enter the scene. The order follows from the differences of the
+# published numbers of polygons, which are the numbers in table 2.1.
 _MODELS = {
     "Airplane": "G-164A",
     "RockerArm": "rockerArm",
@@ -37,7 +37,7 @@ _SIMULATED = {m.published: (m.mesh, faces) for m, faces in reversed(SIMULATED)}
 
 
 def _polygons() -> dict[str, list[int]]:
-    """Published polygons of each method's scenes, of one to six models."""
+    """Return the published numbers of polygons of each method's scenes of one to six models."""
     return {
         method: [int(row["polygons"]) for row in published_rows(_TABLE) if row["method"] == method]
         for method in _METHODS
@@ -82,7 +82,7 @@ def _case(number: int, method: str, renderer: str, plan: Plan) -> Case:
 
 
 def _mesh_of(published: str, plan: Plan) -> tuple[str, int]:
-    """Name of the mesh, and the number of faces to simulate; 0: the mesh is real."""
+    """Return the name of the mesh, and the number of faces to simulate; 0: the mesh is real."""
     name = _MODELS[published]
     if plan.data == "real" or (plan.data == "auto" and datasets.is_here(datasets.get(name))):
         return name, 0
@@ -99,7 +99,7 @@ def _open(name: str, simulated_faces: int) -> Mesh:
 
 
 def draw(case: Case) -> Row:
-    """Time of a frame of one scene, and who drew it."""
+    """Measure the frame time of one scene, and record the renderer."""
     from manip3d import simplify, viewer
 
     options = case.options
@@ -141,7 +141,7 @@ def _complete(row: Row) -> Row:
 
 
 def _scenes(rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Row]]]:
-    """Rows of each scene and renderer that drew it, by method."""
+    """Yield each scene and renderer with its rows by method."""
     groups: dict[str, dict[str, Row]] = {}
     for row in rows:
         if row["ms"] is not None:
@@ -158,7 +158,7 @@ def _numbers(rows: Sequence[Row]) -> str:
 
 
 def _sooner_than(method: str, others: int) -> Any:
-    """QEM4VR's scenes take no longer than another's with many more polygons."""
+    """Return a judge of whether QEM4VR's scenes take no longer than larger ones of a method."""
 
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:
         for name, group in _scenes(rows):

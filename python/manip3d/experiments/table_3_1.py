@@ -12,7 +12,7 @@ _COUNTS = ("faces", "vertices")
 
 
 def count(case: Case) -> Row:
-    """Faces and vertices of the dense mesh."""
+    """Count faces and vertices of the dense mesh."""
     image = open_input(case.options)
     dense = image.dense()
     rows, columns = image.measured.shape

@@ -51,7 +51,7 @@ def _twice_as_fast(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def lower_than_lios(sampling: str) -> Claim:
-    """CIOS has the lower error (figure 3.7)."""
+    """Return the claim that CIOS has a lower error than LIOS (figure 3.7)."""
     name = f"metro_{sampling}"
 
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:

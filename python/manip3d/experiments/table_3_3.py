@@ -25,7 +25,10 @@ _TABLE = "table_3_3_time_ms"
 
 
 def cases(plan: Plan) -> list[Case]:
-    """Every range image by each method at 5 %; SSA is for single objects. Shared with table 3.4."""
+    """Return the cases of each range image by each method at 5 %, shared with table 3.4.
+
+    SSA is used for single objects only.
+    """
     return [
         reduction_case(model, method, plan, share=0.05)
         for model in models(plan)

@@ -24,14 +24,15 @@ _STEPS = {
     "point cloud": "point cloud generation",
     "textured mesh": "textured mesh generation",
 }
-"""The pipeline's names of its stages, and the table's."""
+"""Name of each stage in the table, by the pipeline's name."""
 
 _CLOCK_MS = 1e-3
-"""Published times below a microsecond, for 217 088 pixels, are below their clock's resolution."""
+"""Smallest published time, milliseconds, that is compared; shorter times for 217 088 pixels are
+below the resolution of the authors' clock."""
 
 _AIM_MS = 2.0
 _LOOP = 120
-"""Simulated frames that are processed again and again, four seconds of exercise."""
+"""Number of simulated frames, four seconds of exercise, that are processed repeatedly."""
 
 
 def _cases(plan: Plan) -> list[Case]:
@@ -57,7 +58,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def time_steps(case: Case) -> Row:
-    """Milliseconds of each stage and of the whole, of one thread."""
+    """Measure each stage and the whole in milliseconds, on one thread."""
     from dataclasses import replace
 
     from manip3d.modify import PhantomPipeline
@@ -102,7 +103,7 @@ def _complete(row: Row) -> Row:
 
 
 def _faster(rows: Sequence[Row], least: float) -> Iterator[Finding]:
-    """Each step that is published with at least so many milliseconds."""
+    """Compare each step whose published time is at least ``least`` milliseconds."""
     for row in rows:
         for name in _STEPS:
             mine, theirs = row[name], row[f"published {name}"]

@@ -1,4 +1,4 @@
-"""Table 6.2: accuracies of detectors I and II, and what they make of other attacks."""
+"""Table 6.2: accuracies of detectors I and II, and their verdicts on other attacks."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _overall(rows: Sequence[Row]) -> Iterator[Finding]:
         if found:
             mine = _forensics.accuracy(found, detector)
             printed = float(_printed()["overall"][detector])
-            # In a quick run the classes have other shares of all scans.
+            # In a quick run the classes make up other shares of all scans.
             quick = any(row["scale"] == "quick" for row in rows)
             yield Finding(
                 detector,
@@ -84,7 +84,7 @@ def _literal(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _curve(clean: Sequence[float], forged: Sequence[float]) -> tuple[Any, Any, float]:
-    """False and true alarm rates over all thresholds, and the area below (ties count half)."""
+    """Return false- and true-alarm rates over all thresholds, and the area (ties count half)."""
     scores = np.concatenate([clean, forged])
     limits = np.concatenate([[np.inf], np.sort(np.unique(scores))[::-1]])
     false = [(np.asarray(clean) >= limit).mean() for limit in limits]

@@ -1,4 +1,4 @@
-"""Table 7.1, its steps of the watermark: milliseconds a frame."""
+"""Table 7.1, steps of the watermark: milliseconds per frame."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ STEPS: Mapping[str, tuple[str, ...]] = {
     "receive with LBM": ("receive with LBM (a+d+f)",),
     "receive with QIM": ("receive with QIM (a+e+f)",),
 }
-"""Lines of the published table whose sum is this package's step."""
+"""Lines of the published table whose times add up to a step of this package."""
 
 _WHOLE = tuple(step for step in STEPS if step.split()[0] in ("transmit", "receive"))
 
@@ -56,7 +56,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def time_step(case: Case) -> Row:
-    """Processor time of one thread, the median of the rounds, milliseconds."""
+    """Measure processor time of one thread, the median over rounds, milliseconds."""
     return time_frame(_frame(case.options["seed"]), case.options["step"], case.options["rounds"])
 
 
@@ -69,7 +69,7 @@ def _frame(seed: int) -> LidarFrame:
 
 
 def time_frame(frame: LidarFrame, step: str, rounds: int) -> Row:
-    """The step on a frame, as printed and with a key."""
+    """Measure a step on a frame, for the printed and for the keyed watermark."""
     kind = "qim" if "QIM" in step else "lbm"
     row: Row = {"points": frame.num_points}
     with tempfile.TemporaryDirectory() as folder:
@@ -86,7 +86,7 @@ def time_frame(frame: LidarFrame, step: str, rounds: int) -> Row:
 def _tasks(
     frame: LidarFrame, kind: str, folder: Path
 ) -> dict[str, dict[str, Callable[[], object]]]:
-    """Calls that are timed, by mode and name."""
+    """Return the calls to time, by mode and name."""
     from manip3d import _core, authenticate
 
     number = authenticate.EMBEDDINGS.index(kind)

@@ -1,4 +1,4 @@
-"""Table 7.2, its columns of the watermark: attacks detected, and clean frames called forged."""
+"""Table 7.2, columns of the watermark: detected attacks, and clean frames judged as forged."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _KINDS = ("paper lbm", "paper qim", "keyed lbm", "keyed qim", "keyed detached")
 _QUICK_FRAMES = 3
 
 _PIECE = 5
-"""Frames of a case: a run that was stopped loses at most so many of each process."""
+"""Number of frames of a case; a stopped run loses at most this number in each process."""
 
 
 def _cases(plan: Plan) -> list[Case]:
-    """Pieces of drives; each embeds a frame once and attacks it in every way."""
+    """Return pieces of drives as cases; each embeds a frame once and attacks it in every way."""
     cases = []
     for drive in _alert_set.DRIVES:
         frames = {
@@ -48,7 +48,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def detect(case: Case) -> Row:
-    """Embed each frame, attack it in every way, and count what each verifier calls forged."""
+    """Embed each frame, attack it in every way, and count the frames that verifiers call forged."""
     options = case.options
     counts = {f"{attack} {kind}": 0 for attack in _ATTACKS for kind in (*_KINDS, "attacked")}
     with tempfile.TemporaryDirectory() as folder:
@@ -65,8 +65,10 @@ def detect(case: Case) -> Row:
 def _verdicts(
     frame: LidarFrame, boxes: Sequence[Box], attacks: Sequence[str], number: int, folder: Path
 ) -> dict[str, dict[str, bool]]:
-    """By attack, whether each verifier calls the frame forged; attacks without a target are left
-    out."""
+    """Return by attack whether each verifier calls the frame forged.
+
+    Attacks without a possible target are left out.
+    """
     from manip3d import authenticate
 
     found: dict[str, dict[str, bool]] = {}
@@ -107,7 +109,7 @@ def _verdicts(
                     return marker.verify(received, sent.record).verdict == "tampered"
 
                 ask(kind, sent.frame, is_tampered)
-    # A place that is free before one embedding may not be so by a millimetre after another.
+    # Embeddings move points by millimetres, so that a place can be free in only some of the frames.
     return {attack: told for attack, told in found.items() if len(told) == len(_KINDS)}
 
 
@@ -119,7 +121,7 @@ def _received(frame: LidarFrame, boxes: Sequence[Box], attack: str) -> LidarFram
 
 
 def _gathered(rows: Sequence[Row]) -> list[Row]:
-    """Rows of pieces as those of the table: a drive, an attack, its frames added up."""
+    """Add up the rows of pieces to rows of the table, one for each drive and attack."""
     gathered = []
     for name in dict.fromkeys(row["model"] for row in rows):
         pieces = [row for row in rows if row["model"] == name]

@@ -22,7 +22,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def time_frames(case: Case) -> Row:
-    """Processor time of one thread, medians in milliseconds."""
+    """Measure processor time of one thread, medians in milliseconds."""
     from manip3d import forge
     from manip3d.simulate import BodySimulator
 
