@@ -1,4 +1,4 @@
-"""The digital diary of a study of phantom pain: sessions, games, ratings, questionnaires, analysis.
+"""Digital diary of a study of phantom pain: sessions, games, ratings, questionnaires, analysis.
 
 Research software, no medical device.
 """

@@ -19,16 +19,17 @@ from manip3d.errors import InputError, MissingExtraError
 
 OCCASIONS = tuple(name for name in get_args(Occasion) if name != "other")
 _LEVEL = 0.95
-_RATIO_MAX = 1e6  # of the variances between and within participants
+_RATIO_MAX = 1e6  # largest ratio of the variances between and within participants
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number with its 95 % interval.
+    """A number with its 95 % confidence interval.
 
     Attributes
     ----------
     value, low, high : float
+        The number and the ends of its interval.
     p : float
         p-value of a two-sided t test that the number is 0.
     df : float
@@ -49,7 +50,9 @@ class Share:
     Attributes
     ----------
     number, of : int
+        The share is ``number`` / ``of``.
     low, high : float
+        Ends of the interval.
     """
 
     number: int
@@ -67,9 +70,10 @@ class MixedModel:
     means : tuple of float
         Mean score of each occasion.
     changes : tuple of Estimate
-        From the first occasion to each other one.
+        Change from the first occasion to each other one.
     sd_between, sd_within : float
-        Between participants, and of one participant's scores about their own level.
+        Standard deviations of the participants' levels, and of a participant's scores about their
+        own level.
     participants, scores : int
         Numbers of participants and of scores that the model was fitted to.
     """
@@ -92,16 +96,19 @@ class DiaryAnalysis:
     scores : (N, 3) float64
         Pain rating index of each participant at baseline, week 1 and week 4; NaN: none.
     model : MixedModel or None
-        None with fewer than two participants who have two of these each.
+        Mixed model of the scores; None: fewer than two participants have two scores each.
     paired : tuple of (Estimate or None)
-        Changes to week 1 and week 4 of those who have both: a t interval of differences, which
-        assumes nothing about how they vary.
+        Mean changes from baseline to week 1 and to week 4 of participants with both scores, with
+        the t interval of paired differences. This interval stays valid if participants respond
+        differently.
     responders_30, responders_50 : Share
-        Whose index fell by at least 30 and 50 % from baseline to week 4, of those with both.
+        Participants whose index fell by at least 30 or 50 % from baseline to week 4, among those
+        with both scores.
     adherence : mapping of str to Adherence
+        Adherence of each participant.
     adherence_slope : Estimate or None
-        Change of the index to week 4, in points for a whole protocol against none: a line through
-        the participants. None where there are fewer than three, or all did the same.
+        Slope of the least-squares line of the index's change to week 4 over adherence, in points
+        per whole protocol. None: fewer than three participants, or equal adherence of all.
     """
 
     identifiers: tuple[str, ...]
@@ -116,19 +123,20 @@ class DiaryAnalysis:
 
 @checked
 def fit_mixed_model(scores: ArrayLike) -> MixedModel:
-    """Fit a random intercept by restricted maximum likelihood.
+    """Fit a mixed model with a random intercept by restricted maximum likelihood.
 
     Intervals use the t distribution with Satterthwaite's degrees of freedom (Giesbrecht and Burns
-    1985): with ten participants the normal distribution's are too short. For complete data they are
-    those of the analysis of variance with repeated measures. In 2000 simulated studies of ten
-    participants they held the true value in 95 %; where participants respond differently (by 8
-    points, with a noise of 4), in 89 % at week 4. `DiaryAnalysis.paired` held it in 95 % there too:
-    prefer it where participants may respond differently.
+    1985), because intervals of the normal distribution are too short for ten participants. For
+    complete data they equal those of the analysis of variance with repeated measures. In 2000
+    simulated studies of ten participants the intervals contained the true value in 95 % of the
+    studies. If participants respond differently (standard deviation of 8 points, noise of 4), the
+    share at week 4 was only 89 %, but 95 % for `DiaryAnalysis.paired`, which is preferable in this
+    case.
 
     Parameters
     ----------
     scores : (N, T) float
-        Scores of N participants at T occasions; NaN where one is missing.
+        Scores of N participants at T occasions; NaN: missing.
 
     Returns
     -------
@@ -137,9 +145,9 @@ def fit_mixed_model(scores: ArrayLike) -> MixedModel:
     Raises
     ------
     InputError
-        Not such an array, an infinite score, an occasion without a score, fewer than two
-        participants with two scores each, no more scores than differences between participants
-        and between occasions explain, or scores without any noise.
+        The array has another shape, a score is infinite, an occasion has no score, fewer than two
+        participants have two scores each, there are no more scores than parameters for participants
+        and occasions, or the scores have no noise.
     MissingExtraError
         scipy is not installed.
 
@@ -165,7 +173,7 @@ def fit_mixed_model(scores: ArrayLike) -> MixedModel:
     people = (who[:, None] == np.arange(len(table))).astype(np.float64)
     if np.linalg.matrix_rank(np.hstack([design, people])) == len(y):
         raise InputError(f"scores: expected more of them to tell the noise, got {len(y)}")
-    together = (who[:, None] == who).astype(np.float64)  # J: pairs of one participant
+    together = (who[:, None] == who).astype(np.float64)  # J: 1 for two scores of one participant
     ratio = _best_ratio(y, design, together)
     beta, squares, inverse, _ = _generalised(y, design, together, ratio)
     within = squares / (len(y) - design.shape[1])
@@ -195,8 +203,11 @@ def _generalised(
     together: NDArray[np.float64],
     ratio: float,
 ) -> tuple[NDArray[np.float64], float, NDArray[np.float64], float]:
-    """Least squares for V = I + ratio J, with the residuals r: beta, r' V^-1 r, (X' V^-1 X)^-1 and
-    log|V| + log|X' V^-1 X|."""
+    """Solve generalised least squares for the covariance V = I + ratio J.
+
+    With the residuals r = y - X beta, return beta, r' V^-1 r, (X' V^-1 X)^-1 and
+    log|V| + log|X' V^-1 X|.
+    """
     covariance = np.eye(len(y)) + ratio * together
     weights = np.linalg.inv(covariance)
     information = design.T @ weights @ design
@@ -237,8 +248,11 @@ def _satterthwaite(
     between: float,
     contrast: NDArray[np.float64],
 ) -> float:
-    """Degrees of freedom 2 f^2 / (g' I^-1 g): f the contrast's variance, g its gradient by the two
-    variances, I their restricted information, I_jk = tr(P V_j P V_k) / 2."""
+    """Return Satterthwaite's degrees of freedom 2 f^2 / (g' I^-1 g) of a contrast.
+
+    f is the contrast's variance, g its gradient with respect to the two variances, and I the
+    restricted information of the variances, I_jk = tr(P V_j P V_k) / 2.
+    """
     parts = (np.eye(len(design)), together)
     weights = np.linalg.inv(within * parts[0] + between * parts[1])
     inverse = np.linalg.inv(design.T @ weights @ design)
@@ -262,7 +276,7 @@ def _t_estimate(value: float, spread: float, df: float) -> Estimate:
 
 
 def _share(number: int, of: int) -> Share:
-    """Share with its exact (Clopper-Pearson) confidence interval."""
+    """Return a share with its exact (Clopper-Pearson) confidence interval."""
     from scipy import special
 
     tail = (1.0 - _LEVEL) / 2
@@ -280,7 +294,7 @@ def _paired(before: NDArray[np.float64], after: NDArray[np.float64]) -> Estimate
 
 
 def fit_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> Estimate | None:
-    """Least-squares slope; None with fewer than three points, or all at one place."""
+    """Fit the least-squares slope; None: fewer than three points, or all at the same x."""
     known = ~(np.isnan(x) | np.isnan(y))
     x, y = x[known], y[known]
     if len(x) < 3 or float(np.ptp(x)) < 1e-9:
@@ -302,8 +316,9 @@ def analyse(
     ----------
     diary : Diary
     today : date, optional
-        Last day on which sessions were due; by default today.
+        Last day on which sessions were due; default: today.
     protocol : Protocol, optional
+        Protocol of the study.
 
     Returns
     -------
@@ -312,7 +327,7 @@ def analyse(
     Raises
     ------
     InputError
-        Nobody is enrolled, or somebody only after today.
+        Nobody is enrolled, or a participant was enrolled after ``today``.
     MissingExtraError
         scipy is not installed.
 
@@ -345,7 +360,7 @@ def analyse(
         )
     try:
         model = fit_mixed_model(scores)
-    except InputError:  # too few so far
+    except InputError:  # there are too few scores so far
         model = None
     first, last = scores[:, 0], scores[:, -1]
     both = ~np.isnan(first + last) & (first > 0)
@@ -382,13 +397,15 @@ def simulate_cohort(
     effects : sequence of float
         Mean changes from baseline to each further occasion.
     participants : int
-        How many take part.
+        Number of participants.
     baseline, sd_between, sd_within : float
-        Mean at baseline; spread between participants, and of one participant's scores.
+        Mean at baseline, and standard deviations of the participants' levels and of a participant's
+        scores about their own level.
     sd_response : float
-        Spread between participants of the effect at the last occasion; in proportion before.
+        Standard deviation between participants of the effect at the last occasion; at earlier
+        occasions in proportion.
     missing : float
-        Probability that a score after baseline is missing, whatever it would have been.
+        Probability that a score after baseline is missing, independent of the score.
     seed : int
         Seed of all random choices.
 
@@ -400,8 +417,8 @@ def simulate_cohort(
     Raises
     ------
     InputError
-        No participants or effects, a number that is not finite, a negative spread or seed, or no
-        such probability.
+        No participants or effects, a number that is not finite, a negative standard deviation or
+        seed, or a probability outside of 0 to 1.
 
     Examples
     --------

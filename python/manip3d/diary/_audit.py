@@ -1,9 +1,9 @@
-"""The audit of a diary: rows of which each is bound to all before it by a keyed hash.
+"""Audit log of a diary: a chain of rows, each bound to all earlier rows by a keyed hash.
 
-A row has two hashes (HMAC-SHA256): ``digest`` of what it says, with a random salt, and ``link`` of
-the link before it and the digest. When a participant is deleted, what their rows say is erased with
-the salts. The digests remain and tell nothing, so that the links still hold, and the row of the
-deletion lists the numbers of the rows that it erased.
+A row has two hashes (HMAC-SHA256): ``digest``, of its content and a random salt, and ``link``, of
+the previous row's link and the digest. When a participant is deleted, content and salt of their
+rows are erased. The digests remain, so that the links can still be verified, but without the salt
+they reveal nothing about the content. The row of the deletion lists the numbers of erased rows.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from manip3d.diary import _schema as schema
 from manip3d.errors import FormatError
 
 _SALT = 16
-_HEAD = "audit head"  # entry of `meta`: the number of rows, and a hash of it with the last link
+_HEAD = "audit head"  # entry of `meta`: number of rows, with a hash of the number and last link
 
 
 def begin_chain(connection: sql.Connection, key: bytes) -> None:
-    """Note that there are no rows yet, so that an audit without rows and a lost one differ."""
+    """Store that there are no rows, so that an empty audit differs from one with lost rows."""
     _write_head(connection, key, 0, "")
 
 
@@ -39,9 +39,9 @@ def append_row(
     at: str,
     erased: Sequence[int] = (),
 ) -> None:
-    """Add a row inside the transaction of the connection.
+    """Add a row within the transaction of the connection.
 
-    ``erased``: numbers of the rows of a participant who was deleted, of `erase_rows`.
+    ``erased``: numbers of the rows of a deleted participant, as returned by `erase_rows`.
     """
     table = schema.AUDIT
     last = connection.execute(
@@ -63,7 +63,7 @@ def append_row(
 
 
 def erase_rows(connection: sql.Connection, participant: int) -> list[int]:
-    """Erase what the rows of a participant say; return the numbers of these rows."""
+    """Erase the content of a participant's rows; return the numbers of these rows."""
     table = schema.AUDIT
     theirs = table.c.participant == participant
     numbers = connection.execute(sql.select(table.c.number).where(theirs).order_by(table.c.number))
@@ -75,12 +75,12 @@ def erase_rows(connection: sql.Connection, participant: int) -> list[int]:
 
 
 def verify(connection: sql.Connection, key: bytes, file: str) -> None:
-    """Compare every row with its hashes.
+    """Verify the hashes of all rows.
 
     Raises
     ------
     FormatError
-        Names the first row that is not what was written, or is missing.
+        A row was changed or is missing; the message names the first one.
     """
 
     def broken(number: int, what: str) -> FormatError:
@@ -121,7 +121,7 @@ def moment_of(text: object, file: str) -> datetime:
 
 
 def time_in(text: object) -> datetime | None:
-    """The time that a row says, if it is one: a damaged row may hold anything."""
+    """Return the time in a row; None: the row is damaged and contains no time."""
     try:
         found = datetime.fromisoformat(text)  # type: ignore[arg-type]
     except (TypeError, ValueError):
@@ -130,7 +130,7 @@ def time_in(text: object) -> datetime | None:
 
 
 def _is_equal(expected: str, found: object) -> bool:
-    """Compare hashes in constant time; a damaged one may be no ASCII."""
+    """Compare hashes in constant time; a damaged hash may contain characters outside ASCII."""
     return hmac.compare_digest(expected.encode(), str(found).encode(errors="replace"))
 
 
@@ -140,12 +140,12 @@ def _digest(key: bytes, row: Any) -> str:
 
 
 def _hash(key: bytes, *parts: str) -> str:
-    """A hash of texts; JSON keeps ("a", "bc") and ("ab", "c") apart."""
+    """Return the hash of texts, encoded as JSON to distinguish ("a", "bc") from ("ab", "c")."""
     return hmac.new(key, _json(parts).encode(), hashlib.sha256).hexdigest()
 
 
 def _json(values: Sequence[Any]) -> str:
-    """JSON of what a row says; of a damaged row, also of bytes."""
+    """Return the content of a row as JSON; bytes in a damaged row are converted to text."""
     return json.dumps(values, default=str)
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from manip3d.diary._diary import Diary
 
 Pictures = Sequence[tuple[float, bytes]]
-"""Seconds of play, and a JPEG image, of each picture."""
+"""Time of play in seconds, and JPEG image, of each picture."""
 
 _MARK = b"M3CL\x01\0\0\0"
 _PICTURE = struct.Struct("<dI")
@@ -37,12 +37,12 @@ class Clip:
     Attributes
     ----------
     at : datetime
-        When the game was over.
+        Time at which the game ended.
     game : str
     start, end : float
         Start and end of the anomaly, seconds of play.
     pictures : tuple of (float, bytes)
-        Seconds of play and JPEG; they begin up to 5 s before ``start``.
+        Time of play in seconds and JPEG image of each; the first is up to 5 s before ``start``.
     """
 
     at: datetime
@@ -99,7 +99,7 @@ def unseal_pictures(
 
 @checked
 def film(clip: Clip) -> bytes:
-    """Make an animated WebP of a clip, which browsers show.
+    """Make an animated WebP of a clip, which browsers can show.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def film(clip: Clip) -> bytes:
     Returns
     -------
     bytes
-        At the speed of what happened, over and over.
+        The file, which plays in real time and in a loop.
 
     Raises
     ------
@@ -166,11 +166,11 @@ def export_clips(
     ----------
     diary : Diary
     output : path
-        A folder.
+        Folder to create.
     identifier : str
-        The participant.
+        Pseudonym of the participant.
     overwrite : bool
-        Replace a folder that holds such films only.
+        Replace a folder that contains only such films.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def export_clips(
     InputError
         No such participant, or the folder exists.
     OSError
-        It cannot be written.
+        The folder cannot be written.
     MissingExtraError
         Pillow is not installed.
 

@@ -1,4 +1,4 @@
-"""`Diary`: one SQLite file with all sessions of a study's participants; what is written to it."""
+"""`Diary`: an SQLite file with all sessions of a study's participants; this part writes it."""
 
 from __future__ import annotations
 
@@ -38,29 +38,29 @@ _ENDINGS = ("time", "misses", "done", "stopped", "interrupted")
 
 @checked
 class Diary(DiaryReading):
-    """A diary file. What a method has written when it returns survives the end of the program.
+    """A diary file. Each method returns after its data are on the disk.
 
-    One file holds all participants of a study, each under a pseudonym. With a key what they said
-    and did is encrypted, each participant's with a key of their own; without one it is plain JSON
-    in SQLite. Research software, no medical device.
+    One file contains all participants of a study, each under a pseudonym. With a key, each
+    participant's data are encrypted with a key of their own, which the diary's key encrypts;
+    without a key they are plain JSON in SQLite. Research software, no medical device.
 
     Parameters
     ----------
     path : path
         Path of the file.
     key : path, optional
-        Key file of `make_key`; without it the diary is not encrypted.
+        Key file made by `make_key`; default: the diary is not encrypted.
     create : bool
-        Make a new diary where there is no file.
+        Create a new diary if the file does not exist.
 
     Raises
     ------
     InputError
-        The diary is encrypted and no key is given, or the other way round.
+        The diary is encrypted and no key is given, or a key is given for a plain diary.
     FormatError
-        The file is not a diary, one of a later version, or of another key.
+        The file is not a diary, has a later version, or was encrypted with another key.
     OSError
-        There is no such file, or it cannot be opened.
+        The file does not exist or cannot be opened.
 
     Examples
     --------
@@ -81,13 +81,13 @@ class Diary(DiaryReading):
         Parameters
         ----------
         identifier : str
-            A pseudonym: letters, digits, dots, hyphens and underscores.
+            Pseudonym: letters, digits, dots, hyphens and underscores.
         limb : {"left_arm", "right_arm", "left_leg", "right_leg"}, optional
-            The affected one; empty: it is not known.
+            The affected limb; empty: unknown.
         clips : bool
-            Whether they consented to clips of anomalies; `set_consent` changes it.
+            Whether the participant consented to clips of anomalies; `set_consent` changes it.
         at : datetime, optional
-            By default now; the protocol's days are counted from this one.
+            Time of the enrolment, from which the protocol's days are counted; default: now.
 
         Returns
         -------
@@ -96,8 +96,8 @@ class Diary(DiaryReading):
         Raises
         ------
         InputError
-            The pseudonym is taken, in capital or small letters, or no pseudonym, there is no such
-            limb, or the time has no offset from UTC.
+            The pseudonym is invalid or already used (ignoring case), the limb is unknown, or the
+            time has no offset from UTC.
         """
         name = identifier_of(identifier)
         _check_limb(limb)
@@ -106,7 +106,7 @@ class Diary(DiaryReading):
         with self._file.begin() as rows:
             for participant in rows.everybody():
                 taken = participant.fields["identifier"]
-                # Files that are named after people would be the same on many a disk.
+                # Many file systems ignore case, so that files with these names would be the same.
                 if taken.casefold() == name.casefold():
                     raise InputError(f"participant: {taken} is enrolled already")
             number = rows.enrol(fields)
@@ -114,9 +114,9 @@ class Diary(DiaryReading):
         return Participant(name, limb, moment, clips, number)
 
     def set_consent(self, identifier: str, *, clips: bool) -> None:
-        """Say whether a participant consents to clips; without consent theirs are deleted.
+        """Set whether a participant consents to clips; without consent, their clips are deleted.
 
-        Films that were exported before are not reached: see `exports` and `ExportedFile.has_films`.
+        Films that were exported before are not deleted: see `exports` and `ExportedFile.has_films`.
 
         Parameters
         ----------
@@ -129,8 +129,8 @@ class Diary(DiaryReading):
         InputError
             No such participant.
         OSError
-            There are clips to delete and another program has the diary open; nothing was changed.
-            Or the file could not be written anew: the clips are deleted, their rows are zeros.
+            There are clips to delete while another program has the diary open: nothing was changed.
+            Or the file could not be rewritten: the clips are deleted and overwritten with zeros.
         """
         with self._file.begin() as rows:
             participant = rows.find(identifier)
@@ -150,12 +150,12 @@ class Diary(DiaryReading):
         identifier : str
             Pseudonym of the participant.
         at : datetime, optional
-            When it happened; by default now.
+            Time of the start; default: now.
 
         Returns
         -------
         int
-            Its number, for `add_game` and the like.
+            Number of the session, for `add_game` and other methods.
 
         Raises
         ------
@@ -172,14 +172,14 @@ class Diary(DiaryReading):
     def begin_play(self, session: int, *, at: datetime | None = None) -> None:
         """Record the start of the first game or touch cue of a session; later calls change nothing.
 
-        Ratings of pain from now on are ``after``.
+        Pain ratings after this call are recorded as ``after``.
 
         Parameters
         ----------
         session : int
-            As `start_session` returned it.
+            Number returned by `start_session`.
         at : datetime, optional
-            When it happened; by default now.
+            Time of the start; default: now.
 
         Raises
         ------
@@ -196,9 +196,9 @@ class Diary(DiaryReading):
         Parameters
         ----------
         session : int
-            As `start_session` returned it.
+            Number returned by `start_session`.
         at : datetime, optional
-            When it happened; by default now.
+            Time of the end; default: now.
         answered : bool
             False: the patient was asked for a last rating of the pain and gave none.
 
@@ -218,7 +218,7 @@ class Diary(DiaryReading):
         keep: bool = False,
         about: Mapping[str, bool] | None = None,
     ) -> None:
-        """Set a time of a session and what else is known of it; ``keep``: unless it is set."""
+        """Set a time of a session and further fields; ``keep``: do not replace an existing time."""
         with self._file.begin() as rows:
             participant = rows.find_by_session(session)
             fields = rows.read_one(schema.SESSIONS, session, participant)
@@ -235,32 +235,32 @@ class Diary(DiaryReading):
         *,
         replaces: int | None = None,
     ) -> int:
-        """Keep a game, with its anomalies: spans without a point although a target was in reach.
+        """Store a game with its anomalies: times without a point despite a target in reach.
 
-        One that goes on is kept as ``interrupted``, so that it leaves a trace if the program is
-        killed, and later replaced.
+        A game in progress is stored as ``interrupted``, so that it is recorded even if the program
+        is killed, and replaced later.
 
         Parameters
         ----------
         session : int
-            As `start_session` returned it.
+            Number returned by `start_session`.
         game : DiaryGame
         clips : sequence of sequences of (float, bytes)
-            For each anomaly the seconds of play and the JPEG of each picture, or no pictures; by
-            default there are no clips.
+            Pictures of each anomaly, which may be empty: time of play in seconds, and JPEG image.
+            Default: no clips.
         replaces : int, optional
-            Number of the same game as it was kept before.
+            Number of the earlier record of the same game.
 
         Returns
         -------
         int
-            A number, for ``replaces``.
+            Number of the record, for ``replaces``.
 
         Raises
         ------
         InputError
-            No such session, game, limb or ending, clips of somebody who did not consent, or more or
-            fewer than anomalies.
+            An unknown session, game, limb or ending; clips of a participant who did not consent; or
+            numbers of clips and of anomalies differ.
         """
         if clips and len(clips) != len(game.anomalies):
             raise InputError(f"clips: expected {len(game.anomalies)}, got {len(clips)}")
@@ -298,37 +298,40 @@ class Diary(DiaryReading):
         at: datetime | None = None,
         reason: str = "",
     ) -> str:
-        """Keep how strong the pain is.
+        """Store a rating of the pain.
 
         Parameters
         ----------
         identifier : str
             Pseudonym of the participant.
         pain : int
-            0 (none) to 10 (the worst).
+            Intensity, 0 (no pain) to 10 (worst pain).
         session : int, optional
-            As `start_session` returned it; by default it belongs to no session.
+            Number returned by `start_session`; default: the rating belongs to no session.
         when : {"before", "after", "other"}, optional
-            By default ``before`` until the first game or touch cue of the session begins (see
-            `begin_play`), then ``after``; ``other`` without a session.
+            Time of the rating relative to play. Default: ``before`` until the first game or touch
+            cue of the session begins (see `begin_play`), then ``after``; ``other`` without a
+            session.
         at : datetime, optional
-            When it happened; by default now.
+            Time of the rating; default: now.
         reason : str
-            Why the session must stop, as the caller found by ratings of other sessions, in at most
-            2000 characters. It is kept and returned where the ratings of this one give no reason.
+            Reason why the session must stop that the caller found in ratings of other sessions, at
+            most 2000 characters. It is stored and returned if the ratings of this session give no
+            reason.
 
         Returns
         -------
         str
-            Why the session must stop, where the pain is 2 or more above its first rating (which
-            another one may correct within half a minute, before any play); it is kept as an
-            adverse event too, in the same transaction as the rating. Else ``reason``.
+            Reason why the session must stop, if the pain is 2 or more above the first rating of the
+            session (or above a second rating that corrects it within 30 seconds, before any play).
+            The reason is also stored as an adverse event, in the same transaction as the rating. In
+            all other cases ``reason``.
 
         Raises
         ------
         InputError
-            No such participant or session, no such rating, or a reason that is too long or has
-            control characters.
+            An unknown participant or session, an invalid rating, or a reason that is too long or
+            has control characters.
         """
         if len(reason) > 2000:
             raise InputError(f"reason: expected at most 2000 characters, got {len(reason)}")
@@ -363,17 +366,18 @@ class Diary(DiaryReading):
         occasion: Occasion,
         at: datetime | None = None,
     ) -> McGill:
-        """Keep a filled-in McGill Pain Questionnaire.
+        """Store a filled-in McGill Pain Questionnaire.
 
         Parameters
         ----------
         identifier : str
             Pseudonym of the participant.
         ranks, ppi
-            As for `score_mcgill`.
+            Answers, as for `score_mcgill`.
         occasion : {"baseline", "week-1", "week-4", "other"}
+            Occasion of the study; at most one questionnaire for each of the first three.
         at : datetime, optional
-            When it happened; by default now.
+            Time of the answers; default: now.
 
         Returns
         -------
@@ -382,7 +386,8 @@ class Diary(DiaryReading):
         Raises
         ------
         InputError
-            No such participant or occasion; invalid answers; the occasion has one already.
+            An unknown participant or occasion, invalid answers, or an occasion that already has a
+            questionnaire.
         """
         score = score_mcgill(ranks, ppi)
         moment = aware(at, "at")
@@ -400,10 +405,10 @@ class Diary(DiaryReading):
         session: int | None = None,
         at: datetime | None = None,
     ) -> Answers:
-        """Keep a filled-in questionnaire, with its questions.
+        """Store a filled-in questionnaire with its questions.
 
-        One that scores like `MCGILL`, whatever its words are, is kept as `add_mcgill` keeps it,
-        without the words, so that `analyse` counts it.
+        A questionnaire with the same scores as `MCGILL` is stored as by `add_mcgill`, without its
+        texts, so that `analyse` includes it.
 
         Parameters
         ----------
@@ -411,13 +416,13 @@ class Diary(DiaryReading):
             Pseudonym of the participant.
         questionnaire : Questionnaire
         answers : sequence of int
-            One of each question.
+            Answer to each question.
         occasion : {"baseline", "week-1", "week-4", "other"}
-            At most one questionnaire of a name for each of the first three.
+            Occasion of the study; for each of the first three at most one questionnaire of a name.
         session : int, optional
-            As `start_session` returned it; by default it belongs to no session.
+            Number returned by `start_session`; default: the answers belong to no session.
         at : datetime, optional
-            When it happened; by default now.
+            Time of the answers; default: now.
 
         Returns
         -------
@@ -426,8 +431,8 @@ class Diary(DiaryReading):
         Raises
         ------
         InputError
-            No such participant, session or occasion; invalid answers; the occasion has a
-            questionnaire of this name already.
+            An unknown participant, session or occasion, invalid answers, or an occasion that
+            already has a questionnaire of this name.
         """
         questionnaire.check_answers(answers)
         moment, given = aware(at, "at"), tuple(int(one) for one in answers)
@@ -444,7 +449,7 @@ class Diary(DiaryReading):
     def _add_filled(
         self, identifier: str, fields: Mapping[str, Any], session: int | None = None
     ) -> None:
-        """Keep what was filled in, once for an occasion."""
+        """Store a filled-in questionnaire; refuse a second one of its name for an occasion."""
         occasion = fields["occasion"]
         if occasion not in get_args(Occasion):
             raise InputError(
@@ -470,19 +475,20 @@ class Diary(DiaryReading):
         session: int | None = None,
         at: datetime | None = None,
     ) -> Ownership:
-        """Keep the answers after a touch cue.
+        """Store the answers after a touch cue.
 
         Parameters
         ----------
         identifier : str
             Pseudonym of the participant.
         mode : {"synchronous", "asynchronous"}
+            Whether touch was seen and felt at the same time.
         answers : sequence of 6 int
-            From -3 (not at all) to 3 (very much); the first three are about ownership.
+            Answers from -3 (not at all) to 3 (very much); the first three are about ownership.
         session : int, optional
-            As `start_session` returned it; by default it belongs to no session.
+            Number returned by `start_session`; default: the answers belong to no session.
         at : datetime, optional
-            When it happened; by default now.
+            Time of the answers; default: now.
 
         Returns
         -------
@@ -518,22 +524,23 @@ class Diary(DiaryReading):
         session: int | None = None,
         at: datetime | None = None,
     ) -> FeltRecord:
-        """Keep how a participant feels the limb that is not there.
+        """Store a participant's description of the felt phantom limb.
 
         Parameters
         ----------
         identifier : str
             Pseudonym of the participant.
         length, telescoping : int, per cent
-            20 to 150 of the intact limb's length; 0 to 100, how far the end has moved up.
+            Felt length, 20 to 150 per cent of the intact limb's; and telescoping, 0 to 100, the
+            share by which hand or foot is felt to have moved towards the stump.
         raised, bent : int, degrees
-            -30 to 180 sideways from hanging down; 0 to 150 at elbow or knee.
+            Sideways elevation from hanging down, -30 to 180; and angle of elbow or knee, 0 to 150.
         limb : {"left_arm", "right_arm", "left_leg", "right_leg"}, optional
-            Which one; empty: the one of the enrolment.
+            The phantom limb; empty: the limb of the enrolment.
         session : int, optional
-            As `start_session` returned it; by default it belongs to no session.
+            Number returned by `start_session`; default: the record belongs to no session.
         at : datetime, optional
-            When it happened; by default now.
+            Time of the description; default: now.
 
         Returns
         -------
@@ -569,7 +576,7 @@ class Diary(DiaryReading):
         session: int | None = None,
         at: datetime | None = None,
     ) -> None:
-        """Keep an adverse event.
+        """Store an adverse event.
 
         Parameters
         ----------
@@ -577,11 +584,11 @@ class Diary(DiaryReading):
             Pseudonym of the participant.
         kind : {"pain", "sickness", "other"}
         text : str
-            In the therapist's words, at most 2000 characters.
+            Description in the therapist's words, at most 2000 characters.
         session : int, optional
-            As `start_session` returned it; by default it belongs to no session.
+            Number returned by `start_session`; default: the event belongs to no session.
         at : datetime, optional
-            When it happened; by default now.
+            Time of the event; default: now.
 
         Raises
         ------
@@ -600,7 +607,7 @@ class Diary(DiaryReading):
             rows.note("event", participant.number)
 
     def note_export(self, identifier: str) -> None:
-        """Write into the audit that somebody took a copy.
+        """Record in the audit that a participant's data were copied.
 
         Parameters
         ----------
@@ -616,7 +623,7 @@ class Diary(DiaryReading):
             rows.note("export", rows.find(identifier).number)
 
     def note_files(self, identifier: str, files: Sequence[str | os.PathLike[str]]) -> None:
-        """Keep which files an export wrote, so that they can be found when a participant withdraws.
+        """Record the files that an export wrote, to find them if the participant withdraws.
 
         Parameters
         ----------
@@ -641,12 +648,12 @@ class Diary(DiaryReading):
             rows.change(participant, {"exports": {**kept, **found}})
 
     def delete(self, identifier: str) -> None:
-        """Delete a participant: no byte of what they said and did remains in the file or beside it.
+        """Delete a participant; no data of theirs remain in the file or its write-ahead log.
 
-        The audit still tells how many of its rows were theirs, and between which others.
-        The rows are overwritten with zeros, the file is written anew without them, and its
-        write-ahead log is removed. Copies, exports (see `exports`) and what the disk itself keeps
-        of overwritten files are not reached: encrypt the disk too.
+        The audit still shows the number and the positions of its erased rows.
+        The rows are overwritten with zeros, the file is rewritten without them, and its write-ahead
+        log is removed. Copies, exports (see `exports`) and remains of overwritten files on the disk
+        are not deleted; therefore also encrypt the disk.
 
         Parameters
         ----------
@@ -658,8 +665,8 @@ class Diary(DiaryReading):
         InputError
             No such participant.
         OSError
-            Another program has the diary open; nothing was deleted. Or the file could not be
-            written anew: the participant is deleted, their rows are zeros.
+            Another program has the diary open: nothing was deleted. Or the file could not be
+            rewritten: the participant is deleted and their rows are overwritten with zeros.
         """
         with self._file.begin() as rows:
             participant = rows.find(identifier)

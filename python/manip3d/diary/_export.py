@@ -1,4 +1,4 @@
-"""Copies of a participant's diary for other programs: tables (CSV) and FHIR R4."""
+"""Exports of diaries for other programs: tables (CSV) and FHIR R4."""
 
 from __future__ import annotations
 
@@ -71,24 +71,24 @@ def export_csv(
     """Write a diary as a folder of tables.
 
     The tables are participants, sessions, games, anomalies, ratings, questionnaires, events,
-    ownership, felt limbs, and all answers and scores of questionnaires, one in a row.
+    ownership, felt limbs, and answers, with one answer or score of a questionnaire per row.
 
     Parameters
     ----------
     diary : Diary
     output : path
-        A folder.
+        Folder to create.
     participants : sequence of str, optional
-        By default all.
+        Pseudonyms of the participants to export; default: all.
     overwrite : bool
-        Replace the tables of a folder that holds nothing else.
+        Replace a folder that contains only such tables.
 
     Raises
     ------
     InputError
         No such participant, or the folder exists.
     OSError
-        It cannot be written.
+        The folder cannot be written.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def _chosen(diary: Diary, participants: Sequence[str] | None) -> list[str]:
 
 
 def _cell(value: Any) -> Any:
-    """Text that a spreadsheet would take for a formula gets an apostrophe."""
+    """Return a cell; an apostrophe precedes texts that a spreadsheet would take for a formula."""
     if isinstance(value, datetime):
         return value.isoformat()
     if isinstance(value, str):
@@ -138,7 +138,7 @@ def _cell(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class _Entries:
-    """All entries of a participant, each kind read once."""
+    """All records of a participant; each kind is read once."""
 
     person: Participant
     sessions: Sequence[DiarySession]
@@ -164,7 +164,7 @@ class _Entries:
 
 
 _Rows = Iterator[Sequence[Any]]
-"""Rows of a table, which the participant's name precedes."""
+"""Rows of a table without their first column, the participant's pseudonym."""
 
 
 def _participant_rows(entries: _Entries) -> _Rows:
@@ -179,7 +179,7 @@ def _session_rows(entries: _Entries) -> _Rows:
 
 
 def _games(entries: _Entries) -> Iterator[tuple[int, int, DiaryGame]]:
-    """Number of the session, number in it, and game."""
+    """Yield the number of the session, the number of the game within it, and the game."""
     for count, session in enumerate(entries.sessions, 1):
         for number, game in enumerate(session.games, 1):
             yield count, number, game
@@ -248,7 +248,7 @@ _TABLES: Mapping[str, tuple[Sequence[str], Callable[[_Entries], _Rows]]] = {
     "answers": (("at", "questionnaire", "sha256", "occasion", "kind", "name", "text", "value"),
                 _answer_rows),
 }  # fmt: skip
-"""Columns of each table after the participant's, and what gives its rows."""
+"""Columns of each table after the participant's, and the function that yields its rows."""
 
 _Tables = Mapping[str, tuple[Sequence[str], list[list[Any]]]]
 
@@ -277,17 +277,18 @@ def export_fhir(
     ----------
     diary : Diary
     output : path
+        File to write.
     identifier : str
-        The participant.
+        Pseudonym of the participant.
     overwrite : bool
-        Replace the file.
+        Replace the file if it exists.
 
     Raises
     ------
     InputError
         No such participant, or the file exists.
     OSError
-        It cannot be written.
+        The file cannot be written.
 
     Examples
     --------
@@ -308,12 +309,12 @@ def export_fhir(
 def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
     """Make a FHIR R4 Bundle (a collection) of a participant.
 
-    It holds a Patient, Observations, AdverseEvents and QuestionnaireResponses.
+    It contains a Patient, Observations, AdverseEvents and QuestionnaireResponses.
 
-    Ratings have LOINC's code 72514-3; sessions, games, the McGill indices, answers after touch cues
-    and the limb as it is felt, for which there is no code, are named in words. Each resource has
-    the same ``fullUrl`` in every copy, whatever was added since, and no other study has it; the
-    system of the patient's identifier is `Diary.study`.
+    Ratings have LOINC's code 72514-3. Sessions, games, the McGill indices, answers after touch cues
+    and the felt limb, for which no code exists, are named in words. Each resource has the same
+    ``fullUrl`` in every export, which is unique across studies. The system of the patient's
+    identifier is `Diary.study`.
 
     Parameters
     ----------
@@ -324,7 +325,7 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        Ready for JSON.
+        The bundle, as JSON values.
 
     Raises
     ------
@@ -339,7 +340,7 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
     'Patient'
     """
     person = diary.participant(identifier)
-    found: dict[str, dict[str, Any]] = {}  # resources by what names them
+    found: dict[str, dict[str, Any]] = {}  # resources by their full URLs
     about = {"reference": _url("participants", person.number)}
     found[about["reference"]] = {
         "resourceType": "Patient",
@@ -376,7 +377,7 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
 
 
 def _legible(value: Any) -> Any:
-    """The resource with legible texts; older diaries may hold some that FHIR and UTF-8 refuse."""
+    """Replace characters that FHIR or UTF-8 refuses; texts of older diaries may contain some."""
     if isinstance(value, dict):
         return {name: _legible(part) for name, part in value.items()}
     if isinstance(value, list):
@@ -385,7 +386,7 @@ def _legible(value: Any) -> Any:
 
 
 def _url(table: str, row: int) -> str:
-    """Names a row of the diary, in each copy the same: rows have random numbers that stay."""
+    """Return the URL of a row, the same in every export because row numbers are permanent."""
     return f"urn:uuid:{uuid.uuid5(_NAMESPACE, f'{table}/{row}')}"
 
 
@@ -444,7 +445,7 @@ def _questionnaire(filled: McGill, patient: Mapping[str, str]) -> dict[str, Any]
 def _answered(
     filled: Answers, found: Mapping[str, dict[str, Any]], patient: Mapping[str, str]
 ) -> dict[str, dict[str, Any]]:
-    """The response, and the observation of its scores, which says what it is derived from."""
+    """Return the response, and the observation of its scores, which is derived from it."""
     response, url = _url("responses", filled.number), _url("questionnaires", filled.number)
     scores = found.get(url) or _scores(filled, patient)
     return {
@@ -572,7 +573,7 @@ def _session(
     if session.ended is not None:
         period["end"] = session.ended.isoformat()
     found["effectivePeriod"] = period
-    found["valueInteger"] = len(session.games)  # how many games were played
+    found["valueInteger"] = len(session.games)  # number of games
     if not session.answered:
         found["note"] = [{"text": NOT_ANSWERED}]
     if members:

@@ -21,7 +21,7 @@ from manip3d.diary._sealing import new_key, seal, unseal
 from manip3d.errors import FormatError, InputError
 
 _CHECK = b"manip3d diary"
-_STUDY = "meta study"  # the purpose to which the encryption of the study's identifier is bound
+_STUDY = "meta study"  # purpose to which the encryption of the study's identifier is bound
 _CHAIN = "meta audit key"
 _WITHOUT_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)
 """Errors of a file system without hard links, on which a diary is made directly in its place."""
@@ -175,7 +175,8 @@ class DiaryFile:
     def _old_audit(self, connection: sql.Connection) -> list[tuple[str, str, int | None]]:
         """Time, action and participant of each row of an audit without hashes, by time.
 
-        What is not a time is taken over as it stands, first: `audit` names it, and the diary opens.
+        Rows with an invalid time come first and are kept unchanged, so that the diary can be opened
+        and `audit` reports them.
         """
         rows = connection.exec_driver_sql("SELECT at, action, participant FROM audit").all()
         first = datetime.min.replace(tzinfo=UTC)

@@ -1,7 +1,7 @@
 """Scores of the McGill Pain Questionnaire (Melzack, 1975), without its words, which are protected.
 
-Whoever has a licence of the questionnaire shows its words; here a group's answer is the rank of the
-chosen word, 1 for the first one.
+To show the words, a licence of the questionnaire is needed. Here the answer of a group is the rank
+of the chosen word, 1 for the first word.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from manip3d.diary._questionnaires import MCGILL
 from manip3d.errors import InputError
 
 MCGILL_GROUPS = tuple(item.high for item in MCGILL.items[:-1])
-"""Number of words of each of the 20 groups: sensory 1 to 10, affective 11 to 15, evaluative 16,
-miscellaneous 17 to 20."""
+"""Number of words in each of the 20 groups: groups 1 to 10 are sensory, 11 to 15 affective, 16
+evaluative, and 17 to 20 miscellaneous."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ def score_mcgill(ranks: Sequence[int], ppi: int) -> McGillScore:
     Parameters
     ----------
     ranks : sequence of 20 int
-        For each group of words the rank of the chosen word, from 1, or 0 where none was chosen;
-        `MCGILL_GROUPS` has the highest rank of each group.
+        Rank of the chosen word of each group, from 1; 0: no word was chosen. `MCGILL_GROUPS` lists
+        the highest ranks.
     ppi : int
         Present pain intensity, 0 to 5.
 
@@ -64,7 +64,7 @@ def score_mcgill(ranks: Sequence[int], ppi: int) -> McGillScore:
     Raises
     ------
     InputError
-        Not 20 ranks, a rank that the group does not have, or an intensity out of range.
+        The number of ranks is not 20, or a rank or the intensity is out of range.
 
     References
     ----------
@@ -81,7 +81,7 @@ def score_mcgill(ranks: Sequence[int], ppi: int) -> McGillScore:
     """
     if len(ranks) != len(MCGILL_GROUPS):
         raise InputError(f"ranks: expected {len(MCGILL_GROUPS)}, got {len(ranks)}")
-    ranks = [int(rank) for rank in ranks]  # of NumPy, too
+    ranks = [int(rank) for rank in ranks]  # NumPy's integers become Python's
     for number, (rank, most) in enumerate(zip(ranks, MCGILL_GROUPS, strict=True), 1):
         if not 0 <= rank <= most:
             raise InputError(f"ranks: expected 0 to {most} in group {number}, got {rank!r}")

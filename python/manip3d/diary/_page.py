@@ -1,4 +1,4 @@
-"""Pages for the clinician, one of each participant and an overview: HTML that loads nothing."""
+"""HTML pages for the clinician: one for each participant and an overview; they load no files."""
 
 from __future__ import annotations
 
@@ -60,29 +60,29 @@ def write_page(
     """Write a page about one participant: adherence, pain before and after, trends, difficulties.
 
     Trends of pain, scores, the phantom limb's share of the points, tracking and the McGill index
-    have a least-squares line and its 95 % interval, which takes points to scatter evenly and
-    independently about a line. Games of a simulated person are left out of them.
+    are shown with a least-squares line and its 95 % interval, which assumes independent errors of
+    equal variance. Games of a simulated person are left out of the trends.
 
     Parameters
     ----------
     diary : Diary
     output : path
-        An HTML file; it is not encrypted.
+        HTML file to write; it is not encrypted.
     identifier : str
         Pseudonym of the participant.
     today : date, optional
-        Last day on which sessions were due; by default today.
+        Last day on which sessions were due; default: today.
     clips : bool
         Include the films of difficulties.
     overwrite : bool
-        Replace the file.
+        Replace the file if it exists.
 
     Raises
     ------
     InputError
         No such participant, or the file exists.
     OSError
-        It cannot be written.
+        The file cannot be written.
     MissingExtraError
         scipy is not installed.
 
@@ -110,30 +110,30 @@ def write_overview(
     clips: bool = False,
     overwrite: bool = False,
 ) -> None:
-    """Write a folder of pages: ``index.html`` with all participants, and one page of each.
+    """Write a folder of pages: ``index.html`` with all participants, and a page for each.
 
-    The overview shows adherence, the last visit, how the pain changes, and alarms: games that are
-    stopped for today, adverse events of the last 7 days, a pain that grows (the 95 % interval of
-    its trend is above 0), and no session for 3 days or more while the protocol lasts.
+    The overview shows adherence, the last visit, the trend of the pain, and alarms: games stopped
+    for today, adverse events of the last 7 days, growing pain (the 95 % interval of its trend is
+    above 0), and no session for 3 days or more during the protocol.
 
     Parameters
     ----------
     diary : Diary
     output : path
-        A folder; what it holds is not encrypted.
+        Folder to create; its files are not encrypted.
     today : date, optional
-        Last day on which sessions were due; by default today.
+        Last day on which sessions were due; default: today.
     clips : bool
         Include the films of difficulties.
     overwrite : bool
-        Replace a folder that holds such pages only.
+        Replace a folder that contains only such pages.
 
     Raises
     ------
     InputError
-        The folder exists, or with ``overwrite`` it holds other files.
+        The folder exists; with ``overwrite``, it contains other files.
     OSError
-        It cannot be written.
+        The folder cannot be written.
     MissingExtraError
         scipy is not installed.
 
@@ -167,15 +167,15 @@ def write_overview(
 
 _INDEX = "index.html"
 _OWN_PAGE = re.compile(r"index\.html|participant-.*\.html")
-_SILENT_DAYS = 3  # without a session, of two every day
+_SILENT_DAYS = 3  # days without a session that raise an alarm; two sessions a day are due
 _RECENT_DAYS = 7
 
 
 def _names_of_pages(people: Sequence[str]) -> dict[str, str]:
     """Return the file name of a participant's page.
 
-    It never is that of the overview, and no two names differ only in capital letters, which many
-    file systems ignore.
+    It differs from the overview's, and no two names differ only in case, which many file systems
+    ignore.
     """
     names: dict[str, str] = {}
     taken = set[str]()
@@ -311,7 +311,7 @@ def _is_simulated(session: DiarySession) -> bool:
 
 
 def _ratings_apart(diary: Diary, identifier: str, sessions: Sequence[DiarySession]) -> list[str]:
-    """Table of the ratings that belong to no session, with its heading; empty without any."""
+    """Return the table of ratings without a session, with its heading; empty: there are none."""
     within = {rating.number for session in sessions for rating in session.ratings}
     rows = [
         [_day(rating.at), str(rating.pain)]
@@ -332,7 +332,7 @@ def _pain_before(sessions: Sequence[DiarySession], person: Participant) -> list[
 def _charts(
     diary: Diary, person: Participant, sessions: Sequence[DiarySession]
 ) -> list[tuple[str, list[Point], float | None]]:
-    """Title, points and upper end of the axis of each chart; None: as high as the points."""
+    """Return title, points and upper end of the axis of each chart; None: the largest point."""
     start = person.enrolled
     games = [game for session in sessions for game in session.games if game.counts]
     kinds = sorted({(game.game, game.difficulty) for game in games})
@@ -407,9 +407,9 @@ def _mcgill(diary: Diary, identifier: str) -> str:
 
 
 def _forms(diary: Diary, identifier: str) -> list[str]:
-    """Return a table of scores for each other questionnaire; wordings are told apart."""
+    """Return a table of scores for each other questionnaire and each wording of it."""
     filled: dict[Questionnaire, list[Answers]] = {}
-    # Compared by row: the same questions filled in by hand are shown here.
+    # Compare by row, because the same questions, if filled in by hand, belong here.
     elsewhere = {one.number for one in diary.ownership(identifier)}
     elsewhere |= {one.number for one in diary.mcgill(identifier)}
     for one in diary.answers(identifier):

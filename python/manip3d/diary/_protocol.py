@@ -1,4 +1,4 @@
-"""The study's protocol: how much is to be played, how much was, and when to stop."""
+"""Protocol of the study: sessions and games due, adherence, and the rule for stopping."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from manip3d.diary._records import DiarySession, Moment, Rating, first_pain
 from manip3d.errors import InputError
 
 STOP_RISE = 2
-"""A session stops when the pain is so much above its first rating."""
+"""Rise of the pain above the first rating of a session, in points, at which the session stops."""
 
 
 @checked
 @dataclass(frozen=True)
 class Protocol:
-    """Protocol of section 4.8.3: 4 weeks, two sessions every day, three games in each.
+    """Protocol of section 4.8.3: 4 weeks with two sessions a day and three games per session.
 
     Attributes
     ----------
@@ -43,21 +43,21 @@ class Protocol:
 
 @dataclass(frozen=True)
 class Adherence:
-    """Share of the protocol that was done so far.
+    """Share of the protocol that has been done so far.
 
     Attributes
     ----------
     days : int
-        Days of the protocol so far, the first one included.
+        Number of days of the protocol so far, including the first one.
     expected, complete, partial : int
-        Sessions to be done in them; done with all games; done with fewer. More sessions in a day
-        than the protocol has count no further.
+        Numbers of sessions: due on these days; done with all games; done with fewer games. Sessions
+        in excess of a day's number do not count.
     days_played : int
-        Days with at least one game.
+        Number of days with at least one game.
     share : float
-        Complete of expected ones.
+        Ratio of complete to expected sessions.
     simulated : int
-        Games of a simulated person, which are left out.
+        Number of games of a simulated person, which do not count.
     """
 
     days: int
@@ -79,8 +79,8 @@ def adherence(
 ) -> Adherence:
     """Compare sessions with a protocol.
 
-    A game that was stopped or interrupted, or of a simulated person, counts for nothing here; days
-    are those of the clock where it was played.
+    Games that were stopped or interrupted, and games of a simulated person, do not count. Days are
+    those of the local time at which a game was played.
 
     Parameters
     ----------
@@ -88,8 +88,9 @@ def adherence(
     start : datetime
         First day of the protocol.
     today : date
-        Last day that counts; days after the protocol's last one do not count either.
+        Last day to count; days after the end of the protocol do not count.
     protocol : Protocol, optional
+        Protocol of the study.
 
     Returns
     -------
@@ -137,19 +138,19 @@ def adherence(
 
 @checked
 def stop_reason(before: int | None, now: int) -> str:
-    """Return why a session must stop: pain 2 points or more above the first rating; else empty.
+    """Return the reason why a session must stop, which is pain 2 or more above the first rating.
 
     Parameters
     ----------
     before : int or None
-        The rating before the session, 0 to 10; None: nobody asked.
+        Rating before the session, 0 to 10; None: there is none.
     now : int
-        0 to 10.
+        Current rating, 0 to 10.
 
     Returns
     -------
     str
-        In words for the patient; empty: it may go on.
+        Sentence for the patient; empty: the session may continue.
 
     Raises
     ------
@@ -172,12 +173,12 @@ def stop_reason(before: int | None, now: int) -> str:
 
 
 def judge_rating(ratings: Sequence[Rating], pain: int, at: datetime, *, when: Moment) -> str:
-    """Why a session must stop with one more rating, compared with the first one; or nothing."""
+    """Return why a session must stop after another rating, compared with the first; or ''."""
     return stop_reason(first_pain([*ratings, Rating(at, pain, when)]), pain)
 
 
 PAIN = "The pain rose. Please stop for today and tell your therapist."
-"""Reason that is shown for an adverse event of pain without its two ratings."""
+"""Reason shown for an adverse event of pain whose two ratings are unknown."""
 
 SICKNESS = "You feel sick. Please stop for today and tell your therapist."
-"""Words of the page after the patient said that they feel sick."""
+"""Sentence shown after the patient reported feeling sick."""

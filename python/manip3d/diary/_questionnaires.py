@@ -1,6 +1,6 @@
-"""Questionnaires: questions with whole numbers as answers, and the scales that score them.
+"""Questionnaires: questions with whole numbers as answers, and scales computed from the answers.
 
-Two are built in, without protected words; others are read from files.
+Two questionnaires are built in, without protected texts; others are read from files.
 """
 
 from __future__ import annotations
@@ -27,15 +27,16 @@ _MOST_NAME, _MOST_TEXT = 200, 1000
 
 @dataclass(frozen=True)
 class QuestionnaireItem:
-    """A question and the numbers that may answer it.
+    """A question and the range of its answers.
 
     Attributes
     ----------
     text : str
+        The question.
     low, high : int
         Smallest and largest answer, within -1000 to 1000.
     choices : tuple of str
-        What each answer from ``low`` to ``high`` means, at most 101; or empty.
+        Meanings of the answers from ``low`` to ``high``, at most 101; may be empty.
     """
 
     text: str
@@ -52,11 +53,11 @@ class QuestionnaireScale:
     ----------
     name : str
     items : tuple of int
-        Numbers of its questions, from 1.
+        Numbers of the questions that it uses, from 1.
     reverse : tuple of int
-        Those of them whose answers count from the other end: ``low + high - answer``.
+        Numbers of the questions among them that are reverse-scored, as ``low + high - answer``.
     method : {"sum", "mean", "count"}
-        What is made of the answers; ``count``: how many are above the smallest one.
+        Computation of the score; ``count``: number of answers above the smallest possible one.
     """
 
     name: str
@@ -73,15 +74,16 @@ class Questionnaire:
     ----------
     name : str
     items : tuple of QuestionnaireItem
-        1 to 500.
+        The questions, 1 to 500.
     scales : tuple of QuestionnaireScale
-        At most 500.
+        The scales, at most 500.
 
     Raises
     ------
     InputError
-        A text is empty, too long or has control characters, a range is empty, choices are not as
-        many as answers, or a scale has a name twice or asks for questions that are not there.
+        A text is empty, too long or has control characters; a range is empty; the number of choices
+        differs from the number of answers; two scales have the same name; or a scale uses a
+        question that does not exist.
     """
 
     name: str
@@ -105,12 +107,12 @@ class Questionnaire:
 
     @property
     def sha256(self) -> str:
-        """SHA-256, hexadecimal, of the definition: another wording is another questionnaire."""
+        """SHA-256 of the definition, hexadecimal; it distinguishes wordings of a questionnaire."""
         return hashlib.sha256(canonical_json(definition_of(self))).hexdigest()
 
     @checked
     def scores_like(self, other: Questionnaire) -> bool:
-        """Say whether the same answers have the same scores, whatever the words are.
+        """Return whether equal answers have equal scores, whatever the texts are.
 
         Parameters
         ----------
@@ -130,17 +132,17 @@ class Questionnaire:
         Parameters
         ----------
         answers : sequence of int
-            One of each question.
+            Answer to each question.
 
         Returns
         -------
         dict of str to float
-            Whole numbers for sums and counts, by the names of the scales.
+            Scores by the names of the scales; sums and counts are whole numbers.
 
         Raises
         ------
         InputError
-            Too many or too few, or one is out of range.
+            The number of answers is wrong, or an answer is out of range.
         """
         self.check_answers(answers)
         return {scale.name: self._score(scale, answers) for scale in self.scales}
@@ -152,11 +154,12 @@ class Questionnaire:
         Parameters
         ----------
         answers : sequence of int
+            Answer to each question.
 
         Raises
         ------
         InputError
-            Too many or too few, or one is out of range.
+            The number of answers is wrong, or an answer is out of range.
         """
         if len(answers) != len(self.items):
             raise InputError(f"answers: expected {len(self.items)}, got {len(answers)}")
@@ -236,14 +239,14 @@ def _check_scale(scale: QuestionnaireScale, name: str, items: int) -> None:
 def load_questionnaire(path: str | os.PathLike[str]) -> Questionnaire:
     """Read a questionnaire from a JSON file.
 
-    An object with ``name``, ``items`` (objects with ``text``, ``low``, ``high`` and, if one likes,
-    ``choices``) and ``scales`` (objects with ``name``, ``items`` and, if one likes, ``reverse`` and
-    ``method``); see `Questionnaire`. `write_questionnaire` writes such files.
+    The file contains an object with ``name``, ``items`` (objects with ``text``, ``low``, ``high``
+    and optionally ``choices``) and ``scales`` (objects with ``name``, ``items`` and optionally
+    ``reverse`` and ``method``); see `Questionnaire`. `write_questionnaire` writes such files.
 
     Parameters
     ----------
     path : path
-        At most 1 MiB.
+        File to read, at most 1 MiB.
 
     Returns
     -------
@@ -252,10 +255,10 @@ def load_questionnaire(path: str | os.PathLike[str]) -> Questionnaire:
     Raises
     ------
     FormatError
-        The file is not such JSON: a key is unknown, repeated or missing, or a value is not one that
-        `Questionnaire` takes.
+        The file is not such JSON: a key is unknown, repeated or missing, or `Questionnaire` does
+        not accept a value.
     OSError
-        It cannot be read.
+        The file cannot be read.
 
     Examples
     --------
@@ -284,19 +287,19 @@ def load_questionnaire(path: str | os.PathLike[str]) -> Questionnaire:
 def write_questionnaire(questionnaire: Questionnaire, path: str | os.PathLike[str]) -> None:
     """Write a questionnaire as a JSON file that people can edit and `load_questionnaire` reads.
 
-    The text of `MCGILL`, for instance, can so be replaced by a licensed wording.
+    For instance, the texts of `MCGILL` can be replaced by a licensed wording in this way.
 
     Parameters
     ----------
     questionnaire : Questionnaire
-        Its names, texts and scales are written; values that are the default are left out.
+        Questionnaire whose names, texts and scales are written; default values are left out.
     path : path
-        An existing file is never replaced, because it may hold edited texts.
+        File to write. An existing file is never replaced, because it may contain edited texts.
 
     Raises
     ------
     OSError
-        The file exists already (`FileExistsError`), or cannot be written.
+        The file already exists (`FileExistsError`), or cannot be written.
 
     Examples
     --------
@@ -325,7 +328,7 @@ def definition_of(questionnaire: Questionnaire) -> dict[str, Any]:
 
 
 def questionnaire_of(found: object) -> Questionnaire:
-    """Read a definition that `definition_of` made, or somebody wrote. Raises InputError."""
+    """Read a definition made by `definition_of` or by hand; raise InputError if it is invalid."""
     fields = _fields(found, "questionnaire", ("name", "items"), ("scales",))
     items = [
         _fields(one, f"items[{number}]", ("text", "low", "high"), ("choices",))
@@ -398,8 +401,8 @@ MCGILL = Questionnaire(
         QuestionnaireScale("ppi", (21,)),
     ),
 )
-"""The McGill Pain Questionnaire (Melzack, 1975) without its protected words: the ranks of the words
-chosen in 20 groups, 0 where none was, and the present pain intensity."""
+"""The McGill Pain Questionnaire (Melzack, 1975) without its protected words. Answers are the ranks
+of the words chosen in 20 groups (0: no word), and the present pain intensity."""
 
 _TOUCH = (
     "It felt as if the limb that I saw were my own.",
@@ -418,4 +421,5 @@ OWNERSHIP = Questionnaire(
         QuestionnaireScale("control", (4, 5, 6), method="mean"),
     ),
 )
-"""Answers after a touch cue, -3 (not at all) to 3 (very much): ownership, and controls."""
+"""Questions after a touch cue, about ownership of the limb and controls; answers from -3 (not at
+all) to 3 (very much)."""

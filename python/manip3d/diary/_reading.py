@@ -1,4 +1,4 @@
-"""`DiaryReading`: reads the file of a diary as the records of `_records.py`."""
+"""`DiaryReading`: reads a diary file into the records of `_records.py`."""
 
 from __future__ import annotations
 
@@ -54,30 +54,30 @@ class DiaryReading(Closing):
         self._file = DiaryFile(self.path, require_key_material(key), create=create)
 
     def close(self) -> None:
-        """Close the file; may be called twice, and nothing is lost without it.
+        """Close the file; may be called twice.
 
-        Other methods raise an InputError afterwards.
+        No data are lost if it is not called. Other methods raise an InputError afterwards.
         """
         self._file.close()
 
     @property
     def is_encrypted(self) -> bool:
-        """Whether a key is needed to read it."""
+        """Whether a key is needed to read the diary."""
         return self._file.key is not None
 
     @property
     def study(self) -> str:
-        """A random UUID, which tells participants of this diary from those of other ones."""
+        """Random UUID of the study, which distinguishes its participants from those of others."""
         return self._file.study
 
     def participants(self) -> list[Participant]:
-        """Everybody, by pseudonym."""
+        """Return all participants, sorted by pseudonym."""
         with self._file.begin() as rows:
             found = [_participant(one) for one in rows.everybody()]
         return sorted(found, key=lambda one: one.identifier)
 
     def participant(self, identifier: str) -> Participant:
-        """Return what is known of one participant.
+        """Return the record of one participant.
 
         Parameters
         ----------
@@ -223,7 +223,7 @@ class DiaryReading(Closing):
         return sorted(found, key=lambda one: one.at)
 
     def felt(self, identifier: str) -> list[FeltRecord]:
-        """Return how a participant felt the limb that is not there, by time.
+        """Return a participant's descriptions of the felt phantom limb, by time.
 
         Parameters
         ----------
@@ -244,7 +244,7 @@ class DiaryReading(Closing):
             FeltRecord(
                 datetime.fromisoformat(f["at"]),
                 **{name: f[name] for name in names},
-                limb=f.get("limb", ""),  # diaries of before did not tell it
+                limb=f.get("limb", ""),  # older diaries did not store it
                 number=row,
             )
             for f, row in self._answers(identifier, schema.FELT)
@@ -262,7 +262,8 @@ class DiaryReading(Closing):
         Returns
         -------
         list of Answers
-            Those of `mcgill` and `ownership` too, as `MCGILL` and `OWNERSHIP`.
+            All questionnaires, including those of `mcgill` and `ownership` as `MCGILL` and
+            `OWNERSHIP`.
 
         Raises
         ------
@@ -291,7 +292,7 @@ class DiaryReading(Closing):
         return Answers(datetime.fromisoformat(fields["at"]), form, given, fields["occasion"], row)
 
     def _answers(self, identifier: str, kind: str) -> list[tuple[dict[str, Any], int]]:
-        """Filled-in questionnaires of a kind; "" is McGill's, whose fields name none."""
+        """Return filled-in questionnaires of a kind; "": McGill's, which are stored without one."""
         rows = self._fields(schema.QUESTIONNAIRES, identifier)
         return [(fields, row) for fields, row in rows if fields.get("kind", "") == kind]
 
@@ -319,21 +320,21 @@ class DiaryReading(Closing):
         return sorted(found, key=lambda event: event.at)
 
     def halt_reason(self, identifier: str, *, today: date | None = None) -> str:
-        """Say why a participant must not play any more today, also after a restart.
+        """Return why a participant must not play again today; also valid after a restart.
 
         Parameters
         ----------
         identifier : str
             Pseudonym of the participant.
         today : date, optional
-            A day of this machine's time zone, by default the present one. Events of that day count
-            wherever they were written down: a diary may come from another time zone.
+            Day in this machine's time zone; default: today. Times of events are converted to this
+            time zone, because a diary may come from another one.
 
         Returns
         -------
         str
-            In words for the patient: of the first adverse event of that day for which a session
-            stops (pain or sickness); empty: they may play.
+            Sentence for the patient about the first adverse event of that day that stops sessions
+            (pain or sickness); empty: the participant may play.
 
         Raises
         ------
@@ -347,13 +348,13 @@ class DiaryReading(Closing):
         return ""
 
     def audit(self) -> list[tuple[datetime, str, str]]:
-        """List what was done, by time, without what was done to participants who were deleted.
+        """Return the audit log, by time, without the rows of deleted participants.
 
         Returns
         -------
         list of (datetime, str, str)
-            When, what (``enrol``, ``game``, ``delete`` ...), and whose; the last one is empty for a
-            deletion. See `check_audit` for whether it is what was written.
+            Time, action (``enrol``, ``game``, ``delete`` ...) and participant's pseudonym, which is
+            empty for a deletion. `check_audit` verifies that the rows are unchanged.
 
         Raises
         ------
@@ -370,23 +371,23 @@ class DiaryReading(Closing):
         return sorted(found, key=lambda one: one[0])
 
     def check_audit(self) -> None:
-        """Compare each row of the audit with its hashes, which bind it to all rows before it.
+        """Verify the hashes of the audit's rows, which bind each row to all earlier ones.
 
-        The hashes need a key, which an encrypted diary keeps encrypted: who has no key file can
-        change no row unnoticed. In a plain diary that key stands in the file, so that damage and
-        changes with other programs are found, but no forgery by who takes this key. A copy of the
-        whole file of an earlier day is valid.
+        The hashes depend on a key. An encrypted diary stores this key encrypted, so that nobody
+        without the key file can change a row unnoticed. A plain diary contains the key itself, so
+        that damage and changes by other programs are detected, but not a forgery by somebody who
+        uses this key. An older copy of the whole file is not detected.
 
         Raises
         ------
         FormatError
-            Names the first row that is not what was written, or is missing.
+            A row was changed or is missing; the message names the first one.
         """
         with self._file.begin() as rows:
             rows.verify_audit()
 
     def check(self) -> None:
-        """Read the whole file, open every payload and compare the audit with its hashes.
+        """Read the whole file, decrypt every payload and verify the hashes of the audit.
 
         Raises
         ------
@@ -397,7 +398,7 @@ class DiaryReading(Closing):
             rows.verify()
 
     def _fields(self, table: sql.Table, identifier: str) -> list[tuple[dict[str, Any], int]]:
-        """Fields and number of each row."""
+        """Return the fields and the number of each row of a participant."""
         with self._file.begin() as rows:
             return [(f, row["id"]) for row, f in rows.read(table, rows.find(identifier))]
 
@@ -412,7 +413,7 @@ class DiaryReading(Closing):
         Returns
         -------
         list of ExportedFile
-            By path; a table of several participants is among the files of each of them.
+            Files sorted by path; a table of several participants is listed for each of them.
 
         Raises
         ------
@@ -425,7 +426,7 @@ class DiaryReading(Closing):
 
 
 def sessions_of(rows: Rows, participant: Enrolled) -> list[DiarySession]:
-    """The sessions of a participant, each table read once."""
+    """Return the sessions of a participant; each table is read once."""
     times, games, ratings = defaultdict(list), defaultdict(list), defaultdict(list)
     for row, fields in rows.read(schema.ANOMALIES, participant):
         times[row["game"]].append((fields["start"], fields["end"]))

@@ -18,13 +18,14 @@ Moment = Literal["before", "after", "other"]
 Occasion = Literal["baseline", "week-1", "week-4", "other"]
 
 CORRECTION_S = 30.0
-"""Seconds in which a second rating, before any play, corrects the first one of a session."""
+"""Time in seconds within which a second rating, before any play, corrects the first one of a
+session."""
 
 _IDENTIFIER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
 def identifier_of(text: str) -> str:
-    """The pseudonym of a participant, which file names and tables can hold."""
+    """Check a participant's pseudonym, which must be valid in file names and tables."""
     if not _IDENTIFIER.fullmatch(text):
         raise InputError(
             "participant: expected up to 64 letters, digits, dots, hyphens and underscores, "
@@ -34,7 +35,7 @@ def identifier_of(text: str) -> str:
 
 
 def aware(moment: datetime | None, name: str) -> datetime:
-    """The moment, by default now; it must know its offset from UTC."""
+    """Return the moment, or now if it is None; refuse a moment without offset from UTC."""
     if moment is None:
         return datetime.now().astimezone()
     if moment.tzinfo is None:
@@ -49,14 +50,15 @@ class Participant:
     Attributes
     ----------
     identifier : str
-        A pseudonym; who it is stands elsewhere.
+        Pseudonym; the diary does not contain the person's name.
     limb : str
-        The affected one, or empty.
+        The affected limb; empty: unknown.
     enrolled : datetime
+        Time of the enrolment.
     clips : bool
-        Whether they consented to clips of anomalies.
+        Whether the participant consented to clips of anomalies.
     number : int
-        Number of its row, by which copies name it; 0: it was not read from a diary.
+        Number of the row, by which exports name it; 0: not read from a diary.
     """
 
     identifier: str
@@ -73,32 +75,36 @@ class DiaryGame:
     Attributes
     ----------
     at : datetime
-        When it was over, or last heard of.
+        Time of the game's end, or of the last record of a game that did not end.
     game : str
+        Name of the game.
     difficulty, seed : int
+        Options of the game.
     ending : str
-        ``time``, ``misses``, ``done`` or ``stopped``; ``interrupted`` while it goes on, or where
-        the program was killed.
+        ``time``, ``misses``, ``done`` or ``stopped``; ``interrupted`` while the game is running, or
+        if the program was killed.
     seconds, paused_s : float
-        Played, and waited for the phantom limb.
+        Time of play, and time of waiting for the phantom limb, seconds.
     score, misses, by_phantom : int
+        Points, misses, and points made by the phantom limb.
     gain : float
         Gain of the virtual enhancement; 1: none.
     anomalies : tuple of (float, float)
-        From and to which second of play no point was made though a target was in reach.
+        Start and end, in seconds of play, of times without a point despite a target in reach.
     limb : str
         The limb that was replaced.
     source : str
-        Where the frames came from: the whole address of a simulated person, else only its scheme,
-        such as ``mkv:``, as names of files may be names of people. Empty: an older diary.
+        Source of the frames: the whole address of a simulated person, but only the scheme of other
+        sources, such as ``mkv:``, because file names may contain names of people. Empty: an older
+        diary.
     version : str
         Version of this program.
     latency_ms : float or None
-        From a frame's arrival to its being decoded in the page, 95th percentile.
+        95th percentile of the time from a frame's arrival to its decoding in the page.
     tracked : float or None
-        Share of the frames in which the phantom limb was followed.
+        Share of the frames in which the phantom limb was tracked.
     number : int
-        Number of its row, by which copies name it; 0: it was not read from a diary.
+        Number of the row, by which exports name it; 0: not read from a diary.
     """
 
     at: datetime
@@ -122,12 +128,12 @@ class DiaryGame:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether the person before the camera was simulated."""
+        """Whether the person in front of the camera was simulated."""
         return self.source.startswith("sim:")
 
     @property
     def counts(self) -> bool:
-        """Whether the game counts for protocol and trends: a person played it to its end."""
+        """Whether the game counts for protocol and trends: a real person played it to its end."""
         return self.ending not in ("stopped", "interrupted") and not self.is_simulated
 
 
@@ -139,7 +145,7 @@ class ExportedFile:
     ----------
     path : Path
     sha256 : str
-        SHA-256 of what it held.
+        SHA-256 of its content when it was written.
     """
 
     path: Path
@@ -147,7 +153,7 @@ class ExportedFile:
 
     @property
     def state(self) -> Literal["unchanged", "changed", "gone"]:
-        """Whether the file is there and holds what was written."""
+        """State of the file: ``unchanged``, ``changed`` since the export, or ``gone``."""
         try:
             now = sha256_of(self.path)
         except FileNotFoundError:
@@ -158,7 +164,7 @@ class ExportedFile:
 
     @property
     def has_films(self) -> bool:
-        """Whether the file is there and is a film, or a page that shows films."""
+        """Whether the file still exists and is a film or a page with films."""
         try:
             content = regular_bytes(self.path)
         except (OSError, FormatError):
@@ -167,10 +173,10 @@ class ExportedFile:
 
 
 NOT_ANSWERED = "The rating of the pain at the end was not answered."
-"""Words of copies for a session that was closed without a last rating."""
+"""Text of exports for a session that ended without a last rating."""
 
 FILM_IN_PAGE = b"data:image/webp;base64,"
-"""The bytes with which a film on a page begins."""
+"""First bytes of a film within a page."""
 
 
 @dataclass(frozen=True)
@@ -182,9 +188,9 @@ class Rating:
     at : datetime
     pain : int
     when : str
-        ``before`` the first game or touch cue of a session began, ``after`` that, or ``other``.
+        ``before`` the first game or touch cue of a session, ``after`` its start, or ``other``.
     number : int
-        Number of its row, by which copies name it; 0: it was not read from a diary.
+        Number of the row, by which exports name it; 0: not read from a diary.
     """
 
     at: datetime
@@ -194,9 +200,10 @@ class Rating:
 
 
 def first_pain(ratings: Iterable[Rating]) -> int | None:
-    """Return the rating with which later ones of a session are compared.
+    """Return the rating with which later ratings of a session are compared.
 
-    That is the first one, or its correction (`CORRECTION_S`). ``ratings`` are sorted by time.
+    It is the first rating, or a second one that corrects it (`CORRECTION_S`). ``ratings`` are
+    sorted by time.
     """
     first: Rating | None = None
     pain = None
@@ -221,14 +228,15 @@ class DiarySession:
     Attributes
     ----------
     number : int
-        For `Diary.add_game` and the like.
+        Number of the session, for `Diary.add_game` and other methods.
     started : datetime
+        Time of the start.
     ended : datetime or None
-        None while it goes on, or where the program was killed.
+        Time of the end; None: the session is running, or the program was killed.
     games : tuple of DiaryGame
     ratings : tuple of Rating
     begun : datetime or None
-        When the first game or touch cue began.
+        Start of the first game or touch cue; None: none has started.
     answered : bool
         False: the patient was asked for a last rating of the pain and gave none.
     """
@@ -243,15 +251,15 @@ class DiarySession:
 
     @property
     def pain_before(self) -> int | None:
-        """The first rating, where it was given before the first game or touch cue.
+        """First rating if it was given before the first game or touch cue.
 
-        Another one within half a minute corrects it.
+        A second rating within 30 seconds corrects it.
         """
         return first_pain(rating for rating in self.ratings if rating.when == "before")
 
     @property
     def pain_after(self) -> int | None:
-        """The last rating since the first game or touch cue began."""
+        """Last rating after the start of the first game or touch cue."""
         return next((r.pain for r in reversed(self.ratings) if r.when == "after"), None)
 
 
@@ -265,9 +273,10 @@ class McGill:
     occasion : str
         ``baseline``, ``week-1``, ``week-4`` or ``other``.
     ranks : tuple of 20 int
+        Ranks of the chosen words, as for `score_mcgill`.
     score : McGillScore
     number : int
-        Number of its row, by which copies name it; 0: it was not read from a diary.
+        Number of the row, by which exports name it; 0: not read from a diary.
     """
 
     at: datetime
@@ -287,9 +296,9 @@ class Ownership:
     mode : str
         ``synchronous`` or ``asynchronous``.
     answers : tuple of 6 int
-        Three about ownership of the limb, then three controls.
+        Three answers about ownership of the limb, then three controls.
     number : int
-        Number of its row, by which copies name it; 0: it was not read from a diary.
+        Number of the row, by which exports name it; 0: not read from a diary.
     """
 
     at: datetime
@@ -299,12 +308,12 @@ class Ownership:
 
     @property
     def ownership(self) -> float:
-        """Mean of the first three."""
+        """Mean of the three answers about ownership."""
         return OWNERSHIP.score(self.answers)["ownership"]
 
     @property
     def control(self) -> float:
-        """Mean of the others."""
+        """Mean of the three controls."""
         return OWNERSHIP.score(self.answers)["control"]
 
 
@@ -316,13 +325,13 @@ class Answers:
     ----------
     at : datetime
     questionnaire : Questionnaire
-        As it was asked.
+        The questionnaire with the wording that was used.
     answers : tuple of int
-        One of each question.
+        Answer to each question.
     occasion : str
         ``baseline``, ``week-1``, ``week-4`` or ``other``.
     number : int
-        Number of its row, by which copies name it; 0: it was not read from a diary.
+        Number of the row, by which exports name it; 0: not read from a diary.
     """
 
     at: datetime
@@ -345,14 +354,14 @@ class FeltRecord:
     ----------
     at : datetime
     length, telescoping : int, per cent
-        Felt length in per cent of the intact limb's; how far the hand or foot has moved up into the
-        stump.
+        Felt length in per cent of the intact limb's; and share by which the hand or foot is felt to
+        have moved towards the stump.
     raised, bent : int, degrees
-        The limb sideways from hanging down; elbow or knee.
+        Sideways elevation of the limb from hanging down; and angle of elbow or knee.
     limb : str
-        Which one, as ``left_arm``; empty: the one of the enrolment.
+        The phantom limb, such as ``left_arm``; empty: the limb of the enrolment.
     number : int
-        Number of its row, by which copies name it; 0: it was not read from a diary.
+        Number of the row, by which exports name it; 0: not read from a diary.
     """
 
     at: datetime
@@ -366,7 +375,7 @@ class FeltRecord:
 
 @dataclass(frozen=True)
 class AdverseEvent:
-    """An adverse event, as somebody reported it.
+    """An adverse event that was reported.
 
     Attributes
     ----------
@@ -374,8 +383,9 @@ class AdverseEvent:
     kind : str
         ``pain`` (2 or more above the rating before the session), ``sickness`` or ``other``.
     text : str
+        Description.
     number : int
-        Number of its row, by which copies name it; 0: it was not read from a diary.
+        Number of the row, by which exports name it; 0: not read from a diary.
     """
 
     at: datetime
@@ -385,5 +395,5 @@ class AdverseEvent:
 
     @property
     def local_date(self) -> date:
-        """The day in the time zone of this machine, which may not be where it was written down."""
+        """The day in this machine's time zone, which may differ from that of the record."""
         return self.at.astimezone().date()

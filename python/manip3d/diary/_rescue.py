@@ -1,4 +1,4 @@
-"""A damaged diary is copied into a new file, as far as it can be read."""
+"""Rescue of a damaged diary: all rows that can be read are copied to a new file."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from manip3d.diary import _schema as schema
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_path, open_regular
 
-_FIRST, _LAST = -(2**63), 2**63 - 1  # before and behind the numbers of rows in SQLite
-_HEAD_BYTES = 100  # of a file of SQLite
-_MOST_MISSING = 1 << 36  # bytes that are missing at a file's end; a damaged head says anything
-_HALVINGS = 12  # of the numbers between two damaged pages, which are random or consecutive
+_FIRST, _LAST = -(2**63), 2**63 - 1  # bounds of row numbers in SQLite
+_HEAD_BYTES = 100  # size of the header of an SQLite file
+_MOST_MISSING = 1 << 36  # largest number of missing bytes; more means that the header is damaged
+_HALVINGS = 12  # of the range of row numbers between two damaged pages; numbers may be random
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class DiaryRescue:
     ----------
     output : Path
     num_rows : int
-        Rows of all tables that were copied.
+        Number of rows that were copied, of all tables.
     missing : tuple of str
-        What could not be copied, in words; empty where nothing is missing.
+        Descriptions of the rows that could not be copied; empty: nothing is missing.
     """
 
     output: Path
@@ -48,16 +48,16 @@ class DiaryRescue:
 def rescue_diary(
     path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False
 ) -> DiaryRescue:
-    """Copy what can be read of a damaged diary into a new one, which opens with the same key.
+    """Copy all readable rows of a damaged diary to a new one, which opens with the same key.
 
     Parameters
     ----------
     path : path
-        The damaged diary. It is not written to.
+        The damaged diary, which is not changed.
     output : path
         The new diary.
     overwrite : bool
-        Replace a file that is there.
+        Replace an existing file.
 
     Returns
     -------
@@ -66,22 +66,21 @@ def rescue_diary(
     Raises
     ------
     InputError
-        ``output`` exists, or is the diary itself, or has a journal of SQLite beside it.
+        ``output`` exists, is the diary itself, or has an SQLite journal next to it.
     FormatError
-        The file is not a diary, or is damaged where it says what its tables are or by which key it
-        is read.
+        The file is not a diary, or its list of tables or the check of its key is damaged.
     OSError
-        A file cannot be read or written; another program writes to the diary.
+        A file cannot be read or written, or another program is writing to the diary.
 
     Notes
     -----
     Rows are read by their numbers, without any index: from both ends of each table up to a page
-    that cannot be read, then what lies between two such pages. An index is made anew, so that
-    nothing is missing where only that was damaged. Rows that another page has replaced leave no
-    trace and are not named. Rows of a participant or of a session that is missing go with it, as
-    when that is deleted. Payloads are copied as they are: `Diary.check` says whether they were
-    changed. Where entries of the audit or the participants they name are missing, it calls the
-    audit damaged; the damaged file stays the evidence.
+    that cannot be read, then between two such pages. Indices are rebuilt, so that a damaged index
+    loses no row. Rows of a page that was overwritten by another page leave no trace and are not
+    listed. If a participant or session is missing, its rows are also left out, as in a deletion.
+    Payloads are copied without checks; `Diary.check` verifies them. It reports the audit as
+    damaged if audit rows, or participants named in them, are missing. Keep the damaged file as
+    evidence.
 
     Examples
     --------
@@ -99,7 +98,7 @@ def rescue_diary(
     if not source.is_file():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(source))
     for beside in (Path(f"{target}{ending}") for ending in ("-wal", "-shm", "-journal")):
-        if beside.exists():  # SQLite would play it back into the new diary
+        if beside.exists():  # SQLite would apply it to the new diary
             raise InputError(f"output: {beside} belongs to a diary that was not closed")
     missing: list[str] = []
     with atomic_path(target) as made:
@@ -110,7 +109,7 @@ def rescue_diary(
             _connected(made, "rw") as new,
         ):
             try:
-                old.execute("BEGIN")  # what is written meanwhile is not seen
+                old.execute("BEGIN")  # later writes of other programs are not seen
                 version = _version(old, source)
             except sqlite3.DatabaseError as error:
                 _raise_if_busy(error, source)
@@ -134,9 +133,10 @@ def rescue_diary(
 
 @contextlib.contextmanager
 def _whole(source: Path, made: Path) -> Iterator[Path]:
-    """The file, or where its end is missing, as after a copy that stopped, one with blank pages.
+    """Yield the file; if its end is missing, yield a copy with blank pages at the end.
 
-    SQLite reads nothing of a file that has fewer pages than its head says.
+    The end is missing after an interrupted copy. SQLite refuses a file with fewer pages than its
+    header says.
     """
     with open_regular(source) as file:
         head = file.read(_HEAD_BYTES)
@@ -153,7 +153,7 @@ def _whole(source: Path, made: Path) -> Iterator[Path]:
         log = Path(f"{source}-wal")
         if log.is_file():
             shutil.copyfile(log, f"{copy}-wal")
-        os.truncate(copy, there // page * page)  # of a part of a page rows would read as zeros
+        os.truncate(copy, there // page * page)  # of an incomplete page, rows would read as zeros
         os.truncate(copy, size)
         yield copy
 
@@ -164,7 +164,7 @@ def _connected(path: Path, mode: str) -> contextlib.closing[sqlite3.Connection]:
 
 
 def _raise_if_busy(error: sqlite3.Error, source: Path) -> None:
-    """Another program holds the diary: that says nothing about damage."""
+    """Raise OSError if another program has locked the diary, because this is no damage."""
     if error.sqlite_errorcode & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
         raise OSError(errno.EBUSY, str(error), str(source)) from error
 
@@ -180,7 +180,7 @@ def _version(old: sqlite3.Connection, source: Path) -> int:
 
 
 def _make_tables(new: sqlite3.Connection, version: int) -> None:
-    """Make the empty tables of the old file's version."""
+    """Create the empty tables of the old file's version."""
     for statements in schema.MIGRATIONS[:version]:
         for statement in statements:
             new.execute(statement)
@@ -194,7 +194,7 @@ def _tables(connection: sqlite3.Connection) -> list[str]:
 
 
 def _copy(old: sqlite3.Connection, new: sqlite3.Connection, table: str, source: Path) -> list[str]:
-    """Copy the rows of a table that can be read; say which cannot."""
+    """Copy the readable rows of a table; return descriptions of the others."""
     columns = [name for _, name, *_ in new.execute(f"PRAGMA table_info({table})")]
     names, places = ", ".join(columns), ", ".join("?" for _ in columns)
     reader = _Reader(old, source)
@@ -207,7 +207,7 @@ def _copy(old: sqlite3.Connection, new: sqlite3.Connection, table: str, source: 
                 new.execute(
                     f"INSERT INTO {table} (rowid, {names}) VALUES (?, {places})", (number, *row)
                 )
-        except (sqlite3.IntegrityError, sqlite3.DataError):  # damage that still reads as a row
+        except (sqlite3.IntegrityError, sqlite3.DataError):  # a damaged row that can still be read
             row = None
         if not row:
             unread.append(f"{table}: row {number} cannot be read")
@@ -221,7 +221,7 @@ class _Reader:
         self._old, self._source = old, source
 
     def one(self, query: str, *values: int) -> tuple[Any, ...] | None:
-        """The first row that a query finds, () where there is none; None: it cannot be read."""
+        """Return the first row of a query; (): there is none; None: it cannot be read."""
         try:
             return tuple(self._old.execute(query, values).fetchone() or ())
         except sqlite3.DatabaseError as error:
@@ -232,14 +232,14 @@ class _Reader:
 def _numbers(
     reader: _Reader, table: str, between: tuple[int, int], lost: list[list[int]], halvings: int
 ) -> Iterator[int]:
-    """Numbers of the rows between two numbers, from both ends up to what cannot be read.
+    """Yield the numbers of readable rows between two numbers, from both ends to a damaged page.
 
-    What is left between two damaged pages is halved, and each half read in the same way. What
-    cannot be read is added to ``lost``: the numbers before and behind it.
+    The range between two damaged pages is halved, and each half is read in the same way. The bounds
+    of ranges that cannot be read are appended to ``lost``.
     """
     first, last = between
     query = f"SELECT rowid FROM {table} NOT INDEXED WHERE rowid > ? AND rowid < ? ORDER BY rowid "
-    # A page that is a copy of another one leads back, to rows that were read before.
+    # A page that was overwritten by a copy of another page leads back to rows already read.
     while (found := reader.one(query + "LIMIT 1", first, last)) and first < found[0] < last:
         (first,) = found
         yield first
@@ -254,7 +254,7 @@ def _numbers(
     if halvings and first + 1 < middle:
         yield from _numbers(reader, table, (first, middle + 1), lost, halvings - 1)
         yield from _numbers(reader, table, (middle, last), lost, halvings - 1)
-    elif lost and first < lost[-1][1]:  # both halves of what was halved
+    elif lost and first < lost[-1][1]:  # the second half of a range: extend the first half's entry
         lost[-1][1] = last
     else:
         lost.append([first, last])
@@ -267,7 +267,7 @@ def _in_words(table: str, first: int, last: int) -> str:
 
 
 def _check_marks(new: sqlite3.Connection, source: Path) -> None:
-    """Refuse what would not open: by which key the diary is read, and its study."""
+    """Refuse a copy without the entries that are needed to open it: key check and study."""
     version = int(new.execute("PRAGMA user_version").fetchone()[0])
     wanted = {"check"}
     wanted |= {"study"} if version >= schema.WITH_STUDY else set()
@@ -278,7 +278,7 @@ def _check_marks(new: sqlite3.Connection, source: Path) -> None:
 
 
 def _remove_orphans(new: sqlite3.Connection) -> list[str]:
-    """Delete rows of what is missing, as if that had been deleted; say how many."""
+    """Delete rows whose participant, session or game is missing; return how many, as texts."""
     told = []
     while orphans := new.execute("PRAGMA foreign_key_check").fetchall():
         for table, parent in sorted({(table, parent) for table, _, parent, _ in orphans}):

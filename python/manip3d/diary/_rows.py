@@ -1,7 +1,7 @@
-"""The rows of a diary inside one transaction.
+"""Access to the rows of a diary within one transaction.
 
-What a participant said or did is sealed with their key when it is written and opened when it is
-read; each payload is bound to its place, so that two of them cannot be exchanged unnoticed.
+Payloads are encrypted with the participant's key when they are written and decrypted when they are
+read. Each payload is bound to its row, so that two payloads cannot be swapped unnoticed.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _OF_PARTICIPANTS = (
     schema.RATINGS,
     schema.QUESTIONNAIRES,
     schema.EVENTS,
-)  # and clips, whose payloads are not fields
+)  # clips are treated separately, because their payloads are pictures
 
 
 @dataclass(frozen=True)
 class Enrolled:
-    """A participant: the number of their row, their key, and what is known of them."""
+    """A participant: number of the row, key, and fields."""
 
     number: int
     key: bytes | None
@@ -44,7 +44,8 @@ class Enrolled:
 class Rows:
     """Reads and writes rows through the connection of one transaction.
 
-    ``key`` is the diary's, which opens those of its participants; ``chain_key`` that of its audit.
+    ``key`` is the diary's key, which encrypts the participants' keys; ``chain_key`` is the key of
+    the audit.
     """
 
     def __init__(
@@ -67,14 +68,14 @@ class Rows:
         return found
 
     def find(self, identifier: str) -> Enrolled:
-        """The participant of a pseudonym; raises InputError where there is none."""
+        """Return the participant with a pseudonym; raise InputError if there is none."""
         for participant in self.everybody():
             if participant.fields["identifier"] == identifier:
                 return participant
         raise InputError(f"participant: {identifier!r} is not enrolled in {self._path}")
 
     def find_by_session(self, session: int) -> Enrolled:
-        """The participant whose session it is; raises InputError where there is none."""
+        """Return the participant of a session; raise InputError if there is no such session."""
         table = schema.SESSIONS
         number = self.connection.execute(
             sql.select(table.c.participant).where(table.c.id == session)
@@ -88,7 +89,7 @@ class Rows:
             raise InputError(f"session: {session} is another participant's")
 
     def enrol(self, fields: Mapping[str, Any]) -> int:
-        """Add a participant, with a key of their own where the diary has one."""
+        """Add a participant, with a key of their own if the diary is encrypted."""
         number, key = _new_number(), new_key() if self._key else None
         wrapped = seal(self._key, key, _key_of(number)) if key else b""
         self.connection.execute(
@@ -109,7 +110,7 @@ class Rows:
         )
 
     def delete(self, participant: Enrolled) -> None:
-        """Delete a participant with all their rows; of their audit the digests remain."""
+        """Delete a participant with all their rows; only the digests of their audit rows remain."""
         erased = erase_rows(self.connection, participant.number)
         table = schema.PARTICIPANTS
         self.connection.execute(sql.delete(table).where(table.c.id == participant.number))
@@ -124,7 +125,7 @@ class Rows:
         fields: Mapping[str, Any],
         **parents: int | None,
     ) -> int:
-        """Add a row and return its number; ``parents``: the rows that it belongs to."""
+        """Add a row and return its number; ``parents``: numbers of the rows that it belongs to."""
         check_texts(fields)
         row = _new_number()
         payload = seal_fields(participant.key, fields, _about(participant.number, table, row))
@@ -149,14 +150,14 @@ class Rows:
     def read(
         self, table: sql.Table, participant: Enrolled
     ) -> list[tuple[Mapping[str, Any], dict[str, Any]]]:
-        """The columns and the fields of each row of a participant."""
+        """Return columns and fields of each row of a participant."""
         rows = self.connection.execute(
             sql.select(table).where(table.c.participant == participant.number)
         )
         return [(row._asdict(), self._fields(table, row, participant)) for row in rows]
 
     def read_one(self, table: sql.Table, row: int, participant: Enrolled) -> dict[str, Any]:
-        """The fields of a row that is there."""
+        """Return the fields of an existing row."""
         found = self.connection.execute(sql.select(table).where(table.c.id == row)).one()
         return self._fields(table, found, participant)
 
@@ -178,7 +179,7 @@ class Rows:
     def read_clips(
         self, participant: Enrolled
     ) -> Iterator[tuple[int, tuple[tuple[float, bytes], ...]]]:
-        """The anomaly and the pictures of each clip, one after the other: they are large."""
+        """Yield the anomaly and the pictures of each clip, one at a time because they are large."""
         table = schema.CLIPS
         ids = self.connection.execute(
             sql.select(table.c.id).where(table.c.participant == participant.number)
@@ -195,23 +196,23 @@ class Rows:
     # --- the audit, and all of it ----------------------------------------------------------------
 
     def note(self, action: str, number: int | None, erased: Sequence[int] = ()) -> None:
-        """Add a row to the audit; ``erased``: the numbers of those that a deletion erased."""
+        """Add a row to the audit; ``erased``: numbers of the rows that a deletion erased."""
         at = datetime.now().astimezone().isoformat()
         append_row(self.connection, self._chain_key, action, number, at=at, erased=erased)
 
     def read_audit(self) -> Sequence[sql.Row[Any]]:
-        """The rows of the audit, without those that a deletion erased."""
+        """Return the rows of the audit without erased ones."""
         table = schema.AUDIT
         return self.connection.execute(
             sql.select(table).where(table.c.salt != "").order_by(table.c.number)
         ).all()
 
     def verify_audit(self) -> None:
-        """Raises FormatError where a row of the audit is not what was written."""
+        """Raise FormatError if a row of the audit was changed or is missing."""
         verify(self.connection, self._chain_key, str(self._path))
 
     def verify(self) -> None:
-        """Raises FormatError where any page, row, payload or hash is not what was written."""
+        """Raise FormatError if any page, row, payload or hash was changed."""
         told = self.connection.exec_driver_sql("PRAGMA integrity_check").scalars().all()
         if told != ["ok"]:
             raise FormatError(f"the diary is damaged: {told[0]}", file=str(self._path))
@@ -244,7 +245,7 @@ class Rows:
 
 
 def check_texts(fields: Mapping[str, Any]) -> None:
-    """Refuse what no copy could hold and a terminal would obey."""
+    """Refuse control characters, which exports cannot contain and terminals would execute."""
     for name, value in fields.items():
         if isinstance(value, str) and has_control_characters(value):
             raise InputError(
@@ -253,15 +254,15 @@ def check_texts(fields: Mapping[str, Any]) -> None:
 
 
 def _new_number() -> int:
-    """Random, so that gaps between numbers do not tell of somebody who was deleted."""
+    """Return a random row number, so that gaps do not reveal deleted participants."""
     return secrets.randbelow(2**62 - 1) + 1
 
 
 def _about(number: int, table: sql.Table | None = None, row: int = 0) -> str:
-    """The place that a payload belongs to: it is encrypted for this one only."""
+    """Return the name of a payload's row, to which its encryption is bound."""
     return f"participants {number}" if table is None else f"{table.name} {row} of {number}"
 
 
 def _key_of(number: int) -> str:
-    """The place that the key of a participant belongs to."""
+    """Return the name to which the encryption of a participant's key is bound."""
     return f"participants {number} key"

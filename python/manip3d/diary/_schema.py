@@ -1,7 +1,7 @@
-"""Tables of a diary, and how an older file becomes one of today.
+"""Tables of a diary, and migrations of older files.
 
-What a participant said or did stands in ``payload``: JSON, encrypted with the participant's own key
-where the diary has one. The other columns only say what belongs together.
+Column ``payload`` contains a participant's data as JSON, encrypted with the participant's key if
+the diary is encrypted. The other columns only relate rows to each other.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ try:
 except ModuleNotFoundError as error:
     raise MissingExtraError("sqlalchemy", "diary") from error
 
-APPLICATION = 0x4D334459  # "M3DY", the mark of a diary among SQLite files
+APPLICATION = 0x4D334459  # "M3DY", the application id that marks an SQLite file as a diary
 
 OWNERSHIP, FELT, FORM = "ownership", "felt", "form"
-"""Kinds of questionnaires, as their payloads name them; those of McGill name none."""
+"""Kinds of questionnaires in payloads; McGill questionnaires are stored without a kind."""
 
 _metadata = MetaData()
 
@@ -96,9 +96,9 @@ _OF_PARTICIPANT = (
     "sessions", "games", "anomalies", "ratings", "questionnaires", "events", "audit",
 )  # fmt: skip
 
-# Statements that turn each version into the next one; entries are never changed, only added.
+# Statements that migrate each version to the next. Never change an entry; only append new ones.
 MIGRATIONS: Sequence[Sequence[str]] = (
-    (  # 0, an empty file, to 1: who played what
+    (  # 0 (an empty file) to 1: participants, sessions, games and audit
         "CREATE TABLE meta (name TEXT PRIMARY KEY, value BLOB NOT NULL)",
         f"CREATE TABLE participants ({_ID}, key BLOB NOT NULL, {_PAYLOAD})",
         f"CREATE TABLE sessions ({_ROW}, {_PAYLOAD})",
@@ -106,24 +106,24 @@ MIGRATIONS: Sequence[Sequence[str]] = (
         f"CREATE TABLE audit ({_ID}, at TEXT NOT NULL, action TEXT NOT NULL, "
         f"participant INTEGER REFERENCES participants {_GONE_TOO})",
     ),
-    (  # 1 to 2: times without a point, ratings, questionnaires and adverse events
+    (  # 1 to 2: anomalies, ratings, questionnaires and adverse events
         f"CREATE TABLE anomalies ({_ROW}, {_GAME}, {_PAYLOAD})",
         f"CREATE TABLE ratings ({_ROW}, {_SESSION}, {_PAYLOAD})",
         f"CREATE TABLE questionnaires ({_ROW}, {_PAYLOAD})",
         f"CREATE TABLE events ({_ROW}, {_SESSION}, {_PAYLOAD})",
     ),
-    tuple(  # 2 to 3: deleting and listing a participant looks at their rows only
+    tuple(  # 2 to 3: indices, so that deleting and listing read only a participant's own rows
         f"CREATE INDEX {table}_of_participant ON {table} (participant)" for table in _OF_PARTICIPANT
     ),
-    (  # 3 to 4: films of anomalies
+    (  # 3 to 4: clips of anomalies
         f"CREATE TABLE clips ({_ROW}, {_ANOMALY}, {_PAYLOAD})",
         "CREATE INDEX clips_of_participant ON clips (participant)",
     ),
-    (),  # 4 to 5: payloads of games say more, which an older program does not understand
-    # 5 to 6: `meta` names the study, encrypted like payloads, so that `Diary` writes it;
-    # questionnaires may be of any form.
+    (),  # 4 to 5: payloads of games have new fields, which older programs do not understand
+    # 5 to 6: `meta` contains the study's identifier, which `Diary` writes because it is encrypted
+    # like payloads; any questionnaire can be stored.
     (),
-    (  # 6 to 7: the audit is a chain of hashes; `Diary` takes the rows of before over
+    (  # 6 to 7: the audit is a chain of hashes; `Diary` converts the existing rows
         "DROP TABLE audit",
         "CREATE TABLE audit (number INTEGER PRIMARY KEY, at TEXT NOT NULL, action TEXT NOT NULL, "
         "participant INTEGER REFERENCES participants ON DELETE SET NULL, erased TEXT NOT NULL, "
@@ -137,7 +137,7 @@ WITH_CHAIN = 7
 
 
 def migrate(connection: Connection, start: int, to: int = VERSION) -> None:
-    """Bring a file to a version, inside the transaction of the connection."""
+    """Migrate a file to a version, within the transaction of the connection."""
     for statements in MIGRATIONS[start:to]:
         for statement in statements:
             connection.exec_driver_sql(statement)

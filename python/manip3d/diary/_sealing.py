@@ -1,4 +1,4 @@
-"""Keys of diaries, and payloads that nobody reads without one."""
+"""Keys of diaries, and encryption of payloads."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _NONCE = 12
 
 @checked
 def make_key(path: str | os.PathLike[str]) -> None:
-    """Make a key file for an encrypted diary, which only its owner can read.
+    """Make a key file for an encrypted diary; only its owner may read the file.
 
-    Keep it apart from the diary, and a copy of it: without the key the diary is lost.
+    Store it separately from the diary, and keep a copy: without the key the diary is lost.
 
     Parameters
     ----------
     path : path
-        An existing file is never replaced.
+        File to write. An existing file is never replaced.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def make_key(path: str | os.PathLike[str]) -> None:
 
 
 def read_key(path: Path) -> bytes:
-    """The key in a file that `make_key` made."""
+    """Read the key from a file made by `make_key`."""
     with open_regular(path) as file:
         text = file.read(256).decode("latin-1")
     digits = text.removeprefix(_HEADER).strip()
@@ -62,8 +62,11 @@ def new_key() -> bytes:
 
 
 def seal(key: bytes | None, content: bytes, about: str) -> bytes:
-    """AES-256-GCM with a new nonce before it; what it is about cannot be exchanged. Without a key
-    the content as it is."""
+    """Encrypt content by AES-256-GCM with a new nonce, which precedes the ciphertext.
+
+    ``about`` is authenticated, so that two ciphertexts cannot be swapped. Without a key the content
+    is returned unchanged.
+    """
     if key is None:
         return content
     from cryptography.hazmat.primitives.ciphers.aead import AESGCM
@@ -73,7 +76,7 @@ def seal(key: bytes | None, content: bytes, about: str) -> bytes:
 
 
 def unseal(key: bytes | None, sealed: bytes, about: str) -> bytes:
-    """Raises FormatError where the key is another one, or somebody changed a byte."""
+    """Decrypt content; raise FormatError if the key is wrong or a byte was changed."""
     if key is None:
         return sealed
     from cryptography.exceptions import InvalidTag
@@ -102,7 +105,7 @@ def unseal_fields(key: bytes | None, sealed: bytes, about: str) -> dict[str, Any
 
 
 def require_key_material(key: str | os.PathLike[str] | None) -> bytes | None:
-    """The key's bytes, where one is named."""
+    """Read the key file; None if no path is given."""
     if key is None:
         return None
     try:

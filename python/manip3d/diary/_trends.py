@@ -1,4 +1,4 @@
-"""Charts over the days of a study: points, a least-squares line and its 95 % interval, as SVG."""
+"""SVG charts over the days of a study: points, a least-squares line and its 95 % interval."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from manip3d.errors import MissingExtraError
 
 _GRID, _BLUE, _RED = "#d5dbe3", "#1d6fb8", "#a02b1d"
 _LEFT, _TOP, _BOTTOM = 34.0, 12.0, 26.0
-_STEPS = (1, 2, 7, 14, 28, 56, 91, 182, 364)  # days between marks: whole weeks where it can be
+_STEPS = (1, 2, 7, 14, 28, 56, 91, 182, 364)  # days between marks; whole weeks if possible
 
 
 @dataclass(frozen=True)
 class Point:
-    """A value of a day, counted from the enrolment; parts of days count."""
+    """A value at a time in days since the enrolment, which may be fractional."""
 
     day: float
     value: float
@@ -34,7 +34,7 @@ class Point:
 
 
 def require_scipy() -> None:
-    """Raise MissingExtraError where the intervals cannot be calculated."""
+    """Raise MissingExtraError if SciPy, which computes the intervals, is not installed."""
     try:
         import scipy.special  # noqa: F401
     except ModuleNotFoundError as error:
@@ -42,8 +42,10 @@ def require_scipy() -> None:
 
 
 def change_a_week(points: Sequence[Point]) -> Estimate | None:
-    """Slope of the least-squares line in units a week; None with fewer than three points, or where
-    all are of one day."""
+    """Return the slope of the least-squares line in units per week.
+
+    None: there are fewer than three points, or all are of the same day.
+    """
     slope = _slope(points)
     if slope is None:
         return None
@@ -51,7 +53,7 @@ def change_a_week(points: Sequence[Point]) -> Estimate | None:
 
 
 def _slope(points: Sequence[Point]) -> Estimate | None:
-    if len({point.at.date() for point in points}) < 2:  # minutes say nothing about weeks
+    if len({point.at.date() for point in points}) < 2:  # one day has no trend over weeks
         return None
     days, values = np.array([[p.day, p.value] for p in points]).reshape(-1, 2).T
     return fit_slope(days, values)
@@ -59,7 +61,7 @@ def _slope(points: Sequence[Point]) -> Estimate | None:
 
 @dataclass(frozen=True)
 class _Axes:
-    """From days and values to places of an image."""
+    """Axes of a chart, which map days and values to image coordinates."""
 
     wide: float
     high: float
@@ -104,7 +106,7 @@ def trend(
 ) -> str:
     """Draw points over the days ``first`` to ``last``, with their line if there are three.
 
-    ``top``: largest value of the scale; None: that of the points.
+    ``top``: upper end of the axis; None: the largest value of the points.
     """
     most = max(point.value for point in points)
     axes = _Axes(420.0, 190.0, first, last, top or _round_up(most))
@@ -128,14 +130,14 @@ def trend(
 
 
 def _signed(value: float) -> str:
-    """Two digits or the whole number, never with an exponent."""
+    """Format a number with its sign and two significant digits, or as an integer; no exponent."""
     if abs(value) < 1e-4:
         return "+0"
     return f"{value:+.0f}" if abs(value) >= 10 else f"{value:+.2g}"
 
 
 def _round_up(value: float) -> float:
-    """The next 1, 2, 4, 6 or 10 times a power of ten, which halves well; at least 1."""
+    """Round up to 1, 2, 4, 6 or 10 times a power of ten, whose half is round, too; at least 1."""
     if value <= 1:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
@@ -143,8 +145,11 @@ def _round_up(value: float) -> float:
 
 
 def _line(axes: _Axes, points: Sequence[Point], slope: Estimate) -> list[str]:
-    """The line, and where it may run: half as wide as t s sqrt(1/n + (x - mean)^2 / Sxx), where
-    t s / sqrt(Sxx) is half the interval of the slope."""
+    """Draw the line and its confidence band.
+
+    The half width of the band is t s sqrt(1/n + (x - mean)^2 / Sxx), where t s / sqrt(Sxx) is half
+    the width of the slope's interval.
+    """
     days = np.array([point.day for point in points])
     middle, level = float(days.mean()), float(np.mean([point.value for point in points]))
     spread = float(np.sum((days - middle) ** 2)) / len(days)  # Sxx / n
@@ -162,7 +167,10 @@ def _line(axes: _Axes, points: Sequence[Point], slope: Estimate) -> list[str]:
 
 
 def pain_chart(sessions: Sequence[DiarySession], start: datetime) -> str:
-    """Each session a line from before (hollow) to after (filled), red where the pain rose by 2."""
+    """Draw each session as a line from the rating before (hollow) to after (filled).
+
+    The line is red if the pain rose by 2 or more.
+    """
     rated = [s for s in sessions if s.pain_before is not None or s.pain_after is not None]
     if not rated:
         return "<p>No session has a rating of the pain yet.</p>"

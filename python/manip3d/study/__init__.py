@@ -1,8 +1,8 @@
 """Studies with people: rating of forgeries, just noticeable differences, displays.
 
-One local web engine asks one question after the other, in an order of its own for each participant
-that a seed decides, stores each answer before it shows the next step, and goes on where somebody
-was interrupted.
+A local web server asks one question after another. Each participant has an order of their own,
+which follows from a seed. Each answer is stored before the next step is shown, and a participant
+who was interrupted continues at the same step.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Statistics of answers in categories: confusion, agreement, intervals of shares."""
+"""Statistics of categorical answers: agreement of raters, and confidence intervals of shares."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Interval(NamedTuple):
-    """A number and the ends of its 95 % interval."""
+    """A number and the ends of its 95 % confidence interval."""
 
     value: float
     low: float
@@ -27,7 +27,7 @@ class Interval(NamedTuple):
 
 @checked
 def share_interval(hits: int, count: int) -> Interval:
-    """Return a share and its 95 % interval [Wilson 1927].
+    """Return a share and its 95 % confidence interval [Wilson 1927].
 
     Parameters
     ----------
@@ -65,18 +65,19 @@ def fleiss_kappa(counts: ArrayLike) -> float:
     Parameters
     ----------
     counts : (items, categories) int
-        How many raters put each item into each category; the same number of raters, at least two,
-        for each item.
+        Number of raters who put each item into each category. All items have the same number of
+        raters, at least two.
 
     Returns
     -------
     float
-        1: they agree on every item; 0: as by chance; NaN: all answers are in one category.
+        1: raters agree on every item; 0: agreement as expected by chance; NaN: all answers are in
+        one category.
 
     Raises
     ------
     InputError
-        Another shape, negative counts, or different numbers of raters.
+        A wrong shape, negative counts, or different numbers of raters.
 
     Examples
     --------
@@ -102,16 +103,16 @@ def fleiss_kappa_interval(counts: ArrayLike, *, repeats: int = 2000, rng: Rng = 
     Parameters
     ----------
     counts : (items, categories) int
-        As for `fleiss_kappa`.
+        Counts, as for `fleiss_kappa`.
     repeats : int
-        At least 100.
+        Number of bootstrap samples, at least 100.
     rng : int, Generator or None
-        Seed, or generator; None: another interval each time.
+        Seed or generator; None: another interval each time.
 
     Returns
     -------
     Interval
-        Its ends are percentiles; NaN where no resampling has a kappa.
+        Kappa and percentiles of the bootstrap; NaN if kappa is undefined for all samples.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Definitions of studies: TOML or JSON files that a researcher fills in, read strictly."""
+"""Definitions of studies: TOML or JSON files filled in by a researcher; unknown keys are errors."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ from manip3d.io._files import limited_bytes
 from manip3d.study._steps import NAME, Field
 
 MOST_BYTES = 1 << 20
-"""Most bytes of a definition."""
+"""Largest size of a definition, bytes."""
 
 
 class Section:
-    """One table of a definition, read key by key; what nobody asked for is an error.
+    """One table of a definition, read key by key; keys that were not read are errors.
 
     Parameters
     ----------
     table : mapping
+        Keys and values.
     place : str
-        Its path from the top, for messages.
+        Path of the table from the top of the file, for messages.
     file : str
+        Name of the file, for messages.
     """
 
     def __init__(self, table: Mapping[str, Any], place: str = "", file: str = "") -> None:
@@ -35,21 +37,22 @@ class Section:
         self._left = set(table)
 
     def fail(self, key: str, expected: str) -> NoReturn:
-        """Raise what is wrong with a key.
+        """Raise an error about a key.
 
         Raises
         ------
         FormatError
+            Always; the message names the key and what was expected.
         """
         got = f", got {_shown(self._table[key])}" if key in self._table else ""
         raise FormatError(f"{self._at(key)}: expected {expected}{got}", file=self._file)
 
     def has(self, key: str) -> bool:
-        """Whether the key is there."""
+        """Return whether the table has the key."""
         return key in self._table
 
     def text(self, key: str, default: str | None = None, *, most: int = 4000) -> str:
-        """A text that is not empty."""
+        """Read a text that is not empty."""
         value = self._take(key, default, "a text")
         if not isinstance(value, str) or not value.strip():
             self.fail(key, "a text that is not empty")
@@ -58,21 +61,21 @@ class Section:
         return value.strip()
 
     def name(self, key: str) -> str:
-        """A name of a variable."""
+        """Read the name of a variable."""
         value = self.text(key)
         if not NAME.fullmatch(value):
             self.fail(key, "a small letter, then small letters, digits and _, at most 26 in all")
         return value
 
     def word(self, key: str, words: Sequence[str], default: str | None = None) -> str:
-        """One of a few words."""
+        """Read one of the given words."""
         value = self._take(key, default, f"one of {', '.join(words)}")
         if not isinstance(value, str) or value not in words:
             self.fail(key, f"one of {', '.join(words)}")
         return value
 
     def number(self, key: str, low: float, high: float, default: float | None = None) -> float:
-        """A number between two ends."""
+        """Read a number from ``low`` to ``high``."""
         value = self._take(key, default, f"a number from {low:g} to {high:g}")
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if not (is_number and low <= value <= high and math.isfinite(value)):
@@ -80,14 +83,14 @@ class Section:
         return float(value)
 
     def whole(self, key: str, low: int, high: int, default: int | None = None) -> int:
-        """A whole number between two ends."""
+        """Read a whole number from ``low`` to ``high``."""
         value = self._take(key, default, f"a whole number from {low} to {high}")
         if not (isinstance(value, int) and not isinstance(value, bool) and low <= value <= high):
             self.fail(key, f"a whole number from {low} to {high}")
         return value
 
     def flag(self, key: str, default: bool) -> bool:
-        """True or false."""
+        """Read true or false."""
         value = self._take(key, default, "true or false")
         if not isinstance(value, bool):
             self.fail(key, "true or false")
@@ -96,7 +99,7 @@ class Section:
     def texts(
         self, key: str, default: Sequence[str] | None = None, *, least: int = 1, most: int = 100
     ) -> tuple[str, ...]:
-        """A list of texts, none of them twice."""
+        """Read a list of different texts."""
         value = self._take(key, default, "a list of texts")
         good = isinstance(value, list | tuple) and all(
             isinstance(v, str) and v.strip() for v in value
@@ -106,14 +109,14 @@ class Section:
         return tuple(each.strip() for each in value)
 
     def section(self, key: str) -> Section:
-        """A table within."""
+        """Read a table inside this one."""
         value = self._take(key, None, "a table")
         if not isinstance(value, dict):
             self.fail(key, "a table")
         return Section(value, self._at(key), self._file)
 
     def sections(self, key: str, *, least: int = 1, most: int = 1000) -> list[Section]:
-        """A list of tables within."""
+        """Read a list of tables inside this one."""
         value = self._take(key, [] if least == 0 else None, "a list of tables")
         if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
             self.fail(key, "a list of tables")
@@ -125,11 +128,12 @@ class Section:
         return [Section(v, f"{self._at(key)}[{n}]", self._file) for n, v in enumerate(value)]
 
     def finish(self) -> None:
-        """Refuse keys that nobody has asked for.
+        """Refuse keys that were not read.
 
         Raises
         ------
         FormatError
+            The table has such a key.
         """
         if self._left:
             raise FormatError(f"{self._at(min(self._left))}: expected no such key", file=self._file)
@@ -166,8 +170,9 @@ class Common:
     introduction : sequence of str
         Paragraphs before the first question.
     groups : sequence of str
-        To one of which a participant belongs; may be empty.
+        Groups, from which a participant chooses their own; may be empty.
     demographics : sequence of Field
+        Questions about the participant.
     """
 
     kind: str
@@ -180,7 +185,7 @@ class Common:
 
     @classmethod
     def read(cls, top: Section, kinds: Sequence[str]) -> Common:
-        """Read it from the top of a definition."""
+        """Read these fields from the top of a definition."""
         return cls(
             kind=top.word("kind", kinds),
             title=top.text("title", most=200),
@@ -227,9 +232,9 @@ def read_table(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises
     ------
     FormatError
-        It is neither, or larger than a definition may be.
+        The file is neither TOML nor JSON, or larger than `MOST_BYTES`.
     OSError
-        It cannot be read.
+        The file cannot be read.
     """
     file = path_of(path)
     content = limited_bytes(file, MOST_BYTES)

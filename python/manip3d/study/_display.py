@@ -1,4 +1,4 @@
-"""Displays: three displays in turn, each with familiarisation and a questionnaire (section 4.5)."""
+"""Study of displays: each participant uses several displays and rates each (section 4.5)."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from manip3d.study._store import Session
 
 LIKERT = 7
 ENDS = ("strongly agree", "strongly disagree")
-_AGREE = 3  # 1 to 3 agree, 4 is neutral; the text does not say which scores it counts
+# Scores from 1 to 3 agree, 4 is neutral. The dissertation does not say which scores it counts.
+_AGREE = 3
 
 
 @dataclass(frozen=True)
 class Part:
-    """Some questions under one title.
+    """Questions under a common title.
 
     Attributes
     ----------
     title : str
     questions : sequence of (str, str, str)
-        Name, wording, and the topic of a published percentage or an empty text.
+        Name, wording, and topic of the published percentage; an empty topic: nothing published.
     """
 
     title: str
@@ -40,7 +41,7 @@ PUBLISHED_AGREE: Mapping[str, Mapping[str, float]] = {
     "realistic": {"3D TV": 100.0, "Oculus Rift": 100.0, "Gear VR": 92.6},
     "no_delay": {"3D TV": 88.89, "Oculus Rift": 92.59, "Gear VR": 74.07},
 }
-"""Percent of 27 participants who agreed, as printed in section 4.5.1, by topic and display."""
+"""Percentage of the 27 participants who agreed, from section 4.5.1, by topic and display."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +53,13 @@ class DisplayStudy(Study):
     common : Common
     displays : sequence of str
     counterbalanced : bool
-        Different orders in turn within each group, otherwise in the order given, as published. Of
-        up to three displays these are all orders; of more, the rows of a Williams square, in which
-        each display follows each other one equally often.
+        Whether the participants of each group get different orders in turn. If false, the order is
+        that of ``displays``, as published. For up to three displays all orders are used; for more,
+        the rows of a Williams square, in which each display follows each other one equally often.
     familiarisation_s : float
+        Duration of familiarisation with each display, seconds.
     task : sequence of str
-        Paragraphs after familiarisation.
+        Paragraphs shown after familiarisation.
     parts : sequence of Part
     """
 
@@ -72,7 +74,7 @@ class DisplayStudy(Study):
     def __post_init__(self) -> None:
         count = len(self.displays)
         orders = _williams(count) if count > 3 else list(permutations(range(count)))
-        # In an order by chance, so that the first participants do not share their first display.
+        # Shuffle the orders, so that the first participants do not all begin with one display.
         mixed = np.random.default_rng(self.common.seed).permutation(len(orders))
         object.__setattr__(self, "_orders", tuple(orders[int(n)] for n in mixed))
 
@@ -90,7 +92,7 @@ class DisplayStudy(Study):
         Raises
         ------
         FormatError
-            The definition lacks something, or holds something else than this kind of study has.
+            A key is missing, unknown, or has a wrong value.
         """
         common = Common.read(top, ("display",))
         own = top.section("display")
@@ -126,7 +128,8 @@ class DisplayStudy(Study):
         if not self.counterbalanced:
             return list(self.displays)
         order = self._orders[session.assigned % len(self._orders)]
-        # Displays already seen keep their place: another release may have had other orders.
+        # Displays already seen keep their places, because an earlier version of this program may
+        # have used other orders.
         seen = list(
             dict.fromkeys(
                 str(answer.condition["display"])
@@ -290,10 +293,10 @@ class DisplayStudy(Study):
 
 
 def _williams(count: int) -> list[tuple[int, ...]]:
-    """Rows of a Williams square [Williams, Aust. J. Sci. Res. A 2, 1949].
+    """Return the rows of a Williams square [Williams, Aust. J. Sci. Res. A 2, 1949].
 
-    Each thing stands at each place, and behind each other thing, equally often: once for an even
-    count, twice for an odd one, which needs the mirrored rows.
+    Each item occurs at each position, and directly after each other item, equally often: once for
+    an even ``count``, twice for an odd one, for which the mirrored rows are added.
     """
     first = [
         (place + 1) // 2 if place % 2 else (count - place // 2) % count for place in range(count)

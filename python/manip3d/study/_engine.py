@@ -1,4 +1,4 @@
-"""The engine of all studies: a participant's steps, from the code to the last answer."""
+"""Engine of all studies: base class, web server, and simulated participants."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from manip3d.study._store import SIMULATED, Answer, Session, StudyFolder
 LOG = logging.getLogger("manip3d.study")
 
 MOST_MESSAGE = 150_000
-"""Characters of an answer: 30 texts of `MOST_TEXT`, each sign of them escaped, and the rest."""
+"""Largest number of characters of a message: 30 texts of `MOST_TEXT` characters, each of which may
+be escaped, and the other fields."""
 
 _TYPES = {
     ".png": ("image", "image/png"),
@@ -41,7 +42,7 @@ _TYPES = {
     ".glb": ("mesh", "model/gltf-binary"),
 }
 SHOWABLE = tuple(_TYPES)
-"""Suffixes of stimuli."""
+"""File name suffixes of stimuli that a page can show."""
 
 
 class Study(ABC):
@@ -56,7 +57,7 @@ class Study(ABC):
 
     @abstractmethod
     def next_step(self, session: Session) -> Step | None:
-        """Return the first step of the study's own that has no answer yet; None: it is over.
+        """Return the first of the study's own steps without an answer; None: all are answered.
 
         Parameters
         ----------
@@ -76,23 +77,23 @@ class Study(ABC):
 
     @property
     def num_orders(self) -> int:
-        """In how many orders its conditions are shown to participants in turn."""
+        """Number of orders of the conditions, which participants get in turn."""
         return 1
 
     @abstractmethod
     def files(self) -> Mapping[str, Path]:
-        """Stimuli by their names."""
+        """Return the files of the stimuli, by name."""
 
     @abstractmethod
     def variables(self) -> Sequence[tuple[str, Field]]:
-        """Variables of the answers: part title and question by name.
+        """Return the variables of the answers: title of the part, and question.
 
         Names are those of `wide`.
         """
 
     @abstractmethod
     def wide(self, session: Session) -> dict[str, Value]:
-        """Return one row for a participant, by the names of `variables`; only what is answered.
+        """Return the row of a participant: given answers, by the names of `variables`.
 
         Parameters
         ----------
@@ -125,7 +126,7 @@ class Study(ABC):
         """
 
     def stimulus(self, name: str) -> Stimulus:
-        """Return a stimulus as the page gets it: under an address that says nothing about it.
+        """Return a stimulus under an address that does not reveal its name.
 
         Parameters
         ----------
@@ -136,7 +137,7 @@ class Study(ABC):
         return Stimulus(address_of(self.common.seed, name), kind)  # type: ignore[arg-type]
 
     def order(self, session: Session, purpose: str, count: int) -> list[int]:
-        """Return 0 to ``count`` - 1 in this participant's own order, the same at each call.
+        """Return a permutation of 0 to ``count`` - 1, fixed for this participant and purpose.
 
         Parameters
         ----------
@@ -150,7 +151,7 @@ class Study(ABC):
         return [int(n) for n in self.generator(session, purpose).permutation(count)]
 
     def generator(self, session: Session, purpose: str) -> np.random.Generator:
-        """Return random numbers for one purpose of one participant.
+        """Return a generator of random numbers for one purpose of one participant.
 
         Parameters
         ----------
@@ -163,7 +164,7 @@ class Study(ABC):
         return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()))
 
     def step(self, session: Session) -> Step | None:
-        """Return the participant's present step; None: they have finished, or did not agree.
+        """Return the participant's current step; None: they have finished or did not consent.
 
         Parameters
         ----------
@@ -179,7 +180,7 @@ class Study(ABC):
         return self.next_step(session)
 
     def opening(self) -> list[Step]:
-        """Consent, the person, the introduction."""
+        """Return the steps before the study's own: consent, demographics, introduction."""
         agree = Field("agree", "", "choice", (("yes", "I agree"), ("no", "I do not agree")))
         steps = [Step("consent", "Consent", self.common.consent, (agree,))]
         about = list(self.common.demographics)
@@ -199,7 +200,7 @@ def address_of(seed: int, name: str) -> str:
 
 
 def study_pages(study: Study) -> dict[str, Page]:
-    """Return the page and all that it loads, by path.
+    """Return the page and all files that it loads, by path.
 
     Raises
     ------
@@ -220,7 +221,7 @@ def study_pages(study: Study) -> dict[str, Page]:
 def study_server(
     study: Study, folder: StudyFolder, participant: str | None = None, port: int = 0
 ) -> LocalServer:
-    """Return a server of a study that takes answers of any length that the page lets through.
+    """Return the server of a study, which accepts answers as long as the page allows.
 
     Raises
     ------
@@ -231,34 +232,36 @@ def study_server(
     MissingExtraError
         aiohttp is not installed.
     """
-    limits = Limits(message_bytes=4 * MOST_MESSAGE)  # UTF-8 has up to four bytes a character
+    limits = Limits(message_bytes=4 * MOST_MESSAGE)  # UTF-8 has up to four bytes per character
     conductor = Conductor(study, folder, participant)
     return LocalServer(study_pages(study), conductor.hear, port=port, limits=limits)
 
 
 class Conductor:
-    """Answers what pages say: who they are, and what they answer to the step they see.
+    """Handles the messages of pages: codes of participants, and answers to steps.
 
     Parameters
     ----------
     study : Study
     folder : StudyFolder
+        Folder of the answers.
     participant : str, optional
-        The only one who may take part; by default whoever gives a code.
+        Code of the only participant who may take part. Default: everybody who enters a code.
     """
 
     def __init__(self, study: Study, folder: StudyFolder, participant: str | None = None) -> None:
         self.study, self.folder, self.participant = study, folder, participant
         self._who: weakref.WeakKeyDictionary[StreamClient, Session] = weakref.WeakKeyDictionary()
-        self._shown_since: dict[tuple[str, str], float] = {}  # by participant and step
+        # Time at which a step was shown, by participant and step.
+        self._shown_since: dict[tuple[str, str], float] = {}
 
     def hear(self, client: StreamClient, text: str) -> None:
-        """Take one message of a page, and tell it what comes next.
+        """Handle a message of a page, and send the page its next step.
 
         Raises
         ------
         FormatError
-            It is not a message that this page may send now.
+            The page may not send this message now.
         """
         session = self._who.get(client)
         step = None if session is None else self.study.step(session)
@@ -308,7 +311,7 @@ class Conductor:
         values: Mapping[str, int | float | str],
     ) -> None:
         key = session.participant, step.id
-        # A step that was never shown has no answer either.
+        # A step that was never shown counts as shown just now, so that it cannot be answered.
         shown_s = time.monotonic() - self._shown_since.get(key, math.inf)
         if shown_s < step.minimum_s:
             raise FormatError(f"{step.id}: expected an answer after {step.minimum_s:g} s")
@@ -350,13 +353,13 @@ _SCREEN = {
     "screen_px": Kind(float, 0.0, 1e6, optional=True),
     "pixel_ratio": Kind(float, 0.0, 1e3, optional=True),
 }
-"""A browser's screen: its width in CSS pixels, and device pixels per CSS pixel."""
+"""Fields about a browser's screen: width in CSS pixels, and device pixels per CSS pixel."""
 
 
 def _assigned(
     study: Study, folder: StudyFolder, step: str, values: Mapping[str, Value]
 ) -> int | None:
-    """The place in the sequence of orders that an answer brings with it, if it does."""
+    """Return the place in the sequence of orders that an answer assigns; None: it assigns none."""
     has_about = any(each.id == "about" for each in study.opening())
     if step == "about" or (step == "consent" and not has_about and values["agree"] == "yes"):
         return folder.next_place(str(values.get("group") or ""), study.num_orders)
@@ -364,7 +367,7 @@ def _assigned(
 
 
 def _refuse_simulated(code: str) -> None:
-    """Keep people out of the codes of simulated participants."""
+    """Refuse people who enter the code of a simulated participant."""
     if code.lower().startswith(SIMULATED):
         raise InputError(
             f"participant: expected a code that does not begin with {SIMULATED}, which simulated "
@@ -373,19 +376,19 @@ def _refuse_simulated(code: str) -> None:
 
 
 def is_screen(step: str) -> bool:
-    """Return whether a step, by its id, measures the screen."""
+    """Return whether the step with this id measures the screen."""
     return step == "screen" or step.startswith("screen_")
 
 
 def screens_of(session: Session) -> list[Answer]:
-    """Return the answers that measured a participant's screens, the last one last."""
+    """Return the answers that measured a participant's screens, in order of time."""
     return [answer for answer in session.answers if is_screen(answer.step)]
 
 
 def scale_of(session: Session, answer: Answer | None = None) -> float | None:
-    """Return the pixels of a visual degree that a participant has measured, if they have.
+    """Return the CSS pixels per visual degree of a participant's screen; None: not measured.
 
-    Those of the screen that they had when they gave an answer, or that they have now.
+    The screen is the one on which ``answer`` was given; without ``answer``, the current one.
     """
     found = None
     for each in session.answers:
@@ -400,10 +403,10 @@ def scale_of(session: Session, answer: Answer | None = None) -> float | None:
 
 
 def next_screen_step(session: Session) -> Step | None:
-    """Return the step that measures the screen, if it is another one than at the last time.
+    """Return the step that measures the screen; None: the current screen has been measured.
 
-    Who opens the page again at another screen, or at another zoom, measures again. Answers of
-    before pages told their screen are taken as of this one.
+    A participant who opens the page on another screen, or at another zoom, measures again. Answers
+    of older versions, which do not describe the screen, count as given on the current one.
     """
     measured = screens_of(session)
     if not measured:
@@ -451,11 +454,11 @@ class StudyReport:
     Attributes
     ----------
     participants : mapping of str to str
-        ``finished``, ``declined`` or ``unfinished`` of each who is in the folder.
+        State of each participant in the folder: ``finished``, ``declined`` or ``unfinished``.
     answers : int
-        Stored in the folder.
+        Number of answers in the folder.
     refused : mapping of str to int
-        What the server refused, by reason.
+        Number of messages or connections that the server refused, by reason.
     """
 
     participants: Mapping[str, str]
@@ -465,7 +468,7 @@ class StudyReport:
 
 @checked
 def state_of(study: Study, session: Session) -> str:
-    """Return how far a participant is.
+    """Return the state of a participant.
 
     Parameters
     ----------
@@ -509,15 +512,16 @@ def run_study(
     ----------
     study : Study
     folder : StudyFolder
-        Where answers go; who was interrupted continues by giving the same code.
+        Folder of the answers. A participant who was interrupted continues by entering the same
+        code.
     participant : str, optional
-        Code of the only one who may take part.
+        Code of the only participant who may take part.
     port : int
-        0: one that is free.
+        Port of the server; 0: any free port.
     seconds : float, optional
-        Stop after so many.
+        Stop after this time.
     on_start : callable(str), optional
-        Gets the page's address as soon as it can be opened.
+        Called with the page's address as soon as it can be opened.
 
     Returns
     -------
@@ -551,7 +555,7 @@ def run_study(
             "'manip3d study stimuli' makes them"
         )
     server = study_server(study, folder, participant, port)
-    # Ctrl-C is how it ends.
+    # Ctrl-C is the normal end.
     with server, contextlib.suppress(KeyboardInterrupt):
         if on_start is not None:
             on_start(server.new_url())
@@ -577,16 +581,16 @@ def simulate_participants(
     ----------
     study : Study
     folder : StudyFolder
-        Without answers of people, which simulated ones must not mix with.
+        Folder of the answers, without answers of people, because they must not be mixed.
     count : int
-        How many take part, 1 to 10000.
+        Number of participants, 1 to 10000.
     seed : int
-        Seed of the answers; the study's own seed counts too.
+        Seed of the answers; they also depend on the study's own seed.
 
     Returns
     -------
     list of str
-        Their codes, each of which begins with ``sim-``.
+        Codes of the participants, which begin with ``sim-``.
 
     Raises
     ------

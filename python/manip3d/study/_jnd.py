@@ -1,4 +1,4 @@
-"""Just noticeable difference of simplification: staircases, and what they say (section 2.6)."""
+"""Just noticeable difference of simplification, measured by staircases (section 2.6)."""
 
 from __future__ import annotations
 
@@ -42,17 +42,17 @@ CLASSES = ("manifold", "boundaries", "non-manifold")
 """Kinds of models: manifold without boundaries, manifold with boundaries, non-manifold."""
 
 LEVELS = "levels.csv"
-"""Name of the table in a folder of stimuli: model, method and level of each file."""
+"""File name of the table in a folder of stimuli, which lists model, method and level of files."""
 
 Side = Literal["left", "right"]
 
 
 @dataclass
 class Staircase:
-    """One-up-two-down: a wrong answer makes the task easier, two right ones in a row harder.
+    """One-up-two-down staircase: harder after two right answers, easier after a wrong one.
 
-    Levels are differences in polygon counts, percent of the original's. The level at which one
-    goes up as often as down is that of p(right)^2 = 1/2: the 70.7 % point [H. Levitt,
+    Levels are differences in polygon counts, percent of the original's. The staircase settles at
+    the level at which it goes up as often as down: p(right)^2 = 1/2, the 70.7 % point [H. Levitt,
     Transformed up-down methods in psychoacoustics, J. Acoust. Soc. Am. 49, 1971].
 
     Attributes
@@ -62,6 +62,7 @@ class Staircase:
     step : int
         Amount by which the level changes.
     lowest, highest : int
+        Bounds of the level.
     trials : list of (int, bool)
         Level and whether the answer was right.
     reversals : list of int
@@ -88,7 +89,7 @@ class Staircase:
         self._direction = 0
 
     def answer(self, is_right: bool) -> None:
-        """Take the answer to the comparison at `level`.
+        """Record the answer to the comparison at `level`.
 
         Parameters
         ----------
@@ -115,7 +116,7 @@ class Rules:
     Attributes
     ----------
     start, step, lowest, highest : int
-        Percent of the original's polygons.
+        First level, change of the level, and bounds of it; percent of the original's polygons.
     reversals : int
         Number of reversals after which a staircase ends.
     most_trials : int
@@ -130,11 +131,11 @@ class Rules:
     most_trials: int = 80
 
     def begin(self) -> Staircase:
-        """A staircase at its start."""
+        """Return a new staircase."""
         return Staircase(self.start, self.step, self.lowest, self.highest)
 
     def is_over(self, stairs: Staircase) -> bool:
-        """Return whether the staircase has enough reversals, or as many comparisons as it may.
+        """Return whether the staircase has enough reversals or the largest number of comparisons.
 
         Parameters
         ----------
@@ -154,8 +155,9 @@ def simulate_staircase(
     ----------
     observer : SimulatedObserver
     rules : Rules, optional
+        Rules of the staircase.
     rng : int, Generator or None
-        Seed, or generator; None: other answers each time.
+        Seed or generator; None: other answers each time.
 
     Returns
     -------
@@ -188,11 +190,11 @@ class JndModel:
     ----------
     name : str
     file : str
-        Beside the definition, or ``data:`` and the name of a public mesh.
+        Path relative to the definition, or ``data:`` and the name of a public mesh.
     kind : str
-        Name out of `CLASSES`.
+        One of `CLASSES`.
     up : {"y", "z"}
-        The mesh's axis that points upwards: it turns about that.
+        The mesh's axis that points upwards, about which it turns.
     """
 
     name: str
@@ -202,7 +204,7 @@ class JndModel:
 
 
 def _models(own: Section) -> tuple[JndModel, ...]:
-    """The models of a definition."""
+    """Read the models of a definition."""
     models = []
     for section in own.sections("models", most=30):
         models.append(
@@ -221,7 +223,7 @@ def _models(own: Section) -> tuple[JndModel, ...]:
 
 
 def _rules(own: Section) -> Rules:
-    """The rules of the staircases, whose steps must lead from the start to both ends."""
+    """Read the rules of the staircases; whole steps must lead from the start to both bounds."""
     step = own.whole("step_percent", 1, 25, 5)
     rules = Rules(
         step=step,
@@ -248,15 +250,17 @@ class JndStudy(Study):
     common : Common
     models : sequence of JndModel
     methods : sequence of str
-        Names out of `METHODS`.
+        Some of `METHODS`.
     rules : Rules
+        Rules of the staircases.
     size_deg : float
         Width of each mesh's pane in visual degrees.
     turn_s : float
+        Time of one revolution of a mesh, seconds.
     stimuli : Path or None
-        Folder that `make_jnd_stimuli` has written; None: answers only.
+        Folder written by `make_jnd_stimuli`; None: the study is read for its answers only.
     base : Path or None
-        Folder in which the definition's relative paths start.
+        Folder that the definition's relative paths start from.
     """
 
     common: Common
@@ -282,7 +286,7 @@ class JndStudy(Study):
         Raises
         ------
         FormatError
-            The definition lacks something, or holds something else than this kind of study has.
+            A key is missing, unknown, or has a wrong value.
         """
         common = Common.read(top, ("jnd",))
         own = top.section("jnd")
@@ -308,12 +312,12 @@ class JndStudy(Study):
 
     @property
     def conditions(self) -> list[tuple[str, str]]:
-        """Model and method of each staircase."""
+        """Return model and method of each staircase."""
         return [(model.name, method) for model in self.models for method in self.methods]
 
     @property
     def levels(self) -> list[int]:
-        """Differences that may be shown."""
+        """Return the differences that may be shown, percent."""
         return list(range(self.rules.lowest, self.rules.highest + 1, self.rules.step))
 
     def staircases(self, session: Session) -> list[Staircase]:
@@ -419,7 +423,7 @@ class JndStudy(Study):
         return row
 
     def simulate(self, session: Session, step: Step, rng: np.random.Generator) -> dict[str, Value]:
-        if step.id == "screen":  # of the study's own steps, the only one without a difference
+        if step.id == "screen":  # the only one of the study's own steps without a difference
             return {"card_px": 324.0, "distance_cm": 60.0}
         observer = SimulatedObserver(25.0 + 5.0 * self.methods.index(str(step.condition["method"])))
         is_right = rng.random() < observer.probability(float(step.condition["difference_percent"]))
@@ -438,8 +442,9 @@ class JndStudy(Study):
         -------
         list of dict
             Participant (empty: the mean of all), model, method, JND in percent with its 95 %
-            interval, comparisons, reversals, and the mean of the last reversals. The interval of a
-            mean is Student's over participants' means; None for fewer than two.
+            interval, numbers of comparisons and reversals, and the mean of the last reversals. The
+            interval of a mean is Student's interval over the participants' means; None for fewer
+            than two.
         """
         rows = []
         means: dict[str, list[float]] = {method: [] for method in self.methods}
@@ -487,7 +492,7 @@ class JndStudy(Study):
 
 
 def file_of(model: str, method: str = "", difference: int = 0) -> str:
-    """Return the name of a stimulus: the original, or what a method left of it."""
+    """Return the file name of a stimulus: the original, or its simplification by a method."""
     return f"{model}.glb" if not difference else f"{model}-{method}-{100 - difference:02d}.glb"
 
 
@@ -502,7 +507,7 @@ def reversal_mean(stairs: Staircase) -> float | None:
     Returns
     -------
     float or None
-        Without the first two reversals, and over an even number of them; None for fewer than four.
+        Mean over an even number of reversals, without the first two; None for fewer than four.
 
     Examples
     --------
@@ -576,9 +581,9 @@ def paired_power(
 
     freedom = participants - 1
     critical = float(stats.t.ppf(1.0 - alpha / comparisons / 2.0, freedom))
-    shifted = stats.nct(freedom, abs(effect) * math.sqrt(participants))  # the test has two sides
+    shifted = stats.nct(freedom, abs(effect) * math.sqrt(participants))  # the test is two-sided
     other_side = float(shifted.cdf(-critical))
-    # SciPy gives NaN for some effects far from 0, where this side has less than 1e-20.
+    # For some effects far from 0 SciPy returns NaN for the other side, which is below 1e-20.
     return float(shifted.sf(critical)) + (0.0 if math.isnan(other_side) else other_side)
 
 
@@ -656,11 +661,11 @@ class JndLevel:
     file : str
     model, method : str
     difference_percent : int
-        Difference in faces that was asked for, percent of the original's.
+        Wanted difference in faces, percent of the original's number.
     faces : int
         Number of faces of the stimulus.
     reached_percent : float
-        Difference that it has, percent of the original's faces.
+        Actual difference, percent of the original's number of faces.
     """
 
     file: str

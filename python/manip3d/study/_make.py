@@ -1,4 +1,4 @@
-"""Stimuli of any study, by its definition."""
+"""Making of the stimuli of a study from its definition."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from manip3d.study._reading import read_study
 from manip3d.study._stimuli import copy_rating_stimuli, make_rating_stimuli
 
 _FRAMES = 24
-_MISSED = 0.5  # percent of the polygons by which a level may miss
+_MISSED = 0.5  # largest error of a level's difference, percent of the polygons
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class MadeStimuli:
     ----------
     folder : Path
     count : int
-        Files.
+        Number of files.
     problems : sequence of str
-        What is not as the definition says.
+        Deviations from the definition.
     """
 
     folder: Path
@@ -48,21 +48,21 @@ def make_stimuli(
     overwrite: bool = False,
     progress: Callable[[float, str], object] | None = None,
 ) -> MadeStimuli:
-    """Make the stimuli that a definition of a rating or a JND names, beside it.
+    """Make the stimuli of a rating or JND study, in the folder that its definition names.
 
     Parameters
     ----------
     definition : path-like
-        A TOML or JSON file.
+        A TOML or JSON file; the folder is relative to it.
     frames, surfaces, seed : int
-        For a rating only: as in `make_rating_stimuli`.
+        For a rating study only: as for `make_rating_stimuli`.
     images : path-like, optional
-        For a rating only: folder of your own pictures and clips, which `copy_rating_stimuli` takes
-        instead.
+        For a rating study only: folder of your own pictures and clips, which are copied by
+        `copy_rating_stimuli` in place of simulated stimuli.
     overwrite : bool
-        Replace the folder if it holds such stimuli and nothing else.
+        Replace the folder if it contains only such stimuli.
     progress : callable, optional
-        Gets the fraction done and a message.
+        Called with the fraction done and a message.
 
     Returns
     -------
@@ -71,11 +71,11 @@ def make_stimuli(
     Raises
     ------
     InputError
-        The study has no stimuli, the folder is there, or an argument is out of range.
+        The study has no stimuli, the folder exists, or an argument is out of range.
     FormatError
         The definition is invalid, or a mesh cannot be read.
     DataMissingError
-        A public mesh that the definition names is not here.
+        A public mesh that the definition names is not present.
     MissingExtraError
         Open3D or Pillow is not installed.
     OSError

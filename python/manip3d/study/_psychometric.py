@@ -1,4 +1,4 @@
-"""Psychometric functions: simulated observers, and the 70.7 % point with its interval."""
+"""Psychometric functions: simulated observers, and estimates of the 70.7 % point."""
 
 from __future__ import annotations
 
@@ -19,24 +19,27 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 TARGET = math.sqrt(0.5)
-"""Share of right answers at the threshold: where one-up-two-down settles [Levitt 1971]."""
+"""Share of right answers at the threshold, at which one-up-two-down settles [Levitt 1971]."""
 
-GUESS = 0.5  # of two, one is right
+GUESS = 0.5  # share of right answers by guessing between two alternatives
 
-# The prior: flat in the threshold from 0 to 100 %, which is all that can be shown; slopes of 1 to 9
-# within two standard deviations; lapses up to 6 %, as Wichmann and Hill [2001] allow.
+# Prior: uniform in the threshold from 0 to 100 %, the range of differences; log-normal in the slope
+# with 1 to 9 within two standard deviations; lapse rates up to 6 % [Wichmann and Hill 2001].
 _STEP = 0.5
 _THRESHOLDS = np.arange(0.5 * _STEP, 100.0, _STEP)
 _SLOPES = np.geomspace(0.5, 12.0, 36)
 _SLOPE_MIDDLE, _SLOPE_SPREAD = 3.0, math.log(3.0) / 2.0
 _LAPSES = np.array([0.0, 0.015, 0.03, 0.06])
 _LAPSE_WEIGHTS = np.array([0.35, 0.3, 0.2, 0.15])
-_CERTAIN = 1e-6  # no answer is surer: a slip of the hand is always possible
+_CERTAIN = 1e-6  # smallest probability of either answer, because a slip is always possible
 
 
 def weibull(difference: Floats, threshold: Floats, slope: Floats, lapse: Floats | float) -> Floats:
-    """Share of right answers: 1/2 + (1/2 - lapse) (1 - exp(-c (d / t)^slope)); c makes it sqrt(1/2)
-    at d = t [Watson and Pelli 1983]."""
+    """Return the share of right answers, 1/2 + (1/2 - lapse) (1 - exp(-c (d / t)^slope)).
+
+    d is the difference, t the threshold, and c the constant for which the share is sqrt(1/2) at
+    d = t [Watson and Pelli 1983].
+    """
     c = -np.log1p(-(TARGET - GUESS) / (1.0 - GUESS - lapse))
     found: Floats = GUESS + (1.0 - GUESS - lapse) * -np.expm1(
         -c * (difference / threshold) ** slope
@@ -46,18 +49,18 @@ def weibull(difference: Floats, threshold: Floats, slope: Floats, lapse: Floats 
 
 @dataclass(frozen=True)
 class SimulatedObserver:
-    """Somebody who sees differences in polygon counts by a known law.
+    """An observer who notices differences in polygon counts by a known psychometric function.
 
     Attributes
     ----------
     threshold : float
-        Difference, percent, of which sqrt(1/2) of the answers are right.
+        Difference in percent at which a share of sqrt(1/2) of the answers is right.
     slope : float
-        How steeply the share of right answers grows.
+        Steepness of the psychometric function.
     lapse : float
-        Share of wrong answers to the largest differences.
+        Share of wrong answers to very large differences.
     law : {"weibull", "lognormal"}
-        ``lognormal`` is not the law that `estimate_threshold` fits.
+        Psychometric function; `estimate_threshold` fits the first one.
 
     Raises
     ------
@@ -86,7 +89,7 @@ class SimulatedObserver:
         Parameters
         ----------
         difference : float, percent
-            Difference of the compared polygon counts; 0 and less: the observer guesses.
+            Difference of the compared polygon counts; at 0 and below, the observer guesses.
         """
         if difference <= 0.0:
             return GUESS
@@ -99,7 +102,7 @@ class SimulatedObserver:
         from statistics import NormalDist
 
         normal = NormalDist()
-        # A slope of 3 is about as steep as a Weibull's in the middle.
+        # The factor 0.75 makes the curve about as steep in the middle as a Weibull of this slope.
         z = normal.inv_cdf(share) + 0.75 * self.slope * math.log(difference / self.threshold)
         return GUESS + (1.0 - GUESS - self.lapse) * normal.cdf(z)
 
@@ -111,9 +114,10 @@ class Estimate:
     Attributes
     ----------
     threshold : float
-        Difference, percent, of which sqrt(1/2) of the answers are right: the posterior's median.
+        Difference in percent at which a share of sqrt(1/2) of the answers is right; the median of
+        the posterior.
     low, high : float
-        Between which 95 % of the posterior lie.
+        Ends of the central 95 % interval of the posterior.
     """
 
     threshold: float
@@ -123,12 +127,12 @@ class Estimate:
 
 @checked
 def estimate_threshold(trials: Sequence[tuple[int, bool]]) -> Estimate:
-    """Estimate the 70.7 % point of the answers of a staircase.
+    """Estimate the 70.7 % point from the answers of a staircase.
 
     Parameters
     ----------
     trials : sequence of (int, bool)
-        Difference in percent, and whether the answer was right.
+        Difference in percent, and whether the answer was right, for each comparison.
 
     Returns
     -------
@@ -141,11 +145,11 @@ def estimate_threshold(trials: Sequence[tuple[int, bool]]) -> Estimate:
 
     Notes
     -----
-    A Weibull function with unknown threshold, slope and lapse rate; the posterior on a grid, summed
-    over slope and lapse. The prior is flat in the threshold, from 0 to 100 %, so the
-    interval of an observer who never sees the simplification ends at 100 %. The staircase chose the
-    levels by the answers, which has no effect on a posterior. Experiment ``jnd-simulated`` counts
-    how often the interval holds the true threshold.
+    The model is a Weibull function with unknown threshold, slope and lapse rate. Its posterior is
+    computed on a grid and summed over slope and lapse rate. The prior is uniform in the threshold
+    from 0 to 100 %, so that the interval of an observer who never notices the simplification ends
+    at 100 %. The posterior does not depend on the rule by which the staircase chose the levels.
+    Experiment ``jnd-simulated`` measures how often the interval contains the true threshold.
 
     Examples
     --------
@@ -168,7 +172,7 @@ def estimate_threshold(trials: Sequence[tuple[int, bool]]) -> Estimate:
     slope_prior = np.exp(-0.5 * (np.log(_SLOPES / _SLOPE_MIDDLE) / _SLOPE_SPREAD) ** 2)
     weights = np.exp(likelihood - likelihood.max())
     weights *= _LAPSE_WEIGHTS[:, None, None] * slope_prior[:, None]
-    # Each point of the grid stands for the cell around it.
+    # Each point of the grid represents the cell around it.
     heaped = np.concatenate([[0.0], np.cumsum(weights.sum(axis=(0, 1)))])
     edges = np.arange(len(heaped)) * _STEP
     low, middle, high = np.interp([0.025, 0.5, 0.975], heaped / heaped[-1], edges)
@@ -177,7 +181,7 @@ def estimate_threshold(trials: Sequence[tuple[int, bool]]) -> Estimate:
 
 @lru_cache(maxsize=128)
 def _logarithms(level: int) -> tuple[Floats, Floats]:
-    """Logarithms of the shares of right and of wrong answers, by lapse, slope and threshold."""
+    """Return logarithms of the shares of right and wrong answers, by lapse, slope, threshold."""
     right = weibull(
         np.float64(level),  # type: ignore[arg-type]
         _THRESHOLDS,

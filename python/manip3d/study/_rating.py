@@ -1,4 +1,4 @@
-"""Rating of forgeries: real, manipulated or undecidable, and why (section 5.2.2)."""
+"""Rating of forgeries as real, manipulated or undecidable, with reasons (section 5.2.2)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from manip3d.study._store import Session
 VERDICTS = (("real", "Real"), ("manipulated", "Manipulated"), ("undecidable", "Undecidable"))
 
 TRUTHS = ("real", "type1", "type2", "added", "deformed")
-"""Real; streams forged by type I and II; LiDAR scans with an object added, or deformed."""
+"""Truths: real; streams forged by type I and II; LiDAR scans with an object added or deformed."""
 
 _TURN_S = 8.0  # seconds for one revolution of a mesh
 
@@ -31,7 +31,7 @@ FORMS = ("image", "clip")
 RESOLUTIONS = ("full", "low")
 
 MANIFEST = "stimuli.csv"
-"""Name of the table in a folder of stimuli: truth and form of each file."""
+"""File name of the table in a folder of stimuli, which lists truth and form of each file."""
 
 COLUMNS = ("file", "truth", "modality", "form", "resolution", "background", "example")
 
@@ -44,22 +44,23 @@ PUBLISHED_COMPOSITION: Mapping[tuple[str, str, str], Mapping[str, int]] = {
     ("clip", "rendered", "full"): {"real": 2, "type1": 2, "type2": 2},
     ("clip", "color", "low"): {"real": 2, "type1": 2, "type2": 2},
 }
-"""Number of stimuli by form, modality and resolution, then by truth (section 5.2.2). That low
-resolution was an arm of colour videos is in the text; how many of these there were is not."""
+"""Number of stimuli by form, modality and resolution, then by truth (section 5.2.2). The section
+says that some colour videos had low resolution, but not how many."""
 
 PUBLISHED_UNABLE_PERCENT = 76.0
-"""Low-resolution colour videos: "unable to identify the difference 76% of the time" (5.2.2)."""
+"""Published percentage for low-resolution colour videos: "unable to identify the difference 76% of
+the time" (section 5.2.2)."""
 
 
 @dataclass(frozen=True)
 class Item:
-    """One stimulus, as `COLUMNS`.
+    """One stimulus; attributes are the columns of `MANIFEST`.
 
     Attributes
     ----------
     file, truth, modality, form, resolution, background : str
     example : bool
-        Shown before, to give an idea of the quality; nothing is asked about it.
+        Whether it is shown before the questions as an example of the quality, without a question.
     """
 
     file: str
@@ -82,11 +83,11 @@ def read_items(folder: Path) -> tuple[Item, ...]:
     Raises
     ------
     InputError
-        There is no such list.
+        There is no such table.
     FormatError
         A line is wrong, or names a file that is not in the folder.
     OSError
-        It cannot be read.
+        The table cannot be read.
     """
     path = folder / MANIFEST
     if not path.is_file():
@@ -147,16 +148,17 @@ def _item(row: Sequence[str], number: int, path: Path) -> Item:
 
 @dataclass(frozen=True)
 class RatingStudy(Study):
-    """A study in which people tell forged from real.
+    """A study in which people distinguish forged from real stimuli.
 
     Attributes
     ----------
     common : Common
     items : sequence of Item
-        Empty where only answers are looked at.
+        Stimuli; empty if the study is read for its answers only.
     reason : {"required", "optional", "none"}
         Whether a reason is asked for.
     stimuli : Path or None
+        Folder of the stimuli.
     """
 
     common: Common
@@ -178,12 +180,12 @@ class RatingStudy(Study):
         top : Section
             The whole definition.
         base : Path or None
-            Folder that relative paths start from; None: the items stand in the definition.
+            Folder that relative paths start from; None: the definition contains the items.
 
         Raises
         ------
         FormatError
-            The definition lacks something, or holds something else than this kind of study has.
+            A key is missing, unknown, or has a wrong value.
         """
         common = Common.read(top, ("rating",))
         own = top.section("rating")
@@ -313,10 +315,11 @@ class RatingStudy(Study):
         Returns
         -------
         list of dict
-            Answers by verdict; percent right, undecidable, and not right with their 95 % intervals
-            (Wilson; answers of one person depend on each other, which these do not know); then, in
-            the rows with truth ``all``, Fleiss' kappa with its numbers of raters and of items, and
-            the published percentage. Raters are those who have rated every stimulus of the study.
+            Numbers of answers by verdict; percentages right, undecidable and not right with 95 %
+            intervals (Wilson's, which assume independent answers, although answers of one person
+            are correlated). Rows with truth ``all`` also have Fleiss' kappa with its numbers of
+            raters and items, and the published percentage. Raters are the participants who rated
+            every stimulus of the study.
         """
         answers = [
             answer
@@ -345,7 +348,7 @@ class RatingStudy(Study):
 
 
 def _stored_items(sections: Sequence[Section]) -> tuple[Item, ...]:
-    """Stimuli as they stand in a definition that is stored with its answers."""
+    """Read the stimuli from a definition that is stored with its answers."""
     found = []
     for each in sections:
         background = each.text("background") if each.has("background") else ""
@@ -389,7 +392,7 @@ def _counted(answers: Sequence[Any]) -> dict[str, Any]:
 
 
 def _agreement(answers: Sequence[Any]) -> dict[str, Any]:
-    """Fleiss' kappa of people who have all rated the same items."""
+    """Compute Fleiss' kappa of people who have all rated the same items."""
     names = [name for name, _ in VERDICTS]
     by_item: dict[str, Counter[str]] = {}
     for answer in answers:

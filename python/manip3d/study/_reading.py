@@ -1,4 +1,4 @@
-"""Reading a definition: which study it is, and templates to begin with."""
+"""Reading of study definitions, and templates of definitions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from manip3d.study._store import CHECKSUMS
 _KINDS = {"rating": RatingStudy, "jnd": JndStudy, "display": DisplayStudy}
 
 TEMPLATES = ("rating", "jnd-non-textured", "jnd-textured", "display")
-"""Definitions to begin with."""
+"""Names of the templates of definitions."""
 
 
 @checked
@@ -32,24 +32,24 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     Parameters
     ----------
     path : path-like
-        A TOML file, or a JSON file by its suffix. Files of stimuli are looked for beside it.
+        A TOML file, or a JSON file by its suffix. Paths of stimuli are relative to its folder.
 
     Returns
     -------
     study : Study
     definition : dict
-        As it stands in the file, for `StudyFolder`; with the stimuli of a rating, and with the
-        checksums of all stimuli that are there, by which a changed one is noticed.
+        Content of the file, for `StudyFolder`. The stimuli of a rating study are added, and the
+        checksums of all stimuli that exist, by which later changes are detected.
 
     Raises
     ------
     FormatError
-        It is not a definition; something in it is missing, unknown or out of range; two columns of
+        The file is not a definition; a key is missing, unknown or out of range; or two columns of
         the results would have the same name.
     InputError
-        A rating has no stimuli.
+        A rating study has no stimuli.
     OSError
-        It cannot be read.
+        The file cannot be read.
 
     Examples
     --------
@@ -64,7 +64,7 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     definition = read_table(file)
     study = _study(definition, file.parent, str(file))
     _check_names(study, str(file))
-    if isinstance(study, RatingStudy):  # the answers need what the stimuli were
+    if isinstance(study, RatingStudy):  # the stimuli are needed to evaluate the answers
         items = [{k: v for k, v in vars(item).items() if v != ""} for item in study.items]
         definition["rating"] = definition["rating"] | {"items": items}
     checksums = {n: _checksum(f) for n, f in study.files().items() if f.is_file()}
@@ -80,7 +80,7 @@ def study_of(definition: Mapping[str, Any]) -> Study:
     Parameters
     ----------
     definition : mapping
-        As for `StudyFolder.definition`.
+        Definition as in `StudyFolder.definition`.
 
     Returns
     -------
@@ -113,11 +113,11 @@ def _checksum(file: Path) -> str:
 
 
 _RESERVED = ("record_id", "state", "group", "card_px", "distance_cm", "agree")
-"""Columns of the results that all studies have, or any may have, and the question of consent."""
+"""Names that questions must not have: common columns of the results, and the consent question."""
 
 
 def _check_names(study: Study, file: str) -> None:
-    """Refuse a name that two columns of the results would have."""
+    """Refuse a study in which two columns of the results would have the same name."""
     names = [*_RESERVED, *(field.name for _, field in study.variables())]
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
@@ -140,16 +140,17 @@ _CONSENT = 'consent = ["This is a trial run with made-up questions; its answers 
 
 @checked
 def write_template(name: str, path: str | os.PathLike[str], *, example: bool = False) -> Path:
-    """Write a definition to fill in.
+    """Write a template of a definition.
 
     Parameters
     ----------
     name : str
-        Name out of `TEMPLATES`.
+        One of `TEMPLATES`.
     path : path-like
-        A name that ends in ``.toml``.
+        File to write; its name must end in ``.toml``.
     example : bool
-        Fill the empty texts with placeholders, for a trial run; familiarisation takes a second.
+        Fill the empty texts with placeholders, and shorten familiarisation to a second, for a trial
+        run.
 
     Returns
     -------
@@ -159,7 +160,7 @@ def write_template(name: str, path: str | os.PathLike[str], *, example: bool = F
     Raises
     ------
     InputError
-        There is no such template, or the name ends in something else.
+        There is no such template, or the file name does not end in ``.toml``.
     OSError
         The file cannot be written.
 

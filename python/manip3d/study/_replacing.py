@@ -1,4 +1,4 @@
-"""A folder of stimuli is replaced only where nothing else is in it."""
+"""Check before a folder of stimuli is replaced: it must contain nothing else."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from manip3d.io._files import refuse_other_files
 
 
 def refuse_other_stimuli(folder: Path, table: str) -> None:
-    """Refuse to replace a folder that holds files which its own table of stimuli does not list.
+    """Refuse to replace a folder that contains files which its table of stimuli does not list.
 
     Parameters
     ----------
     folder : Path
-        May be absent.
+        The folder; it may be absent.
     table : str
-        Name of its table: a CSV with the columns ``file`` and, for a JND, ``model``.
+        File name of its table, a CSV with the columns ``file`` and, for a JND study, ``model``.
 
     Raises
     ------
     InputError
-        Names some of the other files.
+        There are other files; the message names some of them.
     """
     known = {table}
     path = folder / table

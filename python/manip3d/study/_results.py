@@ -1,4 +1,4 @@
-"""Results as files: answers, one row a participant, a REDCap data dictionary, a summary."""
+"""Files of results: answers, a row per participant, a REDCap data dictionary, and a summary."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ FILES = (
 )
 """Files that `write_results` writes."""
 
-_FOR_SPREADSHEETS = ("answers.csv", "summary.csv")  # which tell UTF-8 by a byte order mark
+_FOR_SPREADSHEETS = ("answers.csv", "summary.csv")  # with a byte order mark, which marks UTF-8
 
 
 @checked
@@ -67,17 +67,17 @@ def write_results(
     ----------
     study : Study
     folder : StudyFolder
-        The answers. Where journals were damaged (`StudyFolder.damaged`), ``summary.html`` tells it.
+        The answers. If journals were damaged (`StudyFolder.damaged`), ``summary.html`` says so.
     output : path-like
-        A folder to be made: ``answers.csv`` (a row for each answer, with its truth),
+        Folder to create, with ``answers.csv`` (a row for each answer, with its truth),
         ``participants.csv`` (a row for each participant, in the variables of
-        ``redcap_dictionary.csv``, ready to be imported), ``summary.csv`` and ``summary.html``
-        (beside what is published). Those who did not agree have no row. Texts stand in the two
-        files for REDCap as they were typed; in ``answers.csv`` and ``summary.csv`` those that a
-        spreadsheet would take for a formula have an apostrophe before them, and a byte order mark
-        tells spreadsheets that the two are UTF-8.
+        ``redcap_dictionary.csv``, ready for import), ``summary.csv`` and ``summary.html`` (with
+        the published results for comparison). Participants who did not consent have no row. The two
+        files for REDCap contain texts as they were typed. In ``answers.csv`` and ``summary.csv`` an
+        apostrophe precedes texts that a spreadsheet would take for a formula, and a byte order
+        mark tells spreadsheets that the files are UTF-8.
     overwrite : bool
-        Replace it if it is there.
+        Replace the folder if it exists.
 
     Returns
     -------
@@ -87,11 +87,11 @@ def write_results(
     Raises
     ------
     InputError
-        ``output`` is there, or holds other things than results.
+        ``output`` exists, or contains other files than results.
     MissingExtraError
         SciPy, which a JND needs, is not installed.
     OSError
-        It cannot be written.
+        A file cannot be written.
 
     Examples
     --------
@@ -157,7 +157,7 @@ def _answers(sessions: Sequence[Session]) -> Iterable[Sequence[object]]:
 
 
 def _about(study: Study) -> list[tuple[str, Field]]:
-    """Questions that all studies ask, by the title of their part."""
+    """Return the questions that all studies ask, each with the title of its part."""
     found = [
         ("Person", each) for step in study.opening() if step.id == "about" for each in step.fields
     ]
@@ -173,7 +173,7 @@ def _wide(study: Study, sessions: Sequence[Session]) -> str:
     rows = []
     for session in sessions:
         values: dict[str, Value] = {}
-        for answer in session.answers:  # of several screens the last one
+        for answer in session.answers:  # of several measurements of the screen, the last counts
             if answer.step == "about" or is_screen(answer.step):
                 values |= answer.values
         values |= study.wide(session)
@@ -186,7 +186,7 @@ def _wide(study: Study, sessions: Sequence[Session]) -> str:
 
 
 def _coded(field: Field, value: Value) -> object:
-    """An answer as REDCap stores it: choices by their codes."""
+    """Return an answer as REDCap stores it: choices by their codes."""
     if value is None:
         return ""
     if isinstance(value, float) and "e" in repr(value):
@@ -223,13 +223,13 @@ def _dictionary(study: Study) -> Iterable[Sequence[str]]:
 
 
 def _choice_label(label: str) -> str:
-    """A label as REDCap can hold it: bars and line ends part its choices from each other."""
+    """Return a label for REDCap, without bars and line ends, which separate its choices."""
     return " ".join(label.replace("|", "/").split())
 
 
 def _exact(number: float) -> str:
-    """All digits of a number, without an exponent, which REDCap does not read."""
-    text = format(Decimal(repr(number + 0.0)), "f")  # never -0
+    """Return all digits of a number, without an exponent, which REDCap does not read."""
+    text = format(Decimal(repr(number + 0.0)), "f")  # adding 0.0 turns -0 into 0
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
@@ -253,9 +253,9 @@ def csv_of(
 ) -> str:
     """Return a table as CSV [RFC 4180].
 
-    A text that a spreadsheet would take for a formula gets an apostrophe before it, unless it is to
-    stand verbatim, for another program to import: participants type texts, and researchers open
-    them.
+    Unless ``verbatim``, an apostrophe precedes texts that a spreadsheet would take for a formula,
+    because researchers open what participants have typed. Use ``verbatim`` for files that another
+    program imports.
     """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\r\n")
@@ -356,7 +356,7 @@ def _cell(value: object) -> str:
 
 
 def _histograms(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Figures 4.7 to 4.9: for each part a table of questions and displays."""
+    """Draw figures 4.7 to 4.9: for each part a table of questions and displays."""
     found = []
     for group in dict.fromkeys(row["group"] for row in rows):
         for part in dict.fromkeys(row["part"] for row in rows):

@@ -1,4 +1,4 @@
-"""Steps of a study: what a participant is shown and asked, each with its fields."""
+"""Steps of a study: the screens that a participant sees, with texts, stimuli and questions."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from manip3d.errors import FormatError
 from manip3d.serve import Kind
 
 FieldType = Literal["choice", "scale", "number", "text", "card"]
-"""``choice``: one of a few; ``scale``: whole numbers between two ends; ``number``; ``text``: free;
-``card``: the width in pixels of a bank card that the participant holds to the screen."""
+"""Type of a question. ``choice``: one of several values; ``scale``: a whole number between two
+ends; ``number``: any number between two ends; ``text``: free text; ``card``: the width in pixels of
+a bank card that the participant holds to the screen."""
 
 Value: TypeAlias = "int | float | str | None"
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,25}")
-"""Names of fields and questions: what REDCap takes for a variable, and its recommended length."""
+"""Names of fields and questions: REDCap's rule for variables, and its recommended length."""
 
 CARD_MM = 85.60
-"""Width of a bank card [ISO/IEC 7810, ID-1]."""
+"""Width of a bank card, millimetres [ISO/IEC 7810, ID-1]."""
 
 MOST_TEXT = 2000
-"""Characters of a free text."""
+"""Largest number of characters of a free text."""
 
 
 @dataclass(frozen=True)
@@ -35,20 +36,20 @@ class Field:
     Attributes
     ----------
     name : str
-        Unique in its step; as `NAME`.
+        Name, unique in its step, which matches `NAME`.
     label : str
         The question.
     type : FieldType
     choices : sequence of (str, str)
         Values and labels of a choice.
     low, high : float
-        Ends of a scale, a number or a card.
+        Smallest and largest value of a scale, a number or a card.
     ends : (str, str)
-        What the ends of a scale mean.
+        Meanings of the ends of a scale.
     optional : bool
-        It may be left empty.
+        Whether the answer may be left empty.
     is_side : bool
-        A choice between the stimuli, whose buttons stand below them.
+        Whether it is a choice between the stimuli, whose buttons are shown below them.
     """
 
     name: str
@@ -63,28 +64,28 @@ class Field:
 
     @property
     def kind(self) -> Kind:
-        """Accepted values of its message."""
+        """Accepted values of an answer in a message."""
         if self.type == "text":
             return Kind(str, length=MOST_TEXT)
         if self.type == "choice":
             values = [value for value, _ in self.choices]
             return Kind(str, choices=[*values, ""] if self.optional else values)
         if self.optional:
-            return Kind(str, length=24)  # the number as text, or nothing
+            return Kind(str, length=24)  # the number as text, or an empty text
         return Kind(int if self.type == "scale" else float, self.low, self.high)
 
     def read(self, value: int | float | str) -> Value:
-        """Return the answer that a message's value means; None where it was left empty.
+        """Return the answer in a message; None: it was left empty.
 
         Parameters
         ----------
         value : int, float or str
-            As `kind` accepts it.
+            Value of the message, as accepted by `kind`.
 
         Raises
         ------
         FormatError
-            It is not an answer to this question.
+            The value is not an answer to this question.
         """
         if self.optional and value == "":
             return None
@@ -124,14 +125,14 @@ class Field:
 
 @dataclass(frozen=True)
 class Stimulus:
-    """Something to look at.
+    """A picture, clip or mesh that is shown.
 
     Attributes
     ----------
     address : str
-        Where the page fetches it; says nothing about what it is.
+        Path at which the page fetches it, which does not reveal its content.
     type : {"image", "video", "mesh"}
-        Animated pictures are images; meshes are GLB files that turn round once.
+        Type; animated pictures are images, and meshes are GLB files that make one revolution.
     """
 
     address: str
@@ -152,15 +153,15 @@ class Step:
     fields : sequence of Field
     stimuli : sequence of Stimulus
     size_deg : float
-        Width of a stimulus in visual degrees; 0: as large as there is room.
+        Width of a stimulus in visual degrees; 0: as large as the window allows.
     turn_s : float
-        Time in which meshes turn round once, seconds.
+        Time of one revolution of a mesh, seconds.
     minimum_s : float
-        For which it is shown at least.
+        Smallest time for which the step is shown, seconds.
     button : str
-        What ends it.
+        Label of the button that ends the step.
     condition : mapping
-        The truth about it: goes into the results, never to the page.
+        Truth about the stimuli, which is stored with the answer but never sent to the page.
     """
 
     id: str
@@ -175,12 +176,13 @@ class Step:
     condition: Mapping[str, Any] = field(default_factory=dict)
 
     def message(self, *, px_per_degree: float | None) -> dict[str, Any]:
-        """Return the step as the page gets it, without the truth.
+        """Return the description of the step for the page, without the truth.
 
         Parameters
         ----------
         px_per_degree : float or None
-            Resolution of the participant's screen, by which stimuli are sized; None: not measured.
+            CSS pixels per visual degree of the participant's screen, by which stimuli are sized;
+            None: not measured.
         """
         width = 0.0 if px_per_degree is None else self.size_deg * px_per_degree
         return {
@@ -199,14 +201,14 @@ class Step:
 
 @checked
 def px_per_degree(card_px: float, distance_cm: float) -> float:
-    """Return how many pixels of a screen a visual degree at its middle covers.
+    """Return the number of CSS pixels per visual degree in the middle of a screen.
 
     Parameters
     ----------
     card_px : float
-        Width of a bank card on that screen, in CSS pixels.
+        Width of a bank card on the screen, in CSS pixels.
     distance_cm : float
-        From the eyes to the screen.
+        Distance from the eyes to the screen, centimetres.
 
     Returns
     -------

@@ -38,23 +38,23 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
 
 _RATE = 10.0  # frames per second of a clip
-_STREAMS = ("real", "type1", "type2")  # what a picture or clip of a person can be
+_STREAMS = ("real", "type1", "type2")  # truths of a picture or clip of a person
 _LOW_WIDTH, _LOW_QUALITY = 160, 12
-_SURFACE_EDGE = 0.06  # metres: longer edges bridge a step in depth
+_SURFACE_EDGE = 0.06  # metres; longer edges cross a depth step
 _NEAREST, _FARTHEST = 2.1, 2.9  # metres from the camera to a person
-_NEAR_MM, _FAR_MM = 1200.0, 6000.0  # one grey scale for all depth pictures
+_NEAR_MM, _FAR_MM = 1200.0, 6000.0  # ends of the grey scale of all depth pictures, mm
 
 
 @dataclass(frozen=True)
 class _Shot:
-    """Who does what, and what is forged of it."""
+    """Person, action and background of a picture or clip, and its kind of forgery."""
 
     truth: str
     running: bool
     seed: int
 
     def frames(self, times: Sequence[float]) -> list[tuple[RgbdFrame, NDArray[np.bool_]]]:
-        """Frames, each with the person's pixels."""
+        """Return the frames, each with the mask of the person's pixels."""
         from manip3d import forge
         from manip3d.rgbd import NO_BODY
         from manip3d.simulate import BodySimulator
@@ -73,7 +73,7 @@ class _Shot:
             stripes=person == STRIPED,
             distance=distance,
             tracker="kinect-v2",
-            # The person of a forgery was recorded somewhere else.
+            # In a forgery the person was recorded in another scene.
             scene=SCENES[scene if self.truth == "real" else (scene + 1) % len(SCENES)],
             seed=self.seed,
         )
@@ -92,7 +92,7 @@ class _Shot:
             scenes if self.running else scenes[0],
             kind=2 if self.truth == "type2" else 1,
             pose=pose,
-            # To another distance, and not to the side: recorded people stand in the middle too.
+            # Change only the distance: recorded people stand in the middle, too.
             move=(0.0, 0.0, float(random.uniform(_NEAREST, _FARTHEST)) - distance),
         ).frames()
         return [(f.frame, f.mask) for f in made]
@@ -110,7 +110,7 @@ def _color(frame: RgbdFrame, person: NDArray[np.bool_]) -> Image:
 
 
 def _rendered(frame: RgbdFrame, person: NDArray[np.bool_]) -> Image:
-    """The person as a textured surface, seen from 20 degrees beside the camera."""
+    """Render the person as a textured surface, seen from 20 degrees to the side of the camera."""
     from manip3d import simplify
     from manip3d.viewer.people import surface_picture
 
@@ -146,43 +146,44 @@ def make_rating_stimuli(
     Parameters
     ----------
     output : path-like
-        A folder to be made, with ``stimuli.csv``.
+        Folder to create, with ``stimuli.csv``.
     composition : mapping, optional
-        Numbers of stimuli as `PUBLISHED_COMPOSITION`, which is the default.
+        Numbers of stimuli, in the form of `PUBLISHED_COMPOSITION`, which is the default.
     frames : int
-        Number of frames of a clip, 10 a second.
+        Number of frames of a clip, 10 per second.
     examples : bool
-        Also one image of each class, shown before.
+        Add one image of each class, which is shown before the questions.
     surfaces : int
-        Surfaces meshed from LiDAR scans: so many real ones, as many with an object added, and as
-        many with a part that is dented or bulges.
+        Number of surfaces meshed from real LiDAR scans; the same number has an object added, and
+        the same number a dent or a bulge.
     seed : int
         Seed of all random choices.
     overwrite : bool
-        Replace the folder if it holds such stimuli and nothing else.
+        Replace the folder if it contains only such stimuli.
     progress : callable, optional
-        Gets the fraction done and a message.
+        Called with the fraction done and a message.
 
     Returns
     -------
     tuple of Item
-        In the order of ``stimuli.csv``. File names are by chance and tell nothing.
+        Stimuli in the order of ``stimuli.csv``. File names are random and reveal nothing.
 
     Raises
     ------
     InputError
-        An argument is out of range, or the folder is there.
+        An argument is out of range, or the folder exists.
     MissingExtraError
         Open3D or Pillow is not installed: ``pip install 'manip3d[simulate]'``.
     OSError
-        It cannot be written.
+        The folder cannot be written.
 
     Notes
     -----
-    Six people of different girths, four actions and three backgrounds as published, simulated. The
-    background of a forged clip is one still frame in every
-    second clip, a running sequence in the others. Depth has one grey scale throughout. Clips are
-    animated WebP, without loss except those of low resolution: 160 pixels wide, quality 12.
+    The stimuli are simulated, with six people of different girths, four actions and three
+    backgrounds, as in the published study. The background of a forged clip is a still frame in
+    every second clip and a running sequence in the others. All depth pictures have the same grey
+    scale. Clips are animated WebP files, lossless except for those of low resolution, which are
+    160 pixels wide and have quality 12.
     """
     wanted = PUBLISHED_COMPOSITION if composition is None else composition
     if not 2 <= frames <= 1000 or not 0 <= surfaces <= 1000:
@@ -226,7 +227,7 @@ def _check_composition(composition: Mapping[tuple[str, str, str], Mapping[str, i
 def _planned(
     composition: Mapping[tuple[str, str, str], Mapping[str, int]], *, examples: bool, surfaces: int
 ) -> list[tuple[Item, int]]:
-    """The stimuli, not yet named, each with its number among those of its class."""
+    """Return the stimuli without file names, each with its number within its class."""
     plan = [
         (Item("", truth, modality, form, resolution), number)
         for (form, modality, resolution), counts in composition.items()
@@ -254,7 +255,7 @@ def _write_manifest(folder: Path, items: Sequence[Item]) -> None:
 
 _EXAMPLE, _LOW = "example", "low"
 _MOST_STIMULI = 10_000
-_MOST_BYTES = 1 << 28  # of one stimulus
+_MOST_BYTES = 1 << 28  # largest size of a stimulus
 
 
 @checked
@@ -265,33 +266,33 @@ def copy_rating_stimuli(
     seed: int = 0,
     overwrite: bool = False,
 ) -> tuple[Item, ...]:
-    """Make a folder of stimuli for a rating study of one's own pictures and clips.
+    """Make a folder of stimuli for a rating study from your own pictures and clips.
 
     Parameters
     ----------
     images : path-like
-        A folder with sub-folders ``real``, ``type1``, ``type2``, ``added`` or ``deformed``, which
-        are the truth. Below them folders may tell the modality (``depth``, ``color``, ``rendered``,
-        ``surface``; without one ``color``), low resolution (``low``), and what is an ``example``
-        that is shown before. Hidden files are left out.
+        A folder with sub-folders ``real``, ``type1``, ``type2``, ``added`` or ``deformed``, whose
+        names are the truth. Folders below them may be named by modality (``depth``, ``color``,
+        ``rendered``, ``surface``; default: ``color``), ``low`` for low resolution, and ``example``
+        for stimuli that are shown before the questions. Hidden files are left out.
     output : path-like
-        A folder to be made, with ``stimuli.csv``.
+        Folder to create, with ``stimuli.csv``.
     seed : int
-        Seed of the names that the files get.
+        Seed of the random file names.
     overwrite : bool
-        Replace the folder if it holds such stimuli and nothing else.
+        Replace the folder if it contains only such stimuli.
 
     Returns
     -------
     tuple of Item
-        In the order of ``stimuli.csv``. File names are by chance and tell nothing; what a picture
-        holds beside its pixels, such as its time, is copied with it.
+        Stimuli in the order of ``stimuli.csv``. File names are random and reveal nothing. Metadata
+        inside the files, such as the time of a picture, is copied.
 
     Raises
     ------
     InputError
-        The folder holds nothing to show, files of other kinds, or folders of other names; the
-        output is there, or lies within the folder.
+        The folder contains nothing to show, files of other kinds, or folders of other names; or the
+        output exists or lies within the folder.
     OSError
         A file cannot be read or written.
 
@@ -340,7 +341,7 @@ def copy_rating_stimuli(
 
 
 def _own_item(place: Path, name: str) -> Item:
-    """Return what the folders of a file say about it."""
+    """Return the stimulus described by the names of a file's folders."""
     truth, *others = place.parts[:-1] or ("",)
     suffix = place.suffix.lower()
     if truth not in TRUTHS:
@@ -365,7 +366,7 @@ _CLIPS = (".gif", ".webm", ".mp4")
 
 
 def _content(item: Item, number: int, seed: int, frames: int) -> tuple[bytes, str]:
-    """The file, and which background was used."""
+    """Return the content of a stimulus's file, and the kind of its background."""
     if item.modality == "surface":
         return _png(_scan_surface(item.truth, seed)), ""
     running = item.form == "image" or number % 2 == 1
@@ -392,7 +393,7 @@ def _png(picture: Image, *, low: bool = False) -> bytes:
 
 
 def _clip(pictures: Sequence[Image], *, low: bool) -> bytes:
-    """An animated WebP that is played over and over."""
+    """Encode an animated WebP that plays in a loop."""
     from PIL import Image as Pillow
 
     first, *rest = (Pillow.fromarray(_small(p) if low else p) for p in pictures)
@@ -413,13 +414,13 @@ def _clip(pictures: Sequence[Image], *, low: bool) -> bytes:
 
 _SCAN_DEG = 0.2
 _SCAN_VIEW = ((-40.0, 40.0), (-30.0, 24.0))
-_SCAN_EDGE = 0.25  # metres
+_SCAN_EDGE = 0.25  # metres; triangles with longer edges are left out
 _PLACES = 8
 _OBJECTS = ("head", "rocker", "lifeboat")
 
 
 def _scan_surface(truth: str, seed: int) -> Image:
-    """A terrestrial scan meshed along its angular grid, grey and lit from the viewer."""
+    """Render a terrestrial scan, meshed along its angular grid, grey and lit from the viewer."""
     from manip3d import Intrinsics, simplify
     from manip3d.simulate import scenes, terrestrial_scan
     from manip3d.viewer.people import surface_picture
@@ -452,7 +453,7 @@ def _with_object(
     valid: NDArray[np.bool_],
     random: np.random.Generator,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """The grid with an object pasted onto the floor and sampled as the scanner would (CRTP)."""
+    """Add an object on the floor to the grid, sampled as by the scanner (CRTP)."""
     from manip3d import forge
     from manip3d.simulate import models
 
@@ -461,7 +462,7 @@ def _with_object(
     scale = float(random.uniform(0.35, 0.7)) / float(np.ptp(vertices, axis=0).max())
     stands = _level_places(grid)
     most = 0
-    for _ in range(_PLACES):  # that where most of the object is seen
+    for _ in range(_PLACES):  # keep the place where most of the object is visible
         place = stands[int(random.integers(len(stands)))].copy()
         place[2] += scale * float(vertices[:, 2].mean() - vertices[:, 2].min())
         forged = forge.crtp(points, vertices, position=place, scale=scale)
@@ -472,15 +473,15 @@ def _with_object(
     return grid, valid
 
 
-_DENT_RADIUS = (0.25, 0.45)  # metres, of the part that is deformed
-_DENT_DEPTH = (0.08, 0.15)  # metres
-_DENT_SEEN = 0.02  # metres, from which on a cell of the grid counts as deformed
+_DENT_RADIUS = (0.25, 0.45)  # smallest and largest radius of the deformed part, metres
+_DENT_DEPTH = (0.08, 0.15)  # smallest and largest depth of a dent or height of a bulge, metres
+_DENT_SEEN = 0.02  # smallest displacement of a cell that counts as deformed, metres
 
 
 def _with_dent(
     grid: NDArray[np.float64], valid: NDArray[np.bool_], random: np.random.Generator
 ) -> NDArray[np.float64]:
-    """The grid with a part of what stands there dented, or with a bulge.
+    """Deform a part of the surface in the grid by a dent or a bulge.
 
     Ranges change smoothly along the scanner's own rays, so that every point stays in its cell.
     """
@@ -491,7 +492,7 @@ def _with_dent(
     radius = float(random.uniform(*_DENT_RADIUS))
     depth = float(random.uniform(*_DENT_DEPTH)) * (1.0 if random.random() < 0.5 else -1.0)
     shift, most = np.zeros(valid.shape), 0
-    for _ in range(_PLACES):  # that where most of it is seen
+    for _ in range(_PLACES):  # keep the place where most of the deformation is visible
         place = places[int(random.integers(len(places)))]
         away = np.minimum(np.linalg.norm(grid - place, axis=-1) / radius, 1.0)
         own = depth * np.cos(0.5 * np.pi * away) ** 2
@@ -502,9 +503,10 @@ def _with_dent(
 
 
 def _level_places(grid: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points of level surfaces, floors and tables, in the middle of the view."""
+    """Return points of level surfaces, such as floors and tables, in the middle of the view."""
     step = np.abs(np.diff(grid, axis=0))
-    level = (step[..., 2] < 0.02) & (step[..., :2].max(axis=-1) > 0.02)  # rows go farther, not up
+    # From one row to the next the distance changes, but not the height.
+    level = (step[..., 2] < 0.02) & (step[..., :2].max(axis=-1) > 0.02)
     inside = np.zeros_like(level)
     height, width = level.shape
     inside[height // 6 : height // 2, width // 5 : -width // 5] = True
@@ -515,17 +517,18 @@ def _level_places(grid: NDArray[np.float64]) -> NDArray[np.float64]:
 def _grid(
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
-    """The nearest point of each cell of the angular grid, rows upwards, and its number."""
+    """Return the nearest point of each cell of the angular grid (rows upwards), whether the cell
+    has a point, and the point's index."""
     (left, right), (low, high) = _SCAN_VIEW
     azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
     elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
-    # From left to right, as an image: azimuth grows to the left.
+    # Columns grow from left to right as in an image, but azimuth grows to the left.
     column = np.floor((right - azimuth) / _SCAN_DEG).astype(np.int64)
     row = np.floor((elevation - low) / _SCAN_DEG).astype(np.int64)
     width, height = round((right - left) / _SCAN_DEG), round((high - low) / _SCAN_DEG)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     kept = np.flatnonzero(inside)
-    # The farthest first: nearer ones replace them.
+    # Sort from far to near, so that nearer points overwrite farther ones.
     kept = kept[np.argsort(-np.linalg.norm(points[kept], axis=1), kind="stable")]
     grid = np.full((height, width, 3), np.nan)
     grid[row[kept], column[kept]] = points[kept]

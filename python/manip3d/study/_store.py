@@ -1,4 +1,4 @@
-"""A folder of answers: one journal for each participant; what was acknowledged is never lost."""
+"""Folder of answers with a journal for each participant; acknowledged answers are never lost."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
 """Codes of participants: pseudonyms, which are also file names."""
 
 SIMULATED = "sim-"
-"""With which the codes of simulated participants begin, and nobody else's."""
+"""Prefix of the codes of simulated participants; codes of people must not have it."""
 
 CHECKSUMS = "sha256"
-"""In a definition that is stored with its answers: SHA-256 of each stimulus by its name."""
+"""Key of a stored definition under which the SHA-256 of each stimulus is listed by name."""
 
 _DEFINITION = "study.json"
 _PARTICIPANTS = "participants"
-_MOST_BYTES = 16 << 20  # of a definition with the checksums of its stimuli
+_MOST_BYTES = 16 << 20  # largest size of a stored definition with the checksums of its stimuli
 
 
 @dataclass(frozen=True)
@@ -46,18 +46,18 @@ class Answer:
     step : str
         Id of the step.
     condition : mapping
-        The truth about it.
+        Truth about the stimuli of the step.
     values : mapping of str to value
-        By the names of its fields.
+        Answers by the names of the fields.
     elapsed_ms : float
-        From the step's being shown to the answer, by the page's clock.
+        Time between display of the step and the answer, milliseconds, by the page's clock.
     shown_px : float
         Width at which each stimulus was shown, in CSS pixels; 0 without stimuli.
     time_ns : int
-        When it was stored, by `time.time_ns`.
+        Time of storage, as of `time.time_ns`.
     assigned : int or None
-        Place in the sequence of orders, as of `StudyFolder.next_place`; set in the step that tells
-        the group, or by the consent where nobody asks for it.
+        Place in the sequence of orders, from `StudyFolder.next_place`. It is set in the step that
+        asks for the group, or in the consent if the study has no groups.
     """
 
     step: str
@@ -77,11 +77,11 @@ class Session:
     ----------
     participant : str
     number : int
-        How many participants began before.
+        Number of participants who began before.
     answers : list of Answer
+        Answers in order of time.
     screen : dict
-        What the page last reported about the screen that it is on; empty where none is open. Not
-        stored.
+        Last report of the page about its screen; empty if no page is open. Not stored.
     """
 
     participant: str
@@ -90,30 +90,30 @@ class Session:
     screen: dict[str, float] = field(default_factory=dict, compare=False)
 
     def answer(self, step: str) -> Answer | None:
-        """Return the answer to a step, or None.
+        """Return the answer to a step; None: there is none.
 
         Parameters
         ----------
         step : str
-            `Step.id`.
+            Id of the step.
         """
         return next((each for each in self.answers if each.step == step), None)
 
     @property
     def is_simulated(self) -> bool:
-        """Whether nobody has answered: by its code, and by the time that no answer took."""
+        """Whether the code has the prefix of simulated participants and no answer took any time."""
         timed = any(answer.elapsed_ms > 0 for answer in self.answers)
         return self.participant.startswith(SIMULATED) and not timed
 
     @property
     def group(self) -> str:
-        """The group that they said they belong to; empty where nobody asked."""
+        """The participant's group; empty if the study did not ask for it."""
         about = self.answer("about")
         return str(about.values.get("group") or "") if about else ""
 
     @property
     def assigned(self) -> int:
-        """Place in the sequence of orders."""
+        """Place of the participant in the sequence of orders."""
         place = self._place
         return self.number if place is None else place
 
@@ -130,29 +130,30 @@ class StudyFolder(Closing):
     Parameters
     ----------
     path : path-like
-        Made if it is absent.
+        The folder, created if absent.
     definition : mapping, optional
-        Stored with the first answer folder; a folder that holds answers to another definition, or
-        to stimuli whose files have changed since, is refused. Without it the folder must be there.
+        Definition of the study, which is stored in a new folder. A folder with answers to another
+        definition, or to stimuli whose files have changed, is refused. Without a definition the
+        folder must exist.
     read_only : bool
-        Read the answers that are stored at this moment, also while another process runs the study.
-        Nothing can be stored, and a damaged journal is passed over.
+        Read the answers stored at this moment, even while another process runs the study. Nothing
+        can be stored, and damaged journals are skipped.
 
     Attributes
     ----------
     sessions : dict of str to Session
-        By the codes of participants.
+        Sessions by the codes of participants.
     damaged : dict of str to str
-        What is wrong with journals that were passed over, by code.
+        Errors of skipped journals, by the codes of participants.
 
     Raises
     ------
     InputError
-        The folder holds another definition or answers to other stimuli, or is in use.
+        The folder contains another definition or answers to other stimuli, or is in use.
     FormatError
-        A file in it is damaged.
+        A file in the folder is damaged.
     OSError
-        It cannot be read or written.
+        The folder cannot be read or written.
     """
 
     def __init__(
@@ -164,7 +165,7 @@ class StudyFolder(Closing):
     ) -> None:
         self.path = path_of(path)
         self.read_only = read_only
-        self._turn = threading.RLock()  # of the threads of this process
+        self._turn = threading.RLock()  # held by one thread of this process at a time
         self._lock: int | None = None
         if read_only and definition is not None:
             raise InputError("definition: cannot be given with read_only")
@@ -180,7 +181,7 @@ class StudyFolder(Closing):
                 try:
                     self.sessions[file.stem] = self._read(file)
                 except FileNotFoundError:
-                    if not read_only:  # somebody has withdrawn meanwhile
+                    if not read_only:  # in read-only mode a participant may just have withdrawn
                         raise
                 except FormatError as error:
                     if not read_only:
@@ -191,9 +192,9 @@ class StudyFolder(Closing):
             raise
 
     def _locked(self) -> int:
-        """Make the folder if it is absent, and keep other writers out of it."""
+        """Create the folder if it is absent, and lock it against other writers."""
         if not self.path.exists():
-            self.path.mkdir(mode=0o700, parents=True)  # answers of people are nobody else's
+            self.path.mkdir(mode=0o700, parents=True)  # only the owner may read people's answers
         (self.path / _PARTICIPANTS).mkdir(exist_ok=True)
         lock = locked_file(self.path / ".lock")
         if lock is None:
@@ -230,7 +231,7 @@ class StudyFolder(Closing):
         return dict(definition)
 
     def _check_stimuli(self, stored: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-        """Refuse stimuli that have changed; a study of before there were checksums has none."""
+        """Refuse changed stimuli; studies of older versions have no checksums and are accepted."""
         for name in sorted(stored.keys() & given.keys()):
             if stored[name] != given[name]:
                 raise InputError(
@@ -239,7 +240,7 @@ class StudyFolder(Closing):
                 )
 
     def begin(self, participant: str) -> Session:
-        """Return the session of a participant: a new one, or the one that was interrupted.
+        """Return the session of a participant, a new or an interrupted one.
 
         Parameters
         ----------
@@ -332,7 +333,7 @@ class StudyFolder(Closing):
             raise InputError(f"participant: {participant} differs from another code only in case")
 
     def store(self, participant: str, answer: Answer) -> Answer:
-        """Append an answer; when this returns, it is on the disk.
+        """Append an answer, and return after it is on the disk.
 
         Parameters
         ----------
@@ -343,14 +344,14 @@ class StudyFolder(Closing):
         Returns
         -------
         Answer
-            With the time at which it was stored.
+            The answer with the time of storage.
 
         Raises
         ------
         InputError
             There is no such participant, or the folder was opened for reading only.
         OSError
-            It could not be written; nothing of it is left in the file.
+            The answer could not be written; the file is unchanged.
         """
         self._refuse_if_read_only()
         with self._turn:
@@ -399,9 +400,9 @@ class StudyFolder(Closing):
             raise InputError(f"participant: expected one of this study, got {participant!r}")
 
     def close(self) -> None:
-        """Let others use the folder; may be called twice.
+        """Unlock the folder; may be called twice.
 
-        What was read before can still be read; nothing is written from then on.
+        Answers in memory can still be read, but nothing can be stored afterwards.
         """
         if self._lock is not None:
             os.close(self._lock)
@@ -411,11 +412,12 @@ class StudyFolder(Closing):
         return self.path / _PARTICIPANTS / f"{participant}.jsonl"
 
     def _read(self, file: Path) -> Session:
-        """A journal without its torn end, which was never acknowledged."""
+        """Read a journal without an incomplete last line, which was never acknowledged."""
         content = regular_bytes(file)
         whole = content[: content.rfind(b"\n") + 1]
         records = list(_records(whole, file))
-        if len(whole) != len(content) and not self.read_only:  # the writer is at it
+        # In read-only mode the writer may just be appending to the last line.
+        if len(whole) != len(content) and not self.read_only:
             with file.open("rb+") as stream:
                 stream.truncate(len(whole))
                 os.fsync(stream.fileno())
@@ -439,7 +441,7 @@ def _without_checksums(definition: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _line(record: Mapping[str, Any]) -> str:
-    """A record and its checksum as one line."""
+    """Return a record and its checksum as one line."""
     text = json.dumps(record, ensure_ascii=True, separators=(",", ":"))
     return f"{zlib.crc32(text.encode()):08x} {text}\n"
 
