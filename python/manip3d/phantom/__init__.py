@@ -1,4 +1,4 @@
-"""The live phantom limb: a session from frames to what a page shows, and its games.
+"""Live sessions with a phantom limb, from camera frames to messages for a page, and their games.
 
 Research software, no medical device.
 """

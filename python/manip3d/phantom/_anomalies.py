@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from manip3d.phantom.games import GameState, can_reach
 
 ANOMALY_S = 10.0
-"""Seconds of play without a point, with a target in reach, that make an anomaly."""
+"""Shortest anomaly: seconds of play without a point despite a target in reach."""
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Anomaly:
     Attributes
     ----------
     start, end : float
-        From the first moment with something in reach to the next point, or the end of the game.
+        Start, when a target came into reach, and end, at the next point or the end of the game.
     """
 
     start: float
@@ -30,7 +30,7 @@ class AnomalyWatch:
     Attributes
     ----------
     found : list of Anomaly
-        Anomalies that are over; `finish` adds the one that still goes on.
+        Anomalies that have ended; `finish` adds the current one.
 
     Examples
     --------

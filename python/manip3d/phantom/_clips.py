@@ -43,7 +43,7 @@ class ClipRing:
         self._pictures: deque[tuple[float, bytes]] = deque(maxlen=int(2 * LONGEST_S * RATE))
 
     def clear(self) -> None:
-        """Forget all pictures."""
+        """Discard all pictures."""
         self._pictures.clear()
 
     def add(
@@ -51,8 +51,8 @@ class ClipRing:
     ) -> None:
         """Add a picture if it is due.
 
-        ``since``: when that began which may become worth a clip, seconds of play; pictures of more
-        than `BEFORE_S` before it, or before now, are dropped.
+        ``since``: start of a possible anomaly, seconds of play; None: there is none. Pictures from
+        more than `BEFORE_S` before this time (or before now) are dropped.
         """
         clock = game.clock
         if self._pictures and clock - self._pictures[-1][0] < 1.0 / RATE - 1e-6:

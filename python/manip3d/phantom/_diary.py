@@ -39,14 +39,14 @@ class DiaryRecorder:
     Attributes
     ----------
     limb : str
-        The affected one, as enrolled.
+        The affected limb, as enrolled.
 
     Raises
     ------
     InputError
         No such participant, or they have a live session open in another program.
     FormatError, OSError
-        No such diary, or one of another key.
+        There is no such diary, or it has another key.
     MissingExtraError
         SQLAlchemy is not installed.
     """

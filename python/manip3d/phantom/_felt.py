@@ -1,4 +1,4 @@
-"""The phantom limb as the patient feels it: often shorter than the intact limb, or telescoped."""
+"""The phantom limb as the patient feels it, often shorter than the intact limb or telescoped."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class FeltLimb:
     length : int, per cent
         Felt length in per cent of the intact limb's.
     telescoping : int, per cent
-        How far the hand or foot has moved up: 0 at the end of that length, 100 in the shoulder or
-        hip.
+        Share by which the hand or foot is felt to have moved towards the body: 0 at the end of the
+        felt length, 100 in the shoulder or hip.
     raised : int, degrees
         Angle by which the whole limb is raised sideways from hanging down.
     bent : int, degrees
-        At elbow or knee; 0: straight.
+        Angle of elbow or knee; 0: straight.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class FeltLimb:
 def felt_places(felt: FeltLimb, skeleton: Skeleton, affected: str) -> NDArray[np.float64] | None:
     """Return the felt limb's shoulder, elbow and hand, or hip, knee and foot; (3, 3), metres.
 
-    Arms bend forwards, legs backwards. None where the trunk or the intact limb is not tracked.
+    Arms bend forwards, legs backwards. None: the trunk or the intact limb is not tracked.
     """
     side, _, limb = affected.partition("_")
     other = "Right" if side == "left" else "Left"

@@ -102,12 +102,12 @@ def simulated_patient(limb: str, game: str | None = None) -> str:
     limb : str
         ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``: the limb that is missing.
     game : str, optional
-        Name out of `manip3d.phantom.games.GAMES`, whose movement the person makes.
+        Key of `manip3d.phantom.games.GAMES`; the person makes the movement of this game.
 
     Returns
     -------
     str
-        An address for `manip3d.capture.open_rgbd`.
+        Address for `manip3d.capture.open_rgbd`.
 
     Raises
     ------
@@ -401,7 +401,7 @@ def _certificate(host: str, path: str | os.PathLike[str] | None) -> Certificate 
 def hear(
     session: LiveSession, client: StreamClient, text: str, new_code: Callable[[], str]
 ) -> None:
-    """Handle a message of a page: those about the connection here, all others by the session.
+    """Handle a message of a page; all messages but those about the connection go to the session.
 
     ``new_code`` makes a code that admits another screen. A message with a ``number`` must not be
     lost: it is answered at once (``taken``) and when it is written to the diary (``heard``). Until

@@ -30,12 +30,12 @@ class SessionLog:
     Attributes
     ----------
     lost_lines : int
-        Lines that could not be written, as on a full disk; the session goes on without them.
+        Number of lines that could not be written, for example because the disk was full.
 
     Raises
     ------
     InputError
-        The file holds something else than such lines, as a diary or a key does.
+        The file has other content, for example a diary or a key.
     OSError
         The file cannot be opened.
     """

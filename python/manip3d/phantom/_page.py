@@ -1,4 +1,4 @@
-"""The page of the live session: a frame of HTML around the script that npm builds."""
+"""The page of the live session: HTML around the script that npm builds."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ HAZARDS: Sequence[tuple[str, str, str]] = (
         "copies of the diary, and of its key",
     ),
 )
-"""Hazards, what the software does about them, and what people must do."""
+"""Hazards: what can happen, what the software does about it, and what people must do."""
 
 _HAZARD_PAGE = """\
 <!DOCTYPE html>
@@ -87,7 +87,7 @@ advice on anybody's care.</p>
 
 
 def live_pages(limb: str, source: str, *, asks: bool = False) -> dict[str, Page]:
-    """The page and what it loads, by path; ``asks``: it has a place to say how strong the pain is.
+    """Return the page and the files that it loads, by path; ``asks``: it asks for pain ratings.
 
     Raises
     ------

@@ -47,12 +47,13 @@ class Play:
     choice : (str, int)
         Name and difficulty of the next game.
     game : GameState or None
+        The current game.
     is_wanted : bool
-        A game begins with the next frame in which the limb is followed.
+        Whether a game begins with the next frame in which the limb is tracked.
     limb : str
         The limb that is replaced.
     gain : float
-        What joints' angles are multiplied by.
+        Factor of joint angles (virtual enhancement).
     summaries : list of GameSummary
         Games that are over.
     """
@@ -92,7 +93,7 @@ class Play:
         return self.game is not None and self.game.phase != "over"
 
     def want(self) -> None:
-        """Begin a game with the next frame in which the limb is followed."""
+        """Begin a game with the next frame in which the limb is tracked."""
         self.game, self.is_wanted = None, True
 
     def stop(self) -> None:
@@ -103,7 +104,7 @@ class Play:
             self.game = replace(self.game, phase="over", targets=(), events=())
 
     def forget_person(self) -> None:
-        """Forget the person: the next frame shows another recording or person."""
+        """Discard data about the person, before a frame of another recording or person."""
         self._ends.reset()
         self.forget_times()
 

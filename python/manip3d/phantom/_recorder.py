@@ -29,8 +29,11 @@ class Recorder(Protocol):
         """Store the state of the current game in case the program is killed; `game` replaces it."""
 
     def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
-        """Keep a game that is over; for each anomaly its pictures (seconds of play, JPEG), or
-        none."""
+        """Store a game that is over.
+
+        ``clips``: pictures of each anomaly (time of play in seconds, JPEG image), which may be
+        empty.
+        """
 
     def may_play(self) -> str:
         """Return why no game may start yet, for the patient; empty: games may."""
@@ -60,9 +63,10 @@ class Recorder(Protocol):
         """Return the patient's last description of a limb as it is felt."""
 
     def close_session(self, *, answered: bool = True) -> None:
-        """The patient has had enough: the sitting is over; a second call changes nothing.
+        """End the sitting; a second call changes nothing.
 
-        ``answered``: whether the patient gave the rating that was asked for at the end."""
+        ``answered``: whether the patient gave the rating that was asked for at the end.
+        """
 
     def open_session(self) -> None:
         """Begin another sitting, with a first rating of its own; an open one is closed."""
@@ -71,8 +75,10 @@ class Recorder(Protocol):
         """Begin a group of entries, for which `when_kept` waits."""
 
     def when_kept(self, done: Callable[[], object]) -> None:
-        """Call something as soon as all that was told since `begin_message` is on the disk; from
-        any thread. It is not called where any of that cannot be kept."""
+        """Call ``done`` when all entries since `begin_message` are on the disk, from any thread.
+
+        It is not called if one of these entries is lost.
+        """
 
 
 @dataclass(frozen=True)
@@ -82,23 +88,25 @@ class GameSummary:
     Attributes
     ----------
     game : str
-        Name out of `manip3d.phantom.games.GAMES`.
+        Key of `manip3d.phantom.games.GAMES`.
     difficulty, seed : int
+        Options of the game.
     ending : str
-        ``time``, ``misses``, ``done`` or ``stopped``; ``interrupted``: it goes on.
+        ``time``, ``misses``, ``done`` or ``stopped``; ``interrupted``: the game is running.
     seconds, paused_s : float
-        Played, and waited for the phantom limb.
+        Time of play, and time of waiting for the phantom limb, seconds.
     score, misses : int
+        Numbers of points and of misses.
     by_phantom : int
-        Points by the phantom limb; the others are the intact limb's.
+        Points made by the phantom limb; the intact limb made the others.
     gain : float
-        What joints' angles were multiplied by at the end.
+        Factor of joint angles (virtual enhancement) at the end.
     anomalies : tuple of Anomaly
-        Times without a point though a target was in reach.
+        Times without a point despite a target in reach.
     limb : str
         The limb that was replaced.
     tracked : float or None
-        Share of the frames in which the phantom limb was followed; None: there were none.
+        Share of the frames in which the phantom limb was tracked; None: there were no frames.
     """
 
     game: str

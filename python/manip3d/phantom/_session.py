@@ -35,32 +35,33 @@ _FRAMES = 90  # frames over which times of stages are averaged
 
 @checked
 class LiveSession:
-    """Turns each frame into a message for the page; the game's clock is the frames' times.
+    """Turns each frame into a message for the page; the game's time is that of the frames.
 
     The same frames, commands and seed give the same game. While the phantom limb is not
-    ``tracking`` the game stands still: nothing can be hit and nothing is missed.
+    ``tracking`` the game is paused: nothing can be hit and nothing is missed.
 
     Parameters
     ----------
     affected : {"left_arm", "right_arm", "left_leg", "right_leg"}
         The limb to replace.
     game : str
-        Name out of `manip3d.phantom.games.GAMES`; by default one for that limb.
+        Key of `manip3d.phantom.games.GAMES`; default: a game for that limb.
     difficulty : int
-        1 to 3.
+        Difficulty of the game, 1 to 3.
     seed : int
         Seed of the first game; each further game has the next number.
     jpeg_quality : int
-        1 to 100.
+        JPEG quality of colour images, 1 to 100.
     gain : float
-        Virtual enhancement, 1 to 2: by how much the joints of both arms, or both legs, turn
-        further from rest on the page, and in the games, than the patient turns them.
+        Virtual enhancement, 1 to 2: factor by which the page and the games enlarge the angles from
+        rest of the joints of both arms or both legs.
     recorder : Recorder, optional
         Is notified of games, ratings of pain and sickness.
 
     Attributes
     ----------
     affected : str
+        The limb that is replaced.
     state : str
         `manip3d.modify.PhantomState` of the last frame.
 
@@ -100,7 +101,7 @@ class LiveSession:
         self._sitting = Sitting(recorder)
         self._play = Play((chosen, int(difficulty)), seed, self.affected, float(gain), recorder)
         self._people: list[Skeleton] = []
-        self._numbers: dict[int, int] = {}  # of people, by the tracker's id
+        self._numbers: dict[int, int] = {}  # number of each person, by the tracker's id
         self._chosen: int | None = None
         self._calibration: PlacementCalibration | None = None
         self._measured: Skeleton | None = None
@@ -160,7 +161,7 @@ class LiveSession:
         self._inbox.put(name, fields, done)
 
     def restart(self) -> None:
-        """Forget the person: the next frame is of another recording, or the same one again."""
+        """Discard data about the person, before another recording or a repetition."""
         self._pipeline.reset()
         self._body.reset()
         self._play.forget_person()
@@ -211,13 +212,13 @@ class LiveSession:
         ----------
         frame : RgbdFrame
         captured_ns : int, optional
-            When it came in, by `time.time_ns`; by default now. Cameras note it in
+            Time of the frame's arrival, as of `time.time_ns`; default: now. Cameras store it in
             `RgbdFrame.grabbed_ns`.
 
         Returns
         -------
         bytes or None
-            None for a frame that is not newer than the one before.
+            None: the frame is not newer than the previous one.
 
         Raises
         ------

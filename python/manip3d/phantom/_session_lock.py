@@ -12,22 +12,23 @@ from manip3d.errors import InputError
 
 
 class SessionLock:
-    """A lock on a participant; the operating system frees it when the program is killed.
+    """A lock on a participant; the operating system frees it if the program is killed.
 
-    Two sessions would compare the pain with ratings of their own only, and the stop rule would miss
-    a rise from one to the other. Participants of one diary play beside each other.
+    Each session compares the pain only with its own ratings, so that with two sessions the stop
+    rule would miss a rise from one to the other. Different participants of a diary can have
+    sessions at the same time.
 
     Raises
     ------
     InputError
         Another session of this participant is open.
     OSError
-        The lock's file cannot be made.
+        The lock's file cannot be created.
     """
 
     def __init__(self, diary: Path, participant: str, number: int) -> None:
         real = Path(os.path.realpath(diary))
-        # Not the pseudonym: it would remain when the participant is deleted.
+        # The name contains no pseudonym, which would remain after the participant is deleted.
         self._path = real.with_name(f".{real.name}.{number}.lock")
         while True:
             lock = locked_file(self._path)

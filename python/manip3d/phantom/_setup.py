@@ -1,4 +1,4 @@
-"""Before a session: whether the camera sees what it must, and how large the patient is."""
+"""Checks before a session: the camera's view of the patient, and the patient's measures."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ if TYPE_CHECKING:
 
 NEAREST_M, FARTHEST_M = 1.4, 3.6
 MOST_TURN = 25.0
-"""Degrees away from the camera; beyond them mirroring turns too much surface out of its sight."""
+"""Largest turn of the shoulders away from the camera, degrees. Beyond it, too much of the mirrored
+surface faces away from the camera."""
 LEAST_VISIBLE = 0.9
 LEAST_RATE = 20.0
 MARGIN = 0.01
-"""Share of the image's sides within which a joint is at its edge."""
+"""Width of the image's border, as a share of its sides, in which joints count as outside."""
 
 STILL_FRAMES = 60
 STILL_M = 0.03
-"""How far a joint may move in that time; a tracker's own noise is less."""
+"""Largest median movement of the joints during calibration, metres; above a tracker's noise."""
 
 _PARTS = (
     ("head", ("Head",)),
@@ -40,15 +41,16 @@ _TRUNK = ("SpineBase", "SpineMid", "SpineShoulder", "ShoulderLeft", "ShoulderRig
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that must hold.
+    """A condition that must be met before a session.
 
     Attributes
     ----------
     name : str
-        In two or three words.
+        The condition in two or three words.
     is_met : bool
+        Whether it is met.
     advice : str
-        What to do where it is not; empty where it is.
+        Instruction if it is not met; otherwise empty.
     """
 
     name: str
@@ -59,10 +61,10 @@ class Check:
 def placement_checks(
     shown: PhantomFrame, camera: Intrinsics, *, people: int, is_chosen: bool, rate: float
 ) -> list[Check]:
-    """Check what the camera sees of the patient, point by point.
+    """Check the camera's view of the patient.
 
-    ``people``: skeletons in view; ``is_chosen``: somebody said who of them the patient is;
-    ``rate``: frames a second.
+    ``people``: number of skeletons in view; ``is_chosen``: whether the therapist has chosen the
+    patient among them; ``rate``: frames per second, or 0 if unknown.
     """
     skeleton = shown.skeleton
     found = joints(skeleton, "SpineBase")
@@ -122,7 +124,7 @@ def _facing(skeleton: Skeleton) -> Check:
     across = None if found is None else level(found[1] - found[0])
     if across is None:
         return Check(name, False, "Turn both shoulders to the camera.")
-    # Who faces the camera has the right shoulder at smaller x.
+    # The right shoulder of a person who faces the camera has a smaller x than the left one.
     turn = math.degrees(math.acos(min(1.0, max(-1.0, -float(across[0])))))
     if turn <= MOST_TURN:
         return Check(name, True)
@@ -130,7 +132,7 @@ def _facing(skeleton: Skeleton) -> Check:
 
 
 class PlacementCalibration:
-    """The patient's measures, from two seconds in which they stand, or sit, still."""
+    """Measures the patient's body while they stand or sit still for two seconds."""
 
     def __init__(self) -> None:
         self._frames: list[NDArray[np.float64]] = []
@@ -138,13 +140,13 @@ class PlacementCalibration:
 
     @property
     def share(self) -> float:
-        """How much of the time is over."""
+        """Share of the two seconds that is over."""
         return min(1.0, len(self._frames) / STILL_FRAMES)
 
     def add(self, skeleton: Skeleton) -> Skeleton | None:
-        """Take a frame; return the body when it has held still for long enough.
+        """Add a frame; return the measured body once the patient has held still for long enough.
 
-        Whoever moves begins again.
+        If the patient moves, the measurement starts again.
         """
         if joints(skeleton, *_TRUNK) is None:
             self._frames, self._states = [], []
@@ -166,7 +168,7 @@ class PlacementCalibration:
 
 
 def moved_to(body: Skeleton, skeleton: Skeleton) -> Skeleton:
-    """The measured body where the patient is now, by the base of the spine."""
+    """Return the measured body, moved to the current position of the base of the spine."""
     here, there = joints(skeleton, "SpineBase"), joints(body, "SpineBase")
     if here is None or there is None:
         return body

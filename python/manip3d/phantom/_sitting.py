@@ -1,4 +1,4 @@
-"""One sitting of a patient: ratings of the pain, and whether a game may begin."""
+"""State of a patient's sitting: ratings of the pain, and whether a game may begin."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from manip3d.phantom._recorder import Recorder
 
-_REST = timedelta(hours=1)  # without a message: a longer time around midnight ends a sitting
+_REST = timedelta(hours=1)  # a longer time without messages around midnight ends a sitting
 
 
 def goes_on(since: datetime, now: datetime) -> bool:
@@ -54,7 +54,7 @@ class Sitting:
 
     @property
     def halted(self) -> str:
-        """Why no game may begin today, or empty. Midnight within a sitting does not end that."""
+        """Reason why no game may begin today, or empty; it stays if a sitting passes midnight."""
         reason, day = self._halt
         now = _now()
         return reason if day == now.date() or now - self._last_said <= _REST else ""

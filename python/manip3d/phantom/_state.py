@@ -1,4 +1,4 @@
-"""Data of the games: state, targets and fields, and the places of joints."""
+"""Data of the games: state, targets and fields; and helpers for positions of joints."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ Phase = Literal["playing", "over"]
 Rules = Literal["bubbles", "pedal", "piano"]
 Point = tuple[float, float, float]
 Touch = Callable[[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]], NDArray[np.int8]]
-"""From the targets' centres before and now, (N, 3), and radii, (N,), to the bone that touched each
-one, (N,); -1: none."""
+"""Function that returns the bone that touched each target, (N,), or -1. Its arguments are the
+targets' centres in the previous and in the current frame, (N, 3), and radii, (N,)."""
 
 _HANDS = ("Wrist", "Hand", "HandTip", "Thumb")
 _FEET = ("Ankle", "Foot")
@@ -33,28 +33,29 @@ class Game:
     Attributes
     ----------
     name, title, limbs : str
-        ``limbs`` is ``arms`` or ``legs``: whose ends play.
+        Key, title, and the limbs whose hands or feet play: ``arms`` or ``legs``.
     how : str
-        What the player does, in a sentence.
+        Instruction for the player, in a sentence.
     rules : str
         ``bubbles``, ``pedal`` or ``piano``.
     speeds : tuple of float, metres per second
         Speeds of the bubbles, one for each difficulty.
     intervals : tuple of float, seconds
-        Between one pair of bubbles and the next; how long a key of the piano stays up.
+        Time between two pairs of bubbles, or time for which a key of the piano stays up; one for
+        each difficulty.
     reaches : tuple of tuple of float
-        Places of the pairs of generators or keys, as shares of the limb's length.
+        Distances of the pairs of generators or keys, as shares of the limb's length.
     strokes : tuple of int
-        Strokes of a pedal that lift its ball to the disk, one number for each difficulty.
+        Number of strokes of a pedal that lift its ball to the disk, one for each difficulty.
     swings : tuple of float
-        How far the foot must move to count: degrees at the ankle for the pedals, metres above the
-        floor for the piano.
+        Smallest movement of a foot that counts: degrees at the ankle for the pedals, metres above
+        the floor for the piano.
     radius : float, metres
         Radius of a target.
     seconds : float
         Time limit.
     most_misses : int
-        Ends the game; 0: nothing is lost by a miss.
+        Number of misses that ends the game; 0: misses do not end it.
     """
 
     name: str
@@ -79,15 +80,15 @@ class Target:
     Attributes
     ----------
     number : int
-        Counts the targets of a game.
+        Number of the target within the game.
     side : str
         ``left`` or ``right``.
     place : (float, float, float)
-        Centre.
+        Centre, metres.
     key : int
         Key of the piano, counted from the player's left to their right.
     age : float, seconds
-        How long a key has been up.
+        Time for which a key has been up.
     """
 
     number: int
@@ -104,12 +105,12 @@ class Event:
     Attributes
     ----------
     kind : str
-        ``burst`` of a bubble, ``stroke`` of a pedal, ``arrived`` at the disk, ``note`` of a key;
-        ``missed``.
+        ``burst`` (a bubble), ``stroke`` (of a pedal), ``arrived`` (a ball at its disk), ``note`` (a
+        key), or ``missed``.
     number, side, place, key
-        The target's.
+        Values of the target.
     bone : int
-        Bone that did it, by its far joint; -1: none.
+        Bone that caused the event, numbered by its far joint; -1: none.
     """
 
     kind: Literal["burst", "stroke", "arrived", "note", "missed"]
@@ -127,13 +128,13 @@ class ArmField:
     Attributes
     ----------
     lefts, rights : tuple of points
-        One generator of each pair, at hip height.
+        Left and right generator of each pair, at hip height.
     rise : float, metres
-        From there to the ceiling.
+        Height of the ceiling above the generators.
     roots : (point, point)
         The left and the right shoulder, or knee.
     reach : float, metres
-        From a root to what its limb can touch.
+        Largest distance from a root that its limb can touch.
     """
 
     lefts: tuple[Point, ...]
@@ -150,14 +151,14 @@ class LegField(ArmField):
 
 @dataclass(frozen=True)
 class PedalField:
-    """A pedal under each foot, and over it the way of a ball.
+    """A pedal under each foot, and a ball that rises beside it.
 
     Attributes
     ----------
     lefts, rights : tuple of one point
-        Where the balls begin.
+        Start of the left and of the right ball.
     rise : float, metres
-        From there to the disks.
+        Height of the disks above the starts.
     """
 
     lefts: tuple[Point, ...]
@@ -174,7 +175,7 @@ class PianoField:
     lefts, rights : tuple of points
         Keys that the left and the right foot reach, from the middle outwards.
     floor : float
-        Where a foot stands, the y of its joint.
+        The y coordinate of the joint of a foot that stands on the floor, metres.
     """
 
     lefts: tuple[Point, ...]
@@ -184,16 +185,16 @@ class PianoField:
 
 @dataclass(frozen=True)
 class Foot:
-    """Moves of a foot so far.
+    """Movements of a foot so far.
 
     Attributes
     ----------
     is_up : bool
-        The toes are drawn up, or the foot was lifted off the floor.
+        Whether the toes are drawn up, or the foot is lifted off the floor.
     turn : float or None
-        The value (an angle, degrees) at which it last turned round; None before the first one.
+        Angle, degrees, at which the movement last changed direction; None: not yet measured.
     moves : int
-        Up or down, so far.
+        Number of movements up or down.
     """
 
     is_up: bool = False
@@ -203,7 +204,7 @@ class Foot:
 
 @dataclass(frozen=True)
 class GameState:
-    """All there is to know about a game; `begin` makes the first one and `step` the next.
+    """Complete state of a game; `begin` makes the first state and `step` each next one.
 
     Attributes
     ----------
@@ -213,21 +214,23 @@ class GameState:
     phase : str
         ``playing`` or ``over``.
     ending : str
-        Why it is over: ``time``, ``misses`` or ``done``; empty before.
+        Reason of the end: ``time``, ``misses`` or ``done``; empty while the game is running.
     clock : float, seconds
-        Time that was played; it stands still while nobody calls `step`.
+        Time of play; it passes only by calls of `step`.
     score, misses : int
+        Numbers of points and of misses.
     by_bone : mapping of int to int
-        Points by the bone that made them.
+        Number of points made by each bone.
     spawned : int
-        Pairs of bubbles, or keys, so far.
+        Number of pairs of bubbles, or of keys, so far.
     wait : float, seconds
-        Until the next key pops up.
+        Time until the next key pops up.
     feet : (Foot, Foot)
-        The left and the right one.
+        The left and the right foot.
     targets : tuple of Target
+        Current targets.
     stains : tuple of points
-        Where missed targets reached the ceiling.
+        Places at which missed targets reached the ceiling.
     events : tuple of Event
         Events of the last step.
     """
@@ -255,7 +258,7 @@ class GameState:
 
     @property
     def speed(self) -> float:
-        """Metres per second of a target."""
+        """Speed of a target, metres per second."""
         return self.game.speeds[self.difficulty - 1]
 
 
@@ -292,7 +295,7 @@ def norm(vector: NDArray[np.float64]) -> float:
 
 
 def level(vector: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The horizontal part, of length 1."""
+    """Return the normalised horizontal part of a vector; None: it is too short."""
     flat = np.array([vector[0], 0.0, vector[2]])
     length = norm(flat)
     return flat / length if length > 1e-6 else None

@@ -1,5 +1,5 @@
-"""The touch cue: a ball that strokes the phantom limb while the patient is touched, at the same
-moment or not (section 8.3.4; after the rubber hand, Botvinick and Cohen 1998)."""
+"""The touch cue: a ball strokes the phantom limb while the patient is touched, synchronously or not
+(section 8.3.4; after the rubber-hand illusion, Botvinick and Cohen 1998)."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ STATEMENTS: Sequence[str] = (
     "My own body felt as if it became stiff or unreal.",
     "The touch seemed to come from somewhere beside me.",
 )
-"""Answered from -3 (not at all) to 3 (very much); the first three are about ownership, the others
-are controls that the cue should not change."""
+"""Questions, answered from -3 (not at all) to 3 (very much). The first three are about ownership;
+the others are controls, which the cue should not change."""
 NUM_OWNERSHIP = 3
 
 

@@ -66,13 +66,13 @@ class OrderedWriter:
             self._given.clear()
 
     def when_written(self, then: Callable[[], object]) -> None:
-        """Call ``done`` when all tasks since `begin` are written, or at once if they are.
+        """Call ``then`` when all tasks since `begin` are written, or at once if they are.
 
         It is called by the writing thread, never if one of these tasks is lost, and must return at
         once.
         """
         with self._changed:
-            if self._given:  # a lost task stays in the group, so that `done` is never called
+            if self._given:  # a lost task stays in the group, so that ``then`` is never called
                 self._waiters.append(_Waiter(set(self._given), then))
                 return
         then()

@@ -1,8 +1,8 @@
-"""Rules of the games: pure functions of the state, the time that passed and what was touched.
+"""Rules of the games: pure functions of the state, the elapsed time and the touched targets.
 
-Nothing here draws, waits or asks the clock: the same seed, times, touches and joints give the same
-game. Places are in the camera's frame (x right, y down, z ahead), metres; left and right are the
-player's own.
+The functions do not draw, wait or read the clock: the same seed, times, touches and joints give the
+same game. Positions are in the camera's frame (x right, y down, z ahead), metres; left and right
+are the player's own.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ GAMES: Mapping[str, Game] = {
         ),
     )
 }
-"""By name."""
+"""All games by name."""
 
 _PLAY = {"bubbles": play_bubbles, "pedal": play_pedal, "piano": play_piano}
 
@@ -118,20 +118,21 @@ def begin(
     Parameters
     ----------
     name : str
-        Name out of `GAMES`.
+        Key of `GAMES`.
     skeleton : Skeleton
-        The player's, with all limbs that play.
+        The player's skeleton, with all limbs that play.
     difficulty : int
-        1 to 3.
+        Difficulty, 1 to 3.
     seed : int
         Seed of the places of the targets; at least 0.
     floor : float, optional
-        The y of a foot that stands on it, for the piano; by default that of the lower foot now.
+        For the piano, the y coordinate of a foot that stands on the floor; default: that of the
+        lower foot.
 
     Returns
     -------
     GameState or None
-        None where a joint that the places depend on is not tracked.
+        None: a joint that the layout depends on is not tracked.
 
     Raises
     ------
@@ -163,20 +164,20 @@ def step(
 ) -> GameState:
     """Return the state of a game after some more seconds of play.
 
-    Bubbles rise, are burst by what touches them on the way, or stain the ceiling; new ones appear
-    in pairs, left and right at the same time. Balls rise by strokes of the feet, keys pop up and
-    are stomped on. When the time is over, both balls have arrived or too many bubbles were missed,
-    the game is over and nothing changes any more.
+    Bubbles rise, burst if they are touched, or stain the ceiling; new bubbles appear in pairs, left
+    and right at the same time. Balls rise by strokes of the feet; keys pop up and are stomped on.
+    The game is over when the time is up, both balls have arrived or too many bubbles were missed;
+    its state then stays the same.
 
     Parameters
     ----------
     state : GameState
     seconds : float
-        At least 0.
+        Elapsed time, at least 0.
     touch : callable
-        `Touch`.
+        Function that finds touched targets, as `Touch`.
     skeleton : Skeleton, optional
-        The player's; without it no foot moves, which only the pedals and the piano go by.
+        The player's skeleton, which pedals and piano need; without it no foot moves.
 
     Raises
     ------
@@ -193,7 +194,7 @@ def step(
 
 
 def can_reach(state: GameState) -> bool:
-    """Return whether there is a target in reach.
+    """Return whether a target is in reach.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Pictures drawn by the viewer's page in a headless Chromium, steered through a pipe."""
+"""Pictures drawn by the viewer's page in a headless Chromium, which is controlled by a pipe."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome-stable", "google-chrome")
 SUPERSAMPLING = 2
-SECONDS = 60.0  # for one page; software rendering of 360 000 faces takes 5
+SECONDS = 60.0  # time limit of a page; software rendering of 360 000 faces takes 5 s
 
-# Chromium takes commands at descriptor 3 and answers at 4 [--remote-debugging-pipe].
+# Chromium reads commands from descriptor 3 and writes answers to 4 [--remote-debugging-pipe].
 _LAUNCH = (
     "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2]), 4); "
     "os.execv(sys.argv[3], sys.argv[3:])"
@@ -42,7 +42,7 @@ _LAUNCH = (
 
 
 def program() -> str:
-    """The Chromium of this machine."""
+    """Return the path of this machine's Chromium."""
     found = next(filter(None, map(shutil.which, PROGRAMS)), None)
     if found is None:
         raise RenderError(f"none of {', '.join(PROGRAMS)} is installed")
@@ -64,7 +64,7 @@ class Tab:
         self._session = attached["sessionId"]
 
     def send(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """One command of the DevTools protocol, and its result."""
+        """Send a command of the DevTools protocol and return its result."""
         number = next(self._numbers)
         message: dict[str, Any] = {"id": number, "method": method, "params": parameters}
         if self._session is not None:
@@ -96,7 +96,7 @@ class Tab:
         return message
 
     def evaluate(self, expression: str) -> Any:
-        """The value of a JavaScript expression, awaited if it is a promise."""
+        """Return the value of a JavaScript expression; a promise is awaited."""
         answer = self.send(
             "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
         )
@@ -108,7 +108,7 @@ class Tab:
 
 @contextlib.contextmanager
 def open_page(page: str, size: tuple[int, int]) -> Iterator[Tab]:
-    """The page in a browser window of ``size`` pixels, shown completely."""
+    """Open a page in a browser window of ``size`` pixels; yield it after it has loaded."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         path = Path(folder) / "page.html"
         path.write_text(page, encoding="utf-8")
@@ -118,7 +118,7 @@ def open_page(page: str, size: tuple[int, int]) -> Iterator[Tab]:
 
 @contextlib.contextmanager
 def open_address(url: str, size: tuple[int, int]) -> Iterator[Tab]:
-    """Open an address in a browser window of ``size`` pixels, shown completely."""
+    """Open an address in a browser window of ``size`` pixels; yield it after it has loaded."""
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
         tab = stack.enter_context(_browser(folder, size))
@@ -137,7 +137,7 @@ def _browser(folder: Path, size: tuple[int, int]) -> Iterator[Tab]:
         pipes = []
         for ends in (os.pipe(), os.pipe()):
             for end in ends:
-                # Above 10, so that the launcher's 3 and 4 are free.
+                # Use descriptors from 10 on, so that 3 and 4 are free for the launcher.
                 pipes.append(fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10))
                 os.close(end)
         theirs_in, ours_out, ours_in, theirs_out = pipes
@@ -153,7 +153,7 @@ def _browser(folder: Path, size: tuple[int, int]) -> Iterator[Tab]:
                 *("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
                 *("--no-first-run", "--disable-extensions", "--disable-background-networking"),
                 *("--force-color-profile=srgb", "--hide-scrollbars", "--mute-audio"),
-                *(["--no-sandbox"] if os.geteuid() == 0 else []),  # it has none for root
+                *(["--no-sandbox"] if os.geteuid() == 0 else []),  # root cannot use the sandbox
             ],
             pass_fds=(theirs_in, theirs_out),
             stdin=subprocess.DEVNULL,
@@ -168,14 +168,14 @@ def _browser(folder: Path, size: tuple[int, int]) -> Iterator[Tab]:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """Ends the browser and the processes that it started, which form one group."""
+    """End the browser and its child processes, which form one process group."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
 
 
 def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
-    """The picture of a mesh or of points that ``camera`` sees."""
+    """Draw a mesh or points as seen by ``camera``."""
     from manip3d.viewer.page import still_page
 
     width, height = (SUPERSAMPLING * n for n in style.size)
@@ -185,6 +185,6 @@ def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
 
 
 def picture_of(url: str) -> Image:
-    """The picture that a data URL holds."""
+    """Decode the picture in a data URL."""
     with pillow().open(io.BytesIO(base64.b64decode(url.partition(",")[2]))) as image:
         return np.asarray(image.convert("RGB"))

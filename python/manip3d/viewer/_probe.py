@@ -1,4 +1,4 @@
-"""``python -m manip3d.viewer._probe NAME``: draws one triangle with that renderer, or dies."""
+"""``python -m manip3d.viewer._probe NAME`` draws a triangle with that renderer, or crashes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from manip3d.viewer.scene import Style, frame
 
 
 def main(name: str) -> None:
-    """Exit code 0 if the picture shows something."""
+    """Draw a triangle; the exit code is 0 if the picture shows it."""
     triangle = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     style = Style((8, 8), "flat", False, False, False, True, (255, 255, 255))
     image = DRAW[name](triangle, frame(triangle, style.size, 0.0, 0.0, 1.0, "y"), style)

@@ -27,18 +27,18 @@ if TYPE_CHECKING:
 
 EDGE_COLOR = (0.10, 0.13, 0.18)
 BOUNDARY_COLOR = (0.90, 0.10, 0.20)
-SMALLEST = 1.6  # width of a point, pixels; as in points.js
+SMALLEST = 1.6  # smallest width of a point, pixels; the same as in points.js
 LARGEST = 40.0
 LINE_WIDTH = 2.5  # pixels
-SUPERSAMPLING = 2  # pixels drawn per pixel kept, each way: no jagged edges on any driver
+SUPERSAMPLING = 2  # drawn pixels per pixel and axis; smooth edges with any driver
 
-# Camera lights, position and intensity: key from the upper left, fill from the right, and some
-# along the view, so that no visible face is black.
+# Position and intensity of lights that move with the camera: a key light from the upper left, a
+# fill light from the right, and one along the view, so that no visible face is black.
 LIGHTS = (((-0.6, 0.9, 1.0), 0.78), ((1.0, -0.1, 0.8), 0.25), ((0.0, 0.0, 1.0), 0.25))
 
 
 def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
-    """The picture of a mesh or of points that ``camera`` sees."""
+    """Draw a mesh or points as seen by ``camera``."""
     try:
         import pyvista
     except ImportError as error:
@@ -49,7 +49,7 @@ def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
             off_screen=True,
             window_size=[SUPERSAMPLING * width, SUPERSAMPLING * height],
             lighting="none",
-            theme=pyvista.themes.Theme(),  # not the user's
+            theme=pyvista.themes.Theme(),  # the default theme instead of the user's
         )
         try:
             plotter.set_background(style.background)
@@ -72,7 +72,7 @@ def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
 
 @contextlib.contextmanager
 def scene(meshes: Sequence[Mesh], camera: Camera, style: Style) -> Iterator[Any]:
-    """A plotter of VTK with all meshes, to be drawn as often as one likes."""
+    """Yield a VTK plotter with all meshes, which can be drawn repeatedly."""
     try:
         import pyvista
     except ImportError as error:
@@ -122,7 +122,7 @@ def _add_mesh(plotter: Any, mesh: Mesh, style: Style) -> None:
 
 
 def _add_surface(plotter: Any, mesh: Mesh, part: Surface, style: Style) -> None:
-    """One actor. Its triangles share no points, so that every attribute is per corner."""
+    """Add a surface as one actor; triangles share no points, because attributes are per corner."""
     import pyvista
 
     corners = mesh.faces[part.faces].ravel()
@@ -152,7 +152,7 @@ def _add_surface(plotter: Any, mesh: Mesh, part: Surface, style: Style) -> None:
         line_width=0.5 * SUPERSAMPLING,
         **look,
     )
-    actor.prop.interpolation = "Phong"  # per pixel, with the corners' normals
+    actor.prop.interpolation = "Phong"  # shading per pixel, from the corners' normals
     if part.image is not None and part.image.shape[2] == 4:
         actor.ForceTranslucentOn()
 
@@ -182,13 +182,13 @@ def _add_boundary(plotter: Any, mesh: Mesh) -> None:
         line_width=2.0 * SUPERSAMPLING,
         lighting=False,
     )
-    # In front of the faces that they border, not behind half of their own pixels.
+    # Draw the lines in front of adjacent faces, which would otherwise hide half of their pixels.
     actor.GetMapper().SetResolveCoincidentTopologyToPolygonOffset()
     actor.GetMapper().SetRelativeCoincidentTopologyLineOffsetParameters(-2.0, -2.0)
 
 
 def _add_points(plotter: Any, cloud: DrawnPoints, camera: Camera, height: int) -> None:
-    """Discs that face the camera, and lines."""
+    """Add points as discs that face the camera, and lines."""
     import pyvista
 
     if cloud.num_points:
@@ -228,7 +228,7 @@ _DISC = (
 
 
 def _drawn_widths(cloud: DrawnPoints, camera: Camera, height: int) -> Points:
-    """(N,): how wide the points are drawn: neither less than a pixel nor a large part of all."""
+    """Return (N,) the drawn widths of points, which are limited to a range in pixels."""
     ahead = camera.target - camera.position
     ahead = ahead / np.linalg.norm(ahead)
     depth = np.maximum((cloud.points - camera.position) @ ahead, camera.near)

@@ -1,4 +1,4 @@
-"""Forged and suspected points of scans, coloured by what was done to them or said about them."""
+"""Points of forged and inspected scans, coloured by the forgery or by the detectors' suspicion."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _SEVERAL: Rgb = (110, 0, 10)
 _MOVED: Rgb = (232, 120, 20)
 _REMOVED: Rgb = (60, 110, 220)
 _VERDICTS: dict[str, Rgb] = {"tampered": QUIET, "undecidable": DOUBT, "processed": DOUBT}
-"""Colours of points that nobody suspects; every verdict but these is a good one."""
+"""Colours of points that no detector suspects, by verdict; all other verdicts are good ones."""
 
 
 @checked
@@ -44,18 +44,18 @@ def evidence(
     suspected: Mapping[str, ArrayLike],
     boxes: Mapping[str, Sequence[Box]] | None = None,
 ) -> DrawnPoints:
-    """Return a scan with suspected points and boxes coloured by who suspects them.
+    """Return a scan with suspected points and boxes coloured by the detector that suspects them.
 
     Parameters
     ----------
     scan : LidarFrame
     verdict : str
-        About the whole scan: points that nobody suspects are grey in a ``tampered`` scan, amber in
-        an ``undecidable`` or ``processed`` one, else green.
+        Verdict on the whole scan. Points that no detector suspects are grey in a ``tampered`` scan,
+        amber in an ``undecidable`` or ``processed`` one, and green in all others.
     suspected : mapping of str to (K,) integers
         Rows of the points that each detector suspects, by the detector's name.
     boxes : mapping of str to sequence of Box, optional
-        By the same names.
+        Boxes of each detector, by the detector's name.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def evidence(
     Raises
     ------
     InputError
-        A row out of range.
+        A row is out of range.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def evidence(
 
 @checked
 def forgery_points(forgery: Forgery) -> DrawnPoints:
-    """Return a forged scan: points added and moved, and, where known, those removed.
+    """Return a forged scan with added and moved points, and with removed points if known.
 
     Parameters
     ----------
@@ -109,12 +109,12 @@ def forgery_points(forgery: Forgery) -> DrawnPoints:
     Returns
     -------
     DrawnPoints
-        The points that were removed stand behind those of the forged scan.
+        Points of the forged scan, then the removed points.
 
     Raises
     ------
     InputError
-        ``forgery`` is something else.
+        ``forgery`` is not a forgery.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def _joined(
 
 
 def _used(classes: Classes) -> Classes:
-    """Without the labels that no point has."""
+    """Return the classes without labels that no point has."""
     used = [i for i, count in enumerate(classes.counts()) if count or i == 0]
     new = np.zeros(len(classes.labels), np.uint8)
     new[used] = np.arange(len(used))

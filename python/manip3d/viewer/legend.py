@@ -1,4 +1,4 @@
-"""The legend of a picture of points, written into its corner."""
+"""The legend in the corner of a picture of points."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from manip3d.viewer.scene import pillow
 if TYPE_CHECKING:
     from manip3d.viewer.scene import Image, Rgb
 
-LINE = 18  # pixels from one line of text to the next
-BAR = (130, 9)  # pixels
+# Sizes in pixels.
+LINE = 18  # height of a line of text
+BAR = (130, 9)  # width and height of the colour bar
 SWATCH = 9
-EDGE = 10  # from the picture's border
-INSET = 8  # from the panel's border
-LEAST_SIZE = (240, 180)  # smaller pictures have no room for it
+EDGE = 10  # distance from the picture's border
+INSET = 8  # distance from the panel's border
+LEAST_SIZE = (240, 180)  # smaller pictures get no legend
 
 
 def with_legend(image: Image, points: DrawnPoints, background: Rgb) -> Image:
-    """The picture with the legend in its lower left corner; as it is where that has no room."""
+    """Draw the legend into the lower left corner of a picture, unless the picture is too small."""
     rows = _rows(points)
     if not rows or image.shape[1] < LEAST_SIZE[0] or image.shape[0] < LEAST_SIZE[1]:
         return image
@@ -35,17 +36,17 @@ def with_legend(image: Image, points: DrawnPoints, background: Rgb) -> Image:
 
 
 def number(value: float) -> str:
-    """A number with three digits that count."""
+    """Format a number with three significant digits."""
     return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
 
 
 def end_texts(scale: Scale) -> list[str]:
-    """The numbers at both ends of the colour bar."""
+    """Return the texts at both ends of the colour bar."""
     return [f"{number(end)} {scale.unit}".strip() for end in scale.ends]
 
 
 def _rows(points: DrawnPoints) -> list[tuple[str, Any]]:
-    """Content of each line, with its kind."""
+    """Return kind and content of each line."""
     rows: list[tuple[str, Any]] = []
     first = points.columns[0] if points.columns else None
     if isinstance(first, Scale):

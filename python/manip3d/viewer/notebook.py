@@ -1,4 +1,4 @@
-"""How things show themselves in a notebook: the viewer, a picture, and text."""
+"""Representations of objects in notebooks: the interactive viewer, a picture, and text."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from manip3d.viewer.pictures import picture, png_bytes
 from manip3d.viewer.scene import Style
 from manip3d.viewer.showing import Shown, shown, text_of
 
-SHOWN_FACES = 60_000  # 5 MB at most; a notebook holds many views
-MAX_FACES = 300_000  # a second to simplify them; more would hold up the notebook
-SHOWN_POINTS = 150_000  # 2 MB; a whole turn of most LiDARs
+SHOWN_FACES = 60_000  # largest number of shown faces; 5 MB, because a notebook has many views
+MAX_FACES = 300_000  # larger meshes are not simplified for a view, which would take over a second
+SHOWN_POINTS = 150_000  # largest number of shown points; 2 MB, a whole turn of most LiDARs
 PICTURE_SIZE = (640, 480)
 
 
 def mimebundle(thing: Any) -> dict[str, str | bytes]:
-    """Return what there is of text/plain, text/html and image/png; text always."""
+    """Return the available representations: always text/plain, also text/html and image/png."""
     text = text_of(thing)
     try:
         one = shown(thing)
-    except InputError:  # nothing to be seen, as of a scan that could not be judged
+    except InputError:  # there is nothing to show, for example of a scan that was not judged
         return {"text/plain": text}
     if _is_empty(one):
         return {"text/plain": text}

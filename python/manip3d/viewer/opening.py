@@ -1,4 +1,4 @@
-"""Opening whatever somebody names: a file, a folder of frames, or the address of a source."""
+"""Opening of any viewable source: a file, a folder of frames, or the address of a source."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Opened:
     kind : 'mesh', 'scan', 'depth' or 'rgbd'
     thing : Mesh, LidarFrame, DepthImage or RgbdFrame
     note : str
-        What was chosen or assumed, in words; empty if there was nothing to choose.
+        Sentence about choices and assumptions; empty: there were none.
     """
 
     kind: Kind
@@ -48,14 +48,14 @@ class Opened:
 
 @checked
 def kind_of(source: str | os.PathLike[str]) -> Kind:
-    """Return what a file, a folder or an address holds, by its name and by what stands there.
+    """Return the kind of content of a file, folder or address, by its name and content.
 
-    Anything that is not a scan, a depth image or a source of RGB-D frames is a ``mesh``.
+    Anything that is not a scan, a depth image or a source of RGB-D frames counts as ``mesh``.
 
     Parameters
     ----------
     source : path or str
-        As for `open_thing`.
+        Source, as for `open_thing`.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
     InputError
         ``source`` is neither a path nor a text.
     OSError
-        The file must be looked at, and cannot be read.
+        The name does not decide, and the file cannot be read.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
 
 
 def _is_cloud(path: Path) -> bool:
-    """Whether a PLY file has points only; False for a file that cannot be read."""
+    """Return whether a PLY file contains only points; False if the file cannot be read."""
     elements = ply_elements(path)
     return elements is not None and are_points_only(elements)
 
@@ -113,14 +113,14 @@ def open_thing(
     Parameters
     ----------
     source : path or str
-        A file, a folder of frames, or an address as `manip3d.capture.open` takes it.
+        A file, a folder of frames, or an address for `manip3d.capture.open`.
     frame : int, optional
         Number of the scan or frame, from 0 on. Default: the first one; for LiDAR packets the first
         whole turn.
     intrinsics : Intrinsics, optional
-        Camera of a depth image or of a folder of them.
+        Camera of a depth image or of a folder of depth images.
     unit : str or float
-        Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it.
+        Unit of a depth image, as for `manip3d.io.read_depth_guessing`.
     color : path, optional
         Colour image of a depth image, of the same size.
     calibration : path, optional
@@ -129,14 +129,14 @@ def open_thing(
     Returns
     -------
     Opened
-        What was read, its kind, and a sentence about how it was read.
+        The object, its kind, and a sentence about choices and assumptions.
 
     Raises
     ------
     InputError
-        There is no such frame, or an option is not for this kind of source.
+        There is no such frame, or an option does not apply to this kind of source.
     FormatError, DeviceError, MissingExtraError, OSError
-        As the readers.
+        As raised by the readers.
 
     Examples
     --------
@@ -183,7 +183,7 @@ def _scan(
 
 
 def _first_whole(scans: Iterator[LidarFrame], name: str) -> tuple[LidarFrame, str]:
-    """The first whole turn, the largest part of one where none is whole; and which it is."""
+    """Return the first whole turn, or else the largest partial one; and a sentence about it."""
     best: tuple[LidarFrame, int] | None = None
     for number, scan in enumerate(scans):
         header = {} if scan.format is None else scan.format.header

@@ -1,4 +1,4 @@
-"""The interactive viewer: one HTML page that holds its meshes and points and loads nothing."""
+"""The interactive viewer: an HTML page that contains its meshes and points and loads no files."""
 
 from __future__ import annotations
 
@@ -49,12 +49,14 @@ if TYPE_CHECKING:
 
 BUNDLE = Path(__file__).parent / "dist" / "viewer.js"
 VIEW = {"azimuth": 30.0, "elevation": 20.0, "up": "y"}
-MAX_FACES = 200_000  # 10 MB of page; a phone still turns it smoothly
-MAX_POINTS = 2_000_000  # 24 MB of page; while they turn, slow machines draw a part of them
-FILM_FACES = 20_000  # of each frame: 1 MB of page
-FIGURE_POINTS = 300_000  # 3 MB beside the other things of a page
-GRID = 65535.0  # steps of a point's place along each side of the scene
-FAR_OUT = 20.0  # times the bulk's extent: then single points would make the steps too large
+MAX_FACES = 200_000  # a page of 10 MB, which a phone still rotates smoothly
+MAX_POINTS = 2_000_000  # a page of 24 MB; slow machines draw only a part during rotation
+FILM_FACES = 20_000  # faces of each frame of a film; 1 MB of the page
+FIGURE_POINTS = 300_000  # points of a figure; 3 MB of a page
+GRID = 65535.0  # quantisation steps of a point's coordinate along each side of the scene
+# Ratio of a cloud's extent to the extent without its outermost points, above which coordinates are
+# stored as float32, because single far points would make the quantisation steps too large.
+FAR_OUT = 20.0
 
 
 @functools.cache
@@ -70,7 +72,7 @@ def _bundle() -> str:
 
 
 def document(title: str, page: dict[str, Any]) -> str:
-    """The page around its content. Nothing but its own script may run, nothing is fetched."""
+    """Return the page with its content; its policy allows only its own script and no requests."""
     script = _bundle()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = (
@@ -78,7 +80,7 @@ def document(title: str, page: dict[str, Any]) -> str:
         "img-src blob: data:; connect-src blob:"
     )
     content = json.dumps(page).replace("<", "\\u003c")
-    # ASCII throughout: a host page of another encoding would change the script, and its hash.
+    # Use ASCII only, because a host page with another encoding would change the script's hash.
     name = html_text.escape(title).encode("ascii", "xmlcharrefreplace").decode()
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -97,14 +99,14 @@ def _base64(content: bytes) -> str:
 
 @dataclass(frozen=True)
 class Placement:
-    """Moves meshes to the origin and to unit size, where float32 and depth buffers are exact."""
+    """Map to the origin and to unit size, where float32 and depth buffers are exact."""
 
     center: Points
     scale: float
 
     @classmethod
     def of(cls, thing: Shown) -> Placement:
-        """The one that puts ``thing`` there."""
+        """Return the placement of ``thing``."""
         if not (thing.num_faces if isinstance(thing, Mesh) else thing.num_points):
             return cls(np.zeros(3), 1.0)
         low, high = thing.bounds
@@ -116,7 +118,7 @@ class Placement:
 
 
 def _dressed(mesh: Mesh) -> Mesh:
-    """Every face with a material, and each material with what the viewer shows of it."""
+    """Return the mesh with a material for every face, reduced to what the viewer shows."""
     contents = {
         texture: texture_bytes(mesh, texture)
         for texture in dict.fromkeys(m.textures.get("base_color") for m in mesh.materials)
@@ -146,13 +148,13 @@ def _glb(mesh: Mesh) -> bytes:
 
 
 def placed_glb(mesh: Mesh, placement: Placement) -> bytes:
-    """A mesh as the viewer shows it, at the place that ``placement`` gives it, as a GLB file."""
+    """Return a mesh for the viewer, transformed by ``placement``, as a GLB file."""
     placed = _dressed(mesh).replace(vertices=placement(mesh.vertices))
     return _glb(with_shading_normals(placed, "smooth"))
 
 
 def model_entry(thing: Shown, placement: Placement, label: str, detail: str) -> dict[str, Any]:
-    """One mesh, or the points of one cloud, as the page's script reads it."""
+    """Return the entry of a mesh or cloud in the form that the page's script reads."""
     entry = {"label": label, "detail": detail}
     if isinstance(thing, DrawnPoints):
         return entry | {"points": _points_entry(thing, placement)}
@@ -168,7 +170,7 @@ def _floats(values: Points) -> str:
 
 
 def _points_entry(cloud: DrawnPoints, placement: Placement) -> dict[str, Any]:
-    # In an order by chance: the first n points are an even part of all.
+    # In random order, the first n points are an even sample of all.
     order = np.random.default_rng(0).permutation(cloud.num_points)
     placed = placement(cloud.points[order].astype(np.float64))
     low = placed.min(axis=0) if len(placed) else np.zeros(3)
@@ -202,7 +204,7 @@ def _points_entry(cloud: DrawnPoints, placement: Placement) -> dict[str, Any]:
 
 
 def _has_far_points(placed: Points, extent: Points) -> bool:
-    """Whether single points lie so far away that 16 bits would not tell the others apart."""
+    """Return whether outliers lie so far away that 16 bits cannot resolve the other points."""
     if not len(placed):
         return False
     low, high = np.percentile(placed, [1.0, 99.0], axis=0)
@@ -232,7 +234,7 @@ def _bytes_entry(name: str, kind: str, values: NDArray[np.uint8]) -> dict[str, A
 
 
 def _axes_entry(cloud: DrawnPoints, placement: Placement) -> dict[str, Any]:
-    """At the sensor, else at (0, 0, 0) where that is within the scene, else at its corner."""
+    """Place the axes at the sensor, or at (0, 0, 0) if it is inside the scene, or at a corner."""
     low, high = cloud.bounds
     place = np.zeros(3) if cloud.origin is None else np.array(cloud.origin)
     if cloud.origin is None and not ((low <= place) & (place <= high)).all():
@@ -248,7 +250,7 @@ def _axes_entry(cloud: DrawnPoints, placement: Placement) -> dict[str, Any]:
 
 
 def round_length(length: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is not larger."""
+    """Round down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= length * 1.001))
 
@@ -264,7 +266,7 @@ def _place_entry(pose: Pose, placement: Placement) -> dict[str, Any]:
 
 
 def _looks(style: Style, *, axes: bool = True) -> dict[str, Any]:
-    """Switches of the toolbar, as the page's script reads them."""
+    """Return the states of the toolbar's switches for the page's script."""
     return {
         "axes": axes,
         "lines": True,
@@ -278,7 +280,7 @@ def _looks(style: Style, *, axes: bool = True) -> dict[str, Any]:
 
 
 def displayed(thing: Shown, max_faces: int, max_points: int = MAX_POINTS) -> tuple[Shown, str]:
-    """Return the part that is shown of too large a mesh or cloud, and what to say about it."""
+    """Reduce a mesh or cloud that is too large; return it and a text about its size."""
     if isinstance(thing, DrawnPoints):
         fewer = thing.thinned(max_points)
         return fewer, fewer.detail or f"{fewer.num_points:,} points"
@@ -306,10 +308,10 @@ def html(
     max_faces: int = MAX_FACES,
     max_points: int = MAX_POINTS,
 ) -> str:
-    """Return a page that shows one thing, or several side by side from one camera.
+    """Return a page that shows an object, or several side by side with a common camera.
 
-    The page holds all it needs; it can be mailed, put into an ``<iframe srcdoc>`` (`iframe` does
-    that) or opened without a network. Its buttons switch what the options below set first.
+    The page contains all its data; it can be mailed, embedded by an ``<iframe srcdoc>`` (see
+    `iframe`) or opened without a network. Its buttons change the options below.
 
     Parameters
     ----------
@@ -318,14 +320,14 @@ def html(
     title : str
         Title of the page.
     labels : sequence of str, optional
-        A name below each; its number of faces or points stands beside it.
+        A name below each object, next to its number of faces or points.
     azimuth, elevation, up, color_by, shading, texture, wireframe, boundary, backfaces
-        As for `picture`. Without the first three, scans are seen from behind and above the
-        scanner and depth images from their camera.
+        As for `picture`. If the first three are not given, scans are seen from behind and above the
+        scanner, and depth images from their camera.
     max_faces : int
-        Larger meshes are shown simplified, and say so.
+        Largest number of shown faces. A larger mesh is simplified, and the page says so.
     max_points : int
-        Most points shown. A larger cloud is thinned to that number, and the page says so.
+        Largest number of shown points. A larger cloud is thinned, and the page says so.
 
     Returns
     -------
@@ -334,9 +336,9 @@ def html(
     Raises
     ------
     InputError
-        An option out of range; the number of labels is not that of things.
+        An option is out of range, or the numbers of labels and of objects differ.
     RenderError
-        The viewer is not built; the message names the cure.
+        The viewer is not built; the message says how to build it.
 
     Warns
     -----
@@ -391,23 +393,23 @@ def film(
 ) -> str:
     """Make a page that plays a sequence of meshes, with a time bar.
 
-    The page holds all it needs, as that of `html`. Frames are left out where the machine cannot
-    draw them in time, so that the film keeps its speed.
+    Like a page of `html`, it contains all its data. If the machine is too slow, frames are left
+    out, so that the film keeps its speed.
 
     Parameters
     ----------
     meshes : sequence of Mesh or results that hold one
-        At least one; in the order in which they are shown.
+        At least one mesh, in the order of the film.
     rate : float, frames per second
-        How fast the film is played.
+        Speed of the film.
     title : str
         Title of the page.
     labels : sequence of str, optional
-        A name of each.
+        A name of each mesh.
     azimuth, elevation, up
-        As for `picture`; the camera stands where the whole film is seen.
+        As for `picture`; the camera is placed so that the whole film is visible.
     max_faces : int
-        Larger meshes are shown simplified, and say so.
+        Largest number of shown faces. Larger meshes are simplified, and the page says so.
 
     Returns
     -------
@@ -460,7 +462,7 @@ def view_of(
     elevation: float | None = None,
     up: Up | None = None,
 ) -> dict[str, Any]:
-    """How a thing is first seen; ``fits``: from a direction, not from one of its places."""
+    """Return the first view of an object; ``fits``: from a direction, not from one of its poses."""
     fits = azimuth is not None or elevation is not None or up is not None
     if isinstance(thing, DrawnPoints):
         seen = thing.direction.but(azimuth, elevation, up)
@@ -470,7 +472,7 @@ def view_of(
 
 
 def poses_of(thing: Shown) -> tuple[Pose, ...]:
-    """The places to look from; of a depth image's mesh the one of its camera."""
+    """Return the poses from which an object can be viewed; for depth meshes, the camera's."""
     if isinstance(thing, DrawnPoints):
         return thing.poses
     place = camera_place(thing)
@@ -484,9 +486,9 @@ def page_of(
     style: Style,
     film_rate: float | None = None,
 ) -> str:
-    """The page of things that are small enough, each with its detail and its label.
+    """Return the page of objects that are small enough, each with its label and text.
 
-    With a rate they are shown one after the other.
+    With a rate, the objects are shown one after the other.
     """
     first = entries[0][0]
     placement = Placement.of(first)
@@ -505,7 +507,7 @@ def page_of(
 
 
 def still_page(thing: Shown, camera: Camera, style: Style, scale: int) -> str:
-    """A page whose ``manip3d`` becomes the data URL of one picture; `html` without its buttons."""
+    """Return a page without buttons whose variable ``manip3d`` becomes a picture's data URL."""
     placement = Placement.of(thing)
     page = _steered(style, [model_entry(thing, placement, "", "")])
     page["still"] = {
@@ -520,7 +522,7 @@ def still_page(thing: Shown, camera: Camera, style: Style, scale: int) -> str:
 def timing_page(
     meshes: Sequence[Mesh], camera: Camera, style: Style, frames: int, seconds: float
 ) -> str:
-    """A page whose ``manip3d`` becomes the times of frames that show all meshes together."""
+    """Return a page whose variable ``manip3d`` becomes the frame times of a scene of all meshes."""
     here = Placement(np.zeros(3), 1.0)
     page = _steered(
         style,
@@ -540,10 +542,10 @@ def timing_page(
 
 
 def _steered(style: Style, models: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the content of a page that a program steers, without what people need."""
+    """Return the content of a page that a program controls, without controls for people."""
     return {
         "title": "",
-        "view": VIEW,  # of no effect: the pose says where the camera stands
+        "view": VIEW,  # has no effect, because the pose determines the camera
         "places": [],
         "ramp": RAMP,
         "looks": _looks(style, axes=False),
@@ -568,19 +570,19 @@ def _pose_entry(camera: Camera, placement: Placement) -> dict[str, Any]:
 
 @checked
 def iframe(page: str, *, height: int = 480) -> str:
-    """Return an HTML element that shows ``page`` inside another page, kept apart from it.
+    """Return an HTML element that shows ``page`` inside another page, isolated from it.
 
     Parameters
     ----------
     page : str
-        A whole page, as `html` returns it.
+        A whole page, as returned by `html`.
     height : int, pixels
         Height of the frame.
 
     Returns
     -------
     str
-        An ``<iframe>`` whose scripts cannot touch the page around it.
+        An ``<iframe>`` whose scripts cannot access the page around it.
 
     Raises
     ------
@@ -603,18 +605,18 @@ def iframe(page: str, *, height: int = 480) -> str:
 def figure(
     thing: Any, caption: str = "", *, height: int = 520, max_points: int = FIGURE_POINTS
 ) -> str:
-    """Return a ``<figure>`` for another page: the viewer, else a picture, else why there is none.
+    """Return a ``<figure>`` for another page: the viewer, or a picture, or the reason for neither.
 
     Parameters
     ----------
     thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result
         As for `manip3d.viewer.shown`.
     caption : str
-        Text over the view.
+        Text above the view.
     height : int, pixels
         Height of the view.
     max_points : int
-        Most points shown. A larger cloud is thinned to that number, and the figure says so.
+        Largest number of shown points. A larger cloud is thinned, and the figure says so.
 
     Returns
     -------
@@ -648,7 +650,7 @@ def figure(
 
 
 def has_display() -> bool:
-    """Return whether a browser that this process starts would be seen by somebody.
+    """Return whether a browser started by this process has a display.
 
     Returns
     -------
@@ -668,29 +670,29 @@ def has_display() -> bool:
 
 @checked
 def view(thing: Any, output: str | os.PathLike[str] | None = None, **options: Any) -> Path:
-    """Show a thing, or several side by side: in the browser, or as an .html or .png file.
+    """Show an object, or several side by side, in the browser or as an .html or .png file.
 
     Parameters
     ----------
     thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result, or a sequence of them
         As for `manip3d.viewer.shown`.
     output : path, optional
-        Where to write; without it a page in the folder for temporary files is opened in the
-        browser, where there is a display.
+        File to write. Default: a temporary page, which is opened in the browser if there is a
+        display.
     **options
-        Options of `html`; for ``.png`` those of `picture`, or of `comparison` for several things.
+        Options of `html`; for ``.png`` those of `picture`, or of `comparison` for several objects.
 
     Returns
     -------
     Path
-        The file that shows the thing.
+        The written file.
 
     Raises
     ------
     InputError
         ``output`` ends in neither ``.html`` nor ``.png``, or an option is out of range.
     RenderError
-        The viewer is not built, or nothing can draw here; the message names the cure.
+        The viewer is not built, or no renderer works here; the message says what to do.
     OSError
         The file cannot be written.
 
@@ -718,7 +720,7 @@ def view(thing: Any, output: str | os.PathLike[str] | None = None, **options: An
 
 
 def _opened(page: str) -> Path:
-    """Open a page in the browser, where there is a display; return its temporary file."""
+    """Write a page to a temporary file, and open it in the browser if there is a display."""
     handle, name = tempfile.mkstemp(prefix="manip3d-", suffix=".html")
     os.close(handle)
     path = Path(name)
@@ -732,14 +734,15 @@ def _opened(page: str) -> Path:
 def play(
     meshes: Sequence[Any], output: str | os.PathLike[str] | None = None, **options: Any
 ) -> Path:
-    """Play a sequence of meshes: in the browser, or as an .html file.
+    """Play a sequence of meshes in the browser or as an .html file.
 
     Parameters
     ----------
     meshes : sequence of Mesh or results that hold one
+        Meshes in the order of the film.
     output : path, optional
-        Where to write; without it a page in the folder for temporary files is opened in the
-        browser, where there is a display.
+        File to write. Default: a temporary page, which is opened in the browser if there is a
+        display.
     **options
         Options of `film`.
 

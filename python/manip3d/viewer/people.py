@@ -32,14 +32,14 @@ _GREY = 200
 def depth_picture(
     depth: NDArray[Any], *, near: float | None = None, far: float | None = None
 ) -> Image:
-    """A depth image in grey: near is light, nothing is black.
+    """Draw a depth image in grey: near pixels are light, pixels without depth black.
 
     Parameters
     ----------
     depth : (H, W)
-        0: nothing; any unit.
+        Depth in any unit; 0: no measurement.
     near, far : float, optional
-        In that unit; by default what 98 of 100 pixels lie between.
+        Ends of the grey scale, in the same unit. Default: 98 % of the pixels lie between them.
     """
     there = depth > 0
     if near is None or far is None:
@@ -52,8 +52,8 @@ def depth_picture(
 
 
 def label_picture(labels: NDArray[np.uint8]) -> Image:
-    """A colour for each bone; black for none."""
-    hue = (np.arange(256) * 0.381966) % 1.0  # the golden ratio: neighbours differ
+    """Draw a label image with a colour for each bone; black: no bone."""
+    hue = (np.arange(256) * 0.381966) % 1.0  # steps of the golden angle, so that neighbours differ
     turn = (hue[:, None] + np.array([0.0, 2.0, 1.0]) / 3.0) % 1.0
     palette = 255.0 * np.clip(np.abs(6.0 * turn - 3.0) - 1.0, 0.15, 0.95)
     palette[0] = 0.0
@@ -67,18 +67,18 @@ def textured_picture(
     with_phantom: bool = True,
     phantom_color: Image | None = None,
 ) -> Image:
-    """The person from the camera's own place, on white.
+    """Draw the person as seen by the camera, on white.
 
     Parameters
     ----------
     phantom : PhantomFrame
     color : (H', W', 3) uint8, optional
-        Colour image of the frame; without it everything is grey.
+        Colour image of the frame; default: everything is grey.
     with_phantom : bool
-        Without it, the person as measured, less the affected limb.
+        Draw the phantom. If false, draw only the measured person without the affected limb.
     phantom_color : (H', W', 3) uint8, optional
-        Colour image of frame ``phantom.texture_number`` while the phantom is held; by default the
-        result's own.
+        Colour image of frame ``phantom.texture_number``, which differs from ``color`` while the
+        phantom is held. Default: the image in ``phantom``.
     """
     if phantom_color is None and color is not None:
         phantom_color = phantom.phantom_color
@@ -95,7 +95,7 @@ def textured_picture(
 
 
 def _looked_up(texcoords: NDArray[np.float32], color: Image | None) -> Image:
-    """Colours at texture coordinates (N, 2), v up."""
+    """Return the colours at texture coordinates (N, 2), v up."""
     if color is None:
         return np.full((len(texcoords), 3), _GREY, np.uint8)
     height, width = color.shape[:2]
@@ -114,19 +114,19 @@ def mesh_picture(
     azimuth: float = 35.0,
     threads: int = 0,
 ) -> Image:
-    """The textured mesh, rotated about the vertical through its middle, on white.
+    """Draw the textured mesh, rotated about the vertical axis through its centre, on white.
 
     Parameters
     ----------
     phantom : PhantomFrame
     color : (H', W', 3) uint8, optional
-        Without it the mesh is grey.
+        Colour image; default: the mesh is grey.
     camera : Intrinsics
-        The depth camera: the picture has its size.
+        The depth camera, whose size the picture has.
     azimuth : float, degrees
-        Positive: seen from the camera's right.
+        Angle of the rotation; positive: seen from the camera's right.
     threads : int
-        0: ``MANIP3D_THREADS``, else all cores.
+        Number of threads; 0: ``MANIP3D_THREADS`` if it is set, otherwise all cores.
 
     Raises
     ------
@@ -154,12 +154,12 @@ def surface_picture(
     azimuth: float = 35.0,
     threads: int = 0,
 ) -> Image:
-    """A textured surface, rotated about the vertical through its middle, on white.
+    """Draw a textured surface, rotated about the vertical axis through its centre, on white.
 
     Parameters
     ----------
     vertices : (n, 3) float32, metres
-        In the frame of the depth camera.
+        Vertices in the frame of the depth camera.
     faces : (m, 3) int32
     texcoords : (n, 2) float32
         Texture coordinates of each vertex.
@@ -208,25 +208,25 @@ def phantom_sheet(
     azimuth: float = 35.0,
     threads: int = 0,
 ) -> Image:
-    """Draw what the camera saw, the person with the phantom, and the mesh from the side.
+    """Draw the camera's image, the person with the phantom, and the mesh from the side.
 
     Parameters
     ----------
     frame : RgbdFrame
     phantom : PhantomFrame
-        What `manip3d.modify.PhantomPipeline` made of it.
+        Result of `manip3d.modify.PhantomPipeline` for the frame.
     phantom_color : (H', W', 3) uint8, optional
         As for `textured_picture`.
     azimuth : float, degrees
         As for `mesh_picture`.
     threads : int
-        0: ``MANIP3D_THREADS``, else all cores.
+        Number of threads; 0: ``MANIP3D_THREADS`` if it is set, otherwise all cores.
 
     Returns
     -------
     (H, 3 W, 3) uint8
-        Three pictures of H x W depth pixels side by side. Where there is no colour at the pixels of
-        the depth, the first picture is the depth.
+        Three pictures of H x W pixels side by side, the size of the depth image. If there is no
+        colour image with the depth image's pixels, the first picture shows the depth.
 
     Raises
     ------

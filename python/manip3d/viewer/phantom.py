@@ -32,16 +32,16 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
 
 RATE = 30
-"""Frames a second of the film."""
+"""Frames per second of the film."""
 
 _WORST, _COLUMNS, _WIDTH = 40, 8, 200
-"""Frames of a contact sheet, those of a row, and the width of each in pixels."""
+"""Number of frames of a contact sheet, number per row, and width of each in pixels."""
 
 _PICTURE = re.compile(r"\d{6}\.png")
 _UNREAD = "The frame cannot be read."
 
 _HELD = 64
-"""Colour images that are kept for phantoms that are held: two seconds."""
+"""Number of colour images, about two seconds, that are kept for held phantoms."""
 
 
 @dataclass(frozen=True)
@@ -55,20 +55,22 @@ class PhantomFilm:
         The limb that was replaced, such as ``right_arm``.
     frames : int
     frames_with_skeleton : int
-        Frames in which the source has a person's skeleton; without any there is no phantom.
+        Number of frames with a person's skeleton; if it is 0, there is no phantom.
     frames_with_color : int
-        Frames that have a colour image, in which ``pose`` finds joints.
+        Number of frames with a colour image, which ``pose`` needs.
     states : mapping of str to int
         Number of frames in each state of the pipeline.
     stage_ms : mapping of str to float
-        Mean time of each stage of the pipeline, milliseconds a frame.
+        Mean time of each stage of the pipeline, milliseconds per frame.
     messages : mapping of str to int
-        Why frames were not ``tracking``, in sentences for an operator, and in how many frames.
+        Reasons why frames were not ``tracking``, as sentences for an operator, with the numbers of
+        frames.
     errors : mapping of int to str
-        Why frames could not be read, by their places. The picture before such a frame is shown
-        again, and it counts as ``holding``; before the first that is read there is none.
+        Reasons why frames could not be read, by the frames' indices. The picture of the previous
+        frame is shown instead, and the frame counts as ``holding``; unreadable frames before the
+        first readable one are left out.
     counters : mapping of str to int
-        What the source counted, frames that it left out among it; empty where it counts nothing.
+        Counters of the source, such as the number of dropped frames; may be empty.
     """
 
     path: Path
@@ -99,32 +101,31 @@ def render_phantom(
     threads: int = 0,
     progress: Progress = None,
 ) -> PhantomFilm:
-    """Draw people with a phantom limb: what was seen, the phantom, the mesh from the side.
+    """Draw people with a phantom limb: camera image, phantom, and the mesh from the side.
 
     Parameters
     ----------
     source : str or iterable of RgbdFrame
         An address for `manip3d.capture.open_rgbd`, a recording's path, or frames with a skeleton.
     output : path-like
-        ``.mp4``: a film of 30 frames a second. ``.png``: a contact sheet of the 40 frames that are
-        worst by `manip3d.modify.PhantomQuality.score`, the worst first, each cut out around the
-        person, with what was seen above the phantom. A name without a suffix: a folder of PNG
-        pictures.
+        ``.mp4``: a film of 30 frames per second. ``.png``: a contact sheet of the 40 worst frames
+        by `manip3d.modify.PhantomQuality.score`, the worst first; each is cropped to the person and
+        shows the camera image above the phantom. A name without a suffix: a folder of PNG pictures.
     affected : str, optional
-        ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``, the person's own; by default the
-        limb that a simulated person has lost, else the right arm.
+        The affected limb: ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg`` (the person's
+        own left and right). Default: the limb that a simulated person has lost, or the right arm.
     mode, segmentation, smoothing, plane
-        As `manip3d.modify.PhantomPipeline`.
+        As for `manip3d.modify.PhantomPipeline`.
     pose : bool
         Find the person's joints with `manip3d.modify.PoseTracker`, for sources without skeletons.
     azimuth : float, degrees
         Direction from which the mesh is drawn.
     frames : int, optional
-        Stop after this many.
+        Stop after this many frames.
     overwrite : bool
-        Replace a film, a sheet, or a folder that holds PNG pictures only.
+        Replace a film, a sheet, or a folder that contains only PNG pictures.
     threads : int
-        0: ``MANIP3D_THREADS``, else all cores.
+        Number of threads; 0: ``MANIP3D_THREADS`` if it is set, otherwise all cores.
     progress : None, True or callable(fraction, message)
         True shows a bar; a callable gets the fraction done and a message.
 
@@ -160,7 +161,7 @@ def render_phantom(
         past_errors: Any = getattr(stream, "past_errors", stream.__iter__)
         taken: Iterable[RgbdFrame | None] = itertools.islice(past_errors(), frames)
         if tracker is not None:
-            # A camera may begin with frames that have no colour yet.
+            # The first frames of some cameras have no colour.
             taken = (f if f is None or f.color is None else tracker.annotate(f) for f in taken)
         for frame, picture, phantom in _pictures(taken, pipeline, azimuth, threads):
             sink.add(picture, phantom)
@@ -185,7 +186,7 @@ def render_phantom(
 
 
 class _FrameCounts:
-    """Counts of a film's frames: their states, why not all were tracked, time by stage."""
+    """Counts of a film's frames by state and by reason for not tracking; time of each stage."""
 
     def __init__(self) -> None:
         self.states: Counter[str] = Counter()
@@ -199,7 +200,7 @@ class _FrameCounts:
         return self.states.total()
 
     def add(self, frame: RgbdFrame | None, phantom: PhantomFrame) -> None:
-        """Count a frame; None is one that cannot be read."""
+        """Count a frame; None: a frame that could not be read."""
         if frame is None:
             self.states["holding"] += 1
             self.messages[_UNREAD] += 1
@@ -221,16 +222,16 @@ def _opened(source: str | Iterable[RgbdFrame]) -> Any:
 
 
 class Sink(Protocol):
-    """Takes pictures one after the other."""
+    """Receives pictures one after another."""
 
     def add(self, picture: Image, phantom: PhantomFrame) -> None:
-        """The next picture, and the frame that it shows."""
+        """Add the next picture, and the frame that it shows."""
 
 
 def limb_of(source: str) -> str:
-    """Return the limb that a simulated person has lost; else the right arm.
+    """Return the limb that a simulated person has lost, or the right arm.
 
-    The simulator refuses any other name when the source is opened, and names its option.
+    Wrong names of limbs are not refused here but by the simulator, which names its option.
     """
     from manip3d.modify import Limb
 
@@ -242,7 +243,7 @@ def limb_of(source: str) -> str:
 def _pictures(
     frames: Iterable[RgbdFrame | None], pipeline: Any, azimuth: float, threads: int
 ) -> Iterator[tuple[RgbdFrame | None, Image, Any]]:
-    """The pictures of the frames; for one that cannot be read that of the frame before it."""
+    """Yield the picture of each frame; for an unreadable frame, the previous picture."""
     from manip3d.viewer import people
 
     older: deque[tuple[int, Image]] = deque(maxlen=_HELD)
@@ -265,7 +266,7 @@ def _pictures(
 
 @contextmanager
 def _sink(output: Path, *, overwrite: bool) -> Iterator[Sink]:
-    """A film or a folder that appears whole, or not at all."""
+    """Yield a film, sheet or folder, which is written atomically."""
     suffix = output.suffix.lower()
     if suffix == ".mp4":
         with atomic_path(output) as temporary, closing(_Film(temporary)) as film:
@@ -293,7 +294,10 @@ def _holds_pictures_only(folder: Path) -> bool:
 
 
 def _around(picture: Image, phantom: PhantomFrame) -> Image:
-    """Draw what was seen, and below it the phantom: a square around the person, or around all."""
+    """Crop camera image and phantom to a square around the person, one above the other.
+
+    Without a person the square contains the whole image.
+    """
     rows, columns = np.nonzero(phantom.depth > 0)
     height, width = phantom.depth.shape
     if not len(rows):
@@ -309,10 +313,10 @@ def _around(picture: Image, phantom: PhantomFrame) -> Image:
 
 
 class _Worst:
-    """A sheet of the pictures with the highest scores; of equal ones the earlier."""
+    """Sheet of the pictures with the highest scores; of equal scores the earlier pictures."""
 
     def __init__(self) -> None:
-        self._kept: list[tuple[float, int, Image]] = []  # a heap, the least bad first
+        self._kept: list[tuple[float, int, Image]] = []  # heap with the lowest score first
         self._number = 0
 
     def add(self, picture: Image, phantom: PhantomFrame) -> None:
@@ -324,7 +328,7 @@ class _Worst:
         from manip3d.viewer import png_bytes
 
         if not self._kept:
-            return  # there was no frame, and the caller says so
+            return  # there was no frame, for which the caller raises an error
         pairs = [pair for _, _, pair in sorted(self._kept, key=lambda one: one[:2], reverse=True)]
         pairs += [np.zeros_like(pairs[0])] * (-len(pairs) % min(len(pairs), _COLUMNS))
         rows = [np.hstack(pairs[i : i + _COLUMNS]) for i in range(0, len(pairs), _COLUMNS)]
@@ -332,7 +336,7 @@ class _Worst:
 
 
 class _Folder:
-    """``000000.png`` and so on."""
+    """Folder of pictures ``000000.png``, ``000001.png``, ..."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -346,7 +350,10 @@ class _Folder:
 
 
 class _Film:
-    """H.264, or MPEG-4 where that encoder is missing; even sizes, as its colours need."""
+    """Film in H.264, or in MPEG-4 if that encoder is missing.
+
+    Width and height are even, because colours are stored at half the resolution.
+    """
 
     def __init__(self, path: Path) -> None:
         try:

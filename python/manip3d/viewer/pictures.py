@@ -1,4 +1,4 @@
-"""Off-screen pictures of meshes and points, and contact sheets of several from one camera."""
+"""Off-screen pictures of meshes and points, and contact sheets with a common camera."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from manip3d.viewer.scene import Image, Rgb, Shading, Up
 
 MAX_POINTS = 4_000_000
-"""More would not be told apart in a picture."""
+"""Largest number of points that are drawn; more cannot be distinguished in a picture."""
 
 DRAW: dict[str, Callable[[Shown, Camera, Style], Image]] = {
     "pyvista": _pyvista.draw,
@@ -74,35 +74,37 @@ def picture(
         As for `shown`.
     size : (width, height), pixels
     azimuth : float, degrees
-        0 looks at the front (from +z; from -y if ``up='z'``; from -z if ``up='-y'``), 90 from +x.
-        30 for meshes. If neither this nor ``elevation`` nor ``up`` is given, the mesh of a depth
-        image is seen from its camera, and points are seen from ``place``.
+        Direction of the camera. 0: from the front (from +z; from -y if ``up='z'``; from -z if
+        ``up='-y'``); 90: from +x. Default for meshes: 30. If neither azimuth nor ``elevation`` nor
+        ``up`` is given, the mesh of a depth image is seen from its camera, and points are seen from
+        ``place``.
     elevation : float, degrees in [-90, 90]
-        How far the camera stands above the horizon; 20 for meshes.
+        Angle of the camera above the horizon. Default for meshes: 20.
     zoom : float
-        1 just holds the mesh; 2 shows its middle twice as large.
+        Magnification; 1: the mesh just fits into the picture, 2: its middle is twice as large.
     up : 'y', 'z' or '-y'
         The upward axis; ``-y`` is that of a camera (x right, y down, z ahead).
     place : str, optional
-        For points only: name of one of `DrawnPoints.poses`; the first one by default.
+        For points only: name of one of `DrawnPoints.poses`; default: the first one.
     color_by : str, optional
-        For points only: name of one of `DrawnPoints.columns`; the first one by default.
+        For points only: name of one of `DrawnPoints.columns`; default: the first one.
     legend : bool
-        For points only: write what the colours mean into the lower left corner.
+        For points only: draw a legend of the colours in the lower left corner.
     shading : 'smooth' or 'flat'
-        ``smooth`` uses the file's normals, else averages over edges flatter than 40 degrees;
-        ``flat`` gives each triangle its own shade.
+        ``smooth`` uses the file's normals or, without normals, averages over edges flatter than 40
+        degrees; ``flat`` shades each triangle with its own normal.
     texture : bool
-        ``False`` draws the shape alone, in grey: no textures, materials or vertex colours.
+        If false, draw only the shape in grey, without textures, materials and vertex colours.
     wireframe : bool
-        Draw the triangles' edges too.
+        Also draw the triangles' edges.
     boundary : bool
-        Draw, in red, the edges that exactly one face uses once equal positions are one.
+        Draw in red the boundary edges: edges of exactly one face after vertices at equal positions
+        are merged.
     backfaces : bool
-        ``False`` leaves out faces seen from behind, as games do: for models with an outline
-        shell, which would hide everything else.
+        Draw faces that are seen from behind. Without them, as in games, models with an outline
+        shell show what is inside the shell.
     background : '#rrggbb' or (r, g, b) of 0 to 255
-        Colour where there is no mesh.
+        Background colour.
 
     Returns
     -------
@@ -147,11 +149,11 @@ def points_picture(
     Parameters
     ----------
     points : LidarFrame or (N, 3) numbers, metres
-        A frame is seen from behind and above its scanner.
+        Points. A frame is seen from behind and above its scanner.
     colors : (N, 3) uint8, optional
-        R, G, B of each point; without them the height is shown.
+        R, G, B of each point; default: colours show the height.
     boxes : sequence of Box, or mapping of str to sequence of Box
-        Drawn as lines, each label or key in its own colour.
+        Boxes, drawn as lines with a colour for each label or key.
     **options
         Options of `picture`.
 
@@ -240,14 +242,14 @@ def comparison(
     backfaces: bool = True,
     background: str | Rgb = BACKGROUND,
 ) -> Image:
-    """Draw several things side by side, all from the camera that frames the first.
+    """Draw several objects side by side, all from the camera that frames the first one.
 
     Parameters
     ----------
     things : sequence of Mesh, LidarFrame, RgbdFrame, DrawnPoints or results
-        The first, usually the original, decides where the camera stands.
+        Objects; the first one, usually the original, determines the camera.
     labels : sequence of str, optional
-        A caption above each; default: the number of faces or points.
+        A caption above each object; default: the number of faces or points.
     columns : int, optional
         Pictures per row; default: all in one row, at most four.
     size : (width, height), pixels
@@ -265,7 +267,7 @@ def comparison(
     Raises
     ------
     InputError, RenderError
-        As `picture`; or the number of labels is not that of things.
+        As `picture`; or the numbers of labels and of objects differ.
 
     Examples
     --------
@@ -303,7 +305,7 @@ def _count(thing: Shown) -> str:
 
 
 def _caption(label: str, style: Style) -> Image:
-    """A strip with the label in its middle."""
+    """Draw a strip with a centred label."""
     module = pillow()
     from PIL import ImageDraw, ImageFont
 
@@ -327,7 +329,7 @@ def png_bytes(image: Image) -> bytes:
     Parameters
     ----------
     image : (H, W), (H, W, 3) or (H, W, 4) uint8
-        Grey; R, G, B, as `picture` returns it; or R, G, B and opacity.
+        Grey; R, G, B, as returned by `picture`; or R, G, B and opacity.
 
     Returns
     -------
@@ -336,7 +338,7 @@ def png_bytes(image: Image) -> bytes:
     Raises
     ------
     InputError
-        ``image`` is another kind of picture.
+        ``image`` has another shape or dtype.
     MissingExtraError
         Pillow is not installed.
 

@@ -1,4 +1,4 @@
-"""Points for the viewer: what they are coloured by, and from where they are seen."""
+"""Points for the viewer: their colours, lines, and camera poses."""
 
 from __future__ import annotations
 
@@ -37,28 +37,28 @@ RAMP: tuple[Rgb, ...] = (
     (48, 62, 158), (38, 118, 190), (34, 152, 132), (116, 178, 66), (232, 178, 36), (226, 104, 36),
     (178, 24, 43),
 )  # fmt: skip
-"""Colours from low to high; each shows on a light and on a dark page."""
+"""Colours from low to high values, all visible on light and on dark pages."""
 
 PALETTE: tuple[Rgb, ...] = (
     (38, 118, 190), (214, 96, 20), (34, 140, 100), (160, 60, 160), (200, 150, 0), (90, 90, 200),
 )  # fmt: skip
-"""Colours of people and of other things that have no order."""
+"""Colours of people and other classes without an order."""
 
 QUIET: Rgb = (128, 138, 152)
-"""Colour of points that are nothing special."""
+"""Colour of ordinary points."""
 
 ALARM: Rgb = (214, 40, 40)
-"""Colour of points that are suspected, added or moved."""
+"""Colour of suspected, added or moved points."""
 
 CLEAR: Rgb = (34, 140, 100)
-"""Colour of what was found to be as it should be."""
+"""Colour of points that were found to be authentic."""
 
 DOUBT: Rgb = (200, 140, 0)
-"""Colour of what cannot be decided."""
+"""Colour of points whose verdict is undecidable."""
 
-SCAN_SPREAD = 4e-3  # width of a point over its distance from the scanner: some 0.2 degrees
-LEAST_SHARE = 5e-4  # a point is at least this part of the scene's extent wide
-EMPHASIS = 2.5  # width of an emphasised point over that of another
+SCAN_SPREAD = 4e-3  # ratio of a point's width to its distance from the scanner; about 0.2 degrees
+LEAST_SHARE = 5e-4  # smallest width of a point as a share of the scene's extent
+EMPHASIS = 2.5  # ratio of the widths of emphasised and other points
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +68,13 @@ class Scale:
     Attributes
     ----------
     name : str
-        ``height``, ``intensity``, ...
+        Name such as ``height`` or ``intensity``.
     values : (N,) numbers
+        Value of each point.
     unit : str
-        Written behind the numbers of the colour bar.
+        Unit, written after the numbers of the colour bar.
     limits : (float, float), optional
-        Values of the first and the last colour; default: 1 and 99 of 100 points lie below.
+        Values of the first and the last colour; default: 1st and 99th percentile.
     """
 
     name: str
@@ -83,7 +84,7 @@ class Scale:
 
     @cached_property
     def ends(self) -> tuple[float, float]:
-        """Values of the first and of the last colour."""
+        """Return the values of the first and of the last colour."""
         if self.limits is not None:
             return self.limits
         if not len(self.values):
@@ -92,7 +93,7 @@ class Scale:
         return low, high
 
     def levels(self) -> Bytes:
-        """(N,) uint8: 0 at the first colour, 255 at the last."""
+        """Return (N,) uint8: 0 at the first colour, 255 at the last."""
         low, high = self.ends
         span = high - low
         share = (np.asarray(self.values, np.float64) - low) / (span if span > 0.0 else 1.0)
@@ -104,7 +105,7 @@ class Scale:
         return ramp()[self.levels()]
 
     def select(self, index: NDArray[Any]) -> Scale:
-        """Return the column of some of the points; the colours keep their meaning.
+        """Return the column for some of the points; the limits of the colours stay the same.
 
         Parameters
         ----------
@@ -121,14 +122,15 @@ class Classes:
     Attributes
     ----------
     name : str
-        ``verdict``, ``truth``, ...
+        Name such as ``verdict`` or ``truth``.
     values : (N,) uint8
-        Index into ``labels``.
+        Index of each point's class in ``labels``.
     labels : sequence of str
+        Names of the classes.
     palette : sequence of (r, g, b) of 0 to 255
-        One for each label.
+        Colour of each class.
     emphasis : sequence of int
-        Labels whose points are drawn larger.
+        Indices of the classes whose points are drawn larger.
     """
 
     name: str
@@ -144,11 +146,11 @@ class Classes:
         return colors
 
     def counts(self) -> list[int]:
-        """Points of each label."""
+        """Return the number of points of each label."""
         return [int(n) for n in np.bincount(self.values, minlength=len(self.labels))]
 
     def is_emphasized(self) -> NDArray[np.bool_]:
-        """(N,) bool: whether the point is drawn larger."""
+        """Return (N,) bool: whether a point is drawn larger."""
         return np.isin(self.values, np.asarray(self.emphasis, np.uint8))
 
     def select(self, index: NDArray[Any]) -> Classes:
@@ -201,11 +203,12 @@ class Lines:
     Attributes
     ----------
     name : str
-        For the legend.
+        Name in the legend.
     ends : (E, 2, 3) float64
+        End points of each line.
     color : (r, g, b) of 0 to 255
     in_front : bool
-        Drawn over the points, as bones are, which no camera sees.
+        Whether the lines are drawn over the points, like bones, which lie inside a person.
     """
 
     name: str
@@ -216,26 +219,26 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class DrawnPoints(Showable):
-    """Points as the viewer shows them; `manip3d.viewer.view` and `picture` take it.
+    """Points with colours, lines and camera poses, for `manip3d.viewer.view` and `picture`.
 
     Attributes
     ----------
     points : (N, 3) float32 or float64, metres
     columns : tuple of Scale, Classes or Colors
-        What the points can be coloured by; the first one is shown first.
+        Columns by which the points can be coloured; the first one is used first.
     lines : tuple of Lines
     poses : tuple of Pose
-        Places of the camera; the first one is taken first. None: all points are seen obliquely.
+        Poses of the camera; the first one is used first. Empty: all points are seen obliquely.
     up : 'y', 'z' or '-y'
         The upward axis; ``-y`` is that of a camera (x right, y down, z ahead).
     origin : (float, float, float), optional
-        Where the sensor stood. Points farther from it are drawn larger, by ``spread``.
+        Position of the sensor. Points farther from it are drawn larger, by ``spread``.
     spread : float
-        Width of a point over its distance from ``origin``.
+        Ratio of a point's width to its distance from ``origin``.
     least : float, metres
-        Width of a point at least.
+        Smallest width of a point.
     name, detail : str
-        Written below the points: what they are, and how many.
+        Texts below the points: their name, and their number.
 
     Raises
     ------
@@ -276,7 +279,7 @@ class DrawnPoints(Showable):
 
     @cached_property
     def bounds(self) -> Points:
-        """(2, 3) float64: lowest and highest coordinates of points and lines."""
+        """Return (2, 3) float64: lowest and highest coordinates of points and lines."""
         ends = [line.ends.reshape(-1, 3) for line in self.lines]
         every = np.concatenate([self.points, *ends]) if ends else self.points
         if not len(every):
@@ -284,7 +287,7 @@ class DrawnPoints(Showable):
         return np.array([every.min(axis=0), every.max(axis=0)], np.float64)
 
     def column(self, name: str | None) -> Column | None:
-        """Return the column of that name.
+        """Return the column with a name.
 
         Parameters
         ----------
@@ -294,12 +297,12 @@ class DrawnPoints(Showable):
         Returns
         -------
         Column or None
-            None: there is no column, and none was named.
+            None: ``name`` is None and there is no column.
 
         Raises
         ------
         InputError
-            There is no column of that name; the message lists them.
+            There is no column of that name; the message lists the names.
         """
         if name is None:
             return self.columns[0] if self.columns else None
@@ -310,7 +313,7 @@ class DrawnPoints(Showable):
         raise InputError(f"color_by: expected {known}, got {name!r}")
 
     def pose(self, name: str | None) -> Pose | None:
-        """Return the pose of that name.
+        """Return the pose with a name.
 
         Parameters
         ----------
@@ -320,12 +323,12 @@ class DrawnPoints(Showable):
         Returns
         -------
         Pose or None
-            None: there is no pose, and none was named.
+            None: ``name`` is None and there is no pose.
 
         Raises
         ------
         InputError
-            There is no pose of that name; the message lists them.
+            There is no pose of that name; the message lists the names.
         """
         if name is None:
             return self.poses[0] if self.poses else None
@@ -336,7 +339,7 @@ class DrawnPoints(Showable):
         raise InputError(f"place: expected {known}, got {name!r}")
 
     def bulk(self) -> Points:
-        """(M, 3) float64, M > 0: points and ends of lines, without the 1 % farthest out."""
+        """Return (M, 3) float64, M > 0: points and ends of lines without the outermost 1 %."""
         points = self.points.astype(np.float64)
         if len(points):
             low, high = np.percentile(points, [0.5, 99.5], axis=0)
@@ -347,11 +350,11 @@ class DrawnPoints(Showable):
 
     @property
     def direction(self) -> Direction:
-        """From where all points are seen, where the camera stands in none of ``poses``."""
+        """Return the direction of view if the camera is in none of ``poses``."""
         return Direction(-60.0, 30.0, self.up)
 
     def colored_by(self, name: str | None) -> DrawnPoints:
-        """Return the same points with that column first.
+        """Return the same points with another column first.
 
         Parameters
         ----------
@@ -374,13 +377,13 @@ class DrawnPoints(Showable):
         return replace(self, columns=(first, *others))
 
     def colors(self) -> Image:
-        """(N, 3) uint8: by the first column, grey without one."""
+        """Return (N, 3) uint8: colours by the first column; without columns, grey."""
         if not self.columns:
             return np.full((self.num_points, 3), QUIET, np.uint8)
         return self.columns[0].colors()
 
     def widths(self) -> Points:
-        """(N,) float64: how wide the points are drawn, in their unit."""
+        """Return (N,) float64: widths of the points, in the unit of their coordinates."""
         width = np.full(self.num_points, self.least)
         if self.origin is not None:
             away = np.linalg.norm(self.points - np.asarray(self.origin), axis=1)
@@ -388,18 +391,18 @@ class DrawnPoints(Showable):
         return width
 
     def emphasis(self) -> Points:
-        """(N,) float64: how many times as wide the points are drawn for what they are."""
+        """Return (N,) float64: factors of the widths, which emphasise some classes of points."""
         first = self.columns[0] if self.columns else None
         if not isinstance(first, Classes):
             return np.ones(self.num_points)
         return np.where(first.is_emphasized(), EMPHASIS, 1.0)
 
     def thinned(self, max_points: int) -> DrawnPoints:
-        """Return at most so many of the points, taken evenly by chance.
+        """Return a random sample of at most ``max_points`` points, the same at each call.
 
-        Emphasised ones come first, but take no more than half of the places as long as others are
-        there to show what stands around them. The same points are taken every time. ``detail``
-        says how many are shown.
+        Emphasised points are preferred, but make up at most half of the sample if there are enough
+        other points, so that their surroundings stay visible. ``detail`` states the number of
+        shown points.
 
         Parameters
         ----------
@@ -426,8 +429,9 @@ class DrawnPoints(Showable):
             np.concatenate([emphasized[:num_emphasized], others[: max_points - num_emphasized]])
         )
         fewer = self.points[kept]
-        wider = float(np.sqrt(self.num_points / max_points))  # as much of a surface is covered
-        # Points all around a scanner leave no gaps at this width; wider ones would hide each other.
+        wider = float(np.sqrt(self.num_points / max_points))  # fewer points cover the same area
+        # At this width max_points points cover the full sphere around a scanner without gaps; wider
+        # points would hide each other.
         enough = float(np.sqrt(4.0 * np.pi / max_points))
         return replace(
             self,
@@ -462,7 +466,7 @@ def _check_classes(column: Classes) -> None:
 
 
 def ramp() -> Image:
-    """(256, 3) uint8: the colours from low to high."""
+    """Return (256, 3) uint8: the colours from low to high."""
     steps = np.linspace(0.0, 255.0, len(RAMP))
     channels = [np.interp(np.arange(256), steps, channel) for channel in np.array(RAMP).T]
     colors: Image = np.rint(np.column_stack(channels)).astype(np.uint8)
@@ -491,16 +495,17 @@ def drawn_points(
     colors : (N, 3) uint8, optional
         R, G, B of each point.
     values : mapping of str to (N,) numbers, optional
-        What the points can be coloured by instead. Without ``colors`` the first one is shown
-        first; without both the height is.
+        Values by which the points can be coloured, by name. Without ``colors`` the first values are
+        shown first; without both, the height.
     boxes : sequence of Box, or mapping of str to sequence of Box
-        Drawn as lines, each name in its own colour.
+        Boxes, drawn as lines with a colour for each name.
     up : 'y', 'z' or '-y'
         The upward axis.
     origin : (x, y, z), optional
-        Where the sensor stood: it is seen from behind and above, and far points are drawn larger.
+        Position of the sensor. With it the points are seen from behind and above the sensor, and
+        far points are drawn larger.
     name : str
-        Written below the points.
+        Text below the points.
 
     Returns
     -------
@@ -509,7 +514,7 @@ def drawn_points(
     Raises
     ------
     InputError
-        An array of another shape, coordinates that are not finite.
+        An array has another shape, or coordinates are not finite.
 
     Examples
     --------
@@ -595,17 +600,17 @@ def box_lines(
     ----------
     boxes : sequence of Box, or mapping of str to sequence of Box
     colors : mapping of str to (r, g, b), optional
-        Colours by label or key; the others take the colours of a palette in turn.
+        Colours by label or key; all others get the colours of a palette in turn.
 
     Returns
     -------
     tuple of Lines
-        One for each label or key that has boxes.
+        Lines for each label or key that has boxes.
 
     Raises
     ------
     InputError
-        ``boxes`` or ``colors`` holds something else.
+        ``boxes`` or ``colors`` has a wrong type.
 
     Examples
     --------
@@ -636,7 +641,7 @@ def box_lines(
 
 
 def _corners(box: Box) -> Points:
-    """(8, 3): the last axis changes first."""
+    """Return (8, 3) the corners of a box; the last axis changes fastest."""
     signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     cosine, sine = np.cos(box.yaw), np.sin(box.yaw)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
@@ -650,9 +655,9 @@ def _corners(box: Box) -> Points:
 def overviews(
     points: NDArray[Any], origin: tuple[float, float, float] | None, up: Up
 ) -> tuple[Pose, ...]:
-    """Places of the camera: behind and above the sensor, above it, in its place.
+    """Return camera poses behind and above the sensor, above it, and at it.
 
-    Without a place of the sensor, and for points whose z is not up, there is none.
+    Without a sensor position, and if z is not the upward axis, there are none.
     """
     if origin is None or up != "z" or not len(points):
         return ()

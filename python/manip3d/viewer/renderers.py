@@ -1,7 +1,7 @@
-"""Which program draws pictures here: PyVista through EGL, a headless Chromium, or none.
+"""Choice of the program that draws pictures: PyVista through EGL, or a headless Chromium.
 
-A broken OpenGL driver does not raise, it kills the process. So the first picture is drawn by a
-child process, once; what it does decides.
+A broken OpenGL driver kills the process instead of raising an error. Therefore a child process
+draws the first picture, once; if it succeeds, the renderer is used.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ _CURES = {
     ),
     "chromium": "apt-get install chromium and make setup",
 }
-_PROBE_SECONDS = 60.0  # a cold disk needs about 10
+_PROBE_SECONDS = 60.0  # time limit; with a cold disk cache the probe takes about 10 s
 
 
 @contextlib.contextmanager
 def egl_window() -> Iterator[None]:
-    """Makes VTK open its windows through EGL, which needs no display.
+    """Make VTK open its windows through EGL, which needs no display.
 
-    VTK reads the variable when it makes a window. It is put back, so that interactive PyVista
-    windows of the same process stay what they were.
+    VTK reads an environment variable when it creates a window. The variable is restored, so that
+    interactive PyVista windows of the same process are not affected.
     """
     name = "VTK_DEFAULT_OPENGL_WINDOW"
     before = os.environ.get(name)
@@ -60,7 +60,7 @@ def _wanted() -> tuple[Renderer, ...]:
 
 @functools.cache
 def _complaint(name: Renderer) -> str | None:
-    """Why ``name`` does not draw here; ``None`` if it does. Tried once per process."""
+    """Return why ``name`` cannot draw here; None: it can. Tested once per process."""
     try:
         child = subprocess.run(
             [sys.executable, "-m", "manip3d.viewer._probe", name],
@@ -83,12 +83,12 @@ def _complaint(name: Renderer) -> str | None:
 
 
 def check(name: Renderer) -> None:
-    """Refuse a renderer that does not draw here.
+    """Refuse a renderer that cannot draw here.
 
     Raises
     ------
     RenderError
-        The message gives its complaint and the cure.
+        The renderer does not work; the message says why and what to do.
     """
     complaint = _complaint(name)
     if complaint is not None:
@@ -98,8 +98,8 @@ def check(name: Renderer) -> None:
 def renderer() -> Renderer:
     """Return the program that draws pictures here.
 
-    The environment variable ``MANIP3D_RENDERER`` chooses one (``pyvista``), forbids all
-    (``none``), or leaves it to the first that works (``auto``).
+    The environment variable ``MANIP3D_RENDERER`` selects one (``pyvista`` or ``chromium``), forbids
+    all (``none``), or selects the first that works (``auto``, the default).
 
     Returns
     -------
@@ -108,9 +108,9 @@ def renderer() -> Renderer:
     Raises
     ------
     RenderError
-        None works; the message gives each one's complaint and cure.
+        No renderer works; the message says for each one why and what to do.
     InputError
-        ``MANIP3D_RENDERER`` is not one of these words.
+        ``MANIP3D_RENDERER`` has another value.
 
     Examples
     --------

@@ -28,18 +28,18 @@ Up = Literal["y", "z", "-y"]
 Shading = Literal["smooth", "flat"]
 Rgb = tuple[int, int, int]
 
-CLAY = (0.74, 0.76, 0.79)  # sRGB; what has no colour of its own
+CLAY = (0.74, 0.76, 0.79)  # sRGB colour of surfaces without a colour
 BACKGROUND = "#f5f6f8"
-MAX_SIDE = 4096  # pixels
-CREASE_ANGLE = 40.0  # degrees: flatter edges are shaded smooth
-VIEW_ANGLE = 30.0  # degrees, vertical: a long lens, little perspective distortion
-MARGIN = 1.06  # picture over mesh
-WIDEST_VIEW = 3.0  # half the width of what a depth camera sees over its distance: 143 degrees
-SEEN_SHARE = 0.999  # of a depth image's faces; rounding turns single slivers away
+MAX_SIDE = 4096  # largest width and height of a picture, pixels
+CREASE_ANGLE = 40.0  # degrees; edges with a smaller angle are shaded smoothly
+VIEW_ANGLE = 30.0  # vertical field of view, degrees; small, for little perspective distortion
+MARGIN = 1.06  # ratio of the picture's size to that of the mesh in it
+WIDEST_VIEW = 3.0  # tangent of half the widest field of view of a depth camera, 143 degrees
+SEEN_SHARE = 0.999  # share of a depth mesh's faces that face its camera; rounding flips slivers
 
 
 def rgb(color: str | Rgb) -> Rgb:
-    """Three numbers of 0 to 255 from ``'#rrggbb'`` or themselves."""
+    """Return red, green and blue, 0 to 255, of a colour ``'#rrggbb'`` or (r, g, b)."""
     try:
         if isinstance(color, str):
             if len(color) != 7 or color[0] != "#":
@@ -57,7 +57,7 @@ def rgb(color: str | Rgb) -> Rgb:
 
 @dataclass(frozen=True)
 class Style:
-    """Options of a picture; see `manip3d.viewer.picture` for the meaning."""
+    """Options of a picture, which `manip3d.viewer.picture` describes."""
 
     size: tuple[int, int] = (800, 600)
     shading: Shading = "smooth"
@@ -78,7 +78,7 @@ class Style:
 
 @dataclass(frozen=True)
 class Camera:
-    """A perspective camera in the mesh's coordinates; angles in degrees, vertical."""
+    """A perspective camera in the mesh's coordinates; the vertical view angle is in degrees."""
 
     position: Points
     target: Points
@@ -90,19 +90,21 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A place to look from.
+    """A camera pose.
 
     Attributes
     ----------
     name : str
-        For the list of places.
+        Name in the list of poses.
     position, target : (3,) float64
-        Where the camera stands, and what is in the middle of its picture.
+        Position of the camera, and the point in the middle of its picture.
     up : 'y', 'z' or '-y'
+        The upward axis.
     view_angle : float, degrees
-        Vertical, of a picture as wide as ``aspect`` says.
+        Vertical view angle of a picture with the aspect ratio ``aspect``.
     aspect : float
-        Width over height; narrower pictures get a larger angle, so that the same is seen.
+        Width divided by height. Narrower pictures get a larger angle, so that the same width is
+        visible.
     """
 
     name: str
@@ -113,7 +115,7 @@ class Pose:
     aspect: float
 
     def camera(self, bounds: Points, size: tuple[int, int], zoom: float) -> Camera:
-        """Return the camera of a picture that shows what lies within ``bounds``.
+        """Return the camera of a picture whose clipping range contains ``bounds``.
 
         Parameters
         ----------
@@ -148,19 +150,19 @@ class Pose:
 
 
 class Direction(NamedTuple):
-    """From where a thing is seen that just fits into the picture; see `manip3d.viewer.picture`."""
+    """Direction of view on an object that fills the picture; see `manip3d.viewer.picture`."""
 
     azimuth: float
     elevation: float
     up: Up
 
     def but(self, azimuth: float | None, elevation: float | None, up: Up | None) -> Direction:
-        """With what is given in place of its own.
+        """Return the direction with the given values replaced.
 
         Raises
         ------
         InputError
-            The text is not a direction.
+            An angle is out of range, or ``up`` is unknown.
         """
         chosen = Direction(
             self.azimuth if azimuth is None else azimuth,
@@ -172,11 +174,11 @@ class Direction(NamedTuple):
 
 
 OBLIQUE = Direction(30.0, 20.0, "y")
-"""How meshes are first seen."""
+"""Default direction of view on meshes."""
 
 
 def up_vector(up: Up) -> Points:
-    """(3,): the upward axis."""
+    """Return (3,) the upward axis."""
     return np.array({"y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0), "-y": (0.0, -1.0, 0.0)}[up])
 
 
@@ -191,15 +193,15 @@ def check_view(azimuth: float, elevation: float, up: Up) -> None:
 
 
 def _axes(azimuth: float, elevation: float, up: Up) -> Points:
-    """(3, 3) rows: the camera's right, up and backward in the mesh's coordinates."""
+    """Return (3, 3): the camera's right, up and backward axis as rows, in mesh coordinates."""
     check_view(azimuth, elevation, up)
     a, e = math.radians(azimuth), math.radians(elevation)
     right = np.array([math.cos(a), 0.0, -math.sin(a)])
     backward = np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)])
     axes = np.array([right, np.cross(backward, right), backward])
-    if up == "z":  # y up to z up: (x, y, z) -> (x, -z, y)
+    if up == "z":  # from y up to z up: (x, y, z) -> (x, -z, y)
         axes = axes[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
-    if up == "-y":  # half a turn about x: y down, and the front is seen from -z
+    if up == "-y":  # half a turn about x: y points down, and the front is seen from -z
         axes = axes * [1.0, -1.0, -1.0]
     return axes
 
@@ -207,7 +209,7 @@ def _axes(azimuth: float, elevation: float, up: Up) -> Points:
 def frame(
     mesh: Mesh, size: tuple[int, int], azimuth: float, elevation: float, zoom: float, up: Up
 ) -> Camera:
-    """The camera in direction (azimuth, elevation) that just holds the mesh in the picture."""
+    """Return the camera in direction (azimuth, elevation) whose picture the mesh just fills."""
     used = mesh.vertices[np.unique(mesh.faces)] if mesh.num_faces else np.zeros((1, 3))
     return frame_points(used, size, azimuth, elevation, zoom, up)
 
@@ -215,7 +217,10 @@ def frame(
 def frame_points(
     used: Points, size: tuple[int, int], azimuth: float, elevation: float, zoom: float, up: Up
 ) -> Camera:
-    """The camera in direction (azimuth, elevation) that just holds (N, 3) points, N > 0."""
+    """Return the camera in direction (azimuth, elevation) whose picture (N, 3) points just fill.
+
+    N > 0.
+    """
     if not (zoom > 0.0 and math.isfinite(zoom)):
         raise InputError(f"zoom: expected a number > 0, got {zoom}")
     axes = _axes(azimuth, elevation, up)
@@ -226,7 +231,7 @@ def frame_points(
     tan_x = tan_y * size[0] / size[1]
     nearest = float(z.max()) + 1e-3 * (float(np.ptp(used, axis=0).max()) or 1.0)
     shift = np.zeros(2)
-    for _ in range(4):  # moving sideways changes the distance, and the other way round
+    for _ in range(4):  # iterate, because sideways shift and distance depend on each other
         reach = np.maximum(np.abs(x - shift[0]) / tan_x, np.abs(y - shift[1]) / tan_y)
         distance = max(nearest, float((MARGIN * reach + z).max()))
         seen = (np.array([x, y]) - shift[:, None]) / (distance - z)
@@ -243,10 +248,10 @@ def frame_points(
 
 
 def first_view(mesh: Mesh) -> Direction:
-    """The direction that a mesh is first seen from.
+    """Return the default direction of view on a mesh.
 
-    A mesh of one depth image shows all of its faces to the origin, where the camera stood, and lies
-    before it: it is seen as the camera saw it. Every other mesh is seen from its front, obliquely.
+    A mesh of one depth image, all of whose faces lie in front of the origin and face it, is seen
+    from the camera at the origin. Every other mesh is seen obliquely from its front.
     """
     if not mesh.num_faces:
         return OBLIQUE
@@ -263,7 +268,7 @@ def first_view(mesh: Mesh) -> Direction:
 
 
 def camera_place(mesh: Mesh) -> Pose | None:
-    """Place of the camera of the depth image that a mesh was made of; None for other meshes."""
+    """Return the camera pose of the depth image that a mesh was made from; None: another mesh."""
     seen = first_view(mesh)
     if seen == OBLIQUE:
         return None
@@ -279,7 +284,7 @@ def camera_place(mesh: Mesh) -> Pose | None:
 
 
 def with_shading_normals(mesh: Mesh, shading: Shading) -> Mesh:
-    """The mesh with a normal at every corner: its own, else smooth up to the crease angle."""
+    """Return the mesh with a normal at every corner: its own, or smooth up to the crease angle."""
     if shading == "flat":
         mesh = mesh.replace(normals=None, face_normals=None)
     crease_angle = CREASE_ANGLE if shading == "smooth" else 0.0
@@ -288,20 +293,20 @@ def with_shading_normals(mesh: Mesh, shading: Shading) -> Mesh:
 
 
 def boundary_edges(mesh: Mesh) -> NDArray[np.int32]:
-    """(E, 2) vertices of the edges that exactly one face uses, once equal positions are one."""
+    """Return (E, 2) the boundary edges: edges of exactly one face after equal positions merge."""
     edges: NDArray[np.int32] = _core.welded_boundary(mesh)
     return edges
 
 
 def srgb(linear: Any) -> NDArray[np.float64]:
-    """Linear light in [0, 1] to sRGB in [0, 1] [IEC 61966-2-1]."""
+    """Convert linear light in [0, 1] to sRGB in [0, 1] [IEC 61966-2-1]."""
     x = np.clip(np.asarray(linear, dtype=np.float64), 0.0, 1.0)
     encoded: Points = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
     return encoded
 
 
 def linear(srgb: Any) -> Points:
-    """The inverse of `srgb`."""
+    """Convert sRGB in [0, 1] to linear light, the inverse of `srgb`."""
     x = np.clip(np.asarray(srgb, dtype=np.float64), 0.0, 1.0)
     decoded: Points = np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
     return decoded
@@ -309,18 +314,18 @@ def linear(srgb: Any) -> Points:
 
 @dataclass(frozen=True)
 class Surface:
-    """Faces that look the same.
+    """Faces with the same appearance.
 
     Attributes
     ----------
     faces : (N,) rows of ``Mesh.faces``
     color : (3,) sRGB in [0, 1]
-        Factor of the texture and of the vertex colours.
+        Factor of texture and vertex colours.
     opacity : float in [0, 1]
     image : (H, W, 3 or 4) uint8, or None
-        Base colour texture, with the alpha that the material's mode gives it.
+        Base colour texture, whose alpha depends on the material's alpha mode.
     double_sided : bool
-        Seen from behind as well.
+        Whether the faces are visible from behind.
     """
 
     faces: NDArray[np.intp]
@@ -331,7 +336,7 @@ class Surface:
 
 
 def surfaces(mesh: Mesh) -> Iterator[Surface]:
-    """The faces by material, those with texture coordinates apart from those without."""
+    """Yield the faces by material, those with and without texture coordinates separately."""
     materials = np.full(mesh.num_faces, -1) if mesh.face_material is None else mesh.face_material
     images = _base_color_images(mesh)
     for index in np.unique(materials):
@@ -353,7 +358,7 @@ def surfaces(mesh: Mesh) -> Iterator[Surface]:
 
 
 def downsampled(image: Image, factor: int) -> Image:
-    """The mean over squares of ``factor`` pixels a side."""
+    """Reduce an image by means over squares of ``factor`` x ``factor`` pixels."""
     height, width = (side // factor for side in image.shape[:2])
     blocks = image.reshape(height, factor, width, factor, 3)
     small: Image = np.rint(blocks.mean(axis=(1, 3))).astype(np.uint8)
@@ -361,7 +366,7 @@ def downsampled(image: Image, factor: int) -> Image:
 
 
 def pillow() -> Any:
-    """The module ``PIL.Image``."""
+    """Return the module ``PIL.Image``."""
     try:
         import PIL.Image
     except ImportError as error:
@@ -370,13 +375,13 @@ def pillow() -> Any:
 
 
 def _base_color_images(mesh: Mesh) -> dict[Texture | None, Image | None]:
-    """Each base colour texture, read once; None if it cannot be read, with a warning."""
+    """Read each base colour texture once; None and a warning if it cannot be read."""
     textures = (material.textures.get("base_color") for material in mesh.materials)
     return {t: _texture_image(mesh, t) for t in dict.fromkeys(textures) if t is not None}
 
 
 def texture_bytes(mesh: Mesh, texture: Texture) -> bytes | None:
-    """Content of the image file; ``None`` and a warning if it cannot be read."""
+    """Return the content of the image file; None and a warning if it cannot be read."""
     if texture.data is not None:
         return texture.data
     try:
@@ -411,7 +416,7 @@ def _warn_unreadable(texture: Texture, error: Exception) -> None:
 
 
 def _with_alpha(image: Image, material: Material) -> Image:
-    """The texture with the alpha that its material's mode gives it."""
+    """Return the texture with alpha according to its material's alpha mode."""
     if material.alpha_mode == "opaque":
         return image[..., :3]
     alpha = image[..., 3] * material.base_color[3]

@@ -44,7 +44,7 @@ __all__ = ["DepthImage", "depth_points", "rgbd_points", "scan_points", "skeleton
 BONE: Rgb = (230, 60, 40)
 GUESSED: Rgb = (240, 160, 40)
 
-KINECT_FOCAL = 525.0 / 640.0  # of a Kinect V1, over its image's width
+KINECT_FOCAL = 525.0 / 640.0  # focal length of a Kinect V1 divided by its image's width
 FULL_COLORS = 65535.0  # LAS and E57 store colours in 16 bits
 
 
@@ -58,16 +58,16 @@ def scan_points(
     boxes: Sequence[Box] | Mapping[str, Sequence[Box]] = (),
     classes: Classes | None = None,
 ) -> DrawnPoints:
-    """Return a scan's points by height, intensity, ring, and colour where it has them.
+    """Return a scan's points, coloured by height and, if available, intensity, ring and colour.
 
     Parameters
     ----------
     frame : LidarFrame
-        Points at exactly (0, 0, 0), which say that nothing came back, are left out.
+        The scan. Points at exactly (0, 0, 0), which mean no return, are left out.
     boxes : sequence of Box, or mapping of str to sequence of Box
         As for `box_lines`.
     classes : Classes, optional
-        What each point of the frame is; shown first.
+        Class of each point of the frame, which is shown first.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def scan_points(
     Raises
     ------
     InputError
-        ``boxes`` or ``classes`` is something else.
+        ``boxes`` or ``classes`` has a wrong type.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def _ring_limits(name: str, values: NDArray[Any]) -> tuple[float, float] | None:
 
 
 def _stored_colors(frame: LidarFrame) -> Image | None:
-    """(N, 3) uint8 of the file's red, green and blue; None where it has none."""
+    """Return (N, 3) uint8, the file's red, green and blue; None: the file has no colours."""
     for names in (("red", "green", "blue"), ("colorRed", "colorGreen", "colorBlue")):
         if all(name in frame.fields for name in names):
             stored = np.column_stack([frame.fields[name] for name in names])
@@ -131,20 +131,20 @@ def _stored_colors(frame: LidarFrame) -> Image | None:
 
 
 def camera_poses(camera: Intrinsics, middle: float) -> tuple[Pose, ...]:
-    """The place of the camera, and places from where its picture is seen obliquely.
+    """Return the pose of the camera, and poses that view its image obliquely.
 
     Parameters
     ----------
     camera : Intrinsics
     middle : float, metres
-        How far what it sees is.
+        Typical depth of the image.
     """
     tall = camera.height / abs(camera.fy)
     wide = camera.width / abs(camera.fx)
-    # The middle of the image, which need not be the principal point.
+    # The middle of the image, which can differ from the principal point.
     pixel = (0.5 * (camera.width - 1), 0.5 * (camera.height - 1))
     target = camera.unproject(middle, pixels=pixel)
-    if not np.isfinite(target).all():  # a table of rays may have none there
+    if not np.isfinite(target).all():  # a table of rays may have no ray at this pixel
         target = np.array([0.0, 0.0, middle])
     angle = 2.0 * float(np.degrees(np.arctan(0.5 * tall)))
     shape = wide / tall
@@ -158,16 +158,16 @@ def camera_poses(camera: Intrinsics, middle: float) -> tuple[Pose, ...]:
 
 @dataclass(frozen=True, eq=False)
 class DepthImage(Showable):
-    """A depth image to show, with its camera where that is known.
+    """A depth image to show, with its camera if known.
 
     Attributes
     ----------
     depth : (H, W) uint16 in millimetres or float32 in metres
         0 and NaN mean no measurement.
     intrinsics : Intrinsics, optional
-        Without it a camera is assumed that sees as much as a Kinect V1.
+        The camera. Default: a camera with the field of view of a Kinect V1.
     color : (H, W, 3) uint8, optional
-        Colour of the same pixels.
+        Colours of the same pixels.
     """
 
     depth: NDArray[Any]
@@ -176,7 +176,7 @@ class DepthImage(Showable):
 
     @property
     def camera(self) -> Intrinsics:
-        """The camera, or the one that is assumed."""
+        """The camera, or the assumed one."""
         if self.intrinsics is not None:
             return self.intrinsics
         height, width = self.depth.shape
@@ -185,13 +185,13 @@ class DepthImage(Showable):
 
     @property
     def note(self) -> str:
-        """Assumptions that were made, in words; empty if none were."""
+        """Sentence about assumptions; empty: there were none."""
         if self.intrinsics is not None:
             return ""
         return f"camera assumed: focal length {self.camera.fx:.0f} pixels"
 
     def drawn(self) -> DrawnPoints:
-        """The points of the image, first seen as its camera saw them."""
+        """Return the points of the image, first seen from its camera."""
         cloud = depth_points(self.depth, self.camera, color=self.color)
         return replace(cloud, detail=", ".join(filter(None, (cloud.detail, self.note))))
 
@@ -208,7 +208,7 @@ def depth_points(
     color: NDArray[np.uint8] | None = None,
     registration: Registration | None = None,
 ) -> DrawnPoints:
-    """Return the points of a depth image, first seen as its camera saw them.
+    """Return the points of a depth image, first seen from its camera.
 
     Parameters
     ----------
@@ -216,9 +216,9 @@ def depth_points(
         0 and NaN mean no measurement.
     intrinsics : Intrinsics
     color : (H', W', 3) uint8, optional
-        Colour image on the depth image's pixels, or seen by the colour camera of ``registration``.
+        Colour image with the depth image's pixels, or from the colour camera of ``registration``.
     registration : Registration, optional
-        Where the colour camera stands.
+        Colour camera, and its pose relative to the depth camera.
 
     Returns
     -------
@@ -228,7 +228,7 @@ def depth_points(
     Raises
     ------
     InputError
-        Images of other shapes than the cameras say.
+        The shape of an image differs from its camera's size.
 
     Examples
     --------
@@ -260,7 +260,7 @@ def depth_points(
         poses=camera_poses(intrinsics, middle),
         up="-y",
         origin=(0.0, 0.0, 0.0),
-        spread=1.3 / abs(intrinsics.fx),  # no gaps where the camera looks straight at it
+        spread=1.3 / abs(intrinsics.fx),  # without gaps on surfaces that face the camera
         detail=f"{len(points):,} points",
     )
 
@@ -289,7 +289,7 @@ def _pixel_colors(
 
 @checked
 def rgbd_points(frame: RgbdFrame) -> DrawnPoints:
-    """Return an RGB-D frame's points by colour, depth and person, and its people's bones.
+    """Return an RGB-D frame's points, coloured by colour, depth or person, and people's bones.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def rgbd_points(frame: RgbdFrame) -> DrawnPoints:
     Raises
     ------
     InputError
-        ``frame`` is something else.
+        ``frame`` is not an RGB-D frame.
 
     Examples
     --------
@@ -332,7 +332,7 @@ def rgbd_points(frame: RgbdFrame) -> DrawnPoints:
     if frame.skeletons:
         count = len(frame.skeletons)
         told.append(f"{count} skeleton{'s' if count > 1 else ''}")
-    if lines and not cloud.num_points:  # nothing but bones says how far people are
+    if lines and not cloud.num_points:  # only the bones tell the distance of people
         middle = float(np.median(np.concatenate([line.ends for line in lines])[..., 2]))
         poses = camera_poses(calibration.depth, middle)
         columns = ()
@@ -348,7 +348,7 @@ def _people(body_index: Bytes, valid: NDArray[np.bool_]) -> Classes:
 
 @checked
 def skeleton_lines(skeletons: Sequence[Skeleton]) -> tuple[Lines, ...]:
-    """Return the bones of people: those between tracked joints, and those with an inferred end.
+    """Return the bones of people: bones between tracked joints, and bones with an inferred end.
 
     Parameters
     ----------
@@ -357,13 +357,13 @@ def skeleton_lines(skeletons: Sequence[Skeleton]) -> tuple[Lines, ...]:
     Returns
     -------
     tuple of Lines
-        At most two, ``bones`` and ``inferred bones``; bones with an end that is not tracked are not
-        drawn.
+        At most two groups, ``bones`` and ``inferred bones``; bones with an end that is not tracked
+        are left out.
 
     Raises
     ------
     InputError
-        ``skeletons`` holds something else.
+        An item of ``skeletons`` is not a skeleton.
 
     Examples
     --------

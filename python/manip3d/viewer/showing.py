@@ -1,4 +1,4 @@
-"""Views of each kind of thing, as a mesh or as points."""
+"""Conversion of each kind of object to a mesh or points for the viewer."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ Shown = Mesh | DrawnPoints
 @checked
 @singledispatch
 def shown(thing: Any) -> Shown:
-    """Return the mesh or the points that show a thing.
+    """Return the mesh or the points that show an object.
 
     Parameters
     ----------
     thing : Mesh, DrawnPoints
-        Itself.
+        Returned unchanged.
     thing : LidarFrame, RgbdFrame, DepthImage
-        Its points, with the bones of people.
+        Shown as points, with the bones of people.
     thing : SimplifyResult, QualityResult, CleanResult, DepthMesh, JointSimplification
-        Its mesh.
+        Shown by its mesh.
     thing : Forgery
-        The forged scan; what was added, moved and removed stands out.
+        Shown as the forged scan with emphasised points that were added, moved and removed.
     thing : Inspection, DensityResult, OcclusionResult, GenericResult
-        The scan that was judged, with suspected points and boxes.
+        Shown as the scan that was judged, with suspected points and boxes.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def shown(thing: Any) -> Shown:
     Raises
     ------
     InputError
-        None of these, or a result without its scan.
+        The object is none of these, or a result without its scan.
 
     Examples
     --------
@@ -149,7 +149,7 @@ NAMES = {
 
 
 def text_of(thing: Any) -> str:
-    """One line about a thing: its own, but for results that would print whole images."""
+    """Return a line about an object: its repr, or a short text for results with large arrays."""
     if isinstance(thing, Inspection):
         told = [f"{report.title}: {report.verdict}" for report in thing.detectors]
         return f"<manip3d.authenticate.Inspection: {'; '.join([thing.verdict, *told])}>"

@@ -1,4 +1,4 @@
-"""How long frames of a scene take to draw, without waiting for a screen."""
+"""Measurement of the time to draw frames of a scene, without waiting for a screen."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from manip3d.viewer.scene import OBLIQUE, Camera, Style, frame_points
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-SPACING = 0.8  # from one model to the next, of unit diagonals: they stand close and do not overlap
-_PATIENCE = 240.0  # seconds; a program in the place of a graphics card draws slowly
-_WARMING = 2  # frames before those that are timed; as in stage.js
+SPACING = 0.8  # distance between models with unit diagonals, close but without overlap
+_PATIENCE = 240.0  # time limit in seconds; software renderers are slow
+_WARMING = 2  # number of frames before the timed ones; the same as in stage.js
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +32,11 @@ class FrameTimes:
     Attributes
     ----------
     milliseconds : (N,) float64
-        Time of each frame, until its last pixel was drawn.
+        Time of each frame until its last pixel was drawn.
     num_faces : int
         Number of faces of the scene.
     driver : str
-        What OpenGL says of whoever draws: a graphics card, or a program that stands in for one.
+        Renderer named by OpenGL: a graphics card or a software renderer.
     """
 
     milliseconds: NDArray[np.float64] = field(repr=False)
@@ -50,7 +50,7 @@ class FrameTimes:
 
     @property
     def ms_per_million(self) -> float:
-        """Milliseconds for each million triangles: what `simplify.polygon_budget` takes."""
+        """Milliseconds per million triangles, an argument of `simplify.polygon_budget`."""
         return 1e6 * self.median / max(self.num_faces, 1)
 
 
@@ -63,19 +63,19 @@ def frame_times(
     frames: int = 100,
     seconds: float = 5.0,
 ) -> FrameTimes:
-    """Measure how long a renderer takes for each frame of a scene.
+    """Measure the time that a renderer takes for each frame of a scene.
 
     Parameters
     ----------
     meshes : sequence of Mesh
-        They are scaled to one size and stand side by side, so that all are seen.
+        Meshes, which are scaled to the same size and placed side by side, so that all are visible.
     drawn_by : 'chromium' or 'pyvista'
         The viewer's page (three.js) in a headless browser, or VTK off screen.
     size : (width, height), pixels
     frames : int
-        The most frames to time; two are drawn before them and are not timed.
+        Largest number of timed frames; two further frames are drawn before them.
     seconds : float
-        No frame is begun later than this.
+        Time after which no frame is begun.
 
     Returns
     -------
@@ -84,9 +84,9 @@ def frame_times(
     Raises
     ------
     InputError
-        An option out of range; no mesh, or one without faces.
+        An option is out of range, there is no mesh, or a mesh has no faces.
     RenderError
-        This renderer does not work here.
+        The renderer does not work here.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def frame_times(
         raise InputError(f"seconds: expected a number > 0, got {seconds}")
     style = Style(size)
     if drawn_by == "pyvista":
-        check(drawn_by)  # a broken driver would end this process
+        check(drawn_by)  # in a child process, because a broken driver kills its process
     placed = _side_by_side(meshes)
     used = np.concatenate([mesh.vertices[np.unique(mesh.faces)] for mesh in placed])
     camera = frame_points(used, size, OBLIQUE.azimuth, OBLIQUE.elevation, 1.0, OBLIQUE.up)
@@ -114,7 +114,7 @@ def frame_times(
 
 
 def _side_by_side(meshes: Sequence[Mesh]) -> list[Mesh]:
-    """Each with a unit diagonal, in rows."""
+    """Scale each mesh to a unit diagonal and place the meshes in rows."""
     columns = math.ceil(math.sqrt(len(meshes)))
     placed = []
     for i, mesh in enumerate(meshes):
