@@ -1,4 +1,4 @@
-"""All benchmarks, one after the other: ``python -m benchmarks [TOPIC ...]`` (``make bench``)."""
+"""Run all benchmarks one after another: ``python -m benchmarks [TOPIC ...]`` (``make bench``)."""
 
 from __future__ import annotations
 

@@ -1,19 +1,26 @@
-"""How many clean simulated scans `inspect` accuses, each judged by all its detectors together.
+"""False alarms of `inspect` on clean simulated scans, each judged by all detectors together.
 
-``python benchmarks/bench_alarms.py scans.jsonl`` judges clean scans of three scanners, for the
-section `alarms` of the results: frames of drives of an HDL-64E, each with the turns before and
-after (detectors III, IV and V) and each alone (III and V), on streets where the car goes nearly
-straight on and (``--turning``) on others where it weaves, terrestrial scans of 0.2 degrees (I and
-II), an HDL-32E, which no detector is calibrated for, and three scanners by Hesai and Ouster, whose
-drivers leave their lattices exact (III, by the lattice of each scan). ``--sequence`` judges drives
-of 100 frames as `inspect_drive` does and counts the alarms of `drive_evidence`, for the section
-`sequence`: the car weaves on every second street. ``--calibrate`` prints the strongest clean
-evidence of detectors IV and V instead, on streets that are in no report: their thresholds.
+``python benchmarks/bench_alarms.py scans.jsonl`` judges the clean scans of the section `alarms` of
+the results:
 
-Every scan is a line of the file that is named; scans that it has are not judged again, so that a
-run that was stopped goes on; ``--minutes`` stops it, and the table is of what was judged until
-then. ``--first`` names the first street: other scans than those that were reported before, or that
-are in the file that calibrates. Streets of calibrations and of reports have no number in common.
+- frames of drives of an HDL-64E, each with the previous and the next turn (detectors III, IV and V)
+  and each alone (III and V), on streets where the car drives nearly straight and, with
+  ``--turning``, on others where it weaves;
+- terrestrial scans of 0.2 degrees (I and II);
+- an HDL-32E, for which no detector is calibrated;
+- three scanners by Hesai and Ouster, whose drivers keep lattices exact (III, by the lattice of each
+  scan).
+
+``--sequence`` judges drives of 100 frames like `inspect_drive` and counts the alarms of
+`drive_evidence`, for the section `sequence`; the car weaves on every second street. ``--calibrate``
+prints instead the strongest clean evidence of detectors IV and V, from which their thresholds are
+chosen, on streets that are in no report.
+
+The result of each scan is a line of the named file. Scans in the file are not judged again, so that
+a stopped run continues. ``--minutes`` stops the run after this time; the table then contains the
+scans judged so far. ``--first`` sets the number of the first street, to judge scans that are in no
+earlier report and not in the calibration. Streets of calibrations and of reports have different
+numbers.
 """
 
 from __future__ import annotations
@@ -42,26 +49,27 @@ Line = dict[str, Any]
 Doubles = NDArray[np.float64]
 
 JUDGED = 10
-"""Frames of a drive that have both neighbours."""
+"""Number of judged frames of a drive, all of which have both neighbours."""
 
 LONG = 100
-"""Frames of a drive whose evidence adds up."""
+"""Number of frames of a long drive, whose evidence is added up."""
 
 CALIBRATION_STREETS, REPORTED_STREETS = 70_000, 90_000
-"""The first of each; drives are on every street from there on."""
+"""Number of the first street of calibrations and of reports."""
 
 BEAMS_PER_DEGREE = 5
-"""Azimuths at which a simulated HDL-32E fires."""
+"""Number of azimuths per degree at which a simulated HDL-32E fires."""
 
 
 LEAST_SWAY, MOST_SWAY = 0.15, 1.5
-"""Metres that a car which weaves leaves its way by, in waves of 60 m. At 10 m/s the largest turns
-it by 0.9 degrees from one turn of the scanner to the next; KITTI's drive 0005 turns by 0.7 degrees,
-`simulate.street` as it is by 0.02 degrees in the median and 0.11 at most."""
+"""Smallest and largest amplitude of a weaving car's path, metres, with a wavelength of 60 m. At
+10 m/s the largest amplitude turns the car by 0.9 degrees between two turns of the scanner. For
+comparison, KITTI's drive 0005 has 0.7 degrees, `simulate.street` a median of 0.02 and a maximum of
+0.11 degrees."""
 
 
 def drive_scans(number: int) -> Iterator[Line]:
-    """The frames of a drive of an HDL-64E, with their neighbours and alone."""
+    """Yield a line for each frame of an HDL-64E's drive, with its neighbours and alone."""
     from manip3d import simulate
 
     yield from scans_on(simulate.street(number), number)
@@ -73,7 +81,7 @@ def turning_scans(number: int) -> Iterator[Line]:
 
 
 def weaving_street(number: int) -> Street:
-    """A street on which the car weaves."""
+    """Return a street on which the car weaves."""
     from manip3d import simulate
 
     sway = float(np.random.default_rng(number + 7).uniform(LEAST_SWAY, MOST_SWAY))
@@ -81,7 +89,7 @@ def weaving_street(number: int) -> Street:
 
 
 def long_scans(number: int) -> Iterator[Line]:
-    """The frames of a long drive of an HDL-64E, each with its neighbours."""
+    """Yield a line for each frame of an HDL-64E's long drive, with its neighbours."""
     from manip3d import simulate
     from manip3d.authenticate import inspect_drive
 
@@ -96,7 +104,7 @@ def long_scans(number: int) -> Iterator[Line]:
 
 
 def scans_on(street: Street, number: int) -> Iterator[Line]:
-    """The frames of a drive of an HDL-64E on a street, with their neighbours and alone."""
+    """Yield a line for each frame of an HDL-64E's drive on a street, with neighbours and alone."""
     from manip3d import simulate
 
     start = float(np.random.default_rng(number).uniform(0.5, 15.0))
@@ -108,7 +116,7 @@ def scans_on(street: Street, number: int) -> Iterator[Line]:
 
 
 def terrestrial_scans(number: int) -> Iterator[Line]:
-    """A terrestrial scan, indoors and outdoors in turn."""
+    """Yield a line for a terrestrial scan; the kinds of indoor and outdoor scenes take turns."""
     from manip3d.simulate import scenes
     from manip3d.simulate.terrestrial import terrestrial_scan
 
@@ -121,7 +129,7 @@ def terrestrial_scans(number: int) -> Iterator[Line]:
 
 
 def hdl32e_scans(number: int) -> Iterator[Line]:
-    """A frame of an HDL-32E on the car of a street, standing still for a turn."""
+    """Yield a line for a frame of an HDL-32E on a street's car, which does not move in a turn."""
     from manip3d import LidarFrame
     from manip3d.authenticate._sensors import BEAMS
 
@@ -138,9 +146,9 @@ def hdl32e_scans(number: int) -> Iterator[Line]:
 
 
 def ranges_on_street(number: int, start: Doubles, beams: Doubles) -> Doubles:
-    """Distances along beams, in the frame of a scanner on the car that stands for a turn, metres.
+    """Return ranges along beams of a scanner on the car, which does not move in a turn; metres.
 
-    Infinite where nothing answers.
+    Infinite: no return.
     """
     from manip3d import simulate
 
@@ -155,16 +163,20 @@ def ranges_on_street(number: int, start: Doubles, beams: Doubles) -> Doubles:
 
 
 def exact_scans(number: int) -> Iterator[Line]:
-    """A frame as the driver of a Hesai Pandar40P, a PandarXT-32 or an Ouster OS1-32 computes it."""
+    """Yield a line for a frame of a Hesai Pandar40P, a PandarXT-32 or an Ouster OS1-32.
+
+    Its points are computed as by the scanner's driver.
+    """
     yield {"frame": 0, "alone": judged(exact_scan(number))}
 
 
 def exact_scan(number: int) -> LidarFrame:
-    """The frame of `exact_scans`: single precision, whole steps of azimuth and range.
+    """Return the frame of `exact_scans`, in single precision with whole azimuth and range steps.
 
-    Hesai: firing by firing, beams through the axis, 0.01 degrees, 4 mm, half of the frames with a
-    second return of some firings. Ouster: ring by ring clockwise, beams that start 15.8 mm off the
-    axis and 36 mm above the origin, 1024 columns, 1 mm, half of the frames without ``ring``.
+    Hesai: points firing by firing, beams through the axis, steps of 0.01 degrees and 4 mm; in half
+    of the frames some firings have a second return. Ouster: points ring by ring, clockwise; beams
+    start 15.8 mm off the axis and 36 mm above the origin; 1024 columns, steps of 1 mm; half of the
+    frames have no ``ring``.
     """
     from manip3d import LidarFrame
     from manip3d.authenticate._sensors import BEAMS
@@ -173,7 +185,7 @@ def exact_scan(number: int) -> LidarFrame:
     model = ("Hesai Pandar40P", "Hesai PandarXT-32", "OS1-32")[number % 3]
     is_ouster = model == "OS1-32"
     heights = np.radians(np.linspace(21.5, -21.5, 32) if is_ouster else BEAMS[model])
-    heights = heights + np.radians(random.normal(0.0, 0.05, len(heights)))  # a unit's calibration
+    heights = heights + np.radians(random.normal(0.0, 0.05, len(heights)))  # spread of units
     columns = 1024 if is_ouster else 1800
     turn = np.radians(np.arange(columns) * 360.0 / columns)
     beside = np.resize([3.1, 1.0, -1.0, -3.1] if is_ouster else [-3.3, 0.0, 3.3, 1.0], len(heights))
@@ -196,7 +208,7 @@ def exact_scan(number: int) -> LidarFrame:
     seen = (ranges < 90.0) & (ranges > 0.3) & (random.random(len(ranges)) > 0.02)
     rows = np.flatnonzero(seen)
     counts = np.rint(ranges[rows] / step)
-    if not is_ouster and number % 2:  # the second return of a firing, behind the first
+    if not is_ouster and number % 2:  # add second returns behind the first ones
         again = random.random(len(rows)) < 0.08
         rows, counts = np.r_[rows, rows[again]], np.r_[counts, counts[again] + 250]
     whole = counts.astype(np.float32) * np.float32(step)
@@ -218,14 +230,14 @@ SCANNERS: dict[str, Callable[[int], Iterator[Line]]] = {
 def judged(
     frame: LidarFrame, previous: LidarFrame | None = None, following: LidarFrame | None = None
 ) -> Line:
-    """What `inspect` says of a scan, as numbers that another threshold can be tried on."""
+    """Inspect a scan; return the result as numbers from which other thresholds can be evaluated."""
     from manip3d.authenticate import inspect
 
     return line_of(inspect(frame, previous=previous, following=following, power=False, threads=1))
 
 
 def line_of(found: Inspection) -> Line:
-    """A scan's result as numbers that another threshold can be tried on."""
+    """Return a scan's result as numbers from which other thresholds can be evaluated."""
     return {
         "verdict": found.verdict,
         "reason": found.reason if found.verdict != "no_trace" else "",
@@ -237,12 +249,12 @@ def line_of(found: Inspection) -> Line:
 
 
 def run(file: Path, scanner: str, numbers: range, until: float = math.inf) -> list[Line]:
-    """The lines of a scanner's scans; those that the file lacks are judged and appended.
+    """Return the lines of a scanner's scans; judge and append those that the file lacks.
 
     Parameters
     ----------
     until : float
-        Time of the monotonic clock at which no more are judged.
+        Time of the monotonic clock after which no scan is judged.
     """
     known = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     done = {(line["scanner"], line["number"]) for line in known}
@@ -260,14 +272,14 @@ def run(file: Path, scanner: str, numbers: range, until: float = math.inf) -> li
 
 
 def interval(events: int, trials: int) -> tuple[float, float]:
-    """The 95 % interval of a rate [Clopper and Pearson, 1934]."""
+    """Return the 95 % confidence interval of a rate [Clopper and Pearson, 1934]."""
     from manip3d.experiments._roc import upper_bound
 
     return 1.0 - upper_bound(trials - events, trials, 0.975), upper_bound(events, trials, 0.975)
 
 
 def p_values(line: Line) -> dict[str, float]:
-    """P-value of each detector for one scan, at the thresholds of this package."""
+    """Return the p-value of each detector for one scan, at the thresholds of this package."""
     from manip3d.authenticate import _reflectance, _turns
 
     strength, found = line["strength"], dict(line["p_value"])
@@ -279,7 +291,7 @@ def p_values(line: Line) -> dict[str, float]:
 
 
 def accused_by(line: Line) -> list[str]:
-    """The detectors that accuse a scan at the thresholds of this package."""
+    """Return the detectors that accuse a scan at the thresholds of this package."""
     from manip3d.authenticate._verdict import rate_of
 
     spinning = [name for name, p in p_values(line).items() if p <= rate_of(name)]
@@ -287,7 +299,7 @@ def accused_by(line: Line) -> list[str]:
 
 
 def log10_ratio(line: Line) -> float:
-    """Logarithm of a scan's likelihood ratio, as `Inspection.likelihood_ratio`; 0: not judged."""
+    """Return log10 of a scan's likelihood ratio (`Inspection.likelihood_ratio`); 0: not judged."""
     from manip3d.authenticate import likelihood_ratio
 
     found = p_values(line)
@@ -306,7 +318,7 @@ def calibrate(lines: list[Line]) -> None:
 
 
 def drives_alarmed(lines: list[Line]) -> int:
-    """Alarms of `drive_evidence` over the drives, at one an hour."""
+    """Count the alarms of `drive_evidence` over the drives, at one false alarm per hour."""
     from manip3d.authenticate._sequence import FRAMES_PER_SECOND
 
     threshold = np.log10(3600.0 * FRAMES_PER_SECOND)
@@ -322,7 +334,7 @@ def drives_alarmed(lines: list[Line]) -> int:
 
 
 def report_sequence(file: Path, streets: range, until: float) -> str:
-    """The table of long drives: accused frames, and alarms of what adds up, with their bound."""
+    """Return the table of long drives: accused frames, and alarms of added evidence with bound."""
     import tables
     from manip3d.authenticate._sequence import FRAMES_PER_SECOND, upper_rate
 
@@ -337,7 +349,7 @@ def report_sequence(file: Path, streets: range, until: float) -> str:
 
 
 def row(name: str, lines: list[Line]) -> list[str]:
-    """A row of the table, of scans as `inspect` says."""
+    """Return a row of the table, with the verdicts of `inspect`."""
     accused = [accused_by(line) for line in lines]
     count = sum(bool(names) for names in accused)
     low, high = interval(count, len(lines))
@@ -361,10 +373,10 @@ HEAD = ["clean simulated scans", "scans", "accused", "share", "95 % interval", "
 
 
 def report(file: Path, streets: range, turning: range, others: range, until: float) -> str:
-    """The table of all scanners."""
+    """Return the table of all scanners."""
     import tables
 
-    # The other scanners first: they take a tenth of the time.
+    # Judge the other scanners first, because they take a tenth of the time.
     terrestrial, other, exact = (
         run(file, name, others, until) for name in ("terrestrial", "HDL-32E", "exact")
     )
@@ -393,7 +405,7 @@ def report(file: Path, streets: range, turning: range, others: range, until: flo
 
 
 def main() -> None:
-    """Judge what is missing, and write the table or print the tails."""
+    """Judge missing scans, and write the table or print the strongest clean evidence."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path, help="lines of what was judged, .jsonl")
     parser.add_argument("--calibrate", action="store_true")

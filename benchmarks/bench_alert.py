@@ -1,9 +1,9 @@
-"""An AlertMonitor in real time: an HDL-64E with a stereo pair, ten frames a second, with a key.
+"""An AlertMonitor in real time: an HDL-64E with a stereo pair, 10 frames per second, with a key.
 
 ``python benchmarks/bench_alert.py [--seconds N]`` writes the section `alert` of the results. The
-frames are KITTI's drive 2011_09_26_0002 under ``MANIP3D_DATA``, over and over, each embedded anew,
-so that the chain of records goes on. What there is no time for is skipped, as by
-``manip3d alert run --live``.
+frames are KITTI's drive 2011_09_26_0002 under ``MANIP3D_DATA``, repeated; each is embedded again,
+so that the chain of records continues. As in ``manip3d alert run --live``, frames and checks for
+which there is no time are skipped.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from manip3d.authenticate import AlertCounts
 
 DRIVE = "lidar/kitti_raw/2011_09_26/2011_09_26_drive_0002_sync"
-PERIOD = 0.1  # seconds
-FARTHEST_BEHIND = 1.0  # seconds that a frame may wait, as under ``alert run --live``
-SPEED = 10.0  # m/s
+PERIOD = 0.1  # seconds between frames
+FARTHEST_BEHIND = 1.0  # longest delay of a frame in seconds, as in ``alert run --live``
+SPEED = 10.0  # of the car, m/s
 
 
 class Gaps:
-    """The longest time of the stream between two words of each witness."""
+    """The longest gap between two verdicts of each witness, in frames."""
 
     def __init__(self) -> None:
         self.last: dict[str, int] = {}
         self.longest: dict[str, int] = {}
 
     def hear(self, alert: Any) -> None:
-        """Take the next alert."""
+        """Add the next alert."""
         for name, told in alert.witnesses.items():
             if told.verdict not in ("skipped", "absent"):
                 gap = alert.number - self.last.get(name, -1)
@@ -42,13 +42,16 @@ class Gaps:
 
 
 def resident_mb() -> float:
-    """Memory of this process now."""
+    """Return the resident memory of this process, MiB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * resource.getpagesize() / 2**20
 
 
 def play(seconds: float, *, budget: float, in_real_time: bool) -> dict[str, Any]:
-    """Judge the drive for so long; not in real time: as many frames, one right after the other."""
+    """Judge the drive for ``seconds`` of the stream.
+
+    If not ``in_real_time``, the same number of frames is judged without waiting between frames.
+    """
     from manip3d import LidarFrame, authenticate, datasets
 
     drive = datasets.open_kitti(Path(os.environ["MANIP3D_DATA"]) / DRIVE)
@@ -70,7 +73,7 @@ def play(seconds: float, *, budget: float, in_real_time: bool) -> dict[str, Any]
             receiver, rig=rig, budget_s=budget, background=in_real_time
         )
         begin = 0.0
-        for number in range(-1, count):  # the first is judged before: it loads what is needed
+        for number in range(-1, count):  # frame -1 is a warm-up, which loads modules and tables
             scan, (left, right) = scenes[number % len(scenes)]
             sent = sender.embed(scan, is_end=False)
             if number == 0:

@@ -1,10 +1,10 @@
-"""How well the boxes of `inspect` fit cars that were moved: the section `boxes` of the results.
+"""Fit of the boxes of `inspect` to moved cars: the section `boxes` of the results.
 
-``python benchmarks/bench_boxes.py`` moves each car of clean frames by 0.5 to 3 m over the ground,
-in a direction drawn by chance, writes the frame as the scanner does, and compares the box of the
-strongest region with the tight box around the car at its new place: intersection over union of the
-two turned boxes, by volume. Frames of KITTI that chose no threshold are taken where their data is
-here, and simulated streets that are in no calibration.
+``python benchmarks/bench_boxes.py`` moves each car of clean frames by 0.5 to 3 m over the ground in
+a random direction and writes the frame as the scanner does. It compares the box of the strongest
+region with the tight box around the car at its new place, by the intersection over union of the
+volumes of the two rotated boxes. The frames are those of KITTI on which no threshold was chosen, if
+the data are present, and of simulated streets that are in no calibration.
 """
 
 from __future__ import annotations
@@ -29,17 +29,18 @@ if TYPE_CHECKING:
     Polygon = list[tuple[float, float]]
 
 NEAREST, FARTHEST = 0.5, 3.0
-"""Metres by which cars are moved."""
+"""Smallest and largest movement of a car, metres."""
 
 LEAST, MOST = (2.5, 1.2, 1.0), (5.5, 2.6, 2.4)
-"""Metres: length, width and height of the points of a car that are seen from two sides."""
+"""Smallest and largest length, width and height of the points of a car seen from two sides,
+metres."""
 
 FIRST_STREET = 89_000
-"""First of the simulated streets, which fixed no threshold."""
+"""First of the simulated streets, on which no threshold was chosen."""
 
 
 def corners(box: Box) -> Polygon:
-    """The four corners of a box seen from above, counter-clockwise."""
+    """Return the four corners of a box seen from above, counter-clockwise."""
     cos, sin = math.cos(box.yaw), math.sin(box.yaw)
     x, y, _ = box.center
     half = [
@@ -50,7 +51,7 @@ def corners(box: Box) -> Polygon:
 
 
 def clipped(polygon: Polygon, by: Polygon) -> Polygon:
-    """The part of a polygon inside a convex one [Sutherland and Hodgman, CACM 1974]."""
+    """Clip a polygon by a convex one [Sutherland and Hodgman, CACM 1974]."""
     for (ax, ay), (bx, by_) in zip(by, [*by[1:], by[0]], strict=True):
         sides = [(bx - ax) * (y - ay) - (by_ - ay) * (x - ax) for x, y in polygon]
         kept: Polygon = []
@@ -66,13 +67,13 @@ def clipped(polygon: Polygon, by: Polygon) -> Polygon:
 
 
 def area(polygon: Polygon) -> float:
-    """The area of a polygon."""
+    """Return the area of a polygon."""
     turns = [x * polygon[i - 1][1] - polygon[i - 1][0] * y for i, (x, y) in enumerate(polygon)]
     return 0.5 * abs(math.fsum(turns))
 
 
 def overlap(first: Box, second: Box) -> float:
-    """Intersection over union of two boxes turned about the vertical, by volume."""
+    """Return the intersection over union, by volume, of two boxes rotated about the vertical."""
     tops = [box.center[2] + 0.5 * box.size[2] for box in (first, second)]
     feet = [box.center[2] - 0.5 * box.size[2] for box in (first, second)]
     height = max(0.0, min(tops) - max(feet))
@@ -82,7 +83,7 @@ def overlap(first: Box, second: Box) -> float:
 
 
 def real_frames() -> Iterator[tuple[str, Points]]:
-    """Frames of KITTI on which detector III was never tuned; none where they are not here."""
+    """Yield frames of KITTI on which detector III was not tuned; none if the data are absent."""
     from manip3d import datasets
     from manip3d.experiments.detector_3 import CHOSEN_ON, SCENES
     from manip3d.io import read_scan
@@ -95,7 +96,7 @@ def real_frames() -> Iterator[tuple[str, Points]]:
 
 
 def simulated_frames(streets: int) -> Iterator[tuple[str, Points]]:
-    """One frame of each of so many streets."""
+    """Yield one frame of each of ``streets`` streets."""
     from manip3d.simulate.lidar import hdl64e
     from manip3d.simulate.streets import street
 
@@ -104,7 +105,7 @@ def simulated_frames(streets: int) -> Iterator[tuple[str, Points]]:
 
 
 def cars(scan: Points) -> Iterator[NDArray[np.int64]]:
-    """Rows of what stands free on the ground within 5 to 35 m and has the size of a car."""
+    """Yield the rows of each free-standing object of a car's size at a distance of 5 to 35 m."""
     from manip3d import forge
     from manip3d.authenticate._generic import tight_box
 
@@ -120,7 +121,7 @@ def cars(scan: Points) -> Iterator[NDArray[np.int64]]:
 
 
 def measured(frames: Iterator[tuple[str, Points]]) -> dict[str, list[tuple[float, float]]]:
-    """Metres moved and overlap of each car, by the kind of frame; 0: it was not found."""
+    """Return movement (metres) and overlap of each car, by kind of frame; 0: not found."""
     from manip3d.authenticate import inspect, kitti_lattice
     from manip3d.authenticate._generic import tight_box
     from manip3d.experiments._lidar_attacks import as_written
@@ -150,7 +151,7 @@ HEAD = ["cars moved", "cars", "found", "median IoU", "lower quartile", "IoU >= 0
 
 
 def rows_of(kind: str, values: list[tuple[float, float]]) -> Iterator[list[str]]:
-    """A row of all cars of a kind, and one of each range of distances."""
+    """Yield a row for all cars of a kind of frames, and one for each range of movements."""
     parts = {f"{kind}, 0.5 to 3 m": (NEAREST, FARTHEST)}
     parts |= {f"{kind}, {a:g} to {b:g} m": (a, b) for a, b in ((0.5, 1.0), (1.0, 2.0), (2.0, 3.0))}
     for name, (low, high) in parts.items():

@@ -1,7 +1,8 @@
-"""CS3, stage by stage, on published scans and on full frames, one core and two.
+"""Time of each stage of CS3 on published scans and on full frames, on one and two cores.
 
-``python benchmarks/bench_cs3.py [--rounds N]`` writes the section `cs3` of the results. Other work
-on the machine only ever adds time, so of many rounds the least counts, each stage by itself.
+``python benchmarks/bench_cs3.py [--rounds N]`` writes the section `cs3` of the results. Times are
+the minimum over many rounds, for each stage separately, because other work on the machine can only
+add time.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ STAGES = ("importance", "order", "sampling", "triangulation", "output")
 
 
 def waves() -> Any:
-    """A frame of 640 x 480 with depth everywhere: waves, a step, and a sensor's noise."""
+    """Return a frame of 640 x 480 pixels, all with depth: waves, a step, and a sensor's noise."""
     import numpy as np
 
     v, u = np.mgrid[0:480, 0:640]
@@ -34,18 +35,18 @@ def waves() -> Any:
 
 
 def of_scan(scan: RangeScan) -> Call:
-    """A call that simplifies a range scan."""
+    """Return a call that simplifies a range scan."""
     points = scan.points.astype("float32")
     return lambda stream: stream.simplify_grid(points, scan.valid)
 
 
 def of_frame(depth: Any, camera: Intrinsics) -> Call:
-    """A call that simplifies a depth image."""
+    """Return a call that simplifies a depth image."""
     return lambda stream: stream.simplify(depth, camera)
 
 
 def inputs() -> list[tuple[str, int, Call]]:
-    """Name, points asked for, and a call, for every input that is here."""
+    """Return name, target number of points, and call of each available input."""
     from manip3d import Intrinsics, datasets
 
     found: list[tuple[str, int, Call]] = []
@@ -66,7 +67,7 @@ def inputs() -> list[tuple[str, int, Call]]:
 def profile(
     call: Call, target: int, threads: int, rounds: int
 ) -> tuple[Cs3Result, dict[str, float], float]:
-    """The result, the least seconds of each stage, and the least of the whole call."""
+    """Return the result, and the minimum seconds of each stage and of the whole call."""
     from manip3d.simplify import Cs3Stream
 
     stream = Cs3Stream(target, threads=threads, frames=1)

@@ -1,9 +1,9 @@
-"""Range images to sparse meshes beside the peers: tables 3.3 and 3.4 with what one would use today.
+"""Simplification of range images compared with current libraries: tables 3.3 and 3.4 extended.
 
 ``python benchmarks/bench_depth.py [--models ...] [--methods ...] [--rounds N]`` writes the section
-`depth` of the results. Peers simplify the dense mesh; their time includes making it. Every method
-keeps as many vertices, runs in a process of its own pinned to one core, and a round runs each
-once.
+`depth` of the results. Peers (other libraries) simplify the dense mesh, and their time includes
+making it. All methods keep the same number of vertices. Each runs in a process of its own, pinned
+to one core; a round runs each method once.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from measuring import environment, measure, one_thread
 
 SHARE = 0.05
 TIMEOUT_S = 300
-WITHIN = 0.01  # of the number of vertices
+WITHIN = 0.01  # largest relative error of the number of vertices
 REPEATS = 5
-MOST_RUNS = 8  # to reach it: peers count faces
+MOST_RUNS = 8  # runs to reach that number, because the target of peers is a number of faces
 MOST_SAMPLES = 1_000_000
 OURS: dict[str, dict[str, Any]] = {
     "CS3 (CIOS)": {"method": "cios"},
@@ -56,7 +56,7 @@ Row = dict[str, Any]
 
 
 def load(model: str) -> tuple[Any, int, Any]:
-    """The range image that stands for a model of the dissertation, and 5 % of its points."""
+    """Load the range image that stands in for a published model, and 5 % of its point count."""
     from manip3d.experiments import _depth
 
     chosen = next(m for m in _depth.REAL if m.published == model)
@@ -65,7 +65,7 @@ def load(model: str) -> tuple[Any, int, Any]:
 
 
 def without_bow_ties(mesh: Any) -> Any:
-    """Without the faces at vertices where two sheets touch: CGAL takes manifold meshes only."""
+    """Remove faces at vertices where two sheets touch, because CGAL requires manifold meshes."""
     import numpy as np
 
     faces = mesh.faces
@@ -80,8 +80,8 @@ def without_bow_ties(mesh: Any) -> Any:
 
 
 def run_one(name: str, model: str, target: int, output: str) -> None:
-    """One method, one model, in this process: prints its cost as JSON, leaves the mesh."""
-    one_thread()  # before any library counts the cores
+    """Run a method on a model in this process; print its cost as JSON and write the mesh."""
+    one_thread()  # must run before any library counts the cores
     from dataclasses import replace
 
     from manip3d import Mesh
@@ -119,7 +119,7 @@ def run_one(name: str, model: str, target: int, output: str) -> None:
 
 
 def call(name: str, model: str, target: int, output: Path) -> dict[str, Any]:
-    """`run_one` in a process of its own."""
+    """Call `run_one` in a process of its own."""
     command = [sys.executable, __file__, "--one", name, model, str(target), str(output)]
     try:
         done = subprocess.run(
@@ -135,7 +135,7 @@ def call(name: str, model: str, target: int, output: Path) -> dict[str, Any]:
 
 
 def reach(name: str, model: str, points: int, output: Path) -> tuple[int, dict[str, Any]]:
-    """The target with which a method keeps as many vertices, and what its last run said."""
+    """Find the target with which a method keeps ``points`` vertices; also return the last cost."""
     if name in OURS:
         return points, call(name, model, points, output)
     target, low, high = 2 * points, 0, 16 * points
@@ -150,7 +150,7 @@ def reach(name: str, model: str, points: int, output: Path) -> tuple[int, dict[s
 
 
 def quality(model: str, output: Path) -> Row:
-    """Every measure of chapter 3."""
+    """Compute every measure of chapter 3."""
     from manip3d.experiments import _depth
 
     mesh = pickle.loads(output.read_bytes())
@@ -160,7 +160,7 @@ def quality(model: str, output: Path) -> Row:
 
 
 def compare(model: str, methods: list[str], rounds: int) -> list[Row]:
-    """One row per method."""
+    """Return one row for each method."""
     image, points, chosen = load(model)
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -192,7 +192,7 @@ HEAD = ("", "vertices", "ms", "x CS3", "area Metro, 1e-3", "vertex Metro, 1e-3",
 
 
 def section(rows: list[Row]) -> str:
-    """The tables, one per model."""
+    """Return the tables, one for each model."""
     text = [tables.environment_line(environment())]
     for model in MODELS:
         mine = [row for row in rows if row["model"] == model]
@@ -247,7 +247,7 @@ def main() -> None:
     if arguments.output and arguments.output.exists():
         earlier = json.loads(arguments.output.read_text())
         rows = [row for row in earlier if row["model"] not in arguments.models]
-    for model in arguments.models:  # written as it goes: all of them take an hour
+    for model in arguments.models:  # write after each model, because all of them take an hour
         rows += compare(model, arguments.methods, arguments.rounds)
         if arguments.output:
             arguments.output.write_text(json.dumps(rows, indent=1))

@@ -1,16 +1,17 @@
-"""The relief on all range scans and RGB-D recordings of the data folder, beside an edge collapse.
+"""The relief on all range scans and RGB-D recordings of the data folder, and an edge collapse.
 
 ``python benchmarks/bench_every_depth.py [--inputs ...] [--shares ...]
 [--efforts ...] [--frames N] [--alone] [-o every_depth.json]``
 
-Frames of a recording are taken at equal distances. Images lose the faces across steps in depth as
-`manip3d depth` leaves them out, ours and the dense mesh alike. The peer simplifies the dense mesh
-to as many vertices; its time includes making that mesh. Everything runs on one core; times are
-processor time, the least of the rounds. Results are stored after each image, beside those of other
-images, shares and efforts; `--inputs` without a name writes the tables of what is stored.
+Frames of a recording are taken at equal intervals. Faces across depth steps are left out as by
+`manip3d depth`, in this package's meshes and in the dense mesh. The peer, an edge collapse,
+simplifies the dense mesh to the same number of vertices; its time includes making that mesh.
+Everything runs on one core; times are processor times, the minimum of the rounds. Results are
+stored after each image and added to those of other images, shares and efforts; `--inputs` without a
+name writes the tables of the stored results.
 
-`--alone` runs no peer and measures no errors: coverage and bridges of all inputs, in half a minute.
-They are not stored, but written to their own section.
+`--alone` runs no peer and measures no errors, only coverage and bridges of all inputs, in half a
+minute. These results are not stored but written to a section of their own.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from measuring import environment, measure, one_thread
 from peers import PEERS
 
 SHARES = (0.1, 0.05, 0.01, 0.005, 0.001)
-OURS: dict[str, tuple[dict[str, Any], str]] = {  # how it is called, and the peer beside it
+OURS: dict[str, tuple[dict[str, Any], str]] = {  # options, and name of the peer to compare with
     "live": ({"effort": "live"}, "meshoptimizer subset"),
     "balanced": ({"effort": "balanced"}, "meshoptimizer subset"),
     "balanced, moved": ({"effort": "balanced", "move_points": True}, "meshoptimizer update"),
@@ -54,7 +55,7 @@ class Surface:
 
 
 def inputs() -> list[str]:
-    """The scans and recordings that are here."""
+    """Return the available scans and recordings."""
     here = [one.name for one in datasets.registry().values() if datasets.is_here(one)]
     recordings = [name for name in here if _has_frames(name)]
     return [name for name in datasets.scan_names() if datasets.scan_is_here(name)] + recordings
@@ -68,7 +69,7 @@ def _has_frames(name: str) -> bool:
 
 
 def surfaces(name: str, frames: int) -> Iterator[Surface]:
-    """A scan, or the frames of a recording."""
+    """Yield a scan, or the frames of a recording."""
     if name in datasets.scan_names():
         yield _scan(name)
         return
@@ -108,7 +109,7 @@ def _image(name: str, frame_name: str) -> Surface:
 def compare(
     surface: Surface, shares: Sequence[float], efforts: Sequence[str], rounds: int
 ) -> list[Row]:
-    """A row for each share of the points and each way to run ours."""
+    """Return a row for each share of the points and each set of options."""
     dense = surface.dense().mesh
     meshing = min(measure(surface.dense)[1].cpu_s for _ in range(rounds))
     rows = []
@@ -130,7 +131,7 @@ def compare(
 
 
 def alone(surface: Surface, shares: Sequence[float], efforts: Sequence[str]) -> Iterator[Row]:
-    """Coverage and bridges of our meshes, at each share of the points."""
+    """Yield coverage and bridges of this package's meshes, at each share of the points."""
     for share in shares:
         for how in efforts:
             found = surface.relief(max(3, math.ceil(share * surface.points)), **OURS[how][0])

@@ -1,10 +1,10 @@
-"""The default mode beside every peer on all meshes of the data folder, at four numbers of faces.
+"""The default mode and all peers on all meshes of the data folder, at four numbers of faces.
 
 ``python benchmarks/bench_every_mesh.py [--meshes ...] [--peers ...] -o every_mesh.json``
 
-Everybody gets the mesh welded and without exact duplicates; targets are fractions of the faces as
-read. Each peer is a process per mesh, pinned to one core. Stored results of other meshes and peers
-stay, so that a change of manip3d costs only its own rows.
+All methods get the mesh welded and without exact duplicates; targets are fractions of the number
+of faces as read. Each peer runs in one process per mesh, pinned to one core. Stored results of
+other meshes and peers are kept, so that after a change of manip3d only its own rows need to run.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from peers import PEERS
 from running import run_peer
 
 RATIOS = (0.5, 0.1, 0.02, 0.005)
-MOST_SAMPLES = 300_000  # of the area samples, 10 per face below 30 000 faces
+MOST_SAMPLES = 300_000  # largest number of area samples; 10 per face below 30 000 faces
 Row = dict[str, Any]
 
 
 def errors(original: Mesh, simplified: Mesh, *, has_uv: bool) -> Row:
-    """Metro of area samples in both directions, texture error and boundary gap."""
+    """Return Metro of area samples in both directions, texture error and boundary gap."""
     if simplified.num_faces == 0:
         return {"faces": 0}
     samples = min(10 * original.num_faces, MOST_SAMPLES)
@@ -51,7 +51,7 @@ def errors(original: Mesh, simplified: Mesh, *, has_uv: bool) -> Row:
 
 
 def compare(name: str, peers: list[str], timeout_s: float) -> list[Row]:
-    """A row per peer and number of faces."""
+    """Return a row for each peer and number of faces."""
     read = models.every_mesh()[name]()
     mesh = simplify.clean(read).mesh
     has_uv = mesh.texcoords is not None

@@ -28,7 +28,7 @@ Detector = Callable[[Any], object]
 
 
 def detectors(folder: Path) -> dict[str, Detector]:
-    """By name; each looks at one frame."""
+    """Return the detectors by name; each judges one frame."""
     from manip3d import authenticate
     from manip3d.io import read_scan
 
@@ -57,7 +57,10 @@ def detectors(folder: Path) -> dict[str, Detector]:
 
 
 def _again(detect: Detector, frame: Any) -> float:
-    """Processor time where the memory of the call before is at hand: frame after frame."""
+    """Return the processor time of a second call, which reuses the first call's memory.
+
+    This is the time per frame of a stream.
+    """
     start = time.process_time()
     detect(frame)
     return time.process_time() - start
@@ -68,7 +71,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=7)
     rounds = parser.parse_args().rounds
-    one_thread()  # before any library counts the cores
+    one_thread()  # must run before any library counts the cores
     import tables
     from manip3d import datasets
     from manip3d.io import read_scan

@@ -1,10 +1,10 @@
-"""Time and memory of simplification as the mesh grows from 10 thousand to 10 million faces.
+"""Growth of time and memory of simplification from 10 thousand to 10 million faces.
 
 ``python benchmarks/bench_growth.py [--faces N ...] [--modes MODE ...] [-o growth.json]``
 
 Each run is a process of its own on one core. The mesh is a relief lattice (eight octaves of smooth
-waves, amplitude halved with the wavelength), to 10 % of its faces. Stored results of other sizes
-and modes stay.
+waves, whose amplitude is halved with the wavelength), simplified to 10 % of its faces. Stored
+results of other sizes and modes are kept.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Row = dict[str, Any]
 
 
 def relief_lattice(num_faces: int) -> Mesh:
-    """An open relief of about so many faces, as rough at every scale as at the others."""
+    """Return an open relief of about ``num_faces`` faces, equally rough at all scales."""
     side = round(math.sqrt(num_faces / 2))
     place = np.linspace(0.0, 1.0, side + 1)
     x, y = np.meshgrid(place, place)
@@ -48,7 +48,7 @@ def relief_lattice(num_faces: int) -> Mesh:
 
 
 def run(mode: simplify.Mode, num_faces: int) -> Row:
-    """One run in this process."""
+    """Simplify in this process, and return the cost."""
     mesh = relief_lattice(num_faces)
     target = int(RATIO * mesh.num_faces)
     result, cost = measure(simplify.simplify, mesh, mode, target_faces=target)
@@ -64,7 +64,7 @@ def run(mode: simplify.Mode, num_faces: int) -> Row:
 
 
 def growth(rows: list[Row]) -> str:
-    """Times and memory side by side, and how they grow."""
+    """Return the table of times and memory, and of their growth."""
     lines = []
     for mode in MODES:
         own = sorted((row for row in rows if row["mode"] == mode), key=lambda row: row["faces"])
@@ -93,7 +93,7 @@ def growth(rows: list[Row]) -> str:
 
 
 def figure(rows: list[Row], path: Path) -> None:
-    """Time and memory against the number of faces, beside n log n."""
+    """Draw time and memory over the number of faces n, with n log n for comparison."""
     from matplotlib.figure import Figure
 
     drawn = Figure(figsize=(9.0, 3.6), layout="constrained")

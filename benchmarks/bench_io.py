@@ -1,4 +1,4 @@
-"""Reading speed of OBJ and PLY beside trimesh, Open3D and PyMeshLab, one thread.
+"""Reading speed of OBJ and PLY compared with trimesh, Open3D and PyMeshLab, one thread.
 
 ``python benchmarks/bench_io.py [--rounds N]`` writes the section `reading` of the results.
 """
@@ -50,7 +50,7 @@ def readers() -> dict[str, Reader]:
 
 
 def unpacked(name: str, folder: Path) -> Path:
-    """An uncompressed copy of a registered mesh, with its material library but no images."""
+    """Write an uncompressed copy of a registered mesh, with material library but without images."""
     from manip3d import datasets
 
     data_set = datasets.get(name)

@@ -1,16 +1,18 @@
-"""Leaps of the phantom limb: is it ever on another side than the true mirror image?
+"""Leaps of the phantom limb: frames with the phantom on the wrong side of the plane of symmetry.
 
 ``python benchmarks/bench_leaps.py [--frames 10000] [--seed N]`` simulates people without a limb
-(all four limbs, exercises, standing and seated, swaying), disturbs their joints as trackers do, and
-counts the frames in which the phantom, or its end's joint where the tracker sees the intact one,
-lies on one side of the true plane of symmetry while the true mirror image lies at least 5 cm to the
-other. Nearer to the plane, jitter alone may carry a joint across. Depth images are simulated once
-for each exercise and shared by all disturbances: white jitter and AR(1) jitter (rho 0.9) of 10 and
-20 mm, without and with a tracker that swaps left and right for up to ten frames. Joints that the
-tracker guesses are off by five times as much. ``--scenes`` names some of the exercises, from 0.
+(all four limbs, exercises, standing and seated, swaying) and disturbs their joints like a tracker.
+A frame counts as a leap if the true mirror image lies at least 5 cm from the true plane of symmetry
+and the phantom lies on the other side. The same is tested for the joint at the phantom's end if the
+tracker sees the intact limb's end. Nearer to the plane, jitter alone may carry a joint across.
 
-With none in n frames, the rate is below 3 / n with 95 % confidence, were the frames independent;
-frames that follow each other are not, so ``runs`` says of how many sequences they are.
+Depth images are simulated once for each exercise and used for all disturbances: white jitter and
+AR(1) jitter (rho 0.9) of 10 and 20 mm, without and with a tracker that swaps left and right for up
+to ten frames. Errors of inferred joints are five times as large. ``--scenes`` selects exercises by
+number, from 0.
+
+If n frames contain no leap, the rate is below 3 / n with 95 % confidence, provided that the frames
+are independent. Consecutive frames are not; ``runs`` is the number of independent sequences.
 """
 
 from __future__ import annotations
@@ -44,15 +46,15 @@ SCENES: tuple[dict[str, Any], ...] = (
     {"amputated": "left_leg", "motion": "knee-extension"},
     {"amputated": "right_leg", "motion": "dorsiflexion", "turn": -20.0},
 )
-JITTERS = (0.010, 0.020)  # metres
+JITTERS = (0.010, 0.020)  # standard deviations of joints, metres
 CORRELATIONS = (0.0, 0.9)
-LEAST_OFF = 0.05  # metres from the true plane
-KNOWN = 15  # frames: a patient whose sides are swapped from the start is another one
+LEAST_OFF = 0.05  # smallest distance from the true plane of a tested point, metres
+KNOWN = 15  # first frames without swaps; sides swapped from the start would define the patient
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """The errors of a tracker's joints."""
+    """Errors of a tracker's joints."""
 
     jitter: float
     correlation: float
@@ -66,7 +68,7 @@ class Disturbance:
 def disturbed(
     skeletons: list[Skeleton], what: Disturbance, rng: np.random.Generator
 ) -> Iterator[Skeleton]:
-    """The skeletons of one person, frame by frame, as a tracker would tell them."""
+    """Return the skeletons of one person, frame by frame, with the errors of a tracker."""
     from manip3d.rgbd import INFERRED, MIRRORED_JOINTS, TRACKED
 
     rho = what.correlation
@@ -90,7 +92,7 @@ def disturbed(
 
 
 def simulated(scene: dict[str, Any], frames: int, first: float) -> list[BodyCapture]:
-    """Frames of a scene with exact joints."""
+    """Simulate frames of a scene with exact joints."""
     from manip3d.simulate import BodySimulator
 
     simulator = BodySimulator(**scene, color="none", threads=1)
@@ -98,9 +100,10 @@ def simulated(scene: dict[str, Any], frames: int, first: float) -> list[BodyCapt
 
 
 def offs(capture: BodyCapture, result: PhantomFrame, limb: Limb) -> list[tuple[float, float]]:
-    """Metres from the true plane of symmetry: of the phantom, and of the true mirror image.
+    """Return signed distances from the true plane, metres: of phantom and true mirror image.
 
-    One pair for what is drawn, and one for the end's joint if the tracker sees the intact one.
+    The first pair is that of the drawn pixels, the second that of the joint at the limb's end, if
+    the tracker sees the intact limb's end. Pairs nearer to the plane than `LEAST_OFF` are left out.
     """
     from manip3d.modify import PixelKind
     from manip3d.rgbd import TRACKED
@@ -121,7 +124,7 @@ def offs(capture: BodyCapture, result: PhantomFrame, limb: Limb) -> list[tuple[f
 
 
 def run(captures: list[BodyCapture], limb: Limb, what: Disturbance, seed: int) -> Counter[str]:
-    """One sequence: frames by state, shown, asked, leaps, and those under tracking."""
+    """Process one sequence and count frames: by state, shown, tested ("asked"), and with leaps."""
     from manip3d.modify import PhantomPipeline, PhantomState
 
     pipeline = PhantomPipeline(limb)

@@ -1,8 +1,8 @@
-"""Latency of the live session: from a frame's grab to its being decoded in headless Chromium.
+"""Latency of the live session, from the capture of a frame to its decoding in headless Chromium.
 
-Server, browser and source share this machine. Run alone: ``python -m benchmarks.bench_live
-[SECONDS]``. The frames are those of a recording that the simulator made beforehand, so that
-rendering them costs nothing here. Chromium draws without a graphics card, most of the load.
+Server, browser and source run on this machine. Run it alone: ``python -m benchmarks.bench_live
+[SECONDS]``. The frames come from a recording that is simulated beforehand, so that their rendering
+takes no time. Chromium draws without a graphics card, which causes most of the load.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from manip3d.viewer import _chromium
 
 FRAMES = 300
 WINDOW = (1280, 800)
-START_S = 20.0  # of the browser, at most
+START_S = 20.0  # longest time for the browser to start, seconds
 
 
 def main(seconds: float) -> None:

@@ -1,10 +1,11 @@
-"""Simplification below a ceiling of memory, beside the same without one.
+"""Simplification with and without a memory limit.
 
 ``python benchmarks/bench_memory.py [--faces N] [--modes MODE ...] [--ceilings MIB ...]``
 
-Each run is a process of its own on one core: a relief lattice (`bench_growth.py`) to 10 % of its
-faces. The peak is that of the whole process from the call on, the mesh included (making the mesh
-takes more). Errors are area samples against the original, measured in another process.
+Each run is a process of its own on one core, which simplifies a relief lattice (`bench_growth.py`)
+to 10 % of its faces. The peak is that of the whole process during the call, including the mesh
+(making the mesh needs more). Errors are measured in another process, by area samples against the
+original.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ SAMPLES = 200_000
 
 
 def run(mode: simplify.Mode, num_faces: int, mebibytes: int, output: Path) -> dict[str, Any]:
-    """One run in this process; 0 MiB: without a ceiling."""
+    """Simplify in this process; 0 MiB: without a limit."""
     mesh = relief_lattice(num_faces)
     memory = mebibytes * tables.MIB if mebibytes else None
     target = int(RATIO * mesh.num_faces)
@@ -37,7 +38,7 @@ def run(mode: simplify.Mode, num_faces: int, mebibytes: int, output: Path) -> di
 
 
 def errors(num_faces: int, output: Path) -> dict[str, Any]:
-    """How far the original is from the result."""
+    """Return the distances of the original from the result."""
     metro = metrics.metro(
         relief_lattice(num_faces), read_mesh(output), sampling="area", samples=SAMPLES
     )
@@ -45,7 +46,7 @@ def errors(num_faces: int, output: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run, and print a row for each mode and ceiling."""
+    """Run, and print a row for each mode and memory limit."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--faces", type=int, default=5_000_000)
     parser.add_argument("--modes", nargs="+", default=["fast", "quality"])

@@ -1,4 +1,4 @@
-"""Closest points on a surface beside Open3D's ray casting scene (Embree), one thread.
+"""Closest points on a surface compared with Open3D's ray casting scene (Embree), one thread.
 
 ``python benchmarks/bench_metrics.py [--rounds N]`` writes the section `closest` of the results.
 """
@@ -25,7 +25,7 @@ MODELS = (("rockerArm", 8174), ("ferrari_458", 35878))
 
 
 def by_manip3d(mesh: Mesh, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distances of the points to the mesh; the tree is built anew."""
+    """Return the distances of points to the mesh; the time includes building the tree."""
     from manip3d import metrics
 
     return metrics.closest_points(mesh, points, threads=1).distance
@@ -51,7 +51,7 @@ def by_open3d() -> Distances | None:
 
 
 def compare(name: str, target: int, rounds: int, other: Distances | None) -> list[str]:
-    """One row: from the vertices of a model to its simplification."""
+    """Return a row of times for distances from a model's vertices to its simplification."""
     from manip3d import datasets, simplify
 
     original = datasets.load_mesh(name)
@@ -77,7 +77,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=5)
     rounds = parser.parse_args().rounds
-    one_thread()  # before any library counts the cores
+    one_thread()  # must run before any library counts the cores
     import tables
 
     other = by_open3d()

@@ -1,7 +1,7 @@
-"""Decoding of Velodyne packets against the sensor's own rate, and beside velodyne-decoder.
+"""Decoding of Velodyne packets compared with the sensor's packet rate and with velodyne-decoder.
 
-``python benchmarks/bench_packets.py [--rounds N]`` writes the section `packets` of the results.
-One thread; from a recording in memory-backed files to frames with every column.
+``python benchmarks/bench_packets.py [--rounds N]`` writes the section `packets` of the results. One
+thread decodes recordings in memory-backed files to frames with all columns.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from measuring import measure, one_thread
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 
-# Packets a second: manuals, single return (HDL-64E S2: 1.33 million points; dual: twice).
+# Packets per second in single-return mode, from the manuals (HDL-64E S2: 1.33 million points per
+# second); in dual-return mode twice as many.
 SENSORS = {
     "hdl64e": ("HDL-64E", 1_333_000 / 384),
     "hdl32e": ("HDL-32E", 1808.0),
@@ -30,7 +31,7 @@ SENSORS = {
 
 
 def recording(model: str, seconds: float) -> bytes:
-    """Packets of a turning sensor, 10 turns a second, one firing in eight without a return."""
+    """Make packets of a sensor with 10 turns per second; one firing in eight has no return."""
     made = importlib.import_module("velodyne_packets")
     rate = SENSORS[model][1]
     rng = np.random.default_rng(0)
@@ -56,7 +57,7 @@ def recording(model: str, seconds: float) -> bytes:
 
 
 def decoders(model: str) -> dict[str, Callable[[Path], int]]:
-    """Functions that decode a recording and tell the number of points."""
+    """Return functions that decode a recording and return the number of points."""
     from manip3d import capture
 
     made = importlib.import_module("velodyne_packets")

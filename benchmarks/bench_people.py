@@ -1,91 +1,100 @@
-"""The phantom limb on recorded people: what of each picture is wrong, and whether the gate says so.
+"""The phantom limb on recorded people: faults of pictures, and whether the pipeline reports them.
 
 ``python benchmarks/bench_people.py [--half tuning|reporting] [--sheet FILE.png] [--simulated]``
 reads the trials of UTD-MHAD (``MANIP3D_DATA``) and prints one table; the sheet shows the worst
 frames by a measure. A trial belongs to the tuning half if its action and its subject are both odd
-or both even: options are chosen on that half, and the other one is reported.
+or both even. Options are chosen on that half, and results are reported on the other one.
 
-The measures are taken from the picture and the raw joints, apart from the pipeline's own gate:
+The *gate* is the pipeline's own test of plausibility, which decides the state of a frame. The
+following faults are measured independently of the gate, from the picture and the raw joints:
 
-cut       legs: more than 15 % of the person's pixels below the hips show nothing; arms: more than
-          5 % of the trunk's.
-doubled   body pixels of the affected limb are more than 10 % as many as it had. A pixel is the
-          limb's if it is nearer to its line of joints than to the rest of the skeleton, does not
-          lie more than 12 cm behind it (as a chair does), and is farther from the rest than other
-          limbs are thick: 18 cm (legs: 16), or 13 cm within 6 cm of its line. The trunk is the
-          surface between shoulders and hips: a chest is broader than 18 cm to either side of a
-          spine, and by the spine alone chests and hips were called double limbs. Where the limb is
-          left as it is (``--kept``), so it says of all arms and nine legs of ten.
-          No pixel is an arm's that is nearest to a leg in the whole skeleton: the joints of
-          seated thighs lie deep, and without this a knee beside the hand was called an arm (seven
-          frames of the tuning half were looked at, six show such a knee). Arms that are left as
-          they are (``--kept``) are called doubled as often as before, in 95 % of the frames.
-          Of legs it still says too much: some frames show the intact thigh instead.
-floating  the largest piece of the phantom begins more than 10 cm (arms) or 16 cm (legs) from its
+cut       Legs: more than 15 % of the person's pixels below the hips show nothing. Arms: more than
+          5 % of the trunk's pixels show nothing.
+doubled   The result shows more than 10 % of the affected limb's body pixels. A pixel belongs to the
+          limb if it is nearer to the limb's line of joints than to the rest of the skeleton, does
+          not lie more than 12 cm behind that line (as a chair does), and is farther from the rest
+          than other limbs are thick: 18 cm (legs: 16 cm), or 13 cm within 6 cm of the line. The
+          trunk is the surface between shoulders and hips, because a chest extends more than 18 cm
+          to either side of the spine, and with the spine alone chests and hips counted as doubled
+          limbs. A pixel that is nearest to a leg in the whole skeleton does not belong to an arm,
+          because the joints of seated thighs lie deep below the skin and otherwise a knee next to
+          the hand counted as an arm (in six of seven frames of the tuning half that were looked
+          at). If the limb is not removed (``--kept``), 95 % of the arms' frames and nine of ten
+          legs count as doubled. For legs the measure is too strict: in some of the frames that
+          it flags, the pixels belong to the intact thigh.
+floating  The largest piece of the phantom begins more than 10 cm (arms) or 16 cm (legs) from its
           root.
 
-A second table says what the legs' frames that are cut have lost, as means in percent of the
-person's pixels below the hips. `limb` is nearest to one of the recorded bones of the affected limb:
-flesh of that limb, which an amputee does not have, and which is lost where the two legs do not
-mirror each other about the plane; but where the tracker puts its joints into the other leg, as it
-does with some seated people, also flesh of that leg. `shown` is what the picture shows below the
-hips, the phantom included: 100 and more if it only lies elsewhere than the leg did. `body` is
-nearest to another bone, and `background` farther than 20 cm from all bones:
-both are removed by error. `best plane` is what of the limb is lost if the plane is turned about
-the vertical and shifted until the two recorded legs cover each other best, which nobody can do
-for a person without the second leg; `turn` is the median of that turn.
+A second table describes the lost pixels of the legs' frames with the fault `cut`, as means in
+percent of the person's pixels below the hips:
 
-``--simulated`` prints another table instead, of simulated seated people with the errors of a
-Kinect V1's tracker, each of them once without the affected leg and once with both: `cut` of people
-who have the leg counts the flesh of that leg, which no patient has.
+limb        Pixels nearest to a recorded bone of the affected limb. They are flesh of that limb,
+            which an amputee does not have and which is lost if the two legs are not symmetric about
+            the plane. If the tracker puts the limb's joints into the other leg, as happens with
+            some seated people, they include flesh of that leg.
+shown       Pixels that the picture shows below the hips, including the phantom. 100 or more: the
+            phantom only lies elsewhere than the leg.
+body        Pixels nearest to another bone, which were removed by error.
+background  Pixels farther than 20 cm from all bones, which were removed by error.
+best plane  Lost pixels of the limb if the plane is turned about the vertical and shifted until the
+            two recorded legs cover each other best, which is impossible for a person without the
+            second leg.
+turn        Median of the angle of that turn.
 
-``--sleeves`` prints a table of simulated people without the limb whose stump is bare or who wear an
-empty sleeve or leg of trousers: frames that the gate calls `cloth`, and frames under `tracking`
-that keep more than 10 % of the cloth's pixels (farther than 10 cm from the root). The limit was
-chosen on seeds 0 and 1; seeds 4 and 5, further motions among them, are reported. `but for it`:
-the same if the gate did not know `cloth`. ``--guessed`` makes the tracker guess the affected limb's
-joints in the recordings, as it does those of a missing limb: whoever is called `cloth` then wears
-none.
+Options that print another table instead:
 
-``--flying`` prints a table of simulated people with a bare stump whose tracker, a Kinect V2's, says
-that it sees the joints of the missing limb somewhere about them. `holes` are frames in which more
-than 1 % of the person's other pixels (farther than 12 cm from the root) show nothing, `lost` is the
-mean share of these pixels. The rules were chosen on seed 0; seed 5 is reported.
+``--simulated``: simulated seated people with the errors of a Kinect V1's tracker, each once without
+the affected leg and once with both legs. For people with the leg, `cut` includes the flesh of that
+leg, which no patient has.
 
-``--stout`` prints a table of simulated people of several girths (that of their trunks, arms and
-legs against the default one): the states, and how often the gate calls the trunk's flank a limb
-that was left. The rule was chosen on the right arm and the left leg at seed 0 with 10 mm of jitter;
-the other two limbs are reported, at seeds 6 and 7 with 0 and 20 mm.
+``--sleeves``: simulated people without the limb, with a bare stump or with an empty sleeve or
+trouser leg. `cloth`: frames that the gate reports as cloth. `tracking, kept`: frames in state
+`tracking` that keep more than 10 % of the cloth's pixels (farther than 10 cm from the root). `but
+for it`: the same if the gate had no test for cloth. The limit was chosen on seeds 0 and 1; seeds 4
+and 5, with further motions, are reported. ``--guessed`` marks the affected limb's joints in the
+recordings as inferred, like those of a missing limb; reports of `cloth` are then false alarms.
 
-``--twist`` prints a table of simulated people, a Kinect V2's tracker, whose chest turns against the
-pelvis by an angle to either side, once in four seconds: the angle between the plane and the true
-one (the pelvis's for legs, the chest's for arms), the distance of the true hand or foot, reflected
-through the plane, from its true place, and the shares of the frames, and of those under `tracking`,
-with more than 5 degrees. ``--from-start`` begins at the greatest twist and leaves out a second.
-Rules were chosen on seed 0 (``--seed 0``); seed 5 is reported.
+``--flying``: simulated people with a bare stump, whose tracker (Kinect V2) reports the joints of
+the missing limb as tracked at wrong places. `holes`: frames in which more than 1 % of the person's
+other pixels (farther than 12 cm from the root) show nothing. `lost`: mean share of these pixels.
+The rules were chosen on seed 0; seed 5 is reported.
 
-``--calibration`` prints a table of simulated people whose focal length is told wrong by a factor:
-percent of the frames under `tracking`, of all and of those after the first second, and those that
-name the calibration. The limits were chosen on seed 1 and the tuning half; seed 5 is reported.
+``--stout``: simulated people of several girths (of trunk, arms and legs, relative to the default).
+The table contains the states, and the frames in which the gate takes the trunk's flank for a
+remaining limb. The rule was chosen on the right arm and the left leg at seed 0 with 10 mm of
+jitter; the other two limbs are reported, at seeds 6 and 7 with 0 and 20 mm.
 
-``--unindexed`` prints a table of simulated people in a room, and of the trials of the tuning half
-(``--half reporting``: of the other one) of actions 3, 24, 25 and 27 before a floor and a wall that
-are drawn behind them, 10 cm behind the farthest of their points and with the steps of a Kinect V1.
-Each is given with its body index and without one: percent of the frames under `tracking`, and the
-intersection over union of what both pictures show (mean, and its lowest 5 %).
+``--twist``: simulated people, tracked by a Kinect V2, whose chest turns relative to the pelvis by
+an angle to either side, once in four seconds. The table contains the angle between the plane and
+the true one (the pelvis's for legs, the chest's for arms); the error of the true hand or foot after
+reflection at the plane; and the shares of all frames, and of those in state `tracking`, with more
+than 5 degrees. ``--from-start`` begins at the largest twist and leaves out the first second. Rules
+were chosen on seed 0 (``--seed 0``); seed 5 is reported.
 
-``--disturbed`` prints a table of the trials 24 and 25 of the tuning half whose joints err more than
-the recorded ones: shoulders and hips turned about the spine by an angle, or AR(1) jitter on all
-joints. Percent of the seated frames of both legs (every second one) under `tracking` and `cut`, of
-those under `tracking` that are cut, and the 95 % of what is lost below the hips.
+``--calibration``: simulated people whose focal length is wrong by a factor. The table contains the
+percentages of frames in state `tracking`, of all frames and of those after the first second, and of
+frames whose reason is the calibration. The limits were chosen on seed 1 and the tuning half; seed 5
+is reported.
 
-``--mistaken`` prints a table of the trials of one half that are given with the mistakes of a
-source: joints whose left and right are exchanged, in all frames or in 20 of them; a principal point
-that is off by 8 or 20 pixels; depth in a unit that is a tenth too small. Percent of the frames
-under `tracking`, and that name the calibration or the sides.
+``--unindexed``: simulated people in a room, and trials of the tuning half (``--half reporting``: of
+the other half) of actions 3, 24, 25 and 27 with a floor and a wall drawn behind the people, 10 cm
+behind the farthest of their points and with the depth steps of a Kinect V1. Each is processed with
+its body index and without one. The table contains the percentage of frames in state `tracking`, and
+the intersection over union of both pictures (mean, and 5th percentile).
 
-``tests/modify/test_doubled_limbs.py`` holds `doubled` to simulated people, whose limbs are known.
-It says too much of stout people (a girth of 1.5) who reach out.
+``--disturbed``: trials 24 and 25 of the tuning half with additional errors of the joints: shoulders
+and hips turned about the spine by an angle, or AR(1) jitter on all joints. The table contains
+percentages of the seated frames of both legs (every second frame): in state `tracking`, with fault
+`cut`, and cut frames among those in state `tracking`; and the 95th percentile of the share lost
+below the hips.
+
+``--mistaken``: trials of one half with mistakes of a source: joints with left and right exchanged,
+in all frames or in 20 of them; a principal point that is off by 8 or 20 pixels; depth in a unit
+that is a tenth too small. The table contains the percentages of frames in state `tracking`, and of
+frames whose reason is the calibration or the sides.
+
+``tests/modify/test_doubled_limbs.py`` tests `doubled` on simulated people, whose limbs are known.
+For stout people (a girth of 1.5) who reach out, `doubled` is too strict.
 """
 
 from __future__ import annotations
@@ -110,24 +119,24 @@ if TYPE_CHECKING:
 
 LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
 FAULTS = ("cut", "doubled", "floating")
-SEATED = (24, 25)  # actions: sit to stand, stand to sit
+SEATED = (24, 25)  # actions "sit to stand" and "stand to sit"
 
 
 def numbers(uri: str) -> tuple[int, int]:
-    """Action and subject of a trial."""
+    """Return action and subject of a trial."""
     found = re.fullmatch(r"utd-mhad:a(\d+)_s(\d+)", uri)
     assert found is not None
     return int(found[1]), int(found[2])
 
 
 def is_tuning(uri: str) -> bool:
-    """The half of the trials that options are chosen on."""
+    """Return whether a trial belongs to the half on which options are chosen."""
     action, subject = numbers(uri)
     return (action + subject) % 2 == 0
 
 
 def is_seated(frame: RgbdFrame) -> bool:
-    """Do the thighs point more towards the camera than down?"""
+    """Return whether the thighs point more towards the camera than down."""
     hips, knees = (
         frame.skeletons[0].positions[list(rows)].mean(axis=0) for rows in ((12, 16), (13, 17))
     )
@@ -136,7 +145,7 @@ def is_seated(frame: RgbdFrame) -> bool:
 
 @dataclass(frozen=True)
 class Loss:
-    """The losses of a frame below the hips, in shares of the person's pixels there."""
+    """Losses of a frame below the hips, as shares of the person's pixels there."""
 
     limb: float
     body: float
@@ -148,7 +157,7 @@ class Loss:
 
 @dataclass
 class Tally:
-    """Frames by state, reason and fault."""
+    """Counts of frames by state, reason and fault."""
 
     frames: int = 0
     states: Counter[str] = field(default_factory=Counter)
@@ -158,7 +167,7 @@ class Tally:
     losses: list[Loss] = field(default_factory=list)
 
     def add(self, result: PhantomFrame, faults: set[str]) -> None:
-        """One more frame."""
+        """Count a frame."""
         self.frames += 1
         self.states[result.state.value] += 1
         self.reasons[result.reason.value] += 1
@@ -167,7 +176,7 @@ class Tally:
             self.unsaid.update(faults)
 
     def loss_row(self) -> list[str]:
-        """Means over the frames that are cut, and the rate of those that are cut by error alone."""
+        """Return means over cut frames, and the share of frames cut only by wrong removal."""
         parts = np.array(
             [(c.limb, c.body, c.background, c.shown, c.best_plane) for c in self.losses]
         )
@@ -177,7 +186,7 @@ class Tally:
         return [str(len(self.losses)), *means, f"{turns:.0f}", f"{100 * by_error:.1f}"]
 
     def row(self) -> list[str]:
-        """Percent of the frames: states, faults, and those under tracking (of these)."""
+        """Return percentages of frames: states, faults, and faults among tracked frames."""
         tracking = max(1, self.states["tracking"])
         shares = [self.states[s] / self.frames for s in ("tracking", "degraded")]
         for fault in FAULTS:
@@ -188,7 +197,7 @@ class Tally:
 
 
 def segmented(frame: RgbdFrame, skeleton: Skeleton) -> BodySegmentation:
-    """The nearest bone of each pixel."""
+    """Return the nearest bone of each pixel."""
     from manip3d.modify import segment_body
 
     return segment_body(frame.depth, frame.calibration.depth, skeleton, body_index=frame.body_index)
@@ -197,7 +206,7 @@ def segmented(frame: RgbdFrame, skeleton: Skeleton) -> BodySegmentation:
 def from_line(
     points: NDArray[Any], chain: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distance to a line of joints, and how much farther from the camera a point is than it."""
+    """Return distances to a line of joints, and how much farther from the camera points are."""
     nearest = np.full(points.shape[:2], np.inf)
     behind = np.zeros(points.shape[:2])
     for a, b in itertools.pairwise(chain):
@@ -210,7 +219,7 @@ def from_line(
 
 
 def from_trunk(points: NDArray[Any], joints: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance to the surface between shoulders and hips, as nine lines across it."""
+    """Return distances to the surface between shoulders and hips, sampled by nine lines."""
     left, right = (np.linspace(joints[a], joints[b], 9) for a, b in ((4, 12), (8, 16)))
     rungs = (from_line(points, np.stack(ends))[0] for ends in zip(left, right, strict=True))
     return np.asarray(np.minimum.reduce(list(rungs)), np.float64)
@@ -219,7 +228,7 @@ def from_trunk(points: NDArray[Any], joints: NDArray[np.float64]) -> NDArray[np.
 def is_of_limb(
     points: NDArray[Any], joints: NDArray[np.float64], limb: str, rest: BodySegmentation
 ) -> NDArray[np.bool_]:
-    """Pixels that a measured person would say are the limb's (see `doubled`)."""
+    """Return the pixels that belong to the limb by the rule of `doubled`."""
     from manip3d.simulate import LIMBS as CHAINS
 
     mine, behind = from_line(points, joints[list(CHAINS[limb])])
@@ -230,7 +239,7 @@ def is_of_limb(
 
 
 def without(skeleton: Skeleton, limb: str) -> Skeleton:
-    """A skeleton that ends at a limb's root."""
+    """Return the skeleton without a limb beyond its root."""
     from manip3d.simulate import LIMBS as CHAINS
 
     states, positions = skeleton.states.copy(), skeleton.positions.copy()
@@ -246,7 +255,7 @@ def shares(
     bones: BodySegmentation,
     rest: BodySegmentation,
 ) -> dict[str, float]:
-    """Each fault's measure over its limit."""
+    """Return each fault's measure divided by its limit."""
     from scipy import ndimage
 
     from manip3d.modify import PixelKind
@@ -287,7 +296,7 @@ def shares(
 def coverage(
     points: NDArray[Any], origin: NDArray[np.float64], normal: NDArray[np.float64], camera: Any
 ) -> NDArray[np.bool_]:
-    """Pixels that points cover after reflection, gaps between neighbours closed."""
+    """Return the pixels that points cover after reflection; small gaps are closed."""
     from scipy import ndimage
 
     off = (points - origin) @ normal
@@ -301,7 +310,7 @@ def coverage(
 def loss_below(
     frame: RgbdFrame, result: PhantomFrame, limb: str, bones: BodySegmentation
 ) -> Loss | None:
-    """The pixels lost below the hips, by owner; None where there was no plane."""
+    """Return the pixels lost below the hips, by kind; None: there is no plane."""
     from manip3d.modify import PixelKind
     from manip3d.simulate import LIMBS as CHAINS
     from manip3d.simulate import opposite
@@ -341,7 +350,7 @@ def loss_below(
 
 
 def lost_below_hips(frame: RgbdFrame, result: PhantomFrame) -> float:
-    """The share of the person's pixels below the hips that show nothing."""
+    """Return the share of the person's pixels below the hips that show nothing."""
     from manip3d.modify import PixelKind
 
     points = frame.calibration.depth.unproject(frame.depth)
@@ -350,7 +359,7 @@ def lost_below_hips(frame: RgbdFrame, result: PhantomFrame) -> float:
 
 
 def simulated_row(has_leg: bool, turn: float, thigh_turn: float = 0.0) -> list[str]:
-    """Simulated seated people turned by an angle: percent of the frames, and of those tracked."""
+    """Return percentages of all and of tracked frames of seated people turned by an angle."""
     from manip3d.modify import PhantomPipeline
     from manip3d.simulate import BodySimulator, opposite
 
@@ -392,7 +401,7 @@ def simulated_row(has_leg: bool, turn: float, thigh_turn: float = 0.0) -> list[s
 
 
 def ideal_loss(seen: BodyCapture, leg: str) -> float:
-    """The share below the hips of a leg's flesh that its true mirror image does not hide."""
+    """Return the share below the hips of leg pixels that the true mirror image does not hide."""
     from manip3d.simulate import LIMBS as CHAINS
     from manip3d.simulate import cast_mesh
 
@@ -416,7 +425,7 @@ def print_simulated() -> None:
 
 
 def without_sight(frame: RgbdFrame, limb: str) -> RgbdFrame:
-    """The frame with the limb's joints guessed, as a tracker gives those of a missing one."""
+    """Return the frame with the limb's joints inferred, as a tracker reports a missing limb's."""
     from manip3d.rgbd import INFERRED
     from manip3d.simulate import LIMBS as CHAINS
 
@@ -427,7 +436,7 @@ def without_sight(frame: RgbdFrame, limb: str) -> RgbdFrame:
 
 
 def sleeve_row(kind: str, dressing: str, turn: float) -> list[str]:
-    """Simulated people turned by an angle: percent of the frames, and of those tracked."""
+    """Return percentages of frames of people turned by an angle, with a bare stump or a sleeve."""
     from manip3d.modify import PhantomPipeline, PixelKind
     from manip3d.simulate import LIMBS as CHAINS
     from manip3d.simulate import BodySimulator, opposite
@@ -483,7 +492,7 @@ def print_sleeves() -> None:
 
 
 def flying_row(kind: str, sitting: bool, turn: float) -> list[str]:
-    """Simulated people turned by an angle: percent of the frames, and of those tracked."""
+    """Return percentages of frames of people whose missing limb's joints seem to be tracked."""
     from manip3d.modify import PhantomPipeline, PixelKind
     from manip3d.simulate import LIMBS as CHAINS
     from manip3d.simulate import BodySimulator, opposite
@@ -530,7 +539,7 @@ def flying_row(kind: str, sitting: bool, turn: float) -> list[str]:
 
 
 def print_flying() -> None:
-    """Print the table of joints that fly."""
+    """Print the table of joints at wrong places."""
     import tables
 
     cases = itertools.product(("arm", "leg"), (False, True), (0.0, 20.0))
@@ -592,7 +601,7 @@ STOUT_MOTIONS: dict[Limb, tuple[str, ...]] = {
 
 
 def stout_row(girth: float, limb: Limb, frames: int = 40) -> tuple[str, ...]:
-    """States of the phantom on people of a girth."""
+    """Return the states of the phantom on people of a girth."""
     from manip3d.modify import PhantomPipeline
     from manip3d.simulate import BodySimulator
 
@@ -638,7 +647,7 @@ CALIBRATION_CASES: tuple[tuple[Limb, dict[str, Any]], ...] = (
 
 
 def calibration_rows(limb: Limb, body: dict[str, Any]) -> list[list[str]]:
-    """States of the phantom by the factor of the focal length, two seconds of one person."""
+    """Return the states of the phantom by focal length factor, for two seconds of one person."""
     from manip3d.modify import PhantomPipeline
     from manip3d.rgbd import RgbdCalibration
     from manip3d.simulate import BodySimulator
@@ -669,7 +678,7 @@ def print_calibration() -> None:
 
 
 def without_index(frame: RgbdFrame) -> RgbdFrame:
-    """The frame of a source that does not know which pixels are people."""
+    """Return the frame without body index."""
     from manip3d.rgbd import NO_BODY
 
     people = tuple(replace(person, body=NO_BODY) for person in frame.skeletons)
@@ -677,7 +686,7 @@ def without_index(frame: RgbdFrame) -> RgbdFrame:
 
 
 def in_a_room(frames: list[RgbdFrame]) -> list[RgbdFrame]:
-    """Recorded people, whose background was removed, on a floor and before a wall."""
+    """Add a floor and a wall to recordings of people whose background was removed."""
     camera = frames[0].calibration.depth
     points = np.concatenate([camera.unproject(f.depth)[f.body_index == 0] for f in frames[::10]])
     rays = camera.unproject(np.ones(frames[0].depth.shape, np.float32))
@@ -695,7 +704,7 @@ def in_a_room(frames: list[RgbdFrame]) -> list[RgbdFrame]:
 
 
 def unindexed_row(who: str, cases: list[tuple[list[RgbdFrame], Limb]]) -> list[str]:
-    """People with and without a body index: percent of the frames under tracking, and overlap."""
+    """Return percentages of tracked frames with and without body index, and the overlap."""
     from manip3d.modify import PhantomPipeline, PixelKind
 
     tracked: list[tuple[bool, bool]] = []
@@ -750,7 +759,7 @@ def print_unindexed(half: str) -> None:
 
 
 def turned_trunks(frames: list[RgbdFrame], degrees: float) -> list[RgbdFrame]:
-    """Frames whose shoulders and hips are told as turned about the spine."""
+    """Return frames whose joints of shoulders and hips are turned about the spine."""
     girdles = [4, 8, 12, 16]
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     told = []
@@ -766,7 +775,7 @@ def turned_trunks(frames: list[RgbdFrame], degrees: float) -> list[RgbdFrame]:
 
 
 def with_jitter(frames: list[RgbdFrame], metres: float, seed: int) -> list[RgbdFrame]:
-    """Frames whose joints err by AR(1) jitter."""
+    """Return frames with AR(1) jitter on the joints."""
     rho = 0.9
     noise = np.random.default_rng(seed)
     error = noise.normal(size=(25, 3))
@@ -781,7 +790,7 @@ def with_jitter(frames: list[RgbdFrame], metres: float, seed: int) -> list[RgbdF
 
 
 def disturbed_row(name: str, cases: list[tuple[list[RgbdFrame], list[RgbdFrame]]]) -> list[str]:
-    """Percent of the seated frames of recorded people, given as recorded and as told."""
+    """Return percentages of the seated frames of recorded people with disturbed joints."""
     from manip3d.modify import PhantomPipeline
 
     lost: list[float] = []
@@ -801,7 +810,7 @@ def disturbed_row(name: str, cases: list[tuple[list[RgbdFrame], list[RgbdFrame]]
 
 
 def print_disturbed() -> None:
-    """Print the table of recorded seated people whose joints err more."""
+    """Print the table of recorded seated people with disturbed joints."""
     import tables
     from manip3d import datasets
 
@@ -825,7 +834,7 @@ def print_disturbed() -> None:
 
 
 def with_sides_exchanged(frames: list[RgbdFrame], first: int, count: int) -> list[RgbdFrame]:
-    """Frames of which some tell the left side's joints as the right side's."""
+    """Return frames, some of which have the joints of left and right exchanged."""
     from manip3d.rgbd import MIRRORED_JOINTS
 
     told = list(frames)
@@ -841,7 +850,7 @@ def with_sides_exchanged(frames: list[RgbdFrame], first: int, count: int) -> lis
 
 
 def with_principal_point_off(frames: list[RgbdFrame], pixels: float) -> list[RgbdFrame]:
-    """Frames of a camera whose principal point is told to be farther to the right."""
+    """Return frames whose calibration has the principal point too far to the right."""
     told = []
     for frame in frames:
         camera = frame.calibration.depth
@@ -851,12 +860,12 @@ def with_principal_point_off(frames: list[RgbdFrame], pixels: float) -> list[Rgb
 
 
 def with_depth_times(frames: list[RgbdFrame], factor: float) -> list[RgbdFrame]:
-    """Frames whose depth is in another unit than their joints."""
+    """Return frames with depth multiplied by a factor, as by a wrong unit."""
     return [replace(f, depth=np.rint(factor * f.depth).astype(np.uint16)) for f in frames]
 
 
 def mistaken_row(name: str, trials: list[list[RgbdFrame]], every: int) -> list[str]:
-    """Percent of the frames of all limbs under tracking, and that name a mistake."""
+    """Return percentages of frames of all limbs: tracked, and with the mistake as reason."""
     from manip3d.modify import PhantomPipeline
 
     counted: Counter[str] = Counter()
@@ -874,7 +883,7 @@ def mistaken_row(name: str, trials: list[list[RgbdFrame]], every: int) -> list[s
 
 
 def print_mistaken(half: str, every: int) -> None:
-    """Print the table of recorded people given with the mistakes of a source."""
+    """Print the table of recorded people with mistakes of a source."""
     import tables
     from manip3d import datasets
 
@@ -934,7 +943,7 @@ def options_of() -> argparse.Namespace:
 
 
 def main() -> None:
-    """Print the table that the options choose; by default that of the recorded trials."""
+    """Print the table selected by the options; default: the recorded trials."""
     options = options_of()
     if options.mistaken:
         print_mistaken(options.half, options.every)
@@ -1051,7 +1060,7 @@ def print_groups(groups: dict[str, Tally]) -> None:
 
 
 def draw(shown: list[Shown], path: str) -> None:
-    """A sheet of pairs: as measured, and with the phantom."""
+    """Draw a sheet of pairs of pictures: as measured, and with the phantom."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(20, 20), layout="constrained")

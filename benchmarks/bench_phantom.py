@@ -1,10 +1,10 @@
-"""The phantom limb, stage by stage, beside table 4.1: simulated people at 8, 10 and 12 feet.
+"""Time of each stage of the phantom limb, compared with table 4.1: people at 8, 10 and 12 feet.
 
 ``python benchmarks/bench_phantom.py [--rounds N] [--frames N]`` writes the section `phantom` of the
-results. One thread pinned to one core. Stages: of many rounds the least wall time of each frame,
-averaged over the frames, as other work on the machine only ever adds time. Whole call: processor
-time of `PhantomPipeline.process` from Python, into arrays that are there, mean and 99th percentile
-over all calls.
+results. The people are simulated. One thread is pinned to one core. The time of a stage is the mean
+over the frames of the minimum wall time over many rounds, because other work on the machine can
+only add time. The time of the whole call is the processor time of `PhantomPipeline.process` from
+Python, into existing arrays; mean and 99th percentile over all calls.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from measuring import one_thread
 if TYPE_CHECKING:
     from manip3d import RgbdFrame
 
-ROWS = {  # of the published table: its names and ours
+ROWS = {  # rows of the published table, with this package's names of the stages
     "point cloud segmentation": "segmentation",
     "removal of points": "removal",
     "mirroring the intact limb": "mirroring",
@@ -35,7 +35,7 @@ LIMBS = ("right_arm", "right_leg")
 
 @dataclass(frozen=True)
 class Profile:
-    """Milliseconds of one recording."""
+    """Times of one recording, milliseconds."""
 
     points: float
     faces: float
@@ -44,7 +44,7 @@ class Profile:
     p99: float
 
     def summary(self) -> dict[str, str]:
-        """What stands below the stages."""
+        """Return the rows below the stages."""
         return {
             "whole call, mean": f"{self.mean:.2f}",
             "whole call, p99": f"{self.p99:.2f}",
@@ -54,7 +54,7 @@ class Profile:
 
 
 def recording(limb: str, feet: int, frames: int) -> list[RgbdFrame]:
-    """A person without the limb, who exercises the other one, as a Kinect V2 sees it."""
+    """Simulate a person without the limb, who exercises the other one, seen by a Kinect V2."""
     from manip3d.simulate import BodySimulator
 
     motion = "arm-raise" if limb.endswith("arm") else "stepping"
@@ -65,7 +65,7 @@ def recording(limb: str, feet: int, frames: int) -> list[RgbdFrame]:
 
 
 def profile(limb: str, frames: list[RgbdFrame], rounds: int) -> Profile:
-    """Runs the recording many times."""
+    """Process the recording ``rounds`` times and return its times."""
     import numpy as np
 
     from manip3d.modify import PhantomPipeline
@@ -101,7 +101,7 @@ def profile(limb: str, frames: list[RgbdFrame], rounds: int) -> Profile:
 
 
 def published() -> dict[str, list[float]]:
-    """Table 4.1, milliseconds by row."""
+    """Return table 4.1: milliseconds by row."""
     from importlib.resources import files
 
     name = "table_4_1_phantom_limb_ms.csv"

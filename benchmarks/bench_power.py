@@ -1,8 +1,8 @@
-"""How many edits `inspect` finds on real frames, by class: the numbers of its power.
+"""Power of `inspect`: share of edits in real frames that it finds, by class of edits.
 
-``python benchmarks/bench_power.py`` plants edits in clean frames of KITTI's HDL-64E that chose no
-threshold and writes the section `power` of the results. The frames before and after are clean. A
-scan may be called tampered at 1 % for all its detectors together.
+``python benchmarks/bench_power.py`` inserts edits into clean frames of KITTI's HDL-64E on which no
+threshold was chosen, and writes the section `power` of the results. The previous and the next frame
+are clean. The false-alarm rate of all detectors together is 1 %.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SINGLE = (
 
 
 def measured(folder: Path) -> dict[str, dict[str, Power]]:
-    """By the detectors that look; the numbers of `authenticate._power.MEASURED`."""
+    """Measure the power by set of detectors, for `authenticate._power.MEASURED`."""
     from manip3d.authenticate import kitti_lattice, measure_power
     from manip3d.authenticate._power import EDITS, REFLECTANCE_EDITS, WHITE_BOX
     from manip3d.io import read_scan
@@ -61,7 +61,7 @@ def measured(folder: Path) -> dict[str, dict[str, Power]]:
 
 
 def main() -> None:
-    """Plant, count, and write the table."""
+    """Insert edits, count the detected ones, and write the table."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     one_thread()
     import tables

@@ -1,15 +1,17 @@
-"""Check the promises of every simplification on all meshes of the data folder.
+"""Check two guarantees of every simplification on all meshes of the data folder.
 
 ``python benchmarks/bench_promises.py [--meshes ...] [--runs N] -o promises.json``
 
-What is stored for a mesh is not run again, so a run that was halted goes on where it was: give
-another file after a change of the code.
+Meshes with stored results are not run again, so that an interrupted run continues. Use another file
+after a change of the code.
 
-The same bytes: each mode simplifies to a tenth, N times with one thread and N times with two, each
-number of threads in a process of its own. The distance: `max_distance` of 1e-2, 1e-3 and 1e-4 of
-the diagonal, held against the vertices, the middles of the edges and random points of both meshes,
-which bound it from below; a violation is a bound above the limit, or a point farther away than the
-bound by more than 1e-6 of the diagonal.
+Guarantee 1, identical bytes: each mode simplifies to a tenth of the faces, N times with one thread
+and N times with two; each number of threads runs in a process of its own.
+
+Guarantee 2, the distance: runs with a `max_distance` of 1e-2, 1e-3 and 1e-4 of the diagonal. The
+distance is bounded from below by the vertices, the midpoints of edges and random points of both
+meshes. A violation is a promised bound above the limit, or a point whose distance exceeds the
+promised bound by more than 1e-6 of the diagonal.
 """
 
 from __future__ import annotations
@@ -33,13 +35,13 @@ from manip3d import Mesh, metrics, simplify
 
 RATIO = 0.1
 LIMITS = (1e-2, 1e-3, 1e-4)
-MOST_SAMPLES = 10_000_000  # 100 a face below 100 000 faces
+MOST_SAMPLES = 10_000_000  # largest number of samples; 100 per face below 100 000 faces
 TOLERANCE = 1e-6
-PROVED: tuple[simplify.Mode, ...] = ("published", "quality")  # `fast` takes no max_distance
+PROVED: tuple[simplify.Mode, ...] = ("published", "quality")  # `fast` has no max_distance
 
 
 def digest(mesh: Mesh) -> str:
-    """A hash of all arrays of a mesh."""
+    """Return a hash of all arrays of a mesh."""
     state = hashlib.sha256()
     for name in ("vertices", "faces", "texcoords", "face_texcoords", "normals", "face_normals",
                  "colors", "face_material"):  # fmt: skip
@@ -49,7 +51,7 @@ def digest(mesh: Mesh) -> str:
 
 
 def digests(mesh: Mesh, runs: int) -> dict[str, list[str]]:
-    """Return for each mode the different results of so many runs."""
+    """Return the different results of ``runs`` runs, by mode."""
     return {
         mode: sorted({digest(simplify.simplify(mesh, mode, ratio=RATIO).mesh) for _ in range(runs)})
         for mode in get_args(simplify.Mode)
@@ -57,7 +59,7 @@ def digests(mesh: Mesh, runs: int) -> dict[str, list[str]]:
 
 
 def points_of(mesh: Mesh, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Vertices, middles of edges, and random points of each face."""
+    """Return vertices, midpoints of edges, and random points of each face."""
     corners = mesh.vertices[mesh.faces]
     per_face = max(1, min(100, MOST_SAMPLES // max(1, len(corners))))
     weights = rng.dirichlet([1, 1, 1], size=(len(corners), per_face))
@@ -67,7 +69,7 @@ def points_of(mesh: Mesh, rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def distance(mesh: Mesh, mode: simplify.Mode, limit: float) -> dict[str, float]:
-    """Faces left, the bound that was promised and the largest sampled distance, over the limit."""
+    """Return faces left, and promised bound and largest sampled distance divided by the limit."""
     start = time.process_time()
     result = simplify.simplify(mesh, mode, max_distance=limit * mesh.diagonal)
     seconds = time.process_time() - start
@@ -84,12 +86,12 @@ def distance(mesh: Mesh, mode: simplify.Mode, limit: float) -> dict[str, float]:
 
 
 def is_violated(row: dict[str, float], limit: float) -> bool:
-    """Whether the bound is above the limit, or a point farther away than the bound."""
+    """Return whether the bound is above the limit, or a sampled distance above the bound."""
     return row["bound"] > 1.0 or row["sampled"] > row["bound"] + TOLERANCE / limit
 
 
 def with_threads(name: str, runs: int, threads: int) -> dict[str, list[str]]:
-    """The digests of a process that uses so many threads."""
+    """Return the digests of a process that uses ``threads`` threads."""
     done = subprocess.run(
         [sys.executable, __file__, "--digests", name, "--runs", str(runs)],
         env=os.environ | {"MANIP3D_THREADS": str(threads)},
@@ -100,13 +102,13 @@ def with_threads(name: str, runs: int, threads: int) -> dict[str, list[str]]:
 
 
 def different_results(name: str, runs: int) -> dict[str, int]:
-    """How many different results each mode has, over all runs with one thread and with two."""
+    """Count the different results of each mode, over all runs with one and with two threads."""
     one, two = (with_threads(name, runs, threads) for threads in (1, 2))
     return {mode: len({*one[mode], *two[mode]}) for mode in one}
 
 
 def print_tables(results: dict[str, Any]) -> None:
-    """Both tables of all that is stored."""
+    """Print both tables of all stored results."""
     same = [
         (
             name,
@@ -137,7 +139,7 @@ def print_tables(results: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    """Run what is not stored yet, store each result, and print both tables."""
+    """Run the meshes without stored results, store each result, and print both tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--meshes", nargs="+", default=list(models.every_mesh()), metavar="MESH")
     parser.add_argument("--runs", type=int, default=20, metavar="N", help="0: distances only")

@@ -1,22 +1,24 @@
-"""Depth images to sparse meshes beside the dense mesh and an edge collapse: time, error, points.
+"""Simplification of depth images, compared with the dense mesh and an edge collapse.
 
 ``python benchmarks/bench_relief.py [--parts ...] [--cases ...] [--shares ...] [--rounds N]
 [-o results.json]``
 
-One core, same run, equal number of vertices. The peers' time is that of the dense mesh and the
-library's own call. A round runs all once; times are the least of the rounds. Errors are mean
-distances (`area` samples, one-sided, over the bounding box's diagonal) from the dense mesh.
+All methods run on one core, in the same run, with equal numbers of vertices. The peers' time is
+that of making the dense mesh plus the library's own call. A round runs each method once; times are
+the minimum of the rounds. Errors are mean one-sided distances from the dense mesh (`area` samples),
+divided by the bounding box's diagonal.
 
-Prefix meshes (`levels`) are made at 4, 2, 1, 1/2 and 1/4 times the points of a share, together and
-each in a run of its own.
+Prefix meshes (`levels`) are made at 4, 2, 1, 1/2 and 1/4 times the points of a share, all in one
+run and each in a run of its own.
 
-Buffers: the time of `gpu_buffers` for a frame of 640 x 480 pixels, of the dense mesh and at each
-share; memory is given back before each call. Sequences: flicker of recorded and simulated ones,
-each frame alone and by `ReliefStream`, as `manip3d reproduce sequences-3` measures it.
+Buffers: the time of `gpu_buffers` for a frame of 640 x 480 pixels, for the dense mesh and at each
+share; unused memory is returned to the system before each call. Sequences: flicker of recorded and
+simulated sequences, with each frame alone and with `ReliefStream`, measured as by
+`manip3d reproduce sequences-3`.
 
-Missing pixels: a share of the scenes' pixels, drawn at random, has no measurement; meshes have 5 %
-of the points that are left, and are cut at steps in depth. Coverage and error are those against the
-surface of the whole image. This part writes its section of the results.
+Missing pixels: a random share of the scenes' pixels has no measurement. Meshes have 5 % of the
+remaining points and are cut at depth steps. Coverage and error refer to the surface of the complete
+image. This part writes its section of the results.
 """
 
 from __future__ import annotations
@@ -48,12 +50,12 @@ COLLAPSES = ("meshoptimizer subset", "meshoptimizer attributes", "meshoptimizer 
 MOST_SAMPLES = 400_000
 PARTS = ("buffers", "sequences", "missing", "cases")
 FLICKER = ("flicker_mm", "step_mm", "changed")
-PUBLISHED_SHARE = 0.05  # of the points, as in the published tables
+PUBLISHED_SHARE = 0.05  # share of the points in the published tables
 SHARES = (PUBLISHED_SHARE, 0.01, 0.005)
-PREFIXES = (4.0, 2.0, 1.0, 0.5, 0.25)  # of the points of a share
-MISSING = (0.0, 0.01, 0.03, 0.1, 0.3)  # of the pixels of a scene
+PREFIXES = (4.0, 2.0, 1.0, 0.5, 0.25)  # sizes of prefix meshes, relative to a share's points
+MISSING = (0.0, 0.01, 0.03, 0.1, 0.3)  # shares of missing pixels of a scene
 MISSING_SEED = 1
-SCENE_EDGE = 0.1  # metres: longer triangles of scenes are no surface
+SCENE_EDGE = 0.1  # metres; triangles of scenes with longer edges are no surface
 SCANS = {"bun000": 2012, "happyStandRight_0": 3902, "dragonStandRight_0": None}
 PEOPLE = ("person_turning", "person_ddrnet", "person_normalgan", "person_frontsurfaces",
           "person_utd_mhad")  # fmt: skip
@@ -63,19 +65,20 @@ SCENES = ("scene_kitchen", "scene_redwood", "scene_livingroom", "scene_tum_desk"
 
 @dataclass(frozen=True)
 class Case:
-    """One input: how its dense mesh is made, and how it is simplified to n points."""
+    """An input, with functions that make its dense mesh and simplify it to n points."""
 
     points: int
     dense: Callable[[], simplify.DepthMesh]
-    ours: Callable[..., simplify.Relief]  # of a number of points
+    ours: Callable[..., simplify.Relief]  # function of a number of points
     height: NDArray[np.float32]  # (H, W) depth; NaN = none
 
 
 def greedy_insertion(case: Case) -> Callable[[], tuple[Mesh, float]]:
-    """Garland and Heckbert's insertion into the depth image (pydelatin).
+    """Return Garland and Heckbert's greedy insertion into the depth image (pydelatin).
 
-    It knows no gaps: they are filled from the nearest measurement, and triangles over them are
-    dropped afterwards. Points are added until so many are left; only the last run is timed.
+    The library does not support gaps: they are filled from the nearest measurement, and triangles
+    over them are dropped afterwards. Runs are repeated with more points until the wanted number is
+    left; only the last run is timed.
     """
     try:
         from pydelatin import Delatin
@@ -109,7 +112,7 @@ def greedy_insertion(case: Case) -> Callable[[], tuple[Mesh, float]]:
 
 
 def case_of(name: str, share: float) -> Case:
-    """A scan, a person (its pixels alone) or a scene, with so many of its points."""
+    """Return a scan, a person (only its pixels) or a scene, with a target share of its points."""
     if name in SCANS:
         scan = datasets.load_scan(name)
         points = np.ascontiguousarray(scan.points, np.float32)
@@ -136,7 +139,7 @@ def case_of(name: str, share: float) -> Case:
 
 
 def faces_for(peer: Any, mesh: Mesh, points: int) -> int:
-    """The number of faces at which the peer leaves about so many vertices, never more."""
+    """Find the number of faces at which the peer leaves about ``points`` vertices, never more."""
     faces, best = 2 * points, 0
     for _ in range(6):
         left = peer(mesh, faces)
@@ -150,13 +153,13 @@ def faces_for(peer: Any, mesh: Mesh, points: int) -> int:
 
 
 def mean_of(dense: Mesh, mesh: Mesh) -> float:
-    """Mean distance."""
+    """Return the mean distance."""
     samples = min(10 * dense.num_faces, MOST_SAMPLES)
     return metrics.metro(dense, mesh, sampling="area", samples=samples, threads=1).mean
 
 
 def error_of(dense: Mesh, mesh: Mesh) -> dict[str, float | None]:
-    """Mean distance and mean deviation of texture coordinates."""
+    """Return the mean distance and the mean deviation of texture coordinates."""
     row: dict[str, float | None] = {"mean": mean_of(dense, mesh)}
     samples = min(10 * dense.num_faces, MOST_SAMPLES)
     if mesh.texcoords is not None:
@@ -165,7 +168,7 @@ def error_of(dense: Mesh, mesh: Mesh) -> dict[str, float | None]:
 
 
 def run_case(case: Case, rounds: int) -> list[dict[str, Any]]:
-    """One row per peer and setting, ours with points that stay and that move."""
+    """Return a row for each peer and for this package with fixed and with moved points."""
     dense = case.dense().mesh
     calls: dict[str, Callable[[], tuple[Mesh, float]]] = {}
     for name in COLLAPSES:
@@ -205,7 +208,7 @@ def run_case(case: Case, rounds: int) -> list[dict[str, Any]]:
 
 
 def run_prefixes(case: Case, rounds: int) -> list[dict[str, Any]]:
-    """One row per effort: the errors of prefix meshes over those of runs of their own."""
+    """Return for each effort the ratios of errors of prefix meshes to those of separate runs."""
     dense = case.dense().mesh
     sizes = [max(3, round(factor * case.points)) for factor in PREFIXES]
     rows = []
@@ -231,7 +234,7 @@ def run_prefixes(case: Case, rounds: int) -> list[dict[str, Any]]:
 
 
 def show_prefixes(name: str, rows: list[dict[str, Any]]) -> None:
-    """Error ratios, the largest mesh first."""
+    """Print the ratios of errors, the largest mesh first."""
     table = Table(title=f"{name}: prefix meshes, error and time over runs of their own")
     for head in ("effort", *(str(size) for size in rows[0]["sizes"]), "time ratio"):
         table.add_column(head, justify="left" if head == "effort" else "right")
@@ -242,7 +245,7 @@ def show_prefixes(name: str, rows: list[dict[str, Any]]) -> None:
 
 
 def show(name: str, rows: list[dict[str, Any]]) -> None:
-    """A table with ratios to the edge collapse of the same kind."""
+    """Print a table with ratios to the edge collapse of the same kind."""
     base = {row["method"]: row for row in rows}
     table = Table(title=name)
     for head in ("method", "vertices", "ms", "time ratio", "error 1e-3", "error ratio", "uv 1e-3"):
@@ -259,7 +262,7 @@ def show(name: str, rows: list[dict[str, Any]]) -> None:
 
 
 def run_buffers(shares: Sequence[float], rounds: int) -> list[dict[str, Any]]:
-    """Time of the conversion to render buffers, whatever was seen: a bowl fills the image."""
+    """Measure the conversion to render buffers on an image that is completely filled by a bowl."""
     v, u = np.mgrid[0:480, 0:640]
     depth = (1500 + 400 * np.sin(u / 60) * np.cos(v / 50)).astype(np.uint16)
     camera = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
@@ -279,7 +282,7 @@ def run_buffers(shares: Sequence[float], rounds: int) -> list[dict[str, Any]]:
 
 
 def run_missing(name: str, rounds: int) -> list[dict[str, Any]]:
-    """A scene with ever more pixels missing: time, and what stays of the whole surface."""
+    """Simplify a scene with increasing shares of missing pixels; return time, coverage, error."""
     frame = datasets.load_frame(name)
     whole: NDArray[Any] = np.ascontiguousarray(frame.person)
     dense = simplify.dense_mesh(whole, frame.intrinsics)
@@ -317,7 +320,7 @@ def run_missing(name: str, rounds: int) -> list[dict[str, Any]]:
 
 
 def show_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    """A table of all columns."""
+    """Print a table of all columns."""
     table = Table(title=title)
     for head in rows[0]:
         table.add_column(head, justify="right")
@@ -327,7 +330,7 @@ def show_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def run_sequences(named: str) -> list[dict[str, Any]]:
-    """Flicker of the sequences that are here, frames alone beside the stream, and the ratio."""
+    """Measure flicker of available sequences, frames alone and as stream, and the ratio."""
     found: dict[tuple[str, str], Mapping[str, Any]] = {}
     for case in sequences_3.EXPERIMENT.cases(Plan()):
         model, method = case.options["model"], case.options["method"]
@@ -350,7 +353,7 @@ def run_sequences(named: str) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    """Run the cases that are here."""
+    """Run the available cases."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", nargs="*", default=[*SCANS, *PEOPLE, *SCENES])
     parser.add_argument("--shares", nargs="*", type=float, default=SHARES)

@@ -1,13 +1,13 @@
-"""How many deleted objects `inspect` finds with the turns before and after, by range and size.
+"""Share of deleted objects that `inspect` finds with the previous and next turn, by range and size.
 
-``python benchmarks/bench_removed.py edits.jsonl`` deletes one thing of at least 100 returns at a
-time, 5 to 25 m away, from frames of simulated streets and of KITTI's drive 0005, none of which
-chose a threshold, and writes the section `removed` of the results. The frame may be called tampered
-at 1 % for all its detectors together; how often clean frames are is the section `alarms`.
+``python benchmarks/bench_removed.py edits.jsonl`` deletes one object at a time, of at least 100
+returns and 5 to 25 m away, from frames of simulated streets and of KITTI's drive 0005, on none of
+which a threshold was chosen, and writes the section `removed` of the results. The false-alarm rate
+of all detectors together is 1 %; the section `alarms` has the measured rate.
 
-Every edit is a line of the file that is named; frames that it has are not judged again, so that a
-run that was stopped goes on; ``--minutes`` stops it, and the table is of what was judged until
-then.
+The result of each edit is a line of the named file. Frames in the file are not judged again, so
+that a stopped run continues. ``--minutes`` stops the run after this time; the table then contains
+the edits judged so far.
 """
 
 from __future__ import annotations
@@ -34,16 +34,17 @@ if TYPE_CHECKING:
 Line = dict[str, Any]
 
 FIRST_STREET, JUDGED, EDITS = 94_000, 4, 3
-"""First of the simulated streets, which fixed no threshold; frames of a drive, edits of each."""
+"""First of the simulated streets, on which no threshold was chosen; number of judged frames of a
+drive; number of edits of each frame."""
 
 DRIVE = "lidar/kitti_raw/2011_09_26/2011_09_26_drive_0005_sync/velodyne_points/data"
 
 RANGES, SIZES = (5.0, 10.0, 15.0, 25.0), (100, 200, 400, 3000)
-"""Metres and returns: edges of the rows of the table."""
+"""Limits of the table's rows: ranges in metres, and numbers of returns."""
 
 
 def simulated(number: int) -> list[LidarFrame]:
-    """Consecutive frames on a street."""
+    """Simulate consecutive frames on a street."""
     from manip3d import simulate
 
     start = float(np.random.default_rng(number).uniform(0.5, 15.0))
@@ -54,7 +55,7 @@ def simulated(number: int) -> list[LidarFrame]:
 
 
 def recorded() -> list[LidarFrame]:
-    """Drive 0005; none where KITTI's frames are not here."""
+    """Return the frames of drive 0005; empty if KITTI's data are absent."""
     from manip3d import datasets
     from manip3d.io import read_scan
 
@@ -65,7 +66,7 @@ def recorded() -> list[LidarFrame]:
 
 
 def removed(frames: list[LidarFrame], seed: int) -> Iterator[Line]:
-    """What `inspect` says where one thing was deleted from a frame between two clean ones."""
+    """Yield results of `inspect` on frames with a deleted object between two clean frames."""
     from manip3d.authenticate import inspect
     from manip3d.authenticate._power import _some_object
 
@@ -91,7 +92,7 @@ def removed(frames: list[LidarFrame], seed: int) -> Iterator[Line]:
 
 
 def run(file: Path, streets: int, until: float) -> list[Line]:
-    """All lines; those that the file lacks are judged and appended."""
+    """Return all lines; judge and append those that the file lacks."""
     lines = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     done = {line["number"] for line in lines}
     for number in (-1, *range(FIRST_STREET, FIRST_STREET + streets)):
@@ -107,7 +108,7 @@ def run(file: Path, streets: int, until: float) -> list[Line]:
 
 
 def row(name: str, lines: list[Line]) -> list[str]:
-    """A row of the table."""
+    """Return a row of the table."""
     found = sum(line["verdict"] == "tampered" for line in lines)
     low, high = interval(found, len(lines))
     return [
@@ -121,7 +122,7 @@ def row(name: str, lines: list[Line]) -> list[str]:
 
 
 def rows_of(kind: str, lines: list[Line]) -> Iterator[list[str]]:
-    """All edits of a kind of frames, and those of each range and size."""
+    """Yield a row for all edits of a kind of frames, and rows for each range and size."""
     parts = {kind: lines}
     for low, high in itertools.pairwise(RANGES):
         name = f"{kind}, {low:g} to {high:g} m"
@@ -136,7 +137,7 @@ HEAD = ["deleted from", "frames", "edits", "found", "share", "95 % interval"]
 
 
 def main() -> None:
-    """Delete what is missing in the file, and write the table."""
+    """Judge the edits that the file lacks, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path, help="lines of what was judged, .jsonl")
     parser.add_argument("--streets", type=int, default=250, help="four frames each")

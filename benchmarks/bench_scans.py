@@ -1,7 +1,7 @@
-"""What kernels of forge and authenticate cost on scans of millions of points, one thread.
+"""Cost of kernels of forge and authenticate on scans of millions of points, one thread.
 
-``python benchmarks/bench_scans.py [--rounds N] [--millions N]`` writes the section `scans` of
-the results. Ratios are to a copy of the same scan, points and intensity, in the same run.
+``python benchmarks/bench_scans.py [--rounds N] [--millions N]`` writes the section `scans` of the
+results. Ratios are relative to copying the same scan (points and intensity) in the same run.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Points = NDArray[np.float32]
 
 
 def cave(points: float) -> Points:
-    """A terrestrial scan of a bumpy cave, column by column: 360 times 100 degrees, 3 mm noise."""
+    """Make a terrestrial scan of a bumpy cave: 360 x 100 degrees, columns in order, 3 mm noise."""
     step = math.sqrt(360.0 * 100.0 / points)
     random = np.random.default_rng(0)
     azimuth, elevation = np.meshgrid(
@@ -37,7 +37,7 @@ def cave(points: float) -> Points:
 
 
 def ball(radius: float, count: int) -> Points:
-    """Points evenly spread over a sphere."""
+    """Make points evenly spread over a sphere."""
     v = np.random.default_rng(1).normal(size=(count, 3))
     points: Points = (radius * v / np.linalg.norm(v, axis=1, keepdims=True)).astype(np.float32)
     return points
@@ -47,7 +47,7 @@ Kernels = dict[str, Callable[[], Any]]
 
 
 def kernels(scan: Points) -> Kernels:
-    """By name."""
+    """Return the kernels by name."""
     from manip3d import authenticate, forge
     from manip3d.lidar import Box, LidarFrame
     from manip3d.metrics import nearest_distances
@@ -103,7 +103,7 @@ def main() -> None:
     scan = cave(1e6 * arguments.millions)
     tasks = kernels(scan)
     best = dict.fromkeys(tasks, math.inf)
-    for _ in range(arguments.rounds):  # rounds outside, so that each meets the same neighbours
+    for _ in range(arguments.rounds):  # outer loop, so that slow phases affect all kernels alike
         for name, task in tasks.items():
             best[name] = min(best[name], measure(task)[1].cpu_s)
     body = [

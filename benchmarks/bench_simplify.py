@@ -1,9 +1,9 @@
-"""Simplification beside the peers: time, memory and every measure, same inputs, same targets.
+"""Simplification compared with peers: time, memory and all measures, same inputs and targets.
 
 ``python benchmarks/bench_simplify.py [--models ...] [--peers ...] [--rounds N] -o results.json``
 
-Each run is a process of its own, pinned to one core. A round runs every peer once, so that a
-machine that becomes slower hits all alike; ratios are those of times of the same rounds.
+Each run is a process of its own, pinned to one core. A round runs every peer once, so that a slower
+phase of the machine affects all peers; ratios compare times of the same rounds.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from peers import PEERS
 from running import run_peer
 
 TIMEOUT_S = 600
-MOST_SAMPLES = 1_000_000  # of the area samples, 10 per face below 100 000 faces
+MOST_SAMPLES = 1_000_000  # largest number of area samples; 10 per face below 100 000 faces
 COSTS = ("cpu_s", "wall_s", "base_bytes", "peak_bytes")
 Row = dict[str, Any]
 
 
 def quality(original: Mesh, simplified: Mesh) -> dict[str, Any]:
-    """All measures of a result; texture ones where both meshes have texture coordinates."""
+    """Return all measures of a result; texture measures if both meshes have coordinates."""
     measured: dict[str, Any] = {
         "faces": simplified.num_faces,
         "vertices": simplified.num_vertices,
@@ -58,7 +58,7 @@ def quality(original: Mesh, simplified: Mesh) -> dict[str, Any]:
 
 
 def new_row(model: str, mesh: Mesh, target: int, peer: str) -> Row:
-    """A row without results."""
+    """Return a row without results."""
     return {
         "model": model,
         "input_faces": mesh.num_faces,
@@ -74,7 +74,7 @@ def new_row(model: str, mesh: Mesh, target: int, peer: str) -> Row:
 
 
 def compare(model: models.Model, peers: list[str], rounds: int, folder: Path) -> list[Row]:
-    """One row per peer on one model."""
+    """Return one row for each peer on a model."""
     mesh = model.load()
     target = model.target(mesh)
     source = folder / "mesh.pickle"
@@ -83,7 +83,7 @@ def compare(model: models.Model, peers: list[str], rounds: int, folder: Path) ->
     for number in range(rounds):
         for row in rows:
             if row["status"] not in ("", "ok"):
-                continue  # what cannot run once cannot run twice
+                continue  # a peer that failed once is not run again
             output = folder / f"{row['peer']}.pickle"
             said = run_peer(row["peer"], source, {target: output}, TIMEOUT_S)[0]
             row |= {key: said[key] for key in ("status", "message") if key in said}
@@ -114,7 +114,7 @@ def main() -> None:
     options = parser.parse_args()
 
     results: dict[str, Any] = {"rows": []}
-    if options.output.exists():  # results of models that are not run now stay
+    if options.output.exists():  # keep the results of models that are not run now
         results = json.loads(options.output.read_text())
     order = list(models.MODELS)
     for name in options.models:

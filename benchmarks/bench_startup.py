@@ -1,4 +1,4 @@
-"""What it takes to import manip3d and to print its help, beside what the peers take.
+"""Time to import manip3d and to print its help, compared with the import of peers.
 
 ``python benchmarks/bench_startup.py [--rounds N]`` writes the section `startup` of the results.
 """
@@ -26,7 +26,7 @@ COMMANDS = {
 
 
 def cpu_seconds(arguments: list[str]) -> float | None:
-    """Processor time of one start; None where it fails (not installed)."""
+    """Return the processor time of one start; None: it failed, because it is not installed."""
     with subprocess.Popen(
         [sys.executable, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     ) as process:

@@ -1,20 +1,24 @@
-"""How still the phantom limb is: its plane, its lag, its steps, simulated and recorded.
+"""Steadiness of the phantom limb: its plane, lag and steps, on simulated and recorded people.
 
 ``python benchmarks/bench_steadiness.py [--parts plane|rest]`` prints three tables.
 
-The first two are of simulated people without the limb, of whom the truth is known, with white
-jitter and with AR(1) jitter (rho 0.9) on every joint. `plane`: the true intact hand or foot is
-reflected through the plane of each frame; its step from frame to frame minus that of the true
-mirror image, millimetres, median and 95 % of its size. `steps`: the step of the phantom's hand or
-foot over that of the intact one as the tracker tells it, median over median and 95 % over 95 %.
-`shown`: the same over that of the intact one as it is shown, that is smoothed. The second table
-turns the body by 20 degrees to and fro, once in two seconds: `lag` is by how many milliseconds the
-plane's direction is behind the body's, the shift that leaves least between them.
+The first two tables are of simulated people without the limb, whose ground truth is known, with
+white jitter and with AR(1) jitter (rho 0.9) on every joint. A *step* is the movement from one frame
+to the next.
 
-The third is of the reporting half of the trials of UTD-MHAD (``MANIP3D_DATA``; options were chosen
-on the other one), each leg taken as the affected one: the phantom foot's step, centimetres, in
-frames in which the intact foot, as recorded, moves by less than 1 cm. Frames in which the phantom
-is shown, and those of them under `tracking` before and after the step.
+- `plane`: the true intact hand or foot is reflected through the plane of each frame. The value is
+  the length of the difference between its step and that of the true mirror image, millimetres,
+  median and 95th percentile.
+- `steps`: the step of the phantom's hand or foot divided by that of the intact one as tracked, for
+  the medians and for the 95th percentiles.
+- `shown`: the same, divided by the step of the intact one as shown, which is smoothed.
+- `lag` (second table, in which the body turns by 20 degrees to and fro, once in two seconds): delay
+  of the plane's direction behind the body's, milliseconds; the shift with the smallest difference.
+
+The third table is of the reporting half of the trials of UTD-MHAD (``MANIP3D_DATA``; options were
+chosen on the other half), with each leg as the affected one: the step of the phantom foot,
+centimetres, in frames in which the recorded intact foot moves by less than 1 cm. It covers frames
+in which the phantom is shown, and those in which the state is `tracking` before and after the step.
 """
 
 from __future__ import annotations
@@ -40,10 +44,10 @@ SCENES: tuple[dict[str, Any], ...] = (
     {"amputated": "left_leg", "motion": "still"},
     {"amputated": "right_leg", "motion": "knee-extension"},
 )
-JITTERS = (0.010, 0.020)  # metres
+JITTERS = (0.010, 0.020)  # standard deviations of joints, metres
 CORRELATIONS = (0.0, 0.9)
-SETTLED = 15  # frames: the smoother and the plane begin
-AT_REST = 0.01  # metres in a frame
+SETTLED = 15  # number of first frames, in which smoother and plane settle; not counted
+AT_REST = 0.01  # metres per frame; smaller steps count as rest
 RATE = 30.0  # frames a second
 
 
@@ -55,7 +59,7 @@ def quantiles(values: Sequence[float], scale: float, *at: float) -> list[str]:
 
 
 def lag(turns: Floats, true: Floats) -> float:
-    """Seconds by which angles are behind the true ones, one of each a frame."""
+    """Return the delay in seconds of angles behind the true ones, both given for each frame."""
     times = np.arange(len(turns)) / RATE
     asked = slice(SETTLED, len(turns) - SETTLED)
     shifts = np.linspace(-0.1, 0.4, 501)
@@ -67,7 +71,7 @@ def lag(turns: Floats, true: Floats) -> float:
 
 
 def run_simulated(scene: dict[str, Any]) -> dict[str, Any]:
-    """Steps of the plane, the phantom and the intact limb, and the plane's lag."""
+    """Measure steps of the plane, the phantom and the intact limb, and the plane's lag."""
     from manip3d.modify import PhantomPipeline
     from manip3d.simulate import LIMBS, BodySimulator, opposite
 
@@ -110,7 +114,7 @@ def run_simulated(scene: dict[str, Any]) -> dict[str, Any]:
 
 
 def print_simulated(frames: int, scenes: Sequence[int]) -> None:
-    """The tables of simulated people."""
+    """Print the tables of simulated people."""
     import tables
 
     still, moving = [], []
@@ -148,7 +152,7 @@ def print_simulated(frames: int, scenes: Sequence[int]) -> None:
 
 
 def print_rest(trials: str) -> None:
-    """The table of recorded people at rest."""
+    """Print the table of recorded people at rest."""
     import re
 
     import tables
@@ -196,7 +200,7 @@ PARTS = ("plane", "rest")
 
 
 def main() -> None:
-    """Print the tables that are asked for."""
+    """Print the selected tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--parts", nargs="*", default=PARTS, choices=PARTS)
     parser.add_argument("--frames", type=int, default=120, help="of each simulated sequence")

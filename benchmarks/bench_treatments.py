@@ -1,15 +1,16 @@
-"""Verdicts of `inspect` on scans that users cut, thinned, turned or rounded: section `treatments`.
+"""Verdicts of `inspect` on scans that users cropped, thinned, rotated or rounded: `treatments`.
 
-``python benchmarks/bench_treatments.py treated.jsonl`` treats clean scans, and the same with an
-edit, as files are treated on their way from a scanner to an archive, and inspects what comes out.
-No clean scan may be accused, and no edit may be `no_trace` whose evidence the treatment destroyed.
-``--pairs`` treats each scan twice, by so many pairs of treatments drawn by chance. ``--beside``
-treats both turns beside so many frames of drive 0005, clean and with one thing deleted.
+``python benchmarks/bench_treatments.py treated.jsonl`` applies treatments that are common on the
+way from a scanner to an archive to clean scans and to scans with an edit, inspects the results and
+writes the section `treatments`. No clean scan may be accused, and an edit whose evidence the
+treatment destroyed may not get the verdict `no_trace`. ``--pairs N`` applies two treatments to each
+scan, for N random pairs. ``--beside N`` treats the previous and the next turn of N frames of drive
+0005, which are clean or have a deleted object.
 
-Scans are those of ``$MANIP3D_DATA``, where they are here (KITTI's scanner, eleven others,
-terrestrial ones), else frames of simulated streets. Edits are planted in frames of KITTI's scanner,
-and looked for in the frame alone. Every scan is a line of the file that is named; scans that it has
-are not judged again.
+The scans are those of ``$MANIP3D_DATA`` (KITTI's scanner, eleven others, terrestrial ones), or
+frames of simulated streets if the data are absent. Edits are inserted into frames of KITTI's
+scanner, and `inspect` sees the frame alone. The result of each scan is a line of the named file;
+scans in the file are not judged again.
 """
 
 from __future__ import annotations
@@ -71,25 +72,25 @@ TERRESTRIAL = ("tls/3dtk_dat/scan000.3d.xz", "tls/pump_room_e57.ply.xz", "tls/ro
 GROUPS = {"HDL-64E": KITTI, "other scanners": OTHERS, "terrestrial": TERRESTRIAL}
 
 FIRST_STREET = 87_000
-"""First of the simulated streets, which fixed no threshold."""
+"""First of the simulated streets, on which no threshold was chosen."""
 
 CAR = (2.7, 1.5)
-"""Metres ahead and to each side: what users cut away as their own car."""
+"""Half length and half width, metres, of the box that users crop as their own car."""
 
 
 def of(scan: LidarFrame, points: Doubles | NDArray[np.float32], **changes: Any) -> LidarFrame:
-    """The scan with other coordinates for its points, as a file would hold them."""
+    """Return the scan with other coordinates, in the precision of a file."""
     points = np.ascontiguousarray(points, np.float32)
     return scan.replace(points=points, exact=None, format=None, **changes)
 
 
 def kept(rows: Callable[[Doubles], NDArray[np.bool_]]) -> Treatment:
-    """The treatment that leaves the points for which something holds."""
+    """Return the treatment that keeps the points selected by ``rows``."""
     return lambda scan, _: scan.select(np.flatnonzero(rows(scan.points.astype(np.float64))))
 
 
 def shown(values: Callable[[NDArray[np.float32]], Doubles | NDArray[np.float32]]) -> Treatment:
-    """The treatment that changes reflectances; scans without any stay as they are."""
+    """Return the treatment that changes reflectances; scans without them are unchanged."""
 
     def treat(scan: LidarFrame, _: np.random.Generator) -> LidarFrame:
         if scan.intensity is None:
@@ -100,7 +101,7 @@ def shown(values: Callable[[NDArray[np.float32]], Doubles | NDArray[np.float32]]
 
 
 def moved(matrix: Callable[[], Doubles], shift: tuple[float, float, float]) -> Treatment:
-    """The treatment that writes points in another frame; the file states no position."""
+    """Return the treatment that transforms points to a frame whose pose the file does not state."""
 
     def treat(scan: LidarFrame, _: np.random.Generator) -> LidarFrame:
         return of(scan, scan.points.astype(np.float64) @ matrix().T + shift, origin=None)
@@ -109,19 +110,19 @@ def moved(matrix: Callable[[], Doubles], shift: tuple[float, float, float]) -> T
 
 
 def rounded(units: float) -> Treatment:
-    """The treatment that rounds to so many units a metre."""
+    """Return the treatment that rounds coordinates to ``units`` steps per metre."""
     return lambda scan, _: of(scan, np.round(scan.points.astype(np.float64) * units) / units)
 
 
 def ordered(key: Callable[[Doubles], Doubles]) -> Treatment:
-    """The treatment that sorts points."""
+    """Return the treatment that sorts points by a key."""
     return lambda scan, _: scan.select(
         np.argsort(key(scan.points.astype(np.float64)), kind="stable")
     )
 
 
 def about(axis: int, degrees: float) -> Doubles:
-    """A rotation about an axis."""
+    """Return the matrix of a rotation about an axis."""
     turn = np.eye(3)
     first, second = (axis + 1) % 3, (axis + 2) % 3
     cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
@@ -131,7 +132,7 @@ def about(axis: int, degrees: float) -> Doubles:
 
 
 def voxels(size: float, *, centroid: bool) -> Treatment:
-    """The treatment that keeps one point of each voxel, or their mean."""
+    """Return the treatment that keeps the first point of each voxel, or the mean of its points."""
 
     def treat(scan: LidarFrame, _: np.random.Generator) -> LidarFrame:
         cells = np.floor(scan.points / size).astype(np.int64)
@@ -147,7 +148,7 @@ def voxels(size: float, *, centroid: bool) -> Treatment:
 
 
 def without_outliers(scan: LidarFrame, neighbours: int, sigmas: float) -> LidarFrame:
-    """Open3D's and PCL's statistical filter."""
+    """Apply the statistical outlier filter of Open3D and PCL."""
     from scipy.spatial import cKDTree
 
     near, _ = cKDTree(scan.points).query(scan.points, neighbours + 1)
@@ -156,7 +157,7 @@ def without_outliers(scan: LidarFrame, neighbours: int, sigmas: float) -> LidarF
 
 
 def with_neighbours(scan: LidarFrame, radius: float, least: int) -> LidarFrame:
-    """Open3D's and PCL's filter by the neighbours within a radius."""
+    """Apply the radius outlier filter of Open3D and PCL."""
     from scipy.spatial import cKDTree
 
     near, _ = cKDTree(scan.points).query(scan.points, least + 1)
@@ -164,12 +165,12 @@ def with_neighbours(scan: LidarFrame, radius: float, least: int) -> LidarFrame:
 
 
 def repeated(scan: LidarFrame, rows: NDArray[np.intp]) -> LidarFrame:
-    """The scan with some of its rows again, behind the others."""
+    """Append copies of some rows to the scan."""
     return scan.select(np.concatenate([np.arange(scan.num_points), rows]))
 
 
 def padded(scan: LidarFrame, rows: int) -> LidarFrame:
-    """The scan with rows of zeros behind it."""
+    """Append rows of zeros to the scan."""
     if scan.num_points == 0:
         return scan
     zeros = scan.select(np.zeros(rows, np.intp))
@@ -186,7 +187,7 @@ def padded(scan: LidarFrame, rows: int) -> LidarFrame:
 def marked(
     scan: LidarFrame, rows: NDArray[np.intp], place: tuple[float, float, float]
 ) -> LidarFrame:
-    """The scan with rows at one place before some of its own, as decoders leave them."""
+    """Insert rows at a constant place before some of the scan's rows, as decoders do."""
     if scan.num_points == 0:
         return scan
     both = scan.select(np.insert(np.arange(scan.num_points), rows, 0))
@@ -196,14 +197,14 @@ def marked(
 
 
 def in_16_bits(scan: LidarFrame) -> LidarFrame:
-    """The scan in half precision, without what it cannot hold."""
+    """Convert the scan to half precision, without points out of its range."""
     within = np.abs(scan.points).max(axis=1, initial=0.0) < np.finfo(np.float16).max
     some = scan.select(np.flatnonzero(within))
     return of(some, some.points.astype(np.float16).astype(np.float32))
 
 
 def fused(scan: LidarFrame, _: np.random.Generator) -> LidarFrame:
-    """The scan and the same from half a metre on, as maps of several turns hold them."""
+    """Merge the scan with a copy shifted by half a metre, like a map of several turns."""
     both = repeated(scan, np.arange(scan.num_points))
     points = both.points.astype(np.float64)
     points[scan.num_points :] = points[scan.num_points :] @ about(2, 1.0).T + [0.5, 0.0, 0.0]
@@ -211,7 +212,7 @@ def fused(scan: LidarFrame, _: np.random.Generator) -> LidarFrame:
 
 
 def deskewed(metres: float) -> Treatment:
-    """The treatment that undoes a motion of the car during the turn."""
+    """Return the treatment that compensates a motion of the car during the turn."""
 
     def treat(scan: LidarFrame, _: np.random.Generator) -> LidarFrame:
         share = np.arctan2(scan.points[:, 1], scan.points[:, 0]) / (2.0 * np.pi)
@@ -221,12 +222,12 @@ def deskewed(metres: float) -> Treatment:
 
 
 def noisy(metres: float) -> Treatment:
-    """The treatment that adds noise to coordinates."""
+    """Return the treatment that adds noise to coordinates."""
     return lambda scan, rng: of(scan, scan.points + rng.normal(0.0, metres, scan.points.shape))
 
 
 def rings_of(scan: LidarFrame) -> NDArray[np.int64]:
-    """Number of the laser of each point, from the elevations where the file has none."""
+    """Return the laser of each point; if the file does not state it, from the elevation."""
     if scan.ring is not None:
         return np.asarray(scan.ring, np.int64)
     x, y, z = scan.points.astype(np.float64).T
@@ -236,12 +237,12 @@ def rings_of(scan: LidarFrame) -> NDArray[np.int64]:
 
 
 def in_rings(holds: Callable[[NDArray[np.int64]], NDArray[np.bool_]]) -> Treatment:
-    """The treatment that leaves some lasers."""
+    """Return the treatment that keeps some lasers."""
     return lambda scan, _: scan.select(np.flatnonzero(holds(rings_of(scan))))
 
 
 def in_polygon(scan: LidarFrame, _: np.random.Generator) -> LidarFrame:
-    """A crop to a polygon seen from above."""
+    """Crop the scan to a polygon seen from above."""
     corners = [(-8.0, -12.0), (25.0, -20.0), (40.0, 5.0), (15.0, 22.0), (-12.0, 9.0)]
     inside = np.ones(scan.num_points, np.bool_)
     for (ax, ay), (bx, by) in zip(corners, [*corners[1:], corners[0]], strict=True):
@@ -251,24 +252,24 @@ def in_polygon(scan: LidarFrame, _: np.random.Generator) -> LidarFrame:
 
 
 def distance(points: Doubles) -> Doubles:
-    """Metres from the scanner."""
+    """Return distances from the scanner, metres."""
     found: Doubles = np.sqrt((points * points).sum(axis=1))
     return found
 
 
 def azimuth(points: Doubles) -> Doubles:
-    """Radians from straight ahead, to both sides."""
+    """Return azimuths from straight ahead, radians, in [-pi, pi]."""
     found: Doubles = np.arctan2(points[:, 1], points[:, 0])
     return found
 
 
 def own_car(points: Doubles) -> NDArray[np.bool_]:
-    """Points in the box of the scanner's own car."""
+    """Return the points in the box of the scanner's own car."""
     return (np.abs(points[:, 0]) < CAR[0]) & (np.abs(points[:, 1]) < CAR[1])
 
 
 def some(share: float) -> Treatment:
-    """The treatment that leaves points at random."""
+    """Return the treatment that keeps a random share of the points."""
     return lambda scan, rng: scan.select(np.flatnonzero(rng.random(scan.num_points) < share))
 
 
@@ -358,11 +359,11 @@ TREATMENTS: dict[str, Treatment] = {
         scan if scan.intensity is None else scan.select(np.flatnonzero(scan.intensity > 0.05))
     ),
 }
-"""Treatments by how the table calls them."""
+"""Treatments by their names in the table."""
 
 
 def clean_scans() -> Iterator[tuple[str, str, LidarFrame]]:
-    """Group, name and scan of each clean one."""
+    """Yield group, name and scan of each clean scan."""
     from manip3d import datasets
     from manip3d.io import read_scan
 
@@ -383,7 +384,7 @@ def clean_scans() -> Iterator[tuple[str, str, LidarFrame]]:
 
 
 def edited(scan: LidarFrame, number: int) -> Iterator[tuple[str, LidarFrame]]:
-    """The scan with one edit each, of a thing that stands on the ground."""
+    """Yield the scan with each kind of edit of an object on the ground."""
     from manip3d.authenticate import kitti_lattice
     from manip3d.authenticate._power import EDITS as CLASSES
     from manip3d.authenticate._power import _some_object
@@ -404,7 +405,7 @@ def edited(scan: LidarFrame, number: int) -> Iterator[tuple[str, LidarFrame]]:
 
 
 def judged(scan: LidarFrame) -> Line:
-    """Verdict of `inspect`, and how long it took."""
+    """Return the verdict of `inspect`, and its time."""
     from manip3d.authenticate import inspect
 
     begin = time.process_time()
@@ -420,7 +421,7 @@ def judged(scan: LidarFrame) -> Line:
 
 
 def run(file: Path, pairs: int, until: float = math.inf) -> list[Line]:
-    """The lines of all treated scans; those that the file lacks are judged and appended."""
+    """Return the lines of all treated scans; judge and append those that the file lacks."""
     known = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     done = {(line["scan"], line["edit"], line["treatment"]) for line in known}
     for number, (group, name, clean) in enumerate(clean_scans()):
@@ -442,7 +443,7 @@ def run(file: Path, pairs: int, until: float = math.inf) -> list[Line]:
 
 
 def run_beside(file: Path, frames: int, until: float) -> list[Line]:
-    """Judge untreated frames of a drive between neighbours that were treated."""
+    """Judge untreated frames of a drive between treated neighbours."""
     from bench_removed import recorded
     from manip3d.authenticate import inspect
     from manip3d.authenticate._power import _some_object
@@ -469,7 +470,7 @@ def run_beside(file: Path, frames: int, until: float) -> list[Line]:
 
 
 def chosen(pairs: int, number: int, edit: str) -> dict[str, Treatment]:
-    """All treatments, or so many pairs of them, others for each scan."""
+    """Return all treatments or, if ``pairs`` > 0, that many random pairs for each scan."""
     if not pairs:
         return TREATMENTS
     random = np.random.default_rng([number, *edit.encode()])
@@ -482,7 +483,7 @@ def chosen(pairs: int, number: int, edit: str) -> dict[str, Treatment]:
 
 
 def both(first: str, second: str, scan: LidarFrame, rng: np.random.Generator) -> LidarFrame:
-    """Two treatments, one after the other."""
+    """Apply two treatments one after the other."""
     treated = TREATMENTS[first](scan, rng)
     return TREATMENTS[second](treated, rng) if treated.num_points > 30 else treated
 
@@ -491,7 +492,7 @@ VERDICTS = ("tampered", "no_trace", "processed", "undecidable")
 
 
 def counts(lines: list[Line]) -> list[str]:
-    """How often each verdict was given."""
+    """Return the number of each verdict."""
     verdicts = Counter(line["verdict"] for line in lines)
     return [f"{verdicts[name]}" if lines else "–" for name in VERDICTS]
 
@@ -501,7 +502,7 @@ HEAD = ["treatment", "clean: accused", "no_trace", "processed", "undecidable",
 
 
 def report(lines: list[Line]) -> str:
-    """The table, a row for each treatment."""
+    """Return the table with a row for each treatment."""
     import tables
 
     names = list(dict.fromkeys(line["treatment"] for line in lines))

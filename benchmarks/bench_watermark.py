@@ -1,8 +1,8 @@
-"""Time of embedding and verifying a watermark, beside a keyed hash of the same buffer.
+"""Time of embedding and verifying a watermark, compared with a keyed hash of the same buffer.
 
 ``python benchmarks/bench_watermark.py [--rounds N]`` writes the section `watermark` of the results.
-One thread, processor time, the best of the rounds; all rows of one round are measured one after the
-other. The frame is one of KITTI's, under ``MANIP3D_DATA``.
+Times are processor times of one thread, the minimum of the rounds; each round measures all rows one
+after another. The frame is one of KITTI's, in ``MANIP3D_DATA``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FRAME = (
     "lidar/kitti_raw/2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data/0000000000.bin.xz"
 )
 
-# Table 7.1, drive 1, milliseconds: transmit and receive with each embedding.
+# Table 7.1, drive 1: milliseconds of transmit and receive with each embedding.
 PUBLISHED = {
     "embed, lbm": 99.80,
     "embed, qim": 110.60,
@@ -41,7 +41,7 @@ Task = Callable[[], object]
 
 
 def tasks(folder: Path) -> tuple[dict[str, Task], int]:
-    """By name, and the number of points."""
+    """Return the timed tasks by name, and the number of points."""
     from manip3d import LidarFrame, authenticate
     from manip3d.io import read_scan
 

@@ -1,4 +1,4 @@
-"""What a call costs: processor time, wall time and peak memory of this process; and the machine."""
+"""Cost of a call (processor time, wall time, peak memory), and a description of the machine."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ class Cost:
     Attributes
     ----------
     cpu_s : float
-        Processor time of the process, all threads: on a shared machine what repeats best.
+        Processor time of all threads of the process, the most repeatable time on a shared machine.
     wall_s : float
+        Wall time.
     base_bytes : int
-        Resident before the call: interpreter, libraries, input.
+        Resident memory before the call: interpreter, libraries, input.
     peak_bytes : int
-        Most resident during the call. (Linux's VmHWM, set back before the call; ``ru_maxrss``
-        would still hold the peak of loading.)
+        Largest resident memory during the call. It is Linux's VmHWM, which is reset before the
+        call; ``ru_maxrss`` would contain the peak of loading.
     """
 
     cpu_s: float
@@ -50,10 +51,10 @@ def _status_bytes(field: str) -> int:
 
 
 def measure(call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> tuple[T, Cost]:
-    """The call's result and what it cost."""
+    """Return the call's result and its cost."""
     gc.collect()
-    ctypes.CDLL(None).malloc_trim(0)  # what loading freed is not to be used again unseen
-    Path("/proc/self/clear_refs").write_text("5")  # sets VmHWM back to VmRSS
+    ctypes.CDLL(None).malloc_trim(0)  # else the call could reuse memory freed by loading
+    Path("/proc/self/clear_refs").write_text("5")  # resets VmHWM to VmRSS
     base = _status_bytes("VmRSS")
     cpu, wall = time.process_time(), time.perf_counter()
     result = call(*args, **kwargs)
@@ -62,7 +63,7 @@ def measure(call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> tuple[T,
 
 
 def one_thread() -> None:
-    """Pin this process and its children to one core; call it before libraries are imported."""
+    """Pin this process and its children to one core; call this before libraries are imported."""
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     os.environ["OMP_NUM_THREADS"] = os.environ["MANIP3D_THREADS"] = "1"
 
@@ -75,7 +76,7 @@ def _version(package: str) -> str | None:
 
 
 def environment() -> dict[str, Any]:
-    """The machine in general terms, and versions."""
+    """Return a description of the machine, and versions of packages."""
     model = next(
         line.partition(":")[2].strip()
         for line in Path("/proc/cpuinfo").read_text().splitlines()

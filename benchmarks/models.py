@@ -1,4 +1,4 @@
-"""The meshes of the comparison and their targets."""
+"""Meshes of the comparison and their target numbers of faces."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from manip3d import InputError, Mesh, datasets, read_mesh
 
 @dataclass(frozen=True)
 class Model:
-    """A mesh and how many faces it shall keep.
+    """A mesh and the number of faces to keep.
 
     Attributes
     ----------
     name : str
     load : callable () -> Mesh
+        Function that loads the mesh.
     target_faces : int or None
-        None: a tenth of the faces of the mesh as loaded.
+        Number of faces to keep; None: a tenth of the loaded mesh.
     """
 
     name: str
@@ -29,12 +30,12 @@ class Model:
     target_faces: int | None = None
 
     def target(self, mesh: Mesh) -> int:
-        """The number of faces to keep."""
+        """Return the number of faces to keep."""
         return mesh.num_faces // 10 if self.target_faces is None else self.target_faces
 
 
 def _registered(stand_in: datasets.StandIn) -> Model:
-    published = {"RockerArm": 8174, "Head": 1844}  # dissertation, tables 2.2 and 2.4
+    published = {"RockerArm": 8174, "Head": 1844}  # from the dissertation's tables 2.2 and 2.4
     target = published.get(stand_in.published) if stand_in.same_file else None
     cleaned = "" if stand_in.cleaning == "stored" else f" {stand_in.cleaning}"
     return Model(
@@ -45,9 +46,10 @@ def _registered(stand_in: datasets.StandIn) -> Model:
 
 
 def happy_stand() -> Mesh:
-    """The 15 range scans of the Happy Buddha beside each other: 2.1 million triangles.
+    """Return the 15 range scans of the Happy Buddha in one mesh of 2.1 million triangles.
 
-    Each scan is triangulated on its pixel grid and placed as ``happyStandRight.conf`` says.
+    Each scan is triangulated on its pixel grid and placed by its pose in ``happyStandRight.conf``.
+    The scans are not merged.
     """
     vertices, faces, offset = [], [], 0
     for name in datasets.scan_names("happy_stand"):
@@ -62,9 +64,9 @@ def happy_stand() -> Mesh:
 def _subdivide(
     vertices: NDArray[np.float64], faces: NDArray[np.int32]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Each face in four, at the middles of its edges; then each vertex halfway to its neighbours'.
+    """Split each face into four, then move each vertex halfway to the mean of its neighbours.
 
-    Neighbours count as often as faces lead from them to it.
+    A neighbour counts once for each face that contains both vertices.
     """
     ends = np.sort(np.concatenate([faces[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
     edges, number = np.unique(ends, axis=0, return_inverse=True)
@@ -80,10 +82,11 @@ def _subdivide(
 
 
 def relief(waves: int = 12, per_diagonal: float = 40.0, seed: int = 0) -> Mesh:
-    """RockerArm in 16 times as many faces, 1 285 664, with waves along its normals.
+    """Return RockerArm subdivided to 1 285 664 faces (16 times as many), with waves on its surface.
 
-    The waves have a height of 2e-4 of the diagonal, root mean square over sqrt(2). Vertices and
-    faces are sorted along a Morton curve: unsorted ones slow meshoptimizer down.
+    The waves displace vertices along the normals by 2e-4 of the diagonal (root mean square divided
+    by sqrt(2)). Vertices and faces are sorted along a Morton curve, because meshoptimizer is slow
+    on unsorted ones.
     """
     mesh = datasets.load_mesh("rockerArm")
     vertices, faces = mesh.vertices, mesh.faces
@@ -134,11 +137,11 @@ WILD = (
     "beast.obj.xz",
     "igl_truck.obj.xz",
 )
-"""Files of ``meshes/wild`` in the data folder: on these the published method fell down."""
+"""Files of ``meshes/wild`` in the data folder, on which the published method failed."""
 
 
 def every_mesh() -> dict[str, Callable[[], Mesh]]:
-    """All meshes of the data folder that are here, the wild ones included: name -> loader."""
+    """Return the loaders of all available meshes of the data folder, by name."""
     loaders: dict[str, Callable[[], Mesh]] = {
         name: partial(datasets.load_mesh, name)
         for name, found in datasets.registry().items()
@@ -152,11 +155,12 @@ def every_mesh() -> dict[str, Callable[[], Mesh]]:
 
 
 def get(name: str) -> Model:
-    """The model of that name.
+    """Return the model of a name.
 
     Raises
     ------
     InputError
+        There is no model of this name.
     """
     if name not in MODELS:
         raise InputError(f"model: expected one of {', '.join(MODELS)}, got {name!r}")

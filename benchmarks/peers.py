@@ -1,7 +1,7 @@
-"""Every library under one signature: ``peer(mesh, target_faces) -> mesh``.
+"""Simplification by several libraries under one signature: ``peer(mesh, target_faces) -> mesh``.
 
-A peer works in three steps, so that only the library's own work is timed: `prepare` puts the mesh
-into the library's own representation, `run` simplifies it, `finish` brings it back.
+A peer works in three steps, so that only the library's own work is timed: `prepare` converts the
+mesh to the library's representation, `run` simplifies it, and `finish` converts it back.
 """
 
 from __future__ import annotations
@@ -29,25 +29,26 @@ PROGRAMS = Path(__file__).parents[1] / "build" / "peers"
 
 
 class NotInstalledError(Exception):
-    """The peer is not on this machine."""
+    """The peer is not installed."""
 
 
 class RefusedError(Exception):
-    """The peer cannot take this mesh; the message says why."""
+    """The peer cannot process this mesh; the message says why."""
 
 
 @dataclass(frozen=True)
 class Peer:
-    """A simplification of some library.
+    """Simplification by a library.
 
     Attributes
     ----------
     name : str
     placement : 'subset' or 'optimal'
-        Output vertices are input vertices, or lie where the error is least.
+        Whether output vertices are input vertices, or are placed to minimise the error.
     texture : bool
-        Whether texture coordinates come out.
+        Whether the result has texture coordinates.
     measured : callable (mesh, target_faces) -> (mesh, Cost)
+        Function that simplifies a mesh and measures the cost.
     """
 
     name: str
@@ -56,12 +57,14 @@ class Peer:
     measured: Callable[[Mesh, int], tuple[Mesh, Cost]]
 
     def __call__(self, mesh: Mesh, target_faces: int) -> Mesh:
-        """Simplify.
+        """Simplify a mesh.
 
         Raises
         ------
         NotInstalledError
+            The library is not installed.
         RefusedError
+            The library cannot process this mesh.
         """
         return self.measured(mesh, target_faces)[0]
 
@@ -113,7 +116,7 @@ def _manip3d(method: str, name: str, **options: Any) -> Peer:
 
 
 def _shape_only(mesh: Mesh) -> Mesh:
-    """The surface alone: what the peers see that take no texture coordinates and materials."""
+    """Return the mesh without texture coordinates and materials, which most peers do not accept."""
     return Mesh(mesh.vertices, mesh.faces)
 
 
@@ -152,7 +155,7 @@ def _from_meshlab(meshes: Any, _: Mesh) -> Mesh:
 
 
 def _png(pixel: bytes) -> bytes:
-    """A PNG image of one RGB pixel."""
+    """Return a PNG image of one RGB pixel."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         body = kind + data
@@ -166,7 +169,7 @@ def _png(pixel: bytes) -> bytes:
 
 
 def _to_textured_meshlab(mesh: Mesh) -> Any:
-    """Through a file: texture coordinates without a texture image would be turned down."""
+    """Convert by a file with images, because MeshLab refuses coordinates without a texture."""
     pymeshlab = _module("pymeshlab")
     if mesh.face_texcoords is None:
         raise RefusedError("needs texture coordinates")
@@ -186,7 +189,8 @@ def _to_textured_meshlab(mesh: Mesh) -> Any:
         meshes.load_new_mesh(str(path))
     if not np.array_equal(meshes.current_mesh().face_matrix(), mesh.faces):
         raise RefusedError("its reader changed the faces")
-    # What each face looks like, carried through the filter: material, and whether it has UVs.
+    # Material of each face, and whether it has texture coordinates, as a number that the filter
+    # preserves.
     look = 2 * material + (mesh.face_texcoords >= 0).all(axis=1)
     meshes.current_mesh().add_face_custom_scalar_attribute(look.astype(float), "look")
     return meshes
@@ -197,7 +201,7 @@ def _from_textured_meshlab(meshes: Any, original: Mesh) -> Mesh:
     faces = result.face_matrix()
     look = np.rint(result.face_custom_scalar_attribute_array("look")).astype(np.int32)
     face_texcoords = np.arange(faces.size, dtype=np.int32).reshape(-1, 3)
-    face_texcoords[look % 2 == 0] = -1  # the filter invents (0, 0) for them
+    face_texcoords[look % 2 == 0] = -1  # the filter sets (0, 0) for faces without coordinates
     return Mesh(
         result.vertex_matrix(),
         faces,
@@ -338,7 +342,7 @@ def _program_peer(
             raise NotInstalledError(program)
         with tempfile.TemporaryDirectory() as folder:
             source, output = Path(folder, "input.ply"), Path(folder, "output.ply")
-            # Materials by name: their textures would be copied, and are not looked at.
+            # Pass materials by name only, because textures would be copied but are not used.
             names = tuple(manip3d.Material(name=m.name) for m in mesh.materials)
             mesh.replace(materials=names, normals=None, face_normals=None).write(source)
             command = [str(path), method, str(source), str(target_faces), str(output)]

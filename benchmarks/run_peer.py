@@ -1,9 +1,9 @@
-"""One peer, one mesh, one process, one or more targets (pickled meshes).
+"""Run one peer on one mesh in this process, for one or more targets; meshes are pickled.
 
 ``python run_peer.py PEER MESH TARGET OUTPUT [TARGET OUTPUT ...]``
 
-Prints one line of JSON per target: ``status`` is ``ok`` (with the cost), ``not installed`` or
-``refused``.
+It prints a line of JSON for each target, with ``status`` ``ok`` (and the cost), ``not installed``
+or ``refused``.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from measuring import one_thread
 
 
 def main(peer: str, mesh: str, *targets_and_outputs: str) -> None:
-    """Run the peer and say what it cost."""
-    one_thread()  # before any library counts the cores
+    """Run the peer and print its cost."""
+    one_thread()  # must run before any library counts the cores
     from peers import PEERS, NotInstalledError, RefusedError
 
     original = pickle.loads(Path(mesh).read_bytes())

@@ -1,4 +1,4 @@
-"""Runs a peer in a process of its own, so that nothing it does or breaks reaches the others."""
+"""Run a peer in a process of its own, so that a crash or its settings do not affect the others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Row = dict[str, Any]
 
 
 def run_peer(peer: str, source: Path, outputs: dict[int, Path], timeout_s: float) -> list[Row]:
-    """What `run_peer.py` says for each target; what it does not come to has failed."""
+    """Return the output of `run_peer.py` for each target; targets without output have failed."""
     pairs = [text for target, path in outputs.items() for text in (str(target), str(path))]
     command = [sys.executable, str(HERE / "run_peer.py"), peer, str(source), *pairs]
     rest: Row = {"status": "failed"}

@@ -1,7 +1,7 @@
 """Results as Markdown tables, each in its own section of RESULTS.md or of a page of ``results/``.
 
-A section lies between ``<!-- NAME -->`` and ``<!-- /NAME -->``; what stands around them is written
-by hand and stays.
+A section lies between ``<!-- NAME -->`` and ``<!-- /NAME -->``. The text around sections is written
+by hand and is not changed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Row = dict[str, Any]
 
 
 def write_section(name: str, markdown: str) -> None:
-    """Replace a section of the page that has it."""
+    """Replace a section on the page that contains it."""
     pattern = re.compile(f"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
     for page in PAGES:
         text, found = pattern.subn(
@@ -35,13 +35,13 @@ def write_section(name: str, markdown: str) -> None:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table; the first column to the left, numbers to the right."""
+    """Return a Markdown table; the first column is left-aligned, all others right-aligned."""
     lines = [head, ["---"] + ["---:"] * (len(head) - 1), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
 def environment_line(environment: Row) -> str:
-    """What it was measured on, in one sentence."""
+    """Return a sentence about the machine and the versions."""
     versions = ", ".join(f"{name} {version}" for name, version in environment["versions"].items())
     return (
         f"{environment['cpu']}, {environment['cores']} cores, {environment['memory_gib']} GiB, "
@@ -50,7 +50,7 @@ def environment_line(environment: Row) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Significant digits; a dash for nothing."""
+    """Format a number with ``digits`` significant digits; a dash for None."""
     if value is None:
         return "–"
     if value == 0.0:
@@ -61,7 +61,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def write_simplify(results: Row) -> None:
-    """The sections `environment`, `claims`, `ratios` and `simplify`."""
+    """Write the sections `environment`, `claims`, `ratios` and `simplify`."""
     write_section("environment", environment_line(results["environment"]))
     models = [list(rows) for _, rows in groupby(results["rows"], key=lambda row: row["model"])]
     write_section("claims", _claims(results["rows"]))
@@ -85,7 +85,7 @@ COMPARED = {"time": _median_time, "vertex Metro": _vertex_metro, "area Metro": _
 
 
 def _claims(rows: list[Row]) -> str:
-    """What has to hold, with the numbers; a claim whose rows are missing is left out."""
+    """Return the claims with their numbers; claims whose rows are missing are left out."""
     ran = {(row["model"], row["peer"]): row for row in rows if row["status"] == "ok"}
     body = []
 
@@ -116,7 +116,7 @@ def _claims(rows: list[Row]) -> str:
 
 
 def _ratios(models: list[list[Row]]) -> str:
-    """Time and error of each peer over QEM4VR's: a row per model, above 1 it is behind."""
+    """Return time and error of each peer divided by QEM4VR's; above 1 the peer is worse."""
     peers = list(dict.fromkeys(row["peer"] for rows in models for row in rows))
     others = [peer for peer in peers if not peer.startswith("manip3d")]
     parts = []
@@ -164,7 +164,7 @@ def _ratio(row: Row, reference: Row | None) -> str:
 
 
 def _missed(row: Row) -> str:
-    """A mark where the target was missed by more than a percent."""
+    """Return a mark if the target was missed by more than one per cent."""
     return " *" if abs(row["faces"] - row["target"]) > 0.01 * row["target"] else ""
 
 
@@ -255,17 +255,17 @@ EVERY_MESH_PEERS = (
     "Open3D",
     "CGAL Lindstrom-Turk",
 )
-FEW_FACES = 50  # targets below are reported, not judged
-ROUNDING = 1e-9  # of the diagonal: smaller errors are equal
+FEW_FACES = 50  # results with smaller targets are reported but not judged
+ROUNDING = 1e-9  # share of the diagonal; smaller errors count as equal
 
 
 def write_every_mesh(results: Row) -> None:
-    """The section `every_mesh`."""
+    """Write the section `every_mesh`."""
     write_section("every_mesh", every_mesh(results))
 
 
 def every_mesh(results: Row) -> str:
-    """Which aims hold, each case, and the cases worse than a peer."""
+    """Return the aims with their verdicts, all cases, and the cases that are worse than a peer."""
     by_case: dict[tuple[str, float], list[Row]] = {}
     for row in results["rows"]:
         by_case.setdefault((row["mesh"], row["ratio"]), []).append(row)
@@ -280,7 +280,7 @@ def _reached(row: Row) -> bool:
 
 
 def _best(rows: list[Row], value: str) -> Row | None:
-    """The peer with the least of a value among those that reached the target."""
+    """Return the peer with the smallest value among those that reached the target."""
     rivals = [row for row in rows if not row["peer"].startswith(OURS) and _reached(row)]
     return min(
         (r for r in rivals if r.get(value) is not None), key=lambda r: r[value], default=None
@@ -288,12 +288,12 @@ def _best(rows: list[Row], value: str) -> Row | None:
 
 
 def _case(rows: list[Row]) -> Row:
-    """One mesh at one number of faces: ours, and the peers it is compared with."""
+    """Return the comparison of manip3d with the best peers, for one mesh and number of faces."""
     own = next(row for row in rows if row["peer"] == OURS)
     shape = next((row for row in rows if row["peer"] == OURS_SHAPE), None)
     keeping = [row for row in rows if row["keeps_uv"]]
     case: Row = {"own": own, "judged": own["target"] >= FEW_FACES, "has_uv": own["has_uv"]}
-    pairs: list[tuple[str, Row, Row | None, str]] = []  # what, ours, the best peer's, the value
+    pairs: list[tuple[str, Row, Row | None, str]] = []  # name, our row, best peer's row, value
     if own["has_uv"]:
         pairs.append(("area", own, _best(keeping, "area"), "area"))
         pairs.append(("UV", own, _best(keeping, "texture"), "texture"))
@@ -311,7 +311,7 @@ def _case(rows: list[Row]) -> Row:
 
 
 def _ratio_to_best(own: float, best: float) -> float:
-    """Above 1: ours is worse."""
+    """Return our error divided by the best peer's; above 1 ours is worse."""
     return max(own, ROUNDING) / max(best, ROUNDING)
 
 
@@ -353,7 +353,7 @@ def _every_mesh_aims(cases: list[Row]) -> str:
 
 
 def _every_mesh_table(cases: list[Row]) -> str:
-    """Each case: errors beside the best peer's that reached the target."""
+    """Return all cases, with errors and those of the best peer that reached the target."""
     body = []
     for case in cases:
         own = case["own"]
@@ -375,7 +375,7 @@ def _every_mesh_table(cases: list[Row]) -> str:
 
 
 def _every_mesh_worse(cases: list[Row]) -> str:
-    """The judged cases with a larger error than a peer, the worst first."""
+    """Return the judged cases with a larger error than a peer, the worst first."""
     found = [
         (_ratio_to_best(mine, best), what, mine, best, peer, case["own"])
         for case in cases
@@ -393,12 +393,12 @@ def _every_mesh_worse(cases: list[Row]) -> str:
 
 
 def write_every_depth(results: Row) -> None:
-    """The section `every_depth`."""
+    """Write the section `every_depth`."""
     write_section("every_depth", every_depth(results))
 
 
 def every_depth(results: Row) -> str:
-    """The results at each share of the points, and the images with too large an error."""
+    """Return the results at each share of the points, and the images with too large an error."""
     rows = results["rows"]
     images = len({row["input"] for row in rows})
     parts = [environment_line(results["environment"]), f"{images} images and scans.\n"]
@@ -418,12 +418,12 @@ def every_depth(results: Row) -> str:
 
 
 def write_every_coverage(rows: Sequence[Row]) -> None:
-    """The section `every_coverage`."""
+    """Write the section `every_coverage`."""
     write_section("every_coverage", every_coverage(rows))
 
 
 def every_coverage(rows: Sequence[Row]) -> str:
-    """How many images are covered as is aimed at, and which is covered least."""
+    """Return the numbers of images that reach the aimed coverage, and the least covered image."""
     head = ("", "points", "images", "empty", "coverage 0.99 and more", "0.95 and more", "least",
             "of", "bridges 0.1 % and less", "median", "most", "of")  # fmt: skip
     groups: dict[tuple[str, float], list[Row]] = {}
@@ -449,12 +449,12 @@ def every_coverage(rows: Sequence[Row]) -> str:
 
 
 def write_missing_pixels(results: Row) -> None:
-    """The section `missing_pixels`."""
+    """Write the section `missing_pixels`."""
     write_section("missing_pixels", missing_pixels(results))
 
 
 def missing_pixels(results: Row) -> str:
-    """Each scene at each share of missing pixels; times and errors also over those without."""
+    """Return each scene at each share of missing pixels, also relative to no missing pixels."""
     head = ("scene", "missing", "effort", "points", "pixels filled", "ms", "over none missing",
             "error, 1e-3", "over none missing", "coverage", "of the measured",
             "bridges")  # fmt: skip
@@ -478,7 +478,10 @@ def _percent(share: float) -> str:
 
 
 def _error_ratio(row: Row) -> float | None:
-    """Above 1: ours is worse; none where the peer came out empty, or larger than asked for."""
+    """Return our error divided by the peer's; above 1 ours is worse.
+
+    None: the peer's result is empty, or larger than the target.
+    """
     peer = row["peer"]
     if peer.get("mean") is None or peer["vertices"] > 1.01 * max(row["points"], row["vertices"]):
         return None
@@ -486,7 +489,7 @@ def _error_ratio(row: Row) -> float | None:
 
 
 def _is_far(row: Row) -> bool:
-    """The error is above what is aimed at for a single image."""
+    """Return whether the error exceeds the aim for a single image."""
     ratio = _error_ratio(row)
     return ratio is not None and ratio > (1.3 if row["how"] == "live" else 1.5)
 
