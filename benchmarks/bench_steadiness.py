@@ -48,7 +48,7 @@ JITTERS = (0.010, 0.020)  # standard deviations of joints, metres
 CORRELATIONS = (0.0, 0.9)
 SETTLED = 15  # number of first frames, in which smoother and plane settle; not counted
 AT_REST = 0.01  # metres per frame; smaller steps count as rest
-RATE = 30.0  # frames a second
+RATE = 30.0  # frames per second
 
 
 def quantiles(values: Sequence[float], scale: float, *at: float) -> list[str]:

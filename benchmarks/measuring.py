@@ -53,7 +53,7 @@ def _status_bytes(field: str) -> int:
 def measure(call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> tuple[T, Cost]:
     """Return the call's result and its cost."""
     gc.collect()
-    ctypes.CDLL(None).malloc_trim(0)  # else the call could reuse memory freed by loading
+    ctypes.CDLL(None).malloc_trim(0)  # so that the call cannot reuse memory freed by loading
     Path("/proc/self/clear_refs").write_text("5")  # resets VmHWM to VmRSS
     base = _status_bytes("VmRSS")
     cpu, wall = time.process_time(), time.perf_counter()

@@ -25,8 +25,8 @@ _STUDY = "meta study"  # purpose to which the encryption of the study's identifi
 _CHAIN = "meta audit key"
 _WITHOUT_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)
 """Errors of a file system without hard links, on which a diary is made directly in its place."""
-_LEAST_BYTES = 1 << 16  # bytes of two pages of the write-ahead log's index
-_BUSY_S = 5.0  # seconds to wait for another program that writes
+_LEAST_BYTES = 1 << 16  # size of two pages of the write-ahead log's index, bytes
+_BUSY_S = 5.0  # longest wait for another program that writes, seconds
 
 
 class DiaryFile:
@@ -46,7 +46,8 @@ class DiaryFile:
             _make(path, key)
         self._check_file(create)
         self.engine = sql.create_engine(
-            # SQLite takes `:memory:` for no file, and SQLAlchemy `file:` for an address.
+            # Use an absolute path, because `:memory:` is an in-memory database to SQLite, and a
+            # path that begins with `file:` is an address to SQLAlchemy.
             sql.URL.create("sqlite", database=os.path.abspath(path)),
             poolclass=sql.pool.NullPool,
             connect_args={"timeout": _BUSY_S},
@@ -118,7 +119,7 @@ class DiaryFile:
                 raise FormatError("expected a regular file", file=str(self.path))
             raise FileNotFoundError(2, "No such file or directory", str(self.path))
         try:
-            # An absolute path: `:memory:` would be no file.
+            # Use an absolute path, because `:memory:` is an in-memory database.
             with contextlib.closing(
                 sqlite3.connect(os.path.abspath(self.path), timeout=_BUSY_S)
             ) as plain:
@@ -214,14 +215,15 @@ class DiaryFile:
                 raise FormatError("this key does not open it", file=str(self.path)) from None
 
     def _on_connect(self, connection: sqlite3.Connection, record: object) -> None:
-        # SQLAlchemy says when a transaction begins; sqlite3 begins none for changes of tables.
+        # SQLAlchemy begins transactions explicitly, because sqlite3 begins none for changes of
+        # tables.
         connection.isolation_level = None
         try:
             for pragma in (
                 "journal_mode = WAL",
-                "synchronous = FULL",  # what was acknowledged is on the disk
+                "synchronous = FULL",  # acknowledged data are on the disk
                 "foreign_keys = ON",
-                "secure_delete = ON",  # what is deleted or moved is overwritten with zeros
+                "secure_delete = ON",  # deleted or moved data are overwritten with zeros
                 "temp_store = MEMORY",
             ):
                 connection.execute(f"PRAGMA {pragma}")
@@ -233,7 +235,7 @@ class DiaryFile:
             raise self._told(context.original_exception) from context.original_exception
 
     def _told(self, error: sqlite3.DatabaseError) -> Exception:
-        """Return the OSError of a full disk, a lock or a read-only file, else a FormatError."""
+        """Return an OSError for a full disk, a lock or a read-only file, or else a FormatError."""
         if isinstance(error, sqlite3.OperationalError):
             return OSError(f"{self._told_as}: {_words_of(error, self.path)}")
         return FormatError(f"the diary is damaged: {error}", file=str(self.path))

@@ -326,7 +326,7 @@ def processor_time_ms(work: Callable[[], Any], repeats: int) -> float:
     return 1000.0 * least
 
 
-_LONG = 2.0  # seconds of all runs together, after which none is repeated
+_LONG = 2.0  # processor time of all runs, seconds, after which no run is added
 
 
 def time_ms(image: RangeInput, method: str, points: int, reduced: Mesh | DepthMesh,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _SPEEDS_KMH = (10, 30, 50, 80, 130)
 _SHOWN_KMH = 50
-_EVERY = 3  # every third point is drawn
+_EVERY = 3  # draw every third point
 
 
 def _cases(plan: Plan) -> list[Case]:

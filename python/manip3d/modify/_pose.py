@@ -117,7 +117,7 @@ def lift_landmarks(
     size = np.array([camera.width, camera.height])
     inside = np.all((at > -0.5) & (at < size - 0.5), axis=1)
     depth = _median_depth(np.where(inside[:, None], at, 0.0), frame, window)
-    # The line of sight (x/z, y/z, 1); a joint of radius r lies r farther along it.
+    # The line of sight is (x/z, y/z, 1). A joint lies its radius farther along it than the skin.
     sight = camera.unproject(1.0, pixels=at)
     inside &= np.isfinite(sight).all(axis=1)
     sight = np.where(inside[:, None], sight, (0.0, 0.0, 1.0))
@@ -298,10 +298,11 @@ def depth_under_color(frame: RgbdFrame) -> RgbdFrame:
     points = product(points[has_ray], registration.rotation.T) + registration.translation
     at = seen.project(points)
     last = np.array([width, height]) - 0.5
-    inside = (at >= -0.5).all(axis=1) & (at < last).all(axis=1)  # NaN is not
+    inside = (at >= -0.5).all(axis=1) & (at < last).all(axis=1)  # false for NaN
     column, row = np.rint(at[inside]).astype(np.intp).T
     millimetres = np.clip(np.rint(1000.0 * points[inside, 2]), 1, 65535).astype(np.uint16)
-    order = np.argsort(-millimetres.astype(np.int64), kind="stable")  # the nearest is written last
+    # Sort from far to near, so that the nearest point of a pixel is written last.
+    order = np.argsort(-millimetres.astype(np.int64), kind="stable")
     column, row = column[order], row[order]
     depth = np.zeros((height, width), np.uint16)
     depth[row, column] = millimetres[order]

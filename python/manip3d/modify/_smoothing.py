@@ -140,7 +140,7 @@ class JointSmoother:
 
 def _shares(clothes: ArrayLike, num_people: int) -> NDArray[np.float32]:
     rows = np.asarray(clothes, np.float64)
-    if rows.shape == (0,):  # a list of nobody's clothes has no columns
+    if rows.shape == (0,):  # an empty list has no columns
         rows = rows.reshape(0, 15)
     if rows.shape != (num_people, 15):
         raise InputError(f"clothes: expected shape ({num_people}, 15), got {rows.shape}")

@@ -89,7 +89,7 @@ def _spawned(state: GameState) -> GameState:
 
 
 def arm_field(skeleton: Skeleton, reaches: tuple[float, ...]) -> ArmField | None:
-    """Lay out the field for arms: beside the shoulders, from the hips to above them."""
+    """Lay out the field for arms, to both sides of the shoulders, from the hips upwards."""
     shoulders = joints(skeleton, "ShoulderLeft", "ShoulderRight")
     base = joints(skeleton, "SpineBase")
     arms = [
@@ -123,7 +123,7 @@ def leg_field(skeleton: Skeleton, reaches: tuple[float, ...]) -> ArmField | None
     lateral = level(hips[0] - hips[1])
     if lateral is None:
         return None
-    ahead = np.array([lateral[2], 0.0, -lateral[0]])  # a person who faces the camera: -z
+    ahead = np.array([lateral[2], 0.0, -lateral[0]])  # -z for a person who faces the camera
     shank = max(norm(ankle - knee) for ankle, knee in zip(ankles, knees, strict=True))
     bottom = max(float(ankle[1]) for ankle in ankles)
     sides = []

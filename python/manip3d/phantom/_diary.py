@@ -85,7 +85,7 @@ class DiaryRecorder:
         self._row: list[int] | None = None  # number of the current game, once it is written
         self._withdrawals = 0  # number of times that consent to films was withdrawn
         self._remaining_films = ""  # a sentence on exported films that still exist
-        self._ratings: list[Rating] = []  # of the current sitting
+        self._ratings: list[Rating] = []  # ratings of the current sitting
         self._unanswered: list[Rating] = []  # see `_unanswered_so_far`
         self._has_begun = False
         self._writer: OrderedWriter | None = None
@@ -184,7 +184,7 @@ class DiaryRecorder:
         self._writer.when_written(done)
 
     def last_felt(self, limb: str) -> FeltLimb | None:
-        """Return the patient's last description of a limb as it is felt."""
+        """Return the patient's last description of the felt phantom limb."""
         return self._felt.get(limb)
 
     @property
@@ -323,7 +323,7 @@ class DiaryRecorder:
         )
 
     def felt(self, felt: FeltLimb, limb: str) -> None:
-        """Write the patient's description of a limb as it is felt."""
+        """Write the patient's description of the felt phantom limb."""
         self._felt[limb] = felt
         told = ", ".join(f"{name} {value}" for name, value in vars(felt).items())
         at = _now()

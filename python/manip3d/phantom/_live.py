@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 
 __all__ = ["LiveReport", "run_live", "simulated_patient"]
 
-_ENDLESS = 1 << 31  # frames of a simulated person: more than any session lasts
-_MOST_UNREAD = 100  # unreadable frames in a row after which a recording is given up
+_ENDLESS = 1 << 31  # number of frames of a simulated person, more than any session has
+_MOST_UNREAD = 100  # number of consecutive unreadable frames after which a recording is given up
 _AGAIN_S = 1.0  # seconds between attempts to open a camera that was disconnected
 
 
@@ -394,7 +394,7 @@ def _certificate(host: str, path: str | os.PathLike[str] | None) -> Certificate 
     try:
         is_here = ipaddress.ip_address(host).is_loopback
     except ValueError:
-        is_here = True  # not an address, which LocalServer refuses
+        is_here = True  # ``host`` is not an address, and LocalServer will refuse it
     return None if is_here else make_certificate(host)
 
 

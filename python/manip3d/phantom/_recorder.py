@@ -57,10 +57,10 @@ class Recorder(Protocol):
         """Store the answers after a touch cue."""
 
     def felt(self, felt: FeltLimb, limb: str) -> None:
-        """Store the patient's description of a limb as it is felt."""
+        """Store the patient's description of the felt phantom limb."""
 
     def last_felt(self, limb: str) -> FeltLimb | None:
-        """Return the patient's last description of a limb as it is felt."""
+        """Return the patient's last description of the felt phantom limb."""
 
     def close_session(self, *, answered: bool = True) -> None:
         """End the sitting; a second call changes nothing.

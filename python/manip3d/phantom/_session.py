@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from manip3d.modify import BodyColliders, PhantomFrame
 
 _ENHANCED = {"arm": ("Shoulder", "Elbow"), "leg": ("Hip", "Knee", "Ankle")}
-_LONGEST_STEP_S = 0.25  # seconds: longer gaps between frames do not count as played time
-_PEOPLE = 64  # people whose number is remembered
-_FRAMES = 90  # frames over which times of stages are averaged
+_LONGEST_STEP_S = 0.25  # seconds; longer gaps between frames do not count as time of play
+_PEOPLE = 64  # number of people whose numbers are remembered
+_FRAMES = 90  # number of frames over which times of stages are averaged
 
 
 @checked
@@ -169,19 +169,19 @@ class LiveSession:
         self._last_time = None
 
     def halt(self, reason: str) -> None:
-        """Let no further game start; the page says why.
+        """Prevent further games; the page shows the reason.
 
         Parameters
         ----------
         reason : str
-            Words for the page; empty: nothing changes.
+            Sentence for the page; empty: nothing changes.
         """
         self._sitting.halt(reason)
 
     def end(self) -> None:
         """Handle the queued messages, stop the current game, and close the recorder's session.
 
-        No game begins any more, and further messages are refused.
+        Further games do not begin, and further messages are refused.
         """
         self._inbox.close()
         self._obey(only=NOT_LOST)
@@ -373,14 +373,14 @@ class LiveSession:
             answers = [int(fields[f"q{number}"]) for number in range(1, len(STATEMENTS) + 1)]
             self._recorder.ownership(fields["mode"], answers)
             if self._cue is not None and self._cue.is_over:
-                self._cue = None  # no screen shows the questions again
+                self._cue = None  # the questions are not shown again
 
     def _set_up(self, name: str, fields: Mapping[str, Any]) -> None:
         """Handle the therapist's settings; another limb or patient stops the current game."""
         if name == "limb":
             self._change_limb(fields["limb"])
         elif name == "patient":
-            # By number, not by place: people cross while the therapist points at one.
+            # Choose by number and not by position, because people move while the therapist chooses.
             known = {number: person for person, number in self._numbers.items()}
             if fields["which"] in known:
                 self._choose_patient(known[fields["which"]])
@@ -401,7 +401,7 @@ class LiveSession:
         self._pipeline.select(person)
 
     def _begin_cue(self, mode: str) -> None:
-        """End what is played; begin a minute of touches unless the mode is ``off``."""
+        """End the current game or cue; begin a minute of touches unless the mode is ``off``."""
         if mode == "off":
             self._stop()
             self._cue = None

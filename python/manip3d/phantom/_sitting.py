@@ -48,7 +48,7 @@ class Sitting:
         return is_rested
 
     def halt(self, reason: str) -> None:
-        """Let no game begin any more today; an empty reason changes nothing."""
+        """Prevent further games today; an empty reason changes nothing."""
         if reason:
             self._halt = reason, _now().date()
 

@@ -213,7 +213,7 @@ def _expect_options_of_views(options: DepthOptions) -> None:
 
 
 def _are_images(files: Sequence[Path]) -> bool:
-    """Whether files are depth images (True) or range scans (False); both together are refused."""
+    """Return whether files are depth images (True) or range scans (False); refuse a mixture."""
     are_images = {
         plain_name(file).lower().endswith(DEPTH_SUFFIXES) and not is_cloud_file(file)
         for file in files
@@ -290,6 +290,6 @@ def _scan_view(
 
 def _write(joint: JointSimplification, target: Path, *, turned: bool) -> None:
     mesh = with_used_vertices(joint.mesh)
-    if turned:  # cameras look along +z, y down; glTF has +y up
+    if turned:  # from the camera's axes (z ahead, y down) to glTF's (y up)
         mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
     write_mesh(mesh, target)

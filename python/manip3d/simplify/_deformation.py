@@ -14,7 +14,7 @@ from manip3d.mesh import Mesh
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_OF_TARGETS = 0.1  # share of a morph target that the swaying of a surface has
+_OF_TARGETS = 0.1  # weight of each morph target in sway()
 
 
 def deformation_of(deformation: Deformation, original: Mesh, simplified: Mesh) -> Deformation:
@@ -81,7 +81,8 @@ def sway(deformation: Deformation, size: float) -> NDArray[np.float64]:
 
 def _directions(count: int) -> NDArray[np.float64]:
     """Return (N, 3) unit vectors, each far from those before; the same bits on every machine."""
-    steps = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # a low-discrepancy sequence
+    # Steps of a low-discrepancy sequence.
+    steps = np.array([0.8191725134, 0.6710436067, 0.5497004779])
     offsets = (np.arange(1, count + 1)[:, None] * steps) % 1.0 - 0.5
     directions: NDArray[np.float64] = offsets / np.sqrt(_dot(offsets, offsets))[:, None]
     return directions

@@ -311,7 +311,7 @@ class Conductor:
         values: Mapping[str, int | float | str],
     ) -> None:
         key = session.participant, step.id
-        # A step that was never shown counts as shown just now, so that it cannot be answered.
+        # For a step that was never shown, the time is -inf, so that it cannot be answered.
         shown_s = time.monotonic() - self._shown_since.get(key, math.inf)
         if shown_s < step.minimum_s:
             raise FormatError(f"{step.id}: expected an answer after {step.minimum_s:g} s")

@@ -688,7 +688,7 @@ def make_jnd_stimuli(
         A study that was read from a file. Its folder ``stimuli`` is written: one .glb file for each
         stimulus, and a table of them (`LEVELS`).
     overwrite : bool
-        Replace the folder if it holds such stimuli and nothing else.
+        Replace the folder if it contains only such stimuli.
     progress : callable, optional
         Called with the fraction done and the name of the file.
 

@@ -254,8 +254,8 @@ class StudyFolder(Closing):
         Raises
         ------
         InputError
-            The code is malformed, or differs from another only in its letters' case; the folder was
-            opened for reading only.
+            The code is malformed or differs from another one only in case, or the folder was opened
+            read-only.
         """
         with self._turn:
             self.check_code(participant)
@@ -269,20 +269,20 @@ class StudyFolder(Closing):
             return self.sessions[participant]
 
     def next_place(self, group: str, period: int) -> int:
-        """Return the place that the next participant of a group gets in the sequence of orders.
+        """Return the place in the sequence of orders for the next participant of a group.
 
         Parameters
         ----------
         group : str
-            Group of the participant; empty where nobody asks for it.
+            Group of the participant; empty if the study has no groups.
         period : int
             Number of orders, after which the sequence begins again.
 
         Returns
         -------
         int
-            0 to ``period`` - 1: the first of those that the fewest of the group have now. Where
-            somebody has withdrawn, their place is free again.
+            The place, 0 to ``period`` - 1, that the fewest participants of the group have; of equal
+            ones the first. The places of participants who have withdrawn do not count.
 
         Raises
         ------
@@ -320,8 +320,8 @@ class StudyFolder(Closing):
         Raises
         ------
         InputError
-            It has other characters than letters, digits, - and _, or more than 32 of them, or
-            differs from another code only in its letters' case.
+            The code has more than 32 characters or characters other than letters, digits, - and _,
+            or differs from another code only in case.
         """
         if not CODE.fullmatch(participant):
             raise InputError(

@@ -101,7 +101,7 @@ class Scale:
         return levels
 
     def colors(self) -> Image:
-        """(N, 3) uint8."""
+        """Return (N, 3) uint8: the colour of each point."""
         return ramp()[self.levels()]
 
     def select(self, index: NDArray[Any]) -> Scale:
@@ -140,7 +140,7 @@ class Classes:
     emphasis: Sequence[int] = ()
 
     def colors(self) -> Image:
-        """(N, 3) uint8."""
+        """Return (N, 3) uint8: the colour of each point."""
         table = np.array(self.palette, np.uint8).reshape(-1, 3)
         colors: Image = table[self.values]
         return colors
@@ -179,7 +179,7 @@ class Colors:
     values: Image
 
     def colors(self) -> Image:
-        """(N, 3) uint8."""
+        """Return (N, 3) uint8: the colour of each point."""
         return self.values
 
     def select(self, index: NDArray[Any]) -> Colors:
