@@ -236,9 +236,9 @@ _MAY_CHANGE_NOTHING = (
     "wide gaps filled, farther side",
     "wide gaps filled, left side",
 )
-"""Recordings that a kind of processing hardly changes: blocks do not repeat while the camera moves,
-few missing pixels are kept while it stands still, and a scene without depth steps has no wide gaps.
-"""
+"""Kinds of processing that may leave a recording nearly unchanged, so that `no_trace` is a right
+verdict: no blocks repeat while a camera moves, few missing pixels are kept while it stands still,
+and a scene without depth steps has no wide gaps."""
 
 
 def _nobody(kind: str) -> Callable[[Sequence[Row]], Iterator[Finding]]:

@@ -1,5 +1,4 @@
-"""Figures 7.9, 7.11 and 7.12: the six attacks on one frame, and the result of the cross-modal check
-of cameras and LiDAR."""
+"""Figures 7.9, 7.11 and 7.12: six attacks on one frame, and what the cross-modal check finds."""
 
 from __future__ import annotations
 

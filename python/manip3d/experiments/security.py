@@ -262,8 +262,10 @@ def _downgrade(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
 
 
 def _rewrite_bits(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
-    """Read the lowest bits by rank, move the points of a sector along their rays, and write the
-    same bits back by rank, which needs no key."""
+    """Move the points of a sector along their rays and restore the embedded bits without a key.
+
+    The lowest bits are read by rank before the movement and written back by rank after it.
+    """
     scan, _ = sent[-1]
     units = _units(scan.points)
     cleared, bits = units & ~1, units & 1

@@ -277,7 +277,7 @@ class PoseTracker(Closing):
 
 
 def depth_under_color(frame: RgbdFrame) -> RgbdFrame:
-    """Reproject depth and body index into the colour camera, at the depth image's resolution.
+    """Reproject depth and body index into the colour camera, at the depth camera's pixel size.
 
     If several points fall into one pixel, the nearest to the colour camera is kept. Without a
     registration the frame is returned unchanged, because its colour image already has the depth

@@ -1,5 +1,7 @@
-"""The touch cue: a ball strokes the phantom limb while the patient is touched, synchronously or not
-(section 8.3.4; after the rubber-hand illusion, Botvinick and Cohen 1998)."""
+"""The touch cue: a ball strokes the phantom limb while the patient is touched, or out of step.
+
+Section 8.3.4 describes it, after the rubber-hand illusion [Botvinick and Cohen 1998].
+"""
 
 from __future__ import annotations
 

@@ -517,8 +517,10 @@ def _level_places(grid: NDArray[np.float64]) -> NDArray[np.float64]:
 def _grid(
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the nearest point of each cell of the angular grid (rows upwards), whether the cell
-    has a point, and the point's index."""
+    """Sort points into the cells of the angular grid, with rows upwards.
+
+    Return the nearest point of each cell, whether the cell has a point, and the point's index.
+    """
     (left, right), (low, high) = _SCAN_VIEW
     azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
     elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
