@@ -23,7 +23,7 @@ class Protocol:
     Attributes
     ----------
     weeks, sessions_a_day, games_a_session : int
-        At least 1.
+        Duration in weeks, sessions per day, and games per session; each at least 1.
 
     Raises
     ------

@@ -56,7 +56,7 @@ class LiveSession:
         Virtual enhancement, 1 to 2: factor by which the page and the games enlarge the angles from
         rest of the joints of both arms or both legs.
     recorder : Recorder, optional
-        Is notified of games, ratings of pain and sickness.
+        Receiver of games, ratings of pain and reports of sickness.
 
     Attributes
     ----------

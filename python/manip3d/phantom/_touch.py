@@ -43,7 +43,7 @@ class Touch:
     Attributes
     ----------
     joint : int
-        0 to 2, from the upper to the lower joint of the limb.
+        Touched joint, 0 to 2, from the upper to the lower joint of the limb.
     seen, felt : float
         Seconds at which the ball touches the limb, and at which the patient is to be touched.
     """

@@ -85,11 +85,11 @@ class LodChain:
         Parameters
         ----------
         path : path
-            As for `manip3d.io.write_lods`.
+            Path of the files, as for `manip3d.io.write_lods`.
         max_vertices : int, optional
-            As for `manip3d.io.write_lods`.
+            Largest number of vertices of a primitive, as for `manip3d.io.write_lods`.
         quantize : bool
-            As for `manip3d.io.write_lods`.
+            Write 16-bit positions and texture coordinates, as for `manip3d.io.write_lods`.
         """
         from manip3d.io import write_lods
 

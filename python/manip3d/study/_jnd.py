@@ -542,7 +542,7 @@ def paired_power(
     Parameters
     ----------
     participants : int
-        At least 2.
+        Number of participants, at least 2.
     effect : float
         Mean of the participants' differences over their standard deviation (Cohen's d_z).
     alpha : float
