@@ -115,7 +115,7 @@ class Pose:
     aspect: float
 
     def camera(self, bounds: Points, size: tuple[int, int], zoom: float) -> Camera:
-        """Return the camera of a picture whose clipping range contains ``bounds``.
+        """Return the camera at this pose, whose far clipping plane lies behind ``bounds``.
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class Pose:
         size : (int, int), pixels
             Width and height of the picture.
         zoom : float
-            Magnification; 1: the whole scene.
+            Magnification; 1: the view angle of the pose.
 
         Raises
         ------
@@ -250,8 +250,9 @@ def frame_points(
 def first_view(mesh: Mesh) -> Direction:
     """Return the default direction of view on a mesh.
 
-    A mesh of one depth image, all of whose faces lie in front of the origin and face it, is seen
-    from the camera at the origin. Every other mesh is seen obliquely from its front.
+    A mesh is taken for that of a depth image if all of its faces lie in front of the origin and
+    `SEEN_SHARE` of them face it; it is seen from the camera at the origin. Every other mesh is seen
+    obliquely from its front.
     """
     if not mesh.num_faces:
         return OBLIQUE
