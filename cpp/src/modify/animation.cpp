@@ -20,14 +20,14 @@ namespace {
 
 // --- The mesh -----------------------------------------------------------------------------------
 
-/// Do two bones meet at a joint?
+/// Whether two bones meet at a joint.
 bool meet(std::size_t a, std::size_t b) {
   return a == b || kJointParents[a] == b || kJointParents[b] == a ||
          kJointParents[a] == kJointParents[b];
 }
 
-/// The joint between the bones' common neighbour and the outer one of them; 0: they are farther
-/// apart than that.
+/// Returns the joint between the common neighbour of two bones and the outer bone; 0 if the bones
+/// are farther apart.
 std::size_t joint_between(std::size_t a, std::size_t b) {
   for (const auto& [outer, inner] : {std::pair(a, b), std::pair(b, a)}) {
     const std::size_t middle = kJointParents[outer];
@@ -36,7 +36,7 @@ std::size_t joint_between(std::size_t a, std::size_t b) {
   return 0;
 }
 
-/// Which labels may share a triangle, for all pairs of bones.
+/// Pairs of bones that may share a triangle.
 class BonePairs {
  public:
   BonePairs(const Skeleton* skeleton, double reach)
@@ -77,8 +77,8 @@ Rows<Scalar, kColumns> rows_of(const std::vector<Scalar>& values) {
       values.data(), static_cast<Eigen::Index>(values.size()) / kColumns, kColumns);
 }
 
-/// A vertex for each labelled pixel, row by row of the image; where the vertices of the last two
-/// rows are is known.
+/// One vertex for each labelled pixel, in row-major order of the image. Keeps the vertex indices of
+/// the last two rows.
 class VertexRows {
  public:
   static constexpr std::int32_t kNone = -1;
@@ -96,7 +96,7 @@ class VertexRows {
     bones_.reserve(count);
   }
 
-  /// Row v of the image is below from now on, what was below is above.
+  /// Appends row v of the image, which becomes `below`; the row before it becomes `above`.
   void add(std::int64_t v) {
     std::swap(above_, below_);
     const std::uint8_t* label = labels_ + v * image_.cols();
@@ -119,7 +119,8 @@ class VertexRows {
     }
   }
 
-  /// The first column of a cell between the two rows that has a vertex, and behind the last one.
+  /// Range of columns u such that the cell between columns u and u + 1 of the two rows may have a
+  /// vertex; the end is exclusive.
   [[nodiscard]] std::pair<std::int64_t, std::int64_t> cells() const {
     const std::int64_t begin = std::min(above_.begin, below_.begin);
     return {std::max<std::int64_t>(begin - 1, 0),
@@ -137,7 +138,7 @@ class VertexRows {
   [[nodiscard]] AnimationMesh mesh(const std::vector<std::int32_t>& faces) && {
     return {rows_of<3>(points_), rows_of<2>(pixels_), std::move(bones_), rows_of<3>(faces)};
   }
-  /// At most so many vertices will there be.
+  /// Upper bound of the number of vertices.
   [[nodiscard]] std::size_t capacity() const { return bones_.capacity(); }
 
  private:
@@ -149,7 +150,7 @@ class VertexRows {
       end = to;
     }
     std::vector<std::int32_t> vertex;  ///< Vertex of each column, or kNone.
-    std::int64_t begin, end = 0;       ///< Columns outside have none.
+    std::int64_t begin, end = 0;       ///< Columns outside this range have no vertex.
   };
 
   const RangeImage& image_;
@@ -160,10 +161,10 @@ class VertexRows {
   Row above_, below_;
 };
 
-/// The triangles of cells whose depths are connected and whose bones fit together.
+/// Triangles of cells whose depths are connected and whose bones may share a triangle.
 class CellCutter {
  public:
-  /// @param pairs  Null: all bones fit.
+  /// @param pairs  Null: all bones may.
   CellCutter(const VertexRows& vertices, const DepthStep& step, const BonePairs* pairs, bool flips)
       : vertices_(vertices), step_(step), pairs_(pairs), flips_(flips) {}
 
@@ -230,8 +231,8 @@ bool is_bone_of_trunk(std::size_t bone) {
   return std::ranges::find(kTrunk, bone) != kTrunk.end();
 }
 
-/// The shortest turn between two directions, by half angles: without trigonometry it has the same
-/// bits everywhere.
+/// The shortest rotation between two directions, computed from half angles: without trigonometric
+/// functions the result has the same bits on every CPU. No value for opposite directions.
 std::optional<Eigen::Quaterniond> shortest_turn(const Eigen::Vector3d& from,
                                                 const Eigen::Vector3d& to) {
   const double cosine = from.dot(to);
@@ -241,7 +242,8 @@ std::optional<Eigen::Quaterniond> shortest_turn(const Eigen::Vector3d& from,
   return Eigen::Quaterniond(1.0 + cosine, axis.x(), axis.y(), axis.z()).normalized();
 }
 
-/// x -> rotation (x - centre) + the place of the centre afterwards.
+/// Sets the motion x -> rotation (x - centre) + place, where `place` is the new place of the
+/// centre.
 void set_motion(BoneMotions& motions, std::size_t bone, const Eigen::Quaterniond& rotation,
                 const Eigen::Vector3d& centre, const Eigen::Vector3d& place) {
   motions.rotation[bone] = rotation;
@@ -263,7 +265,7 @@ struct SphericalTurn {
     if (!(scale > 0.0F)) return turn;
     turn.cos_polar = (from.z() * to.z() + a * b) / scale;
     turn.sin_polar = (b * from.z() - to.z() * a) / scale;
-    if (!(a * b > 0.0F)) return turn;  // on the axis there is no azimuth
+    if (!(a * b > 0.0F)) return turn;  // a point on the axis has no azimuth
     turn.cos_azimuth = (from.x() * to.x() + from.y() * to.y()) / (a * b);
     turn.sin_azimuth = (from.x() * to.y() - from.y() * to.x()) / (a * b);
     return turn;
@@ -273,14 +275,14 @@ struct SphericalTurn {
     const float a = v.head<2>().norm();
     const float a1 = a * cos_polar + v.z() * sin_polar;
     const float z1 = v.z() * cos_polar - a * sin_polar;
-    // A vertex on the axis has no azimuth: it goes where the x axis goes.
+    // A vertex on the axis has no azimuth; it is treated as if it lay on the side of the x axis.
     const float cx = a > 0.0F ? v.x() / a : 1.0F, cy = a > 0.0F ? v.y() / a : 0.0F;
     return {a1 * (cx * cos_azimuth - cy * sin_azimuth), a1 * (cy * cos_azimuth + cx * sin_azimuth),
             z1};
   }
 };
 
-/// Motions in single precision, with what blending needs to know of the bones.
+/// Motions in single precision, with the geometry of the bones that blending needs.
 class AvatarSkin {
  public:
   AvatarSkin(const Skeleton& source, const BoneMotions& motions) : moves_(motions.moves) {
@@ -324,13 +326,13 @@ class AvatarSkin {
     std::size_t bone = 0;
     float weight = 0.0F;
     void consider(std::size_t other, float distance, float length) {
-      constexpr float kShare = 0.2F;  // of a bone is blended at each end
+      constexpr float kShare = 0.2F;  // share of a bone's length that is blended at each end
       const float w = 0.5F * (1.0F - distance / (kShare * length));
       if (w > weight) *this = {other, w};
     }
   };
 
-  /// The bone beyond the nearer end, and what it counts there.
+  /// The bone to blend with at a point near the end of a bone, and its weight.
   [[nodiscard]] Partner partner_of(std::size_t bone, const Eigen::Vector3f& v) const {
     Partner partner;
     const float length = length_[bone];
@@ -340,7 +342,8 @@ class AvatarSkin {
     for (std::size_t i = 0; i < num_children_[bone]; ++i) {
       partner.consider(children_[bone][i], (1.0F - at) * length, length);
     }
-    if (is_bone_of_trunk(bone)) {  // limbs hang from bones inside the trunk: its flesh is near them
+    // Limbs start at joints inside the trunk, near which points of the trunk lie.
+    if (is_bone_of_trunk(bone)) {
       for (const std::size_t limb : {5U, 9U, 13U, 17U}) {
         partner.consider(limb, (v - start_[limb]).norm(), length_[limb]);
       }

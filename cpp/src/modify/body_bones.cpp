@@ -12,8 +12,8 @@ namespace {
 
 constexpr float of_girth(float metres) { return metres / (2.0F * std::numbers::pi_v<float>); }
 
-// The mean adult: half way between men's and women's means, metres, to the nearest centimetre
-// [Gordon et al., Natick/TR-15/007, 2012]; the thumb's breadth is that of the survey of 1988.
+// The mean adult: the mean of the means of men and of women, metres, to the nearest centimetre
+// [Gordon et al., Natick/TR-15/007, 2012]; the thumb's breadth is from the survey of 1988.
 constexpr float kStature = 1.69F;
 constexpr float kBiceps = of_girth(0.33F), kForearm = of_girth(0.29F), kWrist = of_girth(0.17F);
 constexpr float kHand = of_girth(0.20F), kThumb = 0.5F * 0.022F;
@@ -21,20 +21,21 @@ constexpr float kThigh = of_girth(0.62F), kKnee = of_girth(0.41F), kAnkle = of_g
 constexpr float kFoot = of_girth(0.24F), kNeckWidth = of_girth(0.36F), kHeadWidth = of_girth(0.57F);
 constexpr float kChestBreadth = 0.28F, kChestDepth = 0.25F;
 constexpr float kWaistBreadth = 0.31F, kWaistDepth = 0.23F;
-/// From SpineShoulder, at the height of the shoulder joints, up to the top of the breastbone.
+/// From SpineShoulder, which is as high as the shoulder joints, up to the top of the breastbone.
 constexpr float kBreastbone = 0.03F;
 
-/// A limb to be taken out is looked for in so much more beyond its root: a standard deviation of
-/// the thigh's girth. A sliver of it that is left shows more than a sliver of the trunk that is
-/// gone.
+/// Added to the radii of a limb that is to be removed, beyond its root: a standard deviation of the
+/// thigh's girth, because a strip of the limb that is left is more visible than a strip of the
+/// trunk that is missing.
 constexpr float kAllowance = of_girth(0.06F);
 
 constexpr float mean_radius(float breadth, float depth) { return 0.25F * (breadth + depth); }
 constexpr float kWaist = mean_radius(kWaistBreadth, kWaistDepth);
 constexpr float kChest = mean_radius(kChestBreadth, kChestDepth);
 
-/// By bone; right ones are as thick as left ones. Bones that meet at a joint of a limb have the
-/// same radius there, so that the plane which halves the angle between them parts their points.
+/// By bone; right bones have the radii of left ones. Bones that meet at a joint of a limb have the
+/// same radius there, so that their points are separated by the plane that bisects the angle
+/// between them.
 constexpr std::array<BoneRadii, kNumJoints> kMeanRadii = [] {
   std::array<BoneRadii, kNumJoints> radii{};
   const auto both_sides = [&](Joint left, const BoneRadii& r) {
@@ -50,7 +51,7 @@ constexpr std::array<BoneRadii, kNumJoints> kMeanRadii = [] {
   both_sides(Joint::kWristLeft, {kForearm, kWrist});
   both_sides(Joint::kHandLeft, {kWrist, kHand});
   both_sides(Joint::kHandTipLeft, {kHand, kHand});
-  both_sides(Joint::kThumbLeft, {0.0F, kThumb});  // its first bone lies within the palm
+  both_sides(Joint::kThumbLeft, {0.0F, kThumb});  // the bone to the thumb starts within the palm
   both_sides(Joint::kHipLeft, {kThigh, kThigh});
   both_sides(Joint::kKneeLeft, {kThigh, kKnee});
   both_sides(Joint::kAnkleLeft, {kKnee, kAnkle});
@@ -60,7 +61,7 @@ constexpr std::array<BoneRadii, kNumJoints> kMeanRadii = [] {
 
 struct BoneLength {
   Joint joint;
-  float share;  ///< Length as a share of the stature.
+  float share;  ///< Length as a share of the body's height.
 };
 /// Drillis & Contini, "Body segment parameters", 1966.
 constexpr std::array kMeanLengths = {
@@ -86,8 +87,8 @@ Joint farthest_tracked(const Skeleton& skeleton, Limb limb) {
   return farthest;
 }
 
-/// How much larger than the mean adult a person is; 0 if no bone tells. The median forgives what a
-/// tracker makes of one missing limb.
+/// Ratio of a person's size to that of the mean adult; 0 if no bone is usable. The median tolerates
+/// wrong joints of one missing limb.
 float size_of(const Skeleton& skeleton) {
   std::array<float, kMeanLengths.size()> ratios{};
   std::size_t count = 0;
@@ -128,7 +129,7 @@ class BoneBuilder {
     }
   }
 
-  /// The line through the tracked joints of a limb, as pieces of one label.
+  /// The line through the tracked joints of a limb, as segments of one label.
   void add_limb(Limb limb, const Mirror& mirror) {
     const Joint root = limb_root(limb), intact_root = limb_root(opposite(limb));
     const auto mirrored = [&](Joint joint) -> Eigen::Vector3f {
@@ -155,8 +156,9 @@ class BoneBuilder {
     return {size_ * mean.start, size_ * mean.end};
   }
 
-  /// One side of the trunk, from hip to waist or from waist to chest: with half the breadth less
-  /// half the depth from the middle to each side, both together are as broad and as deep as it.
+  /// One of two parallel segments of the trunk, from hip to waist or from waist to chest. Each is
+  /// shifted to its side by half the breadth minus half the depth, so that both together are as
+  /// broad and as deep as the trunk.
   void add_rod(std::size_t bone, float side, Joint hip) {
     using enum Joint;
     const Eigen::Vector3f across_chest =
@@ -178,14 +180,15 @@ class BoneBuilder {
                {0.5F * trunk_size_ * kWaistDepth, 0.5F * trunk_size_ * kChestDepth});
   }
 
-  /// A piece of a limb to be taken out; the allowance grows over the one from the root.
+  /// A segment of a limb that is to be removed. Over the segment at the root the allowance
+  /// increases from 0 to its full value.
   void add_piece(Limb limb, const Eigen::Vector3f& from, const Eigen::Vector3f& to,
                  const BoneRadii& mean, bool from_root) {
     const float start = from_root ? mean.start : mean.start + kAllowance;
     bones_.add(from, to, limb_label(limb), scaled({start, mean.end + kAllowance}));
   }
 
-  /// The tracked joints of one limb, at their places, as pieces of another.
+  /// The tracked joints of limb `of`, moved by `place`, as segments of `limb`.
   template <typename Place>
   void add_chain(Limb limb, Limb of, Eigen::Vector3f from, const Place& place) {
     float radius = kMeanRadii[limb_label(of)].start;
@@ -213,7 +216,7 @@ class BoneBuilder {
     }
   }
 
-  /// A limb of which the tracker sees no joint but the root.
+  /// A limb of which only the root is tracked.
   template <typename Place>
   void add_missing(Limb limb, const Eigen::Vector3f& from, const Place& place) {
     const Limb intact = opposite(limb);

@@ -63,7 +63,7 @@ void BodyPlane::follow_legs(const PersonPoints& points, const Skeleton& fitted, 
 }
 
 double BodyPlane::deviation_across(const Skeleton& person) const {
-  constexpr double kSure = 2.0;  // standard deviations
+  constexpr double kSure = 2.0;  // standard deviations within which a joint may be on either side
   const Limb intact = opposite(options_.affected);
   const double left = limb_root(intact) == Joint::kHipLeft ? 1.0 : -1.0;
   double worst = 0.0;
@@ -78,7 +78,7 @@ double BodyPlane::deviation_across(const Skeleton& person) const {
 }
 
 bool BodyPlane::tells_legs_apart() const {
-  constexpr double kMostDeg = 10.0;  // a knee then is off by half of its width
+  constexpr double kMostDeg = 10.0;  // then a knee is off by half of its width
   const bool is_asked = is_of_leg() && goes_by_skin() && follows_trunk();
   return is_asked && frame_ && trunk_.deviation_deg() < kMostDeg;
 }

@@ -13,56 +13,58 @@
 
 namespace manip3d {
 
-/// The plane about which a limb is mirrored, and what tells it over the frames.
+/// The plane at which a limb is mirrored, tracked over the frames.
 ///
-/// By PlaneRule::kTrunk the trunk is followed (TrunkTracker), which way is down is told by the
-/// floor (Vertical) or by how the person stands (Upright), and the legs of a seated person turn the
-/// plane (LegTurn). By PlaneRule::kJoints, and in other modes than a reflection, it is that of the
-/// joints in each frame. While nothing tells the plane, it is the last one, moved with the spine.
+/// With PlaneRule::kTrunk the trunk is tracked (TrunkTracker), the vertical comes from the floor
+/// (Vertical) or from a person who stands upright (Upright), and the legs of a seated person turn
+/// the plane (LegTurn). With PlaneRule::kJoints, and in all modes except kReflection, the plane is
+/// that of the joints of each frame. In a frame without a plane, the last plane is used, moved with
+/// the spine.
 class BodyPlane {
  public:
   explicit BodyPlane(const PhantomOptions& options)
       : options_(options), trunk_(options.affected), legs_(options.affected) {}
 
-  /// None as long as nothing has told it.
+  /// No value before the first frame with a plane.
   [[nodiscard]] const std::optional<BodyFrame>& frame() const { return frame_; }
-  /// At frame().
+  /// The mirror at frame().
   [[nodiscard]] const Mirror& mirror() const { return mirror_; }
 
   [[nodiscard]] bool follows_trunk() const {
     return options_.plane == PlaneRule::kTrunk && options_.mode == MirrorMode::kReflection;
   }
 
-  /// Looks for a floor around the person, or for how they stand, where somebody asks for it.
-  /// @param person  its joints as the tracker sees them.
+  /// Looks for a floor around the person, or for an upright person, if the options need the
+  /// vertical.
+  /// @param person  Joints as measured by the tracker.
   void look_for_floor(const Skeleton& person, const PhantomInput& input, const PixelRays& rays,
                       double time_s);
-  /// The floor, unless a tracked foot is well below it: then it is a table or a bed.
+  /// The floor; no value if a tracked foot is well below it, because it is a table or a bed then.
   [[nodiscard]] std::optional<FloorPlane> floor_under(const Skeleton& person) const;
 
-  /// Takes in the joints of a frame.
-  /// @param raw     as the tracker sees them; null: there are none that can be believed.
-  /// @param fitted  joints that lie in the flesh.
-  /// @param offset  of the joints from the flesh.
+  /// Updates the plane with the joints of a frame.
+  /// @param raw     Joints as measured by the tracker; null: there are none that are reliable.
+  /// @param fitted  Joints fitted to the person's points.
+  /// @param offset  Offset of the joints from the points around them.
   void update(const Skeleton* raw, const Skeleton& fitted, const JointOffset& offset,
               const PhantomInput& input, const PixelRays& rays, double time_s);
-  /// Takes in the surface of the trunk in the same frame.
+  /// Updates the plane with the surface of the trunk in the same frame.
   void learn_surface(const PersonPoints& points, const PhantomInput& input, const PixelRays& rays);
-  /// Turns the plane by what two legs show.
+  /// Turns the plane by the positions of the two legs.
   /// @param has_limb  whether the person has the affected leg.
   void follow_legs(const PersonPoints& points, const Skeleton& fitted, bool has_limb);
 
   /// Standard deviation of the plane's direction, degrees.
   [[nodiscard]] double deviation_deg() const { return trunk_.deviation_deg(); }
-  /// The largest standard deviation of an intact joint's distance from the plane, metres, among the
-  /// joints so near to the plane that they may be on its other side.
+  /// The largest standard deviation of the distance of an intact joint from the plane, metres,
+  /// among the joints that are so near to the plane that they may be on its other side.
   [[nodiscard]] double deviation_across(const Skeleton& person) const;
-  /// Is the plane known well enough to say which leg is on its left?
+  /// Whether the plane is known well enough to tell which leg is on its left.
   [[nodiscard]] bool tells_legs_apart() const;
 
-  /// Forgets the person, not which way is down.
+  /// Forgets the person, but keeps the vertical.
   void forget_person();
-  /// Forgets which way is down: the camera is another one, or has moved.
+  /// Forgets the vertical, because the camera was replaced or moved.
   void forget_down();
 
  private:
@@ -76,7 +78,7 @@ class BodyPlane {
   Vertical vertical_;
   Upright upright_;
   std::optional<BodyFrame> trunk_frame_;
-  std::optional<BodyFrame> frame_;  ///< `trunk_frame_` with the turn of the legs.
+  std::optional<BodyFrame> frame_;  ///< `trunk_frame_`, turned by the legs.
   Mirror mirror_;
 };
 

@@ -9,8 +9,8 @@
 
 namespace manip3d {
 
-/// From the joint that a bone hangs from to its own; none where one of them is missing or the bone
-/// has no length.
+/// Unit vector from the parent joint of a bone to its own joint; no value if one of them is not
+/// usable or the bone has no length.
 inline std::optional<Eigen::Vector3d> bone_direction(const Skeleton& skeleton, std::size_t bone) {
   const std::size_t parent = kJointParents[bone];
   if (!is_usable(skeleton, static_cast<Joint>(parent)) ||

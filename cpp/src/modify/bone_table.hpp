@@ -11,12 +11,14 @@
 
 namespace manip3d {
 
-inline constexpr float kGirths =
-    0.1F;  // of their mean: 0.09 to 0.12 in the survey of BoneRule::kSkin
+/// Standard deviation of girths as a share of their mean; 0.09 to 0.12 in the survey of
+/// BoneRule::kSkin.
+inline constexpr float kGirths = 0.1F;
 inline constexpr float kJointJitter = 0.01F;  // metres: jitter of a Kinect V2's joints
-inline constexpr float kOutlier = 3.0F;       // standard deviations that are not chance any more
+/// Standard deviations above which a distance is no longer chance.
+inline constexpr float kOutlier = 3.0F;
 
-/// By how much the skin at a place of a bone is likely to be off, metres: standard deviation.
+/// Standard deviation of the distance of the skin from its expected place, metres.
 inline float spread(float radius) {
   const float girth = kGirths * radius;
   return std::sqrt(girth * girth + kJointJitter * kJointJitter);
@@ -29,11 +31,12 @@ struct BoneTable {
   Column rx{}, ry{}, rz{};  ///< P_r.
   Column bx{}, by{}, bz{};  ///< P_r - P_c.
   Column tx{}, ty{}, tz{};  ///< (P_r - P_c) / |P_r - P_c|^2, or 0.
-  // The first of each pair is at P_c, the second is what is added up to P_r.
+  // The first of each pair is the value at P_c, the second the difference from there to P_r.
   Column radius{}, taper{};
-  Column certainty{}, firmer{};  ///< 1 where joints alone are off; less the more flesh there is.
-  Column outer{}, widens{};      ///< The radius and what it gains among outliers.
-  Column slope{};  ///< Largest change of the distance to the skin by a step of length 1.
+  /// kJointJitter / spread: 1 if only joints vary, less for thick bones.
+  Column certainty{}, firmer{};
+  Column outer{}, widens{};  ///< The radius, enlarged for outliers (see judged()).
+  Column slope{};            ///< Largest change of the distance to the skin by a step of length 1.
   std::array<std::int32_t, BoneSegments::kCapacity> label{};
   std::size_t count = 0;
   bool has_radii = false;
@@ -64,13 +67,15 @@ struct BoneTable {
     }
   }
 
-  /// Squared, from the bone itself; `along` is where its nearest point is: 0 at P_c, 1 at P_r.
+  /// Squared distance to the line of the bone; `along` is the position of the nearest point: 0 at
+  /// P_c, 1 at P_r.
   [[nodiscard]] float squared_distance(std::size_t i, float x, float y, float z,
                                        float& along) const {
     const float dx = x - cx[i], dy = y - cy[i], dz = z - cz[i];
     float t = dx * tx[i] + dy * ty[i] + dz * tz[i];
     t = t > 0.0F ? t : 0.0F;
-    const bool past = t >= 1.0F;  // from P_r itself, so that bones that meet there are as near
+    // Measured from P_r itself, so that bones that meet there have the same distance
+    const bool past = t >= 1.0F;
     const float ex = past ? x - rx[i] : dx - t * bx[i];
     const float ey = past ? y - ry[i] : dy - t * by[i];
     const float ez = past ? z - rz[i] : dz - t * bz[i];
@@ -78,9 +83,9 @@ struct BoneTable {
     return ex * ex + ey * ey + ez * ez;
   }
 
-  /// What the nearness of a skin is judged by, from the distance to the bone: the distance to the
-  /// skin in standard deviations times kJointJitter; from kOutlier of them on it grows as metres
-  /// do, so that of bones that are all far off the nearest one wins.
+  /// Measure of how near a skin is, from the distance to the bone: the distance to the skin in
+  /// standard deviations, times kJointJitter. Beyond kOutlier standard deviations it grows like
+  /// metres, so that the nearest of several distant bones wins.
   [[nodiscard]] float judged(std::size_t i, float distance, float along) const {
     const float skin = distance - (radius[i] + along * taper[i]);
     const float far = distance - (outer[i] + along * widens[i]);

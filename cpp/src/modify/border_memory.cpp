@@ -9,7 +9,7 @@ void BorderMemory::reserve(std::size_t num_pixels) {
 
 PixelBox BorderMemory::fill(const PixelBox& box, double time_s, const PixelRays& rays,
                             const PhantomImage& image, std::vector<HoleFill>& fills) {
-  constexpr double kLatest = 0.1;  // seconds: an older frame says nothing of this one
+  constexpr double kLatest = 0.1;  // seconds; an older frame is not used
   const bool is_known = time_s - time_s_ <= kLatest;
   shown_before_.swap(shown_);
   list_phantom(box, image, shown_);

@@ -13,9 +13,11 @@ namespace manip3d {
 namespace {
 
 constexpr int kSteps = 16;         // samples along and across the trunk
-constexpr int kLeastSamples = 48;  // of 256: fewer tell of an arm or of an edge
-constexpr float kHalfWidth = 0.11F, kLow = 0.2F, kHigh = 0.85F;  // metres; shares of the spine
-// Metres before and behind the spine between which the front of a trunk lies: arms are before it.
+constexpr int kLeastSamples = 48;  // of 256; fewer may be of an arm or of an edge
+// Metres; shares of the spine's length.
+constexpr float kHalfWidth = 0.11F, kLow = 0.2F, kHigh = 0.85F;
+// The front of a trunk lies between these distances, in metres, in front of and behind the spine.
+// Arms are farther in front.
 constexpr float kBefore = 0.22F, kBehind = 0.05F;
 
 /// 0 up to `none`, 1 from `all` on, and linear between them.
@@ -23,11 +25,11 @@ float ramp(float value, float none, float all) {
   return std::clamp((value - none) / (all - none), 0.0F, 1.0F);
 }
 
-/// Hue on a circle of kNumHues; `high` - `low` is not 0.
+/// Hue as a number from 0 to kNumHues; `high` - `low` must not be 0.
 float hue_of(float r, float g, float b, float high, float low) {
   constexpr auto kThird = static_cast<float>(kNumHues) / 3.0F;
   const float unit = kThird / (2.0F * (high - low));
-  float hue = 2.0F * kThird + (r - g) * unit;  // about blue
+  float hue = 2.0F * kThird + (r - g) * unit;  // if blue is the largest
   if (high == r) {
     hue = (g - b) * unit;
   } else if (high == g) {
@@ -56,7 +58,7 @@ void add_color(const std::uint8_t* rgb, ClothingColors& colors) {
   colors.shares[kNumHues + darker + 1] += (1.0F - hued) * lighter_share;
 }
 
-/// R, G, B where the colour camera sees a point of a depth pixel; null beyond its image.
+/// R, G, B of the colour image at a point of a depth pixel; null outside the image.
 const std::uint8_t* color_at(const ColoredScene& scene, std::int32_t pixel,
                              const Eigen::Vector3d& point) {
   if (scene.registration == nullptr) return scene.color.pixels + std::int64_t{3} * pixel;

@@ -13,7 +13,8 @@ namespace {
 constexpr std::size_t kHeadBone = static_cast<std::size_t>(Joint::kHead);
 constexpr std::size_t kNumBins = 256;  // of one millimetre each
 
-/// The box between shoulders and hips, as thick as its points are far from the spine.
+/// The box between shoulders and hips; `thickness` is the distance of its front and back from the
+/// spine.
 ColliderBox torso_box(const Skeleton& skeleton, float thickness) {
   using enum Joint;
   const auto axes = torso_frame(skeleton);
@@ -53,15 +54,15 @@ Eigen::Vector3d between(const Eigen::Vector3f& from, const Eigen::Vector3f& to, 
   return (1.0 - t) * from.cast<double>() + t * to.cast<double>();
 }
 
-/// First time in [0, 1] at which a gap that shrinks no faster than `speed` is closed.
+/// First time in [0, 1] at which a gap is closed that shrinks by at most `speed` per unit of time.
 template <typename Gap>
 std::optional<double> advance(double speed, const Gap& gap) {
-  constexpr double kJump = 1000.0;  // metres in one frame are not motion
+  constexpr double kJump = 1000.0;  // metres; a larger motion in one frame is an error
   if (!(speed <= kJump)) return std::nullopt;
   for (double t = 0.0;;) {
     const double distance = gap(t);
     if (distance <= kTouch) return t;
-    if (!(distance < speed * (1.0 - t))) return std::nullopt;  // too far, or not a number
+    if (!(distance < speed * (1.0 - t))) return std::nullopt;  // too far, or NaN
     t += distance / speed;
   }
 }
@@ -72,7 +73,7 @@ std::optional<double> time_of_touch(const Capsule& before, const Capsule& now,
   const auto relative = [&](const Eigen::Vector3f& from, const Eigen::Vector3f& to) {
     return (velocity - (to - from).cast<double>()).norm();
   };
-  // Each point of the segment moves with a mean of its ends' velocities.
+  // The velocity of each point of the segment is a weighted mean of the velocities of its ends.
   const double speed = std::max(relative(before.start, now.start), relative(before.end, now.end));
   const double reach = static_cast<double>(now.radius) + target.radius;
   return advance(speed, [&](double t) {
@@ -89,8 +90,8 @@ std::optional<double> time_of_touch(const ColliderBox& before, const ColliderBox
   const Eigen::Quaterniond q0 = before.rotation.cast<double>();
   Eigen::Quaterniond q1 = now.rotation.cast<double>();
   if (q0.dot(q1) < 0.0) q1.coeffs() = -q1.coeffs();
-  // Normalized interpolation turns fastest in the middle, by 4 tan(angle / 4) per frame, and the
-  // quaternions' product is cos(angle / 2).
+  // Normalized linear interpolation of quaternions turns fastest in the middle, at 4 tan(angle / 4)
+  // per frame; the dot product of the quaternions is cos(angle / 2).
   const double cosine = std::min(q0.dot(q1), 1.0);
   const double turn = 4.0 * std::sqrt((1.0 - cosine) / (1.0 + cosine));
   const Eigen::Vector3d half = now.half_size.cast<double>();

@@ -10,7 +10,7 @@
 namespace manip3d {
 namespace {
 
-/// The directions of the body as its joints tell them; none where a joint is missing.
+/// The directions of the body according to its joints; no value if a joint is missing.
 struct UpAndAhead {
   Eigen::Vector3f up, ahead;
 };
@@ -31,7 +31,8 @@ std::optional<UpAndAhead> directions(const Skeleton& person) {
 }  // namespace
 
 void FeetAhead::learn(const Skeleton& person, Limb affected) {
-  constexpr float kStands = 0.7F;   // cosine of 45 degrees: one who kneels has the feet behind
+  // Cosine of 45 degrees; the feet of a kneeling person point backwards.
+  constexpr float kStands = 0.7F;
   constexpr double kMemory = 20.0;  // frames
   const auto body = directions(person);
   if (!body || !is_usable(person, Joint::kHead)) return;

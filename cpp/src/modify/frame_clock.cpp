@@ -8,7 +8,7 @@ namespace {
 
 constexpr std::int64_t kSecond = 1'000'000'000;  // nanoseconds
 
-/// a - b, or the nearest number there is.
+/// a - b, saturated to the range of 64-bit integers.
 std::int64_t difference(std::int64_t a, std::int64_t b) {
   using Limits = std::numeric_limits<std::int64_t>;
   if (b < 0 && a > Limits::max() + b) return Limits::max();
@@ -24,7 +24,7 @@ FrameOrder FrameClock::add(std::int64_t time_ns, std::int64_t number) {
   return order;
 }
 
-/// @param is_later  by its number
+/// @param is_later  Whether the frame has a higher number than the last one.
 FrameOrder FrameClock::place(std::int64_t time_ns, bool is_later) {
   constexpr std::int64_t kMostLate = 10;
   if (!has_time_) {
@@ -67,10 +67,11 @@ void FrameClock::start(std::int64_t time_ns) {
 }
 
 void FrameClock::advance(std::int64_t time_ns, std::int64_t by_ns) {
-  constexpr std::int64_t kLongest = 3600 * kSecond;  // all is forgotten
-  constexpr std::int64_t kLeast = 1'000'000;         // nanoseconds: time does not stand
+  // A longer gap counts as this; everything is forgotten after it.
+  constexpr std::int64_t kLongest = 3600 * kSecond;
+  constexpr std::int64_t kLeast = 1'000'000;  // nanoseconds; time always advances
   last_time_ns_ = time_ns;
-  // A frame alone says how far apart frames are that have times of their own.
+  // If several frames shared the last time stamp, the distance to this one gives their period.
   if (num_with_time_ > 1) period_ns_ = std::min(by_ns / num_with_time_, kNominalPeriod);
   const std::int64_t left_ns = ahead_ns_ > 0 ? std::max(by_ns - ahead_ns_, kLeast) : by_ns;
   elapsed_ns_ += std::min(left_ns, kLongest);
@@ -78,7 +79,7 @@ void FrameClock::advance(std::int64_t time_ns, std::int64_t by_ns) {
   num_with_time_ = 1;
 }
 
-/// One more frame with the last time.
+/// Adds one more frame with the last time stamp.
 void FrameClock::share() {
   ++num_with_time_;
   ahead_ns_ += period_ns_;

@@ -6,19 +6,20 @@ namespace manip3d {
 
 enum class FrameOrder : std::uint8_t {
   kNext,         ///< Newer than the last one, or the first of all.
-  kLate,         ///< Not newer: to be passed over.
+  kLate,         ///< Not newer; it is to be skipped.
   kNewRecording  ///< More than a second older: the first of another recording.
 };
 
-/// The time of frames since the first one, by the source's clock or a nominal one.
+/// Time of frames since the first one, from the source's clock or from a nominal one.
 ///
-/// A source may stamp several frames with one time, and number them on. Each of them comes a
-/// thirtieth of a second after the one before, or sooner if the last frames with one time did so.
-/// The next time that is newer makes up for it.
+/// A source may give several frames the same time stamp but increasing numbers. Each of them counts
+/// as a thirtieth of a second after the one before, or less if the previous frames with a common
+/// time stamp had a shorter period. The next newer time stamp corrects the sum.
 ///
-/// Frames that are older, or have the last one's time and no later number, are late, unless there
-/// are more than ten of them in a row: then the source's clock stands or runs back, and frames
-/// count as 30 a second until times grow again. A source whose times are all 0 has no clock.
+/// Frames are late if their time stamp is older, or if it is equal and their number is not higher.
+/// From the eleventh late frame in a row on, the source's clock is stopped or running backwards,
+/// and frames count as 30 a second until times increase again. A source whose times are all 0 has
+/// no clock.
 class FrameClock {
  public:
   FrameOrder add(std::int64_t time_ns, std::int64_t number);
@@ -37,9 +38,9 @@ class FrameClock {
 
   bool has_time_ = false;
   std::int64_t last_time_ns_ = 0, last_number_ = 0, elapsed_ns_ = 0;
-  std::int64_t num_with_time_ = 1;           ///< Frames that had the last time.
-  std::int64_t period_ns_ = kNominalPeriod;  ///< Between frames that have one time.
-  std::int64_t ahead_ns_ = 0;                ///< How far they have come beyond that time.
+  std::int64_t num_with_time_ = 1;           ///< Frames with the last time stamp.
+  std::int64_t period_ns_ = kNominalPeriod;  ///< Time between frames with one time stamp.
+  std::int64_t ahead_ns_ = 0;  ///< How far these frames have advanced beyond that time stamp.
   std::int64_t late_frames_ = 0, late_in_row_ = 0;
 };
 

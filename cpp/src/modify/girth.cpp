@@ -10,8 +10,10 @@
 namespace manip3d {
 namespace {
 
-// Chosen while looking at the tuning half of benchmarks/bench_people.py, on which the medians are
-// -.15 to .29 of the radius of the waist and .01 to .04 m of the limbs.
+// Allowances for clothes: kClothedTrunk as a share of the waist's radius, kClothedLimb in metres.
+// They were chosen on the tuning half of benchmarks/bench_people.py, on which medians are -0.15 to
+// 0.29 of the radius of the waist and 0.01 to 0.04 m for limbs. kStoutest and kThickest (metres)
+// are the upper limits of the result.
 constexpr float kClothedTrunk = 0.3F, kClothedLimb = 0.03F;
 constexpr float kStoutest = 1.8F, kThickest = 0.08F;
 
@@ -20,7 +22,8 @@ bool belongs_to_trunk(std::uint8_t bone) {
          bone == static_cast<std::uint8_t>(Joint::kSpineShoulder);
 }
 
-/// The median distance of the points of some bones from their skin, metres; none of too few.
+/// The median distance of the points of some bones from their skin, metres; no value if there are
+/// too few points.
 template <typename IsPart>
 std::optional<float> median_outside(const PersonPoints& points, const IsPart& is_part) {
   constexpr std::int64_t kMostSamples = 1024;
@@ -35,7 +38,7 @@ std::optional<float> median_outside(const PersonPoints& points, const IsPart& is
   return median(std::span(outside.data(), count));
 }
 
-/// The radius of the trunk's waist, metres; 0 if it has none.
+/// The radius of the waist, metres; 0 if the trunk has none.
 float waist_radius(const BoneSegments& bones) {
   for (std::size_t k = 0; k < bones.count; ++k) {
     if (bones.label[k] == static_cast<std::uint8_t>(Joint::kSpineShoulder)) {
@@ -48,7 +51,7 @@ float waist_radius(const BoneSegments& bones) {
 }  // namespace
 
 float Girth::learn(const BoneSegments& bones, const PersonPoints& points, Limb limb) {
-  const float rate = is_new_ ? 1.0F : 0.2F;  // of a frame
+  const float rate = is_new_ ? 1.0F : 0.2F;  // weight of this frame
   const auto limb_skin =
       median_outside(points, [&](std::uint8_t bone) { return is_limb_bone(limb, bone); });
   if (limb_skin) {

@@ -6,7 +6,7 @@
 namespace manip3d {
 namespace {
 
-/// The rigid motion that takes the body from the place of one frame to that of another.
+/// The rigid motion between the places of the body in two frames.
 class BodyMotion {
  public:
   BodyMotion(const BodyFrame& from, const BodyFrame& to) {

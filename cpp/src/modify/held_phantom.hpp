@@ -13,7 +13,7 @@
 
 namespace manip3d {
 
-/// The mirrored points of a limb, and those for the gap around its root.
+/// The mirrored points of a limb, and those that fill the gap around its root.
 struct MirroredLimb {
   std::vector<MirroredPoint> limb, root;
 
@@ -23,21 +23,21 @@ struct MirroredLimb {
   }
 };
 
-/// The phantom of the last frame in which the intact limb could be mirrored. Where it cannot be,
-/// the phantom moves with the body for a while, and fades.
+/// The phantom of the last frame in which the intact limb could be mirrored. In frames in which it
+/// cannot be mirrored, this phantom moves with the body for a while, and fades.
 class HeldPhantom {
  public:
   void reserve(std::size_t num_pixels);
   void forget();
 
-  /// Memory for the points that are mirrored in this frame.
+  /// Memory for the points that are mirrored in the current frame.
   [[nodiscard]] MirroredLimb& points() { return points_; }
   /// Keeps points() as the phantom of this frame.
-  /// @param frame     axes of the body.
-  /// @param skeleton  the person's, with the joints of the phantom.
-  /// @param number    of the frame, whose colours are the phantom's.
+  /// @param frame     Axes of the body.
+  /// @param skeleton  The person's skeleton with the joints of the phantom.
+  /// @param number    Number of the frame, whose colours are the phantom's.
   void keep(const BodyFrame& frame, const Skeleton& skeleton, std::int64_t number, double time_s);
-  /// Says whether the phantom that was kept stands at a wrong place: it is not held there.
+  /// Sets whether the kept phantom is at a wrong place; a misplaced phantom is not held.
   void set_misplaced(bool is_misplaced) { kept_->is_misplaced = is_misplaced; }
 
   struct Fate {
@@ -47,11 +47,12 @@ class HeldPhantom {
   /// State and opacity of the phantom in a frame in which the limb cannot be mirrored.
   [[nodiscard]] Fate fate(const PhantomOptions& options, double time_s) const;
 
-  /// The points, moved with the body to other axes; valid until the next call.
+  /// The points, moved with the body to the axes `frame`; valid until the next call.
   [[nodiscard]] const MirroredLimb& moved_to(const BodyFrame& frame);
   /// Number of the frame that was kept.
   [[nodiscard]] std::int64_t number() const { return kept_->number; }
-  /// A person's joints with those of the phantom, which are inferred unless it was mirrored now.
+  /// A person's joints with those of the phantom. The latter are marked as inferred unless they
+  /// were mirrored in the current frame.
   [[nodiscard]] Skeleton skeleton(const Skeleton& person, Limb affected, const BodyFrame& frame,
                                   bool is_mirrored_now) const;
 
@@ -63,7 +64,7 @@ class HeldPhantom {
     bool is_misplaced = false;
   };
   std::optional<Kept> kept_;
-  double time_s_ = -kInfinity;  ///< When it was kept.
+  double time_s_ = -kInfinity;  ///< Time of the frame that was kept.
   MirroredLimb points_, moved_;
 };
 

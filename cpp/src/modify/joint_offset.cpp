@@ -11,15 +11,16 @@
 namespace manip3d {
 namespace {
 
-// Metres. Chosen on the tuning half of benchmarks/bench_people.py, where the mean over the limbs of
-// a trial comes up to 3.2 cm beside their bones while it runs, and 3 to 7 cm before them.
+// Metres. Chosen on the tuning half of benchmarks/bench_people.py. The mean over the limbs of a
+// trial is at most 3.2 cm beside the bones while it runs; the points are 3 to 7 cm in front of the
+// bones.
 constexpr double kMostAcross = 0.045;
-constexpr double kMostBehind = 0.03;   // trackers that lift joints from the skin tell 0
-constexpr double kMostBefore = -0.16;  // of stout people in thick clothes
+constexpr double kMostBehind = 0.03;   // 0 for trackers whose joints are on the skin
+constexpr double kMostBefore = -0.16;  // stout people in thick clothes
 constexpr double kFewFrames = 1.0;
-constexpr float kFarthestFlesh = 0.35F;  // points farther from a bone are not its flesh
+constexpr float kFarthestFlesh = 0.35F;  // metres; points farther from a bone do not belong to it
 
-/// The bones of a person's limbs, but for the affected one.
+/// The bones of a person's limbs, without the affected limb.
 struct LimbBones {
   std::array<bool, kNumJoints> tells{};
   std::array<Eigen::Vector3f, kNumJoints> start, along;
@@ -39,7 +40,7 @@ struct LimbBones {
     start[bone] = person[parent];
     along[bone] = person[joint] - person[parent];
   }
-  /// From the nearest place of a bone to a point.
+  /// Vector from the nearest point of a bone to a point.
   [[nodiscard]] Eigen::Vector3f off(std::size_t bone, const Eigen::Vector3f& p) const {
     const Eigen::Vector3f& b = along[bone];
     const Eigen::Vector3f from_start = p - start[bone];
@@ -100,7 +101,8 @@ double JointOffset::metres() const {
 }
 
 Eigen::Vector3d JointOffset::shared() const {
-  // Flesh of an arm beside the trunk is given to the trunk: an arm tells a third of its offset.
+  // Points of an arm beside the trunk are assigned to the trunk, so an arm shows only a third of
+  // its offset.
   constexpr double kMostTimes = 3.0;
   const double length = all_.across.norm();
   if (!(length > 0.0)) return Eigen::Vector3d::Zero();

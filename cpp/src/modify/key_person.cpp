@@ -14,19 +14,21 @@
 namespace manip3d {
 namespace {
 
-constexpr double kMoment = 0.3;  // seconds for which a place tells a person
-// Hellinger distances: two pictures of one shirt in other light differ by less than the first, and
-// shirts of other colours by more than the second; between them clothes say nothing.
+// Seconds after the loss during which a place still identifies a person.
+constexpr double kMoment = 0.3;
+// Hellinger distances. Two images of the same shirt in different light differ by less than
+// kSameClothes, shirts of different colours by more than kOtherClothes; between the two, clothes
+// decide nothing.
 constexpr double kSameClothes = 0.35, kOtherClothes = 0.6;
 
-/// From the base of the spine to the shoulders, metres; 0: not seen.
+/// Distance from the base of the spine to the shoulders, metres; 0: unknown.
 double trunk_length(const Skeleton& person) {
   if (!is_usable(person, Joint::kSpineBase) || !is_usable(person, Joint::kSpineShoulder)) return 0;
   return (person[Joint::kSpineShoulder] - person[Joint::kSpineBase]).cast<double>().norm();
 }
 
-/// May two people stand within a distance of each other? The first joint of the trunk that both
-/// have tells; where they have none in common, anybody who is seen at all may be near.
+/// Whether two people may be within a distance of each other. The first joint of the trunk that
+/// both have decides; if they have none in common, anybody with a usable joint may be near.
 bool may_be_within(const Skeleton& a, const Skeleton& b, double distance) {
   using enum Joint;
   constexpr std::array kTrunk = {kSpineBase, kSpineMid, kSpineShoulder, kNeck,
@@ -41,7 +43,7 @@ bool may_be_within(const Skeleton& a, const Skeleton& b, double distance) {
   return false;
 }
 
-/// The person of least cost below `most`, by the lower id if two cost the same.
+/// Returns the person with the least cost below `most`; the lower id of two with the same cost.
 template <typename Cost>
 std::optional<std::size_t> cheapest(std::span<const Skeleton> people, double most,
                                     const Cost& cost) {
@@ -65,7 +67,7 @@ std::optional<Eigen::Vector3f> spine_base(const Skeleton& person) {
   using enum Joint;
   struct Height {
     Joint joint;
-    float above;  ///< The base of an adult's spine, metres.
+    float above;  ///< Height above the base of an adult's spine, metres.
   };
   constexpr std::array kSpine = {Height{kSpineBase, 0.0F}, Height{kSpineMid, 0.31F},
                                  Height{kSpineShoulder, 0.535F}, Height{kNeck, 0.61F}};
@@ -113,8 +115,8 @@ bool KeyPerson::is_other(std::int64_t id, double time_s) const {
   });
 }
 
-/// Notes the people beside the key person, and while it is lost, those known that are still there
-/// and who has got its id.
+/// Records the people who are seen together with the key person; while it is lost, the known people
+/// who are still in view, and a person who has its id but was not taken for it.
 void KeyPerson::see_others(std::span<const Skeleton> people, double time_s) {
   const bool is_here = seen_ && last_seen_ == time_s;
   for (const Skeleton& person : people) {
@@ -143,7 +145,8 @@ std::optional<std::size_t> KeyPerson::with_id(std::span<const Skeleton> people,
   return std::nullopt;
 }
 
-/// The nearest of those who are not known and may wear its clothes.
+/// Returns the person nearest to the last place, among people who are not known and do not wear
+/// other clothes.
 std::optional<std::size_t> KeyPerson::nearby(std::span<const Skeleton> people, double within,
                                              double time_s) const {
   return cheapest(people, within * within, [&](std::size_t i, const Eigen::Vector3f& p) {
@@ -152,7 +155,7 @@ std::optional<std::size_t> KeyPerson::nearby(std::span<const Skeleton> people, d
   });
 }
 
-/// Distance of a person's clothes from the key person's; NaN where either is not known.
+/// Distance of a person's clothes from the key person's; NaN if one of them is unknown.
 double KeyPerson::clothes_differ(std::size_t person) const {
   const bool is_seen = person < seen_clothes_.size() && seen_clothes_[person].is_known();
   if (!is_seen || !clothes_.is_known()) return std::numeric_limits<double>::quiet_NaN();
@@ -163,7 +166,7 @@ bool KeyPerson::wears_other_clothes(std::size_t person) const {
   return clothes_differ(person) > kOtherClothes;
 }
 
-/// The only one within reach who wears the key person's clothes.
+/// Returns the only person within reach who wears the key person's clothes.
 std::optional<std::size_t> KeyPerson::in_its_clothes(std::span<const Skeleton> people,
                                                      double within) const {
   std::optional<std::size_t> found;
@@ -177,13 +180,14 @@ std::optional<std::size_t> KeyPerson::in_its_clothes(std::span<const Skeleton> p
   return found;
 }
 
-/// By id, by clothes where who has the id wears others, or by place where ids were swapped or
-/// renewed from one frame to the next. Nobody, if who has the id is far away and wears others.
+/// Finds the key person by id; by clothes, if the person with the id wears other ones; or by place,
+/// if ids were swapped or replaced from one frame to the next. No value if the person with the id
+/// is far away and wears other clothes.
 std::optional<std::size_t> KeyPerson::followed(std::span<const Skeleton> people,
                                                double time_s) const {
   constexpr double kNear = 0.15, kFar = 0.30;      // metres
   constexpr double kWalk = 1.5, kRun = 3.0;        // metres a second
-  const bool is_anothers = is_other(id_, time_s);  // its id
+  const bool is_anothers = is_other(id_, time_s);  // the id now belongs to a known person
   const auto mine = is_anothers ? std::nullopt : with_id(people, id_);
   const double lost = lost_for(time_s), far = kFar + kRun * lost;
   const auto jump = [&](std::size_t person) {
@@ -210,8 +214,9 @@ bool KeyPerson::has_same_size(const Skeleton& person) const {
   return !comparable || std::abs(length / trunk_length_ - 1.0) <= kSameSize;
 }
 
-/// The only one in view who is not known, of the same size and not in other clothes: at once when
-/// nobody else is in view, as somebody who walks in beside others may be anybody.
+/// Returns the only person in view who is not known, has the same size and does not wear other
+/// clothes. At once only if nobody else is in view, because a person who appears beside others may
+/// be anybody.
 std::optional<std::size_t> KeyPerson::newcomer(std::span<const Skeleton> people,
                                                double time_s) const {
   if (people.size() > 1 && lost_for(time_s) <= kMoment) return std::nullopt;
@@ -250,7 +255,7 @@ std::optional<std::size_t> KeyPerson::find(std::span<const Skeleton> people,
     reset();
   } else if (lost >= options_.forget) {
     found = most_central(people, camera, time_s);
-    if (found) {  // perhaps somebody else, of another size and in other clothes
+    if (found) {  // It may be somebody else, of another size and in other clothes.
       trunk_length_ = 0.0;
       clothes_ = {};
     }
@@ -274,7 +279,7 @@ void KeyPerson::remember(const Skeleton& person, double time_s) {
   id_ = person.id;
   last_seen_ = time_s;
   position_ = *spine_base(person);
-  constexpr double kMemory = 0.95;  // of the length, from frame to frame
+  constexpr double kMemory = 0.95;  // weight of the previous length
   const double length = trunk_length(person);
   if (length > 0.0) {
     trunk_length_ =
@@ -286,7 +291,8 @@ void KeyPerson::remember(const Skeleton& person, double time_s) {
   if (known != end) *known = others_[--num_others_];
 }
 
-/// Under its id and at its place in the last frame, with nobody near whom it could be mistaken for.
+/// Whether a person has the id of the key person, is at its place in the last frame, and nobody is
+/// near with whom it could be confused.
 bool KeyPerson::is_surely_the_same(std::span<const Skeleton> people, std::size_t person,
                                    double time_s) const {
   constexpr double kNear = 0.15, kAlone = 1.0;  // metres
@@ -301,8 +307,9 @@ bool KeyPerson::is_surely_the_same(std::span<const Skeleton> people, std::size_t
   return true;
 }
 
-/// A running mean. Clothes that look quite different, as behind an arm or when a jacket is put on,
-/// are learnt ten times more slowly, and only if the wearer is surely the key person.
+/// Updates the running mean of the clothes. Clothes that look quite different, as behind an arm or
+/// after putting on a jacket, are learnt ten times more slowly, and only if the wearer is certainly
+/// the key person.
 void KeyPerson::remember_clothes(std::size_t person, bool is_surely_the_same) {
   if (person >= seen_clothes_.size() || !seen_clothes_[person].is_known()) return;
   if (!clothes_.is_known()) {
@@ -311,7 +318,7 @@ void KeyPerson::remember_clothes(std::size_t person, bool is_surely_the_same) {
   }
   const bool is_changed = wears_other_clothes(person);
   if (is_changed && !is_surely_the_same) return;
-  const float memory = is_changed ? 0.995F : 0.95F;  // from frame to frame
+  const float memory = is_changed ? 0.995F : 0.95F;  // weight of the previous mean
   for (std::size_t i = 0; i < clothes_.shares.size(); ++i) {
     clothes_.shares[i] =
         memory * clothes_.shares[i] + (1.0F - memory) * seen_clothes_[person].shares[i];

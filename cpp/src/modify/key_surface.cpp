@@ -8,12 +8,14 @@
 namespace manip3d {
 namespace {
 
-constexpr std::size_t kMostSurface = 500;  // points of a key frame: more do not steady it
-constexpr double kSurfaceNoise = 0.010;    // metres, at least: a Kinect V1 steps by 2 cm
-constexpr double kNewKeyTurn = 0.99;       // cosine of half the turn after which points are renewed
-// Share of the points: they are renewed if fewer lie on the surface that is seen.
+constexpr std::size_t kMostSurface = 500;  // points of a key frame; more make the pose no steadier
+// Metres, lower limit; the depth steps of a Kinect V1 are 2 cm.
+constexpr double kSurfaceNoise = 0.010;
+constexpr double kNewKeyTurn = 0.99;  // cosine of half the rotation after which points are renewed
+// Points are renewed if less than this share of them agrees with the visible surface.
 constexpr double kNewKeyShare = 0.55;
-// The loins, as parts of the way from the hips to the neck, are where the trunk turns in itself.
+// The trunk twists in the loins. Heights of their lower and upper end, as a share of the way from
+// hips to neck.
 constexpr double kLowLoins = 0.2, kHighLoins = 0.7;
 
 bool is_on_trunk(std::uint8_t bone) {
@@ -50,9 +52,9 @@ std::optional<SurfaceResidual> SeenDepth::residual_at(const Eigen::Vector3d& p,
 std::optional<Eigen::Vector3d> SeenDepth::normal_at(std::int32_t pixel) const {
   const DepthView& depth = *depth_;
   const PixelRays& rays = *rays_;
-  constexpr double kReach = 0.05;       // metres: wide, as one step of a Kinect V1 is 2 cm
-  constexpr double kSameTrunk = 0.08;   // metres
-  constexpr double kLeastCosine = 0.3;  // surfaces seen at a slant are edges
+  constexpr double kReach = 0.05;  // metres; large, because one depth step of a Kinect V1 is 2 cm
+  constexpr double kSameTrunk = 0.08;   // metres; larger differences of depth are another surface
+  constexpr double kLeastCosine = 0.3;  // of normal and ray; surfaces at a grazing angle are edges
   const std::int64_t u = pixel % depth.cols, v = pixel / depth.cols;
   if (u < 1 || v < 1 || u + 1 >= depth.cols || v + 1 >= depth.rows) return std::nullopt;
   const double z = depth.at(pixel);
@@ -133,7 +135,7 @@ void KeySurface::learn(const Agreement& agreed) {
                ? 0.0
                : static_cast<double>(agreed.points) / static_cast<double>(points_.size());
   if (agreed.points < kLeastSurface) return;
-  constexpr double kMemory = 0.9;  // from frame to frame
+  constexpr double kMemory = 0.9;  // weight of the previous mean
   residual_ =
       kMemory * residual_ + (1.0 - kMemory) * agreed.off / static_cast<double>(agreed.points);
 }

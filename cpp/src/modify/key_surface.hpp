@@ -17,38 +17,38 @@
 #include "modify/trunk_pose.hpp"
 
 /// @file
-/// The surface of a trunk in a key frame, and what a depth image shows of it.
+/// The surface of a trunk in a key frame, and its comparison with a depth image.
 namespace manip3d {
 
-/// With fewer points than these, a surface tells nothing.
+/// With fewer points, a surface is not used.
 inline constexpr std::size_t kLeastSurface = 60;
 inline constexpr double kSurfaceScale = 0.02;  ///< Metres, of the Geman-McClure weight.
-/// Neighbours share their noise, so that 500 points tell as much as some thirty: four times the
-/// noise of one is that of all.
+/// The noise of neighbouring points is correlated, so that 500 points are worth about thirty
+/// independent ones: the noise of a point is multiplied by four to get the right noise of all.
 inline constexpr double kSharedNoise = 4.0;
 
-/// How far the depth image is from a point of a surface, along its normal.
+/// Distance of the depth image from a point of a surface, along the normal of the surface.
 struct SurfaceResidual {
   double off = 0.0;    ///< Metres.
   double share = 1.0;  ///< The Geman-McClure weight is 1 / share^2.
-  /// Below sqrt(3) of the scale: there the weight is 1 / 16.
+  /// Whether the distance is below sqrt(3) times the scale; there the weight is 1 / 16.
   [[nodiscard]] bool agrees() const { return std::abs(off) < std::numbers::sqrt3 * kSurfaceScale; }
   [[nodiscard]] double weight(double noise) const { return 1.0 / (noise * noise * share * share); }
 };
 
-/// The depth image of a frame, and where its pixels look. Borrows both.
+/// The depth image of a frame with the rays of its pixels. Borrows both.
 class SeenDepth {
  public:
   SeenDepth(const DepthView& depth, const PixelRays& rays, const Intrinsics& camera)
       : depth_(&depth), rays_(&rays), projector_(camera, rays) {}
 
-  /// At the pixel that a point projects to; none where nothing was measured.
+  /// Residual at the pixel that a point projects to; no value without a measurement there.
   [[nodiscard]] std::optional<SurfaceResidual> residual_at(const Eigen::Vector3d& p,
                                                            const Eigen::Vector3d& normal,
                                                            double scale = kSurfaceScale) const;
 
-  /// The normal of the least-squares plane z = a x + b y + c through the points around a pixel,
-  /// towards the camera; none on edges.
+  /// Return the normal, towards the camera, of the least-squares plane z = a x + b y + c through
+  /// the points around a pixel; no value on edges.
   [[nodiscard]] std::optional<Eigen::Vector3d> normal_at(std::int32_t pixel) const;
 
  private:
@@ -57,19 +57,19 @@ class SeenDepth {
   PixelProjector projector_;
 };
 
-/// Points of a trunk as it is turned nowhere in itself.
+/// Points of a trunk, in the coordinates of a trunk that is not twisted.
 class KeySurface {
  public:
   struct Point {
-    Eigen::Vector3d place, normal;  ///< In the trunk, not twisted.
-    double share = 0.0;             ///< Part that it has in the pelvis's turn.
+    Eigen::Vector3d place, normal;  ///< In coordinates of the untwisted trunk.
+    double share = 0.0;             ///< Share of the pelvis's turn by which the point turns.
   };
-  /// The part of the trunk that the joints enclose, metres in the trunk.
+  /// The part of the trunk within its joints, metres, in coordinates of the trunk.
   struct Extent {
     double low = 0.0, high = 0.0;
-    double half = 0.17;  ///< Half of its width, that of a narrow adult at least.
+    double half = 0.17;  ///< Half of its width; at least that of a narrow adult.
   };
-  /// Between the key frame and the surface that is seen.
+  /// Agreement of the key frame with the visible surface.
   struct Agreement {
     std::size_t points = 0;
     double off = 0.0;  ///< Sum of their distances, metres.
@@ -79,19 +79,20 @@ class KeySurface {
 
   [[nodiscard]] std::span<const Point> points() const { return points_; }
   [[nodiscard]] bool is_known() const { return points_.size() >= kLeastSurface; }
-  /// Noise of a pixel's distance to the key frame, metres.
+  /// Noise of the distance of a pixel from the key frame, metres.
   [[nodiscard]] double noise() const;
 
-  /// Is the trunk turned so far, or so little of it seen, that another key frame tells more?
+  /// Whether another key frame is needed, because the trunk has turned too far or too little of the
+  /// key frame is visible.
   [[nodiscard]] bool is_outdated(const TrunkPose& pose) const;
-  /// Takes the points of a person that lie on the trunk, not on what hangs beside it, unless they
-  /// are too few: a frame without depth does not end what is known.
-  /// @param pelvis_turn  radians that the pelvis is turned by; nothing turns with it for an arm.
-  /// @return  whether it took them.
+  /// Replaces the points by those of a person that lie on the trunk and not beside it. If there are
+  /// too few, the old points stay, so that a frame without depth does not discard them.
+  /// @param pelvis_turn  Turn of the pelvis, radians; not used for an arm.
+  /// @return  Whether the points were replaced.
   bool renew(const PersonPoints& person, const SeenDepth& seen, const TrunkPose& pose,
              const Extent& extent, bool is_arm, double pelvis_turn);
 
-  /// Learns how much of it a frame shows, and with what residual.
+  /// Updates the share of visible points and the mean residual with a frame.
   void learn(const Agreement& agreed);
 
   void reset();
@@ -99,8 +100,8 @@ class KeySurface {
  private:
   std::vector<Point> points_;
   Eigen::Quaterniond key_rotation_ = Eigen::Quaterniond::Identity();
-  double residual_ = 0.0;  ///< Mean distance of what is seen from the key frame, metres.
-  double share_ = 0.0;     ///< Share of the points that the last frame agreed with.
+  double residual_ = 0.0;  ///< Mean distance of the visible surface from the key frame, metres.
+  double share_ = 0.0;     ///< Share of the points that agreed in the last frame.
 };
 
 }  // namespace manip3d

@@ -12,27 +12,30 @@
 namespace manip3d {
 namespace {
 
-constexpr double kWindow = 90.0;        // frames of the means
-constexpr double kErrorGain = 0.1;      // of the means' errors: a third of a second
-constexpr double kLeastError = 0.0001;  // squared sine: half a degree
-constexpr std::size_t kNumParts = 2;    // thigh and shin: feet are short and half hidden
-// A squared sine, of 33 degrees: trackers put the hips of seated people too high.
+constexpr double kWindow = 90.0;  // frames in the means
+// Weight of a frame in the errors of the means: they cover a third of a second.
+constexpr double kErrorGain = 0.1;
+constexpr double kLeastError = 0.0001;  // squared sine of half a degree
+constexpr std::size_t kNumParts = 2;    // thigh and shin; feet are short and half hidden
+// A squared sine, of 33 degrees; not more, because trackers place the hips of seated people too
+// high.
 constexpr double kLeastSeated = 0.3;
 
-/// The direction made square to the spine.
+/// The direction, made orthogonal to the spine and normalized.
 Eigen::Vector3d upright(const Eigen::Vector3d& direction, const BodyFrame& trunk) {
   return (direction - direction.dot(trunk.y) * trunk.y).normalized();
 }
 
 /// Points of one part of a leg.
 struct Part {
-  static constexpr std::size_t kMost = 100;  // points: more do not steady it
+  static constexpr std::size_t kMost = 100;  // points; more make the plane no steadier
   std::array<Eigen::Vector3d, kMost> points;
   std::size_t count = 0;
 };
 using Parts = std::array<Part, kNumParts>;
 
-/// Calls use(part, point) for each point of the leg, with the nearest part between two joints.
+/// Calls use(part, point) for each point of the leg with the part (between two joints) that is
+/// nearest.
 template <typename Use>
 void for_each_part(const PersonPoints& points, const Skeleton& person, Limb leg, const Use& use) {
   const auto chain = limb_chain(leg);
@@ -52,11 +55,11 @@ void for_each_part(const PersonPoints& points, const Skeleton& person, Limb leg,
       nearest = off;
       part = k;
     }
-    if (part < kNumParts) use(part, p.cast<double>());  // the last one is the foot
+    if (part < kNumParts) use(part, p.cast<double>());  // the part after these is the foot
   }
 }
 
-/// Evenly spread points of the leg's parts.
+/// Evenly spread points of each part of the leg.
 Parts parts_of(const PersonPoints& points, const Skeleton& person, Limb leg) {
   std::array<std::size_t, kNumParts> all{}, seen{};
   for_each_part(points, person, leg, [&](std::size_t part, const auto&) { ++all[part]; });
@@ -68,8 +71,8 @@ Parts parts_of(const PersonPoints& points, const Skeleton& person, Limb leg) {
   return parts;
 }
 
-/// The skin of one part of a leg: so far from the bone between two joints as its points are on
-/// average.
+/// The skin of one part of a leg: a capsule around the bone between two joints whose radius is the
+/// mean distance of the points.
 class Skin {
  public:
   Skin(const Eigen::Vector3d& from, const Eigen::Vector3d& to, const Part& part)
@@ -78,7 +81,8 @@ class Skin {
     for (std::size_t i = 0; i < part.count; ++i) sum += from_bone(part.points[i] - from).norm();
     radius_ = sum / static_cast<double>(std::max<std::size_t>(part.count, 1));
   }
-  /// From the nearest point of the bone to a point, given from its first joint.
+  /// Vector from the nearest point of the bone to a point, which is relative to the bone's first
+  /// joint.
   [[nodiscard]] Eigen::Vector3d from_bone(const Eigen::Vector3d& p) const {
     return p - std::clamp(p.dot(bone_) / length2_, 0.0, 1.0) * bone_;
   }
@@ -90,7 +94,7 @@ class Skin {
   double length2_, radius_ = 0.0;
 };
 
-/// Visible points of a leg, and the skin that they make.
+/// Visible points of a leg, and the skins through them.
 struct SeenLeg {
   Parts parts;
   std::array<Skin, kNumParts> skins;
@@ -111,7 +115,8 @@ bool has_parts(const Skeleton& person, Limb leg) {
   return std::ranges::all_of(main, [&](Joint joint) { return is_usable(person, joint); });
 }
 
-/// The squared sine of the angle between a thigh and the trunk: 1 on a seat, 0 standing.
+/// The squared sine of the angle between a thigh and the trunk: 1 for a person who sits upright, 0
+/// for one who stands.
 double seated_share(const Skeleton& person, Limb leg, const BodyFrame& trunk) {
   const auto chain = limb_chain(leg);
   if (!is_usable(person, chain[0]) || !is_usable(person, chain[1])) return 0.0;
@@ -120,33 +125,35 @@ double seated_share(const Skeleton& person, Limb leg, const BodyFrame& trunk) {
   return 1.0 - along * along / std::max(thigh.squaredNorm(), 1e-9);
 }
 
-/// The plane at which one leg is mirrored onto the other, against that of the trunk.
+/// The plane at which one leg is mirrored onto the other, relative to the plane of the trunk.
 struct LegPlane {
   double turn = 0.0, roll = 0.0;  ///< Tangents from the trunk's n to its z, and to its y.
   double shift = 0.0;             ///< Metres.
 };
 
-/// The plane at which the points of each leg lie on the skin of the other, with that of the trunk
-/// as a wide prior.
+/// Fit the plane at which the points of each leg lie on the skin of the other, with the plane of
+/// the trunk as a wide prior.
 ///
-/// How much of a thigh is seen depends on where it points, so that points are laid onto the skin
-/// and not onto points: they may lie anywhere along the bone. Both ways count, as the joints of
-/// either leg err. With n = n_t + a z_t + b y_t the normal and c the shift, s = n (p - o) - c, and
-/// p' = p - 2 s n, changes of a, b and c move p' by
-/// -2 (z_t (p - o) n + s z_t) da - 2 (y_t (p - o) n + s y_t) db + 2 n dc. A knee that is bent more
-/// than the other is not a turn: mirrored shins may turn about n at the knee by a fourth unknown.
-/// Residuals are weighted as those of a heavy-tailed distribution (Geman-McClure), at first a wide
-/// one.
+/// Which part of a thigh is visible depends on its direction. Points are therefore fitted to the
+/// skin and not to points: they may lie anywhere along the bone. Both directions (each leg onto the
+/// other) are used, because the joints of either leg can be wrong. With the normal n = n_t + a z_t
+/// + b y_t, the shift c, s = n (p - o) - c and the mirrored point p' = p - 2 s n, changes of a, b
+/// and c move p' by -2 (z_t (p - o) n + s z_t) da - 2 (y_t (p - o) n + s y_t) db + 2 n dc. A knee
+/// that is bent more than the other must not be fitted as a turn: mirrored shins may rotate about n
+/// at the knee by a fourth unknown. Residuals have the Geman-McClure weight of a heavy-tailed
+/// distribution, whose scale decreases from step to step.
 std::optional<LegPlane> plane_between(const SeenLeg& intact, const SeenLeg& affected,
                                       const BodyFrame& trunk) {
-  // Metres: from legs that point past each other to what the gate takes for the same flesh.
+  // Metres: from legs that point past each other down to residuals of well-aligned legs.
   constexpr std::array kScales = {0.30, 0.30, 0.20, 0.15, 0.10, 0.08, 0.06, 0.06};
-  constexpr double kNoise = 0.02;  // metres, of a whole part: joints err so
-  // Turn, roll, shift and bend: a narrow prior draws the plane of turned legs to the trunk's.
+  // Metres, error of a whole part, because joints are wrong by as much.
+  constexpr double kNoise = 0.02;
+  // Standard deviations of turn, roll, shift and bend. A narrower prior would pull the plane of
+  // turned legs to that of the trunk.
   const Eigen::Vector4d kDeviation(0.6, 0.1, 0.05, 0.5);
-  constexpr double kMostTurn = 0.6;    // tangent: 31 degrees, what a spine turns by
+  constexpr double kMostTurn = 0.6;    // tangent of 31 degrees, the most that a spine turns
   constexpr double kMostShift = 0.10;  // metres
-  constexpr double kMostOff = 0.04;    // metres: legs in different poses are farther off
+  constexpr double kMostOff = 0.04;    // metres; the distance is larger for legs in different poses
   const Eigen::Vector4d prior = kDeviation.cwiseProduct(kDeviation).cwiseInverse();
   Eigen::Vector4d plane = Eigen::Vector4d::Zero();
   std::array<double, kNumParts> off{};
@@ -222,7 +229,7 @@ void LegTurn::learn(const PersonPoints& points, const Skeleton& person, const Bo
 }
 
 void LegTurn::forget() {
-  constexpr double kMemory = 0.9;  // from frame to frame
+  constexpr double kMemory = 0.9;  // weight of the previous trust, per frame
   constexpr double kNone = 0.01;
   trust_ *= kMemory;
   if (trust_ < kNone) reset();
@@ -235,7 +242,7 @@ BodyFrame LegTurn::of(const BodyFrame& trunk) const {
   const Eigen::Vector3d told = upright(with_trunk * with_trunk * upright(normal_, trunk) +
                                            seat * seat * upright(turned(trunk), trunk),
                                        trunk);
-  // All of the turn from 33 degrees on, none of it below 23.
+  // The whole turn is used from 33 degrees on, none below 23 degrees.
   const double seated = trust_ * std::clamp(2.0 * seated_ / kLeastSeated - 1.0, 0.0, 1.0);
   BodyFrame legs = trunk;
   legs.n = legs.x = (trunk.n + seated * (told - trunk.n) + seated * roll_ * trunk.y).normalized();

@@ -10,13 +10,17 @@
 namespace manip3d {
 namespace {
 
-// Lengths in metres.
-constexpr float kBeside = 0.08F;   // flesh may be so far beside a joint: trackers err and lag
-constexpr float kWithin = 0.12F;   // and so far before or behind it; farther is another part
-constexpr float kLonger = 1.5F;    // times as long as the other limb's bone,
-constexpr float kAllowed = 0.05F;  // and the errors of two joints
+// Points within kBeside of a joint across the viewing direction, because trackers err and lag, and
+// within kWithin along it belong to the joint; metres.
+constexpr float kBeside = 0.08F;
+constexpr float kWithin = 0.12F;
+// A bone is too long if it is longer than kLonger times that of the other limb, plus kAllowed
+// metres for the errors of two joints.
+constexpr float kLonger = 1.5F;
+constexpr float kAllowed = 0.05F;
 
-/// Does the camera look through the place of a joint? Beyond the image's border nothing is known.
+/// Whether the camera looks through the place of a joint. False beyond the image's border, because
+/// nothing is known there.
 bool is_seen_through(const Eigen::Vector3f& p, std::uint8_t body, const DepthView& depth,
                      const std::uint8_t* body_index, const PixelProjector& projector) {
   const std::int32_t low = projector.pixel(p.x() - kBeside, p.y() - kBeside, p.z());
@@ -73,7 +77,7 @@ float limb_length(const Skeleton& skeleton, Limb limb) {
 
 double visible_share(const Skeleton& skeleton, Limb limb, const PixelProjector& projector,
                      const PhantomImage& image) {
-  constexpr int kSamples = 16;  // per bone: every two centimetres
+  constexpr int kSamples = 16;  // per bone; about every two centimetres
   double seen = 0.0, all = 0.0;
   for (std::size_t i = 1; i < kNumMainJoints; ++i) {
     const Joint from = limb_chain(limb)[i - 1], to = limb_chain(limb)[i];
@@ -93,7 +97,7 @@ double visible_share(const Skeleton& skeleton, Limb limb, const PixelProjector& 
 
 bool shows_limb_at(const Skeleton& skeleton, Limb limb, Joint joint,
                    const PixelProjector& projector, const PhantomImage& image) {
-  constexpr float kWithinLimb = 0.12F;  // metres from a joint to the skin before it
+  constexpr float kWithinLimb = 0.12F;  // metres from a joint to the skin in front of it
   if (!is_usable(skeleton, joint)) return false;
   const Eigen::Vector3f& p = skeleton[joint];
   const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
@@ -102,7 +106,7 @@ bool shows_limb_at(const Skeleton& skeleton, Limb limb, Joint joint,
 }
 
 bool is_guessed_at_stump(const Skeleton& skeleton, Limb limb) {
-  constexpr float kShort = 0.4F;  // of the other limb's length
+  constexpr float kShort = 0.4F;  // share of the other limb's length
   const auto is_tracked = [&](Joint joint) {
     return skeleton.state(joint) == TrackingState::kTracked;
   };
@@ -134,22 +138,25 @@ bool has_main_joints(const Skeleton& skeleton, Limb affected) {
 
 void LimbPresence::add(const Skeleton& skeleton, Limb affected, const PixelProjector& projector,
                        const PhantomImage& image) {
-  constexpr double kLeastVisible = 0.5;  // of a limb's length
-  constexpr double kFrames = 20.0;       // of the mean
-  constexpr float kOtherLength = 0.3F;   // two arms, or two legs, of a person differ by less
+  constexpr double kLeastVisible = 0.5;  // share of a limb's length
+  constexpr double kFrames = 20.0;       // frames in the mean
+  // The two arms, or legs, of a person differ by a smaller share.
+  constexpr float kOtherLength = 0.3F;
   const auto visible = [&](Limb limb) { return visible_share(skeleton, limb, projector, image); };
-  // Joints of the intact limb beside the person: those of the affected one may lie in its flesh.
+  // If the joints of the intact limb are beside the person, those of the affected limb may lie on
+  // it by chance.
   if (!(visible(opposite(affected)) >= kLeastVisible)) return;
   const float length = limb_length(skeleton, affected);
   const float intact = limb_length(skeleton, opposite(affected));
-  // Without the root, which is guessed whenever a seated person's thigh hides it.
+  // The root is left out, because it is inferred whenever a seated person's thigh hides it.
   const auto chain = limb_chain(affected).first(kNumMainJoints).subspan(1);
   const bool is_tracked = std::ranges::all_of(
       chain, [&](Joint j) { return skeleton.state(j) == TrackingState::kTracked; });
   const bool is_seen = is_tracked && std::abs(length - intact) < kOtherLength * intact &&
                        visible(affected) >= kLeastVisible;
   frames_ = std::min(frames_ + 1.0, kFrames);
-  // At first a frame that shows the limb counts more than one that does not: joints may be off.
+  // At first, a frame that shows the limb has more weight than one that does not, because joints
+  // may be wrong.
   share_ += is_seen ? (1.0 - share_) / frames_ : -share_ / kFrames;
 }
 

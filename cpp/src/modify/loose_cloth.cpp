@@ -9,19 +9,23 @@ namespace manip3d {
 namespace {
 
 // Lengths in metres.
-constexpr float kSeenThrough = 0.08F;  // a body so far behind the mirrored place is not there
-constexpr float kMargin = 0.03F;       // error of the plane and of a body's symmetry
-constexpr float kOfOther = 0.03F;      // farther from its skin, a point is not certainly a limb's
-constexpr float kOfHand = 0.10F;       // the same of an arm: fingers reach beyond its joints
-constexpr float kAbove = 0.05F;        // cloth hangs below the root
-constexpr float kTrunkHalf = 0.10F;    // an arm's sleeve hangs farther than that from the plane
-// Trunks of real people reach so far to either side of the plane.
+// A body that is this far behind the mirrored place is not at that place.
+constexpr float kSeenThrough = 0.08F;
+constexpr float kMargin = 0.03F;  // error of the plane and of the symmetry of bodies
+// A point farther from the skin of a limb is not certainly that limb's.
+constexpr float kOfOther = 0.03F;
+// The same for an arm; larger, because fingers reach beyond the joints.
+constexpr float kOfHand = 0.10F;
+constexpr float kAbove = 0.05F;      // cloth hangs below the root
+constexpr float kTrunkHalf = 0.10F;  // the sleeve of an arm hangs farther from the plane than this
+// Trunks of real people reach this far to either side of the plane.
 constexpr float kTrunkWidth = 0.16F;
-constexpr double kLeastIntact = 250.0;    // pixels: of a small limb, slivers are a large share
-constexpr float kBeyond = 1.15F;          // length of the cloth over that of the limb
-constexpr std::size_t kLeastPixels = 20;  // fewer are the noise of an edge
+// Pixels; for small limbs, single pixels would be a large share.
+constexpr double kLeastIntact = 250.0;
+constexpr float kBeyond = 1.15F;          // longest cloth, relative to the length of the limb
+constexpr std::size_t kLeastPixels = 20;  // fewer pixels are noise of an edge
 
-/// Tests a point against the body's symmetry.
+/// Tests whether a point violates the body's symmetry.
 class ClothTest {
  public:
   ClothTest(const ClothSearch& search, const PixelProjector& projector, const PhantomImage& image)
@@ -35,7 +39,7 @@ class ClothTest {
         origin_(search.frame.origin.cast<float>()),
         side_(n_.dot(search.root - origin_) < 0.0F ? -1.0F : 1.0F) {}
 
-  /// May the cloth of the limb hang here?
+  /// Whether the cloth of the limb can hang at a point.
   [[nodiscard]] bool is_in_reach(const Eigen::Vector3f& p) const {
     const Eigen::Vector3f from = p - search_.root;
     const float most = kBeyond * search_.length;
@@ -43,7 +47,8 @@ class ClothTest {
     return from.squaredNorm() < most * most && up_.dot(from) < kAbove && aside(p) > least;
   }
 
-  /// Is the mirrored place, moved towards the plane by a margin, seen empty or as the intact limb?
+  /// Whether the place of the mirrored point, moved towards the plane by `margin`, is empty or
+  /// occupied by the intact limb.
   [[nodiscard]] bool is_cloth(const Eigen::Vector3f& p, float margin,
                               const DepthView& depth) const {
     const Eigen::Vector3f q = mirrored(p, margin);
@@ -57,7 +62,7 @@ class ClothTest {
     return !(z > 0.0F) || z > q.z() + kSameSurface;
   }
 
-  /// Does the intact limb hide the mirrored place?
+  /// Whether the intact limb hides the mirrored place.
   [[nodiscard]] bool is_hidden(const Eigen::Vector3f& p) const {
     const Eigen::Vector3f q = mirrored(p, 0.0F);
     const std::int32_t pixel = projector_.pixel(q.x(), q.y(), q.z());
@@ -65,7 +70,7 @@ class ClothTest {
     return q.z() - image_.depth[pixel] > kSameSurface;
   }
 
-  /// Distance from the plane, towards the affected side.
+  /// Distance from the plane, positive on the affected side.
   [[nodiscard]] float aside(const Eigen::Vector3f& p) const { return side_ * n_.dot(p - origin_); }
 
  private:
@@ -84,7 +89,7 @@ class ClothTest {
   float side_;
 };
 
-/// Is a point so far from the skin of the bone it is nearest to that it may be cloth?
+/// Whether a point is so far from the skin of its nearest bone that it may be cloth.
 bool is_far_from_skin(std::uint8_t label, float skin_distance) {
   const bool is_of_arm =
       is_limb_bone(Limb::kLeftArm, label) || is_limb_bone(Limb::kRightArm, label);
@@ -107,8 +112,8 @@ void mark_cloth(const PersonPoints& points, const ClothSearch& search, const Clo
   }
 }
 
-/// A piece of cloth: pixels that pass the strong test and hang together, and then the weak ones
-/// that are no farther from them than the tests are apart.
+/// A connected piece of cloth: pixels that pass the strong test, and pixels that pass only the weak
+/// one within a given number of rings around them.
 class ClothPiece {
  public:
   ClothPiece(const PhantomImage& image, std::vector<std::int32_t>& stack)
@@ -182,7 +187,8 @@ double share_of_unseen_cloth(const PersonPoints& points, const ClothSearch& sear
   const auto may_be = [&](std::uint8_t label, const Eigen::Vector3f& p) {
     const bool is_of_trunk = is_trunk(label) || label == limb_label(search.affected) ||
                              label == static_cast<std::uint8_t>(limb_root(search.affected));
-    // Cloth beside one leg gets the other one's label; the rest may be the pelvis and the stump.
+    // Cloth beside one leg is labelled as the other leg; points with labels of trunk or affected
+    // leg may be the pelvis and the stump.
     if (!is_arm(search.affected)) return !is_of_trunk;
     return is_of_trunk && test.aside(p) > kTrunkWidth;
   };

@@ -8,8 +8,8 @@
 namespace manip3d {
 namespace {
 
-/// Orientation of a mirrored bone: that of a rotation R seen in a mirror is (mirror) R diag(-1, 1,
-/// 1), written with quaternions in the frame whose first axis is the plane's normal.
+/// Orientation of a mirrored bone. The mirror image of a rotation R is (mirror) R diag(-1, 1, 1),
+/// written with quaternions in the frame whose first axis is the plane's normal.
 std::array<float, 4> mirror_orientation(const std::array<float, 4>& q, const BodyFrame& frame) {
   const Eigen::Quaternionf bone(q[0], q[1], q[2], q[3]);
   if (!bone.coeffs().allFinite() || bone.coeffs().isZero(0.0F)) return {};

@@ -9,13 +9,14 @@
 namespace manip3d {
 namespace {
 
-/// Do shoulders and hips, as far as they are there, point against the body's left? A pair of which
-/// a joint is guessed, as a seated hip often is, tells nothing beside one that is tracked.
+/// Whether all usable pairs of shoulders and hips point against the body's left. If one of the
+/// pairs is tracked, a pair with an inferred joint, as a seated hip often is, is ignored.
 bool has_sides_swapped(const Skeleton& told, const BodyFrame& frame) {
   using enum Joint;
   constexpr std::array kPairs = {std::pair{kShoulderLeft, kShoulderRight},
                                  std::pair{kHipLeft, kHipRight}};
-  constexpr double kAgainst = -0.5;  // cosine: a body that turns passes 90 degrees slowly
+  // Cosine; well beyond 90 degrees, which a turning body passes slowly.
+  constexpr double kAgainst = -0.5;
   const auto is_tracked = [&](const auto& pair) {
     return told.state(pair.first) == TrackingState::kTracked &&
            told.state(pair.second) == TrackingState::kTracked;
@@ -100,9 +101,10 @@ void Patient::look_at_clothes(const PhantomInput& input, const PixelRays& rays) 
   for (const Skeleton& person : input.people) clothes_.push_back(clothing_colors(person, scene));
 }
 
-/// A tracker may take left for right for a moment, which does not move a limb to the other side:
-/// then they are exchanged in `told`. One that keeps to it is believed, the later the longer it has
-/// told otherwise, and the person is begun anew: returns whether that was done.
+/// A tracker may exchange left and right for a moment, which does not move a limb to the other
+/// side. In that case they are exchanged back in `told`. If the tracker keeps to the exchanged
+/// sides for longer than patience_for_sides(), they are accepted and the person starts again.
+/// Returns whether that happened.
 bool Patient::keep_sides(Skeleton& told, const BodyFrame* frame, double time_s) {
   if (frame == nullptr) sides_known_since_ = time_s;
   if (frame == nullptr || !has_sides_swapped(told, *frame)) {
@@ -121,8 +123,9 @@ bool Patient::keep_sides(Skeleton& told, const BodyFrame* frame, double time_s) 
   return true;
 }
 
-/// For how long a tracker that tells other sides than before is not believed, seconds: forever if
-/// the feet say that those before are right, not at all if they say that those are wrong.
+/// Seconds for which a tracker that exchanged left and right is not believed: infinite if the feet
+/// show that the previous sides are correct, 0 if the feet show that they are wrong; otherwise the
+/// longer, the longer the previous sides were kept.
 double Patient::patience_for_sides() const {
   constexpr double kLeast = 0.5, kMost = 2.0;
   if (feet_.point_ahead()) return kInfinity;
@@ -130,14 +133,15 @@ double Patient::patience_for_sides() const {
   return std::clamp(0.5 * (sides_kept_since_ - sides_known_since_), kLeast, kMost);
 }
 
-/// A tracker may give the same person another id.
+/// Whether the skeleton is at the last place of the patient; trackers may give the same person
+/// another id.
 bool Patient::is_at_same_place(const Skeleton& told) const {
   constexpr float kSamePlace = 0.3F;  // metres
   const auto before = person_ ? spine_base(*person_) : std::nullopt, now = spine_base(told);
   return before && now && (*before - *now).norm() < kSamePlace;
 }
 
-/// Without smoothing the positions are as told, and only the states are the smoother's.
+/// Without smoothing, positions are those of `told`, and only the states come from the smoother.
 Skeleton Patient::smoothed(const Skeleton& told) {
   Skeleton result = smoother_.add(told);
   if (smooths_) return result;

@@ -17,27 +17,29 @@ namespace manip3d {
 
 /// The patient in one frame.
 struct PatientFrame {
-  std::optional<Skeleton> person;  ///< Smoothed; as last seen where it is not here; none: nobody.
-  Skeleton raw;                    ///< The tracker's, before smoothing; only if it is here.
-  bool is_here = false;            ///< Has the tracker told it in this frame?
-  bool is_new = false;  ///< May be somebody else than before: nothing that was learnt holds.
+  /// Smoothed. If it is not in this frame: as last seen. No value: nobody.
+  std::optional<Skeleton> person;
+  Skeleton raw;          ///< From the tracker, before smoothing; only if `is_here`.
+  bool is_here = false;  ///< Whether the tracker reported it in this frame.
+  bool is_new = false;   ///< May be another person than before: forget everything that was learnt.
 };
 
-/// Follows the patient's skeleton from frame to frame: who of the people it is (KeyPerson), its
+/// Tracks the patient's skeleton from frame to frame: which of the people it is (KeyPerson), its
 /// smoothed joints, and which of its sides is the left one.
 class Patient {
  public:
   explicit Patient(const PhantomOptions& options);
 
-  /// @param rays   of the input's camera.
-  /// @param frame  axes of the body as known before this frame; null: left and right are the
-  ///               tracker's word.
+  /// @param rays   Rays of the input's camera.
+  /// @param frame  Axes of the body known before this frame; null: left and right are those of the
+  /// tracker.
   PatientFrame find(const PhantomInput& input, const PixelRays& rays, const BodyFrame* frame,
                     double time_s);
   void select(std::int64_t id) { key_person_.select(id); }
-  /// Has any person ever been seen since the last reset?
+  /// Whether any person has been seen since the last reset.
   [[nodiscard]] bool has_been_seen() const { return has_been_seen_; }
-  /// Do the feet point backwards if the left is where it is told, as in a mirrored image?
+  /// Whether the feet point backwards according to the sides of the tracker, as in a mirrored
+  /// image.
   [[nodiscard]] bool has_feet_backwards() const { return feet_.point_backwards(); }
   void reset();
 
@@ -51,21 +53,21 @@ class Patient {
 
   Limb affected_;
   bool smooths_;
-  double most_lost_;  ///< Seconds after which a patient who is not seen is forgotten.
+  double most_lost_;  ///< Seconds after which a patient who is not in view is forgotten.
   KeyPerson key_person_;
   JointSmoother smoother_;
-  std::vector<ClothingColors> clothes_;  ///< Memory for those of the people in a frame.
+  std::vector<ClothingColors> clothes_;  ///< Clothes of the people in a frame.
 
   bool has_been_seen_ = false;
   std::optional<std::int64_t> id_;
   std::optional<Skeleton> person_;
-  double sides_kept_since_;   ///< Since when the tracker takes left for right.
-  double sides_known_since_;  ///< Since when the body's left is known.
-  FeetAhead feet_;            ///< By the sides that are kept.
+  double sides_kept_since_;   ///< Time of the last frame in which the tracker's sides agreed.
+  double sides_known_since_;  ///< Time since which the body's left is known.
+  FeetAhead feet_;            ///< With the sides as corrected.
 };
 
-/// Are all tracked joints farther away than any camera sees, as millimetres are that were taken for
-/// metres?
+/// Whether all tracked joints are farther away than any camera sees, as when millimetres were taken
+/// for metres.
 bool is_in_another_unit(const Skeleton& skeleton);
 
 }  // namespace manip3d

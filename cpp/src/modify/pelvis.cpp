@@ -10,18 +10,19 @@
 namespace manip3d {
 namespace {
 
-constexpr int kPelvisSteps = 4;  // steps fall below 0.1 mm by the third
-// Radians that a pelvis is usually turned by, and that this changes by in a frame; metres that it
-// moves by aside; radians of a turn that is not believed, and deviations. Chosen on seed 5 of
-// `bench_people.py --twist` and on seed 3 of `bench_steadiness.py`.
+constexpr int kPelvisSteps = 4;  // steps are below 0.1 mm from the third on
+// kUsualTurn: standard deviation of the pelvis's turn, radians. kTurnChange: of its change in one
+// frame, radians. kMove: of a sideways movement, metres. kLeastTurn: smallest turn that is used,
+// radians. kSureTurn: smallest turn that is used, in standard deviations of its estimate. Chosen on
+// seed 5 of `bench_people.py --twist` and on seed 3 of `bench_steadiness.py`.
 constexpr double kUsualTurn = 0.2, kTurnChange = 0.04, kMove = 0.03;
 constexpr double kLeastTurn = 0.05, kSureTurn = 3.0;
-constexpr double kPelvisFrame = 1.0 / 30.0;  // seconds, of `kTurnChange`
-constexpr double kMostKnee = 90.0;           // frames of the knee's mean
+constexpr double kPelvisFrame = 1.0 / 30.0;  // seconds that `kTurnChange` refers to
+constexpr double kMostKnee = 90.0;           // frames in the mean of the knee
 
 }  // namespace
 
-/// For a small turn of the pelvis about the spine, and a move.
+/// Normal equations for a small turn of the pelvis about the spine and a translation.
 struct Pelvis::Equations {
   Eigen::Matrix4d information = Eigen::Matrix4d::Zero();
   Eigen::Vector4d gradient = Eigen::Vector4d::Zero();
@@ -56,7 +57,7 @@ void Pelvis::follow(const Skeleton* joints, const SeenDepth& seen, const KeySurf
     moved += step.tail<3>();
   }
   variance_ = equations.information.inverse()(0, 0);
-  // Continuous: nothing of the least turn that counts, and all of twice as much.
+  // Continuous: 0 at the smallest turn that is used, the whole turn from twice that on.
   const double least = std::max(kLeastTurn, kSureTurn * std::sqrt(variance_));
   turn_ = told_ * std::clamp(std::abs(told_) / least - 1.0, 0.0, 1.0);
 }
@@ -112,14 +113,15 @@ void Pelvis::add_knee(const Eigen::Vector3d& moved, const Skeleton& joints,
   const Eigen::Vector3d arm = rotation * about_spine(knee_, told_);
   const Eigen::Vector3d turn = spine.cross(arm), aside = turn.normalized();
   const double off = aside.dot(*knee - centre - arm);
-  // The knee is told as well as the hip, with errors that last.
+  // The knee is measured as accurately as the hip, but its errors last over frames.
   const double variance = means.innovation(limb_root(opposite(affected_))) / (1.0 - rho * rho);
   Eigen::Vector4d row;
   row << turn.norm(), aside;
   equations.add(row, off, joint_weight(variance, off * off));
 }
 
-/// The intact knee of a person on a seat, whose lap hides the pelvis: a thigh turns with it there.
+/// The intact knee of a person on a seat, whose lap hides the pelvis; the thigh turns with the
+/// pelvis.
 std::optional<Eigen::Vector3d> Pelvis::lap(const Skeleton& joints, const TrunkPose& pose) const {
   constexpr double kLeastAhead = 0.25;  // metres from the spine
   const Joint joint = limb_chain(opposite(affected_))[1];

@@ -11,28 +11,30 @@
 
 namespace manip3d {
 
-/// The turn about the spine of a pelvis against the trunk above it, of a person without a leg.
+/// The turn about the spine of the pelvis relative to the trunk above it, of a person without a
+/// leg.
 ///
-/// Once the trunk is followed as if it were rigid, the pelvis is laid onto its own surface and
-/// joints, and a thigh on a seat turns with it. Only the angle has a memory: what the pelvis has
-/// moved by keeps a trunk that turned with the chest from hiding it, as a front that turns looks
-/// much like one that moves aside. A turn counts beyond three deviations and 3 degrees, and wholly
-/// from twice as much on.
+/// The trunk is tracked as if it were rigid. Then the pelvis is fitted to its own surface and
+/// joints; on a seat, the thigh turns with it. Only the angle is carried over from frame to frame.
+/// The translation is estimated in each frame, because a front that turns looks much like one that
+/// moves sideways: if the trunk was turned together with the chest, a translation absorbs the
+/// error, which would otherwise hide the turn. A turn is used only above three standard deviations
+/// and 3 degrees, and fully from twice as much on.
 class Pelvis {
  public:
   explicit Pelvis(Limb affected) : affected_(affected) {}
 
-  /// One frame on, in which the trunk is where `pose` says.
-  /// @param joints   null while there are none.
-  /// @param elapsed  seconds.
+  /// Updates the turn with the next frame, in which the trunk has the pose `pose`.
+  /// @param joints   Null: there are none.
+  /// @param elapsed  Time since the last frame, seconds.
   void follow(const Skeleton* joints, const SeenDepth& seen, const KeySurface& surface,
               const TrunkJoints& means, const TrunkPose& pose, double elapsed);
-  /// Takes the intact knee of a person on a seat into its mean.
+  /// Updates the mean of the intact knee, if the person is on a seat.
   void learn_knee(const Skeleton& joints, const TrunkPose& pose);
 
-  /// Radians, as far as they are believed: 0 until the turn is beyond its errors, and for arms.
+  /// Radians; 0 for arms, and until the turn exceeds its errors.
   [[nodiscard]] double turn() const { return turn_; }
-  /// The end of the trunk that bears the limb.
+  /// Return the pose of the end of the trunk to which the limb belongs.
   [[nodiscard]] TrunkPose end_of_limb(const TrunkPose& pose) const;
 
   void reset() { *this = Pelvis(affected_); }
@@ -49,8 +51,10 @@ class Pelvis {
                                                    const TrunkPose& pose) const;
 
   Limb affected_;
-  double told_ = 0.0, variance_ = 0.0, turn_ = 0.0;  ///< Radians; `turn_` is what is believed.
-  Eigen::Vector3d knee_ = Eigen::Vector3d::Zero();   ///< While it is on a seat, in the pelvis.
+  /// Radians: estimate, its variance, and the part of it that is used.
+  double told_ = 0.0, variance_ = 0.0, turn_ = 0.0;
+  /// In coordinates of the pelvis, while the person is on a seat.
+  Eigen::Vector3d knee_ = Eigen::Vector3d::Zero();
   double knee_frames_ = 0.0;
 };
 

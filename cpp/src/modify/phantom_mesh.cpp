@@ -14,7 +14,7 @@
 namespace manip3d {
 namespace {
 
-/// registered_texcoord() with the matrices of an undistorted camera multiplied beforehand.
+/// registered_texcoord() with the matrices of an undistorted camera multiplied in advance.
 class ColorCamera {
  public:
   explicit ColorCamera(const Registration& registration)
@@ -62,9 +62,9 @@ class MeshWriter {
         flips_(flips),
         size_{num_points, 0} {}
 
-  /// The triangles of the cells below a row of pixels.
+  /// Triangulates the cells between a row of pixels and the next row.
   void cut_row(std::int64_t first, std::int64_t last) {
-    constexpr std::int64_t kWord = 8;  // pixels, and cells between them are one fewer
+    constexpr std::int64_t kWord = 8;  // pixels; they enclose one cell fewer
     for (std::int64_t pixel = first; pixel < last;) {
       const PixelKind* above = image_.kind + pixel;
       const PixelKind* below = above + image_.cols;
@@ -86,7 +86,8 @@ class MeshWriter {
     return word;
   }
 
-  /// Most cells are of the body alone and without a step: the same triangles as cut() makes.
+  /// Triangulates a cell of body pixels without a step as cut() would, only faster; returns false
+  /// for other cells. Most cells are of this kind.
   bool cut_body(std::int64_t pixel) {
     const std::int64_t below = pixel + image_.cols;
     const auto is_body = [&](std::int64_t p) { return image_.kind[p] == PixelKind::kBody; };
@@ -109,7 +110,7 @@ class MeshWriter {
     return true;
   }
 
-  /// The triangles of the cell below and right of a pixel.
+  /// Triangulates the cell below and right of a pixel.
   void cut(std::int64_t pixel) {
     const auto corner = cell_corners(pixel, image_.cols, flips_);
     unsigned valid = 0;
@@ -151,7 +152,8 @@ class MeshWriter {
     std::copy_n(vertex.begin(), 3, out_.faces + 3 * size_.num_faces++);
   }
 
-  /// Gives the body's corners vertices with the phantom's texture; false if there is no room.
+  /// Replaces the vertices at the body's corners by new ones with the phantom's texture; returns
+  /// false if there is no capacity.
   bool split_seam(const std::array<std::int64_t, 3>& corner, std::int64_t phantom,
                   std::array<std::int32_t, 3>& vertex) {
     const std::int64_t texture = vertex_of_[phantom];

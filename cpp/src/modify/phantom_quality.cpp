@@ -11,31 +11,28 @@
 namespace manip3d {
 namespace {
 
-// The limits at which a frame is degraded, chosen while looking at UTD-MHAD trials of both halves
-// (kMostLeft and both kMostLost: of the tuning half of benchmarks/bench_people.py alone): no rate
-// measured on those trials is one for other people.
-constexpr double kMostPlane = 6.0;    // degrees: 6 cm at a hand 0.3 m from the plane
-constexpr double kMostAcross = 0.03;  // metres: an extended leg ends 0.8 m from the plane's origin
+// The limits at which a frame is degraded. They were chosen on UTD-MHAD trials of both halves
+// (kMostLeft and both kMostLost: only on the tuning half of benchmarks/bench_people.py), so rates
+// that are measured on those trials do not hold for other people.
+constexpr double kMostPlane = 6.0;    // degrees; it displaces a hand 0.3 m from the plane by 6 cm
+constexpr double kMostAcross = 0.03;  // metres; an extended leg ends 0.8 m from the plane's origin
 constexpr double kMostLeap = 0.12;    // metres in one frame
 constexpr double kMostGapArm = 0.10,
-                 kMostGapLeg = 0.16;   // metres: a hip lies deeper than a shoulder
-constexpr double kLeastLargest = 0.7;  // of the phantom's pixels
-// Legs: 15 % would be believed no more; the rest allows for joints, which tell where hips are.
+                 kMostGapLeg = 0.16;   // metres; a hip lies deeper in the body than a shoulder
+constexpr double kLeastLargest = 0.7;  // share of the phantom's pixels
+// Legs: a loss of 15 % looks wrong; the limit is lower because the hips' place follows from joints,
+// which err.
 constexpr double kMostLostLegs = 0.14, kMostLostTrunk = 0.05;
-constexpr double kMostLeft = 0.10;  // of the affected limb's pixels
+constexpr double kMostLeft = 0.10;  // share of the affected limb's pixels
 // Chosen on simulated people with and without sleeves (seeds 0 and 1), and on the tuning half with
-// the joints of the affected limb guessed.
-constexpr double kMostCloth = 0.05;   // of the intact limb's pixels
-constexpr double kLeastLimb = 250.0;  // pixels: of a small limb, slivers are a large share
+// inferred joints of the affected limb.
+constexpr double kMostCloth = 0.05;  // share of the intact limb's pixels
+// Pixels; for small limbs, single pixels would be a large share.
+constexpr double kLeastLimb = 250.0;
 
-// Chosen on the tuning half.
-constexpr double kMostStray = 0.2;                         // of the intact arm's pixels
-constexpr float kBesideArm = 0.08F, kBesideTrunk = 0.15F;  // metres from every skin
-constexpr float kAside = 0.20F;                            // metres from the plane
-constexpr float kAboveHips = 0.10F, kBehindBone = 0.05F;   // metres
-
-constexpr float kAwayFromRoot = 0.10F;  // metres: nearer to it, a stump may show
-constexpr float kBehind = 0.15F;        // metres behind all joints of a limb there is none of it
+constexpr float kAwayFromRoot = 0.10F;  // metres; nearer to the root, a stump may be visible
+// Metres; points this far behind all joints of a limb do not belong to it.
+constexpr float kBehind = 0.15F;
 
 double share_of(std::int64_t part, std::int64_t all) {
   return all > 0 ? static_cast<double>(part) / static_cast<double>(all) : 0.0;
@@ -69,41 +66,10 @@ NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
   return nearest;
 }
 
-/// Flesh above the hips that no bone explains, as of an arm whose joints are elsewhere, over the
-/// flesh of the intact arm. Thighs of seated people rise above their joints, who leans ahead has
-/// back and head farther from theirs than an arm, hats are high, and a chair may be behind.
-double stray_share(const PersonPoints& points, Limb affected, const Skeleton& person,
-                   const BoneSegments& bones, const Girth& girth, const BodyFrame& frame,
-                   const PhantomImage& image) {
-  if (!is_usable(person, Joint::kSpineBase)) return 0.0;
-  const Eigen::Vector3f hips = person[Joint::kSpineBase], up = frame.y.cast<float>();
-  const float stout = girth.around_trunk();
-  const auto is_above = [&](const Eigen::Vector3f& p) {
-    return hips.y() - p.y() > kAboveHips && up.dot(p - hips) > kAboveHips;
-  };
-  const Eigen::Vector3f n = frame.n.cast<float>(), origin = frame.origin.cast<float>();
-  const auto is_beside = [&](const Eigen::Vector3f& p, const NearestSkin& nearest) {
-    const auto is_of = [&](Limb limb) { return is_limb_bone(limb, nearest.label); };
-    if (is_of(Limb::kLeftLeg) || is_of(Limb::kRightLeg)) return false;
-    if (is_of(Limb::kLeftArm) || is_of(Limb::kRightArm)) return true;
-    return nearest.distance > stout + kBesideTrunk && std::abs(n.dot(p - origin)) > kAside;
-  };
-  std::int64_t intact = 0, stray = 0;
-  for (std::int64_t i = 0; i < points.count; ++i) {
-    intact += is_limb_bone(opposite(affected), points.label[i]);
-    if (!(points.skin_distance[i] > stout + kBesideArm)) continue;
-    if (image.kind[points.pixel[i]] != PixelKind::kBody) continue;
-    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
-    if (!is_above(p)) continue;
-    const NearestSkin nearest = nearest_skin(p, bones, [](std::uint8_t) { return true; });
-    stray += is_beside(p, nearest) && p.z() < nearest.depth + kBehindBone;
-  }
-  return static_cast<double>(stray) / std::max(kLeastLimb, static_cast<double>(intact));
-}
-
-/// Would the camera see the trunk in the direction of p, were nothing before it?
+/// Whether the camera would see the trunk in the direction of p if nothing were in front of it.
 bool shows_trunk(const Eigen::Vector3f& p, const BoneSegments& bones) {
-  constexpr float kWithin = 0.49F;  // of the radius squared: its border may be an arm's as well
+  // Share of the squared radius; beyond it, pixels may be an arm's as well.
+  constexpr float kWithin = 0.49F;
   const Eigen::Vector3f ray = p.normalized();
   const auto across = [&](const Eigen::Vector3f& q) -> Eigen::Vector3f {
     return q - ray.dot(q) * ray;
@@ -118,7 +84,7 @@ bool shows_trunk(const Eigen::Vector3f& p, const BoneSegments& bones) {
   return false;
 }
 
-/// Share of the trunk that an arm before it has cut.
+/// Share of the trunk that was removed together with an arm in front of it.
 double lost_trunk(const PersonPoints& points, const BoneSegments& bones,
                   const PhantomImage& image) {
   std::int64_t all = 0, lost = 0;
@@ -133,8 +99,8 @@ double lost_trunk(const PersonPoints& points, const BoneSegments& bones,
   return share_of(lost, all);
 }
 
-/// Share of the person below the hips that shows nothing: below along the trunk, which may lean,
-/// or along the image's columns, whichever is more.
+/// Share of the person below the hips that is empty. `Below` is measured both along the trunk,
+/// which may lean, and along the image's columns; the larger share counts.
 double lost_below(const PersonPoints& points, const Skeleton& person, const BodyFrame& frame,
                   const PhantomImage& image) {
   const Eigen::Vector3f origin = frame.origin.cast<float>(), up = frame.y.cast<float>();
@@ -161,11 +127,13 @@ bool is_drawn_limb(PixelKind kind) {
 
 JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth,
                    const PixelProjector& projector, const PhantomImage& image) {
-  constexpr std::int32_t kMargin = 2;  // pixels: a wrist is as narrow as a joint is off
+  // Pixels; joints of narrow parts such as wrists may lie just beside them.
+  constexpr std::int32_t kMargin = 2;
   constexpr int kLeastJoints = 5;
-  // A wrong focal length moves feet to where the floor is nearer, by as much as the joints are
-  // off: a tenth is told as one.
-  constexpr float kMuchNearer = 0.85F;  // of a joint's depth
+  // With a wrong focal length, joints of feet project to nearer parts of the floor, by the same
+  // factor as they are displaced; up to this factor, a joint beside the person counts as displaced
+  // and not as hidden.
+  constexpr float kMuchNearer = 0.85F;  // share of a joint's depth
   int fits = 0, hidden = 0, all = 0;
   for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
     const auto j = static_cast<Joint>(joint);
@@ -173,7 +141,7 @@ JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth
     if (person.state(j) != TrackingState::kTracked || !is_usable(person, j)) continue;
     const Eigen::Vector3f& p = person[j];
     const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
-    if (pixel < 0) continue;  // trackers go on beyond the image's border
+    if (pixel < 0) continue;  // trackers report joints beyond the image's border as well
     ++all;
     const auto cols = static_cast<std::int32_t>(image.cols);
     const std::int32_t u = pixel % cols, v = pixel / cols;
@@ -193,7 +161,7 @@ JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth
 }
 
 double bone_fit(const PersonPoints& points, const Girth& girth) {
-  constexpr float kNear = 0.20F;  // metres: of real people's points 97 % and more are nearer
+  constexpr float kNear = 0.20F;  // metres; at least 97 % of the points of real people are nearer
   const float reach = kNear + girth.around_trunk();
   std::int64_t near = 0;
   for (std::int64_t i = 0; i < points.count; ++i) {
@@ -225,7 +193,7 @@ void PictureJudge::measure(const PersonPoints& points, std::int64_t num_given,
   for (const Joint joint : limb_chain(affected)) {
     if (is_usable(phantom, joint)) farthest = std::max(farthest, phantom[joint].z());
   }
-  // The thicker a trunk is than the mean adult's, the less is known of where its flank ends.
+  // The thicker a trunk is than the mean adult's, the less certain is the position of its flank.
   const float unsure = 0.5F * girth.around_trunk();
   std::int64_t limb = num_given, left = num_given;
   for (std::int64_t i = 0; i < points.count; ++i) {
@@ -283,7 +251,7 @@ PhantomReason misfit(const PhantomQuality& quality, const Stature& stature,
 
 PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature,
                        const JointOffset& offset, PhantomQuality& quality) {
-  constexpr double kOfTrunk = 0.5;  // roots lie at its border
+  constexpr double kOfTrunk = 0.5;  // roots lie at the border of the trunk
   const double most_gap = (is_arm(affected) ? kMostGapArm : kMostGapLeg) +
                           kOfTrunk * static_cast<double>(girth.around_trunk());
   const double most_lost = is_arm(affected) ? kMostLostTrunk : kMostLostLegs;
@@ -305,7 +273,8 @@ PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature
       std::ranges::max_element(measures, {}, &decltype(measures)::value_type::second);
   quality.score = worst->second;
   const PhantomReason beside = misfit(quality, stature, offset);
-  if (beside != PhantomReason::kNone) return beside;  // it explains all else
+  // A wrong calibration explains all other faults.
+  if (beside != PhantomReason::kNone) return beside;
   return worst->second > 1.0 ? worst->first : PhantomReason::kNone;
 }
 

@@ -12,44 +12,47 @@
 #include "modify/stature.hpp"
 
 /// @file
-/// Would a patient believe the picture? Measures of one frame, and their limits.
+/// Measures of how wrong the picture of one frame looks, and their limits.
 namespace manip3d {
 
-/// Tracked joints outside the affected limb, as shares of those in the image.
+/// Tracked joints outside the affected limb, as shares of those that project into the image.
 struct JointFit {
-  double on_person = 1.0;  ///< They project into the person's pixels or next to them.
-  double hidden = 0.0;     ///< They do not, and what is there is much nearer to the camera.
+  double on_person = 1.0;  ///< Joints that project onto the person's pixels or next to them.
+  /// Other joints at whose pixel something much nearer to the camera was measured.
+  double hidden = 0.0;
 };
 
-/// All joints are on the person where fewer than five are in the image.
+/// Measure the fit of the joints; `on_person` is 1 and `hidden` 0 if fewer than five are in the
+/// image.
 JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth,
                    const PixelProjector& projector, const PhantomImage& image);
 
-/// Share of the person's points that lie within reach of some bone; 1 without points. A stout trunk
-/// reaches farther.
+/// Share of the person's points within a limit of their nearest bone, which is larger for a stout
+/// trunk; 1 without points.
 double bone_fit(const PersonPoints& points, const Girth& girth);
 
-/// Below it, joints and depth do not belong together.
+/// Below this share of fitting joints, joints and depth image do not match.
 inline constexpr double kLeastFit = 0.7;
 
-/// kCalibration where joints and depth do not belong together, the person is not as tall in both,
-/// or its flesh not around its bones; kOccluded where the joints that miss the person are hidden.
+/// Return kCalibration if joints and depth image do not match, if the person's heights in the two
+/// differ, or if the points are not around the bones; kOccluded if the joints that miss the person
+/// are hidden; else kNone.
 PhantomReason misfit(const PhantomQuality& quality, const Stature& stature,
                      const JointOffset& offset);
 
-/// Measures what was drawn. Keeps its memory.
+/// Measures a drawn frame. Keeps its memory.
 class PictureJudge {
  public:
   void reserve(std::int64_t rows, std::int64_t cols);
 
-  /// Fills in gap, largest, lost, left and stray.
-  /// @param points    of the person, as segmented.
-  /// @param num_given of these, flesh of the affected leg by its joints and of the other by the
-  /// plane:
-  ///                  while both legs are there, nobody knows which is right.
-  /// @param phantom   its joints in place of the affected limb's.
-  /// @param bones     that they were segmented by, of a person of that girth.
-  /// @param box       of all that was drawn.
+  /// Fill in `gap`, `largest`, `lost` and `left`.
+  /// @param points     Points of the person, as segmented.
+  /// @param num_given  Number of points that belong to the affected leg according to the joints and
+  /// to the other leg according to the plane; while both legs are present, it is unknown which is
+  /// right.
+  /// @param phantom    Skeleton with the joints of the phantom.
+  /// @param bones      Bones by which the points were segmented, for a person of this girth.
+  /// @param box        Box around everything that was drawn.
   void measure(const PersonPoints& points, std::int64_t num_given, const Skeleton& phantom,
                const BoneSegments& bones, const Girth& girth, const BodyFrame& frame,
                const PixelBox& box, const PhantomOptions& options, const PixelRays& rays,
@@ -63,13 +66,13 @@ class PictureJudge {
   ConnectedRuns pieces_;
   struct Piece {
     std::int64_t pixels = 0;
-    float nearest = 0.0F;  ///< To the root, squared metres.
+    float nearest = 0.0F;  ///< To the root, square metres.
   };
   std::vector<Piece> sizes_;
 };
 
-/// The measure that is worst against its limit, if it is beyond; sets the score. Roots lie deeper
-/// in a stout person.
+/// Set the score, and return the reason of the measure that exceeds its limit by the largest
+/// factor, if any does. In stout people, roots lie deeper in the body.
 PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature,
                        const JointOffset& offset, PhantomQuality& quality);
 

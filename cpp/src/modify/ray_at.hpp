@@ -14,7 +14,7 @@ inline Eigen::Vector3f lift(const PixelRays& rays, std::int64_t u, std::int64_t 
   return {rays.x(v)[u] * z, y * z, z};
 }
 
-/// Does a pixel look anywhere? Not where its ray is NaN or nearly square to the camera's axis.
+/// Whether a pixel has a usable ray: not NaN and not nearly orthogonal to the optical axis.
 inline bool has_ray(const PixelRays& rays, std::int64_t u, std::int64_t v) {
   constexpr float kSteepest = 1e3F;
   const Eigen::Vector3f ray = lift(rays, u, v, 1.0F);

@@ -19,19 +19,19 @@ namespace {
 constexpr float kUnreached = std::numeric_limits<float>::infinity();
 constexpr std::int32_t kNoPoint = -1;
 
-/// Distances from points to the pieces of one bone.
+/// Distances from points to the segments of one bone.
 class BoneDistances {
  public:
   explicit BoneDistances(const BoneSegments& bones) : table_(bones) {
-    for (std::size_t i = 0; i < table_.count; ++i) {  // pieces of one label stand together
+    for (std::size_t i = 0; i < table_.count; ++i) {  // Segments of one label are contiguous.
       const auto label = static_cast<std::size_t>(table_.label[i]);
       if (count_[label]++ == 0) first_[label] = static_cast<std::uint8_t>(i);
     }
   }
 
   struct Distance {
-    float judged = kUnreached;   ///< Judges the nearness of the skin.
-    float squared = kUnreached;  ///< To the bone itself.
+    float judged = kUnreached;   ///< Measure of how near the skin is (BoneTable::judged()).
+    float squared = kUnreached;  ///< To the line of the bone.
     float skin = kUnreached;     ///< To the skin.
   };
   [[nodiscard]] Distance to(std::size_t label, float x, float y, float z) const {
@@ -53,20 +53,20 @@ class BoneDistances {
   std::array<std::uint8_t, kNumJoints> first_{}, count_{};
 };
 
-/// Floats as integers of the same order, negative ones included.
+/// Maps floats to integers in the same order, including negative floats.
 std::uint32_t ordered(float value) {
   const auto bits = std::bit_cast<std::uint32_t>(value);
   return (bits >> 31) != 0 ? ~bits : bits | 0x80000000U;
 }
 
-/// A heap whose nodes have four children: half as deep as one with two, and the four lie together.
+/// A heap of four children a node: half as deep as a binary heap, and siblings are contiguous.
 class LeastFirst {
  public:
   LeastFirst() : keys_(kChildren, kNone) {}
   void reserve(std::size_t count) { keys_.reserve(count + kChildren); }
   [[nodiscard]] bool empty() const { return size_ == 0; }
 
-  /// @param key  Less than all bits set.
+  /// @param key  Must not have all bits set.
   void push(std::uint64_t key) {
     keys_.push_back(kNone);
     std::size_t at = size_++;
@@ -74,14 +74,14 @@ class LeastFirst {
     keys_[at] = key;
   }
 
-  /// Takes the least key out.
+  /// Removes and returns the smallest key.
   std::uint64_t pop() {
     const std::uint64_t least = keys_[0], key = keys_[--size_];
     keys_[size_] = kNone;
     keys_.pop_back();
     std::size_t at = 0;
     for (std::size_t child = 1; child < size_; child = kChildren * at + 1) {
-      const std::uint64_t* keys = &keys_[child];  // behind the last key are some that are not keys
+      const std::uint64_t* keys = &keys_[child];  // The keys after the last one are kNone.
       const std::size_t one = keys[1] < keys[0] ? 1 : 0, other = keys[3] < keys[2] ? 3 : 2;
       const std::size_t best = child + (keys[other] < keys[one] ? other : one);
       if (!(keys_[best] < key)) break;
@@ -130,7 +130,7 @@ class Flood {
     if (point != kNoPoint) offer(point, label);
   }
 
-  /// Until no label can spread any more.
+  /// Spreads labels within contours until no label can spread further.
   void spread_within_contours(float reach) {
     reach_ = reach;
     crosses_ = false;
@@ -155,10 +155,11 @@ class Flood {
     return (v - points_.box.v0 + 1) * stride_ + u - points_.box.u0 + 1;
   }
 
-  /// A point may become a bone's; the best offer to each point stands in the queue.
+  /// Offers a point to a bone. The queue holds the best offer to each point.
   void offer(std::int32_t point, std::size_t label) {
     if (points_.label[point] != 0) return;
-    if (offered_[point] != kNothing && offer_[point] == label) return;  // by another neighbour
+    // Another neighbour offered the same.
+    if (offered_[point] != kNothing && offer_[point] == label) return;
     const auto d = bones_.to(label, points_.x[point], points_.y[point], points_.z[point]);
     if (!(d.skin <= reach_)) return;
     const std::uint32_t rank = ordered(d.judged);
@@ -168,7 +169,7 @@ class Flood {
     const bool is_new = rank != offered_[point];
     offered_[point] = rank;
     offer_[point] = static_cast<std::uint8_t>(label);
-    points_.squared_distance[point] = d.squared;  // all points in the queue are taken in the end
+    points_.squared_distance[point] = d.squared;  // All points in the queue get a label in the end.
     points_.skin_distance[point] = d.skin;
     if (is_new) queue_.push((std::uint64_t{rank} << 32) | static_cast<std::uint32_t>(point));
   }
@@ -177,7 +178,8 @@ class Flood {
     while (!queue_.empty()) {
       const std::uint64_t first = queue_.pop();
       const auto point = static_cast<std::int32_t>(first & 0xffffffffU);
-      if (points_.label[point] != 0 || offered_[point] != first >> 32) continue;  // outbid
+      // A better offer came first.
+      if (points_.label[point] != 0 || offered_[point] != first >> 32) continue;
       take(point, offer_[point]);
     }
   }
@@ -205,17 +207,18 @@ class Flood {
   const DepthStep& step_;
   PersonPoints& points_;
   std::int64_t stride_;
-  std::vector<std::int32_t> point_at_;  ///< In the box of all, with a frame of none around it.
-  std::vector<std::int32_t> place_;     ///< By point: where it stands there.
+  /// Point of each pixel of the box, with a border of kNoPoint around it.
+  std::vector<std::int32_t> point_at_;
+  std::vector<std::int32_t> place_;     ///< By point: its index in `point_at_`.
   std::vector<std::uint32_t> offered_;  ///< By point: rank of the best offer so far.
-  std::vector<std::uint8_t> offer_;     ///< By point: bone of the best offer so far.
+  std::vector<std::uint8_t> offer_;     ///< By point: bone of that offer.
   LeastFirst queue_;                    ///< Ranks and points.
-  std::vector<Blocked> blocked_;        ///< Offers that met a contour.
+  std::vector<Blocked> blocked_;        ///< Offers across a contour.
   float reach_ = kUnreached;
   bool crosses_ = false;
 };
 
-/// The pixels under a bone, or the one under its middle.
+/// Seeds the pixels under a bone, or the pixel under its middle.
 void seed_bone(const Skeleton& skeleton, const Intrinsics& camera, std::size_t bone, bool line,
                Flood& flood) {
   const auto parent = static_cast<Joint>(kJointParents[bone]);
@@ -230,7 +233,7 @@ void seed_bone(const Skeleton& skeleton, const Intrinsics& camera, std::size_t b
   const Eigen::Vector2d from = project(camera, a), to = project(camera, b);
   if (!from.allFinite() || !to.allFinite()) return;
   const double length = (to - from).cwiseAbs().maxCoeff();
-  constexpr double kLongest = 4.0 * kMaxImageSide;  // a joint beside the lens
+  constexpr double kLongest = 4.0 * kMaxImageSide;  // pixels; longer if a joint is beside the lens
   if (!(length < kLongest)) return;
   const auto steps = static_cast<std::int64_t>(std::ceil(length)) + 1;
   for (std::int64_t i = 0; i <= steps; ++i) {

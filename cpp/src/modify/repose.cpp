@@ -16,7 +16,7 @@
 namespace manip3d {
 namespace {
 
-/// The joint at the other end of a posable joint's bone; 0: the joint is not posable.
+/// The joint at the other end of a posable joint's bone; 0 if the joint is not posable.
 constexpr std::array<std::uint8_t, kNumJoints> kNext = {
     0, 0, 3, 0, 5, 6, 7, 0, 9, 10, 11, 0, 13, 14, 15, 0, 17, 18, 19, 0, 0, 0, 0, 0, 0};
 
@@ -24,14 +24,14 @@ bool has(const Skeleton& skeleton, std::size_t joint) {
   return is_usable(skeleton, static_cast<Joint>(joint));
 }
 
-/// Directions of the bones at rest, and the frame of the torso there.
+/// Directions of the bones in the rest pose, and the axes of the torso in it.
 struct Rest {
   Eigen::Matrix3d torso = Eigen::Matrix3d::Identity();
   std::array<std::optional<Eigen::Vector3d>, kNumJoints> direction;
 
   static std::optional<Rest> of(const Skeleton* skeleton) {
     Rest rest;
-    if (skeleton == nullptr) {  // in the torso's own axes: left, up, ahead
+    if (skeleton == nullptr) {  // In the torso's own axes: left, up, ahead.
       rest.direction.fill(Eigen::Vector3d(0, -1, 0));
       for (const std::size_t foot : {15U, 19U}) rest.direction[foot] = Eigen::Vector3d(0, 0, 1);
       constexpr std::size_t kHead = 3;
@@ -48,7 +48,7 @@ struct Rest {
   }
 };
 
-/// The shortest turn from one direction to another.
+/// The shortest rotation from one direction to another.
 struct Turn {
   double angle = 0.0;
   Eigen::Vector3d axis = Eigen::Vector3d::UnitX();
@@ -85,7 +85,7 @@ void check(const ReposeOptions& options) {
   }
 }
 
-/// The bones of a pose, and how far it is from one to another along the skeleton.
+/// The bones of a pose, and distances between their points along the skeleton.
 class BoneMap {
  public:
   explicit BoneMap(const Skeleton& skeleton) {
@@ -111,7 +111,7 @@ class BoneMap {
 
   [[nodiscard]] std::span<const std::size_t> bones() const { return {bones_.data(), num_bones_}; }
 
-  /// How far along a bone its point nearest to x lies, 0 to 1, and how far that is from x.
+  /// Position of the point of a bone nearest to x along the bone, 0 to 1, and its distance from x.
   struct Foot {
     double at = 0.0, distance = 0.0;
   };
@@ -123,7 +123,7 @@ class BoneMap {
     return {at, (from_start - at * along_[bone]).norm()};
   }
 
-  /// Along the skeleton from a point of bone a to a point of another bone b.
+  /// Distance along the skeleton from a point of bone a to a point of bone b.
   [[nodiscard]] double way(std::size_t a, double at_a, std::size_t b, double at_b) const {
     const std::size_t parent_a = kJointParents[a], parent_b = kJointParents[b];
     const double to_end_a = (1.0 - at_a) * length_[a], to_start_a = at_a * length_[a];
@@ -145,7 +145,7 @@ class BoneMap {
 class DualQuaternion {
  public:
   void add(double weight, const Eigen::Quaterniond& rotation, const Eigen::Vector3d& translation) {
-    if (real_.dot(rotation.coeffs()) < 0.0) weight = -weight;  // both signs are the same rotation
+    if (real_.dot(rotation.coeffs()) < 0.0) weight = -weight;  // q and -q are the same rotation
     const Eigen::Quaterniond move(0.0, translation.x(), translation.y(), translation.z());
     real_ += weight * rotation.coeffs();
     dual_ += weight * 0.5 * (move * rotation).coeffs();
@@ -169,7 +169,7 @@ class Skin {
   Skin(const Skeleton& skeleton, const BoneMotions& motions, const ReposeOptions& options)
       : map_(skeleton), motions_(motions), options_(options) {}
 
-  /// New place of x; none: it stays.
+  /// New position of x; no value: it does not move.
   [[nodiscard]] std::optional<Eigen::Vector3d> move(const Eigen::Vector3d& x) const {
     std::array<BoneMap::Foot, kNumJoints> feet;
     std::size_t nearest = 0;
@@ -231,11 +231,11 @@ std::optional<BoneMotions> amplify(const Skeleton& now, const Skeleton* rest,
   const auto from = Rest::of(rest);
   if (!torso || !from) return {};
   const Eigen::Quaterniond turned(Eigen::Matrix3d(torso->cast<double>() * from->torso.transpose()));
-  std::array<Eigen::Quaterniond, kNumJoints> since_rest;  // of each bone: what turned it to now
+  std::array<Eigen::Quaterniond, kNumJoints> since_rest;  // of each bone: rotation from rest to now
   since_rest.fill(turned);
 
   BoneMotions motions;
-  std::array<Eigen::Quaterniond, kNumJoints> extra;  // of each joint
+  std::array<Eigen::Quaterniond, kNumJoints> extra;  // of each joint: additional rotation
   extra.fill(Eigen::Quaterniond::Identity());
   std::array<bool, kNumJoints> has_extra{};
   for (const std::size_t bone : kJointsOutwards) {
@@ -256,7 +256,7 @@ std::optional<BoneMotions> amplify(const Skeleton& now, const Skeleton* rest,
     motions.translation[bone] = motions.translation[joint];
     motions.moves[bone] = motions.moves[joint] || has_extra[joint];
     if (!has_extra[joint]) continue;
-    // x -> p + extra (x - p) about the joint, then what moves the joint.
+    // x -> p + extra (x - p) about the joint, followed by the motion of the joint itself.
     const Eigen::Vector3d p = now.positions[joint].cast<double>();
     motions.translation[bone] += motions.rotation[joint] * (p - extra[joint] * p);
     motions.rotation[bone] = (motions.rotation[joint] * extra[joint]).normalized();

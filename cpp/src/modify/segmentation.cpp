@@ -17,7 +17,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kTile = 8;  // a row of its mask is one 64-bit word
+constexpr std::int64_t kTile = 8;  // pixels; a row of a tile's mask is one 64-bit word
 constexpr std::size_t kTilePoints = 64;
 constexpr std::uint8_t kNoBodyIndex = 0xff;
 
@@ -39,7 +39,7 @@ DepthBounds depth_bounds(const Skeleton& skeleton, bool by_index, const PersonMa
     farthest = std::max(farthest, skeleton.positions[joint].z());
   }
   const auto margin = static_cast<float>(o.margin);
-  // Empty (near > far) where the joints lie outside of the bounds.
+  // Empty (near > far) if the joints lie outside the bounds.
   const float near = std::max(bounds.near, nearest - margin);
   const float far = std::min(bounds.far, farthest + margin);
   return near <= far ? DepthBounds{near, far} : DepthBounds{bounds.far, bounds.near};
@@ -51,7 +51,7 @@ class MaskRow {
   MaskRow(const DepthView& depth, const std::uint8_t* body_index, std::uint8_t body,
           const DepthBounds& bounds)
       : depth_(depth), body_index_(body_index), body_(body), bounds_(bounds) {
-    // No measurement is 0, which is below any bound.
+    // A missing measurement is 0, which is below any bound.
     near_mm_ = static_cast<std::uint16_t>(std::max(1.0F, std::ceil(1000.0F * bounds.near)));
     far_mm_ = static_cast<std::uint16_t>(std::max(0.0F, std::floor(1000.0F * bounds.far)));
   }
@@ -138,12 +138,13 @@ class Collector {
   PixelBounds bounds_;
 };
 
-/// The points of one tile, with what is nearest to each so far; full words for any count.
+/// The points of one tile with their nearest bones so far, padded to whole words.
 struct Tile {
   std::size_t count = 0;  ///< Padded to a multiple of 8.
   alignas(32) std::array<float, kTilePoints> x, y, z;
-  alignas(32) std::array<float, kTilePoints> nearest;  ///< What the nearest bone is judged by.
-  alignas(32) std::array<float, kTilePoints> squared;  ///< Distance to it.
+  /// Measure of the nearest bone (BoneTable::judged()).
+  alignas(32) std::array<float, kTilePoints> nearest;
+  alignas(32) std::array<float, kTilePoints> squared;  ///< Squared distance to its line.
   alignas(32) std::array<float, kTilePoints> skin;     ///< Distance to its skin.
   alignas(32) std::array<std::int32_t, kTilePoints> label;
 
@@ -162,7 +163,8 @@ struct Tile {
     }
   }
 
-  /// Without radii squares are compared: their roots could be the same where they are not.
+  /// Without radii, squared distances are compared, because different squares may have the same
+  /// square root.
   template <bool kHasRadii>
   void measure(const BoneTable& bones, std::size_t bone) {
     const std::int32_t number = bones.label[bone];
@@ -189,9 +191,10 @@ struct Tile {
   }
 };
 
-/// Bones that may be nearest to some point of a tile: with the points within r of c, those whose
-/// skin may be as near to some point as another's must be to all. Certainties change along a bone,
-/// so the end that favours the bone bounds what may be, the other what must be.
+/// Finds the bones that may be nearest to some point of a tile, whose points lie within r of c: a
+/// bone is a candidate if the lower bound of its measure at some point is not above the upper bound
+/// of another bone's measure at all points. Certainties change along a bone; the end that favours
+/// the bone bounds the minimum, the other end the maximum.
 class Candidates {
  public:
   explicit Candidates(const BoneTable& bones) : bones_(bones) {}
@@ -205,7 +208,7 @@ class Candidates {
     const float cx = 0.5F * (*x0 + *x1), cy = 0.5F * (*y0 + *y1), cz = 0.5F * (*z0 + *z1);
     const float r = 0.5F * std::sqrt(wx * wx + wy * wy + wz * wz);
     float most = kInfinityF;
-    constexpr float kRounding = 1e-4F;  // metres: far above that of these floats
+    constexpr float kRounding = 1e-4F;  // metres; far above the rounding errors of these floats
     for (std::size_t i = 0; i < bones_.count; ++i) {
       float along;
       const float bone = std::sqrt(bones_.squared_distance(i, cx, cy, cz, along));
@@ -224,7 +227,7 @@ class Candidates {
   }
 
  private:
-  /// By how much the outer radius exceeds the radius, at least and at most.
+  /// The smallest and the largest amount by which the outer radius exceeds the radius.
   [[nodiscard]] std::pair<float, float> outlier_gains(std::size_t i) const {
     const float start = bones_.outer[i] - bones_.radius[i];
     return std::minmax({start, start + bones_.widens[i] - bones_.taper[i]});

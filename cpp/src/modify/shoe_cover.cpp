@@ -12,7 +12,8 @@
 namespace manip3d {
 namespace {
 
-/// a b / c in OpenCV's fixed point: b / c rounded to 12 bits, the product to nearest.
+/// a b / c in OpenCV's fixed point: b / c is rounded to 12 bits, and the product to the nearest
+/// integer.
 int scaled(int a, int b, int c) {
   constexpr int kBits = 12;
   const int factor = (2 * (b << kBits) + c) / (2 * c);
@@ -26,7 +27,7 @@ Eigen::Vector3f point_at(const RgbdFrame& frame, const PixelRays& rays, std::int
   return {rays.x(v)[u] * z, y * z, z};
 }
 
-/// R, G, B where the colour camera sees a point of a depth pixel; null beyond its image.
+/// R, G, B of the colour image at a point of a depth pixel; null outside the image.
 const std::uint8_t* color_at(const RgbdFrame& frame, std::int64_t v, std::int64_t u,
                              const Eigen::Vector3f& point) {
   const auto& registration = frame.calibration->registration;
@@ -69,7 +70,7 @@ Hsv to_hsv(std::uint8_t red, std::uint8_t green, std::uint8_t blue) {
   const int value = std::max({r, g, b});
   const int chroma = value - std::min({r, g, b});
   if (chroma == 0) return {0, 0, value};
-  // Sixths of a turn: red 0, green 2, blue 4, in units of chroma.
+  // Sixths of a full turn (red 0, green 2, blue 4) times the chroma.
   const int sixths = value == r ? g - b : value == g ? b - r + 2 * chroma : r - g + 4 * chroma;
   const int hue = scaled(sixths, 30, chroma);
   return {hue < 0 ? hue + 180 : hue, scaled(chroma, 255, value), value};

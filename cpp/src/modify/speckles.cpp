@@ -8,13 +8,13 @@
 namespace manip3d {
 namespace {
 
-/// Nothing is filled beside the person: their box is a fraction of the image.
+/// Only the bounding box of the person is processed, because it is a fraction of the image.
 PixelBox labelled_box(std::int64_t rows, std::int64_t cols, const std::uint8_t* labels) {
   PixelBounds bounds;
   for (std::int64_t v = 0; v < rows; ++v) {
     const std::uint8_t* row = labels + v * cols;
     std::uint8_t any = 0;
-    for (std::int64_t u = 0; u < cols; ++u) any |= row[u];  // many at a time
+    for (std::int64_t u = 0; u < cols; ++u) any |= row[u];  // vectorized
     if (any == 0) continue;
     std::int64_t first = 0, last = cols - 1;
     while (row[first] == 0) ++first;
@@ -25,10 +25,10 @@ PixelBox labelled_box(std::int64_t rows, std::int64_t cols, const std::uint8_t* 
   return bounds.box();
 }
 
-/// The pixels of a box that have neighbours `step` before and after them in the box.
+/// Fills the pixels of a box between their neighbours `step` before and after them.
 void fill_between(const PixelBox& inner, std::int64_t cols, std::int64_t step, std::uint16_t* depth,
                   std::uint8_t* labels) {
-  constexpr double kMostStep = 0.03;  // of the depth
+  constexpr double kMostStep = 0.03;  // share of the depth
   for (std::int64_t v = inner.v0; v < inner.v0 + inner.height; ++v) {
     for (std::int64_t i = v * cols + inner.u0; i < v * cols + inner.u0 + inner.width; ++i) {
       const std::uint8_t bone = labels[i - step];

@@ -9,13 +9,14 @@
 namespace manip3d {
 namespace {
 
-// Chosen while looking at the tuning half of benchmarks/bench_people.py, where the median of a
-// trial's ratios is .985 to 1.04, and of simulated people, of whom it is 1.00 to 1.024.
-constexpr double kUsual = 1.01;    // a crown lies above a head's radius, soles below that of a foot
-constexpr double kMostOff = 0.06;  // of a mean over many frames
+// Chosen on the tuning half of benchmarks/bench_people.py, where the median of a trial's ratios is
+// 0.985 to 1.04, and on simulated people, where it is 1.00 to 1.024.
+// the crown is farther from the head's joint than its radius, soles than that of a foot
+constexpr double kUsual = 1.01;
+constexpr double kMostOff = 0.06;  // allowed deviation of a mean over many frames
 constexpr double kFewFrames = 3.0;
 
-/// The farthest of some points in one direction but for two, which may be noise.
+/// The farthest of some points in one direction, except for two, which may be noise.
 class Farthest {
  public:
   void add(float along, std::int32_t pixel) {
@@ -43,11 +44,11 @@ bool is_at_border(std::int32_t pixel, const PersonPoints& points) {
   return std::min(u, points.cols - 1 - u) < kBorder || std::min(v, points.rows - 1 - v) < kBorder;
 }
 
-/// Does the person go on below a pixel, behind something nearer?
+/// Whether the person continues below a pixel, hidden by something nearer.
 bool goes_on_below(std::int32_t pixel, const Eigen::Vector2f& down, const PersonPoints& points,
                    const DepthView& depth) {
-  constexpr float kBelow = 2.0F;  // pixels: those between may mix both depths
-  // Share of the depth: a floor 0.7 m below a camera comes nearer by 0.031 of it, 4 m away.
+  constexpr float kBelow = 2.0F;  // pixels; those in between may mix both depths
+  // Share of the depth. The floor 0.7 m below a camera at 4 m is nearer by only 0.031 of the depth.
   constexpr float kNearer = 0.035F;
   const Eigen::Vector2f below = kBelow * down;
   const auto u = pixel % points.cols + static_cast<std::int64_t>(std::lround(below.x()));
@@ -56,7 +57,7 @@ bool goes_on_below(std::int32_t pixel, const Eigen::Vector2f& down, const Person
   return z > 0.0F && z < (1.0F - kNearer) * depth.at(pixel);
 }
 
-/// Radius of the flesh around a bone's far end, metres; none if it is not there.
+/// Radius of the body around a bone's far end, metres; no value if the bone is missing.
 std::optional<float> radius_at_end(const BoneSegments& bones, Joint joint) {
   for (std::size_t k = 0; k < bones.count; ++k) {
     if (bones.label[k] == static_cast<std::uint8_t>(joint)) return bones.radii[k].end;
@@ -66,8 +67,8 @@ std::optional<float> radius_at_end(const BoneSegments& bones, Joint joint) {
 
 Eigen::Vector2f in_image(const Eigen::Vector3f& p) { return p.head<2>() / p.z(); }
 
-/// Does a leg show the camera its sole, which is nearer than the ankle and rounder than a foot from
-/// above?
+/// Whether a leg shows the camera its sole, which is nearer than the ankle and rounder than a foot
+/// seen from above.
 bool shows_sole(const Eigen::Vector3f& knee, const Eigen::Vector3f& ankle) {
   constexpr float kTowards = 0.5F;  // cosine of 60 degrees
   const Eigen::Vector3f shin = ankle - knee;
@@ -75,13 +76,15 @@ bool shows_sole(const Eigen::Vector3f& knee, const Eigen::Vector3f& ankle) {
 }
 
 struct CrownAndGround {
-  Farthest crown, ground;  // in the image, from the head's joint, along the line to the ankle
+  // In the image: distance from the head's joint along the line to the ankle.
+  Farthest crown, ground;
 };
 
-/// The pixels of the head that lie highest and those of one foot that lie lowest in the image.
+/// Finds the highest pixels of the head and the lowest pixels of one foot.
 CrownAndGround find_crown_and_ground(const PersonPoints& points, Joint ankle, Joint foot,
                                      const Eigen::Vector2f& head, const Eigen::Vector2f& down) {
-  constexpr float kFarthest = 0.3F;  // metres from the skin: a factor of 1.4 moves soles so far
+  // Metres from the skin; with a focal length wrong by a factor of 1.4, soles are this far off.
+  constexpr float kFarthest = 0.3F;
   CrownAndGround found;
   for (std::int64_t i = 0; i < points.count; ++i) {
     const auto label = static_cast<Joint>(points.label[i]);
@@ -103,8 +106,9 @@ CrownAndGround find_crown_and_ground(const PersonPoints& points, Joint ankle, Jo
 std::optional<double> height_ratio(const Skeleton& person, Joint knee, Joint ankle, Joint foot,
                                    const BoneSegments& bones, const PersonPoints& points,
                                    const DepthView& depth) {
-  constexpr float kNearest = 0.3F;   // metres from the camera
-  constexpr float kShortest = 0.2F;  // of a distance: less tells too little
+  constexpr float kNearest = 0.3F;  // metres from the camera
+  // Share of the distance along the axis; shorter lines are too inaccurate.
+  constexpr float kShortest = 0.2F;
   const auto is_seen = [&](Joint joint) {
     return person.state(joint) == TrackingState::kTracked && person[joint].z() > kNearest;
   };
@@ -129,9 +133,9 @@ std::optional<double> height_ratio(const Skeleton& person, Joint knee, Joint ank
   }
   if (goes_on_below(ground.pixel(), down, points, depth)) return std::nullopt;
   const float of_pixels = (crown.along() + ground.along()) / (highest + lowest);
-  // A hat makes a person taller, too, but leaves the soles where they are, and high soles the
-  // crown. A wrong focal length moves both away from the optical axis; one that passes near the
-  // soles does not tell it from a hat, and one that passes near the crown not from high soles.
+  // A hat increases a person's height but does not move the soles, and high soles do not move the
+  // crown. A wrong focal length moves both away from the optical axis. If the optical axis passes
+  // near the soles, it cannot be told from a hat; if it passes near the crown, not from high soles.
   const float to_head = down.dot(head);
   const float to_sole = to_head + lowest, to_crown = highest - to_head;
   const float of_soles = to_sole > kShortest ? (to_head + ground.along()) / to_sole : 1.0F;
@@ -155,7 +159,7 @@ void Stature::learn(const Skeleton& person, const BoneSegments& bones, const Per
   }
   if (legs == 0) return;
   constexpr double kMemory = 90.0;             // frames
-  constexpr double kLeast = 0.6, kMost = 1.6;  // beyond these, a frame counts as one of them
+  constexpr double kLeast = 0.6, kMost = 1.6;  // a frame's ratio is clamped to this range
   frames_ = std::min(frames_ + 1.0, kMemory);
   const double now = std::clamp(sum / legs, kLeast, kMost);
   ratio_ += (now - ratio_) / frames_;

@@ -9,26 +9,28 @@
 
 namespace manip3d {
 
-/// How tall a person's pixels are against its joints, over the frames.
+/// Ratio of the height of a person's pixels to the height of its joints, over the frames.
 ///
-/// A focal length that is off by a factor makes all that the depth image shows narrower and lower
-/// by it, but not the joints of a tracker that knows its camera. The height from the crown to a
-/// sole is the longest that both tell, whatever the girth. It is measured across the viewing
-/// direction, along the line from head to ankle in the image, so that a camera may be rolled; a leg
-/// that is held towards the camera tells nothing. A person is not taller than the soles say (hats
-/// and hair do not make the focal length wrong), nor than the crown says (nor do high soles).
+/// A focal length that is wrong by a factor scales everything in the depth image by this factor
+/// across the viewing direction, but not the joints of a tracker that knows its camera. The height
+/// from the crown to a sole is the longest distance that both show, and independent of girth. It is
+/// measured across the viewing direction, along the line from head to ankle in the image, so that
+/// the camera may be rolled; a leg that points at the camera is not used. Crown and soles are
+/// compared separately as well, and the smaller ratio counts, because hats and hair raise only the
+/// crown, and high soles only lower the soles.
 class Stature {
  public:
-  /// Learns from a frame that was segmented by these bones. Frames without head and foot, or with
-  /// one of them at the border of the image or behind something, tell nothing.
+  /// Updates the mean with a frame that was segmented by these bones. Frames without head and foot,
+  /// or with one of them at the border of the image or hidden, are not used.
   void learn(const Skeleton& person, const BoneSegments& bones, const PersonPoints& points,
              const DepthView& depth);
 
-  /// The mean ratio of the two heights; 1 while it is not known.
+  /// The mean ratio of the two heights; 1 while it is unknown.
   [[nodiscard]] double ratio() const { return frames_ > 0.0 ? ratio_ : 1.0; }
-  /// By what factor the focal length must be off, at least, for this ratio: 1 or more.
+  /// The smallest factor by which the focal length must be wrong to give this ratio; at least 1.
   [[nodiscard]] double misfit() const;
-  /// The misfit from which the calibration is doubted: nearer to 1 the more frames tell.
+  /// The misfit above which the calibration is doubted; it approaches its final value with the
+  /// number of frames.
   [[nodiscard]] double limit() const;
 
   void reset() { *this = {}; }

@@ -7,12 +7,13 @@
 namespace manip3d {
 namespace {
 
-constexpr double kLeastTime = 0.15;  // seconds: trackers of 10 Hz tell joints thrice
+// Seconds; a tracker of 10 Hz repeats its joints in three frames at 30 Hz.
+constexpr double kLeastTime = 0.15;
 constexpr double kMostMoved =
     0.01;  // of the points: an arm has 6 to 8 %, a border that flickers none
-constexpr float kSamePlace = 0.03F;  // metres, and what breathing moves a chest by
+constexpr float kSamePlace = 0.03F;  // metres; breathing moves a chest by as much
 constexpr std::int64_t kReach = 2;   // pixels: borders flicker
-constexpr std::int64_t kEvery = 5;   // of the points one is asked
+constexpr std::int64_t kEvery = 5;   // one of this many points is tested
 
 bool are_same(const Skeleton& a, const Skeleton& b) {
   return a.id == b.id && a.states == b.states && a.positions == b.positions;
@@ -43,7 +44,7 @@ void StoppedJoints::remember(const PersonPoints& points) {
   for (std::int64_t i = 0; i < points.count; ++i) depth_[points.pixel[i]] = points.z[i];
 }
 
-/// Share of the points that lie where none was.
+/// Share of the points at whose place no point was before.
 double StoppedJoints::moved_share(const PersonPoints& points) const {
   std::int64_t moved = 0, asked = 0;
   for (std::int64_t i = 0; i < points.count; i += kEvery) {

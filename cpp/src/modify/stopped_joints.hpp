@@ -8,20 +8,20 @@
 
 namespace manip3d {
 
-/// Do a person's joints stand still while its flesh moves?
+/// Detects joints that stand still while the person moves.
 ///
-/// A tracker that hangs tells the same joints again and again, to the last bit, which one that
-/// measures never does. A person who stands still, and one whose joints come less often than depth
-/// images, lose nothing by it: joints count as stopped once they have been the same for a while and
-/// the person's points are no longer where they were then.
+/// A tracker that hangs repeats the same joints bit for bit, which a working one never does. People
+/// who stand still, and joints that arrive less often than depth images, must not be reported:
+/// joints count as stopped only after they have been the same for a while and the person's points
+/// have moved since then.
 class StoppedJoints {
  public:
   void reserve(std::size_t num_pixels) { depth_.resize(num_pixels); }
 
-  /// Learns from a frame whose person was found.
-  /// @param told  the joints as they came.
+  /// Updates the state with a frame in which the person was found.
+  /// @param told  Joints as received.
   void learn(const Skeleton& told, const PersonPoints& points, double time_s);
-  /// Have the joints stopped?
+  /// Whether the joints have stopped.
   [[nodiscard]] bool are_stopped() const { return are_stopped_; }
   void reset();
 
@@ -31,8 +31,9 @@ class StoppedJoints {
 
   Skeleton told_;
   bool is_known_ = false, is_repeated_ = false, are_stopped_ = false;
-  double since_s_ = 0.0;      ///< Time of the first frame with these joints.
-  std::vector<float> depth_;  ///< The person when its joints came again; 0 elsewhere.
+  double since_s_ = 0.0;  ///< Time of the first frame with these joints.
+  /// Depths of the person when its joints were first repeated; 0 elsewhere.
+  std::vector<float> depth_;
 };
 
 }  // namespace manip3d

@@ -13,12 +13,12 @@ namespace manip3d {
 namespace {
 
 // Lengths in metres.
-constexpr float kAtSkin = 0.05F;          // what girths, joints and thin clothes are off by
-constexpr float kMostBesideSkin = 0.15F;  // loose clothes, hair, and a joint that jumped
+constexpr float kAtSkin = 0.05F;          // errors of girths and joints, and thin clothes
+constexpr float kMostBesideSkin = 0.15F;  // loose clothes, hair, and joints that jumped
 
 enum Mark : std::uint8_t { kNothing, kPerhaps, kPerson };
 
-/// The person's mask, whose rows are whole tiles, by the numbers of the image's pixels.
+/// The person's mask, whose rows are padded to whole tiles, indexed by pixels of the image.
 class Marks {
  public:
   explicit Marks(PersonPoints& points)
@@ -32,9 +32,10 @@ class Marks {
   std::int64_t cols_, stride_;
 };
 
-/// Height above a floor at which its own points end.
+/// Height above a floor up to which points belong to the floor.
 float top_of(const FloorPlane& floor) {
-  constexpr float kSure = 3.0F, kThinnest = 0.015F, kThickest = 0.05F;  // deviations, metres
+  // Standard deviations; metres.
+  constexpr float kSure = 3.0F, kThinnest = 0.015F, kThickest = 0.05F;
   return std::clamp(kSure * floor.noise, kThinnest, kThickest);
 }
 

@@ -11,15 +11,16 @@
 
 namespace manip3d {
 
-/// Drops points that are not the person's, where no body index tells that: those of the floor,
-/// those far from the skin of every bone, and those that no surface joins to points near a skin.
+/// Drop points that do not belong to the person, when there is no body index: points of the floor,
+/// points far from the skin of every bone, and points that no surface connects to points near a
+/// skin.
 ///
-/// @param points  as find_person() collects them; they are labelled by the way.
-/// @param bones  of the person, with radii; without any nothing is dropped.
-/// @param affected  of the affected limb nothing is asked for beyond its clothes: where it is
-///                  missing there are chairs.
-/// @param clothes  thickness of these, metres.
-/// @param stack  memory, of as many elements as there are pixels.
+/// @param points    As collected by find_person(); they are labelled as a side effect.
+/// @param bones     Bones of the person. If they have no radii, nothing is dropped.
+/// @param affected  Points of the affected limb are kept only within the thickness of its clothes,
+/// because chairs may be in the place of a missing limb.
+/// @param clothes   This thickness, metres.
+/// @param stack     Memory for as many elements as there are pixels.
 void drop_surroundings(const DepthView& depth, const BoneSegments& bones, Limb affected,
                        float clothes, const std::optional<FloorPlane>& floor, PersonPoints& points,
                        std::vector<std::int32_t>& stack);

@@ -11,15 +11,15 @@ namespace {
 
 constexpr double kMostPlanes = 45.0;  // frames over which the plane is averaged
 constexpr double kFirstPlanes = 5.0;  // frames
-constexpr double kNoise = 0.02;       // metres: what left and right of a clothed body differ by
-// Deviation of the trunk's offset from its joints, as a share of what that of the limbs says of it.
+constexpr double kNoise = 0.02;       // metres; difference between left and right of a clothed body
+// Standard deviation of the trunk's offset from its joints, as a share of the offset of the limbs.
 constexpr double kUnknownOffset = 0.5;
 
 }  // namespace
 
-// With n, o the plane, s = n (p - o), the mirror image p' = p - 2 s n and its normal m', a turn of
-// n by a y + b z and a shift of o by c n move p' by -2 (a y (p - o) + b z (p - o) - c) n -
-// 2 s (a y + b z).
+// The plane has the normal n and the point o; s = n (p - o), and the mirror image p' = p - 2 s n
+// has the normal m'. A turn of n by a y + b z and a shift of o by c n move p' by -2 (a y (p - o) +
+// b z (p - o) - c) n - 2 s (a y + b z).
 void SymmetryPlane::measure(const Prior& prior, const KeySurface& surface, const TrunkPose& pose,
                             double pelvis_turn, const SeenDepth& seen) {
   const BodyFrame& axes = prior.axes;
@@ -28,7 +28,8 @@ void SymmetryPlane::measure(const Prior& prior, const KeySurface& surface, const
     return;
   }
   const Eigen::Matrix3d rotation = pose.rotation.toRotationMatrix();
-  // A plane that is held at joints beside the flesh turns to fit the surface.
+  // If the plane were fixed at joints beside the points, it would turn to fit the surface; the
+  // offset is therefore a free parameter with this variance.
   Eigen::Vector3d variance = prior.variance;
   variance[2] += kUnknownOffset * kUnknownOffset * prior.aside * prior.aside;
   const Eigen::Vector3d information_of_joints = variance.cwiseInverse();
@@ -37,7 +38,8 @@ void SymmetryPlane::measure(const Prior& prior, const KeySurface& surface, const
   const Eigen::Vector3d origin = axes.origin + prior.aside * axes.n;
   Eigen::Vector3d n = axes.n, o = origin;
   Eigen::Matrix3d told;  // information of the surface alone
-  // Later the last frames' planes are near; at first that of the joints may be far off.
+  // The first frames use wider scales, because the plane of the joints may be far off; later ones
+  // start near the mean.
   const int wider = frames_ < kFirstPlanes ? 4 : 0;
   for (int iteration = -wider; iteration < 2; ++iteration) {
     const double scale = kSurfaceScale * (iteration < 0 ? 1.0 - 0.5 * iteration : 1.0);
@@ -49,13 +51,14 @@ void SymmetryPlane::measure(const Prior& prior, const KeySurface& surface, const
       const double s = n.dot(from);
       const Eigen::Vector3d turned = rotation * point.normal;
       Eigen::Vector3d p = from + o - 2.0 * s * n, normal = turned - 2.0 * n.dot(turned) * n;
-      // The key frame is not twisted: the trunk is mirrored first, then twisted as it is now.
+      // The key frame is not twisted: its points are mirrored in the untwisted trunk, then twisted.
       if (const double turn = point.share * pelvis_turn; turn != 0.0) {
         const Eigen::Matrix3d back = rotation.transpose();
         p = rotation * about_spine(back * (p - pose.translation), turn) + pose.translation;
         normal = rotation * about_spine(back * normal, turn);
       }
-      constexpr double kLeastCosine = 0.3;  // of surfaces that the camera sees
+      // Cosine of the angle between normal and ray; the camera sees only surfaces above it.
+      constexpr double kLeastCosine = 0.3;
       if (!(-normal.dot(p) > kLeastCosine * p.norm())) continue;
       const auto found = seen.residual_at(p, normal, scale);
       if (!found) continue;

@@ -15,8 +15,8 @@ inline bool are_usable(const Skeleton& skeleton, std::initializer_list<Joint> jo
                      [&](Joint joint) { return is_usable(skeleton, joint); });
 }
 
-/// Columns: to the person's left, up the spine, and ahead. None where its joints are missing or
-/// say nothing.
+/// Columns: to the person's left, up the spine, and ahead. No value if joints are missing or
+/// coincide.
 inline std::optional<Eigen::Matrix3f> torso_frame(const Skeleton& skeleton) {
   using enum Joint;
   if (!are_usable(skeleton, {kSpineBase, kSpineShoulder, kShoulderLeft, kShoulderRight})) return {};
@@ -24,7 +24,7 @@ inline std::optional<Eigen::Matrix3f> torso_frame(const Skeleton& skeleton) {
   const Eigen::Vector3f up = spine.normalized();
   const Eigen::Vector3f shoulders = skeleton[kShoulderLeft] - skeleton[kShoulderRight];
   const Eigen::Vector3f across = shoulders - shoulders.dot(up) * up;
-  constexpr float kFlat = 1e-3F;  // metres: no axis comes out of that
+  constexpr float kFlat = 1e-3F;  // metres; shorter vectors define no axis
   if (!(spine.norm() > kFlat && across.norm() > kFlat)) return {};
   const Eigen::Vector3f left = across.normalized();
   Eigen::Matrix3f axes;

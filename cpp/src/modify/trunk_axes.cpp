@@ -13,7 +13,7 @@ struct Line {
   Eigen::Vector3d point = Eigen::Vector3d::Zero(), direction = Eigen::Vector3d::Zero();
 };
 
-/// The least-squares line through the joints of the middle, up the spine.
+/// The least-squares line through the joints of the spine, in upward direction.
 std::optional<Line> middle_line(const Skeleton& skeleton, const JointTrust& trust) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   double weight = 0.0;
@@ -27,7 +27,8 @@ std::optional<Line> middle_line(const Skeleton& skeleton, const JointTrust& trus
   if (count < 2) return std::nullopt;
   Line line;
   line.point = sum / weight;
-  // The heights along the spine weigh the joints: those farther from the mean tell more.
+  // Joints are weighted by their heights along the spine relative to the mean, as in linear
+  // regression.
   constexpr std::array kHeights = {0.0, 0.31, 0.535,
                                    0.61};  // of kSpineJoints above SpineBase, metres
   double mean = 0.0;
@@ -51,7 +52,7 @@ struct JointPair {
   double trust = 0.0;      ///< Trust of the less trusted of the two joints.
 };
 
-/// A joint that is missing is replaced by the middle of the spine.
+/// If one of the joints is missing, the distance between the other one and the middle is doubled.
 std::optional<JointPair> pair_of(const Skeleton& skeleton, const JointTrust& trust, Joint left,
                                  Joint right, Joint middle) {
   const bool has_left = is_usable(skeleton, left), has_right = is_usable(skeleton, right);
@@ -64,10 +65,12 @@ std::optional<JointPair> pair_of(const Skeleton& skeleton, const JointTrust& tru
   return has_left ? between(middle, left, 2.0) : between(right, middle, 2.0);
 }
 
-/// Takes most of the sideways tilt out of a plane for legs: a pelvis stays level on a seat and over
-/// two feet where the spine leans. What tilts by more is believed, as a sensor may lie on its side.
+/// Removes most of the sideways tilt from a plane for legs: on a seat and over two feet a pelvis
+/// stays level even if the spine leans. Larger tilts are kept, because a sensor may lie on its
+/// side.
 void level(BodyFrame& frame, const Eigen::Vector3d& down) {
-  constexpr double kShare = 1.0 - kLeftTilt, kBelieved = 0.25;  // of the tilt; its sine
+  // Share of the tilt that is removed; sine above which a tilt is kept.
+  constexpr double kShare = 1.0 - kLeftTilt, kBelieved = 0.25;
   const double tilt = frame.n.dot(down);
   const double share = kShare / (1.0 + (tilt * tilt) / (kBelieved * kBelieved));
   frame.n = (frame.n - share * tilt * down).normalized();
@@ -93,7 +96,8 @@ std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb, const 
   add(pair_of(skeleton, trust, kShoulderLeft, kShoulderRight, kSpineShoulder),
       arm ? 1.0 : kOtherPair);
   add(pair_of(skeleton, trust, kHipLeft, kHipRight, kSpineBase), arm ? kOtherPair : 1.0);
-  // Metres from right to left; sine of the angle between x and the spine; metres before the camera.
+  // Metres from right to left; sine of the angle between x and the spine; metres in front of the
+  // camera.
   constexpr double kShortest = 0.05, kLeastSine = 0.1, kNearest = 0.1;
   if (!(x.norm() > kShortest * std::min(weight, 1.0))) return std::nullopt;
   BodyFrame frame;

@@ -15,22 +15,25 @@ namespace {
 using enum Joint;
 
 constexpr double kMostFrames = 90.0;  // frames over which joints are averaged
-constexpr double kFirstErrors = 5.0;  // frames that the first correlation counts as
-// Bounds of the jitter that is measured for a joint of the trunk, metres. Errors below 1 cm change
-// slowly, so that they are not seen as jitter, but they are there.
+constexpr double kFirstErrors = 5.0;  // frames as which the initial correlation counts
+// Bounds of the measured jitter of a joint of the trunk, metres. Errors below 1 cm exist, but
+// change so slowly that they are not measured as jitter.
 constexpr double kLeastNoise = 0.01, kMostNoise = 0.08;
 constexpr double kFirstJitter = 0.005,
-                 kGuessed = 5.0;  // metres, before it is measured; a guess: times
-// Errors of joints from frame to frame, until they are measured: trackers filter.
+                 kGuessed = 5.0;  // metres, before it is measured; factor for inferred joints
+// Correlation of a joint's errors from frame to frame until it is measured. It is high, because
+// trackers filter.
 constexpr double kFirstCorrelation = 0.8, kMostCorrelation = 0.95;
-constexpr double kContradiction = 0.15;  // metres: joints off by so much are another trunk's
-// How far the plane of the joints may be off: roll and yaw in radians, and metres aside.
+// Metres; joints that are off by as much belong to another pose.
+constexpr double kContradiction = 0.15;
+// Standard deviation of the plane of the joints: roll and yaw in radians, offset in metres.
 const Eigen::Vector3d kPlaneBias(0.03, 0.04, 0.012);
-constexpr double kLegRoll = 0.005;  // a leaning trunk says little about the roll of the pelvis
-constexpr double kUnknown = 0.04;   // square metres: variance of a joint never seen
+constexpr double kLegRoll = 0.005;  // a leaning trunk hardly changes the roll of the pelvis
+constexpr double kUnknown = 0.04;   // square metres; variance of a joint that was never seen
 
-/// Variance that the vertical has along the normal of a leg's plane, square radians. Continuous:
-/// none up to a deviation of a degree, which poses of level cameras leave, and all from twice that.
+/// Variance of the vertical along the normal of a leg's plane, square radians. Continuous: 0 up to
+/// a standard deviation of one degree, which remains even for level cameras, and the whole variance
+/// from two degrees on.
 double level_variance(const Eigen::Vector3d& n, const Eigen::Matrix3d& down_covariance) {
   const double variance = std::max(0.0, n.dot(down_covariance * n));
   return variance * std::clamp(std::sqrt(variance) / kDegree - 1.0, 0.0, 1.0);
@@ -73,14 +76,14 @@ void TrunkJoints::measure_jitter(const Skeleton& joints) {
     const Eigen::Vector3d now = joints[joint].cast<double>();
     if (mean.jitter == 0.0) mean.jitter = least * least;
     if (mean.num_last == 2) {
-      constexpr double kMost = 0.1;    // metres: what jumps farther is no jitter
-      constexpr double kMemory = 0.9;  // from frame to frame
+      constexpr double kMost = 0.1;    // metres; larger jumps are not jitter
+      constexpr double kMemory = 0.9;  // weight of the previous value
       const Eigen::Vector3d second = now - 2.0 * mean.last[0] + mean.last[1];
       // White noise of variance s has second differences of variance 6 s in each coordinate.
       const double seen = std::min(second.squaredNorm(), 18.0 * kMost * kMost) / 18.0;
       mean.jitter = kMemory * mean.jitter + (1.0 - kMemory) * seen;
     }
-    // A guess may stand still, and is no better for that.
+    // An inferred joint may stand still without being accurate.
     if (is_guess) mean.jitter = std::max(mean.jitter, least * least);
     mean.last[1] = mean.last[0];
     mean.last[0] = now;
@@ -99,10 +102,10 @@ void TrunkJoints::average(const Skeleton& joints, const TrunkPose& pose, double 
     }
     const Eigen::Vector3d place =
         with_pelvis(back * (joints[joint].cast<double>() - pose.translation), joint, -pelvis_turn);
-    // A guess counts as a quarter of a measurement.
+    // An inferred joint has a quarter of the weight of a tracked one.
     const double trust = joints.state(joint) == TrackingState::kTracked ? 1.0 : 0.25;
     mean.weight = std::min(mean.weight + trust, kMostFrames);
-    if (mean.weight <= trust) mean.place = place;  // the first time
+    if (mean.weight <= trust) mean.place = place;  // first measurement
     const Eigen::Vector3d off = place - mean.place;
     const double distance = off.norm();
     if (distance < kContradiction && !mean.last_error.isZero(0.0)) {
@@ -116,7 +119,7 @@ void TrunkJoints::average(const Skeleton& joints, const TrunkPose& pose, double 
     mean.place += std::min(1.0, trust / mean.weight) * bounded * off;
   }
   if (count == 0.0) return;
-  constexpr double kMemory = 0.98;  // from frame to frame
+  constexpr double kMemory = 0.98;  // weight of the previous sums
   error_power_ = kMemory * error_power_ + power / count;
   error_product_ = kMemory * error_product_ + product / count;
 }
@@ -148,18 +151,18 @@ double TrunkJoints::correlation() const {
   return std::clamp(error_product_ / error_power_, 0.0, kMostCorrelation);
 }
 
-// Errors of variance s with correlation rho have second differences of variance
-// 2 s (1 - rho) (3 - rho), which is six times `jitter`; new is s (1 - rho^2).
+// Errors of variance s with correlation rho have second differences of variance 2 s (1 - rho) (3 -
+// rho), which is six times `jitter`; the innovation has the variance s (1 - rho^2).
 double TrunkJoints::innovation(Joint joint) const {
   const double rho = correlation();
   return of(joint).jitter * 3.0 * (1.0 + rho) / (3.0 - rho);
 }
 
-/// The variance of a joint's mean: frames that share their errors tell no more than fewer do. At
-/// first the correlation of the errors is hardly known. It counts as the highest until then, or
-/// joints whose errors last outweigh the surface.
+/// The variance of a joint's mean, for correlated errors. The correlation is uncertain at first; it
+/// is then taken as the largest possible one, because joints with lasting errors would otherwise
+/// outweigh the surface.
 double TrunkJoints::mean_variance(Joint joint) const {
-  constexpr double kUnsure = 8.0, kMost = 50.0;  // frames: those that the running sums remember
+  constexpr double kUnsure = 8.0, kMost = 50.0;  // frames; the running sums remember kMost
   const double weight = of(joint).weight, doubt = kUnsure / std::clamp(weight, kUnsure, kMost);
   const double rho = doubt * kMostCorrelation + (1.0 - doubt) * correlation();
   const double frames = 1.0 + std::max(0.0, weight - 1.0) * (1.0 - rho) / (1.0 + rho);
@@ -177,7 +180,7 @@ JointTrust TrunkJoints::trust() const {
 }
 
 double TrunkJoints::size_against_adult() const {
-  constexpr double kLeast = 0.4;  // of an adult: joints that are nearer to each other are wrong
+  constexpr double kLeast = 0.4;  // share of an adult; joints that are closer together are wrong
   constexpr std::array<std::tuple<Joint, Joint, double>, 2> kLengths = {
       {{kShoulderLeft, kShoulderRight, kAdultShoulders},
        {kSpineBase, kSpineShoulder, 0.535}}};  // metres
@@ -196,8 +199,8 @@ Eigen::Vector3d TrunkJoints::plane_variance(const Eigen::Vector3d& n, Limb limb,
     return is_known(joint) ? mean_variance(joint) : kUnknown;
   };
   const JointTrust trusted = trust();
-  // Yaw: variance of the mean of both pairs' directions, weighted by trust, over its squared
-  // length.
+  // Yaw: variance of the mean of the directions of both pairs, weighted by trust, divided by its
+  // squared length.
   const double size = size_against_adult();
   const bool arm = is_arm(limb);
   const auto pair_trust = [&](Joint left, Joint right) {
@@ -210,10 +213,10 @@ Eigen::Vector3d TrunkJoints::plane_variance(const Eigen::Vector3d& n, Limb limb,
                       b * b * (variance(kHipLeft) + variance(kHipRight))) /
                      (length * length);
   // Roll: variance of the slope of a line through the middle joints.
-  constexpr double kSpine = 0.25;  // metres: deviation of their heights
+  constexpr double kSpine = 0.25;  // metres; standard deviation of their heights
   double precision = 0.0;
   for (const Joint joint : kSpineJoints) precision += 1.0 / (variance(joint) + 1e-6);
-  // Joints are off by metres: the smaller a body, the more its axes are turned by them.
+  // Errors of joints do not scale with the body, so they turn the axes of a small body by more.
   Eigen::Vector3d bias(kPlaneBias[0] / size, kPlaneBias[1] / size, kPlaneBias[2]);
   double roll = 1.0 / (precision * size * size * kSpine * kSpine);
   if (!arm) {

@@ -7,10 +7,10 @@
 #include "manip3d/geometry/skeleton.hpp"
 
 /// @file
-/// The place of a trunk, and its turn in itself.
+/// The pose of a trunk, and its twist.
 namespace manip3d {
 
-/// From the trunk to the camera.
+/// Transform from the trunk to the camera frame.
 struct TrunkPose {
   Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();
@@ -27,20 +27,20 @@ inline bool is_on_pelvis(Joint joint) {
   return joint == Joint::kSpineBase || joint == Joint::kHipLeft || joint == Joint::kHipRight;
 }
 
-/// The rotation by a small vector, without transcendental functions: exact to third order.
+/// The rotation by a small rotation vector, exact to third order without transcendental functions.
 inline Eigen::Quaterniond small_turn(const Eigen::Vector3d& w) {
   return Eigen::Quaterniond(1.0, 0.5 * w.x(), 0.5 * w.y(), 0.5 * w.z()).normalized();
 }
 
-/// Turns a vector of the trunk about the spine, its y axis. As in small_turn(), the tangent of half
-/// the angle is taken as half the angle.
+/// Turns a vector of the trunk about the spine, its y axis. As in small_turn(), half the angle is
+/// used for the tangent of half the angle.
 inline Eigen::Vector3d about_spine(const Eigen::Vector3d& p, double angle) {
   const double half = 0.5 * angle, scale = 1.0 / (1.0 + half * half);
   const double c = (1.0 - half * half) * scale, s = 2.0 * half * scale;
   return {c * p.x() + s * p.z(), p.y(), c * p.z() - s * p.x()};
 }
 
-/// The same of a joint of the pelvis; those of the chest stay.
+/// Turns a joint of the pelvis by about_spine(); joints of the chest do not move.
 inline Eigen::Vector3d with_pelvis(const Eigen::Vector3d& p, Joint joint, double angle) {
   return is_on_pelvis(joint) ? about_spine(p, angle) : p;
 }

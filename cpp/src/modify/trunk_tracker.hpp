@@ -18,69 +18,71 @@
 
 namespace manip3d {
 
-/// Follows the trunk of one person, and with it the plane of symmetry, from frame to frame.
+/// Tracks the trunk of one person, and with it the plane of symmetry, from frame to frame.
 ///
-/// Joints shake by centimetres, the surface of the trunk by millimetres. The motion of the trunk is
-/// therefore that of its surface: points of a key frame (KeySurface) are laid onto the depth image,
-/// point to plane [Chen & Medioni, "Object modelling by registration of multiple range images",
-/// 1992], with projective association [Blais & Levine, 1995]. The joints say where the plane lies
-/// within the trunk (TrunkJoints), and so does the surface, which is laid onto its own mirror image
-/// (SymmetryPlane). Motion and joints are one least-squares estimate with a prior from constant
-/// velocity; residuals of surface and joints are weighted as those of heavy-tailed distributions
-/// (Geman-McClure, Cauchy), so that an arm before the trunk or a joint that jumps does not count.
-/// `update` and `learn` allocate nothing after the first frame.
+/// Joints jitter by centimetres, the surface of the trunk by millimetres. The motion of the trunk
+/// is therefore estimated from its surface: points of a key frame (KeySurface) are fitted to the
+/// depth image by point-to-plane distances [Chen & Medioni, "Object modelling by registration of
+/// multiple range images", 1992] with projective association [Blais & Levine, 1995]. The place of
+/// the plane within the trunk follows from the joints (TrunkJoints) and from the surface, which is
+/// fitted to its own mirror image (SymmetryPlane). Motion and joints are one least-squares estimate
+/// with a constant-velocity prior. Residuals of surface and joints have the weights of heavy-tailed
+/// distributions (Geman-McClure, Cauchy), so that an arm in front of the trunk or a joint that
+/// jumps has little influence. `update` and `learn` allocate nothing after the first frame.
 ///
-/// A chest turns against the pelvis, which bears the legs (Pelvis): a body that turns as a whole
-/// leaves nothing to tell there, and is not followed later than without. The trunk is then turned
-/// in itself, by less the farther up the loins. How far a person was turned at the start is not
-/// known.
+/// The chest may turn relative to the pelvis, to which the legs belong (Pelvis). If the body turns
+/// as a whole, this turn stays 0 and the tracking is not delayed. A trunk with a turned pelvis is
+/// twisted, by less the higher up in the loins. How far a person was twisted in the first frame is
+/// unknown.
 ///
-/// Joints are off by metres, and so turn the axes of a small body by more than those of an adult:
-/// the angles that they are trusted to are divided by the trunk's size against an adult's.
+/// Errors of joints are lengths and do not scale with the body, so they turn the axes of a small
+/// body by more than those of an adult: the errors of angles that follow from joints are divided by
+/// the size of the trunk relative to an adult's.
 ///
-/// The uncertainty of the trunk's motion grows with the time between two frames. After a gap
-/// of a quarter of a second, in the images or in the joints alone, the joints tell the trunk anew.
-/// If the plane is turned against the shoulders and hips of the last tenth of a second by more than
-/// they err (AcrossCheck), the turn is part of its deviation, and after 0.3 seconds the joints are
-/// believed. Joints that jump by a turn from one frame to the next say where the surface is looked
-/// for, if they lie as they lie in the trunk: a skeleton that collapses tells no turn.
+/// The uncertainty of the trunk's motion grows with the time between two frames. After a gap of a
+/// quarter of a second, in the images or only in the joints, the trunk starts again from the
+/// joints. If the plane is turned relative to the shoulders and hips of the last tenth of a second
+/// by more than their errors (AcrossCheck), the turn is added to its deviation; after 0.3 seconds
+/// the trunk is set to the joints. If all joints jump by a common rotation from one frame to the
+/// next, the surface is searched for after this rotation. They must keep their places within the
+/// trunk, because a skeleton that collapses shows no rotation.
 class TrunkTracker {
  public:
   explicit TrunkTracker(Limb affected) : affected_(affected), pelvis_(affected) {}
 
-  /// Says which way is down from now on, as a unit vector: until then along the image's columns.
-  /// @param covariance  of `down`, square radians: the plane of a leg is no surer than that.
+  /// Sets the vertical, as a unit vector; default: along the image's columns.
+  /// @param covariance  Covariance of `down`, square radians; the plane of a leg is at least as
+  /// uncertain.
   void set_down(const Eigen::Vector3d& down,
                 const Eigen::Matrix3d& covariance = Eigen::Matrix3d::Zero()) {
     down_ = down;
     down_covariance_ = covariance;
   }
 
-  /// Says how far the flesh of the limbs lies beside their joints from now on, metres: until then
-  /// it does not.
+  /// Sets the offset of the limbs' points from their joints, metres; default: 0.
   void set_offset(const Eigen::Vector3d& offset) { offset_ = offset; }
 
-  /// The trunk in a new frame.
-  /// @param joints  unfiltered; null while there are none: the surface alone is followed.
-  /// @return  the axes of the body; none until the joints told them once.
+  /// Updates the trunk with a new frame.
+  /// @param joints  Unfiltered; null: none, so that only the surface is tracked.
+  /// @return  The axes of the body; no value before the first frame with usable joints.
   std::optional<BodyFrame> update(const Skeleton* joints, const DepthView& depth,
                                   const PixelRays& rays, const Intrinsics& camera, double time_s);
 
-  /// Renews the key frame where the last one no longer fits.
-  /// @param points  of the person, labelled, from the frame of the last update.
+  /// Replaces the key frame if it no longer fits.
+  /// @param points  Labelled points of the person in the frame of the last update.
   void learn(const PersonPoints& points, const DepthView& depth, const PixelRays& rays,
              const Intrinsics& camera);
 
-  /// The axes as known now: learning may have changed them.
+  /// The current axes, which learn() may have changed.
   [[nodiscard]] std::optional<BodyFrame> frame() const;
 
   void reset();
 
-  /// Standard deviation of the plane's normal, degrees, of its roll and yaw within the trunk and of
-  /// the trunk's own turn, with what it is turned by against the joints, or, for a leg, what the
-  /// chest is twisted by against the hips; infinite before the first frame.
+  /// Standard deviation of the plane's normal, degrees: of its roll and yaw within the trunk and of
+  /// the trunk's own rotation, plus the turn of the plane relative to the joints or, for a leg, the
+  /// twist of the chest relative to the hips. Infinite before the first frame.
   [[nodiscard]] double deviation_deg() const;
-  /// Standard deviation of a point's distance from the plane, metres, by the plane's own errors.
+  /// Standard deviation of a point's distance from the plane, metres, due to errors of the plane.
   [[nodiscard]] double deviation_at(const Eigen::Vector3d& p, const BodyFrame& frame) const;
 
  private:
@@ -103,7 +105,8 @@ class TrunkTracker {
   Limb affected_;
   Eigen::Vector3d down_ = Eigen::Vector3d::UnitY();
   Eigen::Matrix3d down_covariance_ = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d offset_ = Eigen::Vector3d::Zero();  ///< Metres, limbs' flesh from joints.
+  /// Metres, from the joints of the limbs to the middle of the points around them.
+  Eigen::Vector3d offset_ = Eigen::Vector3d::Zero();
   std::optional<TrunkPose> pose_;
   Vector6 velocity_ = Vector6::Zero();  ///< Rotation vector and translation, per second.
   double turn_variance_ = 0.0;          ///< Variance of the orientation, square radians.

@@ -13,16 +13,18 @@ namespace {
 
 using enum Joint;
 
-// Seconds over which the joints' direction across is averaged, and radians that it may differ from
-// the plane's normal by: a reaching arm takes its shoulder along by up to 10 cm.
+// kAcrossTime: seconds over which the direction across the trunk is averaged. kMostDisagreement:
+// its largest angle to the plane's normal, radians; a reaching arm moves its shoulder by up to 10
+// cm.
 constexpr double kAcrossTime = 0.1, kMostDisagreement = 0.26;
-// Radians that the joints' direction across may jump by from one frame to the next, and standard
-// deviations of its jitter.
+// A direction across has jumped if it turns by more than kMostJump, radians, and more than
+// kSureJump standard deviations of its jitter from one frame to the next.
 constexpr double kMostJump = 0.21, kSureJump = 4.0;
-// Seconds over which the direction of the hips is averaged, and its usual angle to the plane;
-// radians that it may differ by from that, beyond one and a half deviations of its errors; seconds
-// that an angle of 0 counts as at the start. Chosen on seed 0 of `bench_people.py --twist` and on
-// the tuning half of the recorded people.
+// kHipsTime: seconds over which the direction of the hips is averaged. kUsualTime: seconds over
+// which its angle to the plane is averaged. kMostTwist: largest deviation from that angle, radians,
+// beyond one and a half standard deviations of its errors. kFirstUsual: seconds for which an angle
+// of 0 counts at the start. Chosen on seed 0 of `bench_people.py --twist` and on the tuning half of
+// the recorded people.
 constexpr double kHipsTime = 0.2, kUsualTime = 10.0, kMostTwist = 0.10, kFirstUsual = 3.0;
 constexpr double kLongestStep = 0.25;      // seconds
 constexpr double kTurnFrame = 1.0 / 30.0;  // seconds
@@ -33,12 +35,13 @@ bool are_tracked(const Skeleton& joints, Joint left, Joint right) {
   });
 }
 
-struct Across {  // In the camera.
+struct Across {  // In the camera frame.
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();
   double jitter = 0.0;  // Standard deviation of the direction in one frame, radians.
 };
 
-/// From right to left, of the shoulders and half of the hips, as far as both of a pair are tracked.
+/// Direction from right to left: that of the shoulders plus half of that of the hips; a pair is
+/// used only if both joints are tracked.
 std::optional<Across> tracked_across(const Skeleton& joints, const TrunkJoints& means,
                                      const TwistedPose& pose) {
   Across across;
@@ -88,8 +91,8 @@ void AcrossCheck::compare(const Skeleton& joints, const TrunkJoints& means, cons
   across_ += gain * (within - across_);
   const Eigen::Vector3d mean = pose.trunk.rotation * across_;
   const double turn = std::abs(std::atan2(axes->z.dot(mean), axes->n.dot(mean)));
-  // The variance that an exponential mean leaves of white noise at 30 frames a second: a / (2 - a),
-  // a = 1 - e^(-1/3).
+  // The share of the variance of white noise that remains in an exponential mean at 30 frames a
+  // second: a / (2 - a) with a = 1 - e^(-1/3).
   constexpr double kLeft = 0.165;
   const double deviation = std::sqrt(kLeft) * across->jitter;
   if (turn > kMostDisagreement + 2.0 * deviation) disagreement_ = turn;
@@ -117,10 +120,9 @@ void HipCheck::compare(const Skeleton& joints, const TrunkJoints& means, const T
   const double z = axes->z.dot(mean), n = axes->n.dot(mean), angle = std::atan2(z, n);
   usual_time_ = std::min(usual_time_ + step, kUsualTime);
   usual_angle_ += step / usual_time_ * std::remainder(angle - usual_angle_, kFullTurn);
-  // The variance of an exponential mean of first-order autoregressive errors. An innovation is the
-  // variance of what is new in each frame; over 1 - rho^2 it is that of the errors; a mean that
-  // keeps `kept` from frame to frame leaves (1 - kept) / (1 + kept) (1 + rho kept) / (1 - rho kept)
-  // of it.
+  // The variance of an exponential mean of first-order autoregressive errors. The innovation
+  // divided by 1 - rho^2 is the variance of the errors. A mean that keeps `kept` of itself from
+  // frame to frame has (1 - kept) / (1 + kept) (1 + rho kept) / (1 - rho kept) of that variance.
   const double rho = means.correlation(), kept = std::exp(-kTurnFrame / kHipsTime);
   const double variance =
       (means.innovation(kHipLeft) + means.innovation(kHipRight)) *

@@ -9,61 +9,62 @@
 #include "modify/trunk_pose.hpp"
 
 /// @file
-/// Is the plane turned about the spine against what the joints of the last frames say?
+/// Checks whether the plane is turned about the spine relative to the joints of the last frames.
 namespace manip3d {
 
-/// A trunk, and the turn of its pelvis against it.
+/// A trunk with the turn of its pelvis relative to it.
 struct TwistedPose {
   TrunkPose trunk;
   double pelvis_turn = 0.0;  ///< Radians.
 };
 
-/// Shoulders and hips against the normal of the plane.
+/// Compares shoulders and hips with the normal of the plane.
 class AcrossCheck {
  public:
-  /// Has the direction across jumped against that of the last frames, carried on with the trunk?
-  /// Then the body may have turned farther than its surface is found from the last pose.
-  /// @param foreseen  rotation of the trunk by its velocity.
+  /// Whether the direction across has jumped relative to that of the last frames, predicted with
+  /// the trunk's motion. The body may then have turned too far for its surface to be found from the
+  /// last pose.
+  /// @param foreseen  Rotation of the trunk predicted from its velocity.
   [[nodiscard]] bool has_jumped(const Skeleton& joints, const TrunkJoints& means,
                                 const TwistedPose& pose, const Eigen::Quaterniond& foreseen) const;
-  /// How far a plane with these axes is turned about the spine against the shoulders and hips that
-  /// were tracked lately. They are averaged within the trunk, so that a body that turns is not
-  /// behind.
+  /// Measure how far a plane with these axes is turned about the spine relative to the shoulders
+  /// and hips that were tracked recently. They are averaged in coordinates of the trunk, so that
+  /// the mean does not lag behind a body that turns.
   void compare(const Skeleton& joints, const TrunkJoints& means, const TwistedPose& pose,
                const std::optional<BodyFrame>& axes, double elapsed);
-  /// Forgets the direction: the one from before a turn tells nothing.
+  /// Forgets the direction, because one from before a turn is useless.
   void forget_direction() { across_.setZero(); }
 
-  /// Radians between the two, if that is beyond their errors; else 0.
+  /// Angle between the two, radians, if it exceeds their errors; else 0.
   [[nodiscard]] double disagreement() const { return disagreement_; }
 
   void reset() { *this = {}; }
 
  private:
-  Eigen::Vector3d across_ = Eigen::Vector3d::Zero();  ///< From right to left lately, in the trunk.
+  /// Recent direction from right to left, in the trunk.
+  Eigen::Vector3d across_ = Eigen::Vector3d::Zero();
   double disagreement_ = 0.0;
 };
 
-/// The hips against the plane of a leg, from what they usually are: what of a twist the pelvis was
-/// not seen to turn by.
+/// Compares the hips with the plane of a leg, relative to their usual angle. It measures the part
+/// of a twist that Pelvis did not find.
 class HipCheck {
  public:
   HipCheck() { reset(); }
 
-  /// @param end  of the trunk, that bears the limb.
+  /// @param end  Pose of the end of the trunk to which the limb belongs.
   void compare(const Skeleton& joints, const TrunkJoints& means, const TrunkPose& end,
                const std::optional<BodyFrame>& axes, double elapsed);
 
-  /// Radians that the hips are turned from what they usually are, if that is beyond their errors;
-  /// else 0.
+  /// Angle of the hips from their usual angle, radians, if it exceeds their errors; else 0.
   [[nodiscard]] double twist() const { return twist_; }
 
   void reset();
 
  private:
-  Eigen::Vector3d hips_;  ///< From right to left lately, in the trunk.
-  /// Radians about the spine that they usually have to the plane's normal, and the seconds that
-  /// tell it.
+  Eigen::Vector3d hips_;  ///< Recent direction from right to left, in the trunk.
+  /// Usual angle of the hips about the spine to the plane's normal, radians, and the seconds over
+  /// which it was averaged.
   double usual_angle_, usual_time_;
   double twist_;
 };

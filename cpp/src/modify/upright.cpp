@@ -12,17 +12,20 @@ namespace manip3d {
 namespace {
 
 constexpr double kRollStep = 2.0, kPitchStep = 5.0;  // degrees of the grid
-// The prior: shares of cameras that are level and not pitched, and the deviations of the others.
+// The prior: shares of cameras without roll and without pitch, and the standard deviations of the
+// others.
 constexpr double kLevelCameras = 0.95, kPlainCameras = 0.5;
 constexpr double kRolled = 12.0, kPitched = 15.0;  // degrees
-constexpr double kPose = 2.0;                      // seconds that a pose lasts
-constexpr double kMostPoses = 2.0;                 // trackers' errors last longer
-constexpr double kMemory = 10.0, kEvery = 0.1;     // seconds
-constexpr double kStraight = 0.94;                 // cosine of 20 degrees at a knee
-// Radians: 95 % of the tuning half of benchmarks/bench_people.py, whose camera is level, are less.
+constexpr double kPose = 2.0;       // seconds that a pose lasts; one pose counts as one measurement
+constexpr double kMostPoses = 2.0;  // no more poses count, because errors of trackers last longer
+// Seconds: of the mean, and between two frames that are used.
+constexpr double kMemory = 10.0, kEvery = 0.1;
+constexpr double kStraight = 0.94;  // cosine of 20 degrees at a knee; a straighter leg is one axis
+// Radians. The tilts of 95 % of the tuning half of benchmarks/bench_people.py, whose camera is
+// level, are smaller.
 constexpr double kLeastTilt = 2.5 * kDegree;
 
-/// An axis of the body that is upright in most poses, and degrees that it usually differs by.
+/// An axis of the body that is upright in most poses, and its usual deviation in degrees.
 struct Axis {
   Eigen::Vector3d down;
   double aside = 0.0, ahead = 0.0;
@@ -60,7 +63,7 @@ Eigen::Vector3d down_at(double roll_deg, double pitch_deg) {
   return {-std::sin(r) * std::cos(p), std::cos(r) * std::cos(p), std::sin(p)};
 }
 
-/// The share of a cell of a grid in the prior of one angle.
+/// Prior probability of a cell of the grid for one angle.
 double prior_of(double angle, double level, double deviation, double step) {
   constexpr double kRootOfTwoPi = 2.5066282746310002;
   const double x = angle / deviation;
@@ -68,7 +71,7 @@ double prior_of(double angle, double level, double deviation, double step) {
   return others + (angle == 0.0 ? level : 0.0);
 }
 
-/// A camera that may be, as a cell of the grid.
+/// A possible tilt of the camera: a cell of the grid.
 struct Tilt {
   Eigen::Vector3d down;
   double prior = 0.0;
@@ -113,7 +116,7 @@ void Upright::learn(const Skeleton& person, Limb affected, double time_s) {
     double told = 0.0;
     for (const auto& axis : {spine, leg}) {
       if (!axis) continue;
-      // Student's distribution with three degrees of freedom, in two dimensions.
+      // Student's t distribution with three degrees of freedom, in two dimensions.
       const Eigen::Vector3d off = (axis->down - tilts[cell].down) / kDegree;
       const double x = off.dot(aside), y2 = std::max(0.0, off.squaredNorm() - x * x);
       const double q = x * x / (axis->aside * axis->aside) + y2 / (axis->ahead * axis->ahead);
@@ -124,7 +127,7 @@ void Upright::learn(const Skeleton& person, Limb affected, double time_s) {
   weigh();
 }
 
-/// The mean and the covariance over the rolls and pitches.
+/// Computes the mean and the covariance of the vertical over all rolls and pitches.
 void Upright::weigh() {
   const double poses = std::min(seconds_ / kPose, kMostPoses);
   const double most = *std::ranges::max_element(told_);
@@ -141,7 +144,7 @@ void Upright::weigh() {
   }
   mean /= sum;
   covariance_ = squares / sum - mean * mean.transpose();
-  // Continuous: nothing of the least tilt that counts, and all of twice as much.
+  // Continuous: no tilt up to kLeastTilt, the whole tilt from twice that on.
   const double share = std::clamp(std::hypot(mean.x(), mean.z()) / kLeastTilt - 1.0, 0.0, 1.0);
   down_ = Eigen::Vector3d(share * mean.x(), mean.y(), share * mean.z()).normalized();
 }

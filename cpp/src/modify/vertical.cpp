@@ -13,18 +13,19 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kFloorReach = 8;    // pixels to either side: a decimetre at 3 m
-constexpr std::size_t kLeastNormals = 40;  // that agree, of some 1 500 places
-constexpr float kSpread = 0.14F;           // radians: of the Geman-McClure weight
+constexpr std::int64_t kFloorReach = 8;    // pixels to either side; 10 cm at 3 m
+constexpr std::size_t kLeastNormals = 40;  // that agree, of some 1500 sampled pixels
+constexpr float kSpread = 0.14F;           // radians; scale of the Geman-McClure weight
 
-/// The inverse of a depth is linear in the pixel on a plane, whatever its slant.
+/// Whether three depths are on a plane: the inverse of the depth is linear in the pixel, whatever
+/// the slant.
 bool is_flat(float before, float here, float after) {
-  constexpr float kBend = 0.02F;  // of the depth
+  constexpr float kBend = 0.02F;  // share of the depth
   return std::abs(here / before + here / after - 2.0F) < kBend;
 }
 
-/// The normal of the surface at a pixel, away from the camera: down if it is a floor's. None on
-/// edges.
+/// The normal of the surface at a pixel, away from the camera, which is downwards on a floor. No
+/// value on edges.
 std::optional<Eigen::Vector3f> floor_normal(const DepthView& depth, const PixelRays& rays,
                                             std::int64_t u, std::int64_t v) {
   const auto at = [&](std::int64_t column, std::int64_t row) {
@@ -47,7 +48,8 @@ std::optional<Eigen::Vector3f> floor_normal(const DepthView& depth, const PixelR
   return normal / (normal.dot(lift(rays, u, v, here)) < 0.0F ? -length : length);
 }
 
-/// The direction that most normals share, from a first guess on; none if too few do.
+/// The direction on which most normals agree, starting from a first guess; no value if too few
+/// agree.
 std::optional<Eigen::Vector3f> shared(std::span<const Eigen::Vector3f> normals,
                                       Eigen::Vector3f guess) {
   constexpr int kSteps = 10;
@@ -68,13 +70,13 @@ std::optional<Eigen::Vector3f> shared(std::span<const Eigen::Vector3f> normals,
   return guess;
 }
 
-constexpr float kLevel = 0.03F;  // metres: a level surface is so near to one height
+constexpr float kLevel = 0.03F;  // metres; points of a level surface are this close to one height
 
-/// The height of the lowest level surface that is not a speck: tables and steps are higher.
-/// @param heights  memory for those of the points.
+/// The height of the lowest level surface of sufficient size; tables and steps are higher.
+/// @param heights  Memory for the heights of the points.
 std::optional<float> lowest_level(std::span<const Eigen::Vector3f> points,
                                   const Eigen::Vector3f& down, std::span<float> heights) {
-  constexpr std::size_t kOneOf = 4;  // of so many points at least one is on the floor
+  constexpr std::size_t kOneOf = 4;  // one of this many points at least must be on the floor
   for (std::size_t i = 0; i < points.size(); ++i) heights[i] = down.dot(points[i]);
   std::ranges::sort(heights, std::greater<>());
   const std::size_t least = std::max(kLeastNormals / 2, heights.size() / kOneOf);
@@ -86,12 +88,13 @@ std::optional<float> lowest_level(std::span<const Eigen::Vector3f> points,
   return std::nullopt;
 }
 
-/// The plane of the points about a first guess; none if they do not tell all of it.
+/// Fits the plane of the points, starting from a first guess; no value if they do not determine it.
 std::optional<FloorPlane> fitted_plane(std::span<const Eigen::Vector3f> points, FloorPlane plane) {
   constexpr int kSteps = 5;
-  constexpr double kLeastAcross = 0.02;  // square metres: a narrow strip may be tilted by anything
+  // Square metres; the tilt of a narrower strip is undetermined.
+  constexpr double kLeastAcross = 0.02;
   for (int step = 0; step < kSteps; ++step) {
-    // Sums about the mean, as the plane's tilt and height are then apart.
+    // Moments about the mean, which separate the plane's tilt from its height.
     double sum = 0.0, squares = 0.0;
     Eigen::Vector3d mean = Eigen::Vector3d::Zero();
     Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
@@ -123,8 +126,8 @@ std::optional<FloorPlane> fitted_plane(std::span<const Eigen::Vector3f> points, 
 void Vertical::learn(const DepthView& depth, const std::uint8_t* body_index, const PixelRays& rays,
                      const Eigen::Vector3f& hips) {
   constexpr std::uint8_t kNobody = 0xff;
-  constexpr float kBelowHips = 0.25F;        // metres: seats and laps are higher
-  constexpr float kHalfRight = 0.70710678F;  // cosine: tilted by more, walls look like floors
+  constexpr float kBelowHips = 0.25F;        // metres; seats and laps are higher
+  constexpr float kHalfRight = 0.70710678F;  // cosine; with a larger tilt, walls look like floors
   constexpr double kLongest = 90.0;          // frames
   const auto places = static_cast<double>(depth.rows * depth.cols);
   const auto step = static_cast<std::int64_t>(std::ceil(std::sqrt(places / kMost)));
@@ -154,10 +157,10 @@ void Vertical::learn(const DepthView& depth, const std::uint8_t* body_index, con
   find_floor(count, *now, hips);
 }
 
-/// Fits the plane of the floor to this frame's points, `count` of them, with normals about `now`.
+/// Fits the plane of the floor to the `count` points of this frame with normals near `now`.
 void Vertical::find_floor(std::size_t count, const Eigen::Vector3f& now,
                           const Eigen::Vector3f& hips) {
-  constexpr float kNearPerson = 2.0F;  // metres: lenses bend what is far away
+  constexpr float kNearPerson = 2.0F;  // metres; farther away, errors of the lens bend the floor
   std::size_t level = 0, near = 0;
   for (std::size_t i = 0; i < count; ++i) {
     if (!((normals_[i] - now).squaredNorm() < kSpread * kSpread)) continue;

@@ -13,34 +13,35 @@ namespace manip3d {
 
 /// The plane of a floor: normal.dot(p) = height.
 struct FloorPlane {
-  Eigen::Vector3f normal = Eigen::Vector3f::UnitY();  ///< Down.
+  Eigen::Vector3f normal = Eigen::Vector3f::UnitY();  ///< Downwards.
   float height = 0.0F;                                ///< Metres below the camera.
-  float noise = 0.0F;  ///< Root mean square distance of its points from the plane, metres.
+  float noise = 0.0F;  ///< Root mean square distance of the floor's points from the plane, metres.
 };
 
-/// Tells which way is down from the floor, over the frames of a camera that may be tilted.
+/// Estimates the vertical from the floor, over the frames of a camera that may be tilted.
 ///
-/// The floor is what is level well below a person's hips and not a person: of many places in the
-/// image the normal of the surface, and of those that may be a floor's the direction that most of
-/// them share. A camera that sees too little floor is taken for one that stands upright.
+/// The floor is any level surface well below a person's hips that is not a person. Normals of the
+/// surface are computed at many places of the image; of those that may belong to a floor, the
+/// direction on which most agree is the vertical. Until a camera has seen enough floor, it is
+/// assumed to be level.
 ///
-/// The plane of the floor is that of the last frame that showed enough of it: fitted to the lowest
-/// level surface, within two metres of the person where there is enough of it.
+/// The plane of the floor is that of the last frame that showed enough of it. It is fitted to the
+/// lowest level surface, within two metres of the person if there are enough points.
 class Vertical {
  public:
-  /// Learns from one frame: which way is down, and the floor's plane where enough of it is seen.
-  /// @param body_index  (rows, cols) or null: then nobody is left out.
-  /// @param hips  the middle of the person's hips in the camera's frame, metres.
+  /// Updates the vertical with one frame, and the plane of the floor if enough of it is visible.
+  /// @param body_index  (rows, cols); null: no pixels are left out.
+  /// @param hips        The middle of the person's hips in the camera frame, metres.
   void learn(const DepthView& depth, const std::uint8_t* body_index, const PixelRays& rays,
              const Eigen::Vector3f& hips);
 
-  /// Unit vector in the frame of the camera.
+  /// Unit vector in the camera frame.
   [[nodiscard]] const Eigen::Vector3d& down() const { return down_; }
 
-  /// Has a frame shown enough of a floor? Until then down() is along the image's columns.
+  /// Whether a frame has shown enough of a floor. Until then down() is along the image's columns.
   [[nodiscard]] bool is_known() const { return frames_ > 0.0; }
 
-  /// None as long as no frame has shown enough of a floor.
+  /// No value before the first frame that shows enough of a floor.
   [[nodiscard]] const std::optional<FloorPlane>& floor() const { return floor_; }
 
   void reset() { *this = {}; }

@@ -17,15 +17,15 @@ namespace manip3d {
 
 struct AnimationMeshOptions {
   DepthStepOptions step;
-  /// Only pixels of bones that meet at a joint share a triangle. Without it limbs drag along what
-  /// they lie on (figure 5.5).
+  /// Triangles join only pixels of the same bone, or of two bones that meet at a joint. If false,
+  /// limbs drag along the surface that they lie on (figure 5.5).
   bool by_label = true;
-  /// Metres around the joint between them within which bones one apart may share a triangle too:
-  /// upper arm and chest at the shoulder. 0: never, as published.
+  /// Two bones with exactly one bone between them (upper arm and chest at the shoulder) may share
+  /// triangles within this distance, in metres, of the joint between them. 0: never, as published.
   double joint_reach = 0.15;
 };
 
-/// The labelled pixels of a person, with triangles that can be taken apart at joints.
+/// The labelled pixels of a person as a mesh whose parts can move at the joints.
 struct AnimationMesh {
   Rows<float, 3> vertices;           ///< (n, 3) metres, row by row of the image.
   Rows<std::int32_t, 2> pixels;      ///< (n, 2) column and row.
@@ -33,43 +33,48 @@ struct AnimationMesh {
   Rows<std::int32_t, 3> faces;       ///< (m, 3); front faces look at the camera.
 };
 
-/// Cells of 2x2 pixels as grid_mesh() cuts them; a triangle counts if its depths are connected
-/// (DepthStep) and its bones fit together.
+/// Triangulate the labelled pixels. Cells of 2x2 pixels are cut as by grid_mesh(). A triangle is
+/// kept if the depths of its pixels are connected (DepthStep) and their bones may share a triangle
+/// (AnimationMeshOptions).
 /// @param labels    (rows, cols) bone of each pixel, 0: not the person.
-/// @param skeleton  Null: there are no joints, bones must meet.
+/// @param skeleton  Source of the joints for `joint_reach`. Null: only bones that meet share
+/// triangles.
 /// @throws InputError  sizes differ, a label above 24, an option is out of range.
 AnimationMesh animation_mesh(const DepthView& depth, const PixelRays& rays, double focal,
                              const std::uint8_t* labels, const Skeleton* skeleton,
                              const AnimationMeshOptions& options = {});
 
-/// Which bones follow a pose.
+/// Bones that follow a pose.
 enum class PoseScope : std::uint8_t {
-  kLimbs,  ///< Arms and legs, against the trunk, which stays as it is.
-  kBody    ///< All; the body turns with the pose, too.
+  kLimbs,  ///< Arms and legs, relative to the trunk, which does not move.
+  kBody    ///< All bones; the body also takes the orientation of the pose.
 };
 
-/// How the bones of `source` move so that they point where those of `pose` point.
+/// Motions of the bones of `source` after which they point in the directions of the bones of
+/// `pose`.
 ///
-/// Directions alone are taken over: bones keep their lengths and the base of the spine its place.
-/// From the trunk outwards each bone is turned as the bone before it, then by the shortest turn to
-/// its new direction. With kLimbs directions are those against the trunk. A bone that is not
-/// tracked in one of the two, or points backwards, moves with the bone before it.
-/// @return  none: the torso of one of the two is not tracked.
+/// Only directions are transferred: bones keep their lengths, and the base of the spine keeps its
+/// place. From the trunk outwards, each bone first turns with its parent bone, then by the shortest
+/// rotation to its new direction. With kLimbs, directions are relative to the trunk. A bone moves
+/// rigidly with its parent if it is not tracked in one of the two skeletons, or if its new
+/// direction is opposite to its old one, because the shortest rotation is then undefined.
+/// @return  No value if the torso of one of the two skeletons is not tracked.
 std::optional<BoneMotions> follow_pose(const Skeleton& source, const Skeleton& pose,
                                        PoseScope scope);
 
 enum class Skinning : std::uint8_t {
   /// As published: the polar angle from the optical axis and the azimuth of each vertex about its
-  /// joint change as those of the bone. Rigid within the image plane, not towards the camera.
+  /// joint change by as much as those of the bone. Rigid within the image plane, but not towards
+  /// the camera.
   kSpherical,
   kRigid,  ///< Each vertex turns with its bone.
-  /// kRigid, blended linearly with the next bone over the last fifth of a bone; half and half at
-  /// the joint.
+  /// Linear blend skinning: kRigid, blended linearly with the next bone over the last fifth of a
+  /// bone, with equal weights at the joint.
   kLbs
 };
 
 /// Moves vertices (count, 3) of labelled bones of the person in pose `source`. Vertices of bones
-/// that do not move keep their bits. The same bits on every CPU.
+/// that do not move are copied bit for bit. The result has the same bits on every CPU.
 void animate(const float* vertices, const std::uint8_t* labels, std::int64_t count,
              const Skeleton& source, const BoneMotions& motions, Skinning method, float* out);
 

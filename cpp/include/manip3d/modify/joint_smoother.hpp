@@ -8,28 +8,32 @@
 namespace manip3d {
 
 struct JointSmootherOptions {
-  double smoothing = 0.25;      ///< s in [0, 1): weight of the past.
+  double smoothing = 0.25;      ///< s in [0, 1): weight of the previous estimate.
   double correction = 0.25;     ///< c in [0, 1]: weight of the newest trend.
   double prediction = 0.25;     ///< p >= 0: frames to look ahead.
   double jitter_radius = 0.03;  ///< J >= 0, metres: smaller steps are damped.
-  double max_deviation = 0.05;  ///< D >= 0, metres: from the raw joint.
+  /// D >= 0, metres: largest distance of the output from the raw joint.
+  double max_deviation = 0.05;
 
-  /// For people who sit, whose legs a body tracker sees less well.
+  /// Options for seated people, whose legs a body tracker measures less accurately.
   static JointSmootherOptions seated() { return {0.5, 0.1, 0.5, 0.1, 0.1}; }
 };
 
-/// Can a joint be used? It is tracked or inferred, finite, not at the origin (how sensors say that
-/// there is none) and within 100 m.
+/// Whether a joint can be used: it is tracked or inferred, finite, within 100 m, and not at the
+/// origin (the value by which sensors say that there is no joint).
 bool is_usable(const Skeleton& skeleton, Joint joint);
 
 /// Double exponential smoothing of one person's joints [Azimi, "Skeletal joint smoothing", 2012].
 ///
-/// With raw X, filtered F, trend B and primes for the frame before: F = X and B = 0 at first, F =
-/// (X
-/// + X') / 2 in the second frame, then F = (1 - s) X* + s (F' + B') where X* = X for d = |X - F'| >
-/// J, else F' + (d / J) (X - F'). B = c (F - F') + (1 - c) B'. The output F + p B is pulled to
-/// within D of X. J and D are doubled for inferred joints. A joint that is not usable starts anew
-/// when it is back; until then it is not tracked, at the origin.
+/// With raw X, filtered F, trend B, and primes for the previous frame:
+///  first frame:   F = X, B = 0
+///  second frame:  F = (X + X') / 2
+///  then:          F = (1 - s) X* + s (F' + B'), where d = |X - F'| and
+///                 X* = X if d > J, else F' + (d / J) (X - F')
+///  from the second frame on:  B = c (F - F') + (1 - c) B'
+/// The output is F + p B, moved to within D of X. J and D are doubled for inferred joints. A joint
+/// that is not usable is returned as not tracked, at the origin, and starts again at its first
+/// frame once it is usable.
 class JointSmoother {
  public:
   /// @throws InputError  an option out of range.
@@ -39,7 +43,7 @@ class JointSmoother {
 
  private:
   struct State {
-    int frames = 0;  ///< Since its start, up to 2.
+    int frames = 0;  ///< Frames since its start; counted up to 2.
     Eigen::Vector3d raw = Eigen::Vector3d::Zero();
     Eigen::Vector3d filtered = Eigen::Vector3d::Zero();
     Eigen::Vector3d trend = Eigen::Vector3d::Zero();

@@ -14,40 +14,47 @@
 namespace manip3d {
 
 struct KeyPersonOptions {
-  double patience = 1.0;  ///< Seconds before a lost person is looked for under another id.
-  double reach = 0.5;     ///< Metres from where it was last seen.
-  double forget = 10.0;   ///< Seconds before the choice is made as if for the first time.
+  /// Seconds after which the nearest newcomer replaces a lost person.
+  double patience = 1.0;
+  double reach = 0.5;    ///< Metres from the last known place within which a newcomer is accepted.
+  double forget = 10.0;  ///< Seconds without the person after which the choice starts again.
 };
 
-/// Position of the base of the spine. If it was not tracked, because the hips are out of the
-/// picture, it is extrapolated from the lowest joint of the spine that was; none: there is none.
+/// Position of the base of the spine. If it is not tracked, because the hips are outside the image,
+/// it is extrapolated from the lowest tracked joint of the spine. No value if no joint of the spine
+/// is tracked.
 std::optional<Eigen::Vector3f> spine_base(const Skeleton& person);
 
-/// Holds on to one of the people in view (dissertation section 4.7.1: the key person).
+/// Tracks one of the people in view (dissertation section 4.7.1: the key person).
 ///
-/// At first the one whose spine's base projects nearest to the image centre, by the lower id if two
-/// are as near; then whoever has its id, unless it jumped away while somebody else stands where it
-/// was a moment ago: trackers swap ids. Somebody new at that place has a new id. Once lost, a
-/// newcomer of the same size is the key person: at once when alone in view, after 0.3 seconds
-/// beside people who are known; after `patience` the newcomer nearest to where it was last seen,
-/// within `reach`. People who were seen beside it are known, and never taken, until nobody has seen
-/// them for `forget`: who of them is the key person after all has to be selected.
+/// The first choice is the person whose base of the spine projects nearest to the image centre (the
+/// lower id of two equally near ones). After that the key person is the one with the same id,
+/// unless that one jumped away while somebody else stands at the key person's last place: trackers
+/// swap ids. A person with a new id at that place is taken for the key person.
 ///
-/// Clothes, where they are seen, speak for place and id: who has the id and wears other colours
-/// than the key person did is passed over for the only one nearby who wears its colours, or for
-/// nobody if that person stands far from where it was; a newcomer in other colours is not taken.
+/// When the key person is lost, a newcomer of the same size takes its place: at once if alone in
+/// view, after 0.3 seconds if all others in view are known; after `patience` the newcomer nearest
+/// to the last place, within `reach`. People who were seen together with the key person are known.
+/// A known person is not taken before nobody has seen it for `forget` seconds; select() chooses it
+/// earlier.
+///
+/// Clothes, where visible, overrule place and id. If the person with the id wears other colours
+/// than the key person did, the only person nearby with the key person's colours is taken instead;
+/// without such a person nobody is, if the one with the id is far from the last place. A newcomer
+/// in other colours is not taken.
 class KeyPerson {
  public:
   /// @throws InputError  an option that is not >= 0.
   explicit KeyPerson(const KeyPersonOptions& options = {});
-  /// Which of the people it is; none while it is lost. Times grow.
-  /// @param clothes  those of the people, in their order; empty: not known.
-  /// @throws InputError  not as many clothes as people.
+  /// Return the index of the key person in `people`; no value while it is lost. Times must
+  /// increase.
+  /// @param clothes  Clothes of the people, in the same order; empty: unknown.
+  /// @throws InputError  numbers of clothes and people differ.
   std::optional<std::size_t> find(std::span<const Skeleton> people, const Intrinsics& camera,
                                   double time_s, std::span<const ClothingColors> clothes = {});
-  /// Takes the person of an id as soon as it is in view.
+  /// Makes the person of this id the key person as soon as it is in view.
   void select(std::int64_t id) { selected_ = id; }
-  /// Seconds since it was last seen; infinite if nobody ever was.
+  /// Seconds since the key person was last seen; infinite if it never was.
   [[nodiscard]] double lost_for(double time_s) const;
   void reset();
 
@@ -85,9 +92,10 @@ class KeyPerson {
   std::optional<std::int64_t> selected_;
   double last_seen_ = 0.0;
   Eigen::Vector3f position_ = Eigen::Vector3f::Zero();
-  double trunk_length_ = 0.0;                     ///< Mean, metres; 0: not known.
-  ClothingColors clothes_;                        ///< Mean of the key person's.
-  std::span<const ClothingColors> seen_clothes_;  ///< Clothes in this frame; for a call of find().
+  double trunk_length_ = 0.0;  ///< Mean, metres; 0: unknown.
+  ClothingColors clothes_;     ///< Mean of the key person's clothes.
+  /// Clothes in this frame; valid during a call of find().
+  std::span<const ClothingColors> seen_clothes_;
   std::array<Other, 16>
       others_{};  ///< People seen beside it; who was seen longest ago is replaced.
   std::size_t num_others_ = 0;

@@ -5,19 +5,17 @@
 
 namespace manip3d {
 
-/// Moves the joints of arms and legs to where the flesh around their bones is.
+/// Move the joints of arms and legs so that the person's points lie on the skins of their bones.
 ///
-/// A tracked knee may lie a hand's breadth beside the leg, or between the two thighs. Each bone of
-/// a limb is a tapered capsule (body_bones), whose surface is called its skin. The method is an
-/// articulated iterative closest point: a sample of the person's points is assigned to the nearest
-/// skins, and a Gauss-Newton step moves the joints so that the points lie on the skins. Points are
-/// weighted by the Geman-McClure function, whose scale decreases from step to step; a prior keeps
-/// the joints near the tracked ones and decides where points say nothing, such as along the bones.
-/// The roots of the limbs stay, and fingers and thumbs move with their hands. No joint moves by
-/// more than 12 cm. If the skeleton has too few bones to estimate the person's size, it is returned
-/// unchanged.
-/// O(points + samples x bones) time, no allocation.
-/// @param trunk  girth of the trunk, as for body_bones.
+/// A tracker's knee may lie 10 cm beside the leg, and a knee between two thighs would assign the
+/// points of both to one bone. Each bone of a limb is a tapered capsule (body_bones). Each of a
+/// sample of the person's points is assigned to the bones with the nearest skins, and the joints
+/// beyond the roots are moved so that the points lie on the skins: articulated iterative closest
+/// points, solved by Gauss-Newton steps with Geman-McClure weights whose scale decreases from step
+/// to step. A prior at the tracker's joints determines the position along the bones and of bones
+/// without points. Roots do not move; fingers and thumbs move with their hands. No joint moves more
+/// than 12 cm. The skeleton is returned unchanged if it has no usable lengths from which the
+/// person's size follows. `trunk` as for body_bones. O(points + samples x bones), no allocation.
 Skeleton fit_limbs(const Skeleton& skeleton, const PersonPoints& points, float trunk = 1.0F);
 
 }  // namespace manip3d

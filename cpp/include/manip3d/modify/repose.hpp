@@ -10,26 +10,28 @@
 #include "manip3d/progress.hpp"
 
 /// @file
-/// Virtual enhancement (dissertation introduction to part II): the user's own avatar moves further
+/// Virtual enhancement (dissertation, introduction to part II): the user's avatar moves farther
 /// than the user does.
 namespace manip3d {
 
 struct ReposeOptions {
-  /// By joint: what the angle between rest and now is multiplied by; 1.
+  /// By joint: factor on the angle between the rest pose and the current pose; default: 1.
   std::array<double, kNumJoints> gain{};
-  /// By joint: the largest angle from rest afterwards, radians; pi.
+  /// By joint: largest angle from the rest pose after the factor, radians; default: pi.
   std::array<double, kNumJoints> limit{};
-  bool blended = true;  ///< False: each vertex moves with its nearest bone alone.
-  double band = 0.08;  ///< Bones that are farther than the nearest by so much do not count; metres.
+  bool blended = true;  ///< False: each vertex moves rigidly with its nearest bone.
+  /// Bones whose distance exceeds that of the nearest bone by this have no weight; metres.
+  double band = 0.08;
   int num_threads = 0;
 
   ReposeOptions();
 };
 
-/// May a joint have a gain or a limit? Shoulders, elbows, wrists, hips, knees, ankles, the neck.
+/// Whether a joint can have a gain or a limit: shoulders, elbows, wrists, hips, knees, ankles,
+/// neck.
 bool is_posable(std::size_t joint);
 
-/// How the bones move: x -> rotation x + translation.
+/// Rigid motion of each bone: x -> rotation x + translation.
 struct BoneMotions {
   std::array<Eigen::Quaterniond, kNumJoints> rotation;
   std::array<Eigen::Vector3d, kNumJoints> translation;
@@ -41,29 +43,31 @@ struct BoneMotions {
   }
 };
 
-/// Each joint turns away from rest by gain times the angle, within its limit.
+/// Turn each joint away from its rest pose by gain times its angle, within its limit.
 ///
-/// Rest is a skeleton or, without one, a person who stands: arms and legs hang along the spine,
-/// feet point ahead, the head is up. Its torso is turned onto the torso of now; from there outwards
-/// each bone is compared with where it would be had its joint stayed at rest, bones before it being
-/// where they are now. The shortest turn between the two is the joint's; twist about a bone stays.
-/// What hangs from a bone moves with it. A bone opposite to its rest has no shortest turn and is
-/// left.
+/// The rest pose is a skeleton or, without one, a standing person: arms and legs hang along the
+/// spine, feet point ahead, the head is up. Its torso is rotated onto the current torso. From there
+/// outwards each bone is compared with the direction that it would have if its joint were at rest
+/// and the bones before it were as they are. The shortest rotation between the two directions is
+/// the rotation of the joint; twist about a bone is kept. Everything beyond a bone moves with it. A
+/// bone that points opposite to its rest direction has no shortest rotation and is not changed.
 /// @throws InputError  a gain not in [0, 100], a limit that is not >= 0, one of a joint that is not
 ///                     posable.
-/// @return  none: the torso of one of the two is not tracked.
+/// @return  No value if the torso of one of the two skeletons is not tracked.
 std::optional<BoneMotions> amplify(const Skeleton& now, const Skeleton* rest,
                                    const ReposeOptions& options);
 
-/// The skeleton after the motions: bones keep their lengths.
+/// Return the skeleton after the motions; bones keep their lengths.
 Skeleton move_skeleton(const Skeleton& now, const BoneMotions& motions);
 
-/// Moves vertices (count, 3) of the person in pose `now` along: each with its nearest bone, or with
-/// dual quaternions blended [Kavan et al., "Geometric skinning with approximate dual quaternion
-/// blending", 2008]. A bone's weight is h(d - d_min) g(l): h falls from 1 to 0 over the band, l is
-/// the way along the skeleton between the nearest points on it and on the nearest bone, and g falls
-/// from 1 at 0.15 m to 0 at 0.3 m, so that a hand at the hip does not pull at the hip. Vertices of
-/// bones that do not move keep their bits. The same result for any number of threads.
+/// Moves vertices (count, 3) of the person in pose `now`: each rigidly with its nearest bone, or,
+/// if `blended`, by blended dual quaternions [Kavan et al., "Geometric skinning with approximate
+/// dual quaternion blending", 2008]. A bone's weight is h(d - d_min) g(l). d is the distance of the
+/// vertex from the bone, and d_min that from the nearest bone; h falls from 1 to 0 over `band`. l
+/// is the distance along the skeleton between the nearest points on the bone and on the nearest
+/// bone; g falls from 1 at 0.15 m to 0 at 0.3 m, so that a hand at the hip does not pull the hip.
+/// Vertices of bones that do not move are copied bit for bit. The result is the same for any number
+/// of threads.
 /// @throws InputError  band not > 0.
 template <typename Scalar>
 void repose_vertices(const Scalar* vertices, std::int64_t count, const Skeleton& now,

@@ -4,9 +4,9 @@
 
 namespace manip3d {
 
-/// Fills single lost pixels of a segmented person: a pixel without a bone between two of one bone,
-/// whose depths differ by less than 3 %, gets their mean and their bone. First along rows, then
-/// along columns.
+/// Fill single missing pixels of a segmented person. A pixel without a bone between two pixels of
+/// the same bone, whose depths differ by less than 3 %, gets their mean depth and their bone. Rows
+/// are filled first, then columns.
 /// @param depth   (rows, cols) millimetres, written.
 /// @param labels  (rows, cols) bone of each pixel, 0: none; written.
 void fill_speckles(std::int64_t rows, std::int64_t cols, std::uint16_t* depth,
