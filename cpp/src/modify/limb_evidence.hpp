@@ -66,7 +66,7 @@ class InferredClock {
   /// Update with a frame. The root does not count: it is inferred whenever a seated person's thigh
   /// hides it, and its place follows from the trunk.
   /// @param is_seen  Whether the depth image shows the limb at a joint; an inferred joint then
-  /// counts as known.
+  ///                 counts as known.
   /// @returns seconds since the last known state of the joint that has been inferred for longest.
   template <typename Seen>
   double add(const Skeleton& skeleton, Limb limb, double time_s, const Seen& is_seen) {

@@ -32,7 +32,7 @@ class Patient {
 
   /// @param rays   Rays of the input's camera.
   /// @param frame  Axes of the body known before this frame; null: left and right are those of the
-  /// tracker.
+  ///               tracker.
   PatientFrame find(const PhantomInput& input, const PixelRays& rays, const BodyFrame* frame,
                     double time_s);
   void select(std::int64_t id) { key_person_.select(id); }

@@ -23,7 +23,7 @@ std::int64_t write_points(const PhantomImage& image, const PixelBox& box, const 
 /// new vertices in place of those of the body, with the texture coordinate of the phantom's corner.
 /// They follow the `num_points` others. If the capacity is exhausted, the triangle is left out.
 /// @param registration  Registration of the colour camera; null: the colour image has the pixels of
-/// the depth image.
+///                      the depth image.
 PhantomMeshSize write_mesh(const PhantomImage& image, const PixelBox& box, const PixelRays& rays,
                            std::int64_t num_points, const std::vector<std::int32_t>& vertex_of,
                            const Registration* registration, const PhantomMeshOptions& options,

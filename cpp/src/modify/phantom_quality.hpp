@@ -48,8 +48,8 @@ class PictureJudge {
   /// Fill in `gap`, `largest`, `lost` and `left`.
   /// @param points     Points of the person, as segmented.
   /// @param num_given  Number of points that belong to the affected leg according to the joints and
-  /// to the other leg according to the plane; while both legs are present, it is unknown which is
-  /// right.
+  ///                   to the other leg according to the plane; while both legs are present, it is
+  ///                   unknown which is right.
   /// @param phantom    Skeleton with the joints of the phantom.
   /// @param bones      Bones by which the points were segmented, for a person of this girth.
   /// @param box        Box around everything that was drawn.

@@ -18,7 +18,7 @@ namespace manip3d {
 /// @param points    As collected by find_person(); they are labelled as a side effect.
 /// @param bones     Bones of the person. If they have no radii, nothing is dropped.
 /// @param affected  Points of the affected limb are kept only within the thickness of its clothes,
-/// because chairs may be in the place of a missing limb.
+///                  because chairs may be in the place of a missing limb.
 /// @param clothes   This thickness, metres.
 /// @param stack     Memory for as many elements as there are pixels.
 void drop_surroundings(const DepthView& depth, const BoneSegments& bones, Limb affected,

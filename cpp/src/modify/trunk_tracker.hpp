@@ -52,7 +52,7 @@ class TrunkTracker {
 
   /// Sets the vertical, as a unit vector; default: along the image's columns.
   /// @param covariance  Covariance of `down`, square radians; the plane of a leg is at least as
-  /// uncertain.
+  ///                    uncertain.
   void set_down(const Eigen::Vector3d& down,
                 const Eigen::Matrix3d& covariance = Eigen::Matrix3d::Zero()) {
     down_ = down;

@@ -8,20 +8,20 @@
 
 namespace manip3d {
 
-/// Files hold texture coordinates in single precision, whose steps are a sixty-fourth of the
-/// picture from here on: such faces show no texture but the rubbish of an exporter, and none is
-/// kept.
+/// Files store texture coordinates in single precision, which from this value on resolves only a
+/// sixty-fourth of the picture. Such faces show no meaningful texture, so theirs is ignored.
 constexpr double kFarthestTexture = 131072.0;
 
 /// Weighted sum over faces of the squared difference between a texture coordinate s at a point p
-/// and the face's own, continued linearly: sum w |G p + d - s|^2 [Hoppe 1999].
+/// and the linear continuation of the face's own: sum w |G p + d - s|^2 [Hoppe 1999].
 struct AttributeQuadric {
   Quadric q;  // of G p + d alone
   double weight = 0.0;
   Eigen::Matrix<double, 2, 3> g = Eigen::Matrix<double, 2, 3>::Zero();
   Eigen::Vector2d d = Eigen::Vector2d::Zero();
 
-  /// weight times the triangle with these corners and texture coordinates; zero without area.
+  /// The quadric of a triangle with these corners and texture coordinates, times `weight`; zero if
+  /// it has no area.
   static AttributeQuadric triangle(const std::array<Eigen::Vector3d, 3>& p,
                                    const std::array<Eigen::Vector2d, 3>& s, double weight) {
     AttributeQuadric result;
@@ -53,18 +53,18 @@ struct AttributeQuadric {
     return *this;
   }
 
-  /// The s for which the sum is least at p; only with a weight above zero.
+  /// The s that minimizes the sum at p; the weight must be above zero.
   [[nodiscard]] Eigen::Vector2d best(const Eigen::Vector3d& p) const {
     return (g * p + d) / weight;
   }
 
-  /// The sum at p with that s.
+  /// The sum at p for that s.
   double operator()(const Eigen::Vector3d& p) const {
     return weight > 0.0 ? q(p) - (g * p + d).squaredNorm() / weight : 0.0;
   }
 };
 
-/// Sum of quadrics, and where it is least.
+/// Minimizes a sum of quadrics.
 class LeastSquares {
  public:
   void add(const Quadric& q, double weight) {
@@ -80,13 +80,15 @@ class LeastSquares {
     b_ -= (weight / q.weight) * (q.g.transpose() * q.d);
   }
 
-  /// The best point with normal.p = offset, where the sum leaves it open the nearest to a point
-  /// that pulls with a weight; not finite when the sum has no minimum.
+  /// Return the point with normal.p = offset that minimizes the sum plus pull |p - point|^2; where
+  /// the sum alone leaves the point undetermined, the result is the nearest to `point`. Not finite
+  /// if the sum has no minimum.
   ///
-  /// @param slack  The pull takes the result off planes that it lies in, by its share of their
-  ///               weight. As long as that is no more than this distance, the result is pulled
-  ///               again, from where it then is [iterated regularisation of Tikhonov]; where it is
-  ///               more, the sum is weak and the pull is what decides.
+  /// @param slack  The pull moves the result off planes in which it should lie. If it moves the
+  ///               result by at most this distance, the pull is repeated from the result, which
+  ///               reduces the deviation [iterated Tikhonov regularisation]; if by more, the sum is
+  ///               too weak to determine the point, and the first result stays. more, the sum is
+  ///               weak and the pull is what decides.
   [[nodiscard]] Eigen::Vector3d solve(const Eigen::Vector3d& point, double pull, double slack,
                                       const Eigen::Vector3d& normal, double offset) const {
     const Cholesky factors(a_, pull);
@@ -106,10 +108,10 @@ class LeastSquares {
   }
 
  private:
-  /// How often the result is pulled at most: each makes the pull's share of it 1e5 times smaller.
+  /// Largest number of pulls; each divides the deviation due to the pull by about 1e5.
   static constexpr int kPulls = 3;
 
-  /// L L' = a + shift I, of three rows: NaN where that is not positive.
+  /// L L' = a + shift I, of three rows; NaN if that is not positive definite.
   struct Cholesky {
     Cholesky(const Eigen::Matrix3d& a, double shift) {
       r0 = 1.0 / std::sqrt(a(0, 0) + shift);
@@ -130,7 +132,7 @@ class LeastSquares {
     double r0, r1, r2;  // 1 / the diagonal of L
   };
 
-  Eigen::Matrix3d a_ = Eigen::Matrix3d::Zero();  // the lower triangle counts
+  Eigen::Matrix3d a_ = Eigen::Matrix3d::Zero();  // only the lower triangle is used
   Eigen::Vector3d b_ = Eigen::Vector3d::Zero();
 };
 

@@ -14,7 +14,7 @@
 namespace manip3d {
 namespace {
 
-/// Values of a corner of a face, as numbers that are equal where values are equal.
+/// Numbers for the values of a corner of a face; equal numbers stand for equal values.
 struct Corner {
   std::int32_t position = -1;
   std::int32_t texcoord = -1;
@@ -23,7 +23,7 @@ struct Corner {
   auto operator<=>(const Corner&) const = default;
 };
 
-/// The corners of a face in an order that its duplicates share, and its material.
+/// The corners of a face in an order that is the same for all its duplicates, and its material.
 struct FaceKey {
   std::array<Corner, 3> corners;
   std::int32_t material = -1;
@@ -32,7 +32,8 @@ struct FaceKey {
   [[nodiscard]] std::array<std::int32_t, 3> positions() const {
     return {corners[0].position, corners[1].position, corners[2].position};
   }
-  /// Normals aside: the two sides of a surface always differ in those.
+  /// Whether two faces look alike. Normals are not compared, because the two sides of a surface
+  /// always differ in them.
   [[nodiscard]] bool looks_like(const FaceKey& other) const {
     for (std::size_t i = 0; i < 3; ++i) {
       if (corners[i].texcoord != other.corners[i].texcoord) return false;
@@ -45,7 +46,7 @@ struct FaceKey {
 void sort_corners(std::array<Corner, 3>& corners, Duplicates duplicates) {
   if (duplicates == Duplicates::kAny) {
     std::sort(corners.begin(), corners.end());
-  } else {  // the least of the three rotations, so that the orientation stays
+  } else {  // the smallest of the three rotations, which keeps the orientation
     const auto [a, b, c] = corners;
     corners = std::min({std::array{a, b, c}, std::array{b, c, a}, std::array{c, a, b}});
   }
@@ -77,7 +78,7 @@ std::vector<FaceKey> face_keys(const MeshView& mesh, const Faces& faces, const F
   return keys;
 }
 
-/// The lowest vertex in use at each vertex's position, or -1 if the vertex is in no face.
+/// The lowest used vertex at each vertex's position, or -1 if the vertex is in no face.
 Indices find_representatives(const Faces& faces, const Weld& positions) {
   Indices representative = Indices::Constant(positions.value.size(), -1);
   for (const std::int32_t v : faces.reshaped()) representative[v] = v;
@@ -105,7 +106,7 @@ std::vector<bool> find_degenerate_faces(const Faces& faces) {
   return degenerate;
 }
 
-/// Marks the later ones of equal faces in `removed`; counts them, and those that look different.
+/// Marks all but the first of equal faces in `removed`; counts them, and those that look different.
 void remove_duplicates(const MeshView& mesh, const Faces& faces, const Faces& positions,
                        std::int64_t num_positions, Duplicates duplicates, const Progress& progress,
                        std::vector<bool>& removed, CleanResult& result) {
@@ -142,7 +143,7 @@ void remove_duplicates(const MeshView& mesh, const Faces& faces, const Faces& po
   }
 }
 
-/// Copies the faces that are not removed, with all tables, and fills `face_map`.
+/// Copies the faces that are not removed, with all their attributes, and fills `face_map`.
 void take_faces(const MeshView& mesh, const Faces& faces, const std::vector<bool>& removed,
                 CleanResult& result) {
   result.face_map.resize(mesh.num_faces());

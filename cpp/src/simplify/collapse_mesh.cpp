@@ -29,7 +29,7 @@ CollapseMesh::CollapseMesh(const MeshView& mesh)
   for (std::int32_t v = 0; v < num_vertices(); ++v) {
     positions_[v] = (mesh.vertices.row(v).transpose() - center_) / scale_;
   }
-  // From the last corner to the first, so that the lists start in order of the faces.
+  // From the last corner to the first, so that the lists are in the order of the faces.
   for (auto f = static_cast<std::int32_t>(faces_.size()) - 1; f >= 0; --f) {
     Triple& face = faces_[f];
     face = {mesh.faces(f, 0), mesh.faces(f, 1), mesh.faces(f, 2)};
@@ -116,7 +116,7 @@ void CollapseMesh::map_wedges(std::int32_t v, std::int32_t t, WedgeMap& map) con
       if (mapped < 0) {
         map.pairs.push_back({from, to});
       } else if (mapped != to) {
-        map.is_complete = false;  // one wedge here, two beyond: the end of a seam
+        map.is_complete = false;  // one wedge at v continues as two at t: a seam ends here
       }
     }
   });
@@ -160,7 +160,7 @@ void CollapseMesh::remove_face(std::int32_t f) {
 }
 
 void CollapseMesh::collapse(std::int32_t v, std::int32_t t, const WedgeMap& map) {
-  if (!normal_indices_.empty()) {  // while t still has all its faces
+  if (!normal_indices_.empty()) {  // before t loses faces
     for_each_face(v, [&](std::int32_t f, std::int32_t c) {
       std::int32_t& normal = normal_indices_[f][c];
       normal = nearest_normal(normal, t);

@@ -11,10 +11,11 @@ namespace manip3d {
 
 /// An edge from a vertex to one of its neighbours.
 struct RingEdge {
-  std::int32_t vertex;                 // the neighbour
-  std::int32_t num_faces;              // of the edge: 1 on a boundary
-  bool is_seam;                        // two of its faces continue with different wedges
-  std::array<std::int32_t, 2> wedges;  // of the first face: at the centre, at the neighbour
+  std::int32_t vertex;     // the neighbour
+  std::int32_t num_faces;  // number of faces of the edge; 1 on a boundary
+  bool is_seam;            // two of its faces have different wedges
+  // In the first face: wedge at the centre, wedge at the neighbour.
+  std::array<std::int32_t, 2> wedges;
 };
 
 /// The neighbours of a vertex, with constant-time look-up.
@@ -39,7 +40,7 @@ class Ring {
 
   void clear() {
     edges_.clear();
-    ++stamp_;  // wraps after 4 billion calls, when every slot has long been overwritten or is stale
+    ++stamp_;  // wraps after 4 billion calls
     if (stamp_ == 0) {
       slots_.assign(slots_.size(), {});
       stamp_ = 1;
@@ -63,14 +64,14 @@ class Ring {
   std::uint32_t stamp_ = 0;
 };
 
-/// Which wedge of the target each wedge of a collapsing vertex continues as.
+/// For each wedge of a collapsing vertex, the wedge of the target that replaces it.
 struct WedgeMap {
   struct Pair {
     std::int32_t from;
     std::int32_t to;
   };
   std::vector<Pair> pairs;
-  bool is_complete = true;  // every corner has a continuation of its own surface
+  bool is_complete = true;  // every corner has a replacement on its own surface
 
   [[nodiscard]] std::int32_t at(std::int32_t from) const {
     for (const Pair& pair : pairs) {
@@ -80,11 +81,11 @@ struct WedgeMap {
   }
 };
 
-/// Triangle soup under edge collapse: vertex -> corner lists instead of half-edges, so that edges
-/// with any number of faces are fine.
+/// Triangle soup under edge collapse, with lists of corners by vertex instead of half-edges, so
+/// that an edge may have any number of faces.
 ///
-/// A *wedge* is what a vertex looks like from one surface: the faces around a vertex that share a
-/// material, the presence of texture coordinates and their value share a wedge [Hoppe 1998].
+/// A *wedge* stands for the attributes of a vertex in some of its faces: faces around a vertex with
+/// the same material and the same texture coordinate, or none, share a wedge [Hoppe 1998].
 class CollapseMesh {
  public:
   explicit CollapseMesh(const MeshView& mesh);
@@ -93,7 +94,7 @@ class CollapseMesh {
     return static_cast<std::int32_t>(first_corner_.size());
   }
   [[nodiscard]] std::int64_t num_faces() const { return num_faces_; }
-  /// Faces of the input; is_alive() tells which of them are left.
+  /// Number of input faces; is_alive() tells which of them remain.
   [[nodiscard]] std::int32_t num_slots() const { return static_cast<std::int32_t>(faces_.size()); }
   [[nodiscard]] std::int64_t num_dropped() const { return num_dropped_; }
   [[nodiscard]] std::int32_t num_wedges() const {
@@ -101,7 +102,7 @@ class CollapseMesh {
   }
 
   using Triple = std::array<std::int32_t, 3>;
-  /// Vertices (or wedges) of a face; the first is -1 once the face is gone.
+  /// Vertices (or wedges) of a face; the first is -1 once the face is removed.
   [[nodiscard]] const Triple& face(std::int32_t f) const { return faces_[f]; }
   [[nodiscard]] const Triple& wedges(std::int32_t f) const { return wedges_[f]; }
   [[nodiscard]] bool is_alive(std::int32_t f) const { return faces_[f][0] >= 0; }
@@ -118,7 +119,7 @@ class CollapseMesh {
   }
 
   [[nodiscard]] bool has_texture(std::int32_t wedge) const { return (surface_[wedge] & 1) != 0; }
-  /// Equal for wedges of the same material, with or without texture coordinates.
+  /// Equal for wedges with the same material that both have texture coordinates, or both have none.
   [[nodiscard]] std::int64_t surface(std::int32_t wedge) const { return surface_[wedge]; }
   [[nodiscard]] const Eigen::Vector2d& uv(std::int32_t wedge) const { return texcoords_[wedge]; }
 
@@ -131,8 +132,8 @@ class CollapseMesh {
     }
   }
 
-  /// Calls body(face) for each face with the vertices v and t, in the order of v's faces; in that
-  /// of t's if v is a hub.
+  /// Calls body(face) for each face with the vertices v and t, in the order of v's faces, or, if v
+  /// is a hub, in the order of t's.
   template <typename Body>
   void for_each_face_between(std::int32_t v, std::int32_t t, Body&& body) const {
     const bool swaps = is_hub(v) && degree_[t] < degree_[v];
@@ -146,25 +147,25 @@ class CollapseMesh {
   [[nodiscard]] bool is_isolated(std::int32_t v) const { return first_corner_[v] < 0; }
   /// Number of faces of a vertex.
   [[nodiscard]] std::int32_t degree(std::int32_t v) const { return degree_[v]; }
-  /// Whether a vertex has so many faces that they are not looked at in each step around it.
+  /// Whether a vertex has so many faces that steps around it do not visit all of them.
   [[nodiscard]] bool is_hub(std::int32_t v) const { return degree_[v] > kHub; }
   /// A face of a vertex that is not isolated.
   [[nodiscard]] std::int32_t first_face(std::int32_t v) const { return first_corner_[v] / 3; }
 
   void gather_ring(std::int32_t v, Ring& ring) const;
 
-  /// How the wedges of v continue at t: along the faces on the edge, the others with the nearest
-  /// texture coordinate of t on the same surface (section 2.4.4); where there is none they stay,
-  /// and the map is not complete.
+  /// Maps the wedges of v to wedges of t: across the faces on the edge if possible, else to the
+  /// wedge of t on the same surface with the nearest texture coordinate (section 2.4.4). Wedges
+  /// without such a wedge stay, and the map is not complete.
   void map_wedges(std::int32_t v, std::int32_t t, WedgeMap& map) const;
 
-  /// Moves v onto t: faces on the edge go, the others continue with the mapped wedges.
+  /// Moves v onto t: faces on the edge are removed, the others get the mapped wedges.
   void collapse(std::int32_t v, std::int32_t t, const WedgeMap& map);
 
-  /// Takes a face away.
+  /// Removes a face.
   void remove_face(std::int32_t f);
 
-  /// Puts a vertex (in the coordinates of position()) or a texture coordinate elsewhere.
+  /// Sets the position of a vertex (in the coordinates of position()).
   void move(std::int32_t v, const Eigen::Vector3d& position) {
     positions_[v] = position;
     moved_[v] = true;
@@ -173,7 +174,7 @@ class CollapseMesh {
   [[nodiscard]] bool any_moved() const { return any_moved_; }
   void set_uv(std::int32_t wedge, const Eigen::Vector2d& uv) { texcoords_[wedge] = uv; }
 
-  /// The mesh as it is now, compact, vertices and faces in input order; fills the maps.
+  /// Extracts the current mesh, compact, with vertices and faces in input order; fills the maps.
   TriangleMesh extract(const MeshView& input, std::vector<std::int32_t>& kept,
                        std::vector<std::int32_t>& output_vertex,
                        std::vector<std::int32_t>& face_map) const;
@@ -188,19 +189,20 @@ class CollapseMesh {
   std::vector<Eigen::Vector3d> positions_;
   Eigen::Vector3d center_ = Eigen::Vector3d::Zero();
   double scale_ = 1.0;
-  std::vector<bool> moved_;  // vertices that are no longer where the input has them
+  std::vector<bool> moved_;  // vertices that are not at their input position
   bool any_moved_ = false;
   std::vector<Triple> faces_;
   std::vector<Triple> wedges_;
-  std::vector<Triple> normal_indices_;  // of a face; empty when the mesh has no normals
+  std::vector<Triple> normal_indices_;  // of a face; empty if the mesh has no normals
   Vertices normals_;
-  std::vector<std::int32_t> first_corner_;     // of a vertex; corner = 3 face + 0..2; -1: none
-  std::vector<std::int32_t> next_corner_;      // of a corner, in the list of its vertex
-  std::vector<std::int32_t> previous_corner_;  // of a corner: the one before it; -1: none
-  std::vector<std::int32_t> degree_;           // of a vertex
-  std::vector<std::int64_t> surface_;          // of a wedge: 2 material + (has texture coordinates)
-  std::vector<Eigen::Vector2d> texcoords_;     // of a wedge
-  std::vector<std::int32_t> texcoord_;         // of a wedge: row of the input's table, or -1
+  std::vector<std::int32_t> first_corner_;  // of a vertex; corner = 3 face + 0..2; -1: none
+  std::vector<std::int32_t> next_corner_;   // of a corner, in the list of its vertex
+  // Of a corner: the previous one in that list; -1: none.
+  std::vector<std::int32_t> previous_corner_;
+  std::vector<std::int32_t> degree_;   // of a vertex
+  std::vector<std::int64_t> surface_;  // of a wedge: 2 material + (1 if it has texture coordinates)
+  std::vector<Eigen::Vector2d> texcoords_;  // of a wedge
+  std::vector<std::int32_t> texcoord_;      // of a wedge: row of the input's table, or -1
   std::int64_t num_faces_ = 0;
   std::int64_t num_dropped_ = 0;
 };

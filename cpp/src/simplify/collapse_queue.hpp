@@ -21,8 +21,8 @@ struct Candidate {
   }
 };
 
-/// Priority queue of at most one candidate per vertex: an indexed 4-ary heap (flat, so that the
-/// children of a node share cache lines).
+/// Priority queue of at most one candidate per vertex: an indexed 4-ary heap in one array, so that
+/// the children of a node share cache lines.
 class CollapseQueue {
  public:
   explicit CollapseQueue(std::size_t num_vertices) : position_(num_vertices, -1) {}

@@ -9,8 +9,8 @@ namespace {
 
 bool is_boundary_edge(const RingEdge& edge) { return edge.num_faces == 1; }
 
-/// A vertex is manifold when no edge of it has more than two faces and its faces form one fan:
-/// a closed fan has as many edges as faces, an open one an edge more and two boundary edges.
+/// A vertex is manifold if none of its edges has more than two faces and its faces form one fan: a
+/// closed fan has as many edges as faces, an open one has one edge more and two boundary edges.
 bool is_manifold(const Ring& ring, std::int64_t num_faces) {
   std::int64_t boundary_edges = 0;
   for (const RingEdge& edge : ring.edges()) {
@@ -63,7 +63,7 @@ Quadric scaled(Quadric quadric, double factor) { return quadric *= factor; }
 double boundary_plane_weight(const CollapseMesh& mesh, const Ring& ring, std::int32_t v,
                              const VertexClass& vertex, const QemOptions& options) {
   if (options.boundary != BoundaryTerm::kCurvature) return options.boundary_weight;
-  if (vertex.is_complex) return 0.0;  // has no curvature, and does not move
+  if (vertex.is_complex) return 0.0;  // its curvature is undefined, and it does not move
   std::array<std::int32_t, 2> neighbours{};
   std::size_t count = 0;
   for (const RingEdge& edge : ring.edges()) {
@@ -74,7 +74,7 @@ double boundary_plane_weight(const CollapseMesh& mesh, const Ring& ring, std::in
                             mesh.position(neighbours[1]), options.curvature, 1.0);
 }
 
-/// Adds the boundary planes to both ends of each boundary edge, with that end's weight.
+/// Adds the plane of each boundary edge to both of its ends, with the weight of that end.
 void add_boundary_planes(const CollapseMesh& mesh, const std::vector<double>& weights, Ring& ring,
                          std::int32_t v, std::vector<Quadric>& quadrics) {
   mesh.gather_ring(v, ring);
@@ -86,7 +86,7 @@ void add_boundary_planes(const CollapseMesh& mesh, const std::vector<double>& we
   });
 }
 
-/// Adds a plane along each seam edge, perpendicular to each of its faces, to both ends.
+/// Adds a plane along each seam edge, perpendicular to each of its faces, to both of its ends.
 void add_seam_planes(const CollapseMesh& mesh, double weight, Ring& ring, std::int32_t v,
                      std::vector<Quadric>& quadrics) {
   mesh.gather_ring(v, ring);

@@ -37,7 +37,7 @@ void check(const RangeImage& image, const Cs3Options& options, const DepthMeshBu
   }
 }
 
-/// Writes the mesh of chosen slots into the caller's memory.
+/// Writes the mesh of the chosen slots into the caller's memory.
 class MeshWriter {
  public:
   MeshWriter(const RangeImage& image, const ImportanceMap& map, const Cs3Options& options,
@@ -64,7 +64,7 @@ class MeshWriter {
     }
   }
 
-  /// @return  how many of the triangles are valid, and written.
+  /// @return  Number of valid triangles, which were written.
   std::int64_t write_faces(const GridDelaunay& delaunay) {
     std::int32_t* next = out_.faces;
     for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
@@ -80,7 +80,8 @@ class MeshWriter {
 
  private:
   // "If there is no valid depth measurement at the projected point corresponding to the centroid
-  // [the] triangle is considered to be invalid" (section 3.4): the nearest pixel, halves up.
+  // [the] triangle is considered to be invalid" (section 3.4). The pixel nearest to the centroid is
+  // tested; halves are rounded up.
   bool has_valid_centroid(std::span<const Pixel> pixels,
                           const std::array<std::int32_t, 3>& corners) const {
     std::int64_t u = 0, v = 0;

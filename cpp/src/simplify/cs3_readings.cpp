@@ -1,5 +1,5 @@
-// The readings of what chapter 3 leaves open that are not kept: `manip3d reproduce readings-3`
-// shows how much depends on them.
+// Readings of chapter 3 other than the default one; `manip3d reproduce readings-3` shows how much
+// the results depend on them.
 #include <cmath>
 
 #include "simplify/importance_rows.hpp"
@@ -42,7 +42,8 @@ Hessian hessian_by(const Cs3Reading& reading, const AreaRows& a, std::int64_t u)
   const float middle = 2.0F * center;
   switch (reading.stencil) {
     case Stencil::kGradientOfGradient:
-      return {right2 - middle + left2, lower2 - middle + upper2, cross};  // all times 4
+      // All values are multiplied by 4.
+      return {right2 - middle + left2, lower2 - middle + upper2, cross};
     case Stencil::kCompact:
       return {right - middle + left, lower - middle + upper, 0.25F * cross};
     case Stencil::kForward:

@@ -13,7 +13,7 @@ namespace {
 constexpr int kDigitBits = kKeyBits / 2;
 constexpr std::uint32_t kDigits = 1U << kDigitBits;
 
-// Exclusive prefix sum: the count of each digit becomes the place where its first item goes.
+// Exclusive prefix sum: the count of each digit becomes the index of its first item.
 void sum_up(std::vector<std::uint32_t>& counts) {
   std::uint32_t sum = 0;
   for (std::uint32_t& count : counts) {
@@ -25,8 +25,8 @@ void sum_up(std::vector<std::uint32_t>& counts) {
 
 }  // namespace
 
-// Radix sort, least significant digit first: stable, so that ties stay in the order of slots.
-// Between the passes an item holds the upper digit of its key above its slot.
+// Radix sort, least significant digit first. It is stable, so that ties stay in the order of slots.
+// Between the passes, an item holds the upper digit of its key above its slot.
 template <typename Item>
 void ImportanceOrder::sort_items(const ImportanceMap& map, std::vector<Item>& items) {
   constexpr int kSlotBits = static_cast<int>(sizeof(Item)) * 8 - kDigitBits;
@@ -65,7 +65,7 @@ void ImportanceOrder::sort(const ImportanceMap& map) {
   }
 }
 
-/// Data that stay the same while the factor is searched for.
+/// Data that do not change during the search for the factor.
 struct Cs3Sampler::Frame {
   const RangeImage& image;
   const ImportanceMap& map;
@@ -93,13 +93,14 @@ struct Cs3Sampler::Frame {
   [[nodiscard]] std::int64_t u(Slot slot) const { return slot % static_cast<Slot>(map.stride); }
   [[nodiscard]] std::int64_t v(Slot slot) const { return slot / static_cast<Slot>(map.stride); }
 
-  /// Start of the search for the factor. 1, as printed, with eq. 3.8. Eq. 3.9 makes all radii
-  /// smaller, so the factor starts where its squares would be as dense as those of eq. 3.8, judged
-  /// by every sixteenth pixel: in order of importance near and far pixels are well mixed.
+  /// Start of the search for the factor. With eq. 3.8 it is 1, as printed. Eq. 3.9 makes all radii
+  /// smaller, so the factor starts where its squares have the density of those of eq. 3.8. The mean
+  /// is taken over every sixteenth pixel, because near and far pixels are well mixed in the order
+  /// of importance.
   [[nodiscard]] double first_factor() const {
     if (!options.distance_dependent) return 1.0;
     constexpr std::size_t kStep = 16;
-    constexpr double kUsual = 0.9;  // of the factor of eq. 3.8 on scenes and people
+    constexpr double kUsual = 0.9;  // relative to the factor of equal density, on scenes and people
     double sum = 0.0;
     for (std::size_t i = 0; i < order.size(); i += kStep) {
       const double ratio = relative_distance(order[i]);
@@ -125,7 +126,7 @@ struct Cs3Sampler::Frame {
   }
 };
 
-// Marks the square of a chosen point (section 3.3.2, "repulsive force").
+// Marks the square around a chosen point (section 3.3.2, "repulsive force").
 void Cs3Sampler::block(const Frame& frame, Slot slot, double radius) {
   const std::int64_t r = frame.rounding == Cs3Reading::Rounding::kDown
                              ? static_cast<std::int64_t>(radius)
@@ -172,7 +173,7 @@ PrincipalDirections principal_directions(double uu, double vv, double uv) {
   PrincipalDirections result;
   const double ratio = std::abs(large) / std::abs(small);
   result.stretch = ratio < kMaxStretch * kMaxStretch ? std::sqrt(ratio) : kMaxStretch;
-  // (M - small I) maps everything onto the direction of `large`: take its longer column.
+  // (M - small I) maps every vector to the direction of `large`; take its longer column.
   const double aa = (uu - small) * (uu - small) + uv * uv;
   const double bb = (vv - small) * (vv - small) + uv * uv;
   const double length = std::sqrt(std::max(aa, bb));
@@ -196,7 +197,7 @@ void Cs3Sampler::find_directions(const Frame& frame) {
 
 namespace {
 
-// The integer nearest to x, halves up, for |x| < 2^20: without a call of floor().
+// The integer nearest to x, halves up, for |x| < 2^20; faster than a call of floor().
 std::int64_t nearest(double x) {
   constexpr std::int64_t kOffset = 1 << 20;  // truncation is floor for positive numbers
   return static_cast<std::int64_t>(x + (static_cast<double>(kOffset) + 0.5)) - kOffset;
@@ -204,22 +205,24 @@ std::int64_t nearest(double x) {
 
 }  // namespace
 
-// Keeps the points whose importance is the greatest along both principal directions; ties go to
-// the earlier pixel. Directions by absolute value of the eigenvalues; w_min at most 4 w_max.
+// Keeps the points whose importance is the greatest along both principal directions; ties go to the
+// earlier pixel. Directions are ordered by the absolute values of the eigenvalues; w_min is at most
+// 4 w_max.
 std::int64_t Cs3Sampler::sample_maxima(const Frame& frame, double factor) {
   const double w_max = factor * frame.interval;
   const ImportanceMap& map = frame.map;
   chosen_.clear();
   for (const Slot slot : frame.order) {
     const auto u = static_cast<double>(frame.u(slot)), v = static_cast<double>(frame.v(slot));
-    // Is a more important pixel, or an earlier one as important, at this distance?
+    // Whether the pixel at this offset is more important, or as important and earlier.
     const auto is_exceeded = [&](double du, double dv) {
       const std::int64_t other_u = nearest(u + du), other_v = nearest(v + dv);
       if (other_u < 0 || other_v < 0 || other_u >= map.box.width || other_v >= map.box.height) {
         return false;
       }
       const auto other = static_cast<Slot>(other_v * map.stride + other_u);
-      const ImportanceKey key = map.keys[other], own = map.keys[slot];  // invalid: the largest
+      // Invalid pixels have the largest key.
+      const ImportanceKey key = map.keys[other], own = map.keys[slot];
       return key < own || (key == own && other < slot);
     };
     const PrincipalDirections& d = directions_[slot];
@@ -243,8 +246,9 @@ std::int64_t Cs3Sampler::sample(const Frame& frame, double factor) {
 
 namespace {
 
-// About proportional to the factor that gives this count: on scans and people the count falls with
-// the factor's power of 1.6. Made of square roots, which have the same bits everywhere.
+// Approximately proportional to the factor that gives this count: on scans and people, the factor
+// is proportional to count^(-1 / 1.6). Computed from square roots, which have the same bits
+// everywhere.
 double factor_measure(double count) {
   const double root = std::sqrt(count);
   return 1.0 / (root * std::sqrt(std::sqrt(root)));
@@ -252,8 +256,9 @@ double factor_measure(double count) {
 
 }  // namespace
 
-// The factor for which the count falls into [99 % of n, n]: secant steps, kept inside of what is
-// known to be too small and too large. Ends with the points of the factor it returns.
+// Searches the factor for which the count is in [99 % of n, n]: secant steps within the interval of
+// factors that are known to give too many and too few. At the end, chosen_ holds the points of the
+// returned factor.
 double Cs3Sampler::search(const Frame& frame, Cs3Report& report) {
   constexpr int kMaxPasses = 24;
   const std::int64_t n = frame.options.target_points;
@@ -261,15 +266,15 @@ double Cs3Sampler::search(const Frame& frame, Cs3Report& report) {
   const double aim = factor_measure(0.5 * static_cast<double>(n + enough));
   const double largest =
       static_cast<double>(frame.map.stride + frame.map.box.height) / frame.interval;
-  double few = 0.0, many = 0.0;  // factors known to give too few and too many; 0: none yet
+  double few = 0.0, many = 0.0;  // factors known to give too few and too many; 0: unknown
   double factor = std::min(frame.first_factor(), largest), last_factor = 0.0, last_measure = 0.0;
   std::int64_t count = sample(frame, factor);
   if (!frame.options.distance_dependent) report.literal_count = count;
   for (report.passes = 1; report.passes < kMaxPasses; ++report.passes) {
     if (count >= enough && count <= n) return factor;
     (count > n ? many : few) = factor;
-    if (many >= largest) break;                                 // nothing gives so few
-    if (few > 0.0 && many > 0.0 && few < many * 1.0005) break;  // the count jumps
+    if (many >= largest) break;                                 // no factor gives so few
+    if (few > 0.0 && many > 0.0 && few < many * 1.0005) break;  // the count jumps across the target
     const double measure = factor_measure(static_cast<double>(count));
     double next = measure != last_measure
                       ? factor + (aim - measure) * (factor - last_factor) / (measure - last_measure)
@@ -282,7 +287,7 @@ double Cs3Sampler::search(const Frame& frame, Cs3Report& report) {
     factor = std::min(next, largest);
     count = sample(frame, factor);
   }
-  if (few > 0.0) {  // too few rather than too many: the most important points left fill up
+  if (few > 0.0) {  // Too few rather than too many: the most important remaining points are added.
     if (factor != few) sample(frame, few);
     report.reached = Cs3Reached::kContinued;
     go_on(frame);
@@ -294,7 +299,8 @@ double Cs3Sampler::search(const Frame& frame, Cs3Report& report) {
   return many;
 }
 
-// Continues with the most important points that are not chosen yet, up to n, repulsion aside.
+// Adds the most important points that are not chosen yet, up to n, without regard to blocked
+// squares.
 void Cs3Sampler::go_on(const Frame& frame) {
   const std::size_t n = frame.options.target_points;
   blocked_.assign(frame.map.keys.size() / 64, 0);

@@ -8,7 +8,7 @@
 
 namespace manip3d {
 
-/// The valid slots by decreasing importance, ties by slot.
+/// The valid slots in order of decreasing importance; ties by slot.
 class ImportanceOrder {
  public:
   void sort(const ImportanceMap& map);
@@ -21,19 +21,19 @@ class ImportanceOrder {
   std::vector<Slot> slots_;
   std::vector<std::uint32_t> small_items_;
   std::vector<std::uint64_t> large_items_;
-  std::vector<std::uint32_t> low_, high_;  ///< Where the next item of a digit goes.
+  std::vector<std::uint32_t> low_, high_;  ///< Index of the next item of each digit.
 };
 
-/// Eigenvectors of A's Hessian: (u, v) belongs to the eigenvalue of larger magnitude.
+/// Eigenvectors of A's Hessian: (u, v) is that of the eigenvalue with the larger magnitude.
 struct PrincipalDirections {
   double u = 1.0, v = 0.0;
   double stretch = 1.0;  ///< sqrt(|lambda_max / lambda_min|), at most 4 (eq. 3.7).
 };
 
-/// Chooses slots: either sampling, for one factor and for a number of points.
+/// Chooses slots by either sampling method, for one factor or for a number of points.
 class Cs3Sampler {
  public:
-  /// Fills slots(), ordered by pixel, and the counts of the report.
+  /// Fills slots(), ordered by pixel, and the counts in the report.
   void choose(const RangeImage& image, const ImportanceMap& map, const ImportanceOrder& order,
               const Cs3Options& options, Cs3Report& report);
   [[nodiscard]] const std::vector<Slot>& slots() const { return slots_; }
@@ -51,8 +51,8 @@ class Cs3Sampler {
 
   std::vector<Slot> chosen_;                     ///< In order of importance.
   std::vector<Slot> slots_;                      ///< In order of pixels.
-  std::vector<std::uint64_t> blocked_;           ///< A bit per slot.
-  std::vector<std::uint64_t> selected_;          ///< Likewise.
+  std::vector<std::uint64_t> blocked_;           ///< One bit per slot.
+  std::vector<std::uint64_t> selected_;          ///< One bit per slot.
   std::vector<PrincipalDirections> directions_;  ///< By slot, for non-maximum suppression.
 };
 

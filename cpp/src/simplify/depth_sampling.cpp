@@ -44,7 +44,7 @@ std::vector<Pixel> valid_pixels(const PointGridView& grid) {
 
 // --- Uniform -----------------------------------------------------------------------------------
 
-/// Rows or columns of a lattice: the middles of intervals of length `spacing`.
+/// Rows or columns of a lattice: the centres of intervals of length `spacing`.
 std::vector<std::int64_t> lattice_lines(std::int64_t size, double spacing) {
   std::vector<std::int64_t> lines;
   for (double at = 0.5 * spacing; at < static_cast<double>(size); at += spacing) {
@@ -102,7 +102,8 @@ std::vector<Run> medial_runs(const PointGridView& grid) {
 }
 
 /// Half of a symmetric kernel: the second difference of a Gaussian whose value at k is
-/// `ratio`^(k^2). Powers by multiplication: the crossings are the same on every processor.
+/// `ratio`^(k^2). Powers are computed by multiplication, so that crossings are the same on every
+/// processor.
 std::vector<double> laplacian_of_gaussian(double ratio) {
   constexpr double kCut = 1e-5;
   std::vector<double> gaussian{1.0};
@@ -117,7 +118,7 @@ std::vector<double> laplacian_of_gaussian(double ratio) {
   return kernel;
 }
 
-/// The run filtered; beyond its ends it stays as it is there.
+/// Filters the values of a run; beyond its ends they are continued as constants.
 std::vector<double> filtered(const std::vector<double>& values, const std::vector<double>& kernel) {
   const auto n = static_cast<std::int64_t>(values.size());
   const auto at = [&](std::int64_t i) { return values[std::clamp<std::int64_t>(i, 0, n - 1)]; };
@@ -133,7 +134,8 @@ std::vector<double> filtered(const std::vector<double>& values, const std::vecto
 }
 
 std::vector<Pixel> zero_crossings(const std::vector<Run>& runs, double ratio) {
-  constexpr double kRounding = 1e-9;  // of the radius: where a surface is flat, signs are chance
+  // Share of the radius; on flat parts, signs are rounding noise.
+  constexpr double kRounding = 1e-9;
   const std::vector<double> kernel = laplacian_of_gaussian(ratio);
   std::vector<Pixel> pixels;
   for (const Run& run : runs) {
@@ -166,7 +168,8 @@ std::vector<Pixel> sample_uniform(const PointGridView& grid, std::int64_t target
   check(grid, target_points);
   const auto num_valid = static_cast<double>(valid_pixels(grid).size());
   if (num_valid <= static_cast<double>(target_points)) return valid_pixels(grid);
-  // The number falls with the spacing, but not steadily: coarse steps first, then fine ones.
+  // The number decreases with the spacing, but not monotonically. Coarse steps are tried first,
+  // then fine ones.
   constexpr int kTries = 40;
   double spacing = std::sqrt(num_valid / static_cast<double>(target_points));
   std::vector<Pixel> best;
@@ -198,7 +201,7 @@ PoissonDiskSample sample_poisson_disk(const PointGridView& grid, std::int64_t ta
   DartBoard board(view_of(points), seed, box.min().cast<double>(), {});
   std::vector<std::int32_t> best;
   double best_radius = 0.0;
-  // With the diagonal as radius one or two points are kept; a millionth of it keeps nearly all.
+  // With the diagonal as radius only one or two points are kept; with a millionth of it nearly all.
   double high = 1.01 * box.diagonal().cast<double>().norm();
   double low = 1e-6 * high;
   double radius = high / std::sqrt(static_cast<double>(target_points));
@@ -212,7 +215,7 @@ PoissonDiskSample sample_poisson_disk(const PointGridView& grid, std::int64_t ta
     }
     if (count <= target_points && 100 * count >= 99 * target_points) break;
     (count > target_points ? low : high) = radius;
-    // The number of disks goes with the square of the radius.
+    // The number of disks is inversely proportional to the square of the radius.
     const double guess = radius * std::sqrt(static_cast<double>(count) /
                                             (0.995 * static_cast<double>(target_points)));
     radius = low < guess && guess < high ? guess : 0.5 * (low + high);
@@ -225,7 +228,7 @@ PoissonDiskSample sample_poisson_disk(const PointGridView& grid, std::int64_t ta
 ScaleSpaceSample sample_scale_space(const PointGridView& grid, std::int64_t target_points) {
   check(grid, target_points);
   const std::vector<Run> runs = medial_runs(grid);
-  // exp(-x) for x = 1 / (2 sigma^2), by a fraction that is the same on every processor.
+  // Approximates exp(-x) for x = 1 / (2 sigma^2) by a fraction that is the same on every processor.
   const auto ratio_of = [](double sigma) {
     const double x = 1.0 / (2.0 * sigma * sigma);
     return 1.0 / (1.0 + x + 0.5 * x * x);

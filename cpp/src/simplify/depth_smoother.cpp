@@ -14,18 +14,19 @@
 namespace manip3d {
 namespace {
 
-// How many standard deviations of the noise. Of some 40 choices, tried on five recordings of people
-// (UTD-MHAD, actions 1, 4, 6, 8 and 12 of the first subject), these halve the flicker at the least
-// error of what moves.
-constexpr float kMotion = 3.0F;      // a mean change by twice that is motion; one below it is noise
-constexpr float kNewSurface = 4.0F;  // another surface, beside what moves
-constexpr float kSameSurface = 4.0F;  // a pair of pixels on the same surface, and its middle
-constexpr float kNearShown = 3.0F;    // the mesh that was shown is as good as any
-constexpr double kMostNoise = 2.0;    // over a Kinect's
-constexpr int kRadius = 2;            // of the pixels around another one
-constexpr int kAround = (2 * kRadius + 1) * (2 * kRadius + 1);  // pixels, itself among them
-constexpr std::int64_t kBlock = 8;  // pixels a side: three blocks are as wide as an arm or wider
-constexpr float kPixelsAround = 9.0F * kBlock * kBlock;  // of a block and those beside it
+// Multiples of the standard deviation of the noise. Of about 40 choices, tried on five recordings
+// of people (UTD-MHAD, actions 1, 4, 6, 8 and 12 of the first subject), these halve the flicker
+// with the smallest error of moving parts.
+constexpr float kMotion = 3.0F;  // a mean change below it is noise, above twice that it is motion
+constexpr float kNewSurface = 4.0F;  // a pixel shows another surface, apart from motion
+// The mean of a pair of pixels is on the same surface as the pixel between them.
+constexpr float kSameSurface = 4.0F;
+constexpr float kNearShown = 3.0F;  // the mesh that was shown last agrees with the depth
+constexpr double kMostNoise = 2.0;  // relative to a Kinect's
+constexpr int kRadius = 2;          // pixels, of the neighbourhood of a pixel
+constexpr int kAround = (2 * kRadius + 1) * (2 * kRadius + 1);  // pixels, including itself
+constexpr std::int64_t kBlock = 8;  // pixels a side; three blocks are at least as wide as an arm
+constexpr float kPixelsAround = 9.0F * kBlock * kBlock;  // of a block and the blocks around it
 constexpr std::size_t kFewestSamples = 20;
 constexpr std::int64_t kLargestSide = 16384;
 constexpr std::uint16_t kMostFrames = 60000;
@@ -37,26 +38,28 @@ MANIP3D_INLINE float noise_at(float depth) {
   return kAtOneMetre * depth * depth;
 }
 
-/// The part of a mean change that is motion: none up to the limit, all from twice that on.
+/// The part of a mean change that is motion: 0 up to the limit, 1 from twice that on.
 MANIP3D_INLINE float part_of_motion(float change, float limit) {
   const float above = std::abs(change) - limit;
   return above <= 0.0F ? 0.0F : above >= limit ? 1.0F : above / limit;
 }
 
-/// Moves a measured noise towards what the newest frame shows; a negative one was not known.
+/// Moves a measured noise towards the value from the newest frame; a negative noise is unknown.
 void renew(double& noise, double now, double share) {
   noise = noise < 0.0 ? now : noise + share * (now - noise);
 }
 
-/// The standard deviation over a Kinect's of what has these second differences over time.
+/// The standard deviation, relative to a Kinect's, of a quantity with these second differences over
+/// time.
 double deviation_of(std::vector<float>& differences, double most) {
-  constexpr double kOfMedian = 1.4826;  // the standard deviation over the median absolute value
+  // Standard deviation over median absolute value of a normal distribution.
+  constexpr double kOfMedian = 1.4826;
   const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
   std::ranges::nth_element(differences, middle);
   return std::min(kOfMedian / std::sqrt(6.0) * *middle, most);
 }
 
-/// Adds to each number of a row those up to kRadius before and behind it.
+/// Adds to each number of a row its neighbours up to kRadius before and after it.
 void add_beside(const float* in, std::int64_t size, float* out) {
   std::copy_n(in, size, out);
   for (std::int64_t k = 1; k <= std::min<std::int64_t>(kRadius, size - 1); ++k) {
@@ -65,14 +68,14 @@ void add_beside(const float* in, std::int64_t size, float* out) {
   }
 }
 
-/// A row, and those so many rows and columns before and behind it.
+/// A row of pixels, and the pixels at two opposite offsets from them.
 struct Pair {
   const float *row, *before, *after;
-  float slope;  ///< Largest difference of the two over the depth between them.
+  float slope;  ///< Largest allowed difference of the two, as a share of the depth between them.
 };
 
-/// Adds the pairs that lie on the surface of the pixel between them: `noise` is how far their mean
-/// may be from it, over what noise_at() gives.
+/// Adds the pairs that lie on the surface of the pixel between them. `noise` is the allowed
+/// distance of their mean from it, in units of noise_at().
 MANIP3D_INLINE void add_pairs_of(const Pair& pair, std::int64_t first, std::int64_t end,
                                  float noise, float* sum, float* number) {
   const float *row = pair.row, *before = pair.before, *after = pair.after;
@@ -196,7 +199,7 @@ void DepthSmoother::find_changes() {
   });
   starts_anew_ = 2 * num_going_on < num_measured;
   if (!starts_anew_) return;
-  // Another view: the pixels whose depth is nearly the same show another surface, too.
+  // The camera sees another view: even pixels whose depth is nearly the same show another surface.
   std::ranges::fill(change_, 0.0F);
   std::ranges::fill(goes_on_, 0.0F);
   std::ranges::fill(count_, std::uint16_t{0});
@@ -227,9 +230,11 @@ void DepthSmoother::find_motion() {
 }
 
 void DepthSmoother::measure_noise() {
-  constexpr std::int64_t kStride = 4;  // rows: a quarter of the pixels tells as much
-  constexpr float kMost = 3.0F;        // of a pixel: moving ones are not all told from the rest
-  constexpr double kOfMean = 1.25;     // the standard deviation over the mean of absolute values
+  constexpr std::int64_t kStride = 4;  // rows; a quarter of the pixels is enough
+  // Limit of a pixel's ratio, because moving pixels are not all recognized.
+  constexpr float kMost = 3.0F;
+  // Standard deviation over mean absolute value of a normal distribution.
+  constexpr double kOfMean = 1.25;
   const auto share = static_cast<float>(options_.newest_share);
   const std::int64_t width = box_.end_u - box_.u;
   double sum = 0.0;
@@ -238,7 +243,7 @@ void DepthSmoother::measure_noise() {
     if (in_box / width % kStride != 0) return;
     for (std::int64_t u = 0; u < width; ++u) {
       if (goes_on_[in_box + u] == 0.0F) continue;
-      // The variance of the mean, over that of a single depth.
+      // The variance of the recursive mean, relative to that of a single depth.
       const float before = std::max(share, 1.0F / static_cast<float>(count_[in_image + u]));
       const float relative =
           std::abs(change_[in_box + u] - motion_[in_box + u]) / noise_at(mean_[in_image + u]);
@@ -251,10 +256,11 @@ void DepthSmoother::measure_noise() {
   renew(noise_, now, options_.newest_share);
 }
 
-/// Second differences over time: motion at a constant speed has none, and their median is little
-/// raised by edges that move.
+/// Uses second differences over time, which vanish for motion at a constant speed; their median is
+/// hardly raised by moving edges.
 void DepthSmoother::measure_noise_of_means() {
-  constexpr std::int64_t kRows = 8, kCols = 2;  // apart: a sixteenth of the pixels tells as much
+  // Distances of samples; a sixteenth of the pixels is enough.
+  constexpr std::int64_t kRows = 8, kCols = 2;
   if (second_last_.size() != out_.size()) return;
   samples_.clear();
   for (std::int64_t v = box_.v + kRadius; v < box_.end_v - kRadius; v += kRows) {
@@ -283,7 +289,7 @@ void DepthSmoother::add_second_difference(std::int64_t pixel) {
 }
 
 void DepthSmoother::measure_noise_of_blocks() {
-  constexpr float kMeasured = 0.75F;  // of the pixels around
+  constexpr float kMeasured = 0.75F;  // share of the surrounding pixels
   if (second_last_.size() != out_.size()) return;
   const auto gate = static_cast<float>(options_.gate);
   clear_block_sums();
@@ -350,7 +356,7 @@ DepthSmoother::BlockSum DepthSmoother::sum_around(std::int64_t v, std::int64_t u
 }
 
 float DepthSmoother::limit_of_motion() const {
-  // Until it is known, as if the noise of no two pixels had anything in common.
+  // While it is unknown, assume that the noise of different pixels is independent.
   const double noise =
       noise_of_means_ < 0.0 ? std::max(noise_, 0.0) / (2 * kRadius + 1) : noise_of_means_;
   return kMotion * static_cast<float>(noise);
@@ -388,7 +394,7 @@ void DepthSmoother::find_block_motion() {
 void DepthSmoother::interpolate_block_motion(std::int64_t v, float* drift) const {
   const std::int64_t width = box_.end_u - box_.u, half = kBlock / 2;
   const auto at = [](std::int64_t i) { return (static_cast<float>(i) + 0.5F) / kBlock; };
-  const std::int64_t below = (v + half) / kBlock;  // of the two rows of blocks
+  const std::int64_t below = (v + half) / kBlock;  // index of the lower of the two rows of blocks
   const float* const first =
       block_motion_.data() + std::max<std::int64_t>(below - 1, 0) * block_cols_;
   const float* const second = block_motion_.data() + std::min(below, block_rows_ - 1) * block_cols_;
@@ -417,7 +423,7 @@ void DepthSmoother::update() {
       const std::int64_t i = in_box + u;
       const float z = out_[in_image + u];
       current_[i] = 0.0F;
-      if (!is_measured(z)) continue;  // a pixel that is back soon goes on where it was
+      if (!is_measured(z)) continue;  // a pixel that returns soon continues from its old mean
       float& mean = mean_[in_image + u];
       std::uint16_t& count = count_[in_image + u];
       const float sigma = noise_at(mean), drift = drift_[i], own = motion_[i] - drift;
@@ -484,7 +490,7 @@ void DepthSmoother::find_moving_blocks() {
 }
 
 void DepthSmoother::stay_near_shown() {
-  // Shown depths follow the blocks' motion, so they need not be drawn to new ones as fast.
+  // Shown depths follow the motion of the blocks, so they may approach new depths more slowly.
   const auto share = 0.5F * static_cast<float>(options_.newest_share);
   const auto noise = kNearShown * static_cast<float>(std::max(noise_, 0.0));
   const std::int64_t width = box_.end_u - box_.u;
@@ -494,7 +500,7 @@ void DepthSmoother::stay_near_shown() {
       float& depth = out_[in_image + u];
       if (!(shown_[in_image + u] > 0.0F) || !is_measured(depth)) continue;
       const float shown = shown_[in_image + u] + drift_[in_box + u] * goes_on_[in_box + u];
-      // The mesh shown last is no guide where half of the pixels around move.
+      // The mesh shown last is ignored if at least half of the pixels around move.
       const float from = depth - shown, limit = noise * noise_at(depth);
       const float by_motion = 4.0F * moving[u / kBlock] * moving[u / kBlock];
       const auto count = static_cast<float>(count_[in_image + u]);
@@ -543,7 +549,7 @@ void DepthSmoother::show(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
   has_shown_ = true;
 }
 
-/// The inverse of the depth is linear over the image of a plane.
+/// Interpolates the inverse of the depth, which is linear over the image of a plane.
 void DepthSmoother::draw(std::array<std::array<std::int32_t, 2>, 3> at,
                          std::array<float, 3> inverse) {
   const auto doubled = [&] {

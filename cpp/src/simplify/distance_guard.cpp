@@ -13,7 +13,7 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-/// Rounding of distances in a mesh of diagonal 1, with room to spare.
+/// Bound of the rounding errors of distances in a mesh of diagonal 1, with a margin.
 constexpr double kRounding = 1e-13;
 
 /// Oriented edges of faces in one plane; an edge and its reverse cancel.
@@ -27,7 +27,8 @@ class Chain {
     }
     edges_.emplace_back(from, to);
   }
-  /// Whether the edges bound nothing: they cancel, or are the three of a triangle without area.
+  /// Whether the edges bound nothing: all cancel, or three remain that form a triangle without
+  /// area.
   [[nodiscard]] bool is_zero() const {
     if (edges_.empty()) return true;
     return edges_.size() == 3 && are_collinear(edges_[0].first, edges_[1].first, edges_[2].first);
@@ -37,7 +38,7 @@ class Chain {
   std::vector<std::pair<Vector3d, Vector3d>> edges_;
 };
 
-/// Orientation of a triangle seen along an axis, 0 where it has no area or stands on edge.
+/// Orientation of a triangle seen along an axis; 0 if its projection has no area.
 int orientation_along(int axis, const Triangle3& t) {
   const auto seen = [axis](const Vector3d& p) {
     return Vector2d(p[(axis + 1) % 3], p[(axis + 2) % 3]);
@@ -66,7 +67,8 @@ DistanceGuard::DistanceGuard(const MeshView& original, double limit, std::functi
   if (!is_exact_ && box.diagonal() > 0.0) {
     center_ = box.center();
     unit_ = box.diagonal();
-    // The rounding of coordinates far from the origin is part of the mesh; results round once more.
+    // Coordinates far from the origin were rounded when the mesh was made, and results are rounded
+    // once more.
     const double farthest = std::max(box.min.cwiseAbs().maxCoeff(), box.max.cwiseAbs().maxCoeff());
     margin_ = kRounding + 4.0 * std::numeric_limits<double>::epsilon() * farthest / unit_;
   }
@@ -113,8 +115,9 @@ bool DistanceGuard::allows(std::span<const std::int32_t> touched, std::span<cons
   return ok;
 }
 
-/// In each plane the faces before and after have one orientation each and the same boundary. As
-/// chains they are equal then, and so are the sets that they cover.
+/// Whether a change keeps the surface as a set of points. Sufficient: in each plane, the faces
+/// before and after have the same orientation and the same boundary. They are then equal as chains,
+/// and so are the sets that they cover.
 bool DistanceGuard::keeps_points(std::span<const std::int32_t> touched,
                                  std::span<const Change> changed) const {
   struct Plane {
@@ -151,7 +154,7 @@ bool DistanceGuard::keeps_points(std::span<const std::int32_t> touched,
                      [](const Plane& plane) { return plane.difference.is_zero(); });
 }
 
-/// The original faces whose proof rests on a touched face.
+/// Gathers the original faces that have a touched face among their hosts.
 void DistanceGuard::gather_guests(std::span<const std::int32_t> touched) {
   affected_.clear();
   for (const std::int32_t f : touched) {
@@ -159,7 +162,7 @@ void DistanceGuard::gather_guests(std::span<const std::int32_t> touched) {
       if (is_affected_[original]) continue;
       const auto& hosts = hosts_[original];
       if (std::none_of(hosts.begin(), hosts.end(), [&](auto host) { return is_touched_[host]; })) {
-        continue;  // it has left
+        continue;  // it now has other hosts
       }
       is_affected_[original] = true;
       affected_.push_back(original);
@@ -176,7 +179,7 @@ bool DistanceGuard::prove_changed(std::span<const std::int32_t> touched,
     patch_.clear();
     for (const std::int32_t f : touched) patch_.push_back(current_[f]);
     double error = distance_.bound(change.corners, patch_, limit_);
-    if (error > limit_) {  // the bounds have added up: start afresh
+    if (error > limit_) {  // the bounds of the replaced faces add up; use the original faces
       patch_.clear();
       for (const std::int32_t original : affected_) patch_.push_back({original_[original], 0.0});
       error = distance_.bound(change.corners, patch_, limit_);
@@ -238,7 +241,8 @@ void DistanceGuard::commit() {
   for (Proof& proof : proofs_) {
     std::vector<std::int32_t>& hosts = hosts_[proof.original];
     for (const std::int32_t host : proof.hosts) {
-      // Untouched hosts of before still list it; the lists of touched ones are new.
+      // Untouched hosts that already were hosts still list the face; lists of touched hosts are
+      // new.
       const bool is_listed = std::find(touched_.begin(), touched_.end(), host) == touched_.end() &&
                              std::find(hosts.begin(), hosts.end(), host) != hosts.end();
       if (!is_listed) guests_[host].push_back(proof.original);

@@ -10,23 +10,23 @@
 
 namespace manip3d {
 
-/// Keeps the two-sided Hausdorff distance between a mesh and its simplification below a limit, by
-/// construction, whatever the simplifier: it is asked before each change of some faces.
+/// Keeps the two-sided Hausdorff distance between a mesh and its simplification below a limit, for
+/// any simplifier that asks for permission before each change.
 ///
-/// Two proofs are carried along. Every original face is *hosted* by the faces of the simplified
-/// mesh near which it provably lies; a change proves the guests of the changed faces again, against
-/// their other hosts and the changed faces. Every simplified face has a bound of its distance from
-/// the original surface: from the bounds of the faces that it replaces, and, once these have added
-/// up to the limit, from the original faces themselves. So boundaries are included: a rim that
-/// moves inwards leaves original faces behind.
+/// Two proofs are maintained. (1) Every original face is *hosted* by faces of the simplified mesh
+/// near which it provably lies. A change must prove this again for the guests of the changed faces,
+/// with their other hosts and the changed faces. (2) Every simplified face has a bound of its
+/// distance from the original surface. It follows from the bounds of the faces that it replaces or,
+/// once these have added up to the limit, from the original faces. The first proof includes
+/// boundaries, because a rim that moves inwards leaves original faces behind.
 ///
-/// With limit 0 a change must leave the surface as a set of points as it is, decided by exact
-/// predicates. Faces with a repeated vertex have no surface. A refusal proves nothing: a change
-/// within the limit may be refused where near faces alone do not show it.
+/// With limit 0, a change must not change the surface as a set of points; this is decided by exact
+/// predicates. Faces with a repeated vertex have no surface. A change within the limit may be
+/// refused if the proof would need more than the nearby faces.
 class DistanceGuard {
  public:
   /// @param limit     >= 0, in the mesh's units.
-  /// @param on_proof  Called before each proof, of which a change may need many.
+  /// @param on_proof  Called before each proof; a change may need many proofs.
   DistanceGuard(const MeshView& original, double limit, std::function<void()> on_proof = {});
 
   /// A face that a change leaves, and where its corners then are, in the mesh's units.

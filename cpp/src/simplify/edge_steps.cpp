@@ -15,13 +15,13 @@ class StepFinder {
  public:
   StepFinder(const DepthView& image, const EdgeStepRule& rule) : image_(image), rule_(rule) {}
 
-  /// Both pixels are in the image.
+  /// Whether the line between two pixels crosses a step. Both pixels must be in the image.
   [[nodiscard]] bool crosses(const std::array<std::int32_t, 2>& from,
                              const std::array<std::int32_t, 2>& to) const {
     const std::int64_t du = to[0] - from[0], dv = to[1] - from[1];
     const std::int64_t length = std::max(std::abs(du), std::abs(dv));
     const float begin = depth(from[0], from[1]), last = depth(to[0], to[1]);
-    // An end that was not measured has the depth of the last pixel before it.
+    // If an end has no measurement, it gets the depth of the last measured pixel before it.
     if (last > 0.0F && !differ(begin, last)) return false;
     bool any = false;
     float before = begin, climbed = 0.0F;
@@ -47,7 +47,8 @@ class StepFinder {
     const double limit = nearest * std::max(rule_.share, rule_.slope + rule_.noise * nearest);
     return one > 0.0F && double{std::abs(one - other)} > limit;
   }
-  /// Pixels from the start of a line, rounded to the nearest and upward.
+  /// Pixels from the start of a line after `way` of `length` steps, rounded to the nearest integer,
+  /// halves up.
   static std::int64_t along(std::int64_t way, std::int64_t delta, std::int64_t length) {
     const std::int64_t doubled = 2 * way * delta + length, step = 2 * length;
     return doubled / step - (doubled % step < 0 ? 1 : 0);
@@ -79,7 +80,8 @@ std::vector<std::uint8_t> faces_across_steps(const DepthView& image,
         throw InputError("faces: index out of range: " + std::to_string(a));
       }
       if (b < 0 || b >= pixels.rows() || across[f] != 0) continue;
-      // From the vertex with the lesser number: both faces at an edge see the same line.
+      // Starts at the vertex with the lower index, so that both faces at an edge test the same
+      // line.
       const std::int32_t from = std::min(a, b), to = std::max(a, b);
       across[f] =
           steps.crosses({pixels(from, 0), pixels(from, 1)}, {pixels(to, 0), pixels(to, 1)}) ? 1 : 0;

@@ -22,12 +22,12 @@ namespace {
 
 using namespace fast_detail;
 
-/// An error that can be seen, as a mean distance over the size of the mesh: below it the link rule
-/// is not waived.
+/// Smallest visible error, as a mean distance divided by the size of the mesh. Below it, the link
+/// condition is not waived.
 constexpr double kVisibleDistance = 1e-3;
 
-/// Pass after pass, until the target is reached or nothing is left that may be done; the rules
-/// fall, one after the other, where they keep the target out of reach.
+/// Runs passes until the target is reached or nothing more can be done. If the rules keep the
+/// target out of reach, they are waived one after the other.
 class FastSimplifier {
  public:
   FastSimplifier(const MeshView& input, const BoundingBox& box, const FastOptions& options,
@@ -69,7 +69,7 @@ class FastSimplifier {
                         : std::numeric_limits<float>::infinity();
   }
 
-  /// Makes the cheapest collapses; false when nothing is left that may be done.
+  /// Makes the cheapest collapses; returns false if nothing more can be done.
   bool pass() {
     const std::int64_t needed = mesh_.num_faces() - options_.target_faces;
     const bool may_take_pieces = options_.target_faces > 0 && passes_.is_small();
@@ -79,7 +79,7 @@ class FastSimplifier {
     if (collapser_.rules != Rules::kAll) result_.relaxed_collapses += report.collapses;
     if (report.meets_piece) {
       remove_pieces(report.piece_limit, FastPieces::Choice::kInstead);
-      return true;  // a piece that stays has a new price
+      return true;  // the price of a piece that stays has changed
     }
     const std::int64_t vanished =
         remove_pieces(report.is_everything ? 0.0 : report.price_limit, FastPieces::Choice::kCheap);
@@ -92,18 +92,20 @@ class FastSimplifier {
       if (4 * report.collapses >= 3 * report.wanted) patience_ = std::max(1.0, 0.5 * patience_);
       return true;
     }
-    // Too few of the candidates were legal: more of them next time, then other rules.
+    // Too few candidates were legal: the next pass gets more; if all were candidates, rules are
+    // waived.
     if (!report.is_everything) {
       patience_ *= 4.0;
       return true;
     }
-    if (report.collapses > needed / 1000) return true;  // fewer: what is left is not worth a pass
+    // With fewer, another pass is not worthwhile.
+    if (report.collapses > needed / 1000) return true;
     num_too_dear_ += report.num_too_dear;
     return takes_pieces_or_other_rules(report.collapses > 0) || report.collapses > 0;
   }
 
-  /// When collapses come to an end: pieces that are not missed go, then a rule falls, then any
-  /// piece goes. Whether one of these was done.
+  /// Called when collapses run out: removes pieces near the rest, then waives a rule, then removes
+  /// any piece. Returns whether one of these was possible.
   bool takes_pieces_or_other_rules(bool has_collapsed) {
     using Choice = FastPieces::Choice;
     if (options_.target_faces == 0 || num_above_limit() > 0) return false;
@@ -121,16 +123,16 @@ class FastSimplifier {
     return pieces_.remove(limit, choice, options_.target_faces, options_.max_error);
   }
 
-  /// How often max_error was why something was not done, when nothing else was left.
+  /// Number of steps that were impossible only because of max_error.
   [[nodiscard]] std::int64_t num_above_limit() const {
     return num_too_dear_ + pieces_.num_too_far();
   }
 
-  /// The price of an error that can be seen, if the link rule may be waived at all.
+  /// The price of a visible error; kNoPrice if the link condition must not be waived.
   [[nodiscard]] std::uint32_t visible_price() {
     if (collapser_.rules != Rules::kAll || options_.target_faces == 0) return kNoPrice;
     if (collapser_.squared_limit() < std::numeric_limits<float>::infinity()) return kNoPrice;
-    if (!(whole_weight_ > 0.0)) {  // collapses add up the weights of their ends
+    if (!(whole_weight_ > 0.0)) {  // collapses add up weights, so they are computed once
       for (const QuadricVertex& v : mesh_.vertices) whole_weight_ += v.weight;
     }
     const double price = kVisibleDistance * kVisibleDistance * whole_weight_ /
@@ -163,8 +165,8 @@ class FastSimplifier {
   FastPieces pieces_;
   EdgeCollapser collapser_;
   FastPass passes_;
-  double patience_ = 1.0;      // candidates for each collapse that is wanted
-  double whole_weight_ = 0.0;  // of the quadrics of all vertices
+  double patience_ = 1.0;      // factor on the usual number of candidates
+  double whole_weight_ = 0.0;  // sum over the quadrics of all vertices
   std::int64_t num_too_dear_ = 0;
   QualityResult result_;
 };

@@ -19,15 +19,16 @@ std::int32_t continued(std::int32_t wedge, const WedgePairs& pairs) {
   return wedge;
 }
 
-/// The texture at p of the face of this wedge that p lies over, or nearest to so; not beyond the
-/// coordinates around, for a narrow face continues to anywhere. Faces are as they were before v
-/// and t collapse.
+/// The texture coordinate at p, continued linearly from that face of the wedge over which p lies,
+/// or which is nearest to it. It is clamped to the coordinates around, because the continuation of
+/// a narrow face can be anywhere. Faces are those before the collapse of v and t.
 Vector2d texture_at(const FastMesh& mesh, std::int32_t wedge, std::int32_t v, std::int32_t t,
                     const Vector3f& p, const WedgePairs& pairs) {
   Vector2d best = mesh.table.texcoords[wedge];
   Vector2d low = best, high = best;
   double most_inside = -std::numeric_limits<double>::infinity();
-  std::optional<Vector2d> own;  // of a locked vertex: rounding would part it from its neighbours
+  // Of a locked vertex, exact: rounding would separate it from its neighbours.
+  std::optional<Vector2d> own;
   for (const std::int32_t from : {v, t}) {
     const Vector3d origin = position_of(mesh.vertices[from]).cast<double>();
     mesh.for_each_face(from, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {

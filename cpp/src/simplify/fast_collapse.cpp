@@ -12,17 +12,17 @@
 namespace manip3d::fast_detail {
 namespace {
 
-/// cos^2 78 deg: at 90 a face can turn over in two steps.
+/// cos^2 78 deg; at 90 degrees a face could turn over in two steps.
 constexpr float kLeastSquaredCosine = 0.04F;
 
-/// Sine squared of the angle that counts as no area in single precision.
+/// Squared sine below which a triangle has no area in single precision.
 constexpr float kLeastSquaredSine = 1e-9F;
 
-/// A new vertex is at most this many lengths of its edge (squared) away from the middle.
+/// Largest distance of a new vertex from the middle of its edge: two edge lengths, squared.
 constexpr float kFarthest = 4.0F;
 
-/// How many faces around v and t lie on the vertices of others when v and t are one. Finds the
-/// twins among them.
+/// Counts the faces around v and t that would have the same vertices as others after the collapse.
+/// Finds the twins among them.
 std::int64_t count_doubles(CollapseTask& task) {
   std::vector<Side>&sides = task.sides, &twins = task.twins;
   twins.clear();
@@ -39,8 +39,8 @@ std::int64_t count_doubles(CollapseTask& task) {
   return sides.end() - std::unique(sides.begin(), sides.end());
 }
 
-/// Whether check_links() finds nothing around two vertices inside of a closed surface: two sides
-/// at a time, and without a jump, for it mostly finds nothing.
+/// Whether check_links() finds nothing around two vertices inside a closed surface. Compares two
+/// sides at a time without branches, because it rarely finds anything.
 bool keeps_closed_links(const Fan& first, const Fan& second) {
   const std::size_t size = second.rest.size();
   unsigned broken = 0;
@@ -65,7 +65,7 @@ std::int64_t faces_at(std::int32_t w, const Fan& fan) {
   return faces;
 }
 
-/// The faces v t w go; the other ones on v w and on t w meet on one edge.
+/// The faces v t w are removed; the others on v w and on t w then share one edge.
 bool makes_complex_edge_at(std::int32_t w, const Fan& first, const Fan& second) {
   const std::int64_t across = std::count(first.across.begin(), first.across.end(), w);
   const std::int64_t one = faces_at(w, first), two = faces_at(w, second);
@@ -108,7 +108,7 @@ std::optional<Rejection> EdgeCollapser::collapse(std::int32_t v, std::int32_t t,
   const bool is_doubling = may_double_faces(rules, has_complex_edge_at(v, t, task));
   const auto num_gone =
       static_cast<std::int64_t>(first.across.size()) + (is_doubling ? count_doubles(task) : 0);
-  if (num_gone > quota) return std::nullopt;  // another one may fit
+  if (num_gone > quota) return std::nullopt;  // another collapse may fit
   if (first.rest.empty() && second.rest.empty() && !hangs_at_hub(first)) {
     return Rejection::kDegenerate;
   }
@@ -129,18 +129,18 @@ std::optional<Rejection> EdgeCollapser::collapse(std::int32_t v, std::int32_t t,
   return std::nullopt;
 }
 
-/// Whether a face alone on its edge has its third corner at a vertex with very many: that one
-/// collapses once in a pass, and each of the faces that it alone joins would take a pass.
+/// Whether the third corner of a face alone on its edge is a vertex with very many faces. Such a
+/// vertex collapses once per pass, so each face that is connected only through it would need a
+/// pass.
 bool EdgeCollapser::hangs_at_hub(const Fan& first) const {
   return first.across.size() == 1 && mesh_.corners(first.across.front()).size() > kHub;
 }
 
-/// The faces of v as they are now: of those that collapsed before in this pass, what is left.
+/// Gathers the remaining faces of v, after the collapses of this pass.
 void EdgeCollapser::gather(std::int32_t v, std::int32_t other, Fan& fan) const {
   fan.rest.resize(mesh_.corners(v).size());
   fan.across.resize(mesh_.corners(v).size());
-  // Each face is written to both lists, and one goes on, or none: nothing to guess for the
-  // processor.
+  // Writes each face to both lists and advances at most one of them, to avoid branches.
   std::size_t num_rest = 0, num_across = 0;
   mesh_.for_each_face(v, [&](std::uint32_t, std::uint32_t, std::int32_t a, std::int32_t b) {
     const std::int32_t x = mesh_.remap[a], y = mesh_.remap[b];
@@ -154,8 +154,8 @@ void EdgeCollapser::gather(std::int32_t v, std::int32_t other, Fan& fan) const {
   fan.across.resize(num_across);
 }
 
-/// Whether a locked vertex may have no faces but those on the edge, which go. While blocks work
-/// at the same time, nobody knows what becomes of its faces in other blocks.
+/// Whether a locked vertex may have no faces except those on the edge, which are removed. While
+/// blocks run in parallel, the state of its faces in other blocks is unknown.
 bool EdgeCollapser::takes_last_face_of_locked(std::int32_t v, std::int32_t t, const Fan& first,
                                               const CollapseTask& task) const {
   if (mesh_.locked.empty()) return false;
@@ -172,7 +172,7 @@ bool EdgeCollapser::takes_last_face_of_locked(std::int32_t v, std::int32_t t, co
   });
 }
 
-/// Whether v or t, whose fans were gathered, has an edge of three faces or more.
+/// Whether v or t, whose fans must be gathered, has an edge of three or more faces.
 bool EdgeCollapser::has_complex_edge_at(std::int32_t v, std::int32_t t, CollapseTask& task) const {
   if (mesh_.is_complex.empty() || (mesh_.is_complex[v] == 0 && mesh_.is_complex[t] == 0))
     return false;
@@ -186,7 +186,8 @@ bool EdgeCollapser::has_complex_edge_at(std::int32_t v, std::int32_t t, Collapse
   return false;
 }
 
-/// The first rule of collapse_rules.hpp about edges and faces around v and t that is broken.
+/// Returns the first rule of collapse_rules.hpp about edges and faces around v and t that is
+/// broken.
 std::optional<Rejection> EdgeCollapser::check_links(std::int32_t v, std::int32_t t,
                                                     const Fan& first, const Fan& second) const {
   const auto is_across = [&](std::int32_t w) {
@@ -214,8 +215,8 @@ std::optional<Rejection> EdgeCollapser::check_links(std::int32_t v, std::int32_t
   return std::nullopt;
 }
 
-/// Finds a place for the new vertex, as an offset from v: where the quadric is least, or else the
-/// better end of the edge, or the other one; a locked end stays where it is.
+/// Finds the position of the new vertex, as an offset from v: the minimum of the quadric, or else
+/// the cheaper end of the edge, or else the other end. A locked end does not move.
 std::optional<Rejection> EdgeCollapser::find_place(std::int32_t v, std::int32_t t,
                                                    const EdgeQuadric<float>& edge,
                                                    const CollapseTask& task,
@@ -228,7 +229,8 @@ std::optional<Rejection> EdgeCollapser::find_place(std::int32_t v, std::int32_t 
   if (is_first_fixed) offset.setZero();
   if (is_second_fixed) offset = to_second;
   auto reason = check_place(v, t, offset, edge, first, second);
-  // Far from its edge a vertex has the planes there behind it, and the quadric does not say so.
+  // Far away from its edge, a vertex can be near the planes of the faces although it is far from
+  // the faces, which the quadric does not show.
   if ((offset - 0.5F * to_second).squaredNorm() > kFarthest * to_second.squaredNorm()) {
     reason = Rejection::kFlip;
   }
@@ -249,10 +251,10 @@ std::optional<Rejection> EdgeCollapser::find_place(std::int32_t v, std::int32_t 
   return reason;
 }
 
-/// Whether the new vertex may lie at `offset` from v:
-///   a face would lose its area                                kDegenerate
-///   a face would turn by more than 78 degrees                 kFlip
-///   the error would be above max_error                        kErrorLimit
+/// Checks whether the new vertex may lie at `offset` from v:
+///  a face would lose its area                                kDegenerate
+///  a face would turn by more than 78 degrees                 kFlip
+///  the error would be above max_error                        kErrorLimit
 std::optional<Rejection> EdgeCollapser::check_place(std::int32_t v, std::int32_t t,
                                                     const Vector3f& offset,
                                                     const EdgeQuadric<float>& edge,
@@ -266,12 +268,12 @@ std::optional<Rejection> EdgeCollapser::check_place(std::int32_t v, std::int32_t
   return check_faces(second, four_of(position_of(mesh_.vertices[t])), p);
 }
 
-/// Checks the faces of a fan whose vertex goes from `old` to `p`, four at a time.
+/// Checks the faces of a fan whose vertex moves from `old` to `p`, four at a time.
 std::optional<Rejection> EdgeCollapser::check_faces(const Fan& fan, const Vectors4& old,
                                                     const Vectors4& p) const {
   const bool may_turn = may_turn_faces(rules);
   for (std::size_t i = 0; i < fan.rest.size(); i += 4) {
-    // The last face stands in for what is left out of the four.
+    // The last face fills up the four.
     std::array<std::int32_t, 4> a{}, b{};
     for (std::size_t lane = 0; lane < 4; ++lane) {
       const Side& side = fan.rest[std::min(i + lane, fan.rest.size() - 1)];
@@ -292,7 +294,7 @@ std::optional<Rejection> EdgeCollapser::check_faces(const Fan& fan, const Vector
                        ~(true_lanes(cosine > 0.0F) &
                          true_lanes(cosine * cosine > kLeastSquaredCosine * area * area_before));
     if ((degenerate | flips) == 0) continue;
-    // A face that had no area has none to lose, and no side to keep.
+    // A face that had no area can neither lose it nor flip.
     const Float4 ka = (pa - old).squared_norm(), kb = (pb - old).squared_norm();
     const Float4 wider = ka < kb ? kb : ka, widest = wider < lc ? lc : wider;
     const unsigned had_area = true_lanes(area_before > kLeastSquaredSine * widest * widest);
@@ -304,7 +306,7 @@ std::optional<Rejection> EdgeCollapser::check_faces(const Fan& fan, const Vector
   return std::nullopt;
 }
 
-/// t goes into v, which has the lower index and moves.
+/// Collapses t onto v, which has the lower index and moves.
 void EdgeCollapser::apply(std::int32_t v, std::int32_t t, const Vector3f& offset,
                           const EdgeQuadric<float>& edge, CollapseTask& task) {
   QuadricVertex& vertex = mesh_.vertices[v];
@@ -313,7 +315,7 @@ void EdgeCollapser::apply(std::int32_t v, std::int32_t t, const Vector3f& offset
   if (mesh_.has_wedges()) merge_wedges(mesh_, v, t, p, task.merged);
   if (!mesh_.normals.empty()) merge_normals(mesh_, v, t);
   if (!mesh_.colors.empty()) task.mixes.push_back(mix_of(mesh_, v, t, p));
-  const Vector3f u = p - old;  // what single precision made of it
+  const Vector3f u = p - old;  // the offset as rounded to single precision
   vertex.x = p.x(), vertex.y = p.y(), vertex.z = p.z();
   vertex.xx = edge.xx, vertex.xy = edge.xy, vertex.xz = edge.xz;
   vertex.yy = edge.yy, vertex.yz = edge.yz, vertex.zz = edge.zz;
@@ -336,7 +338,7 @@ void EdgeCollapser::apply(std::int32_t v, std::int32_t t, const Vector3f& offset
   mesh_.into[mesh_.id[t]] = mesh_.id[v];
 }
 
-/// A locked vertex goes into one with a lower index, which takes its place.
+/// Locks the vertex v, which takes the place of a locked vertex t.
 void EdgeCollapser::lock(std::int32_t v, std::int32_t t) {
   mesh_.locked[mesh_.id[v]] = 1;
   mesh_.is_moved[mesh_.id[v]] = 0;

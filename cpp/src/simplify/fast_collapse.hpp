@@ -15,7 +15,7 @@
 
 namespace manip3d::fast_detail {
 
-/// The faces around a vertex, in the order of a pass that has not ended.
+/// The faces around a vertex during a pass.
 struct Fan {
   Bulk<Side> rest;            // the other two corners
   Bulk<std::int32_t> across;  // third corners of the faces on the edge
@@ -25,13 +25,13 @@ struct Fan {
     across.clear();
   }
 
-  /// Other ends of the edges of `rest`, sorted: each as often as the edge has faces.
+  /// Appends the other ends of the edges of `rest`, sorted; each as often as its edge has faces.
   void append_ends(std::vector<std::int32_t>& ends) const {
     for (const auto& [a, b] : rest) ends.push_back(a), ends.push_back(b);
     std::sort(ends.begin(), ends.end());
   }
 
-  /// The edges opposite the vertex, of `rest`, the lower end first; sorted.
+  /// Appends the edges of `rest` opposite the vertex, the lower end first; sorted.
   void append_sides(std::vector<Side>& sides) const {
     for (const auto& [a, b] : rest) sides.push_back({std::min(a, b), std::max(a, b)});
     std::sort(sides.begin(), sides.end());
@@ -39,28 +39,29 @@ struct Fan {
 };
 /// Buffers and counters of the collapses of one task.
 struct CollapseTask {
-  int level = 0;                  // of the block whose faces are the task's own
-  std::uint32_t most = kDearest;  // price of what may be done now
-  Fan first, second;              // around the two ends, of the latest collapse
+  int level = 0;                  // of the block whose faces belong to the task
+  std::uint32_t most = kDearest;  // largest price that is allowed now
+  Fan first, second;              // around the two ends of the latest collapse
   std::vector<std::int32_t> ends;
   std::vector<Side> sides, twins;
-  std::vector<std::int32_t> doubling;  // vertices whose faces may lie on others'
-  std::vector<Triple> twin_faces;      // around them: vertices of faces back to back
+  std::vector<std::int32_t> doubling;  // vertices whose faces may have become duplicates
+  std::vector<Triple> twin_faces;      // vertices of faces back to back around them
   MergedWedges merged;
   std::vector<ColorMix> mixes;              // of this pass
-  std::int64_t removed = 0, collapses = 0;  // faces, and how many times
+  std::int64_t removed = 0, collapses = 0;  // removed faces; number of collapses
   float squared_error = 0.0F;
 };
 
-/// Collapses an edge if that is legal: the rules of collapse_rules.hpp, for a vertex that moves to
-/// where the quadric of the edge is least, or else to an end of it.
+/// Collapses an edge if that is legal by the rules of collapse_rules.hpp. The vertex moves to the
+/// minimum of the edge's quadric, or else to an end of the edge.
 class EdgeCollapser {
  public:
-  /// @param squared_limit  on the mean squared distance to the planes, in the mesh's own unit.
+  /// @param squared_limit  Limit of the mean squared distance to the planes, in the mesh's own
+  ///                       unit.
   EdgeCollapser(FastMesh& mesh, float squared_limit) : mesh_(mesh), squared_limit_(squared_limit) {}
 
-  /// Puts t into v, the lower of the two. Nothing happens, without a reason, where more than
-  /// `quota` faces would go, or no face is left on the edge.
+  /// Collapses t onto v, the lower of the two. Nothing happens, and no reason is returned, if more
+  /// than `quota` faces would be removed or the edge has no faces left.
   std::optional<Rejection> collapse(std::int32_t v, std::int32_t t, CollapseTask& task,
                                     std::int64_t quota);
 

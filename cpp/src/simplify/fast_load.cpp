@@ -10,8 +10,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-/// Huge pages save a small mesh much of its time, and a large one nothing that can be measured;
-/// below half of one they would be mostly empty.
+/// Size of the arena. Huge pages save much of the time of a small mesh and nothing measurable of a
+/// large one; below half a huge page, most of it would be empty.
 std::size_t bytes_of_arena(const MeshView& mesh) {
   constexpr std::size_t kBytesOfFace = 128, kLeast = std::size_t{1} << 20;
   constexpr std::size_t kMost = std::size_t{1} << 26;
@@ -19,13 +19,13 @@ std::size_t bytes_of_arena(const MeshView& mesh) {
   return bytes < kLeast || bytes > kMost ? 0 : bytes;
 }
 
-/// Up to so many faces are compared each with each.
+/// Up to this many faces are compared pairwise.
 constexpr std::size_t kMostCompared = 8;
 
 std::int32_t lowest(const Triple& f) { return std::min({f[0], f[1], f[2]}); }
 
-/// Whether two of the faces `here`, whose lowest vertex is v, may have the same corners.
-/// Nearly always none do, and this is a quick way to see it.
+/// Whether two of the faces `here`, whose lowest vertex is v, may have the same corners. A quick
+/// test, because nearly always none do.
 bool may_be_copies(const Bulk<Triple>& faces, std::int32_t v,
                    const std::vector<std::int32_t>& here) {
   if (here.size() > kMostCompared) return true;
@@ -41,7 +41,7 @@ bool may_be_copies(const Bulk<Triple>& faces, std::int32_t v,
   return is_any;
 }
 
-/// Appends the faces of `here` (in order) whose key an earlier one has.
+/// Appends the faces of `here` (in order) that have the key of an earlier one.
 template <typename Key>
 void append_copies(std::vector<std::int32_t>& here, const Key& key,
                    std::vector<std::int32_t>& copies) {
@@ -106,7 +106,7 @@ void FastMesh::load_vertices(const std::vector<bool>& locked_in) {
   });
 }
 
-/// Faces in the order of their lowest vertices.
+/// Loads the faces in the order of their lowest vertices.
 void FastMesh::load_faces() {
   const auto count = static_cast<std::int64_t>(input.num_faces());
   Bulk<Triple> ranks(count, arena);
@@ -165,7 +165,7 @@ void FastMesh::load_attributes() {
   tasks.report(0.12);
 }
 
-/// The first of the faces with the same corners and wedges in the same orientation stays.
+/// Removes all but the first of the faces with the same corners and wedges in the same orientation.
 void FastMesh::remove_equal_faces() {
   const auto key = [&](std::int32_t f) {
     const Triple& face = faces[f];
@@ -183,7 +183,7 @@ void FastMesh::remove_equal_faces() {
   over_blocks([&](std::int64_t block, std::int64_t begin, std::int64_t end) {
     std::vector<std::int32_t> here;
     auto f = static_cast<std::int32_t>(begin);
-    // Faces with the same lowest vertex belong to the block that they begin in.
+    // Faces with the same lowest vertex belong to the block of the first of them.
     while (f > 0 && f < end && lowest(faces[f]) == lowest(faces[f - 1])) ++f;
     for (std::int32_t next = f; f < end; f = next) {
       here.clear();

@@ -10,8 +10,9 @@
 namespace manip3d::fast_detail {
 namespace {
 
-/// Puts together what chunks kept of their rows, each at its beginning; tables without rows stay
-/// so. Changes `kept` to where each chunk begins then, and returns how many rows there are.
+/// Moves the kept rows, which are at the beginning of each chunk, together; empty tables stay
+/// empty. Changes `kept` from the number of rows to the new start of each chunk, and returns the
+/// number of all rows.
 template <typename... Tables>
 std::int64_t close_up(std::vector<std::int64_t>& kept, std::int64_t chunk, Tables&... tables) {
   std::int64_t from = 0, to = 0;
@@ -37,7 +38,7 @@ bool has_complex_edge(const std::vector<std::int32_t>& ends) {
   return false;
 }
 
-/// Lists of corners (3 face + 0..2) by vertex, in the order of the faces.
+/// Builds lists of corners (3 face + 0..2) by vertex, in the order of the faces.
 void FastMesh::build_adjacency() {
   first_corner.assign(vertices.size() + 1, 0);
   corners_by_vertex.resize(3 * faces.size());
@@ -50,7 +51,7 @@ void FastMesh::build_adjacency() {
   });
   std::uint32_t sum = 0;
   for (std::uint32_t& count : first_corner) count = sum += count;
-  // From the last corner to the first: what ends the list of a vertex becomes where it starts.
+  // From the last corner to the first: the end of each list moves to its start.
   in_ranges([&](const auto& is_mine) {
     const std::int32_t* vertex = faces.empty() ? nullptr : faces.front().data();
     for (std::size_t i = corners_by_vertex.size(); i-- > 0;) {
@@ -60,7 +61,7 @@ void FastMesh::build_adjacency() {
   });
 }
 
-/// Finds for each vertex the lowest level at which one block has all its faces.
+/// Finds for each vertex the lowest level at which a single block contains all its faces.
 void FastMesh::find_levels() {
   level.resize(vertices.size());
   over_vertices([&](std::int32_t v) {
@@ -124,12 +125,12 @@ void FastMesh::end_pass() {
   resize_faces(close_up(kept, kBlock, faces, face_ids, wedges, normals));
 }
 
-/// The vertices that stay; remap says where all are then.
+/// Moves the remaining vertices together; afterwards remap has the new index of every vertex.
 void FastMesh::close_up_vertices() {
   constexpr std::int64_t kChunk = kBlock / 2;
   std::vector<std::int64_t>& start = kept_of_chunk_;
   start.assign((num_vertices() + kChunk - 1) / kChunk, 0);
-  number_.resize(num_vertices());  // in its chunk
+  number_.resize(num_vertices());  // within its chunk
   tasks.over(num_vertices(), kChunk, [&](std::int64_t begin, std::int64_t end) {
     std::int64_t to = begin;
     for (std::int64_t v = begin; v < end; ++v) {

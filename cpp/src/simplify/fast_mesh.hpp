@@ -19,25 +19,25 @@
 #include "simplify/spatial_order.hpp"
 #include "simplify/wedges.hpp"
 
-/// The mode `fast`: the mesh that it works on (fast_mesh, with what it is read from in fast_load
-/// and what is made of it in fast_output), the planes that each vertex stands for (fast_quadrics),
-/// one collapse (fast_collapse) and what becomes of attributes there (fast_attributes), whole
-/// pieces that vanish (fast_pieces), passes over all edges (fast_pass), and when they end (fast).
+/// The mode `fast`: the mesh (fast_mesh, with loading in fast_load and output in fast_output), the
+/// planes that each vertex represents (fast_quadrics), one collapse (fast_collapse) and its
+/// attributes (fast_attributes), removal of whole pieces (fast_pieces), passes over all edges
+/// (fast_pass), and the order of the passes (fast).
 namespace manip3d::fast_detail {
 
 using Vector3f = Eigen::Vector3f;
 using Triple = std::array<std::int32_t, 3>;
 
-/// Faces that one task works on: a few hundred kilobytes, which stay in a core's own cache.
+/// Faces per task: a few hundred kilobytes, which fit into the cache of a core.
 constexpr int kBlockBits = 14;
 constexpr std::int64_t kBlock = std::int64_t{1} << kBlockBits;
 
-/// A block of a level is so many blocks (as a power of two) of the level below. What crosses blocks
-/// waits for the level at which it does not.
+/// A block of a level consists of this many blocks (as a power of two) of the level below. Edges
+/// across blocks wait for the level at which they are inside one.
 constexpr int kLevelBits = 3;
 
-/// The corners (0..2) after and before one: from a table in a number, because a processor guesses
-/// wrong every third time which one of three it is.
+/// The corners (0..2) after and before a corner. A table in a number avoids a branch, which a
+/// processor mispredicts every third time.
 constexpr std::uint32_t after(std::uint32_t c) { return (0b00'10'01U >> (2 * c)) & 3U; }
 constexpr std::uint32_t before(std::uint32_t c) { return (0b01'00'10U >> (2 * c)) & 3U; }
 
@@ -45,8 +45,8 @@ inline bool is_degenerate(const Triple& f) { return f[0] == f[1] || f[1] == f[2]
 
 inline Vector3f position_of(const QuadricVertex& v) { return {v.x, v.y, v.z}; }
 
-/// Four vectors. Sums are in the order in which Eigen adds up three numbers, so that each of the
-/// four has the bits that it would have alone.
+/// Four vectors. Sums are in Eigen's order of adding three numbers, so that each of the four has
+/// the same bits as on its own.
 struct Vectors4 {
   Float4 x, y, z;
 
@@ -60,7 +60,7 @@ struct Vectors4 {
 
 inline Vectors4 four_of(const Vector3f& v) { return {all_of(v.x()), all_of(v.y()), all_of(v.z())}; }
 
-/// Runs work in fixed chunks, as parallel_chunks() does, and says how far the whole of it is.
+/// Runs work in fixed chunks, as parallel_chunks() does, and reports the progress of the whole.
 class Tasks {
  public:
   Tasks(int num_threads, const Progress& progress)
@@ -86,11 +86,11 @@ class Tasks {
   double fraction_ = 0.0;
 };
 
-/// A mesh in single precision, in units of its own size, for passes of collapses: vertices and
-/// faces in an order in space, whose blocks are worked on side by side.
+/// A mesh in single precision, in units of its own size, for passes of collapses. Vertices and
+/// faces are in a spatial order, whose blocks are processed in parallel.
 ///
-/// Between begin_pass() and end_pass() faces keep the vertices they had; `remap` says which of them
-/// have become which, and end_pass() puts that into effect.
+/// Between begin_pass() and end_pass(), faces keep their vertices; `remap` says into which vertex
+/// each one collapsed. end_pass() updates the faces.
 struct FastMesh {
   FastMesh(const MeshView& mesh, const BoundingBox& box, const std::vector<bool>& locked,
            Tasks& in_tasks);
@@ -128,7 +128,7 @@ struct FastMesh {
       body(f, c, face[after(c)], face[before(c)]);
     }
   }
-  /// The ends of the edge that begins at a corner, the lower one first.
+  /// The ends of the edge that starts at a corner, the lower one first.
   [[nodiscard]] std::array<std::int32_t, 2> edge_at(std::uint32_t corner) const {
     const Triple& face = faces[corner / 3];
     const std::uint32_t c = corner % 3;
@@ -156,8 +156,8 @@ struct FastMesh {
       body(begin >> kBlockBits, begin, end);
     });
   }
-  /// Calls body(is_mine) in tasks, each of which looks through all faces for a range of vertices of
-  /// its own: what is in order for each vertex does not depend on the number of tasks.
+  /// Calls body(is_mine) in tasks, each of which visits all faces for its own range of vertices:
+  /// the order for each vertex does not depend on the number of tasks.
   template <typename Body>
   void in_ranges(const Body& body) const {
     constexpr int kRangeTasks = 2;
@@ -171,7 +171,7 @@ struct FastMesh {
   }
 
   void build_adjacency();
-  /// Which vertices have complex edges now: a collapse makes some of its neighbours' so.
+  /// Finds the vertices with complex edges; a collapse makes edges of its neighbours complex.
   void find_complex_edges();
   /// Keeps the faces for which keep(face) holds, in order.
   template <typename Keep>
@@ -184,47 +184,47 @@ struct FastMesh {
   }
 
   void begin_pass();
-  /// Vertices that went are closed up, faces renumbered, those without area left out.
+  /// Removes collapsed vertices and faces without area, and renumbers the faces.
   void end_pass();
-  /// After end_pass(): removes all but the first of the faces on the same three vertices, of those
-  /// around the given vertices; and of `twins`, faces back to back, all but the first on each side.
-  /// The numbers of both are those in the pass.
+  /// After end_pass(): around the given vertices, removes all but the first of the faces on the
+  /// same three vertices; of `twins`, which are faces back to back, all but the first on each side.
+  /// Both use the vertex indices of the pass.
   void remove_double_faces(const std::vector<std::int32_t>& around, std::vector<Triple> twins);
 
-  /// Writes the mesh, and where vertices and faces of the input went.
+  /// Writes the mesh and the maps of input vertices and faces.
   void write(QualityResult& result) const;
 
   const MeshView& input;
   Tasks& tasks;
   double scale;
   Eigen::Vector3d center;
-  Arena arena;  // before the tables that are in it
+  Arena arena;  // must be before the tables that it contains
   SpatialOrder order;
 
   Bulk<QuadricVertex> vertices{arena};
-  Bulk<std::int32_t> id{arena};          // of a vertex: its number at the beginning
+  Bulk<std::int32_t> id{arena};          // of a vertex: its initial index
   std::vector<std::uint8_t> is_open;     // of a vertex: not closed around, or with several wedges
   std::vector<std::uint8_t> is_complex;  // of a vertex: with complex edges; empty: none
-  Bulk<std::int32_t> into{arena};        // of a vertex at the beginning: what took it in, or -1
-  std::vector<std::uint8_t> is_moved;    // of a vertex at the beginning
-  std::vector<std::uint8_t> locked;      // of a vertex at the beginning; empty: none
-  Bulk<Vector3f> colors{arena};          // of a vertex at the beginning; empty: none
+  Bulk<std::int32_t> into{arena};        // of an initial vertex: the one it collapsed into, or -1
+  std::vector<std::uint8_t> is_moved;    // of an initial vertex
+  std::vector<std::uint8_t> locked;      // of an initial vertex; empty: none
+  Bulk<Vector3f> colors{arena};          // of an initial vertex; empty: none
 
   Bulk<Triple> faces{arena};
   Bulk<std::int32_t> face_ids{arena};  // of a face: row of the input
-  Bulk<Triple> wedges{arena};          // of a face; empty: nothing to tell apart
+  Bulk<Triple> wedges{arena};          // of a face; empty if there is one wedge per vertex
   Bulk<Triple> normals{arena};         // of a face; empty: none
   WedgeTable table;
   std::vector<std::int32_t> wedge_into;
-  std::int64_t num_dropped = 0;  // faces of the input without area, and copies of others
+  std::int64_t num_dropped = 0;  // input faces without area, and duplicates
 
   Bulk<std::uint32_t> first_corner{arena};  // of a vertex
   Bulk<std::uint32_t> corners_by_vertex{arena};
 
   // In a pass, of a vertex:
-  Bulk<std::int32_t> remap{arena};     // what it went into
-  std::vector<std::uint8_t> is_taken;  // has collapsed
-  std::vector<std::uint8_t> level;     // the lowest at which one block has all its faces
+  Bulk<std::int32_t> remap{arena};     // the vertex it collapsed into
+  std::vector<std::uint8_t> is_taken;  // whether it has collapsed
+  std::vector<std::uint8_t> level;     // the lowest level at which one block has all its faces
 
  private:
   void load_vertices(const std::vector<bool>& is_locked_in);
@@ -243,11 +243,13 @@ struct FastMesh {
   void write_texcoords(TriangleMesh& out) const;
   void write_normals(TriangleMesh& out) const;
 
-  Bulk<std::int32_t> number_{arena};  // after a pass, of a vertex that stays: in its chunk
+  // After a pass, of a remaining vertex: its index within its chunk.
+  Bulk<std::int32_t> number_{arena};
   std::vector<std::int64_t> kept_of_chunk_;
 };
 
-/// Whether a vertex has a complex edge: `ends` are those of its edges, once for each face, sorted.
+/// Whether a vertex has a complex edge. `ends` are the other ends of its edges, once for each face,
+/// sorted.
 bool has_complex_edge(const std::vector<std::int32_t>& ends);
 
 }  // namespace manip3d::fast_detail

@@ -7,7 +7,7 @@ namespace manip3d::fast_detail {
 
 void FastMesh::write(QualityResult& result) const {
   TriangleMesh& out = result.mesh;
-  // Vertices that some face uses, in order.
+  // Vertices used by some face, in order.
   std::vector<std::int32_t> row_of(vertices.size(), -1);
   for (const Triple& face : faces) {
     for (const std::int32_t v : face) row_of[v] = 0;
@@ -16,7 +16,7 @@ void FastMesh::write(QualityResult& result) const {
   for (std::int32_t& row : row_of) row = row < 0 ? -1 : num_rows++;
   out.vertices.resize(num_rows, 3);
   if (!colors.empty()) out.colors.resize(num_rows, 3);
-  std::vector<std::int32_t> output(into.size(), -1);  // of the vertices at the beginning
+  std::vector<std::int32_t> output(into.size(), -1);  // of the initial vertices
   for (std::int32_t v = 0; v < num_vertices(); ++v) {
     const std::int32_t row = row_of[v];
     if (row < 0) continue;
@@ -33,7 +33,7 @@ void FastMesh::write(QualityResult& result) const {
           (colors[number].array() + 0.5F).floor().cast<std::uint8_t>().transpose();
     }
   }
-  // A vertex goes into a lower one, whose end is known.
+  // A vertex collapses into one with a lower index, which is final already.
   for (std::size_t number = 0; number < into.size(); ++number) {
     if (into[number] >= 0) output[number] = output[into[number]];
   }
@@ -58,7 +58,7 @@ void FastMesh::write(QualityResult& result) const {
   if (!normals.empty()) write_normals(out);
 }
 
-/// A row for each wedge that is in use, in the order of the faces.
+/// Writes one row for each wedge that is in use, in the order of the faces.
 void FastMesh::write_texcoords(TriangleMesh& out) const {
   std::vector<std::int32_t> row_of(table.size(), -1);
   std::vector<std::int32_t> used;

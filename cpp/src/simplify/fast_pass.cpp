@@ -81,7 +81,8 @@ PassReport FastPass::run(std::int64_t needed, double patience, std::uint32_t vis
   refusals_.assign(mesh_.vertices.size(), 0);
   if (is_small()) is_beside_.assign(mesh_.vertices.size(), 0);
   gather_candidates();
-  // With flips allowed some faces double others and go too: the target is neared by halves.
+  // If flips are allowed, faces may also vanish as duplicates; a pass then removes at most half of
+  // the needed faces.
   const std::int64_t quota =
       collapser_.rules == Rules::kFlips ? (needed + 1) / 2 : std::min(needed, 2 * report.wanted);
   report.collapses = collapse_candidates(quota);
@@ -97,7 +98,7 @@ PassReport FastPass::run(std::int64_t needed, double patience, std::uint32_t vis
   return report;
 }
 
-/// A worker for each block of each level, without candidates.
+/// Prepares a worker without candidates for each block of each level.
 void FastPass::prepare_workers() {
   const int top = mesh_.top_level();
   if (workers_.size() <= static_cast<std::size_t>(top)) workers_.resize(top + 1);
@@ -118,11 +119,11 @@ void FastPass::prepare_workers() {
   }
 }
 
-/// The price up to which edges are candidates of this pass, from a histogram of all.
+/// Finds the price up to which edges are candidates of this pass, from a histogram of all prices.
 void FastPass::find_limit(std::int64_t needed, double patience, PassReport& report) {
   constexpr int kShift = 18;  // five bits of the mantissa
   constexpr std::size_t kBins = std::size_t{1} << (32 - kShift);
-  // Each slice has a histogram of its own, which is as much work as 16 thousand edges.
+  // Each slice has its own histogram, which costs as much as 16 thousand edges.
   const std::int64_t num_slices = std::clamp<std::int64_t>(mesh_.num_blocks() / 4, 1, 8);
   const std::int64_t slice =
       std::max<std::int64_t>(1, (mesh_.num_blocks() + num_slices - 1) / num_slices);
@@ -162,7 +163,8 @@ void FastPass::find_limit(std::int64_t needed, double patience, PassReport& repo
   report.price_limit = std::bit_cast<float>(limit_);
 }
 
-/// Sorts the edges below the limit in each block of faces: those inside it, and those that wait.
+/// Sorts the edges below the limit in each block of faces into those inside the block and those
+/// that wait.
 void FastPass::gather_candidates() {
   const bool is_one = mesh_.num_blocks() == 1;
   mesh_.over_blocks([&](std::int64_t block, std::int64_t, std::int64_t) {
@@ -185,7 +187,8 @@ void FastPass::gather_candidates() {
   });
 }
 
-/// Gathers for a block of a higher level, from what waits in its blocks of the level below.
+/// Gathers the edges for a block of a higher level from those that wait in its blocks of the level
+/// below.
 void FastPass::gather_waiting(int level) {
   const auto below = static_cast<std::int64_t>(workers_[level - 1].size());
   mesh_.tasks.over(mesh_.num_blocks(level), 1, [&](std::int64_t block, std::int64_t) {
@@ -207,8 +210,8 @@ void FastPass::put(const PricedEdge& edge, Worker& worker) const {
   (level_of(edge) <= worker.task.level ? worker.candidates : worker.waiting).push_back(edge);
 }
 
-/// Level after level; returns how many collapses were made. A block of a level works by itself:
-/// an edge inside it touches only faces and vertices of its own.
+/// Processes level after level; returns the number of collapses. Blocks of a level are independent,
+/// because an edge inside a block touches only faces and vertices of that block.
 std::int64_t FastPass::collapse_candidates(std::int64_t quota) {
   std::int64_t removed = 0, collapses = 0;
   const int top = mesh_.top_level();
@@ -229,8 +232,8 @@ std::int64_t FastPass::collapse_candidates(std::int64_t quota) {
   return collapses;
 }
 
-/// Says how many faces each block of a level may remove: its share, by its candidates. More would
-/// leave nothing for the edges between blocks.
+/// Sets the number of faces that each block of a level may remove: its share by the number of its
+/// candidates. With more, nothing would be left for the edges between blocks.
 void FastPass::share_out(std::int64_t needed, int level, bool is_top) {
   std::int64_t all = 0;
   for (const Worker& worker : workers_[level]) {
@@ -252,7 +255,8 @@ void FastPass::share_out(std::int64_t needed, int level, bool is_top) {
   }
 }
 
-/// From the cheapest candidate on, until the quota is reached or what is left has to wait.
+/// Collapses candidates from the cheapest one on, until the quota is reached or the rest has to
+/// wait.
 void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& worker,
                                  std::int64_t quota, bool may_exceed) {
   const bool is_in_order = is_small();
@@ -306,8 +310,8 @@ void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& wor
   }
 }
 
-/// Counts a collapse that breaks a rule. One that breaks the link condition forbids candidates that
-/// are far dearer.
+/// Counts a rejected collapse. One that breaks the link condition forbids candidates that are far
+/// more expensive.
 void FastPass::note_refusal(const EdgeInReach& candidate, Rejection reason, Worker& worker) {
   const auto [key, v, t] = candidate;
   ++worker.rejected[static_cast<std::size_t>(reason)];
@@ -319,8 +323,8 @@ void FastPass::note_refusal(const EdgeInReach& candidate, Rejection reason, Work
   if (refusals_[t] < 0xFFFFU) ++refusals_[t];
 }
 
-/// The next candidates, in order; of a large pass only those whose ends have not collapsed yet,
-/// which are found without a jump for each. Returns where the rest begins.
+/// Finds the next candidates, in order; in a large pass, only those whose ends have not collapsed
+/// yet. Avoids a branch for each. Returns the start of the rest.
 std::size_t FastPass::find_in_reach(const Bulk<PricedEdge>& candidates, std::size_t begin,
                                     std::vector<EdgeInReach>& near) const {
   constexpr std::size_t kAtOnce = 64;
@@ -342,7 +346,7 @@ std::size_t FastPass::find_in_reach(const Bulk<PricedEdge>& candidates, std::siz
   return end;
 }
 
-/// Asks the memory for what the next candidates will touch: they lie anywhere in the block.
+/// Prefetches the data of the next candidates, which are anywhere in the block.
 void FastPass::prefetch(const std::vector<EdgeInReach>& candidates, std::size_t i) const {
   constexpr std::size_t kSoon = 4, kLater = 8;
   if (i + kLater < candidates.size()) {
@@ -361,14 +365,14 @@ void FastPass::prefetch(const std::vector<EdgeInReach>& candidates, std::size_t 
   }
 }
 
-/// Whether a vertex has so many faces that its edges are left alone, those beside it are not: once
-/// it was refused some times, and at once where each face may have a texture coordinate of its own.
+/// Whether the edges of a vertex are skipped because it has very many faces: after some refused
+/// collapses, or at once if each of its faces may have a texture coordinate of its own.
 bool FastPass::is_hub(std::int32_t v) const {
   const auto num_faces = static_cast<std::int64_t>(mesh_.corners(v).size());
   return num_faces * refusals_[v] > kHubPatience || (mesh_.has_wedges() && num_faces > kHub);
 }
 
-/// Puts the pass into effect.
+/// Applies the pass to the mesh.
 void FastPass::end() {
   for (std::vector<Worker>& level : workers_) {
     mesh_.tasks.over(static_cast<std::int64_t>(level.size()), 1, [&](std::int64_t i, std::int64_t) {

@@ -12,35 +12,37 @@
 
 namespace manip3d::fast_detail {
 
-/// The collapses of a pass, and the reasons for it to stop.
+/// The collapses of a pass, and the reasons why it stopped.
 struct PassReport {
   std::int64_t collapses = 0;
-  std::int64_t wanted = 1;        // so many were to be made
+  std::int64_t wanted = 1;        // number of collapses that the pass aims at
   std::int64_t num_too_dear = 0;  // edges above max_error
   float price_limit = 0.0F;       // of the candidates
   bool is_everything = false;     // all edges were candidates
-  bool leaves_dear = false;       // left the rest of its candidates to the next pass
-  bool meets_forbidden = false;   // left what costs far more than what the link rule refused
-  bool meets_piece = false;       // left what costs far more than a whole piece:
-  double piece_limit = 0.0;       // pieces up to this price go instead
+  bool leaves_dear = false;       // left expensive candidates to the next pass
+  // Left collapses that cost far more than some that the link condition refused.
+  bool meets_forbidden = false;
+  bool meets_piece = false;  // left collapses that cost far more than a whole piece:
+  double piece_limit = 0.0;  // pieces up to this price are removed instead
 };
 
-/// Prices all edges and collapses the cheapest, from the cheapest one on, each vertex at most once.
+/// Prices all edges and collapses them from the cheapest one on, each vertex at most once.
 class FastPass {
  public:
   FastPass(FastMesh& mesh, const FastPieces& pieces, EdgeCollapser& collapser)
       : mesh_(mesh), pieces_(pieces), collapser_(collapser) {}
 
-  /// @param needed    faces to remove.
-  /// @param patience  candidates for each collapse that is wanted, over the usual number.
-  /// @param visible   price of an error that can be seen: below it the link rule is not waived.
-  /// @param piece     price of the cheapest piece: a small pass does nothing that is far dearer.
+  /// @param needed    Number of faces to remove.
+  /// @param patience  Factor on the usual number of candidates.
+  /// @param visible   Price of a visible error; below it, the link condition is not waived.
+  /// @param piece     Price of the cheapest piece; a small pass makes no collapse that is far more
+  ///                  expensive.
   PassReport run(std::int64_t needed, double patience, std::uint32_t visible, double piece);
 
-  /// Whether so few faces are left that a pass keeps the order of the prices.
+  /// Whether so few faces are left that a pass follows the order of prices.
   [[nodiscard]] bool is_small() const;
 
-  /// How often collapses were refused, by reason, in all passes.
+  /// Numbers of refused collapses in all passes, by reason.
   [[nodiscard]] std::array<std::int64_t, kNumRejections> rejected() const;
   /// The largest mean squared distance of a new vertex to its planes, in the mesh's own unit.
   [[nodiscard]] double squared_error() const;
@@ -51,7 +53,7 @@ class FastPass {
     std::uint32_t key;
     std::int32_t v, t;
   };
-  /// A block of a level.
+  /// The state of a block of a level.
   struct Worker {
     explicit Worker(Arena& arena) : candidates(arena), sorted(arena), waiting(arena) {}
 
@@ -59,13 +61,16 @@ class FastPass {
     Bulk<PricedEdge> candidates;  // at first all edges of this block
     Bulk<PricedEdge> sorted;
     std::vector<EdgeInReach> in_reach;
-    Bulk<PricedEdge> waiting;  // edges of this block that touch others, for the next level
+    // Edges of this block that touch others; they wait for the next level.
+    Bulk<PricedEdge> waiting;
     std::array<std::int64_t, kNumRejections> rejected{};
     std::int64_t quota = 0;
     bool leaves_dear = false;
     bool meets_forbidden = false;
-    std::uint32_t beyond_piece = 0;    // price of a collapse that a whole piece goes instead of
-    std::uint32_t forbids = kNoPrice;  // from here on, what the link rule refused is far cheaper
+    // Price of a collapse that is replaced by the removal of a whole piece.
+    std::uint32_t beyond_piece = 0;
+    // From this price on, a collapse that the link condition refused is far cheaper.
+    std::uint32_t forbids = kNoPrice;
   };
 
   template <typename Body>
@@ -94,13 +99,13 @@ class FastPass {
   FastMesh& mesh_;
   const FastPieces& pieces_;
   EdgeCollapser& collapser_;
-  std::vector<std::vector<Worker>> workers_;  // of a level, of a block
+  std::vector<std::vector<Worker>> workers_;  // by level and block
   std::vector<std::uint32_t> histogram_;
   std::vector<std::uint16_t> refusals_;  // of a vertex
-  std::vector<std::uint8_t> is_beside_;  // in a small pass, of a vertex: lost or got a face
+  std::vector<std::uint8_t> is_beside_;  // in a small pass, of a vertex: its faces changed
   std::uint32_t limit_ = kDearest;       // price of the candidates
   std::uint32_t visible_ = kNoPrice;
-  std::uint32_t piece_ = kDearest;  // from here on, a whole piece is far cheaper
+  std::uint32_t piece_ = kDearest;  // from this price on, a whole piece is far cheaper
 };
 
 }  // namespace manip3d::fast_detail

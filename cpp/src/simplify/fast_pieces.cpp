@@ -12,16 +12,17 @@
 namespace manip3d::fast_detail {
 namespace {
 
-/// A piece farther than this from the rest, over the size of the mesh, is missed at once: holes
-/// close before it goes.
+/// Distance of a piece from the rest, as a share of the size of the mesh, above which its removal
+/// is obvious. Holes are closed before such a piece is removed.
 constexpr double kMissedDistance = 0.01;
 
-/// A piece that vanishes is missed more than its distance says; this is squared, like all prices.
+/// Factor on the price of removing a piece, which is more obvious than its distance suggests;
+/// squared, like all prices.
 constexpr double kFastPieceFactor = 4.0;
 
 constexpr std::int64_t kFacesOfTetrahedron = 4;
 
-/// Whether of a piece with so many faces nothing but the whole can go.
+/// Whether a piece with this many faces can only be removed as a whole.
 bool is_spent_count(std::int64_t num_faces) {
   return num_faces == 1 || num_faces == kFacesOfTetrahedron;
 }
@@ -58,8 +59,8 @@ void FastPieces::find() {
   }
 }
 
-/// Whether all vertices hang together: quicker than find_components(), but one without a face,
-/// or whose faces have no area, counts as a part of its own.
+/// Whether all vertices are connected. Faster than find_components(), but a vertex without faces,
+/// or whose faces have no area, counts as a component.
 bool FastPieces::is_connected() const {
   SharedUnionFind sets(mesh_.num_vertices());
   mesh_.tasks.over(mesh_.num_faces(), kBlock, [&](std::int64_t begin, std::int64_t end) {
@@ -71,7 +72,7 @@ bool FastPieces::is_connected() const {
   return sets.num_sets() < 2;
 }
 
-/// Counts the faces of the pieces, and those of which nothing but the whole piece can go.
+/// Counts the faces of each piece, and of all pieces that can only be removed as a whole.
 void FastPieces::count_faces() {
   std::vector<std::int64_t>& count = faces_of_piece_;
   count.assign(pieces_->size(), 0);
@@ -88,9 +89,9 @@ bool FastPieces::is_spent(const Triple& face) const {
   return count == 1 || (count == kFacesOfTetrahedron && mesh_.is_open[face[0]] == 0);
 }
 
-/// In the unit of the collapses' prices: squared distance times the weight of planes (area, and
-/// that of boundaries and seams), per two faces, of which no more than `most_faces` count: what
-/// goes beyond the target gains nothing.
+/// Price of a piece in the unit of the prices of collapses: squared distance times the weight of
+/// its planes (area, boundaries and seams), per two faces. At most `most_faces` count, because
+/// removing more than the target needs has no value.
 double FastPieces::price_of(std::int32_t i, std::int64_t most_faces) const {
   const double distance = pieces_->mean_distance(i);
   const double price = (kFastPieceFactor - 1.0) * pieces_->cost(i) * distance +
@@ -108,7 +109,7 @@ double FastPieces::cheapest_price(std::int64_t needed, double max_error) const {
   return least;
 }
 
-/// The pieces that may go, the cheapest first.
+/// Queues the pieces that may be removed, the cheapest first.
 FastPieces::Queue FastPieces::price_pieces(double limit, bool is_forced,
                                            std::int64_t most_faces) const {
   Queue queue;
@@ -145,7 +146,7 @@ std::int64_t FastPieces::remove(double limit, Choice choice, std::int64_t target
     if (!std::isfinite(now)) continue;
     if (now > limit) {
       if (!is_forced || (choice == Choice::kAny && gone > 0)) continue;
-      if (!queue.empty() && now > queue.top().first) {  // what lay beside it is gone
+      if (!queue.empty() && now > queue.top().first) {  // a piece that was near it is removed
         queue.emplace(now, i);
         continue;
       }

@@ -13,40 +13,44 @@
 
 namespace manip3d::fast_detail {
 
-/// Pieces of the mesh (faces joined by vertices), if there are several: each may vanish as a whole.
+/// Pieces of the mesh (faces connected by vertices), if there are several. Each can be removed as a
+/// whole.
 class FastPieces {
  public:
   explicit FastPieces(FastMesh& mesh) : mesh_(mesh) {}
 
-  /// After sum_quadrics(), whose weights the prices of the pieces have.
+  /// Finds the pieces; needs the weights that sum_quadrics() computes.
   void find();
 
-  /// Which pieces remove() takes.
+  /// Pieces that remove() may remove.
   enum class Choice : std::uint8_t {
-    kCheap,     // those below the limit that do not go beyond the target
-    kInstead,   // those below the limit, which stand in for so many faces as the target asks for
-    kNear,      // the cheapest that are not missed at once and do not go beyond the target
-    kCheapest,  // the cheapest, whatever they cost, that do not go beyond the target
-    kAny,       // one, even if less is left than the target asks for
+    kCheap,  // pieces below the limit, as long as the target is not undercut
+    // Pieces below the limit, priced for at most the number of faces that the target still needs.
+    kInstead,
+    kNear,      // the cheapest near pieces, as long as the target is not undercut
+    kCheapest,  // the cheapest pieces of any price, as long as the target is not undercut
+    kAny,       // one piece, even if fewer faces than the target remain
   };
 
-  /// Takes away the pieces that cost least; how many faces that were.
-  /// @param limit  price up to which pieces are cheap, in the unit of the collapses' prices.
+  /// Removes the cheapest pieces; returns the number of removed faces.
+  /// @param limit  Price up to which pieces are cheap, in the unit of the collapses' prices.
   std::int64_t remove(double limit, Choice choice, std::int64_t target, double max_error);
 
-  /// The price of the cheapest piece that may go instead of so many faces; infinity: there is none.
+  /// The price of the cheapest piece if `needed` faces are to be removed; infinity if there is
+  /// none.
   [[nodiscard]] double cheapest_price(std::int64_t needed, double max_error) const;
 
-  /// Whether no edge of the piece of a face can collapse: it is a triangle or a tetrahedron. Their
-  /// edges are as cheap as they are short, and thousands of them would be all candidates of a pass.
+  /// Whether no edge of the face's piece can collapse, because the piece is a triangle or a
+  /// tetrahedron. Short edges are cheap, so thousands of such pieces would take up all candidates
+  /// of a pass.
   [[nodiscard]] bool is_spent(const Triple& face) const;
-  /// Faces of pieces that only go as a whole, at most.
+  /// Upper bound of the number of faces in pieces that can only be removed as a whole.
   [[nodiscard]] std::int64_t num_spent() const { return num_spent_; }
 
   [[nodiscard]] std::int64_t num_removed() const { return num_removed_; }
-  /// How often a piece stayed because its distance is above max_error.
+  /// How often a piece stayed because its distance was above max_error.
   [[nodiscard]] std::int64_t num_too_far() const { return num_too_far_; }
-  /// The largest mean distance of a piece that vanished, in input units.
+  /// The largest mean distance of a removed piece, in input units.
   [[nodiscard]] double error() const { return error_; }
 
  private:
@@ -56,7 +60,7 @@ class FastPieces {
     return pieces_->of_vertex(mesh_.id[face[0]]);
   }
   [[nodiscard]] double price_of(std::int32_t i, std::int64_t most_faces) const;
-  /// Prices and pieces, the cheapest at the top.
+  /// Prices and pieces; the cheapest is at the top.
   using Queue = std::priority_queue<std::pair<double, std::int32_t>,
                                     std::vector<std::pair<double, std::int32_t>>, std::greater<>>;
   [[nodiscard]] Queue price_pieces(double limit, bool is_forced, std::int64_t most_faces) const;
@@ -66,7 +70,7 @@ class FastPieces {
   std::optional<MeshView> view_;
   std::optional<Pieces> pieces_;
   std::vector<std::int64_t> faces_of_piece_;
-  std::vector<double> piece_weight_;   // of all planes of a piece, as read
+  std::vector<double> piece_weight_;   // sum over all planes of a piece of the input
   std::vector<std::uint8_t> is_kept_;  // pieces with locked vertices
   std::int64_t num_spent_ = 0, num_removed_ = 0, num_too_far_ = 0;
   double error_ = 0.0;

@@ -30,7 +30,8 @@ Int4 keys_of(Float4 prices) {
   return (positive & std::bit_cast<Int4>(prices)) | (~positive & others);
 }
 
-/// Each edge once: in a closed surface from the lower vertex to the higher one.
+/// Whether the edge is priced at this face, so that each edge is priced once: in a closed surface,
+/// from the lower vertex to the higher one.
 bool is_priced_here(const FastMesh& mesh, std::int32_t from, std::int32_t to) {
   return (from < to) | ((mesh.is_open[from] & mesh.is_open[to]) != 0);
 }
@@ -53,7 +54,7 @@ void price_four(const FastMesh& mesh, float squared_limit, const EdgeWithEnds* f
   }
 }
 
-// Lambdas and members of templates have wider vectors by these pragmas only, which clang lacks.
+// Lambdas and members of templates use wider vectors only with these pragmas, which clang lacks.
 #if defined(MANIP3D_AVX2) && !defined(__clang__)
 #define MANIP3D_PRICES_EIGHT
 #pragma GCC push_options
@@ -67,7 +68,7 @@ using Int8 = std::int32_t __attribute__((vector_size(32)));
 #include "simplify/edge_quadric.inc"
 #undef MANIP3D_EDGE_QUADRIC
 
-/// Turns eight vertices into one with eight numbers for each.
+/// Transposes eight vertices into one with eight numbers per member.
 void transpose8(const FastMesh& mesh, const EdgeWithEnds* edges, std::int32_t EdgeWithEnds::* end,
                 QuadricVertexOf<Float8>& out) {
   std::array<const float*, 8> from;  // NOLINT: filled below
@@ -92,7 +93,7 @@ void transpose8(const FastMesh& mesh, const EdgeWithEnds* edges, std::int32_t Ed
 
 Int8 bits8(std::uint32_t bits) { return Int8{} + static_cast<std::int32_t>(bits); }
 
-/// price_four() of eight edges at a time: the operations, and so the bits, are the same.
+/// price_four() for eight edges at a time, with the same operations and so the same bits.
 void price_eight(const FastMesh& mesh, float squared_limit, const EdgeWithEnds* from,
                  PricedEdge* to) {
   QuadricVertexOf<Float8> v, t;  // NOLINT: filled below
@@ -113,7 +114,8 @@ void price_eight(const FastMesh& mesh, float squared_limit, const EdgeWithEnds* 
 #pragma GCC pop_options
 #endif
 
-/// Prices edges, eight at a time where the processor can; both tables have room for kLanes more.
+/// Prices edges, eight at a time if the processor supports it. Both tables must have room for
+/// kLanes more.
 constexpr std::size_t kLanes = 8;
 void price(const FastMesh& mesh, float squared_limit, EdgeWithEnds* from, std::size_t count,
            PricedEdge* to) {
@@ -133,9 +135,9 @@ void price(const FastMesh& mesh, float squared_limit, EdgeWithEnds* from, std::s
 
 void price_edges(const FastMesh& mesh, const FastPieces& pieces, float squared_limit,
                  std::int64_t begin, std::int64_t end, Bulk<PricedEdge>& edges) {
-  constexpr std::int64_t kFaces = 256;  // so many that their edges stay in the nearest cache
+  constexpr std::int64_t kFaces = 256;  // faces whose edges fit into the first-level cache
   edges.clear();
-  edges.reserve(2 * (end - begin));                    // three for two faces, more where it is open
+  edges.reserve(2 * (end - begin));  // three edges for two faces, more at boundaries
   std::array<EdgeWithEnds, 3 * kFaces + kLanes> here;  // NOLINT: filled below
   for (std::int64_t f = begin; f < end;) {
     std::size_t count = 0;

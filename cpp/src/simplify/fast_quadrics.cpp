@@ -12,17 +12,17 @@
 namespace manip3d::fast_detail {
 namespace {
 
-/// Corners of the faces around a vertex, filled up to a multiple of four.
+/// Corners of the faces around a vertex, padded to a multiple of four.
 struct Ring {
   static constexpr std::size_t kMost = 32;
   alignas(16) std::array<std::int32_t, kMost> next, last;  // counter-clockwise
   std::size_t size = 0;
 };
 
-/// Whether the faces close around the vertex, and none has a twin: the two sides of a sheet close
-/// around its rim.
+/// Whether the faces close around the vertex and none has a twin. (The two sides of a sheet also
+/// close around a vertex on its rim.)
 bool is_closed(const Ring& ring) {
-  std::uint32_t matched = 0;  // faces that end where another one begins
+  std::uint32_t matched = 0;  // faces that end where another one starts
   bool is_open = false;
   for (std::size_t i = 0; i < ring.size; ++i) {
     const std::int32_t next = ring.next[i];
@@ -77,9 +77,9 @@ bool has_one_wedge(const FastMesh& mesh, std::int32_t v) {
                      [&](std::uint32_t corner) { return wedge(corner) == wedge(around.front()); });
 }
 
-/// Adds the planes of the faces of v. Returns whether v is inside of the surface and on no seam:
-/// each of its edges has two faces, which run along it in opposite directions and are not the two
-/// sides of one triangle, and all faces have the same wedge at v.
+/// Adds the planes of the faces of v. Returns whether v is inside the surface and on no seam: each
+/// of its edges has two faces, which run along it in opposite directions and are not the two sides
+/// of one triangle, and all faces have the same wedge at v.
 bool add_faces(FastMesh& mesh, std::int32_t v) {
   const auto around = mesh.corners(v);
   Ring ring;  // NOLINT: filled below
@@ -91,7 +91,7 @@ bool add_faces(FastMesh& mesh, std::int32_t v) {
       ring.next[ring.size] = mesh.faces[f][after(c)];
       ring.last[ring.size++] = mesh.faces[f][before(c)];
     }
-    // The lanes that fill up have no area, and no edge from v.
+    // Padding with v: triangles without area and without an edge from v.
     for (std::size_t i = ring.size; i % 4 != 0; ++i) ring.next[i] = ring.last[i] = v;
     add_planes(mesh, mesh.vertices[v], ring);
   }
@@ -111,8 +111,9 @@ void add_border(FastMesh& mesh, std::int32_t v, std::int32_t t, std::uint32_t f,
             static_cast<float>(0.5 * weight) * along.squaredNorm());
 }
 
-/// Planes through boundaries and seams, perpendicular to their faces. The rim of a sheet with two
-/// sides is a boundary: nothing else would hold it, as its faces all lie in one plane.
+/// Adds planes through boundaries and seams, perpendicular to their faces. The rim of a two-sided
+/// sheet counts as a boundary; its faces all lie in one plane, so nothing else would keep it in
+/// place.
 void add_borders(FastMesh& mesh, const BorderWeights& weights, std::int32_t v) {
   struct Spoke {
     std::int32_t end;

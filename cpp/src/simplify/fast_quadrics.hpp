@@ -4,13 +4,13 @@
 
 namespace manip3d::fast_detail {
 
-/// Weights of the planes through boundaries and through seams; those of faces have 1.
+/// Weights of the planes through boundaries and through seams; planes of faces have 1.
 struct BorderWeights {
   double boundary, seam;
 };
 
-/// Gives each vertex the quadric of the planes around it, and finds which are open or complex. Each
-/// plane goes through the vertex it is added to, so b and c are zero at first.
+/// Computes the quadric of each vertex from the planes around it, and finds open and complex
+/// vertices. Each plane goes through its vertex, so b and c are zero at first.
 void sum_quadrics(FastMesh& mesh, const BorderWeights& weights);
 
 }  // namespace manip3d::fast_detail

@@ -6,8 +6,9 @@
 
 namespace manip3d {
 
-/// Priority queue with the least element on top: a 4-ary heap, whose children of a node lie side by
-/// side in memory (half the levels of std::priority_queue, which is bound by the cache).
+/// Priority queue with the smallest element on top: a 4-ary heap in which the children of a node
+/// are adjacent in memory. It has half the levels of std::priority_queue, whose speed is limited by
+/// cache misses.
 template <typename T>
 class FlatHeap {
  public:

@@ -31,15 +31,16 @@ void check_pixels(std::span<const Pixel> pixels) {
 
 }  // namespace
 
-// Twice the signed area of abc: > 0 if counter-clockwise (u right, v up). Below 2^30.
+// Twice the signed area of abc: > 0 if counter-clockwise (u right, v up). Its magnitude is below
+// 2^30.
 std::int64_t GridDelaunay::orient(std::int32_t a, std::int32_t b, std::int32_t c) const {
   const Pixel &p = pixel(a), &q = pixel(b), &r = pixel(c);
   return std::int64_t{q.u - p.u} * (r.v - p.v) - std::int64_t{q.v - p.v} * (r.u - p.u);
 }
 
-// Should e, from a to b with p on its left and d across, give way to the edge between p and d?
-// The determinant is that of Guibas & Stolfi 1985: > 0 if d is inside of the circle through a, b
-// and p. Differences are below 2^14, so it is below 2^60.
+// Whether the edge e, from a to b with p on its left and d on its right, must be replaced by the
+// edge between p and d. The determinant is that of Guibas & Stolfi 1985: > 0 if d is inside the
+// circle through a, b and p. Differences are below 2^14, so it is below 2^60.
 bool GridDelaunay::is_illegal(std::int32_t e) const {
   const std::int32_t twin = edge(e).twin;
   const std::int32_t ia = edge(e).origin, ib = edge(twin).origin;
@@ -52,10 +53,10 @@ bool GridDelaunay::is_illegal(std::int32_t e) const {
                                    (bu * bu + bv * bv) * (au * pv - av * pu) +
                                    (pu * pu + pv * pv) * (au * bv - av * bu);
   if (determinant != 0) return determinant > 0;
-  return std::max(p, d) < std::max(a, b);  // the last of the four stays without a diagonal
+  return std::max(p, d) < std::max(a, b);  // no diagonal ends in the last of the four
 }
 
-// Is the angle at b, seen from the front's outside, below 90 degrees?
+// Whether the angle at b, on the outer side of the front, is below 90 degrees.
 bool GridDelaunay::is_narrow(std::int32_t a, std::int32_t b, std::int32_t c) const {
   const Pixel &p = pixel(a), &q = pixel(b), &r = pixel(c);
   return std::int64_t{p.u - q.u} * (r.u - q.u) + std::int64_t{p.v - q.v} * (r.v - q.v) > 0;
@@ -77,15 +78,15 @@ void GridDelaunay::set_boundary(std::int32_t a, std::int32_t b, std::int32_t e) 
   link(e, ~a);
 }
 
-// Half-edges are e: a to b, e + 1: b to c, e + 2: c to a; returns e.
+// Makes a triangle with half-edges e: a to b, e + 1: b to c, e + 2: c to a; returns e.
 std::int32_t GridDelaunay::make_triangle(std::int32_t a, std::int32_t b, std::int32_t c) {
   const auto e = static_cast<std::int32_t>(edges_.size());
   edges_.insert(edges_.end(), {{a, ~0}, {b, ~0}, {c, ~0}, {-1, ~0}});
   return e;
 }
 
-// Turns the edge e, from a to b, between triangles (a, b, p) and (b, a, d):
-// afterwards they are (a, d, p) with e from a to d, and (d, b, p) with e's old twin from b to p.
+// Flips the edge e, from a to b, between the triangles (a, b, p) and (b, a, d). Afterwards they are
+// (a, d, p) with e from a to d, and (d, b, p) with e's old twin from b to p.
 void GridDelaunay::flip(std::int32_t e) {
   const std::int32_t f = edge(e).twin;
   const std::int32_t e_next = next(e), f_next = next(f);
@@ -98,8 +99,8 @@ void GridDelaunay::flip(std::int32_t e) {
   link(e_next, f_next);
 }
 
-// Flips until all edges opposite the new vertex p are legal; e is such an edge with p on its
-// left. Those that end in p are legal, since p is new [Guibas & Stolfi 1985, lemma 10.2].
+// Flips until all edges opposite the new vertex p are legal; e is such an edge with p on its left.
+// Edges that end in p are legal, because p is new [Guibas & Stolfi 1985, lemma 10.2].
 void GridDelaunay::legalize_star(std::int32_t e) {
   stack_.clear();
   while (true) {
@@ -115,7 +116,7 @@ void GridDelaunay::legalize_star(std::int32_t e) {
   }
 }
 
-// Flips until the edges e and f, and all edges around what flips, are legal.
+// Flips until the edges e and f, and all edges around flipped ones, are legal.
 void GridDelaunay::legalize(std::int32_t e, std::int32_t f) {
   stack_.clear();
   stack_.push_back(f);
@@ -130,7 +131,7 @@ void GridDelaunay::legalize(std::int32_t e, std::int32_t f) {
   }
 }
 
-// How many of the first vertices lie on one line (all of them: there is no triangle).
+// Number of first vertices that lie on one line; if these are all, there is no triangle.
 std::int32_t GridDelaunay::count_collinear() const {
   const auto n = static_cast<std::int32_t>(pixels_.size());
   std::int32_t count = std::min(n, 2);
@@ -138,11 +139,11 @@ std::int32_t GridDelaunay::count_collinear() const {
   return count;
 }
 
-// Triangles from the vertices before `apex`, which lie on a line, to the apex, which does not.
+// Makes triangles from the vertices before `apex`, which lie on a line, to the apex.
 void GridDelaunay::start_fan(std::int32_t apex) {
   const std::int32_t last = apex - 1;
   const bool counter_clockwise = orient(0, 1, apex) > 0;
-  std::int32_t before = -1;  // the half-edge of the triangle before, beside this one
+  std::int32_t before = -1;  // shared half-edge of the previous triangle
   for (std::int32_t i = 0; i < last; ++i) {
     if (counter_clockwise) {
       const std::int32_t e = make_triangle(i, i + 1, apex);
@@ -166,7 +167,8 @@ void GridDelaunay::start_fan(std::int32_t apex) {
       if (i + 1 == last) set_boundary(last, apex, e + 2);
     }
   }
-  // The front runs from the leftmost to the rightmost vertex; of two in a column the later ends it.
+  // The front runs from the leftmost to the rightmost vertex; of two in a column, the later one is
+  // the end.
   left_ = right_ = last_ = apex;
   for (const std::int32_t i : {0, last}) {
     if (pixel(i).u < pixel(left_).u || (pixel(i).u == pixel(left_).u && i > left_)) left_ = i;
@@ -184,7 +186,7 @@ std::int32_t GridDelaunay::find_below(std::int32_t u) const {
   return a;
 }
 
-// The triangle between p and the boundary from a to the next vertex.
+// Makes the triangle between p and the boundary edge from a to the next vertex.
 void GridDelaunay::attach(std::int32_t a, std::int32_t p) {
   const std::int32_t b = ring(a).next;
   const std::int32_t below = ring(a).edge;
@@ -195,7 +197,8 @@ void GridDelaunay::attach(std::int32_t a, std::int32_t p) {
   legalize_star(e);
 }
 
-// The triangle between boundary vertex b and its two neighbours, which takes b off the boundary.
+// Makes the triangle between boundary vertex b and its two neighbours, which removes b from the
+// boundary.
 void GridDelaunay::fill(std::int32_t b) {
   const std::int32_t a = ring(b).prev, c = ring(b).next;
   const std::int32_t below_ab = ring(a).edge, below_bc = ring(b).edge;
@@ -222,7 +225,8 @@ void GridDelaunay::smooth_left(std::int32_t p) {
   }
 }
 
-// p lies right of all: either the edge below the front's end faces it, or the front's last edge.
+// Adds p to the right of all vertices. It sees either the edge below the end of the front, or the
+// last edge of the front.
 void GridDelaunay::add_right(std::int32_t p) {
   const std::int32_t end = right_;
   attach(orient(end, ring(end).next, p) > 0 ? end : ring(end).prev, p);
@@ -282,7 +286,7 @@ void GridDelaunay::reserve(std::int64_t num_pixels) {
   pixels_.reserve(n);
   ring_.reserve(n);
   edges_.reserve(2 * n * kStride);
-  stack_.reserve(2 * n * kStride);  // of edges to look at; each flip adds four and takes one
+  stack_.reserve(2 * n * kStride);  // edges to test; each flip adds four and removes one
 }
 
 void GridDelaunay::triangulate(std::span<const Pixel> pixels) {

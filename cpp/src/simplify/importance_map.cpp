@@ -14,9 +14,9 @@ namespace {
 constexpr std::int64_t kPad = 2;  // the widest stencil reads two pixels to each side
 constexpr std::int64_t kPointRows = 4, kAreaRows = 5;
 
-// The difference to the next point, or from the one before where the next is not valid. NaN, the
-// mark of an invalid point, spreads to all that depends on it. All is loaded before anything is
-// chosen, so that the compiler can do many pixels at a time.
+// The difference to the next point or, if that is not valid, from the previous one. NaN marks
+// invalid points and propagates to everything that depends on them. All values are loaded before
+// one is selected, so that the compiler can vectorize the loop.
 MANIP3D_INLINE float difference(float before, float here, float after, float z_here,
                                 float z_after) {
   const float forward = after - here, backward = here - before;
@@ -42,7 +42,7 @@ void area_row(const PointRow& above_row, const PointRow& row, const PointRow& be
   }
 }
 
-// Second differences of A at column u, all times 4: the gradient of the gradient.
+// Second differences of A at column u by the gradient of the gradient, times 4.
 MANIP3D_INLINE Hessian hessian(const AreaRows& a, std::int64_t u) {
   const float middle = 2.0F * a.row[u];
   const float cross = a.down[u + 1] - a.down[u - 1] - a.up[u + 1] + a.up[u - 1];
@@ -56,8 +56,8 @@ void importance_row(const AreaRows& areas, const float* __restrict z, std::int64
   for (std::int64_t u = 0; u < width; ++u) keys[u] = key_of<importance>(hessian(a, u), z[u]);
 }
 
-// A power of two that brings coordinates of any unit to a size where the squares of A neither
-// overflow nor vanish; the significant bits of all results stay as they are.
+// A power of two by which coordinates of any unit are scaled so that the squares of A neither
+// overflow nor underflow; the significant bits of all results do not change.
 float unit_scale(const RangeImage& image, const PixelBox& box, std::vector<float>& scratch) {
   if (image.has_depth() || box.empty()) return 1.0F;
   scratch.resize(3 * box.width);
@@ -83,7 +83,7 @@ float unit_scale(const RangeImage& image, const PixelBox& box, std::vector<float
   return std::ldexp(1.0F, std::clamp(-std::ilogb(spacing), -120, 120));
 }
 
-/// The rows that one chunk of the image needs at a time.
+/// The rows that a chunk of the image needs at a time.
 class RowPipeline {
  public:
   RowPipeline(const RangeImage& image, const Cs3Options& options, float scale,
@@ -110,7 +110,7 @@ class RowPipeline {
     }
   }
 
-  /// Makes the map's rows from `begin` to before `end`; returns the largest depth in them.
+  /// Computes the map's rows from `begin` to before `end`; returns the largest depth in them.
   float run(std::int64_t begin, std::int64_t end) {
     load(begin - 3);
     load(begin - 2);
@@ -178,7 +178,7 @@ class RowPipeline {
 
   const RangeImage& image_;
   const Cs3Options& options_;
-  bool is_kept_;  ///< Is the reading the one that is kept?
+  bool is_kept_;  ///< Whether the reading is the default one.
   float scale_;
   ImportanceMap& map_;
   float max_depth_ = 0.0F;
@@ -193,7 +193,8 @@ void ImportanceMapper::compute(const RangeImage& image, const Cs3Options& option
   map.box = image.bounds();
   map.stride = (map.box.width + 63) / 64 * 64;
   const std::size_t num_slots = map.stride * map.box.height;
-  // Room for the whole image, so that a box that grows from frame to frame allocates nothing.
+  // Reserves memory for the whole image, so that a box that grows from frame to frame allocates
+  // nothing.
   const std::size_t most_slots = (image.cols() + 63) / 64 * 64 * image.rows();
   map.keys.reserve(most_slots);
   map.keys.resize(num_slots);
@@ -202,11 +203,12 @@ void ImportanceMapper::compute(const RangeImage& image, const Cs3Options& option
     if (with_hessian) values->reserve(most_slots);
     values->resize(with_hessian ? num_slots : 0);
   }
-  for (std::int64_t v = 0; v < map.box.height; ++v) {  // between the box and the stride
+  for (std::int64_t v = 0; v < map.box.height; ++v) {  // slots between the box and the stride
     std::fill(map.keys.begin() + v * map.stride + map.box.width,
               map.keys.begin() + (v + 1) * map.stride, kNoKey);
   }
-  // One thread takes all rows at once; more take chunks, at the price of four rows made twice.
+  // One thread processes all rows at once; several threads process chunks, which compute four rows
+  // twice.
   constexpr std::int64_t kRowsPerChunk = 48;
   const std::int64_t chunk =
       options.num_threads == 1 ? std::max<std::int64_t>(1, map.box.height) : kRowsPerChunk;

@@ -12,8 +12,8 @@ namespace manip3d {
 /// A slot is a pixel of the box around the valid pixels: row * stride + column.
 using Slot = std::uint32_t;
 
-/// Importance as 22 bits that sort: smaller is more important. Floats in IEEE 754 sort as integers
-/// once negative ones are turned round; their last ten bits are dropped.
+/// Importance as a sortable number of 22 bits; a smaller one is more important. IEEE 754 floats
+/// sort like integers once the bits of negative ones are inverted; the last ten bits are dropped.
 using ImportanceKey = std::uint32_t;
 inline constexpr int kDroppedBits = 10;
 inline constexpr int kKeyBits = 32 - kDroppedBits;
@@ -33,10 +33,10 @@ inline float to_importance(ImportanceKey key) {
 
 /// The importance of the pixels of a range image.
 struct ImportanceMap {
-  PixelBox box;             ///< Around the valid pixels, as far as is known before reading them.
+  PixelBox box;             ///< Box around the valid pixels, as far as known before reading them.
   std::int64_t stride = 0;  ///< Slots per row; a multiple of 64.
   std::vector<ImportanceKey> keys;                        ///< By slot.
-  std::vector<float> hessian_uu, hessian_vv, hessian_uv;  ///< By slot, if asked for.
+  std::vector<float> hessian_uu, hessian_vv, hessian_uv;  ///< By slot; empty if not needed.
   float max_depth = 0.0F;                                 ///< Largest z of a valid pixel.
 
   [[nodiscard]] Slot slot(std::int64_t u, std::int64_t v) const {
@@ -45,16 +45,16 @@ struct ImportanceMap {
   [[nodiscard]] bool is_valid(Slot slot) const { return keys[slot] != kNoKey; }
 };
 
-/// Makes importance maps; keeps its memory.
+/// Computes importance maps; keeps its memory.
 class ImportanceMapper {
  public:
-  /// Reads the image once, row by row: points, A, the Hessian and its importance of a few rows at
-  /// a time stay in the cache. Only the map is written.
+  /// Reads the image once, row by row: points, A, the Hessian and its importance of a few rows at a
+  /// time stay in the cache. Only the map is written to memory.
   void compute(const RangeImage& image, const Cs3Options& options, ImportanceMap& map);
 
  private:
   std::vector<std::vector<float>> scratch_;  ///< One for each chunk of rows.
-  std::vector<float> max_depths_;            ///< Likewise.
+  std::vector<float> max_depths_;            ///< One for each chunk of rows.
 };
 
 }  // namespace manip3d

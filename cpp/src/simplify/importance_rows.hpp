@@ -32,12 +32,12 @@ struct Hessian {
   float uu, vv, uv;
 };
 
-/// A of five rows around that of the pixel.
+/// A in five rows around that of the pixel.
 struct AreaRows {
   const float *up2, *up, *row, *down, *down2;
 };
 
-// Omega(u); what cannot be known counts as flat.
+// Omega(u); unknown values count as flat.
 template <Cs3Importance importance>
 MANIP3D_INLINE float importance_of(const Hessian& m) {
   float omega = m.uu + m.vv;
@@ -48,20 +48,20 @@ MANIP3D_INLINE float importance_of(const Hessian& m) {
   return choose(std::abs(omega) < kInfinityF, omega + 0.0F, 0.0F);  // + 0: no negative zero
 }
 
-/// The key of a pixel with this depth, NaN where there is none.
+/// The key of a pixel with this depth; kNoKey if the depth is NaN.
 template <Cs3Importance importance>
 MANIP3D_INLINE ImportanceKey key_of(const Hessian& m, float z) {
   // kNoKey: all bits set
   return to_key(importance_of<importance>(m)) | (0U - static_cast<std::uint32_t>(z != z));
 }
 
-// Results of the readings of Cs3Reading that are not kept, for the same rows, slowly.
+// The same rows for other readings than the default one (Cs3Reading), computed more slowly.
 void area_row_by(const Cs3Reading& reading, const PointRow& above, const PointRow& row,
                  const PointRow& below, std::int64_t width, float* area);
 Hessian hessian_by(const Cs3Reading& reading, const AreaRows& a, std::int64_t u);
 void importance_row_by(const Cs3Options& options, const AreaRows& areas, const float* z,
                        std::int64_t width, ImportanceKey* keys);
-/// Half of the side of a blocked square, from Rd.
+/// Half of the side of a blocked square, for a radius Rd.
 std::int64_t rounded_by(Cs3Reading::Rounding rounding, double radius);
 
 }  // namespace manip3d

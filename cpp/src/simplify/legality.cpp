@@ -7,8 +7,9 @@
 namespace manip3d {
 namespace {
 
-/// Thinner triangles in texture space show one texel of a 1024 x 1024 image at most: they have no
-/// orientation to keep (planar mappings give one to every face that stands on edge).
+/// Triangles that are thinner than this in texture space show at most one texel of a 1024 x 1024
+/// image, so their orientation is not preserved. (In planar mappings every face on edge is such a
+/// triangle.)
 constexpr double kTexel = 1.0 / 1024.0;
 
 Eigen::Vector3d area_vector(const Eigen::Vector3d& p, const Eigen::Vector3d& q,
@@ -16,7 +17,7 @@ Eigen::Vector3d area_vector(const Eigen::Vector3d& p, const Eigen::Vector3d& q,
   return (q - p).cross(r - p);
 }
 
-/// Height of a triangle over its longest edge, negative when it is clockwise.
+/// Height of a triangle over its longest edge; negative if it is clockwise.
 double signed_height(const Eigen::Vector2d& p, const Eigen::Vector2d& q, const Eigen::Vector2d& r) {
   const double twice_area = (q - p).x() * (r - p).y() - (q - p).y() * (r - p).x();
   const double longest =
@@ -54,7 +55,7 @@ std::optional<Rejection> Legality::check(std::int32_t v, std::int32_t t, WedgeMa
   return rejection;
 }
 
-/// A loop of three boundary edges v t w would fall to two.
+/// Whether a loop of three boundary edges through v and t would shrink to two.
 bool Legality::closes_boundary_loop(std::int32_t t) const {
   if (ring_v_.find(t)->num_faces != 1) return false;
   return std::any_of(ring_v_.edges().begin(), ring_v_.edges().end(), [&](const RingEdge& edge) {
@@ -76,8 +77,9 @@ bool Legality::needs_link_condition(std::int32_t v, std::int32_t t) const {
          classify_vertex(mesh_, ring_t_, t).is_manifold;
 }
 
-/// lk v and lk t must meet in lk vt only [Dey et al. 1999]; a boundary counts as one more vertex,
-/// joined to all its edges, so two boundary vertices must not meet across the surface.
+/// The links of v and t must meet only in the link of the edge [Dey et al. 1999]. A boundary counts
+/// as an additional vertex connected to all its edges, so an edge between two boundary vertices
+/// must itself be on the boundary.
 bool Legality::breaks_link_condition(std::int32_t t) const {
   std::int64_t shared = 0;
   bool v_boundary = false, t_boundary = false;
@@ -88,7 +90,7 @@ bool Legality::breaks_link_condition(std::int32_t t) const {
   for (const RingEdge& edge : ring_t_.edges()) t_boundary |= edge.num_faces == 1;
   const std::int32_t edge_faces = ring_v_.find(t)->num_faces;
   if (v_boundary && t_boundary && edge_faces != 1) return true;
-  // Each face on the edge has a third vertex of its own (duplicate faces are not manifold).
+  // Each face on the edge has a third vertex of its own, because duplicate faces are not manifold.
   return shared != edge_faces;
 }
 
@@ -97,7 +99,7 @@ std::optional<Rejection> Legality::check_face(std::int32_t f, std::int32_t c, st
   const auto& face = mesh_.face(f);
   const auto own = c, next = (c + 1) % 3, last = (c + 2) % 3;
   const std::int32_t a = face[next], b = face[last];
-  if (a == t || b == t) return std::nullopt;  // goes with the edge
+  if (a == t || b == t) return std::nullopt;  // it is removed with the edge
   if (ring_t_.find(a) != nullptr && ring_t_.find(b) != nullptr && has_face(t, a, b)) {
     return Rejection::kDuplicate;
   }

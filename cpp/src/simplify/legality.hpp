@@ -9,14 +9,14 @@
 
 namespace manip3d {
 
-/// cos 78 deg: at 90 a face can turn over in two steps.
+/// Cos 78 deg; at 90 degrees a face could turn over in two steps.
 constexpr double kLeastNormalCosine = 0.2;
 
-/// Sine of the angle that counts as no area: below it the normal is rounding noise.
+/// Sine of an angle below which a face has no area, because its normal would be rounding noise.
 constexpr double kLeastSine = 1e-10;
 
-/// Decides whether a collapse keeps the mesh valid: no flips, no degenerate or duplicate faces,
-/// link condition, boundary loops, texture coordinates.
+/// Decides whether a collapse keeps the mesh valid: flips, degenerate and duplicate faces, link
+/// condition, boundary loops, texture coordinates.
 class Legality {
  public:
   Legality(const CollapseMesh& mesh, const QemOptions& options)
@@ -25,7 +25,8 @@ class Legality {
         ring_v_(mesh.num_vertices()),
         ring_t_(mesh.num_vertices()) {}
 
-  /// Why v must not collapse onto its neighbour t, if so. Fills `map` as CollapseMesh::map_wedges.
+  /// Returns why v must not collapse onto its neighbour t, if there is a reason. Fills `map` as
+  /// CollapseMesh::map_wedges does.
   std::optional<Rejection> check(std::int32_t v, std::int32_t t, WedgeMap& map);
 
   /// The neighbours of v at the last check().

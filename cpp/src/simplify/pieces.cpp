@@ -12,13 +12,14 @@
 namespace manip3d {
 namespace {
 
-/// Points per piece: enough for a mean distance, few enough for thousands of pieces.
+/// Samples per piece: enough for a mean distance, few enough for thousands of pieces.
 constexpr std::int64_t kLeastSamples = 6, kMostSamples = 24;
 
-/// Points of a mesh of one piece: they are all that its last faces are chosen by.
+/// Samples of a mesh of one piece. There are more, because they alone decide which of its last
+/// faces stay.
 constexpr std::int64_t kSamplesOfOne = 96;
 
-/// The place of a sample on its face: the R2 sequence (Roberts 2018), folded into the triangle.
+/// Position of a sample on its face: the R2 sequence (Roberts 2018), folded into the triangle.
 Eigen::Vector3d barycentric_of(std::int64_t sample) {
   constexpr double kStep1 = 0.7548776662466927, kStep2 = 0.5698402909980532;
   const auto number = static_cast<double>(sample + 1);
@@ -47,7 +48,7 @@ Pieces::Pieces(const MeshView& mesh, double scale, const Progress& progress, boo
     ++piece.faces;
   }
   // Samples are taken at equal steps of area, not of faces: a few large faces among many small ones
-  // can be most of a surface.
+  // can make up most of a surface.
   std::vector<double> passed(pieces_.size(), 0.0);
   for (std::int32_t f = 0; f < mesh.num_faces(); ++f) {
     if (is_degenerate(mesh.faces, f)) continue;

@@ -21,15 +21,16 @@ namespace manip3d {
 namespace {
 
 /// On flat regions every cost is rounding noise. This fraction of the squared edge length (a
-/// deviation of 3e-5 of the edge) makes short edges go first there and changes nothing elsewhere.
+/// deviation of 3e-5 of the edge) is added, so that short edges collapse first there; elsewhere it
+/// has no effect.
 constexpr double kShortEdgePreference = 1e-9;
 
-/// The best collapse of a hub is found again when one in so many of its faces has changed, or when
-/// its turn comes.
+/// The best collapse of a hub is searched again after this share of its faces has changed beside
+/// it, or when it is at the top of the queue.
 constexpr std::int32_t kHubChanges = 8;
 
-/// Accumulated quadrics: of the faces alone (the reported error) and with the constraints (the
-/// order), both weighted by area; optionally of (x, y, z, u, v) per wedge.
+/// Accumulated quadrics: of the faces alone (for the reported error) and with the constraints (for
+/// the order), both weighted by area; optionally over (x, y, z, u, v) per wedge.
 class Quadrics {
  public:
   Quadrics(const CollapseMesh& mesh, const QemOptions& options)
@@ -45,7 +46,7 @@ class Quadrics {
     for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) update_self(mesh, v);
   }
 
-  /// (Q_v + Q_t)(t); with a texture term summed over the wedges, each at its continuation.
+  /// (Q_v + Q_t)(t); with a texture term, summed over the wedges, each at its replacement.
   [[nodiscard]] double cost(const CollapseMesh& mesh, std::int32_t v, std::int32_t t,
                             const WedgeMap* map) const {
     const Eigen::Vector3d& x = mesh.position(t);
@@ -143,7 +144,7 @@ class Quadrics {
     }
   }
 
-  /// Q_t(t): what every collapse onto t costs at least.
+  /// Updates Q_t(t), a lower bound of the cost of every collapse onto t.
   void update_self(const CollapseMesh& mesh, std::int32_t t) {
     const Eigen::Vector3d& x = mesh.position(t);
     double self = 0.0;
@@ -200,8 +201,8 @@ class QemSimplifier {
     std::int64_t collapses_at_fill = -1;
     for (std::int64_t step = 0; mesh_.num_faces() > options_.target_faces; ++step) {
       if (queue_.empty()) {
-        // A turned-down collapse may have become legal through changes further away. When none
-        // has, the target is worth more than the seams.
+        // A rejected collapse may have become legal through changes farther away. If none has,
+        // reaching the target has priority over keeping the seams.
         const auto num_collapses = static_cast<std::int64_t>(result.collapses.size());
         if (num_collapses == collapses_at_fill && !leave_seams()) break;
         collapses_at_fill = num_collapses;
@@ -209,7 +210,7 @@ class QemSimplifier {
         continue;
       }
       try_cheapest(result);
-      // A step that keeps a distance can take as long as hundreds of others.
+      // With a distance limit, one step can take as long as hundreds of others.
       if (progress && (guard_ || step % 512 == 0)) {
         const double gone = start - static_cast<double>(mesh_.num_faces());
         progress(gone / std::max(1.0, start - static_cast<double>(options_.target_faces)));
@@ -246,7 +247,7 @@ class QemSimplifier {
   }
 
  private:
-  /// Lets seam vertices leave their seam; false if they already may.
+  /// Allows seam vertices to leave their seam; returns false if they already may.
   bool leave_seams() {
     if (options_.texture != TextureTerm::kSeamPlanes || may_leave_seams_) return false;
     may_leave_seams_ = true;
@@ -267,7 +268,7 @@ class QemSimplifier {
     }
   }
 
-  /// Queues the best collapse of v; with `after`, the best of those that come after it.
+  /// Queues the best collapse of v; with `after`, the best of those that are ordered after it.
   void propose(std::int32_t v, const Candidate* after) {
     if (mesh_.is_isolated(v)) return;
     changes_[v] = 0;
@@ -287,7 +288,7 @@ class QemSimplifier {
     best.vertex < 0 ? queue_.remove(v) : queue_.set(best);
   }
 
-  /// The edges that the class of a vertex lets it collapse along.
+  /// Whether the class of a vertex allows a collapse along an edge.
   [[nodiscard]] bool may_collapse(const VertexClass& vertex, const RingEdge& edge) const {
     if (options_.boundary == BoundaryTerm::kCurvature && vertex.is_boundary &&
         edge.num_faces != 1) {
@@ -307,7 +308,7 @@ class QemSimplifier {
     double cost = std::max(0.0, quadrics_.cost(mesh_, v, t, map)) +
                   kShortEdgePreference * quadrics_.area(v) * squared_length;
     if (options_.quality_threshold > 0.0) {
-      // Never by less than this, so that a needle costs much but stays comparable.
+      // The divisor is at least this, so that needles are expensive, but still comparable.
       constexpr double kLeastQuality = 1e-6;
       cost /= std::max(kLeastQuality, std::min(worst_quality(v, t), options_.quality_threshold));
     }
@@ -330,7 +331,8 @@ class QemSimplifier {
     const Candidate candidate = queue_.top();
     const std::int32_t v = candidate.vertex, t = candidate.target;
     if (changes_[v] > 0) return propose(v, nullptr);
-    // Q_t may have grown since; it never shrinks, so the queue's costs are lower bounds.
+    // Q_t may have grown in the meantime; it never shrinks, so the costs in the queue are lower
+    // bounds.
     if (price(v, t).cost > candidate.cost) {
       propose(v, nullptr);
       return;
@@ -352,8 +354,8 @@ class QemSimplifier {
     result.max_error = std::max(result.max_error, error);
   }
 
-  /// Asks the guard of max_distance, which remembers the collapse for commit(). Reads the ring that
-  /// the legality check has gathered, and must come after it.
+  /// Asks the guard of max_distance, which remembers the collapse for commit(). It reads the ring
+  /// gathered by the legality check and must be called after it.
   [[nodiscard]] bool keeps_distance(std::int32_t v, std::int32_t t) {
     touched_.clear();
     changed_.clear();
@@ -395,7 +397,8 @@ class QemSimplifier {
     mesh_.collapse(v, t, map_);
     quadrics_.merge(mesh_, v, t, map_);
     queue_.remove(v);
-    // Their faces have changed, and with them their edges, costs and legality; t is among them.
+    // Faces of the neighbours changed, and with them their edges, costs and legality; t is one of
+    // them.
     for (const std::int32_t w : neighbours_) {
       if (mesh_.is_isolated(w)) {
         queue_.remove(w);
@@ -428,7 +431,7 @@ class QemSimplifier {
     return result;
   }
 
-  /// Completes the map of the vertices that are left with those that moved onto them.
+  /// Maps the removed vertices to the output vertices of those onto which they moved.
   static void follow_collapses(QemResult& result) {
     for (auto c = result.collapses.rbegin(); c != result.collapses.rend(); ++c) {
       result.vertex_map[c->removed] = result.vertex_map[c->kept];
@@ -441,7 +444,7 @@ class QemSimplifier {
   Quadrics quadrics_;
   Legality legality_;
   CollapseQueue queue_;
-  std::vector<std::int32_t> changes_;  // by hub: collapses beside it since its best one was found
+  std::vector<std::int32_t> changes_;  // by hub: collapses beside it since the last search
   Ring ring_;
   WedgeMap map_;
   std::vector<std::int32_t> neighbours_;
@@ -468,7 +471,8 @@ void check_options(const QemOptions& options) {
         "a number in [0, 1]", options.quality_threshold);
 }
 
-/// The published baselines that preserve texture need texture coordinates everywhere (table 2.3).
+/// The published baselines that preserve texture require texture coordinates on all faces (table
+/// 2.3).
 std::int64_t count_untextured(const MeshView& mesh) {
   std::int64_t count = 0;
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) count += mesh.face_has_texcoords(f) ? 0 : 1;

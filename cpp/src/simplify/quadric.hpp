@@ -46,8 +46,8 @@ struct TextureQuadric {
   Vector5d b = Vector5d::Zero();
   double c = 0;
 
-  /// weight times the plane spanned by the triangle p, q, r (eq. 2.7); a degenerate triangle spans
-  /// less, and its distance is then to a line or a point.
+  /// `weight` times the plane spanned by the triangle p, q, r (eq. 2.7). For a degenerate triangle,
+  /// the distance is that to a line or a point.
   static TextureQuadric plane(const Vector5d& p, const Vector5d& q, const Vector5d& r,
                               double weight) {
     const auto unit = [](const Vector5d& x) -> Vector5d {

@@ -53,15 +53,16 @@ constexpr std::int64_t kTetrahedron = 4;
 /// collapse loses is measured at points of the original surface, as planes do not tell it.
 constexpr std::int64_t kLastFaces = 12;
 
-/// How far outside of the box of its original faces a vertex may end up, over the diagonal of the
-/// box. The tip of a cone with the volume of a spherical cap that reaches 50 degrees from its axis
-/// is as far outside; farther tips follow volumes that are mostly gone, and look like spikes.
+/// How far outside the box of its original faces a vertex may end up, relative to the diagonal of
+/// the box. The tip of a cone with the volume of a spherical cap that reaches 50 degrees from its
+/// axis is this far outside. Tips that are farther outside preserve a volume that is mostly gone,
+/// and look like spikes.
 constexpr double kReach = 0.1;
 
 struct Entry {
-  double price;           // per face that goes
+  double price;           // per removed face
   std::int32_t a, b;      // an edge; b < 0: the piece a
-  std::uint32_t version;  // of the edge: the sum of its ends'
+  std::uint32_t version;  // of the edge: the sum of the versions of its ends
   friend bool operator<(const Entry& x, const Entry& y) {
     if (x.price != y.price) return x.price < y.price;
     return std::tie(x.a, x.b) < std::tie(y.a, y.b);
@@ -118,7 +119,7 @@ class QualitySimplifier {
       }
       queue_.pop();
       entry.b < 0 ? try_piece(entry) : try_edge(entry);
-      // A step that keeps a distance can take as long as hundreds of others.
+      // With a distance limit, one step can take as long as hundreds of others.
       if (progress_ && (distance_.has_limit() || step % 512 == 0)) {
         const double gone = start - static_cast<double>(mesh_.num_faces());
         fraction_ = 0.2 + 0.6 * gone / std::max(1.0, start - target);
@@ -133,7 +134,7 @@ class QualitySimplifier {
 
   void push_edge(std::int32_t v, std::int32_t t, std::int32_t num_faces) {
     if (kept_.is_locked(v) && kept_.is_locked(t)) return;
-    if (mesh_.is_hub(v) || mesh_.is_hub(t)) return;  // priced when it has fewer faces
+    if (mesh_.is_hub(v) || mesh_.is_hub(t)) return;  // priced once it has fewer faces
     const Plan best = prices_.plan(v, t, num_faces, Place::kBest);
     queue_.push({best.price, v, t, version_[v] + version_[t]});
   }
@@ -170,23 +171,24 @@ class QualitySimplifier {
   }
 
   [[nodiscard]] double piece_price(std::int32_t i) const {
-    // Removing more faces than asked for gains nothing.
+    // Removing more faces than the target needs has no value.
     return prices_.piece(i, std::max<std::int64_t>(1, mesh_.num_faces() - options_.target_faces));
   }
 
-  /// Something else has become cheaper than what was on top.
+  /// Whether another entry is now cheaper than one whose price has increased from `expected` to
+  /// `price`.
   [[nodiscard]] bool is_overtaken(double price, double expected) const {
     return price > expected && !queue_.empty() && price > queue_.top().price;
   }
 
-  /// Whether faces of this price would make an error that can be seen.
+  /// Whether removing faces at this price causes a visible error.
   [[nodiscard]] bool is_visible(double price) const {
     return price * static_cast<double>(mesh_.num_faces()) >= kVisible * original_.whole_area;
   }
 
-  /// Whether a legal collapse of this price costs more than so many times one that the link
-  /// condition forbids, and its error is large enough to be seen: a part with many holes, or small
-  /// tubes, keeps them at the price of its shape otherwise.
+  /// Whether a legal collapse of this price costs more than `times` the price of one that the link
+  /// condition forbids, and its error is visible. Otherwise, a mesh with many holes or thin tubes
+  /// would keep them at the expense of its shape.
   [[nodiscard]] bool is_forbidden_cheaper(double price, double times) {
     if (check_.rules() != Rules::kAll) return false;
     if (!is_visible(price)) return false;
@@ -213,7 +215,8 @@ class QualitySimplifier {
     return true;
   }
 
-  /// Tries the cheapest collapse that the link condition forbids. The next ones obey it again.
+  /// Tries the cheapest collapse that the link condition forbids. The condition holds again
+  /// afterwards.
   void try_forbidden() {
     const Entry entry = forbidden_.top();
     forbidden_.pop();
@@ -222,7 +225,7 @@ class QualitySimplifier {
     check_.set_rules(Rules::kAll);
   }
 
-  /// The cheapest of the ends and the middle of an edge whose faces obey the rules, if any does.
+  /// The cheapest legal one of collapses to the ends and the middle of an edge.
   [[nodiscard]] std::optional<Plan> plan_elsewhere(std::int32_t v, std::int32_t t, int num_faces) {
     std::optional<Plan> best;
     for (const Place place : {Place::kFirst, Place::kSecond, Place::kMiddle}) {
@@ -262,7 +265,7 @@ class QualitySimplifier {
       queue_.push({best.price, v, t, entry.version});
       return;
     }
-    // A part that vanishes is missed more than a hole or a handle that closes.
+    // A part that vanishes is more obvious than a hole or a handle that closes.
     if (leaves_nothing && is_forbidden_cheaper(best.price, 1.0) && may_relax_rules()) {
       queue_.push({best.price, v, t, entry.version});
       return try_forbidden();
@@ -286,10 +289,11 @@ class QualitySimplifier {
 
   void refuse(std::int32_t v, std::int32_t t, Rejection reason) {
     ++count(reason);
-    blocked_[v] = blocked_[t] = true;  // to be tried again when something near them changes
+    blocked_[v] = blocked_[t] = true;  // tried again once something near them changes
   }
 
-  /// Number of faces left of the piece with this vertex: only try_piece() takes the last ones.
+  /// Number of remaining faces of the piece with this vertex; only try_piece() removes the last
+  /// ones.
   [[nodiscard]] std::int64_t faces_left(std::int32_t v) const {
     return pieces_.size() > 0 ? pieces_.num_faces(pieces_.of_vertex(v)) : mesh_.num_faces();
   }
@@ -341,9 +345,9 @@ class QualitySimplifier {
     ++result_.removed_pieces;
   }
 
-  /// Makes a piece of four faces or fewer smaller against the rules, if that is cheaper than the
-  /// whole piece: a tetrahedron, which no legal collapse makes smaller, becomes two faces that lie
-  /// back to back, and these one, rather than nothing. Larger pieces would fold across their bends.
+  /// Makes a piece of at most four faces smaller against the rules, if that is cheaper than
+  /// removing it: a tetrahedron, which no legal collapse makes smaller, becomes two faces back to
+  /// back, and these become one. Larger pieces would fold at their bends.
   bool shrink_piece(std::int32_t i, double price) {
     const std::int64_t num_faces = pieces_.num_faces(i);
     if (num_faces > kTetrahedron) return false;
@@ -376,9 +380,10 @@ class QualitySimplifier {
     return true;
   }
 
-  /// The cheapest collapse of an edge of a small piece onto its ends or its middle, by the shape
-  /// and the texture that are lost. It may turn faces and put them back to back, but make no edge
-  /// of three faces. Nothing holds faces that turn from becoming spikes if they may go elsewhere.
+  /// The cheapest collapse of an edge of a small piece to its ends or its middle, priced by the
+  /// loss of shape and texture. It may flip faces and put them back to back, but must not make an
+  /// edge with three faces. Other positions are not allowed, because flipped faces could become
+  /// spikes there.
   [[nodiscard]] std::optional<Plan> plan_against_rules(std::int32_t v, std::int32_t t) {
     const RingEdge* edge = check_.look_at(v, t);
     if (edge == nullptr || faces_left(t) <= edge->num_faces || check_.breaks_link()) return {};
@@ -394,9 +399,9 @@ class QualitySimplifier {
     return best;
   }
 
-  /// Moves a vertex by a vector that brings an area nearer to the original, if that is legal. One
-  /// for which nothing is owed yet stays in the planes of its borders: beside a texture that has
-  /// kept its place exactly, other faces would pull it away.
+  /// Moves a vertex by a vector that brings `area` nearer to the original, if that is legal. A
+  /// vertex whose borders and texture are still exact stays in the planes of its borders; other
+  /// faces would otherwise pull it away from a texture that is exactly in place.
   void move_to_fit(std::int32_t v, const Vector3d& by, double area) {
     if (kept_.is_locked(v) || is_exact_[v] || !(by.squaredNorm() > 0.0)) return;
     Vector3d step = by;
@@ -416,7 +421,7 @@ class QualitySimplifier {
     if (distance_.allows_move(v, p)) mesh_.move(v, p);
   }
 
-  /// Vertices lie where the volume is kept, which can be far away from all that they stand for.
+  /// Moves vertices back that preserve the volume, but are far away from the faces they represent.
   void pull_back_spikes() {
     for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
       if (mesh_.is_isolated(v) || kept_.is_locked(v)) continue;
@@ -425,8 +430,8 @@ class QualitySimplifier {
     }
   }
 
-  /// Finds the vertices whose faces are all as they were: nothing is gained there, and points that
-  /// stand for something else nearby would pull them away.
+  /// Finds the vertices whose faces are all unchanged. Moving them has no benefit, and points of
+  /// another surface nearby could pull them away.
   void find_exact() {
     is_exact_.assign(mesh_.num_vertices(), false);
     for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
@@ -448,7 +453,7 @@ class QualitySimplifier {
     return std::move(result_);
   }
 
-  /// Moves the vertices, and after them the texture coordinates, nearer to the input's.
+  /// Moves the vertices, and then the texture coordinates, nearer to those of the input.
   void fit_to_input() {
     Progress tell;
     if (progress_) {
@@ -457,7 +462,7 @@ class QualitySimplifier {
         progress_(fraction);
       };
     }
-    queue_ = {};  // room for the fit
+    queue_ = {};  // frees memory for the fit
     forbidden_ = {};
     find_exact();
     pull_back_spikes();
@@ -481,7 +486,7 @@ class QualitySimplifier {
     return CollapseStop::kNoLegalCollapse;
   }
 
-  /// The mesh of what is left, and where the input's vertices and faces went.
+  /// Extracts the mesh and the maps of the input's vertices and faces.
   void extract() {
     std::vector<std::int32_t> kept;
     result_.mesh = mesh_.extract(input_, kept, result_.vertex_map, result_.face_map);
@@ -491,7 +496,7 @@ class QualitySimplifier {
       while (into_[end] >= 0) end = into_[end];
       result_.vertex_map[v] = result_.vertex_map[end];
     }
-    // Computed in other units, a locked place may be off by rounding.
+    // Locked positions get their exact values back, because the mesh was scaled.
     for (std::size_t v = 0; v < options_.locked.size(); ++v) {
       const std::int32_t row = result_.vertex_map[v];
       if (options_.locked[v] && row >= 0) {
@@ -504,7 +509,7 @@ class QualitySimplifier {
   const MeshView& input_;
   const QualityOptions& options_;
   const Progress& progress_;
-  double fraction_ = 0.2;  // of the work that was last reported
+  double fraction_ = 0.2;  // last reported progress
   CollapseMesh mesh_;
   Pieces pieces_;
   Kept kept_;
@@ -515,12 +520,12 @@ class QualitySimplifier {
   JoinedWedges wedges_;
   Attributes attributes_;
   DoubledFaces doubled_;
-  std::vector<std::uint32_t> version_;  // of a vertex: how often it moved
-  std::vector<bool> blocked_;           // vertices with an edge that was refused
+  std::vector<std::uint32_t> version_;  // of a vertex: number of its moves
+  std::vector<bool> blocked_;           // vertices with a refused edge
   std::vector<bool> is_hub_;            // vertices whose edges wait until they have fewer faces
-  std::vector<std::int32_t> into_;      // what a vertex collapsed onto, or -1
-  std::vector<bool> is_exact_;          // of a vertex: all its faces are as they were
-  std::set<std::int32_t> kept_pieces_;  // those with a locked vertex
+  std::vector<std::int32_t> into_;      // vertex onto which a vertex collapsed, or -1
+  std::vector<bool> is_exact_;          // of a vertex: all its faces are unchanged
+  std::set<std::int32_t> kept_pieces_;  // pieces with a locked vertex
   FlatHeap<Entry> queue_, forbidden_;
   std::vector<std::int32_t> neighbours_;
   QualityResult result_;
@@ -566,7 +571,7 @@ QualityResult simplify_quality(const MeshView& mesh, const QualityOptions& optio
   QualityOptions in_unit = options;
   in_unit.max_error = usual.from_file(options.max_error);
   in_unit.max_distance = usual.from_file(options.max_distance);
-  // With max_distance even rounding counts.
+  // With max_distance, even rounding must not change the surface, so nothing is welded.
   std::optional<RoundingWeld> weld;
   if (mesh.num_faces() > options.target_faces && !std::isfinite(options.max_distance)) {
     weld.emplace(usual.mesh(), options.locked);

@@ -7,8 +7,8 @@
 namespace manip3d::quality_detail {
 namespace {
 
-/// How far outside of the box of its original chart a texture coordinate may be fitted, over the
-/// diagonal of the box. Rounded borders of charts ask for this much on the models with most seams.
+/// How far outside the box of its original chart a texture coordinate may be fitted, relative to
+/// the diagonal of the box. Rounded borders of charts need this much on the models with most seams.
 constexpr double kTextureReach = 0.02;
 
 }  // namespace
@@ -22,7 +22,7 @@ Attributes::Attributes(const MeshView& input, CollapseMesh& mesh, Original& orig
   }
 }
 
-/// Charts are wedges joined by faces: a collapse never merges wedges of two charts.
+/// Charts are wedges connected by faces; a collapse never merges wedges of two charts.
 void Attributes::find_charts() {
   UnionFind sets(mesh_.num_wedges());
   for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
@@ -33,7 +33,7 @@ void Attributes::find_charts() {
   }
   chart_.resize(mesh_.num_wedges());
   for (std::int32_t w = 0; w < mesh_.num_wedges(); ++w) {
-    const std::int32_t root = sets.root(w);  // the least of its set
+    const std::int32_t root = sets.root(w);  // the lowest wedge of its chart
     if (root == w) {
       chart_[w] = static_cast<std::int32_t>(chart_box_.size());
       chart_box_.emplace_back();
@@ -50,8 +50,8 @@ void Attributes::collapse(std::int32_t v, std::int32_t t, const Vector3d& p,
   if (!colors_.empty()) colors_[t] = color_at(v, t, p);
 }
 
-/// The best texture coordinate of each wedge, within those around it: a linear continuation of
-/// a narrow face can be anywhere.
+/// Sets the best texture coordinate of each wedge, clamped to those around it, because the linear
+/// continuation of a narrow face can be anywhere.
 void Attributes::set_texture(std::int32_t v, std::int32_t t, const Vector3d& p,
                              const JoinedWedges& wedges) {
   uvs_.clear();
@@ -78,7 +78,7 @@ void Attributes::set_texture(std::int32_t v, std::int32_t t, const Vector3d& p,
   for (const auto& [wedge, uv] : uvs_) mesh_.set_uv(wedge, uv);
 }
 
-/// The wedge of the locked one of v and t that becomes this wedge, or is it.
+/// Of the wedges at the locked one of v and t, returns the one that becomes, or is, this wedge.
 std::optional<std::int32_t> Attributes::locked_wedge(std::int32_t v, std::int32_t t,
                                                      std::int32_t wedge,
                                                      const WedgeMap& map) const {
@@ -95,7 +95,7 @@ std::optional<std::int32_t> Attributes::locked_wedge(std::int32_t v, std::int32_
   return found;
 }
 
-/// Between the colours of v and t, as p lies between them.
+/// Interpolates between the colours of v and t by the position of p along the edge.
 Vector3d Attributes::color_at(std::int32_t v, std::int32_t t, const Vector3d& p) const {
   const Vector3d edge = mesh_.position(t) - mesh_.position(v);
   const double squared = edge.squaredNorm();

@@ -10,15 +10,15 @@
 
 namespace manip3d::quality_detail {
 
-/// Texture coordinates and colours of vertices that become one.
+/// Texture coordinates and colours of vertices that are merged.
 class Attributes {
  public:
   Attributes(const MeshView& input, CollapseMesh& mesh, Original& original, const Kept& kept);
 
-  /// v and t are about to become one vertex at p, with these wedges.
+  /// Updates the attributes before v and t become one vertex at p, with these wedges.
   void collapse(std::int32_t v, std::int32_t t, const Vector3d& p, const JoinedWedges& wedges);
-  /// Moves the texture coordinates nearer to the input's, within their charts.
-  /// @param is_exact  of a vertex: its own stay as they are.
+  /// Moves the texture coordinates nearer to those of the input, within their charts.
+  /// @param is_exact  By vertex: whether its texture coordinates must not change.
   void fit_texture(SurfaceFit& fit, const std::vector<bool>& is_exact, const Progress& progress);
   /// Writes the colours of the vertices that were kept.
   void write_colors(const std::vector<std::int32_t>& kept, TriangleMesh& out) const;

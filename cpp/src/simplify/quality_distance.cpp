@@ -5,7 +5,7 @@
 namespace manip3d::quality_detail {
 namespace {
 
-/// Edges whose proofs failed that are remembered at most (50 MB); those of others are tried again.
+/// Largest number of edges with failed proofs that are remembered (50 MB); others are tried again.
 constexpr std::size_t kMostRefused = 1 << 20;
 
 void sort_out(std::vector<std::int32_t>& faces) {

@@ -13,7 +13,8 @@
 
 namespace manip3d::quality_detail {
 
-/// Asks the guard of max_distance before a change of the mesh; without a limit all are allowed.
+/// Asks the guard of max_distance before each change of the mesh. Without a limit, all changes are
+/// allowed.
 class WithinDistance {
  public:
   WithinDistance(const MeshView& input, const CollapseMesh& mesh, double limit,
@@ -22,10 +23,10 @@ class WithinDistance {
   [[nodiscard]] bool has_limit() const { return guard_.has_value(); }
   [[nodiscard]] std::optional<double> bound() const;
 
-  /// Whether v and t may both go to p; if so, the guard takes it as done. A proof that failed is
-  /// not tried again until something changed.
+  /// Whether v and t may both move to p; if so, the guard records the change. A failed proof is not
+  /// repeated until something changes.
   [[nodiscard]] bool allows_collapse(std::int32_t v, std::int32_t t, const Vector3d& p);
-  /// Whether v may go to p; if so, the guard takes it as done.
+  /// Whether v may move to p; if so, the guard records the change.
   [[nodiscard]] bool allows_move(std::int32_t v, const Vector3d& p);
 
  private:
@@ -33,7 +34,7 @@ class WithinDistance {
 
   const CollapseMesh& mesh_;
   std::optional<DistanceGuard> guard_;
-  // Edges that were refused since the last collapse: one with two blocked ends is queued twice.
+  // Edges refused since the last collapse, because an edge with two blocked ends is queued twice.
   std::set<std::pair<std::int32_t, std::int32_t>> refused_;
   std::vector<std::int32_t> touched_, around_;
   std::vector<DistanceGuard::Change> changed_;

@@ -6,20 +6,22 @@
 namespace manip3d::quality_detail {
 namespace {
 
-/// The faces of an edge lie on one side if the mean of the unit vectors towards them is this long:
-/// two of them open by less than 16 degrees.
+/// The faces of an edge lie on one side of it if the mean of the unit vectors towards them is at
+/// least this long: two faces then form an angle of less than 16 degrees.
 constexpr double kOneSided = 0.99;
 
-/// A texture is weighted by the share of the area that shows one, but by no less than this.
+/// Lower limit of the textured share of the area, by which the price of a texture is divided.
 constexpr double kLeastTextured = 0.01;
 
-/// A border needs no plane of its own if those that are there hold it by this share of it.
+/// A border needs no additional plane if the existing ones hold it with at least this share of its
+/// weight.
 constexpr double kGuarded = 0.5;
 
-/// A plane that weighs less than this share of those that are there is lost in their rounding.
+/// A plane whose weight is below this share of the existing ones would be lost in rounding.
 constexpr double kRounding = 1e-12;
 
-/// Whether the planes of a border hold a vertex along a unit vector as one of that weight would.
+/// Whether the planes of a border hold a vertex along a unit vector as strongly as a plane of this
+/// weight would.
 bool is_held(const Quadric& q, const Vector3d& n, double weight) {
   const double held = n.x() * (q.xx * n.x() + 2.0 * (q.xy * n.y() + q.xz * n.z())) +
                       n.y() * (q.yy * n.y() + 2.0 * q.yz * n.z()) + q.zz * n.z() * n.z();
@@ -33,7 +35,7 @@ std::int32_t third_vertex(const CollapseMesh& mesh, std::int32_t f, std::int32_t
                        [&](std::int32_t corner) { return corner != v && corner != t; });
 }
 
-/// Whether the two faces of the edge v t open by 90 degrees or more, as nearly all do.
+/// Whether the two faces of the edge v t form an angle of at least 90 degrees, as nearly all do.
 bool opens_wide(const CollapseMesh& mesh, std::int32_t v, std::int32_t t) {
   std::array<std::int32_t, 2> third{t, t};
   std::size_t count = 0;
@@ -45,8 +47,8 @@ bool opens_wide(const CollapseMesh& mesh, std::int32_t v, std::int32_t t) {
   return first.dot(second) * along.squaredNorm() <= first.dot(along) * second.dot(along);
 }
 
-/// Whether all faces of an edge of v lie on one side of it: on a boundary, and on the rim of a
-/// sheet whose front and back are faces of their own, where the surface ends as well.
+/// Whether all faces of an edge of v lie on one side of it. This is so on a boundary, and on the
+/// rim of a sheet whose front and back are separate faces; the surface ends there as well.
 bool is_one_sided(const CollapseMesh& mesh, std::int32_t v, const RingEdge& edge) {
   if (edge.num_faces == 1) return true;
   if (edge.num_faces == 2 && opens_wide(mesh, v, edge.vertex)) return false;
@@ -60,8 +62,8 @@ bool is_one_sided(const CollapseMesh& mesh, std::int32_t v, const RingEdge& edge
   return sum.norm() > kOneSided * edge.num_faces;
 }
 
-/// How far the texture of a face is from those of the others on its edge v t, where they show the
-/// same material: the mean of both ends, the largest of the faces.
+/// Difference between the texture coordinates of a face and of the other faces with the same
+/// material at its edge v t: the mean of both ends, the maximum over the faces.
 double texture_jump(const CollapseMesh& mesh, std::int32_t f, std::int32_t v, std::int32_t t) {
   const auto uv = [&](std::int32_t face, std::int32_t at) -> const Vector2d& {
     const auto& corners = mesh.face(face);
@@ -109,7 +111,7 @@ Original::Original(const CollapseMesh& mesh, const QualityOptions& wanted, bool 
   }
 }
 
-/// The length on the surface of a unit of texture, on average.
+/// Computes the mean length on the surface of a unit of texture.
 void Original::measure_texture(const CollapseMesh& mesh) {
   double on_surface = 0.0, in_texture = 0.0, whole = 0.0;
   for (std::int32_t f = 0; f < mesh.num_slots(); ++f) {
@@ -126,7 +128,7 @@ void Original::measure_texture(const CollapseMesh& mesh) {
   texture_share = std::max(on_surface / whole, kLeastTextured);
 }
 
-/// Each corner stands for a third of the face.
+/// Adds a face to its vertices, each of which represents a third of it.
 void Original::add_face(const CollapseMesh& mesh, std::int32_t f) {
   const auto& face = mesh.face(f);
   Eigen::AlignedBox3d around;
@@ -150,8 +152,9 @@ void Original::add_face(const CollapseMesh& mesh, std::int32_t f) {
   for (const std::int32_t wedge : wedges) texture[wedge] += shown;
 }
 
-/// Planes through boundaries and seams, perpendicular to their faces; each end stands for half
-/// of an edge. A corner of a border has two planes and is dear, a straight one is cheap along it.
+/// Adds planes through boundaries and seams, perpendicular to their faces; each end represents half
+/// of an edge. At a corner of a border, two planes make any move expensive; on a straight border,
+/// moves along it are cheap.
 void Original::add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring) {
   mesh.gather_ring(v, ring);
   mesh.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
@@ -187,10 +190,11 @@ void Original::add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring)
   });
 }
 
-/// How far the texture of a face is apart from those of the others on its edge v t, from 0 to 1, by
-/// the length of the edge. Around the tip of a cone each face has a texture coordinate of its own,
-/// as if its edges were seams; they part it from its neighbours by hardly anything. Seams that are
-/// open at both ends count in full if a picture is shown, and borders of materials in any case.
+/// Separation of the texture of a face from that of the other faces at its edge v t, relative to
+/// the length of the edge, 0 to 1. Around the tip of a cone each face has a texture coordinate of
+/// its own, as if its edges were seams, but these separate it hardly at all from its neighbours.
+/// Seams with different texture coordinates at both ends count fully (if a picture is shown), and
+/// so do borders of materials in any case.
 double Original::parted(const CollapseMesh& mesh, std::int32_t f, std::int32_t v,
                         std::int32_t t) const {
   if (!is_textured || !shows_texture(mesh, f) || !(texture_length > 0.0)) return 1.0;

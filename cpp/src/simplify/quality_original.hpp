@@ -13,16 +13,16 @@
 #include "simplify/collapse_mesh.hpp"
 #include "simplify/quadric.hpp"
 
-/// The mode `quality`: what each vertex stands for of the original mesh (quality_original), what a
-/// collapse costs (quality_price), whether it is legal (quality_rules) and within max_distance
-/// (quality_distance), what becomes of textures and colours (quality_attributes), and the queue of
-/// collapses (quality).
+/// The mode `quality`: the part of the original mesh that each vertex represents
+/// (quality_original), the price of a collapse (quality_price), whether it is legal (quality_rules)
+/// and within max_distance (quality_distance), textures and colours (quality_attributes), and the
+/// queue of collapses (quality).
 namespace manip3d::quality_detail {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-/// Normal of a face, as long as twice its area.
+/// Normal of a face; its length is twice the area.
 inline Vector3d area_vector(const CollapseMesh& mesh, std::int32_t f) {
   const auto& face = mesh.face(f);
   const Vector3d& p = mesh.position(face[0]);
@@ -41,12 +41,12 @@ inline bool shows_texture(const CollapseMesh& mesh, std::int32_t f) {
          });
 }
 
-/// Area times root mean square, a bound of the integral of the distance.
+/// Area times root mean square: an upper bound of the integral of the distance.
 inline double integral(double squares, double area) {
   return std::sqrt(std::max(0.0, squares) * area);
 }
 
-/// Which vertices the caller wants to stay where they are, and how much the others matter.
+/// Vertices that the caller locked, and the importance of the others.
 class Kept {
  public:
   explicit Kept(const QualityOptions& options)
@@ -57,7 +57,7 @@ class Kept {
   [[nodiscard]] double importance(std::int32_t v) const {
     return importance_.empty() ? 1.0 : importance_[v];
   }
-  /// v becomes a part of t.
+  /// Merges v into t.
   void merge(std::int32_t v, std::int32_t t) {
     if (is_locked(v)) locked_[t] = true;
     if (!importance_.empty()) importance_[t] = std::max(importance_[v], importance_[t]);
@@ -68,58 +68,59 @@ class Kept {
   std::vector<double> importance_;  // of a vertex; empty: all 1
 };
 
-/// What texture coordinates count that no picture shows. Of 1, 1/4, 1/10 and 1/40, tried on 21
-/// parts of robots, a tenth takes most of what they cost the shape, for 1.4 times their error.
+/// Factor on the weight of texture coordinates if no picture is shown. Of 1, 1/4, 1/10 and 1/40,
+/// tried on 21 parts of robots, a tenth avoids most of the loss of shape, and multiplies the error
+/// of the texture coordinates by 1.4.
 constexpr double kUnseen = 0.1;
 
-/// The original faces and borders that each vertex stands for, as sums, which add up when two
-/// vertices become one.
+/// The original faces and borders that each vertex represents, as sums that are added when two
+/// vertices are merged.
 struct Original {
   Original(const CollapseMesh& mesh, const QualityOptions& options, bool has_texture,
            const Progress& progress);
 
-  /// Makes borders of the edges of v at which the surface ends now, but did not when it was read
-  /// (a plate that lost its thickness, a tube its cap): nothing else holds them in the plane of
-  /// their faces. Returns whether there were such edges.
+  /// Adds a border at each edge of v where the surface ends now but did not in the input (a plate
+  /// that lost its thickness, a tube that lost its cap), because nothing else holds such an edge in
+  /// the plane of its faces. Returns whether there were such edges.
   bool guard_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& ring);
 
-  /// v becomes a part of t, which then owes so much for borders and texture.
+  /// Merges v into t; `owes` is the new Plan::owed of t.
   void merge(std::int32_t v, std::int32_t t, double owes);
 
   /// Root mean square distance from p to the planes of the original faces of v and t, or to those
-  /// of their borders if that is more.
+  /// of their borders, whichever is larger.
   [[nodiscard]] double error(std::int32_t v, std::int32_t t, const Vector3d& p) const;
 
-  /// The price of the strips that borders sweep, for the sum of their squared distances and the
-  /// weighted length: no more area is swept than there is around them, however many borders cross
-  /// it (on models that give each face a chart of its own, all edges are borders).
+  /// Price of the strips that borders sweep, from the sum of their squared distances and the
+  /// weighted length. The swept area is at most the area around, however many borders there are: on
+  /// models that give each face a chart of its own, all edges are borders.
   [[nodiscard]] double strips(double squares, double length, double area_around) const;
 
   /// The price of the strips along the seams of v and t that show the texture of the other side if
   /// the vertex lies at p, all over their width: of no more area than there is around them.
   [[nodiscard]] double wrong_side(std::int32_t v, std::int32_t t, const Vector3d& p) const;
 
-  /// Price of a difference of texture coordinates of 1, for each unit of area.
+  /// Price of a difference of 1 between texture coordinates, per unit of area.
   [[nodiscard]] double texture_factor() const {
     return seen() * options.texture_weight * texture_length / texture_share;
   }
 
   const QualityOptions& options;
   bool is_textured;
-  std::vector<Quadric> surface;           // of a vertex: the original faces it stands for
-  std::vector<Quadric> borders;           // of a vertex: the boundaries and seams
-  std::vector<Quadric> jumps;             // of a vertex: the seams, weighted by what they show
-  std::vector<double> jump;               // of a vertex: weighted length of those seams
-  std::vector<double> seam;               // of a vertex: length of those seams
+  std::vector<Quadric> surface;  // of a vertex: planes of the original faces it represents
+  std::vector<Quadric> borders;  // of a vertex: planes of boundaries and seams
+  std::vector<Quadric> jumps;    // of a vertex: planes of seams, weighted by their texture jumps
+  std::vector<double> jump;      // of a vertex: weighted length of those seams
+  std::vector<double> seam;      // of a vertex: length of those seams
   std::vector<AttributeQuadric> texture;  // of a wedge
   std::vector<Eigen::AlignedBox3d> box;   // of a vertex: around those faces
   std::vector<double> area;               // of a vertex: of those faces
-  double whole_area = 0.0;                // of all of them
+  double whole_area = 0.0;                // sum over all faces
   std::vector<double> border;             // of a vertex: weighted length of those borders
-  std::vector<double> owed;               // of a vertex: Plan::owed of the collapses so far
+  std::vector<double> owed;               // of a vertex: Plan::owed after its collapses so far
 
  private:
-  /// Share of its price that a texture has: all where a picture is shown.
+  /// Factor on the price of a texture: 1 if a picture is shown.
   [[nodiscard]] double seen() const { return options.texture_seen ? 1.0 : kUnseen; }
   void measure_texture(const CollapseMesh& mesh);
   void add_face(const CollapseMesh& mesh, std::int32_t f);
@@ -127,11 +128,11 @@ struct Original {
   [[nodiscard]] double parted(const CollapseMesh& mesh, std::int32_t f, std::int32_t v,
                               std::int32_t t) const;
 
-  double texture_length = 0.0;  // on the surface, of a unit of texture
-  double texture_share = 1.0;   // of the area: what shows a texture
+  double texture_length = 0.0;  // length on the surface of a unit of texture
+  double texture_share = 1.0;   // textured share of the area
 };
 
-/// A strip of width d along a border is d / 2 away from the border on average.
+/// The points of a strip of width d along a border are on average d / 2 away from the border.
 constexpr double kStripDistance = 0.5;
 
 }  // namespace manip3d::quality_detail

@@ -10,34 +10,37 @@
 namespace manip3d::quality_detail {
 namespace {
 
-/// Pull of the middle of an edge on the new vertex, beside the quadrics: it decides only where
-/// they do not (RockerArm: 1e-3 costs 5 % of error, 1e-6 none, but then vertices wander).
+/// Weight of a pull of the new vertex to the middle of its edge, added to the quadrics. It matters
+/// only where they have no unique minimum. (On RockerArm, 1e-3 raises the error by 5 %, 1e-6 not at
+/// all, but vertices then wander.)
 constexpr double kTowardsMiddle = 1e-5;
 
-/// Most of its edge's length by which kTowardsMiddle may take a vertex off the planes that it lies
-/// in (1e-5 at a crease, more at needles: all the error of flat parts) for this to be taken back.
-/// Beyond, the surface bends so little that the pull decides.
+/// Share of the edge's length. If kTowardsMiddle moves a vertex off the planes in which it should
+/// lie by at most this (1e-5 at a crease, more at needles, where it is the whole error of flat
+/// parts), the move is undone. If by more, the surface is almost flat there and the pull decides.
 constexpr double kOffPlanes = 1e-2;
 
-/// On flat regions every price is rounding noise: short edges go first there.
+/// On flat regions every price is rounding noise; with this share, short edges collapse first
+/// there.
 constexpr double kShortEdgeWeight = 1e-5;
 
 /// The faces around an edge, counted in full, against a price that counts each face once: measured
 /// on the many-part models, where 1 removes pieces too early.
 constexpr double kSurfaceShare = 0.2;
 
-/// A piece that vanishes is missed more than its distance says.
+/// Factor on the price of removing a piece, which is more obvious than its distance suggests.
 constexpr double kPieceFactor = 2.0;
 
-/// The sum of the area vectors around an edge is rounding noise below this share of their lengths,
-/// as where front and back of a sheet cancel: no volume tells where the new vertex lies.
+/// If the sum of the area vectors around an edge is shorter than this share of the sum of their
+/// lengths, it is rounding noise, as where front and back of a sheet cancel. The volume then gives
+/// no condition on the new vertex.
 constexpr double kLeastVolume = 1e-6;
 
-/// Weights of the corners, the middles of the edges and the centre of a triangle: exact for cubic
-/// polynomials.
+/// Weights of the corners, the midpoints of the edges and the centroid of a triangle in a
+/// quadrature that is exact for cubic polynomials.
 constexpr double kCornerWeight = 1.0 / 20.0, kMiddleWeight = 2.0 / 15.0, kCentreWeight = 9.0 / 20.0;
 
-/// Mean distance of the points of a triangle from the nearer one of some points.
+/// Mean distance of the points of a triangle from the nearest of some points.
 double mean_distance(const Triangle3& corners, std::span<const Vector3d> from) {
   const auto nearest = [&](const Vector3d& point) {
     double least = std::numeric_limits<double>::infinity();
@@ -243,10 +246,10 @@ Vector3d Prices::position(std::int32_t v, std::int32_t t, Place place, const Sta
   return best.allFinite() ? best : middle;
 }
 
-/// The price of a place far away from the edge, which the planes of the faces around do not tell:
-/// where opposite sides of a thin part meet, a spike lies in all planes and keeps the volume. The
-/// new faces form a cone, whose mean distance is a third of that of its tip, and the tip is at
-/// least as far away as the box of the old faces.
+/// Price of a position far away from the edge, which the planes of the faces around do not show:
+/// where opposite sides of a thin part meet, a spike is in all planes and preserves the volume. The
+/// new faces form a cone, whose mean distance is a third of that of its tip; the distance of the
+/// tip is at least that from the box of the old faces.
 double Prices::spike(std::int32_t v, std::int32_t t, const Vector3d& p) const {
   const Vector3d &first = mesh_.position(v), &second = mesh_.position(t);
   if ((p - 0.5 * (first + second)).squaredNorm() <= (second - first).squaredNorm()) return 0.0;
@@ -287,8 +290,8 @@ double Prices::lost_shape(std::int32_t v, std::int32_t t, const Vector3d& p) {
     }
     farther += after - before;
   }
-  // Parts of a piece that hung together at one vertex can be apart by now: the last faces of such
-  // a part have no others here that could stand for it.
+  // Parts of a piece that were connected only at one vertex may be separate by now. When the last
+  // faces of such a part vanish, no other faces represent it here.
   if (!std::isfinite(farther)) return 0.0;
   return pieces_.area(piece) * std::max(0.0, farther) / static_cast<double>(samples.size());
 }
@@ -302,7 +305,7 @@ double Prices::lost_strip(std::int32_t v, std::int32_t t, const Vector3d& p) con
     if (has_face_without(mesh_, v, tip, t) || has_face_without(mesh_, t, tip, v)) return;
     Triangle3 corners;
     for (std::size_t c = 0; c < 3; ++c) corners[c] = mesh_.position(face[c]);
-    // Faces around the new vertex and around the tip are left nearby.
+    // The faces around the new vertex and around the tip stay near.
     std::array<Vector3d, 2> left{p, mesh_.position(tip)};
     const bool has_tip = has_faces_beside(mesh_, tip, v, t);
     const bool has_new =
@@ -314,7 +317,7 @@ double Prices::lost_strip(std::int32_t v, std::int32_t t, const Vector3d& p) con
   return lost;
 }
 
-/// All faces that are left of the piece of a vertex, into last_faces_.
+/// Gathers all remaining faces of the piece of a vertex in last_faces_.
 void Prices::gather_piece(std::int32_t v) {
   last_faces_.clear();
   around_.assign(1, v);

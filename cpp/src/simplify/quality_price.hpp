@@ -8,35 +8,36 @@
 
 namespace manip3d::quality_detail {
 
-/// A collapse: where the new vertex lies and what it costs.
+/// A collapse: position of the new vertex and price.
 struct Plan {
-  double price = 0.0;  // per face that goes
+  double price = 0.0;  // per removed face
   Vector3d position = Vector3d::Zero();
-  double owed = 0.0;  // for borders and texture, since the beginning
+  double owed = 0.0;  // total price of borders and texture relative to the input
 };
 
 enum class Place : std::uint8_t { kBest, kFirst, kSecond, kMiddle };
 
-/// A textured wedge of the vertex that two become.
+/// A textured wedge of the merged vertex.
 struct Textured {
   std::int32_t wedge;
   AttributeQuadric quadric;
-  bool stays = false;  // it still has faces then
+  bool stays = false;  // it still has faces after the collapse
 };
 
-/// The wedges of the vertex that v and t become, as two of the mesh's vertices are looked at.
+/// The wedges of the vertex into which v and t would be merged.
 class JoinedWedges {
  public:
   JoinedWedges(const CollapseMesh& mesh, const Original& original)
       : mesh_(mesh), original_(original) {}
 
   void gather(std::int32_t v, std::int32_t t);
-  /// Which wedge each one of v becomes: that of t across a face on the edge; others stay.
+  /// For each wedge of v, the wedge that replaces it: that of t across a face on the edge; others
+  /// stay.
   [[nodiscard]] const WedgeMap& map() const { return map_; }
-  /// The wedges with a texture, with their quadrics; none where the texture does not count.
+  /// The textured wedges with their quadrics; none if the texture has no weight.
   [[nodiscard]] const std::vector<Textured>& textured() const { return textured_; }
-  /// The price of the texture if the vertex lies at p. Where a wedge loses its last face, what is
-  /// left of its surface shows the one that is most like it.
+  /// Price of the texture if the vertex is at p. If a wedge loses its last face, the rest of its
+  /// surface shows the most similar wedge.
   [[nodiscard]] double price(const Vector3d& p) const;
 
  private:
@@ -57,37 +58,38 @@ class Prices {
 
   Plan plan(std::int32_t v, std::int32_t t, std::int32_t num_edge_faces, Place place);
 
-  /// All edges of v are priced next: its own faces are looked at once.
+  /// Prepares pricing all edges of v, so that its own faces are evaluated only once.
   void begin_edges(std::int32_t v);
   void end_edges() { center_ = -1; }
 
-  /// The price of a collapse among the last faces of a piece, measured: how much farther from its
-  /// faces the original surface of the piece is afterwards on average, over its area. The planes
-  /// around an edge do not tell: front and back of a shell can fold onto each other in all of them.
+  /// Measured price of a collapse among the last faces of a piece: the mean increase of the
+  /// distance from the piece's original surface to its faces, times the area of that surface. The
+  /// planes around an edge are not enough, because front and back of a shell can fold onto each
+  /// other within all of them.
   [[nodiscard]] double lost_shape(std::int32_t v, std::int32_t t, const Vector3d& p);
 
-  /// The price of faces on an edge that leave nothing behind: where a strip is one face wide, no
-  /// others stand for it, as they do for faces that a collapse folds onto their neighbours. A tube
-  /// that has become a strip of two sides could vanish between two pinches otherwise, since the
-  /// planes around its last edge hold nothing within them.
+  /// Price of faces on an edge that vanish without a replacement. If a strip is one face wide, no
+  /// other faces represent it, in contrast to faces that a collapse folds onto their neighbours.
+  /// Without this price, a tube that has become a two-sided strip could vanish between two pinches,
+  /// because the planes around its last edge do not hold it within themselves.
   [[nodiscard]] double lost_strip(std::int32_t v, std::int32_t t, const Vector3d& p) const;
 
-  /// The price of a whole piece, per face that goes, but for no more than `most_faces`: those
-  /// beyond the target gain nothing.
+  /// Price of a whole piece, per removed face. At most `most_faces` count, because removing more
+  /// than the target needs has no value.
   [[nodiscard]] double piece(std::int32_t piece, std::int64_t most_faces) const;
 
  private:
-  /// The faces around an edge as they are now: their quadric and area, and the plane
-  /// normal.p = offset on which the volume below them stays the same [Lindstrom & Turk 1998].
+  /// The current faces around an edge: their quadric and area, and the plane normal.p = offset on
+  /// which the enclosed volume does not change [Lindstrom & Turk 1998].
   struct Star {
     Quadric quadric;
     double area = 0.0;
     Vector3d normal = Vector3d::Zero();
     double offset = 0.0;
   };
-  /// A face with its part in a star.
+  /// A face with its contribution to a star.
   struct StarFace {
-    Vector3d normal;  // twice the area long
+    Vector3d normal;  // its length is twice the area
     double offset = 0.0, area = 0.0;
     Quadric quadric;
 
@@ -99,11 +101,11 @@ class Prices {
       star.area += area;
     }
   };
-  /// The borders of a piece of the input, which go with it.
+  /// The borders of a piece of the input, which vanish with it.
   struct PieceBorders {
-    double length = 0.0;      // of its boundaries and seams, times their weights
-    double area = 0.0;        // of its faces
-    double importance = 0.0;  // the largest of its vertices
+    double length = 0.0;      // total length of its boundaries and seams, times their weights
+    double area = 0.0;        // total area of its faces
+    double importance = 0.0;  // largest importance of its vertices
   };
 
   [[nodiscard]] StarFace star_face(std::int32_t f, const Vector3d& p) const;
@@ -119,7 +121,7 @@ class Prices {
   const Pieces& pieces_;
   std::vector<PieceBorders> piece_borders_;
   JoinedWedges wedges_;
-  std::int32_t center_ = -1;  // the vertex whose edges are being priced, or -1
+  std::int32_t center_ = -1;  // vertex whose edges are being priced, or -1
   Star center_star_;
   std::vector<StarFace> center_faces_;
   std::vector<std::int32_t> around_, last_faces_;

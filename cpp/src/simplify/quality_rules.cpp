@@ -12,7 +12,7 @@ const RingEdge* CollapseCheck::look_at(std::int32_t v, std::int32_t t) {
   return ring_v_.find(t);
 }
 
-/// Whether v or t has an edge of three faces or more.
+/// Whether v or t has an edge of three or more faces.
 bool CollapseCheck::has_complex_edge() const {
   const auto has_one = [](const Ring& ring) {
     return std::any_of(ring.edges().begin(), ring.edges().end(),
@@ -61,7 +61,7 @@ std::optional<Rejection> CollapseCheck::check_faces(const Vector3d& p, Rules rul
   const auto check = [&](std::int32_t from, std::int32_t other) {
     mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t c) {
       const std::int32_t a = mesh_.face(f)[(c + 1) % 3], b = mesh_.face(f)[(c + 2) % 3];
-      if (refusal || a == other || b == other) return;  // those on the edge go
+      if (refusal || a == other || b == other) return;  // faces on the edge are removed
       refusal = check_face(from, a, b, p, rules);
       const bool meets = from == v_ && ring_t_.find(a) != nullptr && ring_t_.find(b) != nullptr;
       const bool is_forbidden = meets && !may_double(rules);
@@ -82,9 +82,9 @@ std::optional<Rejection> CollapseCheck::check_move(std::int32_t v, const Vector3
   return refusal;
 }
 
-/// The face (from, a, b) when its first vertex is at p. One that had no area before, as around the
-/// poles of spheres whose vertices there differ by rounding, has none to lose and no side to keep:
-/// refusing it would hold all that is around it.
+/// Checks the face (from, a, b) with its first vertex moved to p. A face without area, as around
+/// the pole of a sphere whose vertices differ there by rounding, can neither lose it nor flip;
+/// refusing it would block everything around it.
 std::optional<Rejection> CollapseCheck::check_face(std::int32_t from, std::int32_t a,
                                                    std::int32_t b, const Vector3d& p,
                                                    Rules rules) const {

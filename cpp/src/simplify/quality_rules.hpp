@@ -13,8 +13,8 @@ namespace manip3d::quality_detail {
 /// Whether a collapse of two vertices is legal, by the rules of collapse_rules.hpp.
 class CollapseCheck {
  public:
-  /// @param may_double  faces may go because they double others: max_distance knows nothing of
-  /// them.
+  /// @param may_double  Whether faces may be removed as duplicates; false with max_distance, whose
+  ///                    guard does not track such removals.
   CollapseCheck(const CollapseMesh& mesh, const Kept& kept, bool may_double)
       : mesh_(mesh),
         kept_(kept),
@@ -26,33 +26,33 @@ class CollapseCheck {
   void set_rules(Rules rules) { rules_ = rules; }
   void relax() { rules_ = rules_ == Rules::kAll ? Rules::kAnyEdges : Rules::kFlips; }
 
-  /// Looks at two vertices, which the functions below speak of; their edge, if they have one.
+  /// Selects two vertices for the functions below; returns their edge, or null if there is none.
   const RingEdge* look_at(std::int32_t v, std::int32_t t);
 
-  /// The edges of the two.
+  /// The edges of the first and of the second vertex.
   [[nodiscard]] const Ring& first_ring() const { return ring_v_; }
   [[nodiscard]] const Ring& second_ring() const { return ring_t_; }
 
   [[nodiscard]] bool breaks_link() const;
-  /// Whether a locked vertex has no faces but those on the edge, which go.
+  /// Whether a locked vertex would lose its last faces.
   [[nodiscard]] bool takes_last_face_of_locked() const;
-  /// Why no vertex at p may take the place of both.
+  /// Returns why the two vertices must not be merged at p, if there is a reason.
   [[nodiscard]] std::optional<Rejection> check_faces(const Vector3d& p) const {
     return check_faces(p, rules_);
   }
   [[nodiscard]] std::optional<Rejection> check_faces(const Vector3d& p, Rules rules) const;
-  /// Whether two faces may come to lie on the same vertices, of which one then goes.
+  /// Whether two faces may get the same vertices; one of them is removed then.
   [[nodiscard]] bool may_double() const { return may_double(rules_); }
-  /// The neighbours of both, which may be named twice, and both.
+  /// The neighbours of both vertices, possibly repeated, and the two vertices themselves.
   void neighbours(std::vector<std::int32_t>& out) const;
 
-  /// The edges of one vertex, until another one is looked at.
+  /// The edges of one vertex; valid until another one is examined.
   const std::vector<RingEdge>& edges(std::int32_t v) {
     mesh_.gather_ring(v, ring_v_);
     return ring_v_.edges();
   }
 
-  /// Why a vertex must not go to p, if no other one moves.
+  /// Returns why a vertex must not move to p on its own, if there is a reason.
   [[nodiscard]] std::optional<Rejection> check_move(std::int32_t v, const Vector3d& p) const;
 
  private:
@@ -73,16 +73,16 @@ class CollapseCheck {
   Ring ring_v_, ring_t_;
 };
 
-/// Takes away the faces that double others after a collapse.
+/// Removes faces that are duplicates after a collapse.
 class DoubledFaces {
  public:
   explicit DoubledFaces(CollapseMesh& mesh) : mesh_(mesh) {}
 
-  /// Before the collapse: the faces of v and those of t that lie back to back, which may do so
-  /// afterwards.
+  /// Called before the collapse: finds faces of v or of t that lie back to back, which stay
+  /// allowed.
   void find_twins(std::int32_t v, std::int32_t t);
-  /// After it: among faces on the same three vertices, the first one of t's list stays; of twins,
-  /// the first one on each side.
+  /// Called after it: of faces on the same three vertices, keeps the first one in t's list; of
+  /// twins, the first one on each side.
   void remove(std::int32_t t);
 
  private:

@@ -38,7 +38,7 @@ struct AnimationMesh {
 /// (AnimationMeshOptions).
 /// @param labels    (rows, cols) bone of each pixel, 0: not the person.
 /// @param skeleton  Source of the joints for `joint_reach`. Null: only bones that meet share
-/// triangles.
+///                  triangles.
 /// @throws InputError  sizes differ, a label above 24, an option is out of range.
 AnimationMesh animation_mesh(const DepthView& depth, const PixelRays& rays, double focal,
                              const std::uint8_t* labels, const Skeleton* skeleton,

@@ -23,22 +23,27 @@ enum class Cs3Sampling : std::uint8_t {
 };
 
 struct Cs3Options {
-  std::int64_t target_points = 0;  ///< n: never more, and no fewer than 99 % of it.
+  std::int64_t target_points = 0;  ///< n; the result has between 99 % of it and n points.
   Cs3Importance importance = Cs3Importance::kMinCurvature;
   Cs3Sampling sampling = Cs3Sampling::kImportanceOrder;
-  bool distance_dependent = false;  ///< Rd times R(u) / R_max (eq. 3.9); depth images only.
-  /// Triangles with a longer edge are dropped: the text's check for scenes.
+  /// Multiply Rd by R(u) / R_max (eq. 3.9); only for depth images.
+  bool distance_dependent = false;
+  /// Triangles with a longer edge are dropped: the check for scenes in section 3.4.
   double max_edge = std::numeric_limits<double>::infinity();
   int num_threads = 0;  ///< 0: all cores.
-  Cs3Reading reading;   ///< Another one than the default takes its time.
+  Cs3Reading reading;   ///< Readings other than the default are slower.
 };
 
-/// How the number of points came about.
+/// How the number of points was reached.
 enum class Cs3Reached : std::uint8_t {
-  kFactor,     ///< A factor on Rd_max (on s for kNonMaximum) gives it, within 1 %.
-  kCut,        ///< No factor gives so few: points whose Rd rounds to 0 block none. Cut off at n.
-  kContinued,  ///< No factor gives so many without exceeding n: the most important points left.
-  kAllPixels,  ///< There are no more valid pixels than n.
+  kFactor,  ///< By a factor on Rd_max (on s for kNonMaximum), to within 1 %.
+  /// By cutting off at n, because no factor gives so few: points whose Rd rounds to 0 block no
+  /// pixel.
+  kCut,
+  /// By adding the most important remaining points, because every factor gives either fewer or more
+  /// than n.
+  kContinued,
+  kAllPixels,  ///< The image has at most n valid pixels.
 };
 
 enum class Cs3Stage : std::uint8_t { kImportance, kOrder, kSampling, kTriangulation, kOutput };
@@ -50,12 +55,12 @@ struct Cs3Report {
   std::int64_t num_vertices = 0;
   std::int64_t num_faces = 0;
   Cs3Reached reached = Cs3Reached::kFactor;
-  double factor = 1.0;  ///< On Rd_max (s), as kept.
-  /// Points by the formulas as printed: factor 1. Not counted if distance_dependent: those of eq.
-  /// 3.9 are so many (sixteen times as many as asked for on a scene with a far corner) that
-  /// counting takes longer than all of the search.
+  double factor = 1.0;  ///< Factor on Rd_max (s) of the result.
+  /// Number of points with factor 1, as printed. Not computed if distance_dependent: eq. 3.9 gives
+  /// so many points (sixteen times the target on a scene with a far corner) that counting them
+  /// takes longer than the whole search.
   std::optional<std::int64_t> literal_count;
-  int passes = 0;  ///< Samplings that the search for the factor took.
+  int passes = 0;  ///< Number of samplings in the search for the factor.
   std::array<double, kNumCs3Stages> seconds{};
 };
 
@@ -67,25 +72,25 @@ struct Cs3Result {
 /// CS3: curvature-sensitive surface simplification of a range image (dissertation, chapter 3).
 ///
 /// V(u) is the vertex map, N(u) its normals by forward differences and A(u) = |N| / (|V12|^2
-/// |V13|^2) (eq. 3.1, 3.2). The importance Omega(u) comes from the Hessian of A (eq. 3.3 to 3.6),
-/// is kept to 14 significant bits, and orders the pixels; ties go by pixel index. w and h of s =
-/// Rd_max = sqrt(w h / n) are the sides of the box around the valid pixels. The chosen points are
-/// triangulated by GridDelaunay; a triangle stays if the pixel nearest to its centroid is valid
-/// and no edge is longer than max_edge (section 3.4).
+/// |V13|^2) (eq. 3.1, 3.2). The importance Omega(u) comes from the Hessian of A (eq. 3.3 to 3.6)
+/// and is truncated to 14 significant bits; pixels are sorted by it, ties by pixel index. w and h
+/// in s = Rd_max = sqrt(w h / n) are the sides of the box around the valid pixels. The chosen
+/// points are triangulated by GridDelaunay. A triangle is kept if the pixel nearest to its centroid
+/// is valid and no edge is longer than max_edge (section 3.4).
 ///
-/// As printed, a square of radius Rd is 2 Rd + 1 wide and about half of n points are chosen. A
-/// factor on Rd_max is therefore searched that gives n points within 1 % (Cs3Reached).
+/// As printed, a square of radius Rd is 2 Rd + 1 wide, and only about half of n points are chosen.
+/// Therefore a factor on Rd_max is searched for which gives n points within 1 % (Cs3Reached).
 ///
-/// The reading. Of 144 combinations of what the text leaves open (`manip3d reproduce readings-3`)
-/// the one kept is that whose mean errors at 5 % exceed the printed ones of table 3.4 least, and it
-/// puts no outliers aside. In 1e-3 of the diagonal, area samples:
+/// The text leaves choices open (Cs3Reading). Of the 144 combinations (`manip3d reproduce
+/// readings-3`), the default is the one whose mean errors at 5 % exceed the printed ones of table
+/// 3.4 least; it treats no pixels as outliers. Errors in 1e-3 of the diagonal, sampled by area:
 ///     bun000              0.71, printed 0.629, all readings 0.70 to 1.80
 ///     happyStandRight_0   0.54, printed 0.663, all readings 0.54 to 1.08
 ///     dragonStandRight_0  0.90, printed 0.694 for another scan, all readings 0.90 to 1.56
 ///
-/// Points never move, so texture coordinates are exact. The result does not depend on the number
-/// of threads. An object keeps its memory from frame to frame: with caller-owned buffers and one
-/// thread it allocates nothing once it has seen the largest frame.
+/// Points never move, so texture coordinates are exact. The result does not depend on the number of
+/// threads. An object keeps its memory from frame to frame: with caller-owned buffers and one
+/// thread, it allocates nothing after the largest frame so far.
 class Cs3 {
  public:
   Cs3();
@@ -93,10 +98,11 @@ class Cs3 {
   Cs3& operator=(Cs3&&) noexcept;
   ~Cs3();
 
-  /// @param registration  where UVs lie; null: in an image of the same size.
-  /// @param out           capacity: at least min(target_points, number of pixels). It may be a
-  ///                      mapped buffer of a GPU: it is written in order, and vertices are read
-  ///                      only where there is a max_edge.
+  /// @param registration  Registration of the image of the UVs; null: that image has the same
+  ///                      pixels.
+  /// @param out           Capacity: at least min(target_points, number of pixels). It may be a
+  ///                      mapped buffer of a GPU, because it is written in order; vertices are read
+  ///                      back only if there is a max_edge.
   /// @throws InputError   an option out of range, as RangeImage::load_row, a capacity too small.
   Cs3Report run(const RangeImage& image, const Cs3Options& options,
                 const Registration* registration, const DepthMeshBuffers& out);

@@ -19,27 +19,27 @@ struct Pixel {
 
 /// Delaunay triangulation of distinct pixels: exact, unique and deterministic.
 ///
-/// All predicates are exact in 64-bit integers, which bounds images to 16 384 pixels a side. Four
-/// pixels on a circle are the rule on a grid. Such ties are broken by symbolic perturbation: each
-/// point, lifted to the paraboloid, is raised by an infinitesimal amount that is larger for later
-/// pixels in row-major order by orders of magnitude [after Devillers & Teillaud, "Perturbations
-/// for Delaunay and weighted Delaunay 3D triangulations", 2011]. Four pixels on a circle are
-/// hence cut by the diagonal that does not end in the last of them. The triangulation is thus
-/// unique: it depends on the set of pixels only, not on how it came about.
+/// All predicates are exact in 64-bit integers, which limits images to 16 384 pixels a side. On a
+/// grid, four pixels on a circle are common. Such ties are broken by symbolic perturbation: each
+/// point, lifted to the paraboloid, is raised by an infinitesimal amount, which is larger by orders
+/// of magnitude for later pixels in row-major order [after Devillers & Teillaud, "Perturbations for
+/// Delaunay and weighted Delaunay 3D triangulations", 2011]. Four pixels on a circle are therefore
+/// cut by the diagonal that does not end in the last of them, and the triangulation depends only on
+/// the set of pixels.
 ///
 /// The pixels are swept row by row [after Domiter & Zalik, "Sweep-line algorithm for constrained
 /// Delaunay triangulation", 2008]: above the triangulated part runs a front, monotone in u, to
-/// which each pixel is attached vertically, and edges are flipped [Lawson 1977] until they are
-/// Delaunay. In the end the front's bays are filled up to the convex hull. About O(n) on images,
-/// O(n^2) at worst. Reusing an object reuses its memory.
+/// which each pixel is connected vertically, and edges are flipped [Lawson 1977] until they are
+/// Delaunay. At the end, the bays of the front are filled up to the convex hull. About O(n) on
+/// images, O(n^2) at worst. Reusing an object reuses its memory.
 class GridDelaunay {
  public:
-  /// @param pixels  strictly increasing in row-major order; copied. Fewer than three, or all on a
-  ///                line: no triangles.
-  /// @throws InputError  not in order (so also repeated), or out of range.
+  /// @param pixels  Strictly increasing in row-major order; copied. If there are fewer than three,
+  ///                or all are on a line, the result has no triangles.
+  /// @throws InputError  pixels not in order (this includes repeated ones), or out of range.
   void triangulate(std::span<const Pixel> pixels);
 
-  /// Makes room for this many pixels, so that triangulating no more allocates nothing.
+  /// Reserves memory for this many pixels, so that triangulating up to as many allocates nothing.
   void reserve(std::int64_t num_pixels);
 
   [[nodiscard]] std::span<const Pixel> pixels() const { return pixels_; }
@@ -52,9 +52,9 @@ class GridDelaunay {
   }
 
  private:
-  // Half-edge e of triangle e / 4 runs from its origin to the origin of next(e); the fourth of
-  // each triangle is unused. `twin` is the half-edge across, or ~a on the boundary, where a is
-  // the vertex it ends in.
+  // Half-edge e of triangle e / 4 runs from its origin to the origin of next(e); the fourth of each
+  // triangle is unused. `twin` is the half-edge on the other side, or ~a on the boundary, where a
+  // is the vertex in which it ends.
   struct HalfEdge {
     std::int32_t origin, twin;
   };
@@ -64,7 +64,8 @@ class GridDelaunay {
   HalfEdge& edge(std::int32_t e) { return edges_[e]; }
   [[nodiscard]] const HalfEdge& edge(std::int32_t e) const { return edges_[e]; }
   [[nodiscard]] const Pixel& pixel(std::int32_t vertex) const { return pixels_[vertex]; }
-  // The boundary is a ring of vertices, clockwise: the front from left to right, then below.
+  // The boundary is a ring of vertices in clockwise order: the front from left to right, then the
+  // lower side.
   struct BoundaryVertex {
     std::int32_t next, prev;
     std::int32_t edge;  ///< The half-edge from `next` to this vertex.

@@ -12,9 +12,9 @@
 
 namespace manip3d {
 
-/// Terms that are added for mesh boundaries (edges with exactly one face).
+/// Terms added for mesh boundaries (edges with exactly one face).
 enum class BoundaryTerm : std::uint8_t {
-  kNone,       ///< Boundaries count for nothing (QEM_ORIG, QEM_TP).
+  kNone,       ///< Boundaries have no effect (QEM_ORIG, QEM_TP).
   kFreeze,     ///< Boundary vertices never move; planes of constant weight (QEM_BP, QEM_BTP).
   kWeight,     ///< Planes of constant weight only [Garland & Heckbert 1997, sec. 6].
   kCurvature,  ///< Planes weighted by W_b and the boundary's curvature (QEM4VR, eq. 2.6).
@@ -26,14 +26,15 @@ enum class BoundaryCurvature : std::uint8_t {
   kPaper,    ///< |r' x r''| / |r'|^3 of the mesh scaled to a unit diagonal.
 };
 
-/// Terms that are added for texture coordinates and materials.
+/// Terms added for texture coordinates and materials.
 enum class TextureTerm : std::uint8_t {
-  kNone,        ///< Attributes are carried along, for nothing (QEM_ORIG, QEM_BP).
-  kQuadric5,    ///< Quadrics over (x, y, z, u, v) per distinct UV (QEM_TP, QEM_BTP; eq. 2.7).
-  kSeamPlanes,  ///< Planes along seams, weight W_t; seam vertices stay on their seam, as long as
-                ///< the target can be reached so (QEM4VR).
-  kSeamPaper,   ///< The quadric of a seam vertex times W_t, as printed.
-  kSeamLock,    ///< Seam vertices never move.
+  kNone,      ///< Attributes are kept but have no effect (QEM_ORIG, QEM_BP).
+  kQuadric5,  ///< Quadrics over (x, y, z, u, v) per distinct UV (QEM_TP, QEM_BTP; eq. 2.7).
+  /// Planes along seams, weight W_t; seam vertices stay on their seam unless the target cannot be
+  /// reached otherwise (QEM4VR).
+  kSeamPlanes,
+  kSeamPaper,  ///< The quadric of a seam vertex is multiplied by W_t, as printed.
+  kSeamLock,   ///< Seam vertices never move.
 };
 
 /// Places at which the link condition [Dey et al. 1999] is enforced.
@@ -43,8 +44,8 @@ enum class LinkCondition : std::uint8_t {
   kNever,
 };
 
-/// May an edge that ends in a complex vertex collapse? (Complex: on the boundary, but with a number
-/// of boundary neighbours other than two.)
+/// Whether edges that end in a complex vertex may collapse. A complex vertex is on the boundary,
+/// but its number of boundary neighbours is not two.
 enum class ComplexVertices : std::uint8_t {
   kKeep,    ///< The complex vertex stays; others may collapse onto it.
   kFreeze,  ///< No edge of it collapses, as printed.
@@ -54,14 +55,15 @@ struct QemOptions {
   std::int64_t target_faces = 0;  ///< Stop at this many faces or fewer; 0: as few as possible.
   double max_error =
       std::numeric_limits<double>::infinity();  ///< Largest error of one collapse, input units.
-  /// Largest distance of the two surfaces (Hausdorff, boundaries included), input units; kept by
-  /// construction. 0: only collapses that leave the surface exactly as it is.
+  /// Largest Hausdorff distance between the two surfaces, boundaries included, in input units; the
+  /// guarantee is exact. 0: only collapses that do not change the surface as a set of points.
   double max_distance = std::numeric_limits<double>::infinity();
   BoundaryTerm boundary = BoundaryTerm::kCurvature;
   double boundary_weight = 5.0;  ///< W_b.
   BoundaryCurvature curvature = BoundaryCurvature::kTurning;
   TextureTerm texture = TextureTerm::kSeamPlanes;
-  double seam_weight = 100.0;  ///< W_t: of seam planes, or a factor (kSeamPaper).
+  /// W_t: weight of seam planes, or factor on the quadric (kSeamPaper).
+  double seam_weight = 100.0;
   ComplexVertices complex_vertices = ComplexVertices::kKeep;
   LinkCondition link_condition = LinkCondition::kManifold;
   double quality_threshold =
@@ -70,13 +72,13 @@ struct QemOptions {
 
 enum class CollapseStop : std::uint8_t {
   kTargetReached,
-  kErrorLimit,       ///< Every collapse left is above max_error (or not legal).
-  kDistanceLimit,    ///< No collapse left is known to keep max_distance (or is legal).
-  kNoLegalCollapse,  ///< Nothing left that keeps the mesh valid.
-  kRefused,          ///< The method cannot work on this mesh; the mesh is returned as it came.
+  kErrorLimit,       ///< All remaining collapses are above max_error (or not legal).
+  kDistanceLimit,    ///< No remaining collapse is known to keep max_distance (or is legal).
+  kNoLegalCollapse,  ///< No remaining collapse keeps the mesh valid.
+  kRefused,          ///< The method does not support this mesh, which is returned unchanged.
 };
 
-/// Why a candidate collapse was turned down, each a counter of QemResult::rejected.
+/// Reasons to reject a candidate collapse; each is a counter of QemResult::rejected.
 enum class Rejection : std::uint8_t {
   kFlip,           ///< A face would turn by more than about 78 degrees.
   kDegenerate,     ///< A face would lose its area.
@@ -85,16 +87,17 @@ enum class Rejection : std::uint8_t {
   kBoundaryLoop,   ///< A boundary loop would fall below three edges.
   kComplexVertex,  ///< The edge ends in a complex vertex (ComplexVertices::kFreeze).
   kTextureFlip,    ///< A face would flip in texture space.
-  kAttribute,      ///< A corner would find no texture coordinate of its material to continue with.
+  kAttribute,      ///< A corner would have no texture coordinate of its material at the new vertex.
   kErrorLimit,     ///< Above max_error.
-  kDistanceLimit,  ///< Not known to keep max_distance.
+  kDistanceLimit,  ///< The result is not known to keep max_distance.
 };
 inline constexpr int kNumRejections = 10;
 inline constexpr std::array<const char*, kNumRejections> kRejectionNames = {
     "flip",           "degenerate",   "duplicate", "link_condition", "boundary_loop",
     "complex_vertex", "texture_flip", "attribute", "error_limit",    "distance_limit"};
 
-/// One collapse: `removed` moved onto `kept` (input vertex indices), at this error (input units).
+/// One collapse: `removed` is moved onto `kept` (input vertex indices), at this error (input
+/// units).
 struct Collapse {
   std::int32_t removed;
   std::int32_t kept;
@@ -102,22 +105,23 @@ struct Collapse {
 };
 
 struct QemResult {
-  TriangleMesh mesh;                     ///< Compact; materials are left to the caller.
-  std::vector<std::int32_t> vertex_map;  ///< Input vertex -> the output vertex it became, or -1.
-  std::vector<std::int32_t> kept;        ///< Output vertex -> the input vertex it is.
-  std::vector<std::int32_t> face_map;    ///< Input face -> output face, or -1 if gone.
-  std::vector<Collapse> collapses;       ///< In order; see replay_collapses().
-  double max_error = 0.0;                ///< Largest error among the collapses made, input units.
-  /// Upper bound of the Hausdorff distance from the input, input units; where max_distance is
+  TriangleMesh mesh;  ///< Compact; materials are left to the caller.
+  /// Input vertex -> output vertex that represents it, or -1.
+  std::vector<std::int32_t> vertex_map;
+  std::vector<std::int32_t> kept;      ///< Output vertex -> input vertex at its place.
+  std::vector<std::int32_t> face_map;  ///< Input face -> output face, or -1 if removed.
+  std::vector<Collapse> collapses;     ///< In order; see replay_collapses().
+  double max_error = 0.0;              ///< Largest error among the collapses made, input units.
+  /// Upper bound of the Hausdorff distance from the input, input units; only if max_distance is
   /// given.
   std::optional<double> distance_bound;
   CollapseStop stop = CollapseStop::kTargetReached;
-  std::string message;                                  ///< For kRefused: why.
-  std::array<std::int64_t, kNumRejections> rejected{};  ///< Candidates turned down, by Rejection.
+  std::string message;                                  ///< Reason of kRefused.
+  std::array<std::int64_t, kNumRejections> rejected{};  ///< Rejected candidates, by Rejection.
   std::int64_t off_seam_collapses = 0;  ///< Seam vertices that had to leave their seam.
-  std::int64_t locked_vertices = 0;     ///< Vertices that the method does not move.
-  std::int64_t dropped_faces = 0;       ///< Input faces with a repeated vertex, left out.
-  std::int64_t clamped_costs = 0;       ///< Errors below zero by rounding, taken as zero.
+  std::int64_t locked_vertices = 0;     ///< Vertices that the method never moves.
+  std::int64_t dropped_faces = 0;       ///< Input faces with a repeated vertex; they are left out.
+  std::int64_t clamped_costs = 0;       ///< Errors that rounding made negative; they count as zero.
 };
 
 /// Edge collapse with subset placement, ordered by quadric error [Garland & Heckbert 1997], with
@@ -125,27 +129,29 @@ struct QemResult {
 ///
 /// Works on any triangle soup: boundaries, non-manifold edges and vertices, several materials,
 /// several texture coordinates per vertex, faces without any. Output vertices are input vertices.
-/// The quadrics are those of faces weighted by area, computed once on the centred mesh scaled to a
-/// unit diagonal and accumulated. A collapse v -> t costs (Q_v + Q_t)(t); the cheapest legal one is
-/// made next; ties go to the shorter edge, then to the lower indices. No collapse turns a face
-/// over, in space or (with a texture term) in texture space, or makes a degenerate or duplicate
-/// face. The error of a collapse is sqrt(surface quadric / its weight): it bounds the quadric, not
-/// the Hausdorff distance. Deterministic. O(E log E) time, O(V + F) memory, one thread.
+/// The quadrics are those of the faces, weighted by area, computed once on the centred mesh scaled
+/// to a unit diagonal, and accumulated. A collapse v -> t costs (Q_v + Q_t)(t). The cheapest legal
+/// collapse is made next; ties go to the shorter edge, then to the lower indices. No collapse turns
+/// a face over, in space or (with a texture term) in texture space, or makes a degenerate or
+/// duplicate face. The error of a collapse is sqrt(surface quadric / its weight). It measures the
+/// distance to the planes of the faces and is no bound of the Hausdorff distance. Deterministic.
+/// O(E log E) time, O(V + F) memory, one thread.
 /// @throws InputError  as check_mesh(); a bounding box without a finite diagonal; an option out of
 ///                     range.
 QemResult simplify_qem(const MeshView& mesh, const QemOptions& options,
                        const Progress& progress = {});
 
-/// The mesh after the first collapses of a record, until it has `target_faces` or fewer: equal to
-/// what simplify_qem() gives for that target with the options that made the record. O(V + F).
+/// Return the mesh after the first collapses of a record, until it has `target_faces` or fewer.
+/// This equals the result of simplify_qem() for that target with the options of the record. O(V +
+/// F).
 /// @throws InputError  the record does not belong to the mesh.
 QemResult replay_collapses(const MeshView& mesh, const QemOptions& options,
                            const std::vector<Collapse>& collapses, std::int64_t target_faces,
                            const Progress& progress = {});
 
-/// Curvature of a boundary curve at `vertex` from its two boundary neighbours (eq. 2.5), clamped
-/// to [0, 10]; 10 where the neighbours coincide.
-/// @param diagonal  of the mesh's bounding box: kPaper measures in units of it.
+/// Curvature of a boundary curve at `vertex` from its two boundary neighbours (eq. 2.5), clamped to
+/// [0, 10]; 10 if the neighbours coincide.
+/// @param diagonal  Diagonal of the mesh's bounding box, the unit of kPaper.
 double boundary_curvature(const Eigen::Vector3d& previous, const Eigen::Vector3d& vertex,
                           const Eigen::Vector3d& next, BoundaryCurvature kind, double diagonal);
 

@@ -13,39 +13,41 @@
 
 namespace manip3d {
 
-/// How much time a relief may take; each is slower and nearer to the surface than the one before,
-/// but kLive is about as near as kFast.
+/// How much time a relief may take. Each effort is slower and nearer to the surface than the one
+/// before, except that kLive is about as near as kFast.
 enum class ReliefEffort : std::uint8_t { kLive, kFast, kBalanced, kFine, kBest };
 
 struct ReliefOptions {
-  std::int64_t target_points = 0;  ///< At most so many vertices; at least 3.
+  std::int64_t target_points = 0;  ///< Largest number of vertices; at least 3.
   ReliefEffort effort = ReliefEffort::kBalanced;
-  /// Vertices may leave the measured points, along their line of sight, where that lowers the
+  /// Let vertices leave the measured points along their lines of sight, where that lowers the
   /// error.
   bool move_points = false;
-  /// The points are as a camera in the origin sees them, so lines of sight go through it. Else they
-  /// are taken as parallel to the mean normal of the surface.
+  /// Whether the points were measured by a camera at the origin, through which all lines of sight
+  /// pass. If not, lines of sight are parallel to the mean normal of the surface.
   bool from_origin = false;
   DenseRule dense;
-  /// How many times as much it costs to give up a pixel that was a vertex in the frame before; 1:
-  /// each frame for itself. Above 1 edges of that frame stay too unless others halve the error. For
-  /// frames of one size through one object.
+  /// Factor on the cost of giving up a pixel that was a vertex in the previous frame; 1: frames are
+  /// independent. Above 1, edges of the previous frame stay as well unless others halve the error.
+  /// Only for frames of one size through one object.
   double stability = 1.0;
   /// Sizes of smaller meshes that share the vertices: strictly decreasing, at least 3, below
-  /// target_points; not with move_points. Each is a prefix of the vertices.
+  /// target_points; not with move_points. Each mesh uses the first vertices.
   std::vector<std::int64_t> levels;
-  /// Fill ReliefResult::cover and cover_without_off. depth_coverage() finds the same afterwards.
+  /// Compute ReliefResult::cover and cover_without_off, as depth_coverage() would.
   bool measure_coverage = true;
   int num_threads = 0;  ///< 0: all cores.
 };
 
-/// How the number of vertices came about.
+/// How the number of vertices was reached.
 enum class ReliefStop : std::uint8_t {
-  kTarget,       ///< Reduced to the target.
-  kAllPoints,    ///< The surface has no more points than the target.
-  kSmallPieces,  ///< Pieces were left out: small ones, triangles at a pinhole that could not be
-                 ///< left, or all but a few triangles where nothing else goes.
-  kSmallerLevel  ///< The vertices of a smaller level left no legal way: its mesh is the result.
+  kTarget,     ///< The mesh was reduced to the target.
+  kAllPoints,  ///< The surface has at most target_points points.
+  /// Pieces were left out: small ones, triangles at a pinhole whose vertex could not be removed,
+  /// or, if nothing else was possible, all but a few triangles.
+  kSmallPieces,
+  /// No legal collapse kept the vertices of a smaller level; the result is its mesh.
+  kSmallerLevel
 };
 
 /// A mesh over the first vertices of a larger one.
@@ -58,21 +60,22 @@ struct ReliefResult {
   DepthMesh mesh;
   std::vector<ReliefLevel> levels;  ///< Sizes as in ReliefOptions::levels, or less.
   ReliefStop stop = ReliefStop::kTarget;
-  std::int64_t dropped_pixels = 0;  ///< kSmallPieces: pixels of the pieces left out.
-  std::int64_t filled_pixels = 0;   ///< Pixels of pinholes that the surface was continued over.
-  /// Coverage of the mesh before points move; 0 if it was not asked for.
+  std::int64_t dropped_pixels = 0;  ///< For kSmallPieces: pixels of the pieces left out.
+  std::int64_t filled_pixels = 0;   ///< Pixels of pinholes over which the surface was continued.
+  /// Coverage of the mesh before points move; 0 if it was not measured.
   DepthCoverage cover;
-  /// By face, with a limit on steps: 1 if it joins what a step keeps apart. Along one of its sides
-  /// steps make most of the difference in depth, and faces_off_surface() gives more than a quarter
-  /// or nothing. Empty without a limit.
+  /// By face, with a limit on steps: 1 if the face joins surfaces that a step separates: steps make
+  /// up most of the difference in depth along one of its sides, and faces_off_surface() is above a
+  /// quarter or negative. Empty without a limit.
   std::vector<std::uint8_t> off;
   DepthCoverage cover_without_off;  ///< `cover` without these faces.
-  double mean_move = 0.0;           ///< move_points: of the vertices, in units of the points.
-  double max_move = 0.0;
+  /// With move_points: mean distance that vertices moved, in units of the points.
+  double mean_move = 0.0;
+  double max_move = 0.0;  ///< Largest such distance.
 };
 
-/// Few vertices for the dense surface of a point grid (that of grid_mesh()), so that the mean
-/// distance from the surface to the mesh is small.
+/// Approximate the dense surface of a point grid (that of grid_mesh()) with few vertices, so that
+/// the mean distance from the surface to the mesh is small.
 ///
 /// 0. Holes of up to four pixels amid one surface are not ends of it, and a measurement with steps
 ///    all around it is such a hole: the surface is continued over them, with confidence 0, unless
