@@ -9,7 +9,7 @@
 
 namespace manip3d {
 
-/// Cos 78 deg; at 90 degrees a face could turn over in two steps.
+/// cos 78 deg; at 90 degrees a face could turn over in two steps.
 constexpr double kLeastNormalCosine = 0.2;
 
 /// Sine of an angle below which a face has no area, because its normal would be rounding noise.

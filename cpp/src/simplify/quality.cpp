@@ -49,8 +49,9 @@ constexpr double kHeldFirmly = 1e6;
 /// Faces of the smallest closed piece.
 constexpr std::int64_t kTetrahedron = 4;
 
-/// A piece with so few faces left has each of them far from most of what it stands for: what a
-/// collapse loses is measured at points of the original surface, as planes do not tell it.
+/// From this number of remaining faces of a piece on, the loss by a collapse is measured at points
+/// of the original surface. Each of so few faces is far from most of the surface that it
+/// represents, which planes do not show.
 constexpr std::int64_t kLastFaces = 12;
 
 /// How far outside the box of its original faces a vertex may end up, relative to the diagonal of

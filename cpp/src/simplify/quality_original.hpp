@@ -96,8 +96,8 @@ struct Original {
   /// models that give each face a chart of its own, all edges are borders.
   [[nodiscard]] double strips(double squares, double length, double area_around) const;
 
-  /// The price of the strips along the seams of v and t that show the texture of the other side if
-  /// the vertex lies at p, all over their width: of no more area than there is around them.
+  /// Price of the strips along the seams of v and t that show the texture of the other side if the
+  /// vertex is at p, over their whole width; their area is at most the area around.
   [[nodiscard]] double wrong_side(std::int32_t v, std::int32_t t, const Vector3d& p) const;
 
   /// Price of a difference of 1 between texture coordinates, per unit of area.

@@ -24,8 +24,9 @@ constexpr double kOffPlanes = 1e-2;
 /// there.
 constexpr double kShortEdgeWeight = 1e-5;
 
-/// The faces around an edge, counted in full, against a price that counts each face once: measured
-/// on the many-part models, where 1 removes pieces too early.
+/// Factor on the price of the faces around an edge. They are counted fully for each edge, while a
+/// price should count each face once. Measured on the models with many parts; with 1, pieces vanish
+/// too early.
 constexpr double kSurfaceShare = 0.2;
 
 /// Factor on the price of removing a piece, which is more obvious than its distance suggests.

@@ -28,10 +28,10 @@ enum Direction : std::uint8_t {
 
 // The corners of a cell as bits.
 constexpr unsigned kA = 1, kB = 2, kC = 4, kD = 8;
-/// By cell: corners that its triangles have.
+/// By cell: corners that belong to one of its triangles.
 constexpr std::array<std::uint8_t, 8> kTouched = {0, kA | kB | kD, kA | kC | kD, kA | kB | kC | kD,
                                                   0, kA | kB | kC, kB | kC | kD, kA | kB | kC | kD};
-/// By cell: corners at which none of its triangles is missing.
+/// By cell: corners at which it lacks no triangle.
 constexpr std::array<std::uint8_t, 8> kComplete = {0, kB, kC, kA | kB | kC | kD,
                                                    0, kA, kD, kA | kB | kC | kD};
 
@@ -39,8 +39,8 @@ constexpr int kPlaces = kStride * kStride;
 
 constexpr std::uint32_t bit_at(int u, int v) { return 1U << (v * kStride + u); }
 
-/// By two pixels of a square: those of its pixels that are on the left of the line through them or
-/// on it, as bits.
+/// By two pixels of a square: those of its pixels that are left of the line through them or on it,
+/// as bits.
 constexpr std::array<std::array<std::uint32_t, kPlaces>, kPlaces> kLeftOf = [] {
   std::array<std::array<std::uint32_t, kPlaces>, kPlaces> left{};
   for (int a = 0; a < kPlaces; ++a) {
@@ -56,7 +56,7 @@ constexpr std::array<std::array<std::uint32_t, kPlaces>, kPlaces> kLeftOf = [] {
   return left;
 }();
 
-/// The pixels amid a square.
+/// The inner pixels of a square, as bits.
 constexpr std::uint32_t kInner = [] {
   std::uint32_t inner = 0;
   for (int v = 1; v < kSize; ++v) {
@@ -90,8 +90,8 @@ struct HalfAround {
   bool touches, is_complete;
 };
 
-/// Does the contour of the surface on either side of a line turn at a pixel, or begin there? Not
-/// where the surface goes on along the line, on both sides or beside nothing.
+/// Whether the contour of the surface on either side of a line turns or begins at a pixel. False if
+/// the surface continues along the line on both sides, or on one side with nothing on the other.
 bool turns_at_line(const CellsAround& cells, bool upright) {
   const HalfAround one(cells.low_left, kD, upright ? cells.high_left : cells.low_right,
                        upright ? kB : kC);
@@ -102,13 +102,13 @@ bool turns_at_line(const CellsAround& cells, bool upright) {
            (other.is_complete && !one.touches));
 }
 
-/// How many times the threshold a pixel is off where a contour goes straight on in the image but
-/// not in space. Of 1, 4 and 16, tried on scans and frames of the data folder, 1 lowers the error
-/// at 5 % of the points by a hundredth and raises it at 0.5 % by four, as noise makes vertices,
-/// too. 16 changes neither, and far ends of a surface stay as near.
+/// A pixel at which a contour goes straight on in the image is a vertex if its distance in space
+/// exceeds this many times the threshold. Of 1, 4 and 16, tried on scans and frames of the data
+/// folder, 1 multiplies the error by 0.99 at 5 % of the points and by 1.04 at 0.5 %, because noise
+/// makes vertices as well. 16 changes neither, and keeps far ends of a surface equally near.
 constexpr float kFarOff = 16.0F;
 
-/// The distance of a pixel from the line between the two beside it, times its area.
+/// The distance of a pixel from the line between its two neighbours, times its area.
 float off_line(const Surface& surface, std::int32_t pixel, std::int32_t step) {
   const Vec3 from = surface.sample(pixel - step).point();
   const Vec3 along = surface.sample(pixel + step).point() - from;
@@ -149,7 +149,7 @@ void ContourBlocks::assign(const Surface& surface) {
   }
 }
 
-/// Whole squares beside one that is cut come to have vertices on the side between them.
+/// Sets whole squares beside a cut one to kCut if they get vertices on the common side.
 void ContourBlocks::cut_beside(const Surface& surface, int column, int row) {
   const auto look = [&](int i, int j, int u, int v, bool upright) {
     if (i < 0 || j < 0 || i >= across_ || j >= down_ || before_[j * across_ + i] != State::kWhole) {
@@ -222,7 +222,8 @@ void ContourBlocks::emit(const Surface& surface, std::span<const float> errors, 
   }
 }
 
-/// Adds the edge of a triangle on its left. It cancels with that of a triangle on its right.
+/// Adds the edge of a triangle that is on its left; cancels it with that of a triangle on its
+/// right.
 void ContourBlocks::add_edge(int from, int direction) {
   const int to = from + kUp[direction] * kStride + kAcross[direction];
   const auto back = static_cast<std::uint8_t>(1U << ((direction + 4) & 7));
@@ -270,8 +271,9 @@ bool ContourBlocks::is_vertex(const Surface& surface, const Marks& marks, const 
   return off_line(surface, pixel, step) >= kFarOff * marks.threshold;
 }
 
-/// Takes a loop of edges, which has the surface on its left, and appends where it turns or has a
-/// vertex. At a pixel in which fans of triangles meet it stays with its own.
+/// Removes a loop of edges, which has the surface on its left, and appends the pixels at which it
+/// turns or has a vertex. At a pixel where several fans of triangles meet, it stays with its own
+/// fan.
 void ContourBlocks::trace(const Surface& surface, const Marks& marks, int start) {
   const auto first = static_cast<std::int32_t>(places_.size());
   const int first_direction = std::countr_zero(edges_[start]);
@@ -279,7 +281,7 @@ void ContourBlocks::trace(const Surface& surface, const Marks& marks, int start)
   do {
     edges_[p] &= static_cast<std::uint8_t>(~(1U << direction));
     p += kUp[direction] * kStride + kAcross[direction];
-    // Clockwise from where it came.
+    // Clockwise from the direction from which it came.
     const unsigned mask = edges_[p] | (p == start ? 1U << first_direction : 0U);
     int next = direction + 3;
     while ((mask >> (next & 7) & 1U) == 0) --next;
@@ -291,7 +293,7 @@ void ContourBlocks::trace(const Surface& surface, const Marks& marks, int start)
   loops_.push_back({first, static_cast<std::int32_t>(places_.size())});
 }
 
-/// Loops around holes are joined to the loop around them.
+/// Joins loops around holes to the loop that encloses them.
 void ContourBlocks::join_holes() {
   for (std::size_t n = 0; n < loops_.size();) {
     const Loop loop = loops_[n];
@@ -309,7 +311,8 @@ void ContourBlocks::join_holes() {
   }
 }
 
-/// Goes from the nearest corner that sees one of the hole to it, around the hole and back.
+/// Makes one loop of two: to the hole from the nearest corner that sees one of its corners, around
+/// the hole and back.
 void ContourBlocks::join(const Loop& hole) {
   std::int32_t least = std::numeric_limits<std::int32_t>::max();
   std::int32_t from = 0, to = 0;
@@ -326,7 +329,7 @@ void ContourBlocks::join(const Loop& hole) {
       }
     }
   }
-  if (around == nullptr) return;  // then it is closed
+  if (around == nullptr) return;  // no loop encloses it: the hole is outside
   polygon_.assign(places_.begin() + around->first, places_.begin() + from + 1);
   polygon_.insert(polygon_.end(), places_.begin() + to, places_.begin() + hole.last);
   polygon_.insert(polygon_.end(), places_.begin() + hole.first, places_.begin() + to + 1);
@@ -336,7 +339,7 @@ void ContourBlocks::join(const Loop& hole) {
   around->last = static_cast<std::int32_t>(places_.size());
 }
 
-/// Does a line meet no edge but at its own ends?
+/// Whether the line between two pixels meets edges only at its own ends.
 bool ContourBlocks::is_seen(const Place& from, const Place& to) const {
   const auto sign = [](std::int32_t value) { return (value > 0 ? 1 : 0) - (value < 0 ? 1 : 0); };
   const auto is_same = [](const Place& p, const Place& q) { return p.u == q.u && p.v == q.v; };
@@ -360,14 +363,14 @@ bool ContourBlocks::is_seen(const Place& from, const Place& to) const {
   return true;
 }
 
-/// The pixels in and on a triangle but its corners, as bits.
+/// The pixels in and on a triangle, except its corners, as bits.
 std::uint32_t ContourBlocks::pixels_in(const Place& a, const Place& b, const Place& c) {
   const auto number = [](const Place& p) { return static_cast<std::size_t>(p.v * kStride + p.u); };
   const std::size_t i = number(a), j = number(b), k = number(c);
   return kLeftOf[i][j] & kLeftOf[j][k] & kLeftOf[k][i] & ~(1U << i | 1U << j | 1U << k);
 }
 
-/// Cuts off the corner whose new side is the shortest, again and again.
+/// Triangulates a loop by repeatedly cutting off the corner whose new side is the shortest.
 void ContourBlocks::clip_ears(const Loop& loop) {
   polygon_.assign(places_.begin() + loop.first, places_.begin() + loop.last);
   while (polygon_.size() >= 3) {
@@ -384,7 +387,7 @@ void ContourBlocks::clip_ears(const Loop& loop) {
       if (length >= least || doubled_area(a, b, c) <= 0) continue;
       if ((pixels_in(a, b, c) & corners) == 0) least = length, best = i;
     }
-    if (best < 0) return;  // a line is left
+    if (best < 0) return;  // only a line is left
     triangles_.push_back({at(best - 1), at(best), at(best + 1)});
     polygon_.erase(polygon_.begin() + best);
   }
@@ -438,7 +441,7 @@ bool ContourBlocks::find_farthest(const Surface& surface, const PlaceTriangle& c
   return found;
 }
 
-/// Into the triangle that it is in, or the two beside the edge that it is on.
+/// Inserts a pixel into the triangle that contains it, or into the two triangles at its edge.
 void ContourBlocks::insert(const Place& place) {
   const std::size_t size = triangles_.size();
   std::size_t kept = 0;

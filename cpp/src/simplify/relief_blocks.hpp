@@ -9,36 +9,37 @@
 
 namespace manip3d::relief_detail {
 
-/// Squares of pixels in which a surface ends or is cut, each triangulated on its own: the contour
-/// within a square keeps every pixel at which it turns, in the image or by far in space, and the
-/// rest of the square needs no vertex. A bisection would have to grade from single pixels at the
-/// contour to large triangles.
+/// Squares of pixels in which a surface ends or is cut, each triangulated on its own. The contour
+/// within a square keeps every pixel at which it turns, in the image or strongly in space; the rest
+/// of the square needs no vertex. A bisection would need intermediate triangles between single
+/// pixels at the contour and large triangles.
 ///
-/// Neighbouring squares agree on the vertices of the side between them by a rule that is the same
-/// from either of them, so that together they are one mesh without gaps. It covers exactly what the
-/// dense mesh covers.
+/// Neighbouring squares choose the same vertices on their common side, by a rule that gives the
+/// same result from either of them, so that together they are one mesh without gaps. It covers
+/// exactly what the dense mesh covers.
 class ContourBlocks {
  public:
   static constexpr int kSize = 4;  ///< Pixels of a side.
 
   enum class State : std::uint8_t {
     kEmpty,  ///< No surface.
-    kWhole,  ///< All of its surface, and no vertex on its sides but what bisections put there.
-    kCut,    ///< Triangulated here.
+    kWhole,  ///< Completely surface; vertices on its sides come from bisections only.
+    kCut,    ///< Triangulated by this class.
   };
 
   void assign(const Surface& surface);
-  /// State of the square that contains a pixel or begins there.
+  /// State of the square that contains a pixel or starts at it.
   [[nodiscard]] State state(int u, int v) const { return states_[v / kSize * across_ + u / kSize]; }
   /// The state of all squares that have a pixel as a corner; kCut if they differ.
   [[nodiscard]] State around(int u, int v) const;
-  /// By pixel: `whole` in whole squares and on their sides, else `other`.
+  /// Fills `out` by pixel: `whole` in whole squares and on their sides, else `other`.
   void fill(int cols, float whole, float other, std::vector<float>& out) const;
   /// Appends the triangles of the squares that are cut.
-  /// @param errors     by pixel: on a side, those at or above the threshold are vertices.
-  /// @param threshold  pixels amid a square are, too, while one is so far off its triangle: its
-  ///                   distance times twice the triangle's area.
-  /// @param keep  by pixel, may be empty: pixels that are vertices in any case.
+  /// @param errors     By pixel: pixels on a side whose error is at or above the threshold are
+  ///                   vertices.
+  /// @param threshold  An inner pixel becomes a vertex while its distance from its triangle, times
+  ///                   twice the triangle's area, exceeds this.
+  /// @param keep       By pixel, may be empty: pixels that are vertices in any case.
   void emit(const Surface& surface, std::span<const float> errors, float threshold,
             std::span<const Keep> keep, std::vector<Triangle>& out);
 
@@ -52,7 +53,7 @@ class ContourBlocks {
     }
   };
   struct Loop {
-    std::int32_t first, last;  ///< In `places_`; `last` is behind it.
+    std::int32_t first, last;  ///< Range in `places_`; `last` is exclusive.
   };
   using PlaceTriangle = std::array<Place, 3>;
 
@@ -70,14 +71,14 @@ class ContourBlocks {
   void cut_beside(const Surface& surface, int column, int row);
   void find_edges(const Surface& surface);
   void add_edge(int from, int direction);
-  /// Which pixels are vertices, beside those at which a contour turns.
+  /// Which pixels are vertices, in addition to those at which a contour turns.
   struct Marks {
     std::span<const float> errors;
     float threshold;
     std::span<const Keep> keep;
   };
   void trace(const Surface& surface, const Marks& marks, int start);
-  /// @param direction  in which the contour goes on there.
+  /// @param direction  Direction in which the contour leaves the pixel.
   [[nodiscard]] bool is_vertex(const Surface& surface, const Marks& marks, const Place& p,
                                int direction) const;
   void join_holes();
@@ -92,9 +93,9 @@ class ContourBlocks {
 
   int across_ = 0, down_ = 0;
   std::vector<State> states_, before_;
-  // The square at hand.
+  // The current square.
   int u0_ = 0, v0_ = 0;
-  /// By pixel, as bits: the directions of the edges of the contour that begin there.
+  /// By pixel, as bits: directions of the contour edges that start there.
   std::array<std::uint8_t, (kSize + 1) * (kSize + 1)> edges_{};
   std::vector<Place> places_, polygon_;
   std::vector<Loop> loops_;

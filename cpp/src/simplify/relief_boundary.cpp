@@ -15,14 +15,15 @@ namespace {
 
 using PixelPlace = std::array<std::int32_t, 2>;
 
-// A false surface costs ten times as much as a missing one, as where edges collapse.
+// False surface costs ten times as much as missing surface, as for collapses.
 constexpr int kFalseFactor = 10;
 constexpr int kTileShift = 4;  // tiles of 16 pixels
 
-/// A sliver of missing surface is up to a pixel wide and a third of that away from the mesh: the
-/// price of its pixels, over their area times their width. Of 0.5, 1, 2 and 4 times the price where
-/// edges collapse, tried on six rendered shelves, 2 leaves 0.98, 0.84 and 0.86 of the error at 5, 1
-/// and 0.5 % of the points, and covers 0.002 less at most; 0.5 covers up to 0.005 less.
+/// Price of the pixels of a sliver of missing surface, divided by their area times their width. A
+/// sliver is up to a pixel wide and on average a third of that away from the mesh. Of 0.5, 1, 2 and
+/// 4 times the price for collapses, tried on six rendered shelves, 2 leaves 0.98, 0.84 and 0.86
+/// times the error at 5, 1 and 0.5 % of the points, and covers at most 0.002 less; 0.5 covers up to
+/// 0.005 less.
 constexpr float kSliverPrice = 2.0F * kMissingFactor / 3.0F;
 
 std::int64_t doubled_area(const PixelPlace& a, const PixelPlace& b, const PixelPlace& c) {
@@ -44,14 +45,14 @@ bool is_on(const PixelPlace& p, const PixelPlace& a, const PixelPlace& b) {
 
 int sign(std::int64_t value) { return (value > 0 ? 1 : 0) - (value < 0 ? 1 : 0); }
 
-/// Are the boxes around two segments?
+/// Whether the bounding boxes of two segments are disjoint.
 bool are_apart(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p, const PixelPlace& q) {
   return std::max(a[0], b[0]) < std::min(p[0], q[0]) ||
          std::max(p[0], q[0]) < std::min(a[0], b[0]) ||
          std::max(a[1], b[1]) < std::min(p[1], q[1]) || std::max(p[1], q[1]) < std::min(a[1], b[1]);
 }
 
-/// Do two segments have a point in common?
+/// Whether two segments have a common point.
 bool meet(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p, const PixelPlace& q) {
   const int sp = sign(doubled_area(a, b, p)), sq = sign(doubled_area(a, b, q));
   const int sa = sign(doubled_area(p, q, a)), sb = sign(doubled_area(p, q, b));
@@ -60,16 +61,16 @@ bool meet(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p, const P
          (sa == 0 && is_between(a, p, q)) || (sb == 0 && is_between(b, p, q));
 }
 
-/// Change of the covered surface, in pixels, when a boundary vertex moves by a pixel, seen at one
-/// of its two boundary edges: `end` is the edge's other end, and the mesh lies on the left of the
-/// edge, which begins at the vertex where `starts` is true. A covered pixel without surface counts
+/// Change of the covered surface, in pixels, when a boundary vertex moves by a pixel, at one of its
+/// two boundary edges. `end` is the other end of the edge; the mesh lies to the left of the edge,
+/// which starts at the vertex if `starts` is true. A covered pixel without surface counts
 /// -kFalseFactor.
 int worth(const Surface& surface, const PixelPlace& from, const PixelStep& step,
           const PixelPlace& end, bool starts) {
   const std::int32_t turn = (end[0] - from[0]) * step.dv - (end[1] - from[1]) * step.du;
   if (turn == 0) return 0;
-  // Pixels of the old edge are covered already when pixels are won, those of the new edge stay
-  // covered when pixels are lost: neither counts.
+  // When the mesh gains pixels, those of the old edge are covered already; when it loses some,
+  // those of the new edge stay covered. Neither are counted.
   int sum = 0;
   if ((turn < 0) == starts) {
     visit_sliver(
@@ -86,7 +87,8 @@ int worth(const Surface& surface, const PixelPlace& from, const PixelStep& step,
   return sum;
 }
 
-/// The outer sides of a fan, as seen from its centre: which moves of it turn no triangle over.
+/// The outer sides of a fan relative to its centre; they show which moves of the centre flip a
+/// triangle.
 class FanSides {
  public:
   FanSides(const Triangulation& mesh, const Triangulation::Fan& fan, const PixelPlace& center)
@@ -97,7 +99,7 @@ class FanSides {
       sides_[i] = {du, dv, du * (center[1] - a[1]) - dv * (center[0] - a[0])};
     }
   }
-  /// Does each triangle keep an area where the centre moves by so much?
+  /// Whether all triangles keep a positive area if the centre moves by this step.
   [[nodiscard]] bool stay(int du, int dv) const {
     for (int i = 0; i < size_; ++i) {
       const Side& side = sides_[i];
@@ -116,7 +118,7 @@ class FanSides {
 
 /// The price of a missing pixel beside a fan.
 float price_of_pixel(const Triangulation& mesh, const Triangulation::Fan& fan, std::int32_t v) {
-  float area = 0.0F;  // all of them twice
+  float area = 0.0F;  // sum of the areas, times two
   std::int64_t pixels = 0;
   const Triangulation::Vertex& center = mesh.vertex(v);
   for (int i = 0; i < fan.size; ++i) {
@@ -155,7 +157,7 @@ void BoundaryMover::collect_edges(const Surface& surface, const Triangulation& m
   }
 }
 
-/// The tiles of a box around three pixels that may each move by one.
+/// Visits the tiles of a box around three pixels, each of which may move by one.
 template <typename Visit>
 void BoundaryMover::visit_tiles(const std::array<Pixel, 3>& corners, Visit&& visit) const {
   const auto [left, right] = std::minmax({corners[0][0], corners[1][0], corners[2][0]});
@@ -179,10 +181,12 @@ bool BoundaryMover::meets_other(const Triangulation& mesh, std::int32_t v, std::
         if (p == v || q == v) continue;
         const Pixel at_p = place_of(mesh, p), at_q = place_of(mesh, q);
         if (are_apart(a, to, at_p, at_q)) continue;
-        if ((p == first && q == last) || (p == last && q == first)) {  // around a hole of three
+        // The other side of a hole of three vertices.
+        if ((p == first && q == last) || (p == last && q == first)) {
           met = sign(doubled_area(at_p, at_q, to)) !=
                 sign(doubled_area(at_p, at_q, place_of(mesh, v)));
-        } else if (p == end || q == end) {  // they start together: neither may lie on the other
+          // They start at the same vertex; neither may lie on the other.
+        } else if (p == end || q == end) {
           met = is_on(p == end ? at_q : at_p, a, to) || is_on(to, at_p, at_q);
         } else {
           met = meet(a, to, at_p, at_q);
@@ -198,7 +202,7 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, bool at_an
   Triangulation::Fan fan;
   if (!mesh.fan(v, fan)) return false;
   const std::int32_t first = fan.neighbors[0], last = fan.neighbors[fan.num_neighbors - 1];
-  // A pixel with several vertices joins several fans; a move could cover the others unnoticed.
+  // A pixel with several vertices belongs to several fans; a move could cover the others unnoticed.
   for (const std::int32_t at : {v, first, last}) {
     if (mesh.num_at(mesh.vertex(at).pixel) > 1) return false;
   }
@@ -220,13 +224,13 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, bool at_an
   const auto error_at = [&](std::int32_t pixel) {
     return Refiner::error_at(surface, mesh, fan, pixel, kInfinityF, errors);
   };
-  float error = -1.0F;  // not known
+  float error = -1.0F;  // unknown
   const auto is_worth = [&](std::int32_t pixel, int pixels) {
     if (at_any_price) return true;
     if (error < 0.0F) error = error_at(at_v);
     return error_at(pixel) - error < static_cast<float>(pixels) * price_of_pixel(mesh, fan, v);
   };
-  // The worth of each step; whether it is possible is asked of the best ones only.
+  // The gain of each step. Whether a step is possible is tested only for the best ones.
   std::array<int, 9> worths{};
   for (int i = 0; i < 9; ++i) {
     const PixelStep step(i % 3 - 1, i / 3 - 1, cols);

@@ -10,16 +10,17 @@
 
 namespace manip3d::relief_detail {
 
-/// Moves the boundary of a triangulation to where the surface ends, pixel by pixel: vertices that
-/// went left cuts and bays behind, and a mesh of every second pixel stops up to two pixels early.
+/// Moves the boundary of a triangulation to the ends of the surface, pixel by pixel. Removed
+/// vertices left cuts and bays, and a mesh of every second pixel ends up to two pixels too early.
 class BoundaryMover {
  public:
-  /// In each of at most `sweeps` passes, each vertex on the boundary goes to the one of its eight
-  /// neighbours that covers most pixels more, one that is not surface (or across a cut) counting as
-  /// minus ten. Nothing folds over, and no boundary meets another one.
-  /// @param keep  by pixel, may be empty: vertices at pixels that are not free stay.
-  /// @param at_any_price  false: a vertex stays where its triangles would leave the surface by more
-  ///                      than what is won is worth, as at the end of a crease.
+  /// In each of at most `sweeps` passes, moves each boundary vertex to that one of its eight
+  /// neighbour pixels with which the mesh covers most additional pixels; a pixel without surface
+  /// (or across a cut) counts -10. No triangle folds over, and boundaries do not meet.
+  /// @param keep          By pixel, may be empty: only vertices at kFree pixels move.
+  /// @param at_any_price  If false, a vertex stays if a move would increase the distance of its
+  ///                      triangles from the surface by more than the gain is worth, as at the end
+  ///                      of a crease.
   void run(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep, int sweeps,
            bool at_any_price, const Progress& progress);
 
@@ -35,12 +36,13 @@ class BoundaryMover {
   [[nodiscard]] bool meets_other(const Triangulation& mesh, std::int32_t v, std::int32_t first,
                                  std::int32_t last, const Pixel& to) const;
 
-  /// By vertex: it gains nothing by a move, nor does it before it or a neighbour of it has moved.
+  /// By vertex: no move of it has a gain, until it or a neighbour moves.
   std::vector<std::uint8_t> is_settled_;
   int tiles_across_ = 0, tiles_down_ = 0;
-  std::vector<Edge> edges_;             ///< On the boundary.
-  std::vector<std::int32_t> first_in_;  ///< By tile and one more: where in `in_tile_` it starts.
-  std::vector<std::int32_t> in_tile_;   ///< Edges by tile.
+  std::vector<Edge> edges_;  ///< Edges on the boundary.
+  /// By tile: index of its first edge in `in_tile_`; one more at the end.
+  std::vector<std::int32_t> first_in_;
+  std::vector<std::int32_t> in_tile_;  ///< Edges by tile.
 };
 
 }  // namespace manip3d::relief_detail

@@ -12,8 +12,8 @@
 namespace manip3d::relief_detail {
 namespace {
 
-// Pixels that are not believed show a surface all the same: losing it counts at least this share of
-// what losing surface of mean confidence does.
+// Pixels without confidence are surface as well: losing them counts at least this share of losing
+// surface of mean confidence.
 constexpr float kLeastLoss = 0.05F;
 constexpr std::int32_t kNoRound = -2;
 constexpr float kStays = std::numeric_limits<float>::infinity();
@@ -21,16 +21,16 @@ constexpr float kStays = std::numeric_limits<float>::infinity();
 using Fan = Triangulation::Fan;
 constexpr std::int32_t kNone = Triangulation::kNone;
 
-/// The price of a triangle that is lost, by its distance from the side ac: the least that a cut
-/// costs. Quadrics say less where each end of a side holds a part of its length.
+/// The price of losing a triangle, by its distance from the side ac: the lower bound of the price
+/// of a cut. Quadrics underestimate it, because each end of a side has only a part of its length.
 float price_of_cut(float boundary_weight, const Vec3& a, const Vec3& b, const Vec3& c) {
   const float doubled_area = (b - a).cross(c - a).norm();
   const float side = (c - a).norm();
   return side > 0.0F ? boundary_weight * doubled_area * doubled_area / side : 0.0F;
 }
 
-/// A triangle's plane is believed no more than its corners are, and counts no more than the pixels
-/// in it.
+/// Confidence of a triangle's plane: the smaller of the least confidence of its corners and the
+/// mean confidence of the other pixels in it.
 float confidence_of(const Surface& surface, const Triangulation& mesh, const Triangle& corners) {
   if (!surface.has_confidence()) return 1.0F;
   const auto &a = mesh.vertex(corners[0]), &b = mesh.vertex(corners[1]),
@@ -59,7 +59,7 @@ bool face_lies_off(const Surface& surface, const Triangulation& mesh, const Tria
   return lies_off(surface, pixels_of(mesh, t));
 }
 
-/// The summands of LocalQuadric::add_plane_through_origin(), four numbers at a time.
+/// Adds like LocalQuadric::add_plane_through_origin(), four numbers at a time.
 class QuadricSum {
  public:
   QuadricSum(const Vec3& n, float weight) {
@@ -68,7 +68,7 @@ class QuadricSum {
     second_ = Float4{wn.y(), wn.z(), 0.0F, 0.0F} * n.z();
     third_ = Float4{0.0F, 0.0F, weight, 0.0F};
   }
-  /// @param to  the first number of a quadric; that behind its last one gets nothing.
+  /// @param to  The first number of a quadric; 0 is added to the number after its last one.
   void add_to(float* to) const {
     static_assert(offsetof(LocalQuadric, yz) == 4 * sizeof(float) &&
                   offsetof(LocalQuadric, bz) == 8 * sizeof(float) &&
@@ -99,7 +99,8 @@ void LocalQuadric::add(const LocalQuadric& q, const Vec3& offset) {
 void Collapser::assign(const Surface& surface, const Triangulation& mesh,
                        std::span<const Keep> keep, float keep_factor, float missing_factor,
                        float false_factor) {
-  // A cut along a side of length L at distance d loses the area L d / 2 at the mean distance d / 3.
+  // A cut along a side of length L at distance d loses the area L d / 2, at the mean distance d /
+  // 3.
   boundary_weight_ = missing_factor / 6.0F;
   cover_factor_ = false_factor * missing_factor;
   make_room(nodes_, mesh.num_slots());
@@ -133,7 +134,7 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
       plane.add_to(&node.surface.xx);
       node.area += loss * third;
       if (mesh.neighbors(t)[i] != Triangulation::kNone) continue;
-      // The plane along the side, upright on the triangle.
+      // The plane through the side, perpendicular to the triangle.
       const std::int32_t p = corners[(i + 1) % 3], q = corners[(i + 2) % 3];
       const Vec3 side = mesh.vertex(q).point - mesh.vertex(p).point;
       const Vec3 upright = side.cross(n);
@@ -154,7 +155,7 @@ void Collapser::find_pieces(const Triangulation& mesh) {
   left_out_ = 0;
   largest_ = 0;
   has_fixed_ = false;
-  // Each triangle leads to an earlier one of its piece, the first one to itself.
+  // Union-find: each triangle refers to an earlier one of its piece, the first one to itself.
   piece_of_.resize(mesh.num_face_slots());
   const auto first_of = [this](std::int32_t t) {
     while (piece_of_[t] != t) t = piece_of_[t] = piece_of_[piece_of_[t]];
@@ -185,7 +186,7 @@ void Collapser::find_pieces(const Triangulation& mesh) {
     pieces_[piece_of_[t]].doubled_pixels += mesh.orient(a, b, c);
   }
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
-    // A vertex has one fan, so it belongs to one piece.
+    // A vertex has one fan, and so belongs to one piece.
     nodes_[v].piece = piece_of_[mesh.vertex(v).triangle];
     Piece& piece = pieces_[nodes_[v].piece];
     piece.area += nodes_[v].area;
@@ -229,7 +230,8 @@ Float4 Collapser::four_prices(const Triangulation& mesh, std::int32_t v,
 
 int Collapser::cheapest_inside(const Triangulation& mesh, std::int32_t v, const Fan& fan,
                                float& lowest) const {
-  // The least of each lane first: which of two prices is lower is as good as random.
+  // The minimum of each lane is computed first, because a branch on which of two prices is lower is
+  // unpredictable.
   Float4 least = all_of(kStays);
   Int4 least_at = {0, 1, 2, 3}, at = least_at;
   for (int i = 0; i < fan.num_neighbors; i += 4, at += 4) {
@@ -253,7 +255,7 @@ int Collapser::cheapest_inside(const Triangulation& mesh, std::int32_t v, const 
 int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                         const Fan& fan, bool legal, std::int32_t round, float& lowest) const {
   if (!legal && !mesh.vertex(v).on_boundary) return cheapest_inside(mesh, v, fan, lowest);
-  // Along the boundary only, to the first or the last neighbour.
+  // On the boundary, only along it: to the first or the last neighbour.
   const int step = mesh.vertex(v).on_boundary ? fan.num_neighbors - 1 : 1;
   float cover = 0.0F, cut = 0.0F;
   if (mesh.has_bay(v, fan)) {
@@ -351,7 +353,7 @@ void Collapser::keep_cheapest(std::size_t count) {
   moves_.resize(count);
 }
 
-/// Sorts the next `count` moves behind the first `sorted` ones; returns the number of sorted moves.
+/// Sorts the next `count` moves after the first `sorted` ones; returns the number of sorted moves.
 std::size_t Collapser::sort_more(std::size_t sorted, std::size_t count) {
   const auto first = moves_.begin() + static_cast<std::ptrdiff_t>(sorted);
   const auto end = first + static_cast<std::ptrdiff_t>(std::min(count, moves_.size() - sorted));
@@ -391,7 +393,7 @@ bool Collapser::may_sweep(const Triangulation& mesh, std::int32_t v, Fan& fan) c
   return mesh.vertex(v).alive() && !is_fixed(v) && mesh.fan(v, fan) && !mesh.is_alone(fan.faces[0]);
 }
 
-/// The price below which this share of the vertices merge, as every eighth of them tells.
+/// Estimates the price below which this share of the vertices merge, from every eighth vertex.
 float Collapser::sampled_price(const Surface& surface, const Triangulation& mesh, float share) {
   constexpr std::int32_t kSampleStride = 8;
   Fan fan;
@@ -418,7 +420,7 @@ void Collapser::sweep_below(const Surface& surface, Triangulation& mesh, std::in
     const int i = cheapest(surface, mesh, v, fan, false, kNoRound, known_[v]);
     if (i < 0 || !(known_[v] <= limit) || !may_collapse(surface, mesh, v, fan, i)) continue;
     merge(mesh, v, fan, i);
-    known_[fan.neighbors[i]] = 0.0F;  // its quadric is another one
+    known_[fan.neighbors[i]] = 0.0F;  // its quadric changed
   }
 }
 
@@ -434,7 +436,7 @@ void Collapser::sweep(const Surface& surface, Triangulation& mesh, std::int64_t 
     if (before < kLeast || 4 * surplus < before) break;
     const float wanted = sweep_share * static_cast<float>(surplus) / static_cast<float>(before);
     sweep_below(surface, mesh, target, sampled_price(surface, mesh, wanted), ticker);
-    compact(mesh);  // the rest is near each other in memory again
+    compact(mesh);  // restores the locality of the remaining vertices in memory
     if (10 * (before - mesh.num_vertices()) < surplus) break;
   }
 }
@@ -453,7 +455,8 @@ void Collapser::compact(Triangulation& mesh) {
   mesh.compact();
 }
 
-/// A limit that the known prices of `count` vertices are below; kStays if there are fewer vertices.
+/// A limit below which the known prices of `count` vertices are; kStays if there are fewer
+/// vertices.
 float Collapser::known_price(const Triangulation& mesh, std::int64_t count) {
   prices_.clear();
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
@@ -476,7 +479,7 @@ bool Collapser::make(const Surface& surface, Triangulation& mesh, const Move& mo
     mesh.close_hole(move.vertex, others);
     return true;
   }
-  if (move.to == kLeaveOut) {  // never below the target: collapses can do better
+  if (move.to == kLeaveOut) {  // never below the target, which collapses reach with less error
     if (mesh.num_vertices() - 3 < target) return false;
     const std::int32_t t = mesh.vertex(move.vertex).triangle;
     leave_out(mesh, nodes_[move.vertex].piece, {&t, 1});
@@ -514,7 +517,7 @@ bool Collapser::is_speck(std::int32_t piece, std::int32_t largest,
          pieces_[piece].doubled_pixels < 2 * least_pixels;
 }
 
-/// The piece of the largest area among those with at least `least_pixels`, else among all.
+/// The piece with the largest area among those with at least `least_pixels`, or among all.
 std::int32_t Collapser::largest_piece(std::int64_t least_pixels) const {
   std::int32_t largest = largest_;
   for (std::int32_t i = 0; i < static_cast<std::int32_t>(pieces_.size()); ++i) {
@@ -570,25 +573,25 @@ std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::in
   Ticker ticker(progress);
   few_ = {};
   few_below_ = off == OffFaces::kNever ? kFewFrom * target : 0;
-  bool all = false;     // the last round found none among the cheapest
-  bool forced = false;  // nothing is left but triangles off the surface
+  bool all = false;     // the last round found no legal move among the cheapest
+  bool forced = false;  // only moves that make triangles off the surface are left
   for (std::int32_t round = 0; mesh.num_vertices() > target; ++round) {
     const std::int64_t before = mesh.num_vertices();
     remember_few(surface, mesh, target);
-    // Few vertices go one by one: the second best of a round may be far from the next round's best.
+    // Few vertices are removed one by one, because the second move of a round may be far worse than
+    // the best of the next.
     const auto many = static_cast<float>(std::max<std::int64_t>(before - kFew, 0));
     const std::int64_t share = 1 + static_cast<std::int64_t>(round_share * many);
     const std::int64_t least = std::max(target, before - share);
     refuses_off_ = refuses_now(surface, before, off, forced);
-    // After sweep(), vertices that were far from the cheapest when last looked at are not looked
-    // at.
+    // After sweep(), vertices whose known price is far above the cheapest are not evaluated.
     const bool few = all || before < 8 * kFew || known_.empty();
     find_moves(surface, mesh, few ? kStays : known_price(mesh, 3 * share), ticker);
-    // Half as many again, because some will not be legal or will have changed neighbours; as for
-    // any lower target, so that lower targets continue where this one stops.
+    // Half as many again, because some will not be legal or will have changed neighbours. The
+    // number does not depend on the target, so that runs with lower targets begin like this one.
     if (!all) keep_cheapest(static_cast<std::size_t>(share + share / 2));
     bool made = false;
-    std::size_t sorted = 0;  // in parts: what is left when enough are made needs no order
+    std::size_t sorted = 0;  // sorted in parts, because the rest is not needed
     for (std::size_t i = 0; i < moves_.size() && mesh.num_vertices() > least; ++i) {
       ticker.tick();
       if (i == sorted) {
@@ -598,7 +601,7 @@ std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::in
       made = make(surface, mesh, moves_[i], round, target) || made;
     }
     const bool stuck = !made && all;
-    if (stuck && !leave_out_least(mesh)) {  // other pieces may block the way, as in a hole
+    if (stuck && !leave_out_least(mesh)) {  // other pieces may block collapses, as in a hole
       if (!refuses_off_ || off == OffFaces::kNever || target == 3) break;
       forced = true;
       continue;

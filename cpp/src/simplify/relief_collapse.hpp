@@ -12,8 +12,8 @@
 
 namespace manip3d::relief_detail {
 
-/// Sum of weighted squared distances to planes, as a function of the offset from a vertex: exact
-/// enough in single precision because the offsets are short.
+/// Sum of weighted squared distances to planes, as a function of the offset from a vertex. Single
+/// precision is accurate enough, because the offsets are short.
 struct LocalQuadric {
   float xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;  // A
   float bx = 0, by = 0, bz = 0;
@@ -26,7 +26,7 @@ struct LocalQuadric {
     yy += wn.y() * n.y(), yz += wn.y() * n.z(), zz += wn.z() * n.z();
     weight += w;
   }
-  /// Adds a quadric of another vertex that lies at `offset` from this one's.
+  /// Adds a quadric of another vertex whose offset from this one is `offset`.
   void add(const LocalQuadric& q, const Vec3& offset);
   [[nodiscard]] float operator()(const Vec3& p) const {
     const float x = p.x(), y = p.y(), z = p.z();
@@ -43,43 +43,44 @@ enum class OffFaces : std::uint8_t {
            ///< to the target, have more pixels than the mesh in the end, these are the result.
 };
 
-/// Removes vertices from a triangulation, always what adds least to the sum of distances between
-/// the surface and the mesh.
+/// Removes vertices from a triangulation; each step is the one that adds least to the sum of
+/// distances between the surface and the mesh.
 ///
 /// - An edge collapses onto one of its ends. The quadric of a vertex [Garland & Heckbert 1997]
 ///   holds the planes of the surface near it, of total weight w (their area). The mean distance is
-///   a sum of distances, not of squares, so the price of a collapse is how much sqrt(w Q) grows, an
-///   estimate of area times distance. Boundary edges add what is lost beside them, at a higher
-///   rate.
-/// - A hole that is down to three vertices is closed: they are interior ones then. Its price is the
-///   area times the mean distance of that triangle from its sides, where the surface is.
-/// - A piece that is down to one triangle is left out: its area times the distance to the nearest
-///   vertex of another piece, for three vertices at once. The largest piece always stays.
+///   a sum of distances, not of squares, so the price of a collapse is the growth of sqrt(w Q), an
+///   estimate of area times distance. For boundary edges, the surface that is lost beside them is
+///   added, at a higher rate.
+/// - A hole of three vertices is closed; they become interior ones. Its price is the area of the
+///   triangle times the mean distance of its points from its sides, where the surface is.
+/// - A piece of one triangle is left out, at the price of its area times the distance to the
+///   nearest vertex of another piece; this removes three vertices. The largest piece always stays.
 class Collapser {
  public:
-  /// @param keep  by pixel, may be empty: vertices there cost `keep_factor` times as much, or stay.
-  /// @param missing_factor  how many times as much surface that is missing costs as one that is off
-  ///                        by as much.
-  /// @param false_factor    how many times as much false surface costs as missing one.
+  /// @param keep  By pixel, may be empty: vertices there cost `keep_factor` times as much, or stay.
+  /// @param missing_factor  Price of missing surface, relative to surface that is off by the same
+  ///                        area times distance.
+  /// @param false_factor    Price of false surface, relative to missing surface.
   void assign(const Surface& surface, const Triangulation& mesh, std::span<const Keep> keep,
               float keep_factor, float missing_factor, float false_factor);
-  /// Many collapses in little time, before run(): vertices one after the other merge where that
-  /// costs no more than a limit, below which the sampled share `sweep_share` of the prices lies.
-  /// Again and again until that is a small part of what is left to remove. A vertex whose price was
-  /// above the limit when it was last computed is skipped afterwards, here and in run(), unless
-  /// another one has merged into it since. Leaves no slots of removed vertices.
+  /// Many collapses in little time, before run(): passes over the vertices merge each one if its
+  /// price is below a limit, which is the quantile `sweep_share` of sampled prices (times the share
+  /// of vertices to remove). Passes are repeated until they remove only a small part of the
+  /// surplus. A vertex whose price was above the limit when it was last computed is skipped
+  /// afterwards, here and in run(), unless another one has merged into it since. Leaves no slots of
+  /// removed vertices.
   void sweep(const Surface& surface, Triangulation& mesh, std::int64_t target, float sweep_share,
              const Progress& progress);
-  /// Stops at `target` vertices, or with more where vertices that stay leave no other way. Best
-  /// first in rounds, each of which removes at most the share `round_share` of the vertices.
-  /// If no collapse leads down to `target`, few_faces() of the mesh at that point are the result.
-  /// @return  pixels of the pieces left out.
+  /// Stops at `target` vertices, or with more if vertices that must stay prevent it. Each round
+  /// makes the best moves first, and removes at most the share `round_share` of the vertices. If no
+  /// collapse leads to `target`, the result is few_faces() of the mesh at that point.
+  /// @return  Number of pixels of the pieces left out.
   std::int64_t run(const Surface& surface, Triangulation& mesh, std::int64_t target,
                    float round_share, OffFaces off, const Progress& progress);
-  /// The share of the area of pieces of fewer pixels than this that may be left out; 0: there are
-  /// none. Never all pieces: if no piece has more pixels, the largest one is no speck.
+  /// The share of the area in pieces of fewer pixels than this, which may be left out; 0 if there
+  /// are none. If no piece has more pixels, the largest one does not count.
   [[nodiscard]] double area_of_specks(std::int64_t least_pixels) const;
-  /// Leaves these out, before run().
+  /// Leaves out these pieces, before run().
   void leave_out_specks(Triangulation& mesh, std::int64_t least_pixels);
 
  private:
@@ -93,12 +94,12 @@ class Collapser {
     double area = 0.0;
     bool fixed = false;  ///< Some vertex stays.
   };
-  /// The numbers of an edge's end that its price needs, in one line of the cache; four_prices()
-  /// reads the four from surface.c on.
+  /// The data of an end of an edge that its price needs, in one cache line. four_prices() reads the
+  /// four numbers from surface.c on.
   struct alignas(64) Node {
     LocalQuadric surface;
     float spent = 0.0F;         ///< sqrt(w Q) at the vertex itself.
-    float factor = 1.0F;        ///< Factor on its price; infinite: it stays.
+    float factor = 1.0F;        ///< Factor on the price of removing the vertex; infinite: it stays.
     std::int32_t touched = -1;  ///< The round in which it last changed.
     std::int32_t piece = -1;
     float area = 0.0F;  ///< Area of the surface at the vertex, times the price of its loss.
@@ -113,19 +114,19 @@ class Collapser {
                                      std::int32_t t) const;
   /// Index in `fan` of the neighbour into which v merges at the lowest price, among neighbours that
   /// were not touched in this round; -1 if there is none.
-  /// @param legal  only legal collapses count.
+  /// @param legal  Consider only legal collapses.
   int cheapest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                const Triangulation::Fan& fan, bool legal, std::int32_t round, float& lowest) const;
-  /// cheapest() for a vertex off the boundary, also of illegal collapses and touched neighbours.
+  /// cheapest() for a vertex off the boundary, including illegal collapses and touched neighbours.
   int cheapest_inside(const Triangulation& mesh, std::int32_t v, const Triangulation::Fan& fan,
                       float& lowest) const;
   /// price() of four neighbours of a vertex off the boundary.
   [[nodiscard]] Float4 four_prices(const Triangulation& mesh, std::int32_t v,
                                    const std::array<std::int32_t, 4>& to) const;
-  /// Is the collapse legal, and does it make no triangle off the surface while these are refused?
+  /// Whether the collapse is legal and, while `refuses_off_`, makes no triangle off the surface.
   [[nodiscard]] bool may_collapse(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                                   const Triangulation::Fan& fan, int i) const;
-  /// @param most  vertices with a known price above this are left out.
+  /// @param most  Vertices with a known price above this are skipped.
   void find_moves(const Surface& surface, const Triangulation& mesh, float most, Ticker& ticker);
   void keep_cheapest(std::size_t count);
   std::size_t sort_more(std::size_t sorted, std::size_t count);
@@ -147,7 +148,8 @@ class Collapser {
   bool leave_out_least(Triangulation& mesh);
   [[nodiscard]] static bool refuses_now(const Surface& surface, std::int64_t num_vertices,
                                         OffFaces off, bool forced);
-  /// Finds few_faces() if the mesh has few enough vertices, and keeps those of most pixels so far.
+  /// Finds few_faces() if the mesh has few enough vertices; keeps those with the most pixels so
+  /// far.
   void remember_few(const Surface& surface, const Triangulation& mesh, std::int64_t target);
   void leave_out(Triangulation& mesh, std::int32_t piece, std::span<const std::int32_t> faces);
 
@@ -157,7 +159,7 @@ class Collapser {
   std::int32_t largest_ = 0;
   std::int64_t left_out_ = 0;  ///< Twice the pixels of the pieces left out.
   bool has_fixed_ = false;
-  bool refuses_off_ = false;  ///< No move may make a triangle that lies a step off the surface.
+  bool refuses_off_ = false;  ///< Moves must not make a triangle that lies a step off the surface.
   float boundary_weight_ = 0.0F, cover_factor_ = 0.0F;
   float least_loss_ = 0.0F;        ///< Smallest confidence by which lost surface is priced.
   FewFaces few_;                   ///< The few faces that cover most pixels so far.
@@ -180,10 +182,11 @@ inline constexpr float kMissingFactor = 12.0F;
 /// as with 2.5 at 1 % of the points.
 inline constexpr float kFalseFactor = 10.0F;
 
-/// Each of so few vertices counts; triangles across steps are then a large part of a mesh.
+/// At most this many vertices are "few": each of them counts, and triangles across steps are a
+/// large part of the mesh.
 constexpr std::int64_t kFew = 64;
 
-/// Vertices for each vertex of the target from which on few_faces() are looked for.
+/// few_faces() are searched from this many vertices per vertex of the target on.
 constexpr std::int64_t kFewFrom = 8;
 
 }  // namespace manip3d::relief_detail

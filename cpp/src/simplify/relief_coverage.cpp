@@ -16,11 +16,11 @@ namespace manip3d {
 namespace relief_detail {
 namespace {
 
-/// A triangle spans a step if more than this share of the pixels seen over it lies a step off it;
-/// the same as _MOST_OFF in _depth_steps.py.
+/// A triangle spans a step if more than this share of the pixels with surface over it is a step off
+/// it. Must equal _MOST_OFF in _depth_steps.py.
 constexpr double kMostOff = 0.25;
 
-/// Bits of a pixel: a face that is not off the surface covers it, or one that is.
+/// Bits of a pixel: covered by a face on the surface, covered by a face off it.
 constexpr std::uint8_t kByOthers = 1, kByOff = 2;
 
 std::int64_t orient(const Corner& a, const Corner& b, const Corner& c) {
@@ -31,9 +31,9 @@ bool holds(const Corners& t, const Corner& p) {
   return orient(t[0], t[1], p) >= 0 && orient(t[1], t[2], p) >= 0 && orient(t[2], t[0], p) >= 0;
 }
 
-/// How many of two dense triangles are missing where a triangle lies over a pixel: of the cell
-/// above and right of it, which it stands for. A cell that lies in the triangle in part counts by
-/// its pixel alone.
+/// Number of the two dense triangles of the cell above and right of a pixel that are missing, for a
+/// triangle over the pixel. If the cell is not completely inside the triangle, only the pixel
+/// itself counts.
 int missing_halves(const Surface& surface, const Corners& t, std::int32_t pixel) {
   const int halves = std::popcount(surface.cell(pixel) & unsigned{kFull});
   if (halves == 2) return 0;
@@ -44,7 +44,7 @@ int missing_halves(const Surface& surface, const Corners& t, std::int32_t pixel)
   return surface.is_used(pixel) ? 0 : 2;
 }
 
-/// How many of the pixels before each one do not stand for a whole cell of surface.
+/// Counts, for each pixel, the pixels before it that do not represent a complete cell of surface.
 void count_flaws(const Surface& surface, std::vector<std::int32_t>& flaws) {
   const auto num_pixels = static_cast<std::int32_t>(surface.num_pixels());
   flaws.resize(surface.num_pixels() + 1);
@@ -58,7 +58,7 @@ void count_flaws(const Surface& surface, std::vector<std::int32_t>& flaws) {
   flaws[num_pixels] = count;
 }
 
-/// The triangle over some pixels, in depth: 1/z is affine in the pixels of a plane.
+/// The depth of a triangle by pixel: 1/z is affine in the pixel coordinates of a plane.
 class InverseDepth {
  public:
   InverseDepth() = default;
@@ -80,10 +80,10 @@ class InverseDepth {
   double start_ = 0.0, along_u_ = 0.0, along_v_ = 0.0;
 };
 
-/// Is a triangle a step in depth before or behind a pixel? `most` is the largest depth that is no
-/// step behind it.
+/// Whether a triangle is a step in front of or behind a pixel. `most` is the largest depth that is
+/// not a step behind the pixel.
 bool is_off(float depth, float most, float inverse_depth) {
-  // The two depths are compared as a ratio, which needs no division, and without a branch.
+  // Both conditions are evaluated without a division and without a branch.
   return !((depth * depth * inverse_depth <= most) & (depth <= most * depth * inverse_depth));
 }
 
@@ -92,7 +92,8 @@ bool is_off(const Surface& surface, std::int32_t pixel, float inverse_depth) {
   return is_off(depth, depth + surface.steps().limit(depth), inverse_depth);
 }
 
-/// Finds the depths that is_off() compares, once for each pixel: several triangles meet in a pixel.
+/// Computes the depths that is_off() compares, once for each pixel, because several triangles meet
+/// at a pixel.
 void find_depths(const Surface& surface, CoverageScratch& scratch) {
   const auto num_pixels = static_cast<std::ptrdiff_t>(surface.num_pixels());
   scratch.depths.resize(surface.num_pixels());
@@ -109,14 +110,14 @@ void find_depths(const Surface& surface, CoverageScratch& scratch) {
   for (; p < num_pixels; ++p) most[p] = depths[p] + steps.limit(depths[p]);
 }
 
-/// Marks those of neighbouring pixels of a row that a triangle is no step away from.
-/// @param mark  the bit that tells by which kind of face.
+/// Marks the pixels of a row from which a triangle is not a step away.
+/// @param mark  Bit of the kind of face.
 void cover_row(const Surface& surface, const InverseDepth& plane, std::int32_t first,
                std::int32_t last, std::uint8_t mark, CoverageScratch& scratch) {
   const int v = first / surface.cols(), u = first - v * surface.cols(), size = last - first + 1;
   const float *depths = scratch.depths.data() + first, *most = scratch.most.data() + first;
   std::uint8_t* const covered = scratch.covered.data() + first;
-  const InverseDepth own = plane;  // bytes may alias whatever is in memory
+  const InverseDepth own = plane;  // a local copy, because writes of bytes may alias the plane
   for (int i = 0; i < size; ++i) {
     const bool off = is_off(depths[i], most[i], own.at(u + i, v));
     covered[i] = static_cast<std::uint8_t>(covered[i] | (off ? 0 : mark));
@@ -130,10 +131,10 @@ float area_of(const Surface& surface, const Corners& t) {
   return 0.5F * (point(t[1]) - point(t[0])).cross(point(t[2]) - point(t[0])).norm();
 }
 
-/// The pixels over a triangle, its corners aside.
+/// The pixels over a triangle, without its corners.
 struct Over {
   std::int64_t seen = 0, unseen = 0;
-  std::int64_t off = 0;  ///< Seen pixels that are a step off it.
+  std::int64_t off = 0;  ///< Pixels with surface that are a step off the triangle.
 };
 
 Over pixels_over(const Surface& surface, const Corners& t) {
@@ -153,9 +154,9 @@ Over pixels_over(const Surface& surface, const Corners& t) {
   return over;
 }
 
-/// Do the ends of a line of pixels differ by a step, and steps on the way make most of that? The
-/// same rule as StepFinder in edge_steps.cpp with `passing`, and the same line for both triangles
-/// at an edge.
+/// Whether the ends of a line of pixels differ by a step, and steps on the line make up most of the
+/// difference. The rule is that of StepFinder in edge_steps.cpp with `passing`; both triangles at
+/// an edge use the same line.
 bool crosses_step(const Surface& surface, const Corner& one, const Corner& other) {
   const bool in_order = std::tie(one[1], one[0]) <= std::tie(other[1], other[0]);
   const Corner& from = in_order ? one : other;
@@ -187,7 +188,7 @@ bool crosses_step(const Surface& surface, const Corner& one, const Corner& other
 bool lies_off(const Surface& surface, const Corners& t) {
   const auto depth = [&](int i) { return surface.depth(t[i][1] * surface.cols() + t[i][0]); };
   const auto [least, most] = std::minmax({depth(0), depth(1), depth(2)});
-  // The limit rises with the depth: no two corners differ by a step then.
+  // The limit increases with the depth, so no two corners differ by a step.
   if (least > 0.0F && !surface.steps().is_step(least, most)) return false;
   if (!crosses_step(surface, t[0], t[1]) && !crosses_step(surface, t[1], t[2]) &&
       !crosses_step(surface, t[2], t[0])) {
@@ -204,7 +205,7 @@ Corners corners_at(const Surface& surface, const std::array<std::int32_t, 3>& pi
   return t;
 }
 
-/// Counter-clockwise with v up, in pixels of the surface.
+/// Corners counter-clockwise with v up, as pixels of the surface.
 Corners corners_of(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                    const Eigen::Ref<const Rows<std::int32_t, 3>>& faces, Eigen::Index face) {
   Corners t{};
@@ -216,7 +217,7 @@ Corners corners_of(const Surface& surface, const Eigen::Ref<const Rows<std::int3
   return t;
 }
 
-/// Pixels and areas of a mesh, face by face.
+/// Sums of pixels and areas over the faces of a mesh.
 struct Covered {
   double area = 0.0, bridges = 0.0;
   std::int64_t pixels = 0;
@@ -238,7 +239,7 @@ struct Covered {
   }
 };
 
-/// Counts the covered pixels of surface, a row at a time: its bytes fit into small counters.
+/// Counts the covered pixels of surface row by row, so that small counters are enough.
 void count_pixels(const Surface& surface, std::span<const std::uint8_t> covered, Covered& whole,
                   Covered& without_off) {
   const auto cols = static_cast<std::size_t>(surface.cols());
@@ -255,8 +256,8 @@ void count_pixels(const Surface& surface, std::span<const std::uint8_t> covered,
   }
 }
 
-/// The part of a face's area that lies over pixels without surface.
-/// @param visit  is called with the first and the last pixel of each of its rows.
+/// The part of a face's area over pixels without surface.
+/// @param visit  Called with the first and the last pixel of each of its rows.
 template <typename Visit>
 double bridge_of(const Surface& surface, const Corners& t, std::span<const std::int32_t> flaws,
                  Visit&& visit) {
@@ -275,7 +276,7 @@ double bridge_of(const Surface& surface, const Corners& t, std::span<const std::
 }
 
 /// Marks the pixels that a face covers.
-/// @return  the part of its area that lies over pixels without surface.
+/// @return  The part of its area over pixels without surface.
 double cover_face(const Surface& surface, const Corners& t, std::uint8_t mark,
                   CoverageScratch& scratch) {
   const bool has_steps = surface.steps().has_steps();
@@ -290,7 +291,7 @@ double cover_face(const Surface& surface, const Corners& t, std::uint8_t mark,
   });
 }
 
-/// Calls visit(pixel) for the pixels of surface that a face covers.
+/// Calls visit(pixel) for the pixels of the surface that a face covers.
 template <typename Visit>
 void visit_covered(const Surface& surface, const Corners& t, Visit&& visit) {
   const bool has_steps = surface.steps().has_steps();
@@ -302,8 +303,8 @@ void visit_covered(const Surface& surface, const Corners& t, Visit&& visit) {
   });
 }
 
-/// Finds the bridges of the mesh of `scratch.corners`, the largest first.
-/// @return  the area of all faces.
+/// Finds the bridges in the mesh of `scratch.corners`, the largest first.
+/// @return  Total area of the faces.
 double find_bridges(const Surface& surface, CoverageScratch& scratch) {
   count_flaws(surface, scratch.flaws);
   scratch.bridges.clear();
@@ -337,7 +338,7 @@ CutCoverage coverage_of(const Surface& surface,
                         std::span<const std::uint8_t> off, CoverageScratch& scratch) {
   CutCoverage result;
   result.whole.outside = result.without_off.outside = Covered::share_outside(surface);
-  if (surface.num_used() == 0) {  // all of its area is a bridge
+  if (surface.num_used() == 0) {  // the whole area is a bridge
     for (Eigen::Index f = 0; f < faces.rows(); ++f) {
       if (!has_area(pixels, faces, f)) continue;
       result.whole.bridges = 1.0;
@@ -351,7 +352,7 @@ CutCoverage coverage_of(const Surface& surface,
   Covered whole, without_off;
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     const Corners t = corners_of(surface, pixels, faces, f);
-    // A corner may be a far pixel that the surface leaves out: its face covers nothing.
+    // A corner may be a distant pixel that the surface does not contain; its face covers nothing.
     if (orient(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
     const bool is_off = !off.empty() && off[f] != 0;
     const double bridge = cover_face(surface, t, is_off ? kByOff : kByOthers, scratch);

@@ -17,7 +17,7 @@ using Corners = std::array<Corner, 3>;
 
 /// A face over pixels without surface.
 struct Bridge {
-  double area;  ///< The area of the face over these.
+  double area;  ///< The area of the face over these pixels.
   Eigen::Index face;
 };
 
@@ -25,10 +25,10 @@ struct Bridge {
 struct CoverageScratch {
   std::vector<std::uint8_t> covered;
   std::vector<std::int32_t> flaws;
-  std::vector<float> depths;         ///< By pixel, where there are steps.
-  std::vector<float> most;           ///< By pixel: the largest depth that is no step behind it.
-  std::vector<std::uint16_t> times;  ///< By pixel: how many faces cover it.
-  std::vector<Corners> corners;      ///< By face; of faces that cover nothing, all are equal.
+  std::vector<float> depths;         ///< By pixel, if there are steps.
+  std::vector<float> most;           ///< By pixel: the largest depth that is not a step behind it.
+  std::vector<std::uint16_t> times;  ///< By pixel: number of faces that cover it.
+  std::vector<Corners> corners;      ///< By face; all equal for faces that cover nothing.
   std::vector<Bridge> bridges;
   std::vector<std::int32_t> faces_at;  ///< By vertex: number of its faces.
 };
@@ -38,8 +38,8 @@ struct CutCoverage {
   DepthCoverage whole, without_off;
 };
 
-/// Like depth_coverage(), for a surface that was built before.
-/// @param off  by face: whether it is left out of `without_off`; may be empty: none is.
+/// depth_coverage() for an existing surface.
+/// @param off  By face: whether it is excluded from `without_off`; may be empty: none is.
 CutCoverage coverage_of(const Surface& surface,
                         const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                         const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
@@ -50,18 +50,18 @@ std::vector<float> off_surface(const Surface& surface,
                                const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                                const Eigen::Ref<const Rows<std::int32_t, 3>>& faces);
 
-/// Does a triangle join what is apart? One of its sides crosses a step, and no more than half of
-/// the pixels over it are seen, or more than a quarter of those lies a step off it. The rule by
-/// which across_steps() in _depth_steps.py leaves faces out.
+/// Whether a triangle joins surfaces that a step separates: one of its sides crosses a step, and at
+/// most half of the pixels over it have surface, or more than a quarter of those are a step off it.
+/// across_steps() in _depth_steps.py leaves out faces by the same rule.
 bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels);
 
-/// How many pixels a triangle covers, its corners aside: those of the surface that are no step off
-/// it.
+/// Number of pixels that a triangle covers, without its corners: pixels of the surface that are not
+/// a step off it.
 std::int64_t covered_pixels(const Surface& surface, const std::array<std::int32_t, 3>& pixels);
 
-/// Leaves out the faces of a mesh that are bridges rather than surface: more of their area lies
-/// over pixels without surface than they alone cover of the surface, as shares of the whole. Those
-/// with the largest bridges go first, and each vertex keeps a face.
+/// Leaves out the faces that are bridges rather than surface: more of their area lies over pixels
+/// without surface than they alone cover of the surface, as shares of the whole. The largest
+/// bridges are left out first, and each vertex keeps a face.
 void remove_bridges(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                     Rows<std::int32_t, 3>& faces, CoverageScratch& scratch);
 

@@ -19,7 +19,7 @@ std::int64_t doubled_pixels_of(const Triangulation& mesh, std::int32_t t) {
   return mesh.orient(a, b, c);
 }
 
-/// Chooses triangles one after the other.
+/// Chooses triangles one after the other, greedily.
 class Chooser {
  public:
   Chooser(const Triangulation& mesh, std::int64_t most_vertices, FewFaces& chosen)
@@ -40,7 +40,8 @@ class Chooser {
       const Offer offer = best_.top();
       best_.pop();
       if (states_[offer.face] != kOffered || offer.cost != cost_of(offer.face)) continue;
-      if (offer.cost <= room_) take(offer.face);  // else it may be offered again for less
+      // Too expensive now; it may be offered again for less.
+      if (offer.cost <= room_) take(offer.face);
     }
   }
 
@@ -55,7 +56,7 @@ class Chooser {
     }
   };
 
-  /// How many vertices it adds: a triangle at two taken ones joins their fans.
+  /// Number of vertices that a triangle adds; one with two chosen neighbours connects their fans.
   [[nodiscard]] int cost_of(std::int32_t t) const {
     const auto beside = std::ranges::count_if(mesh_.neighbors(t), [this](std::int32_t n) {
       return n != Triangulation::kNone && states_[n] == kTaken;
@@ -81,7 +82,7 @@ class Chooser {
   std::int64_t room_;
   FewFaces& chosen_;
   std::vector<State> states_;          ///< By face.
-  std::vector<std::int64_t> covered_;  ///< By face: how many pixels it covers.
+  std::vector<std::int64_t> covered_;  ///< By face: number of pixels that it covers.
   std::priority_queue<Offer> best_;
 };
 

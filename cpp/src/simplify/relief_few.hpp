@@ -13,9 +13,9 @@ struct FewFaces {
   std::int64_t covered = 0;  ///< Sum of the pixels that each of them covers.
 };
 
-/// Triangles of a mesh that have at most so many vertices, one for each fan: always the one next
-/// that covers most pixels for each vertex that it adds. None lies off the surface unless all do;
-/// then it is the largest one.
+/// Choose triangles of a mesh with at most this many vertices in total (one for each fan): always
+/// the triangle that covers most pixels per vertex that it adds. Triangles off the surface are not
+/// chosen; if all are, the result is the largest one.
 FewFaces few_faces(const Surface& surface, const Triangulation& mesh, std::int64_t most_vertices);
 
 /// Twice the area in pixels of all triangles.

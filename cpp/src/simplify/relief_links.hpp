@@ -6,15 +6,15 @@
 
 namespace manip3d::relief_detail {
 
-/// Steps from a pixel to one of the eight around it, and what tells whether the two are linked: by
-/// a dense edge, or by a whole cell where they are diagonal.
+/// A step from a pixel to one of its eight neighbours. The two are linked by a dense edge or, if
+/// they are diagonal neighbours, by a complete cell.
 struct PixelStep {
   PixelStep(int across, int up, std::int32_t cols)
       : du(across), dv(up), cols_(cols), to_cell_(-(across > 0 ? 1 : 0) - (up > 0 ? cols : 0)) {}
 
-  /// Is a pixel linked to the one before it?
+  /// Whether a pixel is linked to the one before the step.
   [[nodiscard]] bool is_linked(const Surface& surface, std::int32_t pixel) const {
-    const std::int32_t low = pixel + to_cell_;  // the cell above and right of the lesser one
+    const std::int32_t low = pixel + to_cell_;  // cell above and right of the lower pixel
     const auto cell = [&](std::int32_t at) -> unsigned { return at >= 0 ? surface.cell(at) : 0U; };
     if (dv == 0) return (cell(low) & kFirst) != 0 || (cell(low - cols_) & kSecond) != 0;
     if (du != 0) return (cell(low) & kFull) == kFull;
@@ -32,8 +32,8 @@ struct PixelStep {
   std::int32_t cols_, to_cell_;
 };
 
-/// Does the dense surface go on from a pixel to one so many columns and rows away, over the pixels
-/// that diagonal steps lead to first?
+/// Whether the dense surface continues from a pixel to one at this offset in columns and rows,
+/// along a path that starts with the diagonal steps.
 inline bool are_linked(const Surface& surface, std::int32_t pixel, int du, int dv) {
   const auto sign = [](int value) { return (value > 0 ? 1 : 0) - (value < 0 ? 1 : 0); };
   while (du != 0 || dv != 0) {

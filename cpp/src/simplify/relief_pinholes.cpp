@@ -7,16 +7,17 @@
 namespace manip3d::relief_detail {
 namespace {
 
-/// Least share of the pixels that pinholes must hold: fewer cost less time as ends of the surface
-/// than a second surface does (real images with 4 to 300 pinholes took a fifth longer).
+/// Least share of the pixels in pinholes for which filling pays. With fewer, treating them as ends
+/// of the surface costs less time than a second surface (on real images with 4 to 300 pinholes,
+/// filling took a fifth longer).
 constexpr double kLeastShare = 1e-3;
 
-/// Share of the pixels in pinholes from which on pixels are missing at random: real cameras here
-/// have at most a thousandth, a loss of 3 % at random 29 thousandths.
+/// Share of the pixels in pinholes from which on pixels are missing at random. Images of real
+/// cameras have at most 0.001 here; a random loss of 3 % of the pixels gives 0.029.
 constexpr double kChanceShare = 0.02;
 
-/// Rounds of the mean of neighbours: what is left of a hole of four pixels after these is less than
-/// a millionth of the difference between its neighbours.
+/// Rounds of averaging neighbours. After these, the remaining error in a hole of four pixels is
+/// less than a millionth of the difference between its neighbours.
 constexpr int kRounds = 24;
 
 using Point = Eigen::Map<const Eigen::Vector3f>;
@@ -29,7 +30,7 @@ std::uint64_t eight_bytes(const std::uint8_t* from) {
 
 }  // namespace
 
-/// The eight pixels around one that is not on the border of the grid.
+/// Visits the eight pixels around one that is not on the border of the grid.
 template <typename Visit>
 void PinholeFiller::visit_around(std::int64_t pixel, Visit&& visit) const {
   for (const std::int64_t row : {-grid_.cols, std::int64_t{0}, grid_.cols}) {
@@ -93,11 +94,12 @@ void PinholeFiller::find(const StepRule& steps, const DenseRule& rule, const Sur
   for (const Hole& hole : holes_) num_filled_ += hole.size;
 }
 
-/// Small ones; all other pixels without a measurement are open.
+/// Finds small holes; all other pixels without a measurement become open.
 void PinholeFiller::find_holes(const StepRule& steps, const Surface& surface, int most) {
   const std::int64_t num_pixels = grid_.rows * grid_.cols;
   state_.resize(num_pixels);
-  std::uint8_t* const state = state_.data();  // bytes may alias whatever is in memory
+  // A local copy, because writes of bytes may alias members.
+  std::uint8_t* const state = state_.data();
   const std::uint8_t* const valid = grid_.valid;
   for (std::int64_t p = 0; p < num_pixels; ++p) {
     state[p] = static_cast<std::uint8_t>(valid[p] != 0 ? kMeasured : kUnseen);
@@ -115,7 +117,8 @@ void PinholeFiller::find_holes(const StepRule& steps, const Surface& surface, in
   }
   holes_.clear();
   hole_at_.resize(num_pixels);
-  // A pixel beside an open one is open: most pixels without a measurement lie around an object.
+  // A pixel beside an open one is open, because most pixels without a measurement are around an
+  // object.
   for (std::int64_t p = grid_.cols + 1; p < num_pixels - grid_.cols; ++p) {
     if (p + 8 <= num_pixels && eight_bytes(&state_[p]) == 0) {  // all measured
       p += 7;
@@ -130,7 +133,7 @@ void PinholeFiller::find_holes(const StepRule& steps, const Surface& surface, in
   }
 }
 
-/// A measurement with steps all around it is on no surface: it counts as none.
+/// Finds measurements with steps all around them. They are on no surface and count as missing.
 void PinholeFiller::find_strays(const StepRule& steps, const Surface& surface) {
   used_.resize(grid_.cols);
   for (std::int64_t v = 1; v + 1 < grid_.rows; ++v) {
@@ -138,7 +141,7 @@ void PinholeFiller::find_strays(const StepRule& steps, const Surface& surface) {
     for (std::int64_t u = 1; u + 1 < grid_.cols; ++u) {
       const std::int64_t p = v * grid_.cols + u;
       if (u + 8 <= grid_.cols && (eight_bytes(grid_.valid + p) & ~eight_bytes(&used_[u])) == 0) {
-        u += 7;  // all that are measured are used
+        u += 7;  // all measured pixels are used
         continue;
       }
       if (grid_.valid[p] == 0 || used_[u] != 0) continue;
@@ -159,8 +162,8 @@ void PinholeFiller::find_strays(const StepRule& steps, const Surface& surface) {
   }
 }
 
-/// The pixels that share sides with the first one: a hole, or open where they are too many, or
-/// reach what is open.
+/// Gathers the pixels connected to the first one by sides: a hole, or open if they are too many or
+/// touch an open pixel.
 void PinholeFiller::gather(std::int32_t first, int most) {
   Hole hole;
   hole.pixels[hole.size++] = first;
@@ -201,7 +204,7 @@ bool PinholeFiller::is_amid_surface(const Hole& hole, const StepRule& steps,
   return !steps.has_steps() || !steps.is_step(low.z(), high.z());
 }
 
-/// A hole beside an open one is at the end of a surface, and so are those beside it.
+/// Opens holes beside open ones, which are at the end of a surface, and then those beside these.
 void PinholeFiller::open_beside_open() {
   while (!open_.empty()) {
     const std::int64_t from = open_.back();
@@ -227,12 +230,12 @@ void PinholeFiller::interpolate() {
   }
 }
 
-/// Gauss-Seidel from the mean of the measured neighbours, so that a plane stays one.
+/// Gauss-Seidel iteration that starts from the mean of the measured neighbours; planes stay planes.
 void PinholeFiller::interpolate(const Hole& hole) {
   constexpr int kMeasuredOne = -1;
   const std::array<std::int64_t, 4> steps = {-grid_.cols, -1, 1, grid_.cols};
   const auto at = [this](std::int64_t p) { return Point(grid_.points + 3 * p).cast<double>(); };
-  std::array<std::array<int, 4>, kChanceHole> beside{};  // in the hole, or kMeasuredOne
+  std::array<std::array<int, 4>, kChanceHole> beside{};  // index in the hole, or kMeasuredOne
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   int count = 0;
   for (int i = 0; i < hole.size; ++i) {

@@ -9,34 +9,35 @@
 
 namespace manip3d::relief_detail {
 
-/// Largest hole, in pixels that share sides, that the surface is continued over.
+/// Largest hole, in pixels connected by sides, over which the surface is continued.
 inline constexpr int kPinhole = 4;
-/// Largest hole where so many pixels are in pinholes that larger holes are what chance makes of
-/// them.
+/// The same if pixels are missing at random, where larger holes occur by chance.
 inline constexpr int kChanceHole = 32;
 
-/// A grid without its pinholes: cameras lose single pixels everywhere on a surface, which is not an
-/// end of it. Each would cost the triangulation a boundary.
+/// Fills pinholes of a grid. Cameras lose single pixels anywhere on a surface, and each would cost
+/// the triangulation a boundary.
 class PinholeFiller {
  public:
-  /// Continues the surface over holes of at most kPinhole pixels with measured ones all around, no
-  /// step in depth and no edge that is too long among these: each pixel becomes the mean of its
-  /// four neighbours. They have confidence 0, so that they are no evidence. A pixel with steps all
-  /// around it is a hole, too. Where such holes are a fiftieth of the pixels, pixels are missing at
-  /// random, and holes of at most kChanceHole are taken as well.
-  /// @param surface  that of the grid by the rule: what it uses has a neighbour without a step.
-  /// @return  false: fewer than one pixel of a thousand is in one, and grid() is not to be used.
+  /// Continues the surface over holes of at most kPinhole pixels that are surrounded by measured
+  /// pixels without a step in depth or a too long edge between them: each filled pixel is the mean
+  /// of its four neighbours. Filled pixels have confidence 0, so that they are no evidence. A pixel
+  /// with steps all around it counts as a hole, too. If a fiftieth of the pixels are in such holes,
+  /// pixels are missing at random, and holes of at most kChanceHole pixels are filled as well.
+  /// @param surface  Surface of the grid by the same rule; every pixel that it uses has a neighbour
+  ///                 without a step.
+  /// @return  False if less than one pixel in a thousand is in a pinhole; grid() must not be used
+  ///          then.
   bool fill(const PointGridView& grid, const DenseRule& rule, std::span<const float> confidence,
             const Surface& surface);
 
   [[nodiscard]] PointGridView grid() const { return filled_; }
   [[nodiscard]] std::span<const float> confidence() const { return confidence_; }
-  /// Pixels of the grid that are filled.
+  /// Filled pixels of the grid.
   [[nodiscard]] std::span<const std::int32_t> filled() const { return filled_pixels_; }
   [[nodiscard]] std::int64_t num_filled() const { return num_filled_; }
-  /// Are pixels missing at random: was a fiftieth of them filled?
+  /// Whether pixels are missing at random: at least a fiftieth of them were filled.
   [[nodiscard]] bool are_by_chance() const { return by_chance_; }
-  /// Is this pixel of the grid a filled one?
+  /// Whether a pixel of the grid was filled.
   [[nodiscard]] bool is_filled(std::int64_t pixel) const { return state_[pixel] == kFilled; }
   void clear() {
     num_filled_ = 0;
@@ -49,14 +50,14 @@ class PinholeFiller {
     int size = 0;
     std::array<std::int32_t, kChanceHole> pixels;
   };
-  /// Finds the holes of at most `most` pixels, and how many pixels they have.
+  /// Finds the holes of at most `most` pixels, and their total number of pixels.
   void find(const StepRule& steps, const DenseRule& rule, const Surface& surface, int most);
-  /// Makes the grid without its pinholes.
+  /// Builds the grid without its pinholes.
   void fill_in(std::span<const float> confidence);
   void find_holes(const StepRule& steps, const Surface& surface, int most);
   void find_strays(const StepRule& steps, const Surface& surface);
   void gather(std::int32_t first, int most);
-  /// Is a hole amid one surface? Those of its neighbours that are open end the surface.
+  /// Whether a hole is within one surface. Open neighbours are ends of the surface.
   [[nodiscard]] bool is_amid_surface(const Hole& hole, const StepRule& steps,
                                      double max_edge) const;
   void open_beside_open();
@@ -69,7 +70,8 @@ class PinholeFiller {
   PointGridView grid_, filled_;
   std::vector<std::uint8_t> state_;  ///< By pixel.
   std::vector<Hole> holes_;
-  std::vector<std::int64_t> open_;  ///< Pixels of holes that turned out open, to be looked around.
+  /// Pixels of holes that became open, whose neighbours must be tested.
+  std::vector<std::int64_t> open_;
   std::vector<std::uint8_t> used_;  ///< Whether a pixel of a row is on the surface.
   std::vector<std::int32_t> hole_at_;
   std::vector<std::int32_t> filled_pixels_;

@@ -8,9 +8,9 @@
 
 namespace manip3d::relief_detail {
 
-/// Which pixels on a triangle's sides count as inside.
+/// How pixels on the sides of a triangle are treated.
 enum class SidePixels : std::uint8_t {
-  kShared,  ///< Pixels on a side count for one of the two triangles that meet there.
+  kShared,  ///< A pixel on a side counts for one of the two triangles at that side.
   kOpen,    ///< Pixels on sides do not count.
   kClosed,  ///< All pixels on sides count.
 };
@@ -21,7 +21,7 @@ template <typename Visit>
 void visit_spans(int cols, std::array<std::int32_t, 2> a, std::array<std::int32_t, 2> b,
                  std::array<std::int32_t, 2> c, SidePixels edges, Visit&& visit) {
   // A pixel of row v is inside of a side that rises by dv if dv * u <= value, where value is affine
-  // in v. Its quotient by |dv| and the remainder are carried from row to row.
+  // in v. The quotient of value by |dv| and the remainder are updated from row to row.
   struct Side {
     std::int32_t dv, size, quotient, remainder, quotient_step, remainder_step;
     void next() {
@@ -34,7 +34,8 @@ void visit_spans(int cols, std::array<std::int32_t, 2> a, std::array<std::int32_
   const auto side = [&](const std::array<std::int32_t, 2>& p,
                         const std::array<std::int32_t, 2>& q) {
     const std::int32_t du = q[0] - p[0], dv = q[1] - p[1];
-    // A side belongs to the triangle whose side goes down there or, if level, to the right.
+    // A pixel on a side belongs to the triangle for which the side goes down or, if horizontal, to
+    // the right.
     const bool inside = edges == SidePixels::kClosed ||
                         (edges == SidePixels::kShared && (dv < 0 || (dv == 0 && du > 0)));
     const std::int32_t value = du * (v0 - p[1]) + dv * p[0] - (inside ? 0 : 1);
@@ -64,7 +65,7 @@ void visit_spans(int cols, std::array<std::int32_t, 2> a, std::array<std::int32_
   }
 }
 
-/// Calls visit(pixel) for each of these pixels.
+/// Calls visit(pixel) for each pixel in a triangle.
 template <typename Visit>
 void visit_pixels(int cols, const std::array<std::int32_t, 2>& a,
                   const std::array<std::int32_t, 2>& b, const std::array<std::int32_t, 2>& c,
@@ -75,10 +76,11 @@ void visit_pixels(int cols, const std::array<std::int32_t, 2>& a,
 }
 
 /// Calls visit(pixel, on_first, on_second) for the pixels in and on the triangle between a pixel,
-/// one of the eight around it and a third one that is not on a line with them. `on_first` and
-/// `on_second`: is it on the side from the pixel, or from its neighbour, to the third one? Without
-/// a division: column by column, or row by row where the triangle is higher than wide.
-/// @param step  from the pixel to its neighbour.
+/// one of its eight neighbours and a third pixel that is not on a line with them. `on_first` and
+/// `on_second` tell whether it is on the side from the pixel, or from the neighbour, to the third
+/// one. Works without divisions: column by column, or row by row if the triangle is higher than
+/// wide.
+/// @param step  From the pixel to its neighbour.
 template <typename Visit>
 void visit_sliver(std::int32_t cols, const std::array<std::int32_t, 2>& from,
                   const std::array<std::int32_t, 2>& step, const std::array<std::int32_t, 2>& end,
@@ -92,7 +94,7 @@ void visit_sliver(std::int32_t cols, const std::array<std::int32_t, 2>& from,
   }
   if (length < 0) length = -length, dx = -dx, right = -right;
   if (length * dy < rise * dx) rise = -rise, dy = -dy, up = -up;
-  // The neighbour is above the first side now, whose slope is -1 to 1.
+  // Now the neighbour is above the first side, whose slope is -1 to 1.
   std::int32_t column = from[1] * cols + from[0];
   std::int32_t x = 0;
   if (dx < 0) visit(column - right + dy * up, false, true);
@@ -101,8 +103,8 @@ void visit_sliver(std::int32_t cols, const std::array<std::int32_t, 2>& from,
     x = 1;
     column += right;
   }
-  // The lowest and the highest pixel of a column, and how far they are above the first side and
-  // below the second one, times the length of these.
+  // The lowest and the highest pixel of a column, and their distances above the first side and
+  // below the second one, multiplied by the lengths of these sides.
   std::int32_t low = x == 0 ? 0 : rise > 0 ? 1 : rise == -length ? -1 : 0;
   std::int32_t above = low * length - x * rise;
   const std::int32_t top_length = length - dx, top_rise = rise - dy;

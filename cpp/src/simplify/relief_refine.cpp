@@ -13,10 +13,11 @@
 namespace manip3d::relief_detail {
 namespace {
 
-// A vertex or an edge of the frame before gives way only for less than this part of its error.
+// A vertex or an edge of the previous frame is replaced only if that leaves less than this share of
+// its error.
 constexpr float kKeptGain = 0.5F;
 
-// With few points for many pixels a triangle has thousands of pixels.
+// Ticks are frequent, because a triangle of a sparse mesh has thousands of pixels.
 constexpr std::uint32_t kFacesPerTick = 16;
 
 struct SurfaceCorner {
@@ -50,15 +51,15 @@ float triangle_error(const Surface& surface, const Triangulation& mesh, std::int
   return triangle_error(surface, corner_of(mesh, a), corner_of(mesh, b), corner_of(mesh, c));
 }
 
-/// The volume between the two pairs of triangles that a quadrilateral can be cut into, times six: a
-/// flip gains no more than that.
+/// Six times the volume between the two pairs of triangles into which a quadrilateral can be cut:
+/// an upper bound of the gain by a flip.
 float volume_between(const Triangulation& mesh, const std::array<std::int32_t, 4>& abcd) {
   const Vec3& a = mesh.vertex(abcd[0]).point;
   const Vec3 ab = mesh.vertex(abcd[1]).point - a, ac = mesh.vertex(abcd[2]).point - a;
   return std::abs(ab.cross(ac).dot(mesh.vertex(abcd[3]).point - a));
 }
 
-/// Mean volume over every eighth triangle's sides.
+/// Mean volume over the sides of every eighth triangle.
 float mean_volume(const Triangulation& mesh) {
   constexpr std::int32_t kStride = 8;
   double sum = 0.0;
@@ -86,7 +87,7 @@ float sum_of(Float4 lanes) { return (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]
 
 using FourPoints = std::array<Float4, 3>;  ///< x, y and z of each lane.
 
-/// The planes of four triangles, one to a lane: normal and distance from the origin.
+/// The planes of four triangles, one per lane: normal and distance from the origin.
 struct FourPlanes {
   FourPoints normal;
   Float4 d;
@@ -109,20 +110,20 @@ struct FourPlanes {
   }
 };
 
-/// An estimate of the error of a convex quadrilateral, cut as it is and along its other diagonal.
+/// Estimated errors of a convex quadrilateral with its current diagonal and with the other one.
 struct DiagonalErrors {
   float now = 0.0F, flipped = 0.0F;
 };
 
-/// The diagonals cut it into four triangles around the point where they cross. Three pixels of each
-/// stand for it by its share of the pixels.
+/// The diagonals cut the quadrilateral into four triangles around their intersection. Three pixels
+/// of each triangle represent it, weighted by its share of the pixels.
 MANIP3D_INLINE DiagonalErrors errors_of_samples(const Surface& surface, const Triangulation& mesh,
                                                 const std::array<std::int32_t, 4>& abcd) {
   const Triangulation::Vertex &a = mesh.vertex(abcd[0]), &b = mesh.vertex(abcd[1]),
                               &c = mesh.vertex(abcd[2]), &d = mesh.vertex(abcd[3]);
   const auto [px, py, pz, flags] = transpose(
       {load4(&a.point.x()), load4(&b.point.x()), load4(&c.point.x()), load4(&d.point.x())});
-  // Lanes: abc and bdc as it is, abd and adc when it is flipped.
+  // Lanes: abc and bdc for the current diagonal, abd and adc for the flipped one.
   const FourPlanes planes({pick<0, 1, 0, 0>(px), pick<0, 1, 0, 0>(py), pick<0, 1, 0, 0>(pz)},
                           {pick<1, 3, 1, 3>(px), pick<1, 3, 1, 3>(py), pick<1, 3, 1, 3>(pz)},
                           {pick<2, 2, 3, 2>(px), pick<2, 2, 3, 2>(py), pick<2, 2, 3, 2>(pz)});
@@ -174,7 +175,7 @@ void EdgeMemory::assign(const Surface& surface, const Triangulation& mesh) {
   };
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     if (!mesh.is_face(t)) continue;
-    for (int i = 0; i < 3; ++i) {  // an inner edge is met from both sides
+    for (int i = 0; i < 3; ++i) {  // an inner edge is visited from both sides
       const std::uint64_t a = place(mesh.triangle(t)[i]), b = place(mesh.triangle(t)[(i + 1) % 3]);
       if (a < b) edges_.push_back(a << 32 | b);
     }
@@ -221,7 +222,7 @@ float Refiner::mean_error(const Surface& surface, const Triangulation& mesh) {
 int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
                         const EdgeMemory& before, const Progress& progress) {
   Ticker ticker(progress, kFacesPerTick);
-  constexpr float kGain = 0.999F;  // so that rounding does not flip back and forth
+  constexpr float kGain = 0.999F;  // prevents flips back and forth due to rounding
   const float negligible = floor * mean_error(surface, mesh);
   int total = 0;
   for (int sweep = 0; sweep < sweeps; ++sweep) {
@@ -234,7 +235,7 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
         const std::int32_t o = mesh.neighbors(t)[i];
         if (o == Triangulation::kNone || (dirty_[t] == 0 && dirty_[o] == 0)) continue;
         if (o < t && dirty_[o] != 0 && next_dirty_[o] == 0 && next_dirty_[t] == 0)
-          continue;  // asked from there
+          continue;  // the pair is tested from the other triangle
         std::array<std::int32_t, 4> q{};
         if (!mesh.quad(t, i, q)) continue;
         const bool was = before.has(surface, mesh, q[1], q[2]);
@@ -277,7 +278,8 @@ void Refiner::flip_sampled(const Surface& surface, Triangulation& mesh, int swee
       if (!mesh.is_face(t)) continue;
       for (int i = 0; i < 3; ++i) {
         const std::int32_t o = mesh.neighbors(t)[i];
-        if (o < t || (dirty_[t] == 0 && dirty_[o] == 0)) continue;  // kNone, or asked from there
+        // No neighbour, or tested from the other triangle.
+        if (o < t || (dirty_[t] == 0 && dirty_[o] == 0)) continue;
         std::array<std::int32_t, 4> q{};
         if (!mesh.quad(t, i, q)) continue;
         const bool was = before.has(surface, mesh, q[1], q[2]);
@@ -315,7 +317,7 @@ float Refiner::error_at(const Surface& surface, const Triangulation& mesh,
 
 void Refiner::leave_pixels(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,
                            const std::function<bool(std::int32_t)>& is_left) {
-  constexpr int kSweeps = 4;  // what its neighbours did can free a vertex
+  constexpr int kSweeps = 4;  // a vertex may become movable through moves of its neighbours
   Triangulation::Fan fan;
   bool is_done = false;
   for (int sweep = 0; sweep < kSweeps && !is_done; ++sweep) {
@@ -428,8 +430,8 @@ int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radi
         const std::int32_t pixel = (v0 + dv) * surface.cols() + u0 + du;
         if (!surface.is_used(pixel)) continue;
         const float sum = error_at(surface, mesh, fan, pixel, now, errors);
-        // Pixels of an island over a closed hole are a step away: triangles to them would be near
-        // many pixels, as they are steep, but cover none.
+        // Pixels of an island over a closed hole are a step away. Triangles to them are steep and
+        // therefore near many pixels, but cover none.
         if (!(sum < 0.999F * now) || !are_linked(surface, vertex.pixel, du, dv)) continue;
         now = sum;
         best = pixel;
@@ -445,7 +447,7 @@ int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radi
   return moved;
 }
 
-/// The part of the normal equations that one triangle adds, for its corners a, b, c.
+/// The terms that one triangle adds to the normal equations of its corners a, b, c.
 Refiner::Block Refiner::normal_equations(const Surface& surface, const Triangulation& mesh,
                                          const std::vector<Vec3>& directions, std::int32_t t) {
   Block block{};
@@ -457,7 +459,7 @@ Refiner::Block Refiner::normal_equations(const Surface& surface, const Triangula
   if (!(length > 0.0F)) return block;
   const Vec3 n = normal / length;
   const float d = n.dot(a.point);
-  // How far the plane moves per unit that a corner slides.
+  // Distance by which the plane moves per unit that a corner slides.
   const float ka = n.dot(directions[f[0]]), kb = n.dot(directions[f[1]]);
   const float kc = n.dot(directions[f[2]]);
   const float inverse = 1.0F / static_cast<float>(mesh.orient(f[0], f[1], f[2]));
@@ -488,7 +490,7 @@ void Refiner::fit(const Surface& surface, Triangulation& mesh,
 
 void Refiner::solve(const Surface& surface, const Triangulation& mesh,
                     const std::vector<Vec3>& directions) {
-  constexpr int kSweeps = 4;  // Gauss-Seidel: the system is nearly diagonal
+  constexpr int kSweeps = 4;  // Gauss-Seidel sweeps; the system is nearly diagonal
   make_room(offsets_, mesh.num_slots());
   make_room(blocks_, mesh.num_face_slots());
   offsets_.assign(mesh.num_slots(), 0.0F);
@@ -496,7 +498,8 @@ void Refiner::solve(const Surface& surface, const Triangulation& mesh,
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     if (mesh.is_face(t)) blocks_[t] = normal_equations(surface, mesh, directions, t);
   }
-  // A tenth of a pixel's worth of evidence that a vertex stays: some have none of their own.
+  // Evidence equal to a tenth of a pixel that a vertex stays, because some vertices have none of
+  // their own.
   const float ridge = 0.1F * surface.mean_area();
   Triangulation::Fan fan;
   for (int sweep = 0; sweep < kSweeps; ++sweep) {
@@ -519,7 +522,8 @@ void Refiner::solve(const Surface& surface, const Triangulation& mesh,
   }
 }
 
-// Squares listen to the few pixels beside depth steps, which the mean distance hardly counts.
+// Least squares are sensitive to the few pixels beside depth steps, which hardly change the mean
+// distance. So each slide is accepted, halved or dropped by the mean distance.
 void Refiner::accept(const Surface& surface, Triangulation& mesh,
                      const std::vector<Vec3>& directions) {
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {

@@ -10,37 +10,38 @@ namespace manip3d::relief_detail {
 namespace {
 
 constexpr float kMustSplit = std::numeric_limits<float>::infinity();
-constexpr float kNoTriangle = -1.0F;  // no dense triangle around
+constexpr float kNoTriangle = -1.0F;  // the pixel is in no dense triangle
 constexpr float kAllNotFlat = std::numeric_limits<float>::denorm_min();
 constexpr int kTile = Surface::kTile;
 
-/// Errors are counted by their upper bits, which order as they do.
+/// Errors are counted by their upper bits, which have the same order.
 constexpr int kErrorShift = 19;
 constexpr std::uint32_t kRowsPerTick = 16;
 
 std::size_t bucket_of(float error) { return std::bit_cast<std::uint32_t>(error) >> kErrorShift; }
 
-/// Distance of a point from a line. Zero on a plane for every camera: straight lines of pixels are
-/// straight lines in space there.
+/// Distance of a point from a line. It is zero on planes, because straight lines of pixels are
+/// straight lines in space there, for every camera.
 inline float distance_from_line(const Vec3& p, const Vec3& a, const Vec3& b) {
   const Vec3 along = b - a;
   const float length = along.squaredNorm();
   return length > 0.0F ? std::sqrt((p - a).cross(along).squaredNorm() / length) : 0.0F;
 }
 
-// Vertices by their coordinates in steps: one odd and one even, a "side" halves the side of a
-// square of two steps; both odd, a "diagonal" halves the diagonal of such a square.
+// Coordinates of vertices are counted in steps. If one is odd and the other even, the vertex is a
+// "side": it halves a side of a square of two steps. If both are odd, it is a "diagonal": it halves
+// the diagonal of such a square.
 bool is_kept(std::span<const Keep> keep, std::int32_t pixel) {
   return !keep.empty() && keep[pixel] != Keep::kFree;
 }
 
 bool is_odd(int i) { return (i & 1) != 0; }
 
-/// The ends of the diagonal of the square of two steps around (u, v): the one corner that is even
-/// in both coordinates and the one that is odd in both, counted in sides of the square.
+/// Direction of the diagonal of the square of two steps around (u, v). Its ends are the corner that
+/// is even in both coordinates and the one that is odd in both, counted in sides of the square.
 int diagonal_direction(int u, int v, int step) {
   const int i = (u - step) / (2 * step), j = (v - step) / (2 * step);
-  return is_odd(i) == is_odd(j) ? 1 : -1;  // v grows with u along it, or falls
+  return is_odd(i) == is_odd(j) ? 1 : -1;  // v grows with u along it, or decreases
 }
 
 }  // namespace
@@ -73,8 +74,9 @@ void StartMesh::measure_pixels(const Surface& surface) {
   }
 }
 
-/// Raises the errors of four bisections in a row by their own: the distance of the pixel from the
-/// line between two others, times the area around it. Those that are not measured stay.
+/// Raises the errors of four bisections in a row to their own errors: the distance of the pixel
+/// from the line between two others, times the area around it. Errors of pixels that are not
+/// measured do not change.
 Float4 StartMesh::raised(const Surface& surface, Float4 errors, std::int32_t first, int stride,
                          const std::array<std::int32_t, 4>& away, float weight) const {
   const auto lanes = [&](auto&& pixel) {
@@ -84,7 +86,7 @@ Float4 StartMesh::raised(const Surface& surface, Float4 errors, std::int32_t fir
   const auto [px, py, pz, area] = lanes([&](int i) { return first + i * stride; });
   const auto [ax, ay, az, area_a] = lanes([&](int i) { return first + i * stride - away[i]; });
   const auto [bx, by, bz, area_b] = lanes([&](int i) { return first + i * stride + away[i]; });
-  // Equal operations to those of distance_from_line(), so that the bits are equal.
+  // The same operations as in distance_from_line(), so that the bits are equal.
   const Float4 x1 = px - ax, y1 = py - ay, z1 = pz - az, x2 = bx - ax, y2 = by - ay, z2 = bz - az;
   const Float4 x = y1 * z2 - z1 * y2, y = z1 * x2 - x1 * z2, z = x1 * y2 - y1 * x2;
   const Float4 squared = x * x + (y * y + z * z), length = x2 * x2 + (y2 * y2 + z2 * z2);
@@ -99,9 +101,9 @@ Float4 StartMesh::raised(const Surface& surface, Float4 errors, std::int32_t fir
   return can_rise ? own : errors;
 }
 
-/// Measures a row of bisections: the errors of their parts, raised by their own.
-/// @param part  of the pixel in a column: the largest error of its parts.
-/// @param away  of the pixel in a column: the ends of what is halved, from there.
+/// Measures a row of bisections: the errors of their parts, raised to their own.
+/// @param part  Maps a column to the largest error of the parts.
+/// @param away  Maps a column to the offset of the ends of the halved edge.
 template <typename Part, typename Away>
 void StartMesh::measure_row(const Surface& surface, std::span<const Keep> keep, int v, int first,
                             int step, bool is_measured, Part&& part, Away&& away) {
@@ -192,7 +194,7 @@ void StartMesh::measure(const Surface& surface, int finest, std::span<const Keep
     measure_pixels(surface);
   }
   for (int step = 1; step < kTile; step *= 2) {
-    // A pass that could only write what is there.
+    // With step 1 and a coarser finest grid, measure_sides() would not change anything.
     if (step > 1 || finest == 1 || !keep.empty())
       measure_sides(surface, finest, keep, step, ticker);
     measure_diagonals(surface, finest, keep, step, ticker);
@@ -202,14 +204,14 @@ void StartMesh::measure(const Surface& surface, int finest, std::span<const Keep
   }
 }
 
-/// Counts the errors of every step-th pixel and row that are no less than `least`.
+/// Counts the errors of every step-th pixel and row that are at least `least`.
 void StartMesh::count_errors(const Surface& surface, int step, float least) {
   const int cols = surface.cols();
   histogram_.assign(std::size_t{1} << (31 - kErrorShift), 0);
   const auto count = [&](float error) {
     if (error >= least && error < kMustSplit) ++histogram_[bucket_of(error)];
   };
-  // Few of four neighbours count: most are below the least.
+  // Tests four neighbours at once, because most are below `least`.
   const unsigned in_step = step == 1 ? 15U : step == 2 ? 5U : 1U;
   const int stride = std::max(step, 4);
   for (int v = 0; v < surface.rows(); v += step) {
@@ -226,7 +228,7 @@ void StartMesh::count_errors(const Surface& surface, int step, float least) {
   }
 }
 
-/// The least error of the so many largest ones that were counted, in steps of the histogram.
+/// The least of the `num_vertices` largest errors that were counted, rounded to the histogram.
 float StartMesh::counted_threshold(std::int64_t num_vertices) const {
   std::int64_t left = num_vertices;
   std::size_t bucket = histogram_.size();
@@ -237,8 +239,8 @@ float StartMesh::counted_threshold(std::int64_t num_vertices) const {
 }
 
 float StartMesh::threshold_for(const Surface& surface, std::int64_t num_vertices, int finest) {
-  // All pixels have a threshold no lower than one of sixteen, which is quick to find: what lies
-  // below it needs no counting.
+  // The threshold of all pixels is at least that of one pixel in sixteen, which is found quickly;
+  // smaller errors need not be counted.
   count_errors(surface, 4 * finest, kAllNotFlat);
   const float least = counted_threshold(num_vertices);
   if (least == kMustSplit) return least;
@@ -256,7 +258,7 @@ void StartMesh::find_busy_tiles(const Surface& surface, float threshold) {
   }
 }
 
-/// Visits every stride-th pixel of row v in busy tiles, from `first` to below `end`; a border pixel
+/// Visits every stride-th pixel of row v in busy tiles, from `first` to below `end`. A border pixel
 /// belongs to the next tile.
 template <typename Visit>
 void StartMesh::visit_busy(int cols, int v, int first, int stride, int end, Visit&& visit) {
@@ -275,20 +277,20 @@ void StartMesh::emit_cells(const Surface& surface, float threshold) {
     const std::int32_t a = v * cols + u, b = a + 1, c = a + cols, d = c + 1;
     const std::uint8_t cell = surface.cell(a);
     if ((cell & kFull) == 0) return;
-    // The two corners at which a side is halved: b and c, or a and d.
+    // The two corners at which a side may be halved: b and c, or a and d.
     const bool at_bc = is_odd(u) == is_odd(v);
     const bool first = errors_[at_bc ? b : a] >= threshold;
     const bool second = errors_[at_bc ? c : d] >= threshold;
     if (first && second) {
       if ((cell & kFirst) != 0) faces_.push_back(cell_triangle(cell, false, a, cols));
       if ((cell & kSecond) != 0) faces_.push_back(cell_triangle(cell, true, a, cols));
-    } else if (first || second) {  // half of it; the other half is in a larger triangle
+    } else if (first || second) {  // half of the cell; the other half is in a larger triangle
       const std::uint8_t cut = at_bc ? kFull : kFull | kCutFromBToC;
       faces_.push_back(cell_triangle(cut, second, a, cols));
     }
   };
-  // The error of a diagonal is no less than that of the sides around it: where it is below the
-  // threshold, so are all corners of its four cells, as in squares that are left out.
+  // The error of a diagonal is at least that of the sides around it. If it is below the threshold,
+  // so are all corners of its four cells; this also holds in squares that are left out.
   for (int v = 0; v + 1 < surface.rows(); ++v) {
     const float* const diagonals = errors_.data() + std::ptrdiff_t{v | 1} * cols + 1;
     visit_busy(cols, v, 0, 2, cols - 1, [&](int u) {
@@ -305,7 +307,8 @@ void StartMesh::emit_fans(const Surface& surface, float threshold, int step) {
     faces_.push_back({p, q, r});
   };
   const auto is_flat = [&](std::int32_t p) { return errors_[p] >= 0.0F && errors_[p] < threshold; };
-  // Around halved diagonals: the four quarters of the square whose outer side is not halved.
+  // Around halved diagonals: those of the four quarters of the square whose outer side is not
+  // halved.
   for (int v = step; v < rows; v += 2 * step) {
     visit_busy(cols, v, step, 2 * step, cols, [&](int u) {
       const std::int32_t m = v * cols + u;
@@ -318,7 +321,7 @@ void StartMesh::emit_fans(const Surface& surface, float threshold, int step) {
     });
   }
   if (step == 1) return;
-  // Around halved sides: the up to four halves of the quarters whose long side is not halved.
+  // Around halved sides: those of up to four halves of the quarters whose long side is not halved.
   const int h = step / 2;
   for (int v = 0; v < rows; v += step) {
     const bool odd_row = is_odd(v / step);

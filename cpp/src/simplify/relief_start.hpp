@@ -13,23 +13,23 @@
 namespace manip3d::relief_detail {
 
 /// A first, adaptive triangulation of a surface by longest-edge bisection: right triangles whose
-/// long side is halved where the surface leaves it [Duchaineau et al., "ROAMing terrain", 1997;
-/// Lindstrom et al. 1996]. Where the surface ends or is cut it goes down to single pixels and keeps
-/// the dense mesh's triangles, so that it covers exactly the same pixels.
+/// longest side is halved where the surface deviates from it [Duchaineau et al., "ROAMing terrain",
+/// 1997; Lindstrom et al. 1996]. Where the surface ends or is cut, it is refined to single pixels
+/// and keeps the triangles of the dense mesh, so that it covers exactly the same pixels.
 class StartMesh {
  public:
-  /// Halves where the error is largest: at most `num_vertices` times, not counting what the edges
-  /// of the surface need.
-  /// @param finest  power of two: pixels between the vertices of the finest grid; finer ones only
-  ///                where the edges of the surface need them.
-  /// @param keep  by pixel, may be empty: pixels that become vertices in any case.
-  /// @param by_blocks  the surface's ends are triangulated by ContourBlocks, and bisections
-  ///                   weighed by the area around them instead of their pixels.
+  /// Bisects where the error is largest, at most `num_vertices` times, not counting bisections at
+  /// the ends of the surface.
+  /// @param finest     Power of two: pixels between the vertices of the finest grid; finer ones are
+  ///                   used only at the ends of the surface.
+  /// @param keep       By pixel, may be empty: pixels that become vertices in any case.
+  /// @param by_blocks  The ends of the surface are triangulated by ContourBlocks, and errors of
+  ///                   bisections are weighted by area instead of by pixels.
   std::span<const Triangle> build(const Surface& surface, std::int64_t num_vertices, int finest,
                                   std::span<const Keep> keep, bool by_blocks,
                                   const Progress& progress);
-  /// Orders the triangles tile by tile: neighbours are then near each other in memory, which is
-  /// what loops around vertices wait for.
+  /// Orders the triangles tile by tile, so that neighbours are near each other in memory, on which
+  /// the speed of loops around vertices depends.
   std::span<const Triangle> order_by_tile(const Surface& surface);
 
  private:
@@ -54,25 +54,26 @@ class StartMesh {
   void emit_cells(const Surface& surface, float threshold);
   void emit_fans(const Surface& surface, float threshold, int step);
 
-  /// Is a pixel in a square that bisections leave to `blocks_`, at a step within it?
+  /// Whether a pixel is in a square that is left to `blocks_`, for a step within the square.
   [[nodiscard]] bool is_left_out(int u, int v, int step) const {
     return by_blocks_ && step < ContourBlocks::kSize &&
            blocks_.state(u, v) != ContourBlocks::State::kWhole;
   }
 
-  /// How much the distance of a pixel counts.
+  /// Weight of the distance of a pixel.
   [[nodiscard]] float weight_of(const Surface& surface, std::int32_t pixel) const {
     return by_blocks_ ? surface.sample(pixel).weight : surface.confidence(pixel);
   }
 
-  bool by_blocks_ = false;  ///< In the latest build().
+  bool by_blocks_ = false;  ///< Argument of the latest build().
   ContourBlocks blocks_;
-  std::vector<float> errors_;  ///< By pixel: of the bisection there, at least that of its parts.
-  std::vector<std::uint8_t> busy_;  ///< By tile: is something in it bisected?
+  /// By pixel: error of the bisection there, at least that of its parts.
+  std::vector<float> errors_;
+  std::vector<std::uint8_t> busy_;  ///< By tile: whether something in it is bisected.
   std::vector<std::int32_t> histogram_;
   std::vector<Triangle> faces_, ordered_;
-  std::vector<std::int32_t> first_in_;  ///< By tile: where in `ordered_` it starts.
-  std::vector<std::int32_t> tiles_;     ///< By triangle of `faces_`.
+  std::vector<std::int32_t> first_in_;  ///< By tile: index of its first triangle in `ordered_`.
+  std::vector<std::int32_t> tiles_;     ///< By triangle of `faces_`: its tile.
 };
 
 }  // namespace manip3d::relief_detail

@@ -81,8 +81,8 @@ class StepRule {
   std::optional<DepthStep> slope_;
 };
 
-/// Which dense triangles a 2x2 cell of pixels holds. Its corners are a (least u and v), b (next u),
-/// c (next v) and d (both); the triangles go counter-clockwise with v up.
+/// The dense triangles of a 2x2 cell of pixels. Its corners are a (lowest u and v), b (next u), c
+/// (next v) and d (both); the triangles are counter-clockwise with v up.
 enum Cell : std::uint8_t {
   kFirst = 1,        ///< abd, or abc if cut from b to c.
   kSecond = 2,       ///< adc, or bdc.
@@ -119,16 +119,16 @@ class Surface {
   [[nodiscard]] int u(std::int32_t pixel) const { return pixel % cols_; }
   [[nodiscard]] int v(std::int32_t pixel) const { return pixel / cols_; }
   [[nodiscard]] const Sample& sample(std::int32_t pixel) const { return samples_[pixel]; }
-  /// Is the pixel a corner of a dense triangle with an area above 0?
+  /// Whether the pixel is a corner of a dense triangle with an area above 0.
   [[nodiscard]] bool is_used(std::int32_t pixel) const { return used_[pixel] != 0; }
-  /// Was the pixel measured? True for lone pixels, too, which no triangle uses.
+  /// Whether the pixel was measured; also true for lone pixels, which no triangle uses.
   [[nodiscard]] bool is_valid(std::int32_t pixel) const { return valid_[pixel] != 0; }
   [[nodiscard]] bool has_confidence() const { return !confidence_.empty(); }
   [[nodiscard]] float confidence(std::int32_t pixel) const {
     return confidence_.empty() ? 1.0F : confidence_[pixel];
   }
-  /// Have all pixels of a box (last pixels included) a confidence of 1? May be false even if they
-  /// have: whole tiles are looked up.
+  /// Whether all pixels of a box (last pixels included) have a confidence of 1. The result may be
+  /// false even then, because whole tiles are looked up.
   [[nodiscard]] bool is_believed(int first_u, int first_v, int last_u, int last_v) const {
     const int across = cols_ / kDoubtTile + 1;
     for (int v = first_v / kDoubtTile; v <= last_v / kDoubtTile; ++v) {
@@ -172,7 +172,7 @@ class Surface {
   }
   /// All dense triangles with an area above 0.
   void dense_triangles(std::vector<std::array<std::int32_t, 3>>& out) const;
-  /// Are these pixels (column, row) inside of this surface, and valid?
+  /// Whether these pixels (column, row) are inside this surface and valid.
   [[nodiscard]] bool holds_all(const std::array<std::array<std::int32_t, 2>, 3>& pixels) const {
     return std::ranges::all_of(pixels, [this](const auto& p) {
       return p[0] >= 0 && p[1] >= 0 && p[0] < cols_ && p[1] < rows_ &&
@@ -194,14 +194,14 @@ class Surface {
  private:
   bool crop(const PointGridView& grid);
   [[nodiscard]] float cell_area(std::int32_t a) const;
-  /// May the bounding box be so much larger than the surface, because of lone pixels far away, that
-  /// single precision is too coarse for the surface?
+  /// Whether the bounding box may be so much larger than the surface, because of lone pixels far
+  /// away, that single precision is too coarse for the surface.
   [[nodiscard]] bool is_stretched(const DenseRule& rule) const;
   /// Fills `joined_` with the valid pixels that a triangle can use by the rule.
   void find_joined(const PointGridView& grid, const DenseRule& rule);
   /// Builds samples, cells and uses of all pixels.
   void build(const PointGridView& grid, const DenseRule& rule, int num_threads);
-  /// Builds the cells at a pixel of the crop and the samples of their corners anew.
+  /// Rebuilds the cells at a pixel of the crop and the samples of their corners.
   void build_around(const PointGridView& grid, const DenseRule& rule, int u, int v);
   void add_areas();
   [[nodiscard]] float mean_weight() const;
@@ -218,7 +218,7 @@ class Surface {
   std::vector<std::uint8_t> valid_, used_;
   std::vector<float> confidence_;       ///< By pixel; or empty.
   static constexpr int kDoubtTile = 4;  ///< Pixels.
-  /// By tile of kDoubtTile x kDoubtTile pixels: has one of them a confidence below 1?
+  /// By tile of kDoubtTile x kDoubtTile pixels: whether one of them has a confidence below 1.
   std::vector<std::uint8_t> doubted_;
   std::vector<std::uint8_t> cells_;
   std::vector<float> row_floats_;  ///< Scratch memory of loops over rows, like the next two.

@@ -16,7 +16,7 @@ float price_of_cover(const Vec3& a, const Vec3& b, const Vec3& c) {
 }
 
 void Triangulation::link_neighbors(std::span<const Triangle> faces) {
-  // Each side waits at the pixel where it starts until the triangle on its other side comes.
+  // Each side waits at the pixel where it starts until the triangle on its other side is found.
   const auto num_faces = static_cast<std::int32_t>(faces.size());
   make_room(sides_, std::int64_t{3} * num_faces);
   sides_.resize(3 * faces.size());
@@ -42,7 +42,7 @@ void Triangulation::link_neighbors(std::span<const Triangle> faces) {
     link(1, c, a);
     link(2, a, b);
   }
-  for (std::int32_t t = 0; t < num_faces; ++t) {  // nothing waits when the next mesh comes
+  for (std::int32_t t = 0; t < num_faces; ++t) {  // leaves no waiting sides for the next mesh
     for (int i = 0; i < 3; ++i) {
       if (faces_[t].neighbors[i] == kNone) first_side_[faces[t][next_corner(i)]] = kNone;
     }
@@ -67,7 +67,7 @@ void Triangulation::split_fans(const Surface& surface, std::span<const Triangle>
         k = corner(faces[t], pixel);
       } while (t != from);
       std::int32_t first = from;
-      if (t == kNone) {  // backwards to where the fan starts
+      if (t == kNone) {  // go backwards to the start of the fan
         k = i;
         for (;;) {
           const std::int32_t before = faces_[first].neighbors[previous_corner(k)];
@@ -152,7 +152,8 @@ void Triangulation::sorted_vertices(std::vector<std::int32_t>& out,
     out.push_back(v);
     most = std::max(most, vertices_[v].pixel);
   }
-  // By the digits of the pixel, the last one first; vertices with the same one keep their order.
+  // Radix sort by the digits of the pixel, the last one first; vertices of the same pixel keep
+  // their order.
   scratch.resize(out.size());
   for (int shift = 0; shift < 31 && most >> shift != 0; shift += kBits) {
     const auto digit = [&](std::int32_t v) { return vertices_[v].pixel >> shift & (kDigits - 1); };
@@ -199,7 +200,7 @@ float Triangulation::distance_to_others(const Surface& surface, std::int32_t t,
   for (int v = low[1]; v <= high[1]; ++v) {
     for (int u = low[0]; u <= high[0]; ++u) look(u, v);
   }
-  // Ring by ring around that.
+  // Then ring by ring around that square.
   for (int ring = 1; !(nearest < 1.0F); ++ring) {
     const int left = low[0] - ring, right = high[0] + ring;
     const int below = low[1] - ring, above = high[1] + ring;
@@ -240,9 +241,9 @@ bool Triangulation::fan(std::int32_t v, Fan& out) const {
   return true;
 }
 
-// On the sides of a bay lies no vertex but its corners, and no other fan meets its middle one: so
-// no vertex ever lies on an edge of others, and whatever reached into the bay would have to cross
-// its edges.
+// A bay is free if no vertex except its corners lies on its sides, and no other fan has a vertex at
+// its middle one. Then no vertex ever lies on an edge of others, and anything that reached into the
+// bay would have to cross its edges.
 Triangulation::Bay Triangulation::bay(const Surface& surface, std::int32_t v,
                                       const Fan& fan) const {
   const Vertex& b = vertices_[v];
@@ -250,7 +251,7 @@ Triangulation::Bay Triangulation::bay(const Surface& surface, std::int32_t v,
   const Vertex& c = vertices_[fan.neighbors[fan.num_neighbors - 1]];
   Bay bay;
   if (orient(v, fan.neighbors[0], fan.neighbors[fan.num_neighbors - 1]) == -1) {
-    bay.free = num_at_[b.pixel] == 1;  // there are no pixels in it but its corners
+    bay.free = num_at_[b.pixel] == 1;  // it contains no pixels except its corners
     return bay;
   }
   int without = 0, pixels = 0;
@@ -276,9 +277,9 @@ bool Triangulation::can_collapse(const Surface& surface, std::int32_t v, const F
     if (a != target && b != target && orient(target, a, b) <= 0) return false;
   }
   if (!vertices_[v].on_boundary) return true;
-  // A single triangle is cut off where there is another one behind it.
+  // A single triangle is cut off if there is another one behind it.
   if (fan.size == 1) return across(fan.faces[0], v) != kNone;
-  // Along the boundary only, and never closing a hole.
+  // Only along the boundary, and never closing a hole.
   const int last = fan.num_neighbors - 1;
   if (i != 0 && i != last) return false;
   const std::int32_t first = fan.neighbors[0], end = fan.neighbors[last];
@@ -304,7 +305,7 @@ void Triangulation::relink(std::int32_t t, std::int32_t from, std::int32_t to) {
 }
 
 void Triangulation::find_first(std::int32_t v, std::int32_t t) {
-  if (!vertices_[v].on_boundary) {  // any will do
+  if (!vertices_[v].on_boundary) {  // any triangle of the fan
     vertices_[v].triangle = faces_[t].neighbors[next_corner(corner(faces_[t].corners, v))];
     return;
   }
@@ -318,7 +319,7 @@ void Triangulation::find_first(std::int32_t v, std::int32_t t) {
 
 void Triangulation::collapse(std::int32_t v, const Fan& fan, int i) {
   const std::int32_t target = fan.neighbors[i];
-  std::int32_t stays = kNone;  // a triangle that the target has afterwards
+  std::int32_t stays = kNone;  // a triangle that the target keeps
   std::array<std::int32_t, 2> side{}, at_side{};
   int sides = 0;
   for (int k = 0; k < fan.size; ++k) {
@@ -329,7 +330,7 @@ void Triangulation::collapse(std::int32_t v, const Fan& fan, int i) {
       stays = t;
       continue;
     }
-    // The two neighbours of t that remain become neighbours of each other.
+    // The two remaining neighbours of t become neighbours of each other.
     const std::int32_t beyond = faces_[t].neighbors[corner(faces_[t].corners, v)];
     const std::int32_t within = faces_[t].neighbors[corner(faces_[t].corners, target)];
     relink(beyond, t, within);
@@ -346,11 +347,13 @@ void Triangulation::collapse(std::int32_t v, const Fan& fan, int i) {
 std::array<std::int32_t, 2> Triangulation::hole_of_three(const Surface& surface,
                                                          std::int32_t v) const {
   constexpr std::array<std::int32_t, 2> kNoHole = {kNone, kNone};
-  // Each boundary edge goes from a vertex to its first neighbour, around a hole clockwise.
+  // Each boundary edge goes from a vertex to its first neighbour; around a hole, these are
+  // clockwise.
   const std::int32_t second = first_neighbor(v), first = first_neighbor(second);
   if (first_neighbor(first) != v || orient(v, first, second) <= 0) return kNoHole;
   const Vertex &a = vertices_[v], &b = vertices_[first], &c = vertices_[second];
-  // A piece within has a vertex off the corners, or is one triangle over all three of them.
+  // A piece within the hole has a vertex off the corners, or is one triangle over all three of
+  // them.
   bool free = std::min({num_at_[a.pixel], num_at_[b.pixel], num_at_[c.pixel]}) == 1;
   visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, SidePixels::kClosed,
                [&](std::int32_t p) {
@@ -365,7 +368,7 @@ void Triangulation::close_hole(std::int32_t v, const std::array<std::int32_t, 2>
   const Triangle hole = {v, others[0], others[1]};
   faces_.push_back({hole, {}});
   for (int i = 0; i < 3; ++i) {
-    // The first triangle of a corner's fan lies behind the side to the corner before it.
+    // The first triangle of a corner's fan is behind the side to the previous corner.
     const std::int32_t behind = vertices_[hole[i]].triangle;
     faces_[t].neighbors[next_corner(i)] = behind;
     faces_[behind].neighbors[previous_corner(corner(faces_[behind].corners, hole[i]))] = t;

@@ -11,16 +11,16 @@ namespace manip3d::relief_detail {
 
 using Triangle = std::array<std::int32_t, 3>;
 
-/// Area times mean distance of a triangle from its own sides (a third of the inradius): what it
-/// costs to cover a place where there is no surface.
+/// Price of a triangle over a place without surface: its area times the mean distance of its points
+/// from its sides, which is a third of the inradius.
 float price_of_cover(const Vec3& a, const Vec3& b, const Vec3& c);
 
-/// A triangulation of some pixels in the pixel plane, with neighbours across edges, that vertices
-/// are removed from and whose edges are flipped. All triangles are counter-clockwise with v up, so
-/// it never folds over as seen from the sensor.
+/// A triangulation of some pixels in the pixel plane, with neighbours across edges, for removing
+/// vertices and flipping edges. All triangles are counter-clockwise with v up, so it never folds
+/// over as seen from the sensor.
 ///
-/// Where two fans of triangles meet in one pixel, each has its own vertex: every vertex has one
-/// fan, closed inside and open on the boundary.
+/// If two fans of triangles meet at a pixel, each has its own vertex there: every vertex has one
+/// fan, which is closed inside and open on the boundary.
 class Triangulation {
  public:
   static constexpr std::int32_t kNone = -1;
@@ -35,44 +35,45 @@ class Triangulation {
     [[nodiscard]] bool alive() const { return triangle != kNone; }
   };
 
-  /// The triangles around a vertex in order, and its neighbours: one more than triangles if on the
-  /// boundary (the first and the last are then on the boundary too), else as many.
+  /// The triangles around a vertex in order, and its neighbours. On the boundary there is one
+  /// neighbour more than triangles, and the first and the last are on the boundary as well;
+  /// elsewhere there are as many.
   struct Fan {
     int size = 0, num_neighbors = 0;
     std::array<std::int32_t, kMaxFan> faces;
     std::array<std::int32_t, kMaxFan + 1> neighbors;
-    /// The vertex after neighbour i around the fan's centre.
+    /// The neighbour after neighbour i around the fan's centre.
     [[nodiscard]] std::int32_t next(int i) const {
       return neighbors[i + 1 < num_neighbors ? i + 1 : 0];
     }
   };
 
-  /// Takes triangles whose corners are pixels.
+  /// Builds the triangulation from triangles whose corners are pixels.
   void assign(const Surface& surface, std::span<const Triangle> faces);
 
   void clear();
-  /// Gives back what assign() needed.
+  /// Frees the scratch memory of assign().
   void release_scratch() {
     release(first_side_);
     release(sides_);
   }
-  /// Leaves no slots of removed vertices and triangles; the others keep their order.
+  /// Removes the slots of removed vertices and triangles; the others keep their order.
   void compact();
-  /// Moves the mesh to the pixels of another surface of the same input, which has all of them.
+  /// Moves the mesh to another surface of the same input, which must contain all of its pixels.
   void change_surface(const Surface& from, const Surface& to);
-  /// Removes triangles that have no neighbours but each other.
+  /// Removes triangles that have no other neighbours than each other.
   void remove_piece(std::span<const std::int32_t> faces);
 
   [[nodiscard]] std::int32_t num_slots() const {
     return static_cast<std::int32_t>(vertices_.size());
   }
   [[nodiscard]] std::int64_t num_vertices() const { return num_alive_; }
-  /// Vertices by pixel, those of the same pixel by their number.
+  /// Vertices sorted by pixel, those of the same pixel by index.
   void sorted_vertices(std::vector<std::int32_t>& out, std::vector<std::int32_t>& scratch) const;
   [[nodiscard]] const Vertex& vertex(std::int32_t v) const { return vertices_[v]; }
-  /// How many vertices a pixel has, one for each fan.
+  /// Number of vertices at a pixel, one for each fan.
   [[nodiscard]] int num_at(std::int32_t pixel) const { return num_at_[pixel]; }
-  /// The first neighbour of a vertex around its fan: on the boundary, as v is.
+  /// The first neighbour of a vertex around its fan; on the boundary if the vertex is.
   [[nodiscard]] std::int32_t first_neighbor(std::int32_t v) const {
     const std::int32_t t = vertices_[v].triangle;
     return faces_[t].corners[next_corner(corner(faces_[t].corners, v))];
@@ -85,18 +86,19 @@ class Triangulation {
   /// Triangles across the sides opposite to the three corners, or kNone.
   [[nodiscard]] const Triangle& neighbors(std::int32_t t) const { return faces_[t].neighbors; }
 
-  /// Is t a piece of its own?
+  /// Whether t is a piece of its own.
   [[nodiscard]] bool is_alone(std::int32_t t) const {
-    const auto [a, b, c] = faces_[t].neighbors;  // == would compare bytes by a call
+    // A == of arrays would be a call that compares bytes.
+    const auto [a, b, c] = faces_[t].neighbors;
     return a == kNone && b == kNone && c == kNone;
   }
-  /// How far a point is from the nearest vertex of other pieces than t, a piece of its own: of
-  /// those in the least square of pixels around t that holds any. 1 (the whole surface) if there is
-  /// none.
+  /// Distance of a point from the nearest vertex of other pieces than t, a piece of its own: the
+  /// nearest among those in the smallest square of pixels around t that contains any. 1 (the
+  /// diagonal of the surface) if there is none.
   [[nodiscard]] float distance_to_others(const Surface& surface, std::int32_t t,
                                          const Vec3& point) const;
 
-  /// False if there are more than kMaxFan triangles.
+  /// Returns false if there are more than kMaxFan triangles.
   bool fan(std::int32_t v, Fan& out) const;
 
   /// Twice the signed area of a triangle in pixels.
@@ -105,10 +107,10 @@ class Triangulation {
     return std::int64_t{q.u - p.u} * (r.v - p.v) - std::int64_t{q.v - p.v} * (r.u - p.u);
   }
 
-  /// The triangle outside of a boundary vertex, between its outer neighbours, where the boundary
-  /// turns inwards: it is filled where v merges into one of them.
+  /// The triangle outside a boundary vertex, between its outer neighbours, where the boundary turns
+  /// inwards. It is filled when v merges into one of them.
   struct Bay {
-    bool free = true;    ///< Nothing else lies in it.
+    bool free = true;    ///< It contains nothing else.
     float price = 0.0F;  ///< Price of covering its pixels without surface.
   };
   [[nodiscard]] bool has_bay(std::int32_t v, const Fan& fan) const {
@@ -117,28 +119,29 @@ class Triangulation {
   }
   [[nodiscard]] Bay bay(const Surface& surface, std::int32_t v, const Fan& fan) const;
 
-  /// May `fan`'s centre v merge into its neighbour number i?
+  /// Whether `fan`'s centre v may merge into its neighbour number i.
   [[nodiscard]] bool can_collapse(const Surface& surface, std::int32_t v, const Fan& fan,
                                   int i) const;
   /// Merges v into its neighbour number i of `fan`.
   void collapse(std::int32_t v, const Fan& fan, int i);
 
-  /// The other two vertices of a hole of three that v lies on, so that the triangle (v, first,
-  /// second) closes it; {kNone, kNone} if there is no such hole, or something lies in it.
+  /// The other two vertices of a hole of three vertices at v; the triangle (v, first, second)
+  /// closes it. {kNone, kNone} if there is no such hole, or something is inside it.
   [[nodiscard]] std::array<std::int32_t, 2> hole_of_three(const Surface& surface,
                                                           std::int32_t v) const;
-  /// Fills a hole of three: its vertices become interior ones.
+  /// Fills a hole of three vertices, which become interior ones.
   void close_hole(std::int32_t v, const std::array<std::int32_t, 2>& others);
 
-  /// The quadrilateral around the side of t opposite to its corner i: corners a (that one), b, c
-  /// (the side's ends), d (across). False on the boundary, or if it is not strictly convex.
+  /// The quadrilateral around the side of t opposite its corner i: corners a (corner i), b and c
+  /// (the ends of the side), and d (on the other side). Returns false on the boundary, or if it is
+  /// not strictly convex.
   bool quad(std::int32_t t, int i, std::array<std::int32_t, 4>& abcd) const;
   /// Replaces the side bc by ad: triangle t becomes abd, the other one adc.
   void flip(std::int32_t t, int i);
 
   /// Moves a vertex to another pixel.
   void move(std::int32_t v, const Surface& surface, std::int32_t pixel);
-  /// Puts a vertex beside its pixel's point.
+  /// Places a vertex at an offset from its pixel's point.
   void slide(std::int32_t v, const Surface& surface, const Vec3& offset) {
     vertices_[v].point = surface.sample(vertices_[v].pixel).point() + offset;
   }
@@ -146,12 +149,12 @@ class Triangulation {
  private:
   static int next_corner(int i) { return i < 2 ? i + 1 : 0; }
   static int previous_corner(int i) { return i > 0 ? i - 1 : 2; }
-  /// Which corner v is, without branches: they go either way as often as not.
+  /// Index of corner v, computed without branches, which would be unpredictable.
   static int corner(const Triangle& t, std::int32_t v) {
     const int later = t[0] != v ? 1 : 0;
     return later + (later & (t[1] != v ? 1 : 0));
   }
-  /// The triangle across the side of t opposite to its corner v, or kNone.
+  /// The triangle on the other side of t's side opposite its corner v, or kNone.
   [[nodiscard]] std::int32_t across(std::int32_t t, std::int32_t v) const {
     return faces_[t].neighbors[corner(faces_[t].corners, v)];
   }
@@ -168,13 +171,13 @@ class Triangulation {
   };
   std::vector<Face> faces_;
   std::int64_t num_alive_ = 0;
-  std::vector<std::uint8_t> num_at_;  ///< By pixel: vertices.
-  // Scratch of assign(): sides without a triangle beyond them so far.
+  std::vector<std::uint8_t> num_at_;  ///< By pixel: number of vertices.
+  // Scratch memory of assign(): sides whose other triangle is not found yet.
   struct Side {
-    std::int32_t end, next;  ///< The pixel where it ends, and the next side from the same pixel.
+    std::int32_t end, next;  ///< Pixel where the side ends; next side from the same pixel.
   };
-  std::vector<std::int32_t> first_side_;  ///< By pixel where it starts; kNone between calls.
-  std::vector<Side> sides_;               ///< By three times the triangle plus the corner opposite.
+  std::vector<std::int32_t> first_side_;  ///< By pixel where sides start; kNone between calls.
+  std::vector<Side> sides_;               ///< By three times the triangle plus the opposite corner.
   std::vector<std::int32_t> new_number_;  ///< Scratch of compact().
 };
 

@@ -12,11 +12,12 @@
 namespace manip3d {
 namespace {
 
-/// Over the diagonal: coordinates in single precision that were computed from angles, or shifted by
-/// a few diagonals, are off by 1e-7 to 5e-7 of it, and so are files of six decimals.
+/// Relative to the diagonal. Coordinates in single precision that were computed from angles, or
+/// shifted by a few diagonals, have errors of 1e-7 to 5e-7 of it, and so have files with six
+/// decimals.
 constexpr double kFarthest = 1e-6;
 
-/// Over the longest edge at a vertex.
+/// Relative to the longest edge at a vertex.
 constexpr double kFarthestOfEdge = 1e-3;
 
 /// Calls body(a, b) for each edge of each face.
@@ -40,7 +41,7 @@ class NearVertices {
   }
 
   [[nodiscard]] bool any() const { return any_; }
-  /// The vertex that each one is part of.
+  /// The vertex into which each one was welded.
   [[nodiscard]] Indices take() {
     for (std::int32_t v = 0; v < into_.size(); ++v) into_[v] = root(v);
     return std::move(into_);
@@ -62,8 +63,9 @@ class NearVertices {
     }
   }
 
-  /// Puts the higher of two vertices into the lower one, with those that went into them: the two
-  /// that all these went into have to be near, lest a chain of vertices becomes one.
+  /// Welds the higher of two vertices, with all vertices already welded to it, to the lower one.
+  /// The representatives of both must be near each other, so that a chain of vertices does not
+  /// become one.
   void join(std::int32_t a, std::int32_t b) {
     const auto [low, high] = std::minmax({root(a), root(b)});
     if (low == high || !(distance(low, high) <= std::min(reach_[low], reach_[high]))) return;
@@ -78,7 +80,7 @@ class NearVertices {
 
   const MeshView& mesh_;
   double farthest_;
-  std::vector<double> reach_;  // of a vertex: of what may be one with it; < 0: nothing
+  std::vector<double> reach_;  // of a vertex: largest distance for welding; < 0: none
   Indices into_;
   bool any_ = false;
 };
@@ -92,7 +94,7 @@ RoundingWeld::RoundingWeld(const MeshView& mesh, const std::vector<bool>& locked
   faces_ = mesh.faces.unaryExpr([&](std::int32_t v) { return into_[v]; });
   bool has_faces = false;
   for (Eigen::Index f = 0; f < faces_.rows(); ++f) has_faces |= !is_degenerate(faces_, f);
-  if (!has_faces) {  // nothing but needles: they are the mesh
+  if (!has_faces) {  // only needles: leave the mesh unchanged
     into_.resize(0);
     return;
   }

@@ -12,7 +12,7 @@
 namespace manip3d {
 namespace {
 
-/// The lower ten bits with two zeros between each two.
+/// Inserts two zero bits between each two of the lower ten bits.
 std::uint32_t spread(std::uint32_t x) {
   x = (x | (x << 16)) & 0x030000FFU;
   x = (x | (x << 8)) & 0x0300F00FU;

@@ -9,15 +9,15 @@
 
 namespace manip3d {
 
-/// The vertices of a mesh in an order in which neighbours in space are mostly neighbours in memory,
-/// those at the same place as one.
+/// The vertices of a mesh in an order in which neighbours in space are mostly neighbours in memory.
+/// Vertices at the same position have the same rank.
 struct SpatialOrder {
-  Bulk<std::int32_t> rank;    ///< Rank of each input vertex; -1: in no face.
-  Bulk<std::int32_t> source;  ///< Lowest input vertex of each rank.
+  Bulk<std::int32_t> rank;    ///< Rank of each input vertex; -1 if it is in no face.
+  Bulk<std::int32_t> source;  ///< Lowest input vertex with each rank.
 };
 
-/// By Morton code on a grid of 1024 cells along the box, then by coordinates. `num_threads` as in
-/// parallel_chunks(); the tables are in the arena.
+/// Sort by Morton code on a grid of 1024 cells along the box, then by coordinates. `num_threads` as
+/// in parallel_chunks(); the tables are allocated in the arena.
 SpatialOrder spatial_order(const MeshView& mesh, const BoundingBox& box, int num_threads,
                            Arena& arena, const Progress& progress);
 

@@ -17,45 +17,45 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-/// After three steps the mean distance falls by less than a hundredth.
+/// After three steps, the mean distance decreases by less than a hundredth per step.
 constexpr int kSteps = 3;
 
-/// Each step takes a quarter of what is linear in the error of texture coordinates.
+/// Each step removes a quarter of the linear part of the error of texture coordinates.
 constexpr int kTextureSteps = 8;
 
-/// Points that are farther away than this many mean distances belong to something that is gone.
+/// Samples farther away than this many mean distances belong to parts that were removed.
 constexpr double kFarAway = 8.0;
 
-/// Number of original faces for each face left, below which each original face gives several
-/// points: with half of the faces left, one of each (two to a face) would draw the vertices to
-/// where these points are met and the surface between them is not.
+/// Number of original faces per remaining face, below which each original face has several samples.
+/// With half of the faces left, one sample per face (two per remaining face) would pull the
+/// vertices to positions where these samples are met, but the surface between them is not.
 constexpr std::int64_t kManyFaces = 30;
 constexpr int kMostPoints = 3;
-constexpr int kCentroid = kMostPoints;  // the number of a point that is the only one of its face
+constexpr int kCentroid = kMostPoints;  // number of a sample that is the only one of its face
 
-/// There the mean of the distances counts, not that of their squares, for those that exceed this
-/// many mean distances; where few faces are left it makes the error larger by 1 to 5 %.
+/// In that case, distances above this many mean distances count linearly instead of squared. With
+/// few remaining faces this would increase the error by 1 to 5 %.
 constexpr double kNearMean = 0.5;
 
 /// Shorter vectors (the diagonal is 1) have no direction.
 constexpr double kNoDistance = 1e-12;
 
-/// Faces whose distances to a point differ by no more than this (the diagonal is 1) may both be
-/// where it belongs.
+/// If the distances of faces to a sample differ by no more than this (the diagonal is 1), the
+/// sample may belong to either of them.
 constexpr double kSameSheet = 1e-4;
 
-/// Rounding shall not hide the nearest face from its own distance.
+/// Relative margin of a search distance, so that rounding does not exclude the nearest face.
 constexpr double kRoundingShare = 1e-12;
 
-/// Faces that one thread looks at in one go.
+/// Samples per chunk of a thread.
 constexpr std::int64_t kChunk = 512;
 
-/// A face of the original that is larger than this share of those left, on average, gives several
-/// points in any case: the few that lie on one face left would not tell how it is tilted.
+/// A face of the original that is larger than this share of the mean remaining face always has
+/// several samples, because the few samples on one remaining face would not determine its tilt.
 constexpr double kLargeFace = 0.1;
 
-/// Barycentric coordinates of sample k of a face: the points with which a sum of three is exact for
-/// squares, or the centroid.
+/// Barycentric coordinates of sample k of a face: the three points with which quadrature is exact
+/// for quadratic functions, or the centroid.
 Vector3d weights_of(int k) {
   if (k == kCentroid) return Vector3d::Constant(1.0 / 3.0);
   Vector3d weights = Vector3d::Constant(1.0 / 6.0);
@@ -63,8 +63,7 @@ Vector3d weights_of(int k) {
   return weights;
 }
 
-/// The weight of a distance whose absolute value counts, as far as it exceeds the least one that
-/// can be told; 0: its square counts.
+/// Weight of a squared distance so that distances above `least` count linearly; 1 if `least` is 0.
 double robust_factor(double distance, double least) {
   return least > 0.0 ? least / (std::abs(distance) + least) : 1.0;
 }
@@ -84,7 +83,8 @@ SurfaceFit::SurfaceFit(const MeshView& original, std::function<bool(std::int32_t
 void SurfaceFit::run(CollapseMesh& mesh, const Move& move, const Progress& progress) {
   const bool has_many = original_.num_faces() > kManyFaces * mesh.num_faces();
   place_samples(mesh, has_many);
-  // Few faces move far, so that points come to lie nearest to others.
+  // With many original faces per remaining one, vertices move far, so that the nearest faces of
+  // samples change.
   const int searches = has_many ? kSteps : 1;
   for (int i = 0; i < searches; ++i) {
     find_nearest(mesh, part_of(progress, 1.0 * i / searches, (i + 1.0) / searches));
@@ -101,9 +101,11 @@ void SurfaceFit::place_samples(const CollapseMesh& mesh, bool has_many) {
   double total = 0.0;
   std::vector<double> areas(static_cast<std::size_t>(original_.num_faces()), 0.0);
   for (std::int64_t f = 0; f < original_.num_faces(); ++f) {
-    // A vertex that only such faces use belongs to no piece; is_there_ must not be asked about it.
+    // A vertex used only by degenerate faces belongs to no piece; is_there_ must not be called with
+    // it.
     if (is_degenerate(original_.faces, f) || !is_there_(original_.faces(f, 0))) continue;
-    // Points among very many needles are near to the boxes of most, and their error is tiny.
+    // Samples among very many needles are near the boxes of most of them, which makes searches
+    // slow, and their error is tiny.
     const auto face = original_.faces.row(f);
     if (mesh.is_hub(face[0]) || mesh.is_hub(face[1]) || mesh.is_hub(face[2])) continue;
     const Eigen::Matrix3d p = corners_of(mesh, f);
@@ -212,7 +214,7 @@ void SurfaceFit::drop_far_samples() {
   }
 }
 
-/// The distances are those along the directions in which the search found them: the nearest points
+/// Distances are measured along the directions found by the search, because the nearest points
 /// slide along the surface when its vertices move.
 void SurfaceFit::step(CollapseMesh& mesh, const Move& move) const {
   std::vector<Vector3d> pull(mesh.num_vertices(), Vector3d::Zero());
@@ -239,9 +241,9 @@ void SurfaceFit::step(CollapseMesh& mesh, const Move& move) const {
   }
 }
 
-/// Finds the face that each sample belongs to. The nearest face may show another sheet that lies
-/// upon the sample's own, or another part of a folded chart: the one with the nearest texture
-/// coordinate is meant.
+/// Finds the face of each sample. The nearest face may belong to another sheet on top of the
+/// sample's own, or to another part of a folded chart; among near faces, the one with the nearest
+/// texture coordinate is taken.
 void SurfaceFit::find_textured(const CollapseMesh& mesh, const std::vector<std::int32_t>& chart,
                                const Progress& progress) {
   take_positions(mesh);
@@ -292,7 +294,7 @@ void SurfaceFit::fit_texture(CollapseMesh& mesh, const std::vector<std::int32_t>
   struct Textured {
     std::size_t sample;
     Vector2d texture;
-    Vector2d residual;  // in the present step
+    Vector2d residual;  // in the current step
   };
   std::vector<Textured> textured;
   for (std::size_t i = 0; i < samples_.size(); ++i) {
@@ -318,7 +320,7 @@ void SurfaceFit::fit_texture(CollapseMesh& mesh, const std::vector<std::int32_t>
     std::vector<double> weight(mesh.num_wedges(), 0.0);
     for (const Textured& t : textured) {
       const Vector2d& r = t.residual;
-      if (r.norm() > limit) continue;  // a part of the chart that is gone
+      if (r.norm() > limit) continue;  // a part of the chart that was removed
       const Sample& sample = samples_[t.sample];
       const auto face = now_.faces.row(sample.face);
       const double factor = robust_factor(r.norm(), least_distance_ > 0.0 ? kNearMean * mean : 0.0);

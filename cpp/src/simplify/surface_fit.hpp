@@ -11,29 +11,28 @@
 
 namespace manip3d {
 
-/// Fits the vertices of a simplified mesh to the surface that it stands for, of which each face
-/// gives a point or three [after Hoppe et al. 1993, "Mesh optimization", with the connectivity
-/// fixed].
+/// Fits the vertices of a simplified mesh to the original surface, of which each face has one or
+/// three samples [after Hoppe et al. 1993, "Mesh optimization", with fixed connectivity].
 class SurfaceFit {
  public:
-  /// Moves a vertex by a vector for an area of the original that asks for it, or leaves it.
+  /// Moves a vertex by a vector that an area of the original requires, or rejects the move.
   using Move = std::function<void(std::int32_t v, const Eigen::Vector3d& by, double area)>;
 
   using SetTexture = std::function<void(std::int32_t wedge, const Eigen::Vector2d& uv)>;
 
-  /// @param original  the mesh that was simplified; it must outlive this.
-  /// @param is_there  whether the piece with this vertex (of the original, in a face with three
-  ///                  different corners) still exists.
+  /// @param original  The mesh before simplification; it must outlive this object.
+  /// @param is_there  Whether the piece with this vertex still exists. The vertex is one of the
+  ///                  original, in a face with three different corners.
   SurfaceFit(const MeshView& original, std::function<bool(std::int32_t)> is_there);
 
-  /// Moves each vertex by the mean of the vectors from its faces to the samples that are nearest to
-  /// them, weighted by area and by how near to the vertex, a few times.
+  /// Moves each vertex, a few times, by the mean of the vectors from its faces to their samples,
+  /// weighted by area and by barycentric coordinate at the vertex.
   void run(CollapseMesh& mesh, const Move& move, const Progress& progress);
 
   /// Fits texture coordinates to those of the original at the samples of run().
-  /// @param chart       of each wedge: a sample is compared with faces of its own chart.
-  /// @param may_change  whether those of a vertex may.
-  /// @param set         gives a wedge a texture coordinate near to the one that fits.
+  /// @param chart       Chart of each wedge; a sample is compared with faces of its own chart.
+  /// @param may_change  Whether the texture coordinates of a vertex may change.
+  /// @param set         Sets the texture coordinate of a wedge near the fitted one.
   void fit_texture(CollapseMesh& mesh, const std::vector<std::int32_t>& chart,
                    const std::function<bool(std::int32_t)>& may_change, const SetTexture& set,
                    const Progress& progress);
@@ -45,7 +44,7 @@ class SurfaceFit {
     float area = 0.0F;
     double distance = 0.0;
     Eigen::Vector3f direction;  // from the surface to the point, a unit vector
-    std::uint32_t source = 0;   // four times the face of the original, and the point on it
+    std::uint32_t source = 0;   // four times the original face plus the sample's number
     Eigen::Vector3d barycentric;
   };
 
@@ -67,7 +66,7 @@ class SurfaceFit {
   std::function<bool(std::int32_t)> is_there_;
   TriangleMesh now_;                 // the simplified mesh of the last search
   std::vector<std::int32_t> slots_;  // row of now_.faces -> face of the CollapseMesh
-  double least_distance_ = 0.0;      // that robust_factor() can tell
+  double least_distance_ = 0.0;      // argument of robust_factor()
   std::vector<Sample> samples_;      // in the order of the original's faces
 };
 

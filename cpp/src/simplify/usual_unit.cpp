@@ -12,7 +12,7 @@ namespace {
 
 constexpr int kMostExponent = 200;
 
-/// The diagonal of a box, also where the squares of its sides overflow or vanish.
+/// The diagonal of a box, even if the squares of its sides overflow or underflow.
 double diagonal_of(const BoundingBox& box) { return (box.max - box.min).stableNorm(); }
 
 }  // namespace

@@ -4,12 +4,13 @@
 
 namespace manip3d {
 
-/// A mesh scaled by a power of two where its diagonal is outside of 2^-200 to 2^200, else as it is,
-/// so that no product of some lengths overflows or vanishes. Such a factor rounds nothing: the
-/// result is the one at another scale to the last bit.
+/// A mesh that is scaled by a power of two if its diagonal is outside 2^-200 to 2^200, so that
+/// products of several lengths neither overflow nor underflow; other meshes are not changed.
+/// Scaling by a power of two causes no rounding, so the result is the same at any scale, up to that
+/// factor, to the last bit.
 class UsualUnit {
  public:
-  /// @param mesh  Outlives this.
+  /// @param mesh  Must outlive this object.
   /// @throws InputError  the diagonal of its bounding box is not a finite number.
   explicit UsualUnit(const MeshView& mesh);
   UsualUnit(const UsualUnit&) = delete;
@@ -18,7 +19,7 @@ class UsualUnit {
 
   [[nodiscard]] const MeshView& mesh() const { return mesh_; }
   [[nodiscard]] const BoundingBox& box() const { return box_; }
-  /// A length of the file in this unit; what is finite stays so.
+  /// Converts a length of the file to this unit; finite lengths stay finite.
   [[nodiscard]] double from_file(double length) const;
   [[nodiscard]] double to_file(double length) const { return length * unit_; }
   void to_file(Vertices& vertices) const {
@@ -28,7 +29,7 @@ class UsualUnit {
  private:
   MeshView mesh_;
   BoundingBox box_;
-  Vertices vertices_;  // empty: those of the file
+  Vertices vertices_;  // empty: those of the input
   double unit_ = 1.0;
 };
 

@@ -9,10 +9,10 @@
 
 namespace manip3d {
 
-/// Vertices as their surfaces see them: the faces around a vertex that share a material,
-/// the presence of texture coordinates and their value share a wedge [Hoppe 1998].
+/// A wedge stands for the attributes of a vertex in some of its faces: faces around a vertex with
+/// the same material and the same texture coordinate, or none, share a wedge [Hoppe 1998].
 struct WedgeTable {
-  std::vector<std::int64_t> surface;  // of a wedge: 2 material + (has texture coordinates)
+  std::vector<std::int64_t> surface;  // of a wedge: 2 material + (1 if it has texture coordinates)
   std::vector<Eigen::Vector2d> texcoords;
   std::vector<std::int32_t> texcoord;  // row of the input's table, or -1
 
@@ -20,8 +20,8 @@ struct WedgeTable {
   [[nodiscard]] bool has_texture(std::int32_t wedge) const { return (surface[wedge] & 1) != 0; }
 };
 
-/// The wedges of the vertices, in order. for_each_corner(v, body) calls body(face of the input,
-/// 0..2, corner) for each corner of v; set_wedge(corner, wedge) takes the result.
+/// Make the wedges of all vertices, in order. for_each_corner(v, body) must call body(face of the
+/// input, 0..2, corner) for each corner of v; set_wedge(corner, wedge) receives the result.
 template <typename ForEachCorner, typename SetWedge>
 WedgeTable make_wedges(const MeshView& mesh, std::int32_t num_vertices,
                        const ForEachCorner& for_each_corner, const SetWedge& set_wedge) {

@@ -77,50 +77,53 @@ struct ReliefResult {
 /// Approximate the dense surface of a point grid (that of grid_mesh()) with few vertices, so that
 /// the mean distance from the surface to the mesh is small.
 ///
-/// 0. Holes of up to four pixels amid one surface are not ends of it, and a measurement with steps
-///    all around it is such a hole: the surface is continued over them, with confidence 0, unless
-///    they are fewer than one pixel of a thousand, or the target leaves room for all pixels. Where
-///    they are one of fifty, pixels are missing at random, and holes of up to 32 pixels are treated
-///    alike. No vertex is there in the end.
-/// 1. An adaptive triangulation by longest-edge bisection, down to single pixels where the surface
-///    ends or is cut: silhouettes and depth discontinuities are boundaries of the mesh from the
-///    start. kLive bisects by distance times area, and not below squares of four pixels where the
-///    surface ends: there a contour has a vertex at each pixel at which it turns, and what is left
-///    of the square few others.
-/// 2. Holes down to three vertices are closed, bays of pixels without surface filled and pieces
-///    down to one triangle left out where that costs less than the next collapse, so that any
-///    target is met. With 64 points or fewer, and steps, two more meshes are made: one without
-///    triangles that a step keeps apart, and some triangles of a finer mesh, those that cover most;
-///    the one that covers most is the result. Where pieces of fewer than one pixel of a thousand
-///    are a tenth of the area, as depths that are far off, a mesh without them is made as well, and
-///    is the result if it covers 1.1 times as much. Without `levels` a surface always keeps a
+/// 0. Pinholes. Holes of up to four pixels within one surface are not ends of the surface; neither
+///    is a measurement with steps all around it, which counts as such a hole. The surface is
+///    continued over them with confidence 0, unless they are fewer than one pixel in a thousand, or
+///    the target has room for all pixels. If they are at least one pixel in fifty, pixels are
+///    missing at random, and holes of up to 32 pixels are treated alike. In the result no vertex is
+///    at such a pixel.
+/// 1. First triangulation: adaptive, by longest-edge bisection, down to single pixels where the
+///    surface ends or is cut, so that silhouettes and depth discontinuities are boundaries of the
+///    mesh from the start. kLive bisects by distance times area, and not below squares of four
+///    pixels at the ends of the surface: there, each pixel at which the contour turns is a vertex,
+///    and the rest of the square has few others.
+/// 2. Simplification. Edges collapse onto one of their ends, at a price of the growth of sqrt(area
+///    x quadric). This estimates area times distance, which the mean distance measures, whereas
+///    quadrics alone [Garland & Heckbert 1997] measure squared distances. Three more operations are
+///    used where they cost less than the next collapse, so that any target is reached: holes of
+///    three vertices are closed, bays without surface are filled, and pieces of one triangle are
+///    left out. Vertices on the boundary then move pixel by pixel to the ends of the surface. kLive
+///    makes all but that last step with every second pixel, if there are at least 64 pixels per
+///    vertex; it makes most collapses in the order of the vertices, below a price limit that
+///    increases from pass to pass.
+///    With a limit on steps and at most 64 points, two more meshes are made: one without triangles
+///    across a step, and one of those triangles of a finer mesh that cover most. The result is the
+///    mesh that covers most. If pieces of fewer than one pixel in a thousand are a tenth of the
+///    area, as with depths that are far off, a mesh without them is made as well; it is the result
+///    if it covers 1.1 times as much. Without `levels`, a surface always keeps at least one
 ///    triangle.
-///    Edges collapse onto one of their ends, priced by how much sqrt(area x quadric) grows: an
-///    estimate of area times distance, what the mean measures, where quadrics alone [Garland &
-///    Heckbert 1997] measure squares. Vertices on the boundary then move pixel by pixel to where
-///    the surface ends. kLive does all but that with every second pixel, where there are 64 or more
-///    to a vertex, and most collapses in the order of the vertices, below a limit for the price
-///    that rises from pass to pass.
-/// 3. Edges are flipped and vertices moved to other measured points nearby while that lowers the
-///    sum of distances between the pixels and the planes of their triangles [cf. Dyn, Levin &
-///    Rippa 1990, data dependent triangulations]. kLive flips by twelve pixels of each pair of
-///    triangles. Vertices stay on their side of the ends and steps of the surface. At last
-///    triangles are left out of which more area lies over pixels without surface than they alone
-///    cover of it, as shares of the whole; kLive has no time for that.
-/// 4. `move_points`: vertices slide along their lines of sight towards the least-squares fit of all
-///    pixels, all the way, half of it or not at all: what leaves the least error around them.
-/// 5. `levels`: each size is made by steps 1 to 3, the smallest first, and the vertices of the size
-///    before stay: a progressive order of the vertices. Where they leave no legal way to a size,
-///    its mesh is that of the size before. Two fans of a smaller size that meet at a pixel share
-///    its vertex where the larger size has only one there.
+/// 3. Refinement. Edges are flipped, and vertices moved to measured points nearby, while that
+///    lowers the sum of distances between the pixels and the planes of their triangles [cf. Dyn,
+///    Levin & Rippa 1990, data dependent triangulations]. kLive evaluates flips at twelve pixels of
+///    each pair of triangles. Vertices never cross ends or steps of the surface. Finally a triangle
+///    is left out if more of its area lies over pixels without surface than it alone covers of the
+///    surface, both as shares of the whole; kLive has no time for that.
+/// 4. With `move_points`, vertices slide along their lines of sight towards the least-squares fit
+///    of all pixels: the whole way, half of it or not at all, whichever leaves the least error
+///    around them.
+/// 5. With `levels`, each size is made by steps 1 to 3, the smallest first, and keeps the vertices
+///    of the previous size, which gives a progressive order of the vertices. If these vertices
+///    leave no legal collapse to a size, its mesh is that of the previous size. If two fans of a
+///    smaller size meet at a pixel at which the larger size has one vertex, they share it.
 ///
-/// The confidence of a pixel multiplies each of these measures: the error of a pixel that is
-/// halved or of the pixels that a triangle lies over, and the area of a triangle of step 2, which
-/// counts by the least of its corners' confidences and of the mean of the other pixels in it. What
-/// is lost counts no less than a twentieth of the mean confidence. Only
-/// what closes holes and fills bays does not depend on it: nothing was measured there.
+/// The confidence of a pixel is a factor on each of these measures: on the error of a pixel that is
+/// bisected or covered by a triangle, and on the area of a triangle in step 2, where the factor is
+/// the smaller of the least confidence of its corners and the mean confidence of its other pixels.
+/// Lost surface counts with at least a twentieth of the mean confidence. Closing holes and filling
+/// bays does not depend on confidences, because nothing was measured there.
 ///
-/// Keeps its memory between frames of the same size. The result depends on the input alone.
+/// Keeps its memory between frames of the same size. The result depends only on the input.
 class Relief {
  public:
   Relief();
@@ -129,24 +132,24 @@ class Relief {
   Relief& operator=(Relief&&) noexcept;
 
   /// Overwrites `result`, reusing its memory.
-  /// @param confidence  by pixel, 0 to 1: how much its distance from the mesh counts, beside its
-  ///                    area; may be empty: all are 1. What a pixel of confidence 0 shows is still
-  ///                    a surface that is to be covered.
-  /// @param progress    may throw to cancel the run; the frame before is then forgotten. It is told
-  ///                    the fraction 0: how long the rest takes is not known.
-  /// @throws InputError  as check_point_grid; target_points < 3; DenseRule::check();
-  ///                     stability < 1; levels as above; num_threads < 0; another number of
-  ///                     confidences than of pixels, or one that is not 0 to 1.
+  /// @param confidence  By pixel, 0 to 1: factor on the distance of the pixel from the mesh, in
+  ///                    addition to its area. May be empty; then all are 1. A pixel of confidence 0
+  ///                    is still surface that should be covered.
+  /// @param progress    May throw to cancel the run; the previous frame is forgotten then. It is
+  ///                    called with the fraction 0, because the remaining time is unknown.
+  /// @throws InputError  as check_point_grid; target_points < 3; DenseRule::check(); stability < 1;
+  ///                     levels as above; num_threads < 0; numbers of confidences and pixels
+  ///                     differ; a confidence that is not 0 to 1.
   void run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result,
            std::span<const float> confidence = {}, const Progress& progress = {});
 
-  /// Overload for a depth image, whose points are kept in memory that is reused, too.
+  /// Overload for a depth image. The memory of its points is reused as well.
   /// @throws InputError  also as unproject().
   void run(const DepthView& depth, const PixelRays& rays, const ReliefOptions& options,
            ReliefResult& result, std::span<const float> confidence = {},
            const Progress& progress = {});
 
-  /// Forgets the frame before.
+  /// Forgets the previous frame.
   void reset();
 
  private:
@@ -158,14 +161,14 @@ class Relief {
 ReliefResult relief(const PointGridView& grid, const ReliefOptions& options,
                     std::span<const float> confidence = {});
 
-/// Flips edges of triangles over pixels of a grid as step 3 does, of kBalanced: where that lowers
+/// Flip edges of triangles over pixels of a grid, as step 3 does with kBalanced, where that lowers
 /// the sum of distances between the pixels and the planes of their triangles. The dense surface is
 /// that of all valid pixels.
 /// @param pixels  (n, 2) column and row of each vertex, each pixel once.
-/// @param faces   (m, 3) a surface in the pixel plane: front faces look at the sensor, and on each
-///                side of an edge there is at most one.
-/// @throws InputError  as Relief::run; a pixel or an index out of range, a pixel that is not valid,
-///                     or faces that turn the other way or share a side of an edge.
+/// @param faces   (m, 3) a surface in the pixel plane: front faces look at the sensor, and each
+///                side of an edge has at most one face.
+/// @throws InputError  as Relief::run; a pixel or an index out of range; a pixel that is not valid;
+///                     faces that turn the other way or share a side of an edge.
 Rows<std::int32_t, 3> flip_edges(const PointGridView& grid,
                                  const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                                  const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
