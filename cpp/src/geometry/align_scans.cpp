@@ -15,27 +15,27 @@
 namespace manip3d {
 namespace {
 
-constexpr double kAlignNearest = 3.5;  // metres; nearer is the scanner's own vehicle
+constexpr double kAlignNearest = 3.5;  // metres; nearer points belong to the scanner's own vehicle
 constexpr double kAlignFarthest = 50.0;
-constexpr double kAlignVoxel = 0.4;         // metres: one point of each is kept
+constexpr double kAlignVoxel = 0.4;         // metres; one point per voxel is kept
 constexpr std::size_t kAlignSource = 2000;  // points that are matched
 constexpr std::size_t kPlanePoints = 8;     // points that a plane is fitted to
 constexpr std::size_t kFewestMatches = 100;
-// A plane's points spread across it by a third of their smaller spread along it, at most.
+// Largest spread of a plane's points across it, relative to their smaller spread along it.
 constexpr double kFlatness = 0.3;
 constexpr int kAlignRounds = 25;
 constexpr int kFewestAlignRounds = 7;
-constexpr double kAlignShrink = 0.8;  // of the reach and of the kernel, from round to round
+constexpr double kAlignShrink = 0.8;  // factor on reach and kernel from round to round
 constexpr double kFarReach = 1.5, kNearReach = 0.5;       // metres
 constexpr double kWideKernel = 0.3, kTightKernel = 0.05;  // metres
 constexpr double kAlignConverged = 1e-4;                  // metres and radians
 
-// Keys that are not 0, by open addressing: they are only asked for once each.
+// A hash set of keys other than 0, by open addressing.
 class VoxelSet {
  public:
   explicit VoxelSet(std::size_t most) : keys_(std::bit_ceil(2 * most + 2), 0) {}
 
-  // Whether the key is new.
+  // Inserts a key; returns whether it is new.
   bool insert(std::uint64_t key) {
     const std::size_t mask = keys_.size() - 1;
     std::size_t at = (key * 0x9E3779B97F4A7C15U >> 20U) & mask;
@@ -74,7 +74,7 @@ Points one_per_voxel(const PointsView& view, const Progress& progress) {
   return points;
 }
 
-// LocalPlanes around the points of a scan, fitted when they are first asked for.
+// LocalPlanes around the points of a scan, fitted on first use.
 class LocalPlanes {
  public:
   LocalPlanes(const Points& points, const Progress& progress)
@@ -88,9 +88,9 @@ class LocalPlanes {
     Eigen::Vector3d normal = Eigen::Vector3d::Zero();
   };
 
-  // Row of the nearest point within reach that lies in a plane; -1: there is none. `last` is the
-  // nearest row that was found for the point before it moved a little, or -1: searches are quick
-  // where something near is known.
+  // Row of the nearest point within reach that lies in a plane; -1 if there is none. `last` is the
+  // row found for the same point before it moved a little, or -1; searches are faster if something
+  // near is known.
   std::int64_t nearest(const Eigen::Vector3d& point, double reach, std::int64_t& last) {
     KdTree::Nearest known{-1, reach * reach};
     if (last >= 0) {
@@ -137,7 +137,7 @@ class LocalPlanes {
   KdTree::Neighbours around_;
 };
 
-// The rotation nearest to I + [w]x, by its quaternion (1, w / 2): square roots alone.
+// The rotation nearest to I + [w]x, computed from the quaternion (1, w / 2) with square roots only.
 Eigen::Matrix3d turned_by(const Eigen::Vector3d& w) {
   return Eigen::Quaterniond(1.0, w.x() / 2.0, w.y() / 2.0, w.z() / 2.0)
       .normalized()
@@ -177,7 +177,7 @@ ScanMotion ScanAligner::align(const PointsView& source, const ScanMotion& start,
   double reach = kFarReach;
   double kernel = kWideKernel;
   std::vector<double> distances;
-  std::vector<std::int64_t> last(from.rows(), -1);  // the nearest row of the round before
+  std::vector<std::int64_t> last(from.rows(), -1);  // nearest rows of the previous round
   for (int round = 0; round < kAlignRounds; ++round) {
     if (progress) progress(0.2 + 0.8 * round / kAlignRounds);
     Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Identity() * 1e-6;

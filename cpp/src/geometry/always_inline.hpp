@@ -1,4 +1,5 @@
 #pragma once
 
-/// Small functions in loops over pixels and lanes must vanish, or the loops take one at a time.
+/// Small functions in loops over pixels and lanes must be inlined; otherwise the loops are not
+/// vectorized.
 #define MANIP3D_INLINE [[gnu::always_inline]] inline

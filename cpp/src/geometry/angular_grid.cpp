@@ -17,10 +17,10 @@ using Eigen::Vector3d;
 
 constexpr double kTile = 4.0 * kDegree;
 constexpr std::int64_t kTilesAround = 90;
-constexpr double kOtherAngle = 2.0 * kDegree;  // of a window, in the angle that has no comb
+constexpr double kOtherAngle = 2.0 * kDegree;  // extent of a window in the other angle
 constexpr PhaseWindow kNarrowest = {};
 
-// Cosine and sine of a number of turns, to 1e-6.
+// Cosine and sine of an angle in turns, to 1e-6.
 SinCos wave_of(double turns) {
   const double quarters = std::nearbyint(4.0 * turns);
   const double x = (turns - 0.25 * quarters) * (2.0 * kPi);
@@ -67,8 +67,8 @@ void WindowedPhases::gather(const PolarPoints& points, GridAngle angle, double s
   }
 }
 
-// Numbers the windows that hold points, and notes which one each point is in. Returns how many
-// there are.
+// Numbers the windows that contain points, and stores the window of each point. Returns the number
+// of windows.
 std::int32_t WindowedPhases::number_windows(const PolarPoints& points, GridAngle angle,
                                             double width, int parts) {
   constexpr std::uint64_t kEmpty = ~std::uint64_t{0};
@@ -84,7 +84,7 @@ std::int32_t WindowedPhases::number_windows(const PolarPoints& points, GridAngle
   for (std::size_t i = 0; i < count; ++i) {
     const auto across = static_cast<std::uint64_t>((own[i] + kPi) / width);
     const auto up = static_cast<std::uint64_t>((other[i] + kPi) / kOtherAngle);
-    // The exponent of a float and its first bits: nearly a logarithm.
+    // The exponent of a float and its first mantissa bits are approximately a logarithm.
     const auto far =
         std::bit_cast<std::uint32_t>(static_cast<float>(points.range[i])) >> (23 - parts);
     const std::uint64_t key = (across * 1024 + up) * (std::uint64_t{1} << 32) + far;
@@ -160,7 +160,8 @@ const WindowedPhases& AngularGrid::phases(GridAngle angle, double step, const Ph
 
 AngleComb AngularGrid::find_comb(GridAngle angle, double shortest, double longest,
                                  AngularGrid* few) {
-  constexpr double kRatio = 1.04;  // eight columns drift by a third of one
+  // Over eight columns, the phase then drifts by a third of a column.
+  constexpr double kRatio = 1.04;
   constexpr double kNearly = 0.8;
   std::vector<AngleComb> tried;
   for (double step = shortest; step <= longest; step *= kRatio) tried.push_back({step, 1.0});
@@ -180,10 +181,10 @@ AngleComb AngularGrid::find_comb(GridAngle angle, double shortest, double longes
   return tried[last];
 }
 
-// Sets the coherence of steps to 0 that are not half as coherent as the best of them.
+// Sets the coherence of steps to 0 whose coherence is less than half of the best.
 void AngularGrid::rule_out(GridAngle angle, std::vector<AngleComb>& steps) {
   constexpr double kHalf = 0.5;
-  constexpr double kNoise = 0.01;  // three standard deviations, with 8000 points
+  constexpr double kNoise = 0.01;  // three standard deviations for 8000 points
   double best = 0.0;
   for (AngleComb& comb : steps) {
     comb.coherence = phases(angle, comb.step, kNarrowest).coherence();
@@ -196,9 +197,9 @@ void AngularGrid::rule_out(GridAngle angle, std::vector<AngleComb>& steps) {
 }
 
 void AngularGrid::find_rows(double cell_area, double range) {
-  constexpr int kHeights = 4;        // on either side
-  constexpr double kHeight = 0.025;  // of the range
-  constexpr double kUnsure = 1.6;    // factor of the distance: some rays have no return
+  constexpr int kHeights = 4;        // heights on either side
+  constexpr double kHeight = 0.025;  // share of the range
+  constexpr double kUnsure = 1.6;    // factor on the distance, because some rays have no return
   const Vector3d start = position_;
   const double expected = std::clamp(cell_area / azimuth.step, kFinest, kCoarsest);
   AngleComb best;
@@ -220,7 +221,7 @@ double AngularGrid::judged(GridAngle angle, const PhaseWindow& window) {
 // --- Improvement ---------------------------------------------------------------------------------
 
 double AngularGrid::improve(const PhaseWindow& window, bool fixed) {
-  constexpr double kLargestChange = 0.02;  // of a step, in one go
+  constexpr double kLargestChange = 0.02;  // share of a step, per iteration
   Matrix5 normal = Matrix5::Zero();
   Vector5 gradient = Vector5::Zero();
   for (const GridAngle angle : kGridAngles) {
@@ -236,7 +237,7 @@ double AngularGrid::improve(const PhaseWindow& window, bool fixed) {
     normal.leftCols<3>().setZero();
     gradient.head<3>().setZero();
   }
-  // Damping: unknowns that no phase depends on do not move.
+  // Damping, so that unknowns that no phase depends on do not move.
   normal.diagonal().array() += 1e-9 * normal.trace() + 1e-12;
   const Vector5 change = normal.ldlt().solve(gradient);
   azimuth.step *= 1.0 + std::clamp(change[3], -kLargestChange, kLargestChange);
@@ -245,7 +246,7 @@ double AngularGrid::improve(const PhaseWindow& window, bool fixed) {
   return change.head<3>().norm();
 }
 
-// How the phase of a point changes with the five unknowns, radians.
+// Derivatives of a point's phase by the five unknowns, radians.
 AngularGrid::Vector5 AngularGrid::slope_of(std::size_t point, GridAngle angle, double step) const {
   Vector5 slope = Vector5::Zero();
   const Vector3d& ray = polar_.rays[point];
@@ -260,11 +261,11 @@ AngularGrid::Vector5 AngularGrid::slope_of(std::size_t point, GridAngle angle, d
   return Vector5((2.0 * kPi / step) * slope);
 }
 
-// Adds the normal equations of one angle: the differences of phases from the means of their windows
-// are to vanish.
+// Adds the normal equations of one angle, which minimize the differences of phases from the means
+// of their windows.
 void AngularGrid::add_differences(const WindowedPhases& phases, GridAngle angle, double step,
                                   double weight, Matrix5& normal, Vector5& gradient) const {
-  constexpr double kSteepest = 1e3;  // radians of phase a metre: beside the axis
+  constexpr double kSteepest = 1e3;  // radians of phase per metre; it is larger beside the axis
   std::vector<Vector5> slopes(phases.num_windows(), Vector5::Zero());
   for (std::size_t i = 0; i < points_.size(); ++i) {
     slopes[phases.window_of(i)] += slope_of(i, angle, step);
@@ -272,7 +273,7 @@ void AngularGrid::add_differences(const WindowedPhases& phases, GridAngle angle,
   for (std::size_t i = 0; i < points_.size(); ++i) {
     const WindowedPhases::Sum& sum = phases.sum(phases.window_of(i));
     if (!(sum.count > 1.0)) continue;
-    // Sine and cosine of the difference from the window's mean.
+    // Sine and cosine of the difference from the mean of the window.
     const double size = std::sqrt(sum.cosine * sum.cosine + sum.sine * sum.sine) + 1e-12;
     const SinCos own = phases.wave_of(i);
     const double cosine = (own.cos * sum.cosine + own.sin * sum.sine) / size;
@@ -302,7 +303,7 @@ double AngularGrid::explained(GridAngle angle, const PhaseWindow& window) {
     if (pairs[t] < kFewestPairs) continue;
     shares.push_back(std::sqrt(std::max(0.0, agreement[t] / pairs[t])));
   }
-  if (shares.size() < kFewestTiles) return 0.0;  // too little of a view to tell anything
+  if (shares.size() < kFewestTiles) return 0.0;  // too small a view for a decision
   std::sort(shares.begin(), shares.end());
   const double usual = shares[shares.size() * 4 / 5];
   double sum = 0.0;

@@ -14,41 +14,43 @@ namespace manip3d {
 enum class GridAngle : std::uint8_t { kAzimuth, kElevation };
 constexpr std::array kGridAngles = {GridAngle::kAzimuth, GridAngle::kElevation};
 
-/// Points whose phases are compared with each other. Within a window the phases of the grid agree
-/// although the position is somewhat off. It spans `columns` steps of one angle, two degrees of the
-/// other, and 1 / 2^parts of an octave of range: negative `parts` span several octaves.
+/// A window within which phases of points are compared. The phases of the grid agree within it even
+/// if the position is slightly wrong. It spans `columns` steps of one angle, two degrees of the
+/// other one, and 1 / 2^parts of an octave of range; with negative `parts` it spans several
+/// octaves.
 struct PhaseWindow {
   std::int64_t columns = 8;
   int parts = 3;
 };
 
-/// One of the two angles with its grid.
+/// The grid of one of the two angles.
 struct AngleComb {
   double step = 0.0;  ///< Radians; 0: none.
   double coherence = 0.0;
 };
 
-/// Coherence, enough to try: it grows as the position gets better.
+/// Smallest coherence that is worth a trial; it increases as the position improves.
 constexpr double kFaintCoherence = 0.03;
 
 /// Polar coordinates of points about a position; the polar axis is the third coordinate.
 struct PolarPoints {
-  std::vector<Eigen::Vector3d> rays;       ///< From the position, metres.
+  std::vector<Eigen::Vector3d> rays;       ///< Vectors from the position, metres.
   std::vector<double> azimuth, elevation;  ///< Radians.
-  std::vector<double> range, rho;          ///< Metres, from the position and the axis.
+  std::vector<double> range, rho;  ///< Distances from the position and from the axis, metres.
 
   void see(const std::vector<Eigen::Vector3d>& points, const Eigen::Vector3d& position);
 };
 
-/// The phases of points, angle over step in turns, and their sums by window.
+/// The phases of points (angle divided by step, in turns) and their sums by window.
 class WindowedPhases {
  public:
   /// Sum over the points of a window.
   struct Sum {
     double cosine = 0.0, sine = 0.0, count = 0.0;
 
-    /// Sum of the cosines of the differences over all ordered pairs, and number of these pairs,
-    /// both divided by the number of points so that a full window does not outweigh all others.
+    /// Sum of the cosines of the differences over all ordered pairs, and number of these pairs;
+    /// both are divided by the number of points, so that a full window does not outweigh all
+    /// others.
     [[nodiscard]] double agreement() const {
       return count > 1.0 ? (cosine * cosine + sine * sine - count) / count : 0.0;
     }
@@ -57,7 +59,7 @@ class WindowedPhases {
 
   void gather(const PolarPoints& points, GridAngle angle, double step, const PhaseWindow& window);
 
-  /// Mean cosine of the differences in phase between points of one window.
+  /// Mean cosine of the differences in phase between points of the same window.
   [[nodiscard]] double coherence() const;
 
   [[nodiscard]] std::size_t num_windows() const { return sums_.size(); }
@@ -72,13 +74,13 @@ class WindowedPhases {
   std::vector<SinCos> waves_;          ///< By point.
   std::vector<Sum> sums_;              ///< By window.
   std::vector<std::uint64_t> keys_;    ///< Hash table of the windows.
-  std::vector<std::int32_t> numbers_;  ///< By slot of the table: the window's number.
+  std::vector<std::int32_t> numbers_;  ///< By slot of the table: number of the window.
 };
 
-/// Points, a position from which they may stand on a grid of azimuth and elevation, and that grid.
+/// Points, a position from which they may lie on a grid of azimuth and elevation, and that grid.
 class AngularGrid {
  public:
-  /// @param points  Metres; the third axis is the polar one.
+  /// @param points    Metres; the third axis is the polar one.
   /// @param progress  May cancel any of the work.
   AngularGrid(std::vector<Eigen::Vector3d> points, const Eigen::Vector3d& position,
               const Progress& progress);
@@ -96,34 +98,35 @@ class AngularGrid {
   }
   [[nodiscard]] double median_range() const;
 
-  /// Keeps about so many points, those in some of the tiles around the position; `draw` says which
-  /// tiles.
+  /// Keeps about this many points: all points in some of the tiles around the position. `draw` is
+  /// the random stream that chooses the tiles.
   void keep_tiles(std::int64_t most, std::uint64_t draw);
 
-  /// Solid angle for each point, from the cells of one degree that hold some.
+  /// Solid angle per point, from the cells of one degree that contain points.
   [[nodiscard]] double cell_area() const;
 
-  /// The largest step of [shortest, longest] at which phases agree nearly as well as at any, then
-  /// the most coherent of it and the three finer ones beside it. A grid of few of the points may
-  /// rule out most steps before.
+  /// Finds the largest step in [shortest, longest] at which phases agree nearly as well as at the
+  /// best step, then returns the most coherent of it and the next three finer ones. A grid `few` of
+  /// few of the points may rule out most steps beforehand.
   AngleComb find_comb(GridAngle angle, double shortest, double longest, AngularGrid* few = nullptr);
 
-  /// Finds faint rows where columns are plain, and moves to the height at which they are the most
-  /// coherent. Their step is searched around that which gives one point a cell, with the step of
-  /// the columns known; and since a wrong height blurs rows, at nine heights.
+  /// Finds faint rows if columns are clear, and moves to the height at which rows are the most
+  /// coherent. Their step is searched around the value at which a cell contains one point, with the
+  /// known step of the columns, and at nine heights, because a wrong height blurs rows.
   /// @param range  Median range of the points.
   void find_rows(double cell_area, double range);
 
-  /// Coherence with the comb that was found; 0 if none was found.
+  /// Coherence at the step that was found; 0 if none was found.
   double judged(GridAngle angle, const PhaseWindow& window);
 
-  /// One step of Gauss and Newton on the differences of phases from their windows' means, in the
-  /// position (unless it is fixed) and in the logarithms of both steps. Returns metres moved.
+  /// One Gauss-Newton step on the differences of phases from the means of their windows, for the
+  /// position (unless it is fixed) and the logarithms of both steps. Returns the distance moved,
+  /// metres.
   double improve(const PhaseWindow& window, bool fixed);
 
-  /// Mean over the tiles of the share of their points that stand on the grid. Only pairs of two
-  /// such points agree, so agreement goes with the square of the share, hence the root. It is
-  /// measured against the tile at 4/5 of all, as noise keeps even clean tiles below 1.
+  /// Mean over the tiles of the share of their points that are on the grid. Only pairs of such
+  /// points agree, so the agreement is proportional to the square of the share; hence the root. It
+  /// is relative to the tile at the 80th percentile, because noise keeps even clean tiles below 1.
   double explained(GridAngle angle, const PhaseWindow& window);
 
  private:
@@ -141,7 +144,7 @@ class AngularGrid {
   Eigen::Vector3d position_;
   Ticker ticker_;
   PolarPoints polar_;
-  WindowedPhases phases_;  ///< Result of the last call of phases(): its memory is used again.
+  WindowedPhases phases_;  ///< Result of the last call of phases(); its memory is reused.
 };
 
 }  // namespace manip3d

@@ -8,7 +8,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::size_t kAlignment = 64;  // a line of the cache
+constexpr std::size_t kAlignment = 64;  // bytes of a cache line
 constexpr std::size_t kMostGaps = 1024;
 
 std::size_t rounded_up(std::size_t bytes) {
@@ -63,7 +63,8 @@ void Arena::free(void* memory, std::size_t bytes) noexcept {
     std::prev(after)->end = range.end;
   } else if (joins_after) {
     after->begin = range.begin;
-  } else if (gaps_.size() < kMostGaps) {  // else it is lost to this call: nothing may fail here
+    // Otherwise the memory is not reused in this call, because freeing must not fail.
+  } else if (gaps_.size() < kMostGaps) {
     gaps_.insert(after, range);
   }
 }

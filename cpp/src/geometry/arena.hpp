@@ -8,12 +8,12 @@
 
 namespace manip3d {
 
-/// Memory for the tables of one call, from one piece, so that the system hands it out in huge
-/// pages: page by page that takes a tenth of the time of a call of 40 ms. Any thread may take and
-/// free.
+/// Memory for the tables of one call in a single block, so that the system provides huge pages:
+/// with small pages, page faults take a tenth of a call of 40 ms. Any thread may take and free
+/// memory.
 class Arena {
  public:
-  /// @param bytes  how much to hold; 0: nothing. What does not fit comes from the heap.
+  /// @param bytes  Size of the block; 0: none. Requests that do not fit are served from the heap.
   explicit Arena(std::size_t bytes);
   Arena(const Arena&) = delete;
   Arena& operator=(const Arena&) = delete;
@@ -29,7 +29,7 @@ class Arena {
 
   LargeArray<std::byte> memory_;
   std::mutex mutex_;
-  std::vector<Range> gaps_;  // in order, none beside another
+  std::vector<Range> gaps_;  // in order; adjacent gaps are merged
 };
 
 }  // namespace manip3d

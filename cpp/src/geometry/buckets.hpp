@@ -10,7 +10,7 @@ namespace manip3d {
 template <typename Item>
 class Buckets {
  public:
-  /// @param for_each  called twice with a function put(key, item); must pass the same pairs.
+  /// @param for_each  Called twice with a function put(key, item); it must pass the same pairs.
   template <typename ForEach>
   Buckets(std::int64_t num_keys, const ForEach& for_each)
       : offsets_(static_cast<std::size_t>(num_keys) + 1) {

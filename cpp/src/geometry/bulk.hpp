@@ -10,8 +10,7 @@
 
 namespace manip3d {
 
-/// Leaves what a vector makes without a value as the memory is, and takes the memory from an arena
-/// if it has one.
+/// An allocator that leaves values uninitialized, and takes memory from an arena if it has one.
 template <typename T>
 class WithoutValue {
  public:
@@ -56,8 +55,8 @@ class WithoutValue {
   Arena* arena_ = nullptr;
 };
 
-/// A large table whose rows are all written before they are read: resize() touches no memory, so
-/// that threads do, each its own part.
+/// A large table whose rows are all written before they are read. resize() does not touch the
+/// memory, so each thread can touch its own part first.
 template <typename T>
 using Bulk = std::vector<T, WithoutValue<T>>;
 

@@ -19,18 +19,19 @@ using Eigen::Array3f;
 using Eigen::Array4f;
 using Eigen::Vector3d;
 
-constexpr int kWidth = 4;  // children of a node: one SSE register of floats
+constexpr int kWidth = 4;  // children per node: one SSE register of floats
 constexpr int kBins = 16;
-constexpr int kMaxSahDepth = 40;      // below it the middle: the tree's depth stays under 56
-constexpr int kProgressStep = 10000;  // triangles between two reports: a few milliseconds
+// Deeper nodes are split in the middle, which keeps the depth below 56.
+constexpr int kMaxSahDepth = 40;
+constexpr int kProgressStep = 10000;  // triangles between two progress reports: a few milliseconds
 constexpr int kStackSize = 256;       // a level adds at most kWidth - 1 entries
 
-// Boxes are kept in float and must never look farther away than their triangles:
+// Boxes are stored in float and must never seem farther away than their triangles:
 // - triangles' distances carry rounding errors near 1e-15 (the tree's unit is the mesh's size);
 // - distances to boxes, in float, are off by less than 5 * 2^-24 relative.
 constexpr double kBoxMargin = 1e-13;
 constexpr double kBoundSlack = 1.0 + 1e-6;
-// Clamping a query brings it nearer to every box, and its squares stay below the largest float.
+// Clamping a query moves it nearer to every box, and its squares stay below the largest float.
 constexpr double kLargestCoordinate = 1e18;
 
 const Vector3d kNowhere = Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
@@ -42,7 +43,7 @@ float round_down(double value) {
 }
 float round_up(double value) { return -round_down(-value); }
 
-// Smallest float squared distance that safely excludes a box.
+// Smallest float squared distance that excludes a box with certainty.
 float bound(double squared_limit) {
   constexpr double kLargest = std::numeric_limits<float>::max();
   constexpr double kSmallest = std::numeric_limits<float>::min();  // squares may underflow
@@ -75,7 +76,7 @@ namespace {
 
 using Size = std::int64_t;
 
-// The first corner of the longest edge; the lowest one where edges are equally long.
+// The first corner of the longest edge; of equally long edges, the first one.
 int base_corner(const Vector3d corners[3]) {
   double squared_length[3];
   for (int k = 0; k < 3; ++k) {
@@ -204,7 +205,7 @@ std::array<Vector3d, 3> TriangleBvh::corners_of(std::int32_t face) const {
 }
 
 TriangleBvh::Triangle TriangleBvh::make_triangle(const Vector3d corners[3]) {
-  // The longest edge as base: its frame is well conditioned for needles and caps alike.
+  // The longest edge is the base, so that the frame is well conditioned for both needles and caps.
   const int base = base_corner(corners);
   Triangle t{corners[base], Vector3d::Zero(), Vector3d::Zero(), 0.0, 0.0, 0.0};
   const Vector3d ab = corners[(base + 1) % 3] - t.a;
@@ -225,7 +226,7 @@ TriangleBvh::Triangle TriangleBvh::make_triangle(const Vector3d corners[3]) {
 
 std::int32_t TriangleBvh::build_node(std::vector<Primitive>& primitives, Size begin, Size end,
                                      int depth, const Progress& progress) {
-  if (progress && end - begin > kProgressStep) {  // nodes come in the order of their triangles
+  if (progress && end - begin > kProgressStep) {  // nodes are built in the order of their triangles
     progress(static_cast<double>(begin) / static_cast<double>(primitives.size()));
   }
   struct Range {
@@ -294,7 +295,8 @@ TriangleBvh::Candidate TriangleBvh::closest_in(std::int32_t slot, const Vector3d
   } else {
     const bool beyond_ac = s * y > h * x;
     const bool beyond_bc = rest * y > h * (t.length - x);
-    // Along AC, 0 at A: in [0, 1) its foot, below 0 the corner A, above 1 BC's or the corner C.
+    // Position along AC, 0 at A: in [0, 1) the foot on AC, below 0 the corner A, above 1 a point of
+    // BC or the corner C.
     const double along_ac = s * x + h * y;
     const double squared_ac = s * s + h * h;
     if (beyond_ac && (along_ac < squared_ac || !beyond_bc)) {
@@ -312,8 +314,8 @@ TriangleBvh::Candidate TriangleBvh::closest_in(std::int32_t slot, const Vector3d
   Candidate candidate{
       normal_part.squaredNorm() + (x - foot_x) * (x - foot_x) + (y - foot_y) * (y - foot_y), foot_x,
       foot_y, face_of_slot_[slot], slot};
-  // Rounding must not hide that the query is a corner: distances up to 1e-14, ten times their
-  // rounding errors, are looked at again.
+  // Detects queries that equal a corner despite rounding: distances up to 1e-14, ten times their
+  // rounding errors, are checked.
   if (candidate.squared_distance < 1e-28) {
     for (const Vector3d& corner : corners_of(candidate.face)) {
       if (corner == p) candidate.squared_distance = 0.0;
@@ -378,7 +380,7 @@ void TriangleBvh::traverse(const Query& query, double& squared_limit, const Visi
     const int base = size;
     for (int lane = 0; lane < kWidth; ++lane) {
       if (!(squared[lane] <= limit)) continue;
-      int place = size++;  // the nearest goes on top
+      int place = size++;  // the nearest child is on top
       for (; place > base && stack[place - 1].squared_distance < squared[lane]; --place) {
         stack[place] = stack[place - 1];
       }
@@ -430,8 +432,8 @@ void TriangleBvh::faces_within(const Vector3d& query, double distance,
 
 namespace {
 
-// Cubes of space, of which those that hold a point or are next to one are marked. Cubes share a
-// mark now and then.
+// A set of cubes of space: those that contain a point or are next to one that does. Different cubes
+// sometimes share a mark.
 class MarkedCubes {
  public:
   MarkedCubes(const Eigen::Ref<const Vertices>& points, double side) : side_(side) {
@@ -445,7 +447,7 @@ class MarkedCubes {
     }
   }
 
-  // Does a box touch a marked cube? A box across many cubes may.
+  // Whether a box may touch a marked cube; always true for a box across many cubes.
   [[nodiscard]] bool may_touch(const Array3d& min, const Array3d& max) const {
     constexpr double kManyCubes = 64.0;
     const Array3d first = (min / side_).floor();
@@ -455,7 +457,7 @@ class MarkedCubes {
   }
 
  private:
-  // Until `stop` says so.
+  // Visits the marks of the cubes until `stop` returns true.
   template <typename Stop>
   bool visit(const Array3d& first, const Array3d& last, const Stop& stop) const {
     for (double x = first[0]; x <= last[0]; x += 1.0) {
@@ -480,11 +482,13 @@ class MarkedCubes {
   std::vector<bool> marks_;
 };
 
-// Faces that may be as near as `distance` to a point, ascending; all where so few are not worth the
-// search, or where it is so short a part of the coordinates that cubes of it have no whole numbers.
+// Faces that may be within `distance` of a point, ascending. All faces, if there are so few that a
+// search does not pay, or if the distance is so small relative to the coordinates that cube indices
+// would not be exact.
 std::vector<std::int32_t> faces_near(const MeshView& mesh, const Eigen::Ref<const Vertices>& points,
                                      double distance) {
-  constexpr Size kFacesPerPoint = 8;  // from here on building a tree takes longer than asking it
+  // With more faces, building a tree takes longer than its queries.
+  constexpr Size kFacesPerPoint = 8;
   constexpr double kLeastPart = 1e-12;
   if (points.rows() == 0 || mesh.num_faces() <= kFacesPerPoint * points.rows()) {
     return all_faces(mesh);
@@ -492,7 +496,7 @@ std::vector<std::int32_t> faces_near(const MeshView& mesh, const Eigen::Ref<cons
   const double size = std::max(mesh.vertices.cwiseAbs().maxCoeff(), points.cwiseAbs().maxCoeff());
   const bool has_cubes = distance > kLeastPart * size && distance < kInfinity;
   if (!has_cubes || !points.allFinite()) return all_faces(mesh);
-  // Rounding must not hide what is just as near.
+  // The margin includes faces at exactly this distance despite rounding.
   const MarkedCubes cubes(points, distance * (1.0 + 1e-6) + kLeastPart * size);
   std::vector<std::int32_t> near;
   for (Size f = 0; f < mesh.faces.rows(); ++f) {

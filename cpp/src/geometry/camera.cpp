@@ -98,7 +98,7 @@ PixelRays::PixelRays(const Intrinsics& camera) : width_(camera.width), height_(c
     y_[i] = static_cast<float>(ray.y());
   }
   if (camera.ray_table != nullptr && width_ > 1 && height_ > 1) {
-    // Which way columns and rows run is read off in the middle of the table.
+    // The directions of columns and rows are measured in the middle of the table.
     const std::size_t middle = (height_ - 1) / 2 * width_ + (width_ - 1) / 2;
     const auto below = middle + static_cast<std::size_t>(width_);
     const float turn = (x_[middle + 1] - x_[middle]) * (y_[below] - y_[middle]) -

@@ -7,8 +7,8 @@
 
 namespace manip3d {
 
-/// How a 2x2 cell of pixels becomes triangles. Its corners are numbered round the cell from the
-/// pixel with the least u and v: two triangles where all four are valid, one where three are.
+/// How a 2x2 cell of pixels is cut into triangles: two if all four corners are valid, one if three
+/// are. Corners are numbered around the cell from the pixel with the lowest u and v.
 enum class CellCut : std::uint8_t {
   kNone,
   kWithout0,
@@ -19,8 +19,8 @@ enum class CellCut : std::uint8_t {
   kFrom1To3
 };
 
-/// The pixels round the cell below and right of `pixel`. Triangles that go round so are front faces
-/// of a grid with these rows.
+/// The pixels around the cell below and right of `pixel`, in the order in which triangles are front
+/// faces of a grid with rows in this direction.
 inline std::array<std::int64_t, 4> cell_corners(std::int64_t pixel, std::int64_t cols,
                                                 bool rows_up) {
   std::array<std::int64_t, 4> corners = {pixel, pixel + 1, pixel + cols + 1, pixel + cols};
@@ -28,9 +28,9 @@ inline std::array<std::int64_t, 4> cell_corners(std::int64_t pixel, std::int64_t
   return corners;
 }
 
-/// Four valid pixels are cut along the shorter diagonal, from corner 0 if both are as long.
-/// @param valid             bit i: is corner i valid?
-/// @param squared_distance  of two corners.
+/// Four valid pixels are cut along the shorter diagonal; if both are equally long, from corner 0.
+/// @param valid             Bit i: corner i is valid.
+/// @param squared_distance  Function of two corners.
 template <typename SquaredDistance>
 CellCut cut_cell(unsigned valid, const SquaredDistance& squared_distance) {
   using enum CellCut;

@@ -14,12 +14,12 @@
 
 namespace manip3d {
 
-/// Points grouped by hashed cubic cells [Teschner et al., VMV 2003]. The buckets of cells that are
-/// neighbours along x are neighbours too, so that a block of cells is read in few runs. Cells may
-/// share a bucket: what a visit gives holds all that is near, and a few points that are not.
+/// Points grouped by hashed cubic cells [Teschner et al., VMV 2003]. Buckets of cells that are
+/// neighbours along x are adjacent, so that a block of cells is read in few runs. Different cells
+/// may share a bucket: a visit yields all near points, and a few others.
 class CellList {
  public:
-  /// @param origin  cells are counted from there.
+  /// @param origin  Origin of the cells.
   CellList(const PointsView& view, double cell_size, const Eigen::Vector3d& origin, Ticker& ticker)
       : origin_(origin),
         cell_size_(cell_size),
@@ -44,7 +44,7 @@ class CellList {
 
   [[nodiscard]] double cell_size() const { return cell_size_; }
 
-  /// Place of a row of the view in the list.
+  /// Place in the list of a row of the view.
   [[nodiscard]] std::int32_t place_of(std::int32_t row) const { return place_[row]; }
 
   [[nodiscard]] double squared_distance(std::int32_t a, std::int32_t b) const {
@@ -54,15 +54,16 @@ class CellList {
     return x * x + y * y + z * z;
   }
 
-  /// Calls visit(place) for the points within `reach` cells of the cell of one, itself among them;
-  /// for some more than once.
+  /// Calls visit(place) for the points within `reach` cells of the cell of a point, including
+  /// itself; for some points more than once.
   template <int reach, typename Visit>
   void visit(std::int32_t place, const Visit& visit_place) const {
     visit_rows<reach>(place, visit_place, [](double) { return true; });
   }
 
-  /// Does so, and leaves out the rows of cells along x unless is_wanted(gap) holds when their turn
-  /// comes, the point's own row first: the squared distance of no point of a row is below its gap.
+  /// The same, but skips rows of cells along x for which is_wanted(gap) is false when they are due,
+  /// starting with the point's own row. The squared distance of each point of a row is at least
+  /// `gap`.
   template <int reach, typename Visit, typename Wanted>
   void visit_rows(std::int32_t place, const Visit& visit_place, const Wanted& is_wanted) const {
     constexpr int kSide = 2 * reach + 1;
@@ -70,7 +71,8 @@ class CellList {
     const Cell center = cell_of(points_.row(place).transpose().cast<double>());
     const std::size_t count = start_.size() - 1;
     std::array<std::size_t, kSide * kSide> first;
-    std::array<std::int32_t, kSide * kSide> begin, end;  // all looked up first: memory is slow
+    // Looked up in advance to hide the latency of memory.
+    std::array<std::int32_t, kSide * kSide> begin, end;
     for (int i = 0; i < kSide * kSide; ++i) {
       first[i] = bucket(center + Cell(-reach, i % kSide - reach, i / kSide - reach));
       begin[i] = start_[first[i]];
@@ -94,7 +96,8 @@ class CellList {
     return ((p - origin_) / cell_size_).array().floor().cast<std::int64_t>();
   }
 
-  // Between a point and rows so many cells away along y and z, at least: places are rounded.
+  // Lower bound of the squared distance between a point and rows this many cells away along y and
+  // z; places are rounded.
   [[nodiscard]] double squared_gap(int y, int z) const {
     const auto metres = [&](int cells) { return (std::abs(cells) - 1.01) * cell_size_; };
     const double a = std::max(0.0, metres(y));
@@ -111,7 +114,7 @@ class CellList {
 
   Eigen::Vector3d origin_;
   double cell_size_;
-  std::vector<std::int32_t> start_;  // of each bucket; a power of two of them
+  std::vector<std::int32_t> start_;  // of each bucket; the number of buckets is a power of two
   std::vector<std::int32_t> place_;
   Points points_;
 };

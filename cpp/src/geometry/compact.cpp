@@ -3,7 +3,7 @@
 namespace manip3d {
 namespace {
 
-/// (num_rows,) old row -> new row, or -1 for rows that `indices` does not name.
+/// (num_rows,) old row -> new row, or -1 for rows that are not in `indices`.
 Indices compact_numbering(const Faces& indices, Eigen::Index num_rows) {
   Indices map = Indices::Constant(num_rows, -1);
   for (const std::int32_t row : indices.reshaped()) {
@@ -26,7 +26,7 @@ template <typename Table>
 void take_mapped_rows(Table& table, const Indices& map) {
   Eigen::Index size = 0;
   for (Eigen::Index row = 0; row < table.rows(); ++row) {
-    if (map[row] >= 0) table.row(size++) = table.row(row);  // new rows never overtake old ones
+    if (map[row] >= 0) table.row(size++) = table.row(row);  // a new row is never after its old one
   }
   table.conservativeResize(size, table.cols());
 }

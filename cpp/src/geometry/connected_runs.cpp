@@ -8,7 +8,7 @@ namespace manip3d {
 
 struct ConnectedRuns::Memory {
   std::vector<std::int32_t> row_start;  // first run of each row
-  std::vector<std::int32_t> number;     // of the component, by root
+  std::vector<std::int32_t> number;     // number of the component, by root
   UnionFind sets;
 };
 
@@ -25,13 +25,13 @@ void ConnectedRuns::reserve(std::int64_t rows, std::int64_t columns) {
   memory_->sets.reset(static_cast<std::int32_t>(most));
 }
 
-// Joins the runs of a row with those of the row before, and round the back with each other.
+// Joins the runs of a row with those of the previous row and, in a panorama, across its ends.
 void ConnectedRuns::join_rows(std::int64_t row, std::int64_t columns, bool goes_round) {
   UnionFind& sets = memory_->sets;
   const std::int32_t begin = memory_->row_start[row], end = memory_->row_start[row + 1];
   const std::int32_t above = row > 0 ? memory_->row_start[row - 1] : begin;
   if (begin == end) return;
-  std::int32_t first = above;  // of the runs that may still touch
+  std::int32_t first = above;  // first run of the previous row that may still touch
   for (std::int32_t i = begin; i < end; ++i) {
     while (first < begin && runs_[first].last + 1 < runs_[i].first) ++first;
     for (std::int32_t j = first; j < begin && runs_[j].first <= runs_[i].last + 1; ++j) {

@@ -4,11 +4,11 @@
 #include <numbers>
 
 /// @file
-/// Numbers that many kernels name, in double and (suffix F) in float.
+/// Constants used by many kernels, in double and (suffix F) in float.
 namespace manip3d {
 
 constexpr double kPi = std::numbers::pi;
-constexpr double kFullTurn = 2.0 * kPi;  ///< 360 degrees in radians
+constexpr double kFullTurn = 2.0 * kPi;  ///< 360 degrees, in radians
 constexpr double kDegree = kPi / 180.0;  ///< in radians
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();

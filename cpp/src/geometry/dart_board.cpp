@@ -14,8 +14,9 @@ namespace manip3d {
 namespace {
 
 constexpr std::int64_t kProbes = 2048;
-constexpr double kRoom = 1.1;   // a cell over the radius, which corrections change
-constexpr double kSure = 1.99;  // cells that two on either side surely reach
+// Size of a cell relative to the radius, which later corrections change.
+constexpr double kRoom = 1.1;
+constexpr double kSure = 1.99;  // cells to either side within which neighbours are certainly found
 
 double square(double x) { return x * x; }
 
@@ -40,7 +41,7 @@ double mean_spacing(const PointsView& points, const Progress& progress) {
 std::vector<std::int32_t> random_order(std::int64_t count, std::uint64_t seed, Ticker& ticker) {
   const int bits =
       std::clamp(static_cast<int>(std::bit_width(static_cast<std::uint64_t>(count))), 1, 24);
-  // Into buckets of the leading bits of the keys, then within each.
+  // Sorted into buckets by the leading bits of the keys, then within each bucket.
   const auto key_of = [&](std::int32_t i) {
     return random_bits(seed, static_cast<std::uint64_t>(i));
   };
@@ -101,7 +102,7 @@ double DartBoard::mean_spacing_of(const std::vector<std::int32_t>& kept) const {
     sum += std::sqrt(squared);
   });
   if (all_near) return sum / static_cast<double>(probes);
-  // Lone points: their cells are empty.
+  // Some points have no neighbours in the cells around.
   return mean_spacing(view_of(take(candidates_, kept)), progress_);
 }
 

@@ -10,10 +10,10 @@
 
 namespace manip3d {
 
-/// The numbers below `count` in a random order: by random keys, a tie by the number.
+/// Return the numbers below `count` in a random order: sorted by random keys, ties by number.
 std::vector<std::int32_t> random_order(std::int64_t count, std::uint64_t seed, Ticker& ticker);
 
-/// Mean nearest-neighbour distance, of a few thousand of the points: good to about 1 %.
+/// Mean nearest-neighbour distance, estimated from a few thousand points to about 1 %.
 double mean_spacing(const PointsView& points, const Progress& progress);
 
 inline PointsView view_of(const Points& points) {
@@ -21,12 +21,12 @@ inline PointsView view_of(const Points& points) {
 }
 Points take(const PointsView& view, const std::vector<std::int32_t>& rows);
 
-/// Dart throwing [Cook, ACM TOG 1986] among given points, in a random order: a point stays unless
-/// one that stayed is nearer than the radius. Those that stay tell their neighbours, which is the
-/// same and quicker: most do not stay.
+/// Dart throwing [Cook, ACM TOG 1986] among given points, in a random order: a point is kept unless
+/// a kept point is nearer than the radius. Each kept point marks its neighbours, which gives the
+/// same result faster, because most points are not kept.
 class DartBoard {
  public:
-  /// @param origin  near the points: cells are counted from there.
+  /// @param origin  A place near the points; origin of the cells.
   DartBoard(const PointsView& candidates, std::uint64_t seed, const Eigen::Vector3d& origin,
             const Progress& progress)
       : candidates_(candidates),
@@ -35,9 +35,9 @@ class DartBoard {
         ticker_(progress),
         order_(random_order(candidates.num_points(), seed, ticker_)) {}
 
-  /// The rows that stay, ascending.
+  /// Return the kept rows, ascending.
   std::vector<std::int32_t> sample(double radius);
-  /// Mean spacing of the rows that the last sample kept; as `mean_spacing` of them.
+  /// Mean spacing of the rows that the last sample kept, like `mean_spacing` of these points.
   [[nodiscard]] double mean_spacing_of(const std::vector<std::int32_t>& kept) const;
 
  private:

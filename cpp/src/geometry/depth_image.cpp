@@ -19,9 +19,9 @@ bool is_finite(const float* point) {
   return std::isfinite(point[0]) && std::isfinite(point[1]) && std::isfinite(point[2]);
 }
 
-/// Whether all valid points are; four of them at a time, twelve numbers.
+/// Whether all valid points are finite; tests four points, twelve numbers, at a time.
 bool all_finite(const PointGridView& grid, std::int64_t num_pixels) {
-  constexpr std::int32_t kExponent = 0x7f800000;  // all of it: infinity or NaN
+  constexpr std::int32_t kExponent = 0x7f800000;  // all exponent bits set: infinity or NaN
   const auto are_bad = [](const float* from) -> Int4 {
     Int4 bits;
     std::memcpy(&bits, from, sizeof bits);
@@ -44,7 +44,7 @@ bool all_finite(const PointGridView& grid, std::int64_t num_pixels) {
   return true;
 }
 
-/// Writes points that are given coordinate by coordinate; those without a z are NaN.
+/// Interleaves the coordinates of points; points without a z become NaN.
 void write_row(const std::array<const float*, 3>& xyz, std::int64_t size, float* points,
                std::uint8_t* valid) {
   const auto [x, y, z] = xyz;
@@ -57,7 +57,7 @@ void write_row(const std::array<const float*, 3>& xyz, std::int64_t size, float*
         transpose({is_valid ? load4(x + u) : none, is_valid ? load4(y + u) : none, depth, none});
     float* const to = points + 3 * u;
     for (std::size_t i = 0; i < 3; ++i)
-      store4(to + 3 * i, four[i]);  // the next writes over the 4th
+      store4(to + 3 * i, four[i]);  // the next store overwrites the fourth number
     std::memcpy(to + 9, &four[3], 3 * sizeof(float));
   }
   for (; u < size; ++u) {

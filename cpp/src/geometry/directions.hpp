@@ -10,8 +10,8 @@
 
 namespace manip3d {
 
-/// Directions of a block of points, seen from an origin. Loops over plain arrays, which compilers
-/// turn into SIMD.
+/// Directions of a block of points as seen from an origin. The loops over plain arrays are
+/// vectorized by compilers.
 struct Directions {
   static constexpr std::int64_t kBlock = 256;
 
@@ -21,7 +21,7 @@ struct Directions {
   float elevation[kBlock];  ///< Radians in [-pi/2, pi/2].
 
   /// @param xyz     rows of three, `stride` floats apart.
-  /// @param origin  subtracted in double, so that a far-away origin costs no digits.
+  /// @param origin  Subtracted in double, so that a distant origin costs no precision.
   void compute(const float* xyz, std::int64_t stride, std::int64_t count,
                const Eigen::Vector3d& origin) {
     float x[kBlock];

@@ -18,7 +18,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// log2, to 1e-7, without libm.
+// Binary logarithm, to 1e-7, without libm.
 double binary_log(double x) {
   int exponent = 0;
   const double m = std::frexp(x, &exponent);  // in [0.5, 1)
@@ -28,20 +28,20 @@ double binary_log(double x) {
   return exponent - 0.5 + 2.0 * atanh / std::numbers::ln2;
 }
 
-// How unevenly a scanner at a position would have seen the patches.
+// Measures how unevenly a scanner at a position would have sampled the patches.
 class Unevenness {
  public:
   Unevenness(const std::vector<SurfacePatch>& patches, int axis, const Progress& progress)
       : patches_(patches), axis_(axis), ticker_(progress, 1U << 5) {}
 
   // Mean absolute deviation, from its median, of log2(points of a patch / points that the grid
-  // would put there): 0 at the true position, up to noise. A patch of area A at range r, whose
-  // normal is turned by t from the ray, covers a solid angle of A cos t / r^2; a cell of the grid
-  // covers step^2 rho / r, with rho the distance from the polar axis. So density r rho / cos t is
-  // constant. Only the first `most` patches are looked at.
+  // would put there): 0 at the true position, except for noise. A patch of area A at range r whose
+  // normal forms an angle t with the ray covers a solid angle of A cos t / r^2; a cell of the grid
+  // covers step^2 rho / r, where rho is the distance from the polar axis. Therefore density r rho /
+  // cos t is constant. Only the first `most` patches are used.
   double at(const Vector3d& origin, std::size_t most) {
-    constexpr double kMost = 2.2;      // octaves: a larger deviation counts as this one
-    constexpr double kGrazing = 0.03;  // least cosine
+    constexpr double kMost = 2.2;      // octaves; larger deviations are clamped
+    constexpr double kGrazing = 0.03;  // smallest cosine
     ticker_.tick();
     logs_.clear();
     for (const SurfacePatch& patch : std::span(patches_.data(), std::min(most, patches_.size()))) {
@@ -68,7 +68,7 @@ class Unevenness {
   std::vector<double> logs_, reordered_;
 };
 
-// A box around the densest surfaces, which are the nearest.
+// A box around the densest surfaces, which are the nearest to the scanner.
 struct PatchBox {
   Vector3d middle, extent;
 };
@@ -99,10 +99,11 @@ struct RatedPlace {
   Vector3d position = Vector3d::Zero();
 };
 
-// The most even places of a coarse block of 1.5 extents around a box, the best one first.
+// The positions with the least unevenness on a coarse grid of 1.5 extents around a box, the best
+// first.
 std::vector<RatedPlace> best_of_block(const PatchBox& box, Unevenness& unevenness) {
   constexpr int kSide = 9;
-  constexpr std::size_t kFewPatches = 200;  // they rule out most places of the block
+  constexpr std::size_t kFewPatches = 200;  // enough to rule out most positions of the grid
   constexpr int kLikely = 60;
   constexpr int kStarts = 2;
   const auto position_of = [&](int index) {
@@ -125,11 +126,12 @@ std::vector<RatedPlace> best_of_block(const PatchBox& box, Unevenness& unevennes
   return places;
 }
 
-// Goes along the axes to more even places, by halving steps. A cloud that nobody scanned may fall
-// for ever without a minimum, so that each step makes a limited number of sweeps.
+// Descends along the axes to less uneven positions, with steps that are halved repeatedly. The
+// number of sweeps per step is limited, because the measure of a cloud that is no scan may have no
+// minimum.
 RatedPlace descend(RatedPlace here, const Vector3d& first_step, double smallest,
                    Unevenness& unevenness) {
-  constexpr int kSweeps = 16;  // for each size of step
+  constexpr int kSweeps = 16;  // per step size
   for (Vector3d step = first_step; step.maxCoeff() > smallest; step /= 2.0) {
     bool better = true;
     for (int sweep = 0; better && sweep < kSweeps; ++sweep) {
@@ -151,7 +153,8 @@ std::vector<SurfacePatch> sample_patches(const Points& points, const Progress& p
   constexpr std::int64_t kPatches = 1500;
   constexpr std::size_t kNeighbours = 24;
   constexpr double kLine =
-      0.15;  // middle spread over the largest; up to this the points are a line
+      // If the middle spread is below this share of the largest one, the points are on a line.
+      0.15;
   const PointsView view{{points.data(), points.rows(), 3}};
   const KdTree tree(view, progress);
   KdTree::Neighbours near;
@@ -177,7 +180,7 @@ std::vector<SurfacePatch> sample_patches(const Points& points, const Progress& p
 Vector3d even_position(const std::vector<SurfacePatch>& patches, int axis,
                        const Progress& progress) {
   constexpr double kSmallest = 0.002;      // metres
-  constexpr double kSmallestShare = 1e-5;  // or of the extent
+  constexpr double kSmallestShare = 1e-5;  // or this share of the extent
   const PatchBox box = dense_box(patches, kSmallest);
   const double smallest = std::max(kSmallest, kSmallestShare * box.extent.maxCoeff());
   Unevenness unevenness(patches, axis, progress);

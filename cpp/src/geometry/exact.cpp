@@ -10,7 +10,7 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-/// A sum of doubles without rounding: components that do not overlap, smallest first.
+/// An exact sum of doubles: components that do not overlap, smallest first.
 class ExactSum {
  public:
   void add(double value) {
@@ -83,14 +83,14 @@ bool are_collinear(const Vector3d& a, const Vector3d& b, const Vector3d& c) {
 }
 
 bool are_coplanar(const Vector3d& a, const Vector3d& b, const Vector3d& c, const Vector3d& d) {
-  // The rounded volume decides where it is beyond its error. Each product of three differences is
-  // at most size.prod(), there are six, and each goes through less than ten roundings of 1.2e-16.
+  // If the rounded volume exceeds its error bound, it decides. Each product of three differences is
+  // at most size.prod(), there are six, and each has less than ten roundings of 1.2e-16.
   const Vector3d ad = a - d, bd = b - d, cd = c - d;
   const Eigen::Array3d size = ad.array().abs().max(bd.array().abs()).max(cd.array().abs());
   const double volume = ad.dot(bd.cross(cd));
   if (std::abs(volume) > 1e-14 * 6.0 * size.prod()) return false;
-  // The volume of the tetrahedron as four determinants of the points themselves: the differences
-  // above are rounded already.
+  // The volume of the tetrahedron as four determinants of the points themselves, because the
+  // differences above are rounded.
   ExactSum sum;
   add_determinant(sum, 1.0, a, b, c);
   add_determinant(sum, -1.0, a, b, d);

@@ -45,7 +45,7 @@ void for_faces_of_row(const PointGridView& grid, std::int64_t v, double max_edge
   }
 }
 
-// Places of the vertices in the color image; without one, in the depth image.
+// Texture coordinates of the vertices in the colour image or, without one, in the depth image.
 void set_texcoords(const PointGridView& grid, const Registration* registration, DepthMesh& mesh) {
   mesh.texcoords.resize(mesh.vertices.rows(), 2);
   for (Eigen::Index i = 0; i < mesh.texcoords.rows(); ++i) {
@@ -67,7 +67,7 @@ DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options,
   if (!(options.max_edge > 0.0)) {
     throw InputError("max_edge: expected > 0, got " + std::to_string(options.max_edge));
   }
-  // First count, so that each row knows where its vertices and triangles go.
+  // First counts, so that each row knows where to write its vertices and triangles.
   constexpr std::int64_t kRowsPerChunk = 8;
   std::vector<std::int64_t> vertices_before(grid.rows + 1);
   std::vector<std::int64_t> faces_before(grid.rows + 1);

@@ -7,7 +7,7 @@
 namespace manip3d {
 namespace {
 
-// A tree of so many points is built within 0.1 s; ticking takes a tenth longer.
+// A tree of this many points is built within 0.1 s; ticking would take a tenth longer.
 constexpr std::int64_t kQuickTree = 1 << 18;
 
 struct IndexedCloud {
@@ -26,7 +26,7 @@ struct IndexedCloud {
   }
 };
 
-// The result of a search so far, as nanoflann asks for it.
+// The result of a search, with the interface that nanoflann requires.
 class NearestRow {
  public:
   explicit NearestRow(const KdTree::Nearest& known) : best_(known) {}

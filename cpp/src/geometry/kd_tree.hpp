@@ -11,11 +11,11 @@
 
 namespace manip3d {
 
-/// Exact neighbours in any cloud of points, by nanoflann; distances in double.
+/// Exact neighbours in any point cloud, by nanoflann; distances in double.
 class KdTree {
  public:
   /// The view's points must outlive the tree.
-  /// @param progress  may cancel the building of the tree.
+  /// @param progress  May cancel the construction of the tree.
   explicit KdTree(const PointsView& view, const Progress& progress = {});
   KdTree(const KdTree&) = delete;
   KdTree& operator=(const KdTree&) = delete;
@@ -26,28 +26,28 @@ class KdTree {
     std::vector<double> squared_distances;
   };
 
-  /// The k nearest of a row, itself among them.
+  /// Finds the k nearest rows of a row, including itself.
   void nearest(std::int64_t row, std::size_t k, Neighbours& found) const;
 
-  /// The k nearest of any place.
+  /// Finds the k nearest rows of any place.
   void nearest_to(const Eigen::Vector3d& place, std::size_t k, Neighbours& found) const;
 
-  /// A row, and its squared distance from a place.
+  /// A row with its squared distance from a place.
   struct Nearest {
     std::int64_t row = -1;  ///< -1: no row is nearer than `squared_distance`.
     double squared_distance = std::numeric_limits<double>::infinity();
   };
 
-  /// The row nearest to any place, if one is nearer than what is known; else that.
+  /// The row nearest to a place if it is nearer than `known`; else `known`.
   [[nodiscard]] Nearest nearest_to(const Eigen::Vector3d& place, const Nearest& known) const;
 
   [[nodiscard]] double squared_distance(const Eigen::Vector3d& place, std::int64_t row) const;
 
-  /// Distance of a row from its nearest other row; infinite where there is no other.
+  /// Distance of a row from its nearest other row; infinite if there is none.
   [[nodiscard]] double nearest_distance(std::int64_t row) const;
 
  private:
-  struct Index;  // nanoflann's templates take seconds wherever they are seen
+  struct Index;  // nanoflann's templates take seconds to compile in each file that includes them
   std::unique_ptr<const Index> index_;
 };
 

@@ -10,8 +10,8 @@
 
 namespace manip3d {
 
-/// Four numbers at a time: one instruction on every processor that has vectors of 16 bytes.
-/// Each of the four gets the bits that it would get alone.
+/// Four numbers at a time, in one instruction on every processor with 16-byte vectors. Each number
+/// gets the same bits as in scalar code.
 using Float4 = float __attribute__((vector_size(16)));
 using Int4 = std::int32_t __attribute__((vector_size(16)));
 
@@ -40,7 +40,7 @@ inline Float4 sqrt4(Float4 lanes) {
   return lanes;
 }
 
-/// The columns of four rows.
+/// Transposes four rows.
 inline std::array<Float4, 4> transpose(const std::array<Float4, 4>& r) {
   const Float4 a = __builtin_shufflevector(r[0], r[1], 0, 4, 1, 5);
   const Float4 b = __builtin_shufflevector(r[2], r[3], 0, 4, 1, 5);
@@ -93,7 +93,7 @@ inline Float4 affine4(double scale, Float4 lanes, double shift) {
 
 using Long2 = std::int64_t __attribute__((vector_size(16)));
 
-/// Bit i: is lane i of a comparison of doubles true?
+/// Bit i: lane i of a comparison of doubles is true.
 inline unsigned true_lanes(Long2 compared) {
 #if defined(__SSE2__)
   __m128d lanes;
@@ -104,7 +104,7 @@ inline unsigned true_lanes(Long2 compared) {
 #endif
 }
 
-/// Bit i: is lane i of a comparison true?
+/// Bit i: lane i of a comparison is true.
 inline unsigned true_lanes(Int4 compared) {
 #if defined(__SSE2__)
   __m128 lanes;

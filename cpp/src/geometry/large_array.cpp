@@ -18,7 +18,7 @@ void* allocate_large(std::size_t bytes) {
   const std::size_t rounded = (bytes / alignment + 1) * alignment;
   void* memory = std::aligned_alloc(alignment, rounded);
   if (memory == nullptr) throw std::bad_alloc();
-  if (large) madvise(memory, rounded, MADV_HUGEPAGE);  // a refusal only costs time
+  if (large) madvise(memory, rounded, MADV_HUGEPAGE);  // failure only costs time
   return memory;
 }
 

@@ -13,10 +13,10 @@ namespace {
 
 using Eigen::Vector2d;
 
-/// The inverse of distort() by fixed-point iteration; NaN where it does not settle.
+/// The inverse of distort() by fixed-point iteration; NaN if it does not converge.
 Vector2d undistort(const std::array<double, 5>& k, const Vector2d& distorted) {
   constexpr int kMaxSteps = 100;
-  constexpr double kSettled = 1e-10;  // far below the float that keeps the result
+  constexpr double kSettled = 1e-10;  // far below the precision of the float that stores the result
   Vector2d ray = distorted;
   for (int i = 0; i < kMaxSteps; ++i) {
     const Vector2d error = distort(k, ray) - distorted;
@@ -26,7 +26,7 @@ Vector2d undistort(const std::array<double, 5>& k, const Vector2d& distorted) {
   return {kNan, kNan};
 }
 
-/// a and b mixed; an end that does not count may be NaN.
+/// Interpolates between a and b; an end with weight 0 may be NaN.
 Vector2d between(const Vector2d& a, const Vector2d& b, double part) {
   if (part == 0.0) return a;
   if (part == 1.0) return b;
@@ -40,16 +40,16 @@ class RayTable {
   explicit RayTable(const Intrinsics& camera)
       : width_(camera.width), height_(camera.height), rays_(camera.ray_table) {}
 
-  /// x/z and y/z at a pixel; NaN beyond half a pixel from the outermost ones and beside a NaN.
+  /// x/z and y/z at a pixel; NaN beyond half a pixel from the outermost pixels, and beside a NaN.
   [[nodiscard]] Eigen::Vector2d at(const Eigen::Vector2d& pixel) const;
 
-  /// The pixel that looks along `ray`, by Newton's method from `guess` and, where that leads
-  /// nowhere, from the middle of the table; NaN where there is none.
+  /// The pixel that looks along `ray`, by Newton's method from `guess` and, if that fails, from the
+  /// middle of the table; NaN if there is none.
   [[nodiscard]] Eigen::Vector2d find(const Eigen::Vector2d& ray,
                                      const Eigen::Vector2d& guess) const;
 
  private:
-  /// The cell of a pixel and where in it the pixel lies, from 0 to 1 except at the border.
+  /// The cell of a pixel, and the position of the pixel in it, 0 to 1 except at the border.
   struct Place {
     std::int64_t u, v;
     Eigen::Vector2d part;
@@ -57,7 +57,7 @@ class RayTable {
   [[nodiscard]] Place place(const Eigen::Vector2d& pixel) const;
   [[nodiscard]] Eigen::Vector2d ray(std::int64_t u, std::int64_t v) const;
   [[nodiscard]] Eigen::Vector2d clamped(const Eigen::Vector2d& pixel) const;
-  /// How the ray changes with the columns (first column of the result) and with the rows.
+  /// Derivatives of the ray by the column (first column of the result) and by the row.
   [[nodiscard]] Eigen::Matrix2d slope(const Eigen::Vector2d& pixel) const;
   [[nodiscard]] Eigen::Vector2d newton(const Eigen::Vector2d& ray, Eigen::Vector2d pixel) const;
 
@@ -102,13 +102,13 @@ Eigen::Matrix2d RayTable::slope(const Vector2d& pixel) const {
 
 Vector2d RayTable::newton(const Vector2d& ray, Vector2d pixel) const {
   constexpr int kMaxSteps = 50;
-  constexpr double kSettled = 1e-8;  // pixels; the table's floats are good for about 1e-4
+  constexpr double kSettled = 1e-8;  // pixels; the table's floats are accurate to about 1e-4
   for (int i = 0; i < kMaxSteps; ++i) {
     const Vector2d step = slope(pixel).inverse() * (at(pixel) - ray);
     if (!step.allFinite()) break;
     const Vector2d next = pixel - step;
     if (step.squaredNorm() < kSettled * kSettled) {
-      // A pixel on the table's outer edge may settle beside it by less than that.
+      // A pixel on the table's outer edge may converge to a position outside by less than that.
       return (clamped(next) - next).squaredNorm() < kSettled * kSettled ? next
                                                                         : Vector2d(kNan, kNan);
     }

@@ -5,7 +5,7 @@
 
 namespace manip3d {
 
-/// Which of the two values in the middle of an even number of them is the median.
+/// The one of the two middle values of an even number of values that is the median.
 enum class Middle { kLower, kUpper };
 
 /// The median of at least one value; reorders the values.

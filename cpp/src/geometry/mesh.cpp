@@ -77,7 +77,8 @@ void check_mesh(const MeshView& mesh) {
 BoundingBox bounding_box(const MeshView& mesh) {
   if (mesh.num_faces() == 0) return {};
   BoundingBox box{mesh.vertices.row(mesh.faces(0, 0)), mesh.vertices.row(mesh.faces(0, 0))};
-  std::array<BoundingBox, 3> boxes{box, box, box};  // one for each corner: none waits for another
+  // One for each corner, so that their updates are independent.
+  std::array<BoundingBox, 3> boxes{box, box, box};
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
     for (int c = 0; c < 3; ++c) {
       const Eigen::Vector3d p = mesh.vertices.row(mesh.faces(f, c));

@@ -20,17 +20,19 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kMargin = 4.0 * kAngleError;  // added to each bound, since angles have errors
-constexpr std::int64_t kFewPoints = 1000;      // up to this number a k-d tree is as quick
+constexpr double kMargin = 4.0 * kAngleError;  // added to every bound, for errors of the angles
+constexpr std::int64_t kFewPoints = 1000;      // for fewer points a k-d tree is as fast
 constexpr std::int64_t kMostCells = 1 << 28;
-// A k-d tree is used if the mean number of points in a point's own cell is larger than this.
+// Mean number of points in a point's own cell, above which the grid is not used.
 constexpr double kCrowded = 32.0;
-constexpr std::int64_t kWidestWindow = 16;  // cells to each side; blocks are searched beyond
-constexpr std::int64_t kBlockSide = 16;     // cells along a side of a block
-constexpr std::int64_t kAhead = 1 << 20;    // cells: an offset with which truncation rounds down
+// Cells to each side; for wider windows, blocks are searched.
+constexpr std::int64_t kWidestWindow = 16;
+constexpr std::int64_t kBlockSide = 16;  // cells
+// Cells; windows start at most this far before the first cell.
+constexpr std::int64_t kAhead = 1 << 20;
 constexpr std::int64_t kSampleSize = 1 << 16;
 
-// Lower bound of sin on [0, pi/2].
+// A lower bound of the sine on [0, pi/2].
 double sine_bound(double angle) {
   const double a = std::clamp(angle, 0.0, kPi / 2.0);
   return a - a * a * a / 6.0;
@@ -45,8 +47,8 @@ struct Item {
   std::int32_t row;
 };
 
-// Points by the direction in which the scanner saw them: rows of equal elevation, in each row cells
-// by azimuth. A counting sort; the order within a cell depends on the threads, the distances do
+// Points by their direction from the scanner: rows of equal elevation, which are divided into cells
+// by azimuth. Counting sort; the order within a cell depends on the threads, but the distances do
 // not.
 class DirectionGrid {
  public:
@@ -87,8 +89,8 @@ class DirectionGrid {
     float x, y, z;
     double range, rho, azimuth, elevation;
     std::int64_t row, column;
-    double best = kInfinity;                                // squared distance so far
-    float cutoff = std::numeric_limits<float>::infinity();  // `best`, rounded up
+    double best = kInfinity;                                // squared
+    float cutoff = std::numeric_limits<float>::infinity();  // slightly larger than `best`
   };
   struct Window {
     std::int64_t low, high, left, right;  // first and last row, first and last column
@@ -125,14 +127,14 @@ class DirectionGrid {
   double columns_per_radian_ = 0.0, rows_per_radian_ = 0.0;
   double crowding_ = 0.0;
   LargeArray<std::int32_t> cells_;   // cell of each point of the view
-  LargeArray<std::int32_t> starts_;  // first item of each cell, and the number of items
+  LargeArray<std::int32_t> starts_;  // index of each cell's first item; one more at the end
   LargeArray<Item> items_;
   std::int64_t block_rows_ = 0, block_columns_ = 0;
   std::vector<Block> blocks_;
 };
 
-// About one point a cell, if the others lie as a sample of them does: its share of 1-degree cells
-// is the share of the sphere that was scanned.
+// A resolution of about one point per cell. The share of 1-degree cells that a sample occupies is
+// the scanned share of the sphere.
 double DirectionGrid::resolution_of_sample() const {
   const std::int64_t count = view_.num_points();
   const std::int64_t step = std::max<std::int64_t>(1, count / kSampleSize);
@@ -180,7 +182,7 @@ void DirectionGrid::count_cells(const Progress& progress) {
   Ticker ticker(progress, 1U << 20);
   std::int64_t sum = 0;
   double squares = 0.0;
-  for (std::int64_t c = 0; c < starts_.size(); ++c) {  // counts become the cells' ends
+  for (std::int64_t c = 0; c < starts_.size(); ++c) {  // counts become the ends of the cells
     ticker.tick();
     const std::int64_t size = starts[c];
     squares += static_cast<double>(size * size);
@@ -205,7 +207,7 @@ void DirectionGrid::sort(const Progress& progress) {
   cells_ = {};
 }
 
-// Looks at the items [begin, end). In float first: its relative error is below 1e-6.
+// Tests the items [begin, end), first in float, whose relative error is below 1e-6.
 void DirectionGrid::scan(Query& query, std::int64_t begin, std::int64_t end) const {
   for (std::int64_t i = begin; i < end; ++i) {
     const Item& item = items_[i];
@@ -224,7 +226,7 @@ void DirectionGrid::scan(Query& query, std::int64_t begin, std::int64_t end) con
   }
 }
 
-// Columns first to last of a row, which may go round the back; at most one turn.
+// Scans the columns first to last of a row, which may wrap around; at most one turn.
 void DirectionGrid::scan_columns(Query& query, std::int64_t row, std::int64_t first,
                                  std::int64_t last) const {
   const std::int32_t* starts = starts_.data() + row * columns_;
@@ -245,10 +247,10 @@ void DirectionGrid::scan_columns(Query& query, std::int64_t row, std::int64_t fi
   scan(query, starts[first], starts[last + 1]);
 }
 
-// The cells that hold all points nearer than the query's best; none where the best is too far.
+// The cells that contain all points nearer than the query's best; no value if the best is too far.
 std::optional<DirectionGrid::Window> DirectionGrid::window_of(const Query& query) const {
   const double best = std::sqrt(query.best) * (1.0 + 1e-6);
-  // Not <=: points that lie together in the scanner itself have no direction (0 / 0).
+  // The negated < also catches NaN: a point at the scanner's own position has no direction (0 / 0).
   if (!(best < kNearSine * query.rho)) return std::nullopt;
   const double up = arc_sine_bound(best / query.range) + kMargin;
   const double across = arc_sine_bound(best / query.rho) + kMargin;
@@ -261,8 +263,9 @@ std::optional<DirectionGrid::Window> DirectionGrid::window_of(const Query& query
                 to_cell(query.azimuth + kPi + across, columns_per_radian_)};
 }
 
-// The cells left and right of the query's, then the window that the best of them leaves open; where
-// that is wide, the cells above and below first. False where it stays too wide.
+// Searches the cells left and right of the query's cell, then the window that their best leaves
+// open; if that is wide, first the cells above and below. Returns false if the window stays too
+// wide.
 bool DirectionGrid::search_nearby(Query& query) const {
   const std::int64_t row = query.row;
   const std::int64_t column = query.column;
@@ -320,7 +323,7 @@ void DirectionGrid::build_blocks(const Progress& progress) {
   parallel_chunks(block_rows_, 1, threads_, build, progress);
 }
 
-// No point of the block is nearer to the query.
+// Lower bound of the distance of the block's points from the query.
 double DirectionGrid::block_bound(const Query& query, std::int64_t row, std::int64_t column) const {
   const Block& block = blocks_[row * block_columns_ + column];
   if (!(block.nearest <= block.farthest)) return kInfinity;
@@ -353,7 +356,8 @@ void DirectionGrid::scan_block(Query& query, std::int64_t row, std::int64_t colu
   }
 }
 
-// Blocks in growing squares around the query's, until a whole square is too far away.
+// Searches blocks in growing squares around the query's block, until a whole square is too far
+// away.
 void DirectionGrid::search_blocks(Query& query) const {
   const std::int64_t row = query.row / kBlockSide;
   const std::int64_t column = query.column / kBlockSide;
@@ -366,8 +370,8 @@ void DirectionGrid::search_blocks(Query& query) const {
     if (bound * bound < query.best) scan_block(query, r, c);
     return bound;
   };
-  // Bounds of whole squares: by elevation above and below, by azimuth left and right, where the
-  // last block of a row, which may be narrow, lies in between.
+  // Lower bounds for whole squares: by elevation above and below, by azimuth left and right. The
+  // last block of a row, which may be narrow, is in between.
   const double side = static_cast<double>(kBlockSide);
   for (std::int64_t k = 0; k <= largest; ++k) {
     const double gap = static_cast<double>(k - 1) * side;
@@ -392,7 +396,7 @@ void DirectionGrid::search_blocks(Query& query) const {
   }
 }
 
-// visit(query) for the items [begin, end).
+// Calls visit(query) for the items [begin, end).
 template <typename Visit>
 void DirectionGrid::for_blocks_of_items(std::int64_t begin, std::int64_t end,
                                         const Visit& visit) const {
@@ -435,7 +439,7 @@ LargeArray<double> DirectionGrid::distances(const Progress& progress) {
   if (rest.empty()) return distances;
   build_blocks(part_of(progress, 0.9, 0.9));
   parallel_chunks(
-      static_cast<std::int64_t>(rest.size()), 16, threads_,  // each may look at many blocks
+      static_cast<std::int64_t>(rest.size()), 16, threads_,  // each may search many blocks
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t k = begin; k < end; ++k) {
           for_blocks_of_items(rest[k], rest[k] + 1, [&](Query& query) {

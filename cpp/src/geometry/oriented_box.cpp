@@ -27,7 +27,7 @@ std::vector<std::int32_t> points_in_box(const PointsView& view, const OrientedBo
   check_box(box);
   const Matrix3d to_box = rotation_about_z(box.yaw).transpose();
   const Vector3d half = 0.5 * box.size;
-  // Around it a box along the axes, a little larger: in float, and enough for nearly all points.
+  // A slightly larger axis-parallel box around it, in float, excludes nearly all points quickly.
   const Vector3d reach = to_box.transpose().cwiseAbs() * half;
   const Vector3d slack = 1e-6 * (box.center.cwiseAbs() + reach);
   const Eigen::Vector3f low = (box.center - reach - slack).cast<float>();

@@ -54,13 +54,13 @@ void run_batch(std::int64_t first, std::int64_t last, int num_threads, const Chu
   if (error) std::rethrow_exception(error);
 }
 #else
-/// The processors that this process may use. hardware_concurrency() counts those of the machine,
-/// and oneTBB prints a warning where more threads are asked for than may run.
+/// The number of processors that this process may use. (hardware_concurrency() counts those of the
+/// machine, and oneTBB prints a warning if more threads are requested than may run.)
 int available_threads() { return tbb::info::default_concurrency(); }
 
-/// Arenas that wait for their next call, by number of threads. oneTBB 2021.8 loses 14 to 29 KB with
-/// each arena that is destroyed, so none is. Each call has an arena of its own: calls at the same
-/// time do not share threads, and there are as many arenas as there were calls at one time.
+/// Idle arenas, by number of threads. oneTBB 2021.8 leaks 14 to 29 KB with each arena that is
+/// destroyed, so they are kept. Each call uses an arena of its own: concurrent calls do not share
+/// threads, and there are as many arenas as there were concurrent calls.
 class Arenas {
  public:
   using Arena = std::unique_ptr<tbb::task_arena>;
@@ -90,9 +90,9 @@ class Arenas {
   std::vector<std::vector<Arena> > idle_;
 };
 
-/// Null before the first call, and in a child process: there are none of the parent's threads, and
-/// one of them may have held the lock. The arenas are never destroyed: at exit, threads may still
-/// be in them.
+/// Null before the first call, and in a child process, which does not have the parent's threads;
+/// one of them may have held the lock. The arenas are never destroyed, because threads may still
+/// use them at exit.
 std::atomic<Arenas*> shared_arenas{nullptr};
 
 Arenas& arenas() {
@@ -105,7 +105,7 @@ Arenas& arenas() {
   return *found;
 }
 
-/// Lends an arena for the length of a call.
+/// Borrows an arena for the duration of a call.
 class BorrowedArena {
  public:
   explicit BorrowedArena(int num_threads)
@@ -145,7 +145,7 @@ void parallel_chunks(std::int64_t count, std::int64_t chunk, int num_threads,
 
   const std::int64_t num_chunks = (count + chunk - 1) / chunk;
   const auto run_chunk = [&](std::int64_t i) { body(i * chunk, std::min(count, (i + 1) * chunk)); };
-  // Batches bound the time between two calls of progress; without it there is one batch.
+  // Batches bound the time between two calls of `progress`; without it, there is one batch.
   const std::int64_t batch = progress ? 8 * std::int64_t{num_threads} : num_chunks;
   for (std::int64_t first = 0; first < num_chunks; first += batch) {
     const std::int64_t last = std::min(num_chunks, first + batch);

@@ -12,11 +12,12 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr int kMostOverlaid = 16;        // candidates that are cut against each other at once
-constexpr std::size_t kMostParts = 64;   // of a triangle, before it is halved instead
-constexpr int kMaxDepth = 24;            // halvings
-constexpr double kSmallestPart = 0.125;  // of the limit: such parts are points to it
-constexpr double kEdgeOn = 1e-12;        // squared sine: seen from the side, nothing to cut along
+constexpr int kMostOverlaid = 16;  // largest number of candidates that are cut against each other
+// Largest number of parts of a triangle; with more, it is halved instead.
+constexpr std::size_t kMostParts = 64;
+constexpr int kMaxDepth = 24;            // largest number of successive halvings
+constexpr double kSmallestPart = 0.125;  // share of the limit; smaller parts are treated as points
+constexpr double kEdgeOn = 1e-12;  // squared sine; a triangle seen edge-on cannot be cut along
 
 double squared_distance_to_segment(const Vector3d& p, const Vector3d& a, const Vector3d& b) {
   const Vector3d ab = b - a;
@@ -27,7 +28,7 @@ double squared_distance_to_segment(const Vector3d& p, const Vector3d& a, const V
 
 double cross(const Vector2d& a, const Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
 
-// The corner at which the longest edge begins; the first of equal ones.
+// The first corner of the longest edge; the first of equally long ones.
 int longest_edge(const Triangle3& triangle) {
   int longest = 0;
   double squared_length = 0.0;
@@ -52,8 +53,8 @@ double distance(const Vector3d& p, const Triangle3& t) {
   if (squared_normal > 0.0) {
     const double b = normal.dot(ap.cross(ac)) / squared_normal;
     const double c = normal.dot(ab.cross(ap)) / squared_normal;
-    // The point is in the triangle whatever rounding did to its weights: a distance from it is
-    // never too small.
+    // With such weights, the computed point is inside the triangle despite rounding, so that the
+    // distance from it is never too small.
     if (b >= 0.0 && c >= 0.0 && b + c <= 1.0) return (ap - b * ab - c * ac).norm();
   }
   return std::sqrt(std::min({squared_distance_to_segment(p, t[0], t[1]),
@@ -84,7 +85,7 @@ double PatchDistance::bound(const Triangle3& triangle, std::span<const PatchTria
 }
 
 /// Pushes those of the candidates from `begin` to `end` that may be within the limit of the
-/// triangle, the nearest first. False: a corner is within the limit of none.
+/// triangle, the nearest first. Returns false if some corner is within the limit of none.
 bool PatchDistance::push_near(const Triangle3& triangle, std::size_t begin, std::size_t end) {
   const Box box = box_of(triangle);
   const auto first = static_cast<std::ptrdiff_t>(candidates_.size());
@@ -123,7 +124,7 @@ double PatchDistance::bound_within(const Triangle3& triangle, std::size_t begin,
   double result = best.farthest;
   const std::size_t num_used = used_.size();
   used_.push_back(best.index);
-  // A bound near the limit would leave nothing to the collapses that follow.
+  // A bound near the limit would leave no margin for later collapses.
   if (result > 0.5 * limit_ && count > 1 && count <= kMostOverlaid) {
     used_.pop_back();
     const double overlaid = overlay(triangle, first);
@@ -141,7 +142,7 @@ double PatchDistance::bound_within(const Triangle3& triangle, std::size_t begin,
   used_.resize(num_used);
   const int longest = longest_edge(triangle);
   const Vector3d &from = triangle[longest], &to = triangle[(longest + 1) % 3];
-  // Against one triangle the bound is exact.
+  // The bound against one triangle is exact; halving would not improve it.
   if (count == 1 || depth == kMaxDepth ||
       (to - from).squaredNorm() < std::pow(kSmallestPart * limit_, 2)) {
     return give_up();
@@ -158,8 +159,8 @@ double PatchDistance::bound_within(const Triangle3& triangle, std::size_t begin,
   return result;
 }
 
-/// The parts of `polygon` on both sides of a line, `inside` to its left where `orientation` > 0.
-/// False: too many corners.
+/// Cuts `polygon` along a line; `inside` is the part to its left if `orientation` > 0. Returns
+/// false if a part has too many corners.
 bool PatchDistance::cut(const Polygon& polygon, const Vector2d& from, const Vector2d& to,
                         double orientation, Polygon& inside, Polygon& outside) {
   inside.size = outside.size = 0;
@@ -182,7 +183,7 @@ bool PatchDistance::cut(const Polygon& polygon, const Vector2d& from, const Vect
     if (side[i] >= 0.0) add(inside, p);
     if (side[i] <= 0.0) add(outside, p);
     if ((side[i] < 0.0 && side[j] > 0.0) || (side[i] > 0.0 && side[j] < 0.0)) {
-      // Both parts get the same point, so that nothing is lost between them.
+      // Both parts get the same point, so that there is no gap between them.
       const double t = side[i] / (side[i] - side[j]);
       const Vector2d crossing = p + t * (polygon.corners[j] - p);
       add(inside, crossing);
@@ -201,7 +202,7 @@ double PatchDistance::farthest(const Polygon& polygon, const Frame& frame,
   return result + other.error;
 }
 
-/// Proves the part of `polygon` that lies below or above `other`; puts the rest into next_.
+/// Proves the part of `polygon` that lies below or above `other`; moves the rest to next_.
 void PatchDistance::subtract(const Polygon& polygon, const std::array<Vector2d, 3>& corners,
                              double orientation, const Frame& frame, const PatchTriangle& other,
                              double& worst, bool& is_used) {
@@ -252,7 +253,7 @@ double PatchDistance::overlay(const Triangle3& triangle, std::size_t begin) {
     rest_.swap(next_);
     if (rest_.size() > kMostParts) return kInfinity;
   }
-  for (const Polygon& polygon : rest_) {  // beyond the patch's rim
+  for (const Polygon& polygon : rest_) {  // parts outside the patch
     double least = kInfinity;
     std::int32_t nearest = -1;
     for (std::size_t i = begin; i < candidates_.size(); ++i) {

@@ -9,8 +9,8 @@
 namespace manip3d {
 namespace {
 
-// Infinity times zero and NaN times zero are NaN, and so is any sum with one of them: a quick look
-// at all values, and a slow search only where it finds something.
+// Infinity and NaN times zero are NaN, and so is any sum with such a term. This allows a fast test
+// of all values, and a slow search only if it fails.
 template <typename Table>
 void check_finite_rows(const Table& table, const char* name) {
   if (((table.array() * 0.0F).sum() == 0.0F)) return;

@@ -13,12 +13,12 @@ std::string at_pixel(std::int64_t u, std::int64_t v) {
   return " at row " + std::to_string(v) + ", column " + std::to_string(u);
 }
 
-/// The box of the pixels that are not zero; 0 and NaN alike count as "no measurement" in `is_set`.
+/// The bounding box of the measured pixels; `is_set` must be false for 0 and NaN.
 template <typename Scalar, typename IsSet>
 PixelBox find_bounds(const Scalar* pixels, std::int64_t rows, std::int64_t cols,
                      const IsSet& is_set) {
   const auto any_in_row = [&](std::int64_t v) {
-    int any = 0;  // no early exit, so that it is done many pixels at a time
+    int any = 0;  // no early exit, so that the loop is vectorized
     for (std::int64_t u = 0; u < cols; ++u) any |= is_set(pixels[v * cols + u]) ? 1 : 0;
     return any != 0;
   };
@@ -64,7 +64,7 @@ PixelBox RangeImage::bounds() const {
   if (depth_.millimetres != nullptr) {
     return find_bounds(depth_.millimetres, rows(), cols(), [](std::uint16_t z) { return z != 0; });
   }
-  if (depth_.metres != nullptr) {  // what is refused later counts too
+  if (depth_.metres != nullptr) {  // values that are rejected later count as well
     return find_bounds(depth_.metres, rows(), cols(), [](float z) { return z != 0.0F && z == z; });
   }
   return find_bounds(grid_.valid, rows(), cols(), [](std::uint8_t valid) { return valid != 0; });
@@ -74,7 +74,7 @@ void RangeImage::load_depth(std::int64_t v, std::int64_t u0, std::int64_t count,
   if (depth_.millimetres != nullptr) {
     const std::uint16_t* in = depth_.millimetres + v * cols() + u0;
     for (std::int64_t i = 0; i < count; ++i) {
-      // Division, not times 0.001: the float nearest to the measured value.
+      // Divided, not multiplied by 0.001, to get the float nearest to the measured value.
       z[i] = in[i] != 0 ? static_cast<float>(in[i]) / 1000.0F : kNanF;
     }
     return;

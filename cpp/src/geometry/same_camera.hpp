@@ -4,7 +4,7 @@
 
 namespace manip3d {
 
-/// Have two cameras the same numbers and the same ray table, by its address?
+/// Whether two cameras have the same parameters and the same ray table (by address).
 inline bool same_camera(const Intrinsics& a, const Intrinsics& b) {
   return a.width == b.width && a.height == b.height && a.fx == b.fx && a.fy == b.fy &&
          a.cx == b.cx && a.cy == b.cy && a.distortion == b.distortion &&

@@ -15,18 +15,21 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kSampleBlocks = 8192;       // of 256 points
+constexpr std::int64_t kSampleBlocks = 8192;       // blocks of 256 points
 constexpr std::int64_t kVeryFewPoints = 60'000;    // too few for 1-degree cells
 constexpr std::int64_t kFewForFineBins = 500'000;  // too few for fine bins
 constexpr double kFineBin = 0.002 * kDegree;
 constexpr double kCoarseBin = 0.01 * kDegree;
-constexpr double kShortestPeriod = 0.016 * kDegree;  // finer grids are not made
+constexpr double kShortestPeriod = 0.016 * kDegree;  // finer grids do not exist
 constexpr double kLongestPeriod = 2.0 * kDegree;
-constexpr double kSmoothing = 2.0 * kDegree;  // what varies more slowly is the scene
-constexpr double kSpike = 8.0;  // times the mean around: coordinates rounded to a grid of their own
-constexpr double kFundamental = 0.7;   // of the highest peak: its multiples are as high
-constexpr double kValley = 0.5;        // of the highest peak: between teeth it is lower
-constexpr double kWeakestComb = 0.45;  // below, what repeats is the scene
+constexpr double kSmoothing = 2.0 * kDegree;  // variations over more than this come from the scene
+// Multiple of the mean around; higher counts are coordinates rounded to a grid of their own.
+constexpr double kSpike = 8.0;
+// Share of the highest peak, because multiples of the period have peaks of equal height.
+constexpr double kFundamental = 0.7;
+// Share of the highest peak; the autocorrelation is lower between teeth.
+constexpr double kValley = 0.5;
+constexpr double kWeakestComb = 0.45;  // below, periods come from the scene
 constexpr std::int64_t kRefinedPeriods = 256;
 
 struct Histograms {
@@ -53,7 +56,7 @@ Histograms sample_angles(const PointsView& view, const Eigen::Vector3d& origin) 
   const std::int64_t blocks = (view.num_points() + Directions::kBlock - 1) / Directions::kBlock;
   const std::int64_t every = std::max<std::int64_t>(1, blocks / kSampleBlocks);
   for (std::int64_t b = 0; b < blocks; b += every) {
-    // A seeded place among the next `every` blocks: no beat with the scanner's own order.
+    // A random one of the next `every` blocks, to avoid beats with the scanner's own order.
     const std::int64_t block =
         std::min(blocks - 1, b + static_cast<std::int64_t>(random_bits(0, b) % every));
     const std::int64_t begin = block * Directions::kBlock;
@@ -62,7 +65,7 @@ Histograms sample_angles(const PointsView& view, const Eigen::Vector3d& origin) 
     for (std::int64_t i = 0; i < size; ++i) {
       const double azimuth = directions.azimuth[i] + kPi;
       const double elevation = directions.elevation[i] + kPi / 2.0;
-      if (!(directions.range[i] > 0.0F)) continue;  // no direction
+      if (!(directions.range[i] > 0.0F)) continue;  // it has no direction
       ++histograms.azimuth[clamped_bin(azimuth, histograms.bin, 2 * half_turn)];
       ++histograms.elevation[clamped_bin(elevation, histograms.bin, half_turn)];
       histograms.seen[clamped_bin(elevation, side, 180) * 360 + clamped_bin(azimuth, side, 360)] =
@@ -72,7 +75,7 @@ Histograms sample_angles(const PointsView& view, const Eigen::Vector3d& origin) 
   return histograms;
 }
 
-// Each value less the mean of those around it.
+// Subtracts from each value the mean of those around it.
 std::vector<double> high_passed(const std::vector<double>& values, std::int64_t half,
                                 std::vector<double>& means) {
   const auto size = static_cast<std::int64_t>(values.size());
@@ -89,7 +92,7 @@ std::vector<double> high_passed(const std::vector<double>& values, std::int64_t 
   return rest;
 }
 
-// The teeth of a histogram: without what varies slowly (the scene's share) and without spikes.
+// The teeth of a histogram: without slow variations, which come from the scene, and without spikes.
 std::vector<float> teeth_of(const std::vector<std::int64_t>& histogram, double bin) {
   const auto half = static_cast<std::int64_t>(kSmoothing / bin / 2.0);
   std::vector<double> values(histogram.begin(), histogram.end());
@@ -99,7 +102,7 @@ std::vector<float> teeth_of(const std::vector<std::int64_t>& histogram, double b
     values[i] = std::min(values[i], kSpike * means[i]);
   const std::vector<double> passed = high_passed(values, half, means);
   const std::vector<float> rest(passed.begin(), passed.end());
-  // Periods are not a whole number of bins: wider teeth meet all the same.
+  // Widens the teeth, so that they overlap although periods are not a whole number of bins.
   std::vector<float> smooth(rest);
   for (std::size_t i = 1; i + 1 < rest.size(); ++i) {
     smooth[i] = 0.25F * rest[i - 1] + 0.5F * rest[i] + 0.25F * rest[i + 1];
@@ -107,7 +110,7 @@ std::vector<float> teeth_of(const std::vector<std::int64_t>& histogram, double b
   return smooth;
 }
 
-// Eight sums side by side, for SIMD.
+// Eight partial sums, for SIMD.
 double autocorrelation(const std::vector<float>& values, std::int64_t lag) {
   std::array<float, 8> sums = {};
   const std::int64_t count = static_cast<std::int64_t>(values.size()) - lag;
@@ -152,7 +155,7 @@ Comb find_comb(const std::vector<std::int64_t>& histogram, double bin, int num_t
     for (std::int64_t lag = begin; lag < end; ++lag) heights[lag] = autocorrelation(values, lag);
   };
   parallel_chunks(longest + 1, 16, num_threads, correlate, progress);
-  // The width of the teeth first: every histogram resembles itself moved by a little.
+  // Skips the width of the teeth first, because every histogram resembles itself at small shifts.
   std::int64_t lag = shortest;
   const double any = *std::max_element(heights.begin() + shortest, heights.end());
   while (lag < longest && heights[lag] > kValley * any) ++lag;
@@ -160,7 +163,7 @@ Comb find_comb(const std::vector<std::int64_t>& histogram, double bin, int num_t
   if (!(highest >= kWeakestComb * energy)) return {};
   while (heights[lag] < kFundamental * highest) ++lag;
   while (lag < longest && heights[lag + 1] > heights[lag]) ++lag;
-  // Multiples of the period tell it to a fraction of a bin.
+  // Multiples of the period determine it to a fraction of a bin.
   double period = static_cast<double>(lag);
   for (std::int64_t k = 2; k <= kRefinedPeriods; k *= 2) {
     const double multiple = period * static_cast<double>(k);
@@ -171,7 +174,7 @@ Comb find_comb(const std::vector<std::int64_t>& histogram, double bin, int num_t
   return {period * bin, heights[lag] / energy};
 }
 
-// Place in the period at which most points lie.
+// Position within the period at which most points are.
 double phase_of(const std::vector<std::int64_t>& histogram, double bin, double step, double start) {
   constexpr std::int64_t kParts = 32;
   std::vector<std::int64_t> folded(kParts);
@@ -180,7 +183,7 @@ double phase_of(const std::vector<std::int64_t>& histogram, double bin, double s
     const double part = (periods - std::floor(periods)) * static_cast<double>(kParts);
     folded[std::min(kParts - 1, static_cast<std::int64_t>(part))] += histogram[i];
   }
-  // The fullest parts around, the nearer the more they count; parts go round.
+  // Weighted sums of neighbouring parts, with wrap-around; nearer parts have more weight.
   std::int64_t best = 0;
   std::int64_t most = -1;
   for (std::int64_t middle = 0; middle < kParts; ++middle) {
@@ -217,7 +220,7 @@ ScanGrid estimate_scan_grid(const PointsView& view, const Eigen::Vector3d& origi
   const double side = static_cast<double>(histograms.cell) * kDegree;
   const double area = static_cast<double>(std::max<std::int64_t>(1, cells)) * side * side /
                       static_cast<double>(std::max<std::int64_t>(1, view.num_points()));
-  // One point a cell; coarse where there are hardly any points.
+  // One point per cell; limited, because there may be hardly any points.
   const auto bounded = [](double step) { return std::clamp(step, 0.02 * kDegree, 10.0 * kDegree); };
   ScanGrid grid;
   grid.azimuth_strength = azimuth.strength;

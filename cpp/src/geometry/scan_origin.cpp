@@ -18,19 +18,19 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr std::int64_t kSampled = 400'000;    // points for the density of surfaces
-constexpr std::int64_t kTilePoints = 40'000;  // points for the grid, in tiles that stay whole
-constexpr std::int64_t kCombPoints = 8'000;   // of these, to rule out most of its steps
+constexpr std::int64_t kTilePoints = 40'000;  // points for the grid, in complete tiles
+constexpr std::int64_t kCombPoints = 8'000;   // points among these that rule out most steps
 constexpr std::int64_t kFewestPoints = 1000;
-// Streams of random numbers: 0 draws the points, and 1 the patches of even_position.
+// Random streams: 0 draws the points, 1 the patches of even_position.
 constexpr std::uint64_t kTileDraw = 2, kCombDraw = 3;
 constexpr std::size_t kFewestPatches = 100;
 constexpr PhaseWindow kWindows[] = {{8, 3}, {16, 2}, {32, 1}, {64, 0}, {128, -1}, {256, -2}};
 constexpr PhaseWindow kJudged = {16, 0};
 constexpr double kCoherent = 0.6;    // of one angle; two scanners with equal shares reach 0.25
-constexpr double kNoticeable = 0.1;  // of the elevations, which alone tell the height
-constexpr double kPlain = 0.3;       // of either, in the narrowest windows
+constexpr double kNoticeable = 0.1;  // of the elevations, which alone determine the height
+constexpr double kPlain = 0.3;       // of either angle, in the narrowest windows
 
-// Different points with a direction; all of a small scan.
+// Distinct points with a direction; for a small scan, all of them.
 Points sample_points(const PointsView& view) {
   const std::int64_t count = view.num_points();
   const double share =
@@ -39,10 +39,10 @@ Points sample_points(const PointsView& view) {
   for (std::int64_t i = 0; i < count; ++i) {
     if (share < 1.0 && !(uniform(0, i) < share)) continue;
     const auto p = view.points.row(i);
-    if (p.isZero(0.0F)) continue;  // how files say that nothing came back
+    if (p.isZero(0.0F)) continue;  // files mark missing returns like this
     rows.push_back({p[0], p[1], p[2]});
   }
-  // Some scanners see each direction twice; twins agree on any grid.
+  // Some scanners measure each direction twice; such twins agree on any grid.
   std::sort(rows.begin(), rows.end());
   rows.erase(std::unique(rows.begin(), rows.end()), rows.end());
   Points points(static_cast<Eigen::Index>(rows.size()), 3);
@@ -52,7 +52,7 @@ Points sample_points(const PointsView& view) {
   return points;
 }
 
-// Coordinates in the order that makes `axis` the third.
+// Coordinates permuted so that `axis` is the third.
 Vector3d turned(const Vector3d& p, int axis) {
   return {p[(axis + 1) % 3], p[(axis + 2) % 3], p[axis]};
 }
@@ -62,7 +62,7 @@ Vector3d turned_back(const Vector3d& p, int axis) {
   return back;
 }
 
-// The combs of both angles; one that is faint, or much fainter than the other, is left out.
+// Finds the combs of both angles; leaves out one that is faint, or much fainter than the other.
 void find_combs(AngularGrid& grid) {
   AngularGrid few = grid;
   few.keep_tiles(kCombPoints, kCombDraw);
@@ -75,18 +75,18 @@ void find_combs(AngularGrid& grid) {
   }
   const double plainer = std::max(grid.azimuth.coherence, grid.elevation.coherence);
   for (AngleComb* comb : {&grid.azimuth, &grid.elevation}) {
-    if (plainer >= kPlain && comb->coherence < kPlain) *comb = {};  // would lead astray
+    if (plainer >= kPlain && comb->coherence < kPlain) *comb = {};  // it would mislead
   }
 }
 
-// Improves position and steps within one window until they converge. Returns false where the
-// position goes so far from the first one that the first one is better.
+// Improves position and steps within one window until they converge. Returns false if the position
+// moves so far that the first one must have been better.
 bool converge(AngularGrid& grid, const Vector3d& first, const PhaseWindow& window, bool fixed,
               double range) {
   constexpr int kRounds = 30;
-  constexpr int kFixedRounds = 3;      // of the steps alone
-  constexpr double kConverged = 1e-5;  // of the median range
-  constexpr double kFarthest = 0.2;    // of the median range
+  constexpr int kFixedRounds = 3;      // rounds for the steps alone
+  constexpr double kConverged = 1e-5;  // share of the median range
+  constexpr double kFarthest = 0.2;    // share of the median range
   for (int round = 0; round < kRounds; ++round) {
     if (grid.improve(window, fixed) <= kConverged * range && !fixed) break;
     if (!((grid.position() - first).norm() <= kFarthest * range)) return false;
@@ -95,10 +95,11 @@ bool converge(AngularGrid& grid, const Vector3d& first, const PhaseWindow& windo
   return true;
 }
 
-// Improves the grid in ever larger windows, as long as it stays coherent: encoders are not even
-// over all columns. Returns false where there is no grid around this position.
+// Improves the grid in increasing windows while it stays coherent (encoders are not uniform over
+// all columns). Returns false if there is no grid around this position.
 bool improve_in_windows(AngularGrid& grid, bool fixed, double cell_area, double range) {
-  constexpr double kKept = 0.8;  // of the coherence, from one window to the next
+  // Share of the coherence that must remain from one window to the next.
+  constexpr double kKept = 0.8;
   const Vector3d first = grid.position();
   double before = 0.0;
   for (const PhaseWindow& window : kWindows) {
@@ -122,15 +123,16 @@ bool improve_in_windows(AngularGrid& grid, bool fixed, double cell_area, double 
 
 // The source of a first position.
 enum class Start : std::uint8_t {
-  kKnown,   // it is judged, and stays
-  kStated,  // the zero of the coordinates: one that fits nearly as well as the best is meant
-  kGuessed  // only near
+  kKnown,   // it is evaluated, but not changed
+  kStated,  // the origin of the coordinates; kept if it fits nearly as well as the best position
+  kGuessed  // only an approximate position
 };
 
 // The grid around a first position, and the position that fits it best.
 ScanOrigin fit_grid(const Points& sample, const Vector3d& start, Start kind, int axis,
                     double thinned, const Progress& progress) {
-  constexpr double kSame = 0.005;  // of the median range: a stated position is as good
+  // Share of the median range within which a stated position is kept.
+  constexpr double kSame = 0.005;
   const bool fixed = kind == Start::kKnown;
   std::vector<Vector3d> points(sample.rows());
   for (Eigen::Index i = 0; i < sample.rows(); ++i) {
@@ -176,7 +178,7 @@ ScanOrigin estimate_scan_origin(const PointsView& view, const ScanOriginOptions&
   const double thinned =
       std::min(1.0, static_cast<double>(kSampled) / static_cast<double>(view.num_points()));
   constexpr int kAxes[] = {2, 1, 0};
-  int tried = 0;  // of the six positions and axes
+  int tried = 0;  // number of the six positions and axes that were tried
   const auto next = [&] {
     const double done = tried++ / 6.0;
     return part_of(progress, done, done);

@@ -13,8 +13,8 @@ namespace manip3d {
 
 constexpr std::int64_t kPointChunk = 1 << 16;
 
-/// Rows for which `predicate(x, y, z)` holds, ascending. Checks the view on the way: one pass over
-/// the points, which for ten million of them is all that there is time for.
+/// Return the rows for which `predicate(x, y, z)` holds, ascending. Checks the view in the same
+/// pass over the points, because a second pass over ten million of them takes too long.
 template <typename Predicate>
 std::vector<std::int32_t> select_rows(const PointsView& view, int num_threads,
                                       const Predicate& predicate, const Progress& progress = {}) {
@@ -24,7 +24,7 @@ std::vector<std::int32_t> select_rows(const PointsView& view, int num_threads,
   const float* xyz = view.points.data();
   const auto select = [&](std::int64_t begin, std::int64_t end) {
     std::vector<std::int32_t>& rows = found[begin / kPointChunk];
-    float sum = 0.0F;  // 0 times infinity and 0 times NaN are NaN
+    float sum = 0.0F;  // 0 times infinity or NaN is NaN
     for (std::int64_t i = begin; i < end; ++i) {
       const float x = xyz[3 * i];
       const float y = xyz[3 * i + 1];
@@ -36,21 +36,21 @@ std::vector<std::int32_t> select_rows(const PointsView& view, int num_threads,
   };
   parallel_chunks(count, kPointChunk, num_threads, select, progress);
   for (const float sum : finite) {
-    if (!(sum == 0.0F)) check_points(view);  // throws, naming the row
+    if (!(sum == 0.0F)) check_points(view);  // throws and names the row
   }
   std::vector<std::int32_t> rows;
   for (const auto& part : found) rows.insert(rows.end(), part.begin(), part.end());
   return rows;
 }
 
-/// check_points by all threads, for kernels that select nothing.
+/// check_points with all threads, for kernels without a selection.
 inline void check_points_everywhere(const PointsView& view, int num_threads,
                                     const Progress& progress = {}) {
   select_rows(view, num_threads, [](float, float, float) { return false; }, progress);
   if (view.has_intensity() && view.intensity.rows() != view.num_points()) check_points(view);
 }
 
-/// Rows that a caller named: ascending, without repetition.
+/// Checked rows of a caller: ascending, without repetition.
 /// @throws InputError  a row out of range.
 inline std::vector<std::int32_t> checked_rows(std::vector<std::int32_t> rows,
                                               std::int64_t num_points) {

@@ -14,7 +14,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::size_t kMaxPairedCorners = 512;  // more would make a hub of n faces cost n^2
+constexpr std::size_t kMaxPairedCorners = 512;  // with more, a hub of n faces would take n^2 time
 constexpr std::int64_t kChunk = 4096;
 
 /// Corners (3 face + corner) around each position, in increasing order.
@@ -44,7 +44,7 @@ CornerFans collect_fans(const MeshView& mesh, const Weld& weld) {
   return fans;
 }
 
-/// Unit length, or zero where the length is zero or no number.
+/// Unit length, or zero if the length is zero or NaN.
 Eigen::Vector3d unit_or_zero(const Eigen::Vector3d& v) {
   const double length = v.stableNorm();
   return length > 0.0 ? Eigen::Vector3d(v / length) : Eigen::Vector3d::Zero();
@@ -52,7 +52,7 @@ Eigen::Vector3d unit_or_zero(const Eigen::Vector3d& v) {
 
 Eigen::Vector3d unit_normal(const MeshView& mesh, Eigen::Index face) {
   const Eigen::Vector3d a = mesh.vertices.row(mesh.faces(face, 0));
-  // Scaled edges: the cross product of tiny or huge ones would leave the range of double.
+  // Normalized edges, because the cross product of tiny or huge ones would underflow or overflow.
   const Eigen::Vector3d u = unit_or_zero(mesh.vertices.row(mesh.faces(face, 1)).transpose() - a);
   const Eigen::Vector3d v = unit_or_zero(mesh.vertices.row(mesh.faces(face, 2)).transpose() - a);
   return unit_or_zero(u.cross(v));
@@ -69,7 +69,7 @@ double corner_angle(const MeshView& mesh, Eigen::Index corner) {
   return std::atan2(u.cross(v).norm(), u.dot(v));
 }
 
-/// Per corner: the mesh's own normal, or zero.
+/// By corner: the mesh's own normal, or zero.
 Vertices given_normals(const MeshView& mesh) {
   Vertices given = Vertices::Zero(mesh.faces.size(), 3);
   for (Eigen::Index c = 0; c < mesh.face_normals.size(); ++c) {
@@ -83,7 +83,7 @@ class CreaseShader {
  public:
   CreaseShader(const MeshView& mesh, const CornerFans& fans, double crease_angle_deg)
       : fans_(fans),
-        // Slightly more than the angle, so that 0 still joins faces in one plane.
+        // Slightly larger than the angle, so that 0 still joins coplanar faces.
         min_cosine_(std::cos(crease_angle_deg * EIGEN_PI / 180.0) - 1e-9),
         face_normals_(mesh.num_faces(), 3),
         weighted_(mesh.faces.size(), 3) {
@@ -95,7 +95,7 @@ class CreaseShader {
     }
   }
 
-  /// Fills the rows of `normals` that are zero, for all corners at one position.
+  /// Fills the zero rows of `normals`, for all corners at one position.
   void shade(std::int64_t position, Vertices& normals) const {
     const auto fan = fans_.of(position);
     const bool all = fan.size() > kMaxPairedCorners;
@@ -110,7 +110,8 @@ class CreaseShader {
         normals.row(corner) = unit_or_zero(normals.row(corner));
       }
       if (normals.row(corner).isZero(0.0)) normals.row(corner) = own;
-      if (normals.row(corner).isZero(0.0)) normals.row(corner) << 0.0, 0.0, 1.0;  // no area at all
+      // No face has an area.
+      if (normals.row(corner).isZero(0.0)) normals.row(corner) << 0.0, 0.0, 1.0;
       if (normals.row(corner).dot(own) < 0.0) normals.row(corner) *= -1.0;
     }
   }
@@ -119,7 +120,7 @@ class CreaseShader {
   Eigen::RowVector3d smooth_sum(std::span<const std::int32_t> fan,
                                 const Eigen::Ref<const Eigen::RowVector3d>& own) const {
     Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
-    const bool flat = own.isZero(0.0);  // a face without area takes its neighbours' mean
+    const bool flat = own.isZero(0.0);  // a face without area takes the mean of its neighbours
     for (const std::int32_t c : fan) {
       if (flat || face_normals_.row(c / 3).dot(own) >= min_cosine_) sum += weighted_.row(c);
     }

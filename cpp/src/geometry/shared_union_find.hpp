@@ -8,8 +8,9 @@
 
 namespace manip3d {
 
-/// UnionFind that threads may change at the same time [Anderson & Woll, STOC 1991]: a root is hung
-/// below a lower one by compare-and-swap. The sets do not depend on the order of the joins.
+/// Union-find that several threads may modify concurrently [Anderson & Woll, STOC 1991]: a root
+/// becomes the child of a lower one by compare-and-swap. The sets do not depend on the order of the
+/// joins.
 class SharedUnionFind {
  public:
   explicit SharedUnionFind(std::int64_t size) : parent_(size) {
@@ -28,7 +29,7 @@ class SharedUnionFind {
     }
   }
 
-  /// Not while threads join.
+  /// Must not be called while threads join.
   [[nodiscard]] std::int64_t num_sets() const {
     std::int64_t sets = 0;
     for (std::size_t i = 0; i < parent_.size(); ++i) {
@@ -46,7 +47,7 @@ class SharedUnionFind {
       if (parent == i) return i;
       const std::int32_t above = at(parent).load(std::memory_order_relaxed);
       if (above == parent) return parent;
-      // Halves the path; another thread may have done so first.
+      // Halves the path; another thread may have done it already.
       at(i).compare_exchange_weak(parent, above, std::memory_order_relaxed);
       i = above;
     }

@@ -14,14 +14,15 @@ namespace manip3d {
 namespace {
 
 constexpr int kMostNeighbours = 8;
-constexpr std::int64_t kBesideInFile = 6;  // rows before and after that are looked at first
-constexpr int kReach = 5;                  // cells to each side that a search looks at, at most
-constexpr double kRounding = 1e-4;         // share of a distance that single precision may lose
-constexpr double kRound = 0.01;  // cells: less of a cell is surely reached, as places are rounded
+constexpr std::int64_t kBesideInFile = 6;  // rows before and after, which are tested first
+constexpr int kReach = 5;                  // largest number of cells to each side in a search
+constexpr double kRounding = 1e-4;         // relative error of a distance in single precision
+// Cells; places are rounded, so a search reaches this much less than whole cells with certainty.
+constexpr double kRound = 0.01;
 constexpr double kMostReach = 1e3;  // metres
-constexpr float kFarthest = 1e6F;   // metres: numbers of cells stay far from 2^63
+constexpr float kFarthest = 1e6F;   // metres; keeps cell indices far below 2^63
 
-// The smallest few of squared distances, ascending.
+// The smallest few squared distances, ascending.
 class Smallest {
  public:
   explicit Smallest(int count) : count_(count) {
@@ -29,7 +30,7 @@ class Smallest {
     items_.fill(-1);
   }
 
-  // One item may be added several times, and counts once.
+  // An item may be added several times, but counts once.
   void add(double squared, std::int32_t item) {
     if (!(squared < last())) return;
     const auto known = items_.begin() + count_;
@@ -78,15 +79,15 @@ class SparseSearch {
   }
 
  private:
-  // Metres; a point with the neighbour nearer than this does not count.
+  // Metres; a point with a neighbour nearer than this does not count.
   [[nodiscard]] double nearest_of(std::int64_t row) const {
     const Eigen::RowVector3d place = view_.points.row(row).cast<double>();
     const double range = std::sqrt(place[0] * place[0] + place[1] * place[1] + place[2] * place[2]);
     return std::max(options_.nearest, options_.angle * range);
   }
 
-  // Rows without so many neighbours, nearer than counts, among those before and after them.
-  // Scans list what a laser saw in turn: of most points the neighbours are close by.
+  // Rows that do not have enough near neighbours among the rows before and after them. Scans list
+  // the measurements of a laser in order, so most points have near neighbours there.
   [[nodiscard]] std::vector<std::int32_t> not_beside_in_file() {
     const std::int64_t count = view_.num_points();
     std::vector<float> below(static_cast<std::size_t>(count));
@@ -94,7 +95,7 @@ class SparseSearch {
       const double nearest = (1.0 - kRounding) * nearest_of(i);
       below[i] = static_cast<float>(nearest * nearest);
     }
-    // Loops over runs of one type, whose steps do not depend on each other: several at a time.
+    // Loops over arrays of one type with independent iterations, which are vectorized.
     const Eigen::Matrix<float, Eigen::Dynamic, 3> columns = view_.points;
     const float* const x = columns.data();
     const float* const y = x + count;
@@ -124,8 +125,8 @@ class SparseSearch {
     return rows;
   }
 
-  // The squared distances: exact from `least` up to `farthest`, else below or beyond it. Nearly all
-  // points have their neighbours within a cell or two.
+  // The squared distances: exact between `least` and `farthest`, else only known to be below or
+  // above. Nearly all points have their neighbours within one or two cells.
   [[nodiscard]] Smallest within_cells(const CellList& cells, std::int32_t row, double least) const {
     const double sure = 1.0 - kRound;
     const double cell = cells.cell_size();
@@ -139,7 +140,7 @@ class SparseSearch {
     return near;
   }
 
-  // Adds what is nearer, until the last is nearer than `least`: then none of them counts.
+  // Adds nearer points until the last is nearer than `least`; then none of them counts.
   template <int reach>
   static void search(const CellList& cells, std::int32_t row, double least, Smallest& near) {
     const std::int32_t place = cells.place_of(row);

@@ -31,14 +31,14 @@ TopologyCounts count_topology(const Eigen::Ref<const Faces>& faces, std::int64_t
   return counts;
 }
 
-/// True when the face's area, computed at the scale of its longest side, is zero.
+/// Whether the face's area, computed at the scale of its longest side, is zero.
 bool has_zero_area(const MeshView& mesh, Eigen::Index face) {
   const Eigen::RowVector3d p0 = mesh.vertices.row(mesh.faces(face, 0));
   Eigen::RowVector3d a = mesh.vertices.row(mesh.faces(face, 1)) - p0;
   Eigen::RowVector3d b = mesh.vertices.row(mesh.faces(face, 2)) - p0;
   const double size = std::max(a.cwiseAbs().maxCoeff(), b.cwiseAbs().maxCoeff());
   if (!(size > 0.0)) return true;
-  // Scaling by a power of two rounds nothing, and tiny faces do not underflow.
+  // Scaling by a power of two causes no rounding and prevents underflow for tiny faces.
   const auto rescale = [exponent = -std::ilogb(size)](double x) {
     return std::scalbn(x, exponent);
   };

@@ -72,7 +72,7 @@ Components find_components(const Eigen::Ref<const Faces>& faces, std::int64_t nu
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     if (is_degenerate(faces, f)) continue;
     for (int c = 0; c < 3; ++c) {
-      components.of_vertex[faces(f, c)] = 0;  // in a face; numbered below
+      components.of_vertex[faces(f, c)] = 0;  // marks it as used; numbered below
       sets.join(faces(f, c), faces(f, (c + 1) % 3));
     }
   }

@@ -14,15 +14,16 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr std::int64_t kTestsPerCorner = 128;
-// Rounding of a cross product of points in the unit cube; below it three points are in line.
+// Rounding error of a cross product of points in the unit cube; below it, three points are
+// collinear.
 constexpr double kInLine = 1e-15;
 
-// A power of two is exact: points in line stay in line.
+// Scaling by a power of two is exact, so collinear points stay collinear.
 std::vector<Vector3d>& scale_to_unit(std::vector<Vector3d>& points) {
   double largest = 0.0;
   for (const Vector3d& p : points) largest = std::max(largest, p.cwiseAbs().maxCoeff());
   if (!(largest > 0.0)) return points;
-  const int exponent = std::ilogb(largest) + 2;  // halves at most, so that differences fit too
+  const int exponent = std::ilogb(largest) + 2;  // halves at most, so that differences fit as well
   for (Vector3d& p : points) {
     p = p.unaryExpr([&](double x) { return std::ldexp(x, -exponent); });
   }
@@ -95,7 +96,8 @@ void PolygonTriangulator::clip_ears(const Vector3d& normal) {
   }
   tests_left_ = kTestsPerCorner * n + shared_tests_;
 
-  // Two corners on after each cut: fewer slivers than cutting along one corner.
+  // Advances by two corners after each cut, which makes fewer slivers than cutting along one
+  // corner.
   std::int32_t corner = 0;
   std::int32_t refused = 0;
   for (std::int32_t left = n; left > 3;) {
@@ -106,7 +108,7 @@ void PolygonTriangulator::clip_ears(const Vector3d& normal) {
     }
     const std::int32_t after = next_[corner];
     cut(corner);
-    // Without work left: always the corner after the first, which makes a fan.
+    // If no tests are left, the corner after the first is always cut, which makes a fan.
     corner = tests_left_ > 0 ? next_[after] : after;
     refused = 0;
     --left;
@@ -149,7 +151,7 @@ bool PolygonTriangulator::is_ear(std::int32_t corner) {
   tests_left_ -= static_cast<std::int64_t>(blockers_.size());
   for (const std::int32_t p : blockers_) {
     if (!blocks_[p] || p == a || p == c) continue;
-    // A hole joined by a bridge visits the same place twice: that does not block.
+    // A hole connected by a bridge visits the same position twice, which does not block.
     if (same_place(p, a) || same_place(p, corner) || same_place(p, c)) continue;
     if (orientation(a, corner, p) >= -kInLine && orientation(corner, c, p) >= -kInLine &&
         orientation(c, a, p) >= -kInLine) {
@@ -167,7 +169,7 @@ void PolygonTriangulator::cut(std::int32_t corner) {
   next_[a] = c;
   previous_[c] = a;
   blocks_[at] = false;
-  // A cut makes its neighbours more convex, never less.
+  // A cut never makes its neighbours less convex.
   for (const std::int32_t neighbour : {a, c}) {
     if (is_convex(neighbour)) blocks_[neighbour] = false;
   }
@@ -175,7 +177,7 @@ void PolygonTriangulator::cut(std::int32_t corner) {
 
 namespace {
 
-/// How many triangles polygons give, once it is sure that each corner is one of theirs.
+/// Counts the triangles of the polygons after checking that each corner belongs to one of them.
 std::int64_t count_triangles(std::int64_t num_vertices, std::span<const std::int32_t> corners,
                              std::span<const std::int32_t> counts) {
   std::int64_t num_corners = 0, num_triangles = 0;

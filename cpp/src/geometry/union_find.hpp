@@ -7,13 +7,13 @@
 
 namespace manip3d {
 
-/// Disjoint sets of the numbers from 0 [Tarjan, J. ACM 1975], by path halving. The least of a set
-/// is its root.
+/// Disjoint sets of the numbers from 0 [Tarjan, J. ACM 1975], with path halving. The root of a set
+/// is its lowest number.
 class UnionFind {
  public:
   explicit UnionFind(std::int64_t size = 0) { reset(size); }
 
-  /// `size` sets of one number each; keeps its memory.
+  /// Makes `size` sets of one number each; keeps the memory.
   void reset(std::int64_t size) {
     parent_.resize(size);
     std::iota(parent_.begin(), parent_.end(), 0);

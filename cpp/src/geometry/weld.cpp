@@ -32,7 +32,7 @@ Weld weld_rows(const Eigen::Ref<const Rows<double, Columns>>& table, const Progr
   Ticker ticker(progress, 1U << 16);
   std::sort(rows.begin(), rows.end(), [&](const auto& a, const auto& b) {
     ticker.tick();
-    return a < b;  // no ties: the index is part of the order
+    return a < b;  // no ties, because the index is compared as well
   });
 
   Weld result;

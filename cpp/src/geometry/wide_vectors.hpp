@@ -1,8 +1,8 @@
 #pragma once
 
 /// @file
-/// Loops over doubles with the four places of AVX2 where the processor has them. The same
-/// operations in the same order on either path, so that the results are the same, bit for bit.
+/// Loops over four doubles at a time with AVX2, if the processor has it. Both paths execute the
+/// same operations in the same order, so that results are equal bit for bit.
 
 #include "geometry/always_inline.hpp"
 

@@ -14,8 +14,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kStep = 1e-3;  // longest piece of an edge, in diagonals
-// The search for cracks visits length / tolerance points.
+constexpr double kStep = 1e-3;  // longest piece of an edge, in diagonals of the original
+// A lower limit, because the search for cracks visits length / tolerance points.
 constexpr double kSmallestTolerance = 1e-6;
 
 struct Segment {
@@ -24,8 +24,8 @@ struct Segment {
   [[nodiscard]] Vector3d at(double t) const { return start + t * (end - start); }
 };
 
-// The boundary edges of a mesh, and their nearest points: to the tree they are triangles without
-// area.
+// The boundary edges of a mesh with queries for their nearest points; in the tree, edges are
+// triangles without area.
 class BoundaryCurve {
  public:
   BoundaryCurve(const MeshView& mesh, bool weld, const Progress& progress) {
@@ -54,7 +54,7 @@ class BoundaryCurve {
   }
 
  private:
-  // Welded or not, the positions are those of the edge's face.
+  // The positions are those of the edge's face, with or without welding.
   static Segment segment_of(const MeshView& mesh, const Faces& faces, const Edges& edges,
                             Eigen::Index edge) {
     const std::int32_t f = edges.faces_of(edge).front();
@@ -122,8 +122,8 @@ std::optional<Deviation> one_sided(const BoundaryCurve& from, const BoundaryCurv
       .deviation(unit);
 }
 
-// Has the edge a point beyond the tolerance? Distance changes no faster than position, so half the
-// sum of both ends' distances and the length bounds what lies between them.
+// Whether the edge has a point beyond the tolerance. The distance changes at most as fast as the
+// position, so between the ends it is at most half the sum of both ends' distances and the length.
 bool is_crack(const Segment& edge, const BoundaryCurve& to, double tolerance) {
   const double at_start = to.distance(edge.start);
   const double at_end = to.distance(edge.end);
@@ -165,7 +165,8 @@ BoundaryGap boundary_gap(const MeshView& original, const MeshView& simplified,
   }
   const NormalizedPair pair(original, simplified);
   const double step = kStep * pair.diagonal();
-  // By the larger mesh: a simplified edge a million diagonals long is not a reason to take as long.
+  // Relative to the larger mesh, because an edge of a million diagonals must not take a million
+  // times as long.
   const double step_back = std::max(step, kStep * bounding_box(pair.simplified()).diagonal());
   const BoundaryCurve a(pair.original(), options.weld, part_of(progress, 0.0, 0.0));
   const BoundaryCurve b(pair.simplified(), options.weld, part_of(progress, 0.0, 0.0));

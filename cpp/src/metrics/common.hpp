@@ -13,13 +13,13 @@
 #include "manip3d/metrics/metro.hpp"
 
 /// @file
-/// What the measures share: checks, centring, sums in a fixed order.
+/// Code shared by the metrics: checks, centring, sums in a fixed order.
 namespace manip3d {
 
 constexpr std::int64_t kSampleChunk = 1024;
 
-/// Sum, sum of squares and maximum; those of chunks are combined in chunk order, so that the result
-/// does not depend on the number of threads.
+/// Sum, sum of squares and maximum. Those of chunks are combined in the order of the chunks, so
+/// that the result does not depend on the number of threads.
 struct Moments {
   double sum = 0.0;
   double squares = 0.0;
@@ -40,13 +40,13 @@ struct Moments {
   }
   [[nodiscard]] double mean() const { return sum / static_cast<double>(count); }
   [[nodiscard]] double mean_square() const { return squares / static_cast<double>(count); }
-  /// The values times `unit`.
+  /// Statistics of the values times `unit`.
   [[nodiscard]] Deviation deviation(double unit) const {
     return {mean() * unit, std::sqrt(mean_square()) * unit, max * unit, count};
   }
 };
 
-/// Adds up `measure(begin, end)` over the chunks of [0, count), in their order.
+/// Adds up the results of `measure(begin, end)` for the chunks of [0, count), in their order.
 template <typename Accumulator>
 Accumulator accumulate_in_order(
     std::int64_t count, int num_threads, const Progress& progress,
@@ -63,13 +63,13 @@ Accumulator accumulate_in_order(
   return total;
 }
 
-/// The two meshes, moved so that the middle of the original's bounding box is the origin and scaled
-/// by a power of two so that its size is near 1: no measure then depends on where a file puts its
-/// origin, and no product overflows or vanishes because of its unit.
+/// The two meshes, translated so that the centre of the original's bounding box is the origin, and
+/// scaled by a power of two so that its size is near 1. Then no metric depends on the origin of a
+/// file, and no product overflows or underflows because of its unit.
 class NormalizedPair {
  public:
-  /// @throws InputError  what check_mesh refuses; a mesh without faces; an original whose bounding
-  ///                     box is a point.
+  /// @throws InputError  as check_mesh; a mesh without faces; an original whose bounding box is a
+  ///                     point.
   NormalizedPair(const MeshView& original, const MeshView& simplified);
   NormalizedPair(const NormalizedPair&) = delete;
   NormalizedPair& operator=(const NormalizedPair&) = delete;
@@ -77,9 +77,9 @@ class NormalizedPair {
 
   [[nodiscard]] const MeshView& original() const { return original_; }
   [[nodiscard]] const MeshView& simplified() const { return simplified_; }
-  /// Diagonal of the original's bounding box, in the normalised unit.
+  /// Diagonal of the original's bounding box, in normalised units.
   [[nodiscard]] double diagonal() const { return diagonal_; }
-  /// The normalised unit in the files' units.
+  /// Length of the normalised unit in the files' units.
   [[nodiscard]] double unit() const { return unit_; }
 
  private:

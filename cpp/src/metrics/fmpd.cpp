@@ -28,11 +28,11 @@ constexpr double kMaxWeight = 1000.0;
 struct FaceTerms {
   double area;
   double angle[3];
-  double weight[3];  // of the edge opposite to the corner: half its cotangent
+  double weight[3];  // of the edge opposite the corner: half its cotangent
 };
 
-// A power of two near the size of the mesh: in this unit no area overflows or vanishes, also where
-// the two meshes are of very different sizes, and no bit of a ratio of areas changes.
+// A power of two near the size of the mesh. In this unit no area overflows or underflows, even if
+// the sizes of the two meshes differ strongly, and no bit of a ratio of areas changes.
 double own_unit(const MeshView& mesh) {
   const BoundingBox box = bounding_box(mesh);
   const double size = (box.max - box.min).maxCoeff();
@@ -61,8 +61,8 @@ std::vector<FaceTerms> face_terms(const MeshView& mesh, int num_threads, const P
 
 enum class VertexKind : std::uint8_t { kInterior, kBoundary, kNonManifold };
 
-// Around a manifold vertex the faces form one fan, connected through edges with two faces. At an
-// edge with more of them fans end, so its vertices have several.
+// The faces around a manifold vertex form one fan, connected through edges with two faces. Fans end
+// at edges with more faces, so the vertices of such edges have several fans.
 std::vector<VertexKind> classify_vertices(const MeshView& mesh) {
   const Edges edges = find_edges(mesh.faces, mesh.num_vertices());
   std::vector<VertexKind> kinds(mesh.num_vertices(), VertexKind::kInterior);
@@ -92,7 +92,7 @@ std::vector<VertexKind> classify_vertices(const MeshView& mesh) {
   return kinds;
 }
 
-// Roughness of each vertex and the area that it stands for.
+// Roughness of each vertex, and the area that it represents.
 struct Roughness {
   std::vector<double> local;
   std::vector<double> area;
@@ -150,7 +150,7 @@ Roughness measure_roughness(const MeshView& mesh, const char* name, int num_thre
   }
   r.local.assign(kinds.size(), 0.0);
   for (std::size_t v = 0; v < kinds.size(); ++v) {
-    if (!(weights[v] > 0.0)) continue;  // in no face with an area: stands for no area
+    if (!(weights[v] > 0.0)) continue;  // the vertex is in no face with an area
     r.local[v] = std::abs(std::abs(curvature[v]) - weighted[v] / weights[v]);
     r.mean += r.local[v] * r.area[v];
   }

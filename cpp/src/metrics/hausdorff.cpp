@@ -15,8 +15,9 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kRounding = 1e-13;  // of distances in a pair of meshes of size 1
-constexpr double kNearFaces = 3.0;   // a patch is looked at once it spans so many of its edges
+constexpr double kRounding = 1e-13;  // of distances between two meshes of size 1
+// A patch is evaluated if its reach is at most this many of its longest edges.
+constexpr double kNearFaces = 3.0;
 
 struct Bounds {
   double lower = 0.0;
@@ -45,7 +46,7 @@ int longest_edge(const Triangle3& t) {
 
 double length_of_edge(const Triangle3& t, int k) { return (t[(k + 1) % 3] - t[k]).norm(); }
 
-/// Bounds for triangles of one surface, one after the other.
+/// Computes bounds for triangles of one surface, one after the other.
 class TriangleBounds {
  public:
   TriangleBounds(const MeshView& surface, const TriangleBvh& bvh, double lower, double tolerance)
@@ -83,7 +84,8 @@ class TriangleBounds {
     const double by_radius = nearest.distance + radius;
     if (by_radius <= lower + tolerance_) return by_radius;
     const Triangle3 face = corners_of(surface_, nearest.face);
-    const double reach = nearest.distance + 2.0 * radius;  // of the nearest faces of all its points
+    // Distance within which the nearest faces of all points of the part are.
+    const double reach = nearest.distance + 2.0 * radius;
     if (reach > kNearFaces * length_of_edge(face, longest_edge(face))) return by_radius;
     bvh_.faces_within(center, reach * (1.0 + 1e-9), found_);
     patch_.clear();
@@ -106,7 +108,7 @@ class TriangleBounds {
 Bounds one_sided(const MeshView& from, const MeshView& to, double tolerance, int num_threads,
                  const Progress& progress) {
   const TriangleBvh bvh(to, part_of(progress, 0.0, 0.1));
-  // A large lower bound first: what is nearer need not be looked at.
+  // First finds a large lower bound, because parts nearer than it need no evaluation.
   const auto lower_of = [&](std::int64_t begin, std::int64_t end) {
     Bounds bounds;
     std::int32_t near_face = 0;

@@ -23,12 +23,12 @@ std::vector<std::int32_t> used_vertices(const MeshView& mesh) {
 
 Deviation one_sided(const MeshView& from, const MeshView& to, double unit, std::int64_t samples,
                     const MetroOptions& options, const Progress& progress) {
-  constexpr double kBuilt = 0.3;  // share of the time until the tree is there
+  constexpr double kBuilt = 0.3;  // share of the time for building the tree
   const TriangleBvh bvh(to, part_of(progress, 0.0, kBuilt));
   const auto measure_all = [&](std::int64_t count, const auto& point_of) {
     const auto measure = [&](std::int64_t begin, std::int64_t end) {
       Moments distances;
-      std::int32_t near_face = 0;  // neighbouring samples have neighbouring answers
+      std::int32_t near_face = 0;  // consecutive samples have near answers
       for (std::int64_t i = begin; i < end; ++i) {
         const SurfacePoint nearest = bvh.closest_point(point_of(i), near_face);
         distances.add(nearest.distance);

@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::int64_t kBandRows = 8;
 // Tolerance of a hit's barycentric coordinates. Points are 32-bit numbers, so a pixel on the border
-// of the mesh is off it by about 1e-7 of a triangle.
+// of the mesh is outside by up to about 1e-7 of a triangle.
 constexpr double kOnBorder = -1e-6;
 constexpr double kNoHit = std::numeric_limits<double>::infinity();
 
@@ -51,7 +51,7 @@ struct Ratio {
   Eigen::RowVector4d over, under;
 };
 
-/// An affine function of (point - center) / scale as one of the point.
+/// Rewrites an affine function of (point - center) / scale as one of the point.
 Eigen::RowVector4d in_input_frame(const Eigen::RowVector4d& f, const Eigen::Vector3d& center,
                                   double scale) {
   Eigen::RowVector4d g = f / scale;
@@ -59,8 +59,9 @@ Eigen::RowVector4d in_input_frame(const Eigen::RowVector4d& f, const Eigen::Vect
   return g;
 }
 
-/// Least squares of (over X - t under X) / (under X), the last coefficient of `under` being 1: the
-/// denominator of one round weighs the next, so that the residual ends up in units of t.
+/// Minimizes the sum of squares of (over X - t under X) / (under X), with the last coefficient of
+/// `under` equal to 1. The denominator of each round is the weight of the next, so that the final
+/// residual is in units of t.
 Ratio fit_ratio(const Eigen::MatrixX3d& points, const Eigen::VectorXd& values) {
   constexpr int kRounds = 4;
   const Eigen::Index n = points.rows();
@@ -72,7 +73,7 @@ Ratio fit_ratio(const Eigen::MatrixX3d& points, const Eigen::VectorXd& values) {
         (points.array().colwise() * -values.array()).matrix();
     system.array().colwise() *= weight.array();
     Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(n, 7);
-    qr.setThreshold(1e-6);  // of 32-bit coordinates
+    qr.setThreshold(1e-6);  // relative precision of 32-bit coordinates
     qr.compute(system);
     if (qr.rank() < 7) {
       throw InputError("points: expected a scan that fixes its lines of sight, got a plane");
@@ -86,7 +87,8 @@ Ratio fit_ratio(const Eigen::MatrixX3d& points, const Eigen::VectorXd& values) {
   return ratio;
 }
 
-/// The mean line of sight, away from the sensor: there a pixel is wider, so the denominators grow.
+/// The mean line of sight, pointing away from the sensor: pixels are wider there, so the
+/// denominators increase along it.
 Eigen::RowVector3d mean_axis(const RangeCamera& camera, const Eigen::MatrixX3d& points, double size,
                              bool rows_up) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
@@ -101,7 +103,7 @@ Eigen::RowVector3d mean_axis(const RangeCamera& camera, const Eigen::MatrixX3d& 
   right_handed = rows_up ? Eigen::Vector3d(-sum) : sum;
   const Eigen::Vector3d axis = right_handed.normalized();
   const Eigen::Vector3d center = points.colwise().mean();
-  double growth = 0.0;  // of the width of a pixel, over the size of the scan
+  double growth = 0.0;  // increase of the width of a pixel over the size of the scan
   for (const Eigen::RowVector4d& under : {camera.u_under, camera.v_under}) {
     growth += size * under.head<3>().dot(axis) / apply(under, center);
   }
@@ -122,15 +124,15 @@ double rms_residual(const RangeCamera& camera, const PointGridView& grid,
 
 // --- Rendering ---------------------------------------------------------------------------------
 
-/// A triangle as the camera sees it: the four affine functions and the depth at its corners, and
-/// the pixels whose lines of sight may meet it.
+/// A triangle as seen by the camera: the four affine functions and the depth at its corners, and
+/// the pixels whose lines of sight may hit it.
 struct SeenTriangle {
   Eigen::Vector3d u_over, u_under, v_over, v_under, depth;
   std::int64_t first_col, last_col, first_row, last_row;
 };
 
-/// Both coordinates are monotone along any segment on which the denominators are positive, so the
-/// corners bound the triangle; where one is not, the triangle may be seen anywhere.
+/// Both coordinates are monotonic along any segment on which the denominators are positive, so the
+/// corners bound the triangle. If a denominator is not positive, the triangle may be seen anywhere.
 SeenTriangle see(const MeshView& mesh, std::int64_t face, const RangeCamera& camera,
                  const PointGridView& grid, double slack) {
   SeenTriangle seen;
@@ -160,25 +162,27 @@ SeenTriangle see(const MeshView& mesh, std::int64_t face, const RangeCamera& cam
   return seen;
 }
 
-/// Depth at which the line of sight of `pixel` meets the triangle, or kNoHit. The line is where
-/// two planes meet; in the triangle's corners their equations have the values p and q, and the hit
-/// is the point whose interpolated values are both 0 [cf. Olano & Greer, Graphics Hardware 1997].
+/// Depth at which the line of sight of `pixel` hits the triangle, or kNoHit. The line is the
+/// intersection of two planes, whose equations have the values p and q at the triangle's corners;
+/// the hit is the point at which both interpolated values are 0 [cf. Olano & Greer, Graphics
+/// Hardware 1997].
 double hit(const SeenTriangle& seen, const Eigen::Vector2d& pixel) {
   const Eigen::Vector3d p = seen.u_over - pixel[0] * seen.u_under;
   const Eigen::Vector3d q = seen.v_over - pixel[1] * seen.v_under;
   Eigen::Vector3d weights = p.cross(q);
   const double sum = weights.sum();
-  if (!(std::abs(sum) > 0.0)) return kNoHit;  // seen from its edge
+  if (!(std::abs(sum) > 0.0)) return kNoHit;  // seen edge-on
   weights /= sum;
   if (!(weights.minCoeff() >= kOnBorder)) return kNoHit;
   const bool in_front = weights.dot(seen.u_under) > 0.0 && weights.dot(seen.v_under) > 0.0;
   return in_front ? weights.dot(seen.depth) : kNoHit;
 }
 
-/// Pixels at which the points of the grid are seen, which need not be the middles of theirs.
+/// Pixel coordinates at which the points of the grid are seen, which may differ from the centres of
+/// their pixels.
 struct Places {
   std::vector<Eigen::Vector2d> pixel;
-  double farthest = 0.0;  ///< From its column or row, over the grid.
+  double farthest = 0.0;  ///< Largest distance from the point's own column or row, over the grid.
 };
 
 Places places_of(const PointGridView& grid, const RangeCamera& camera, Ticker& ticker) {
@@ -195,7 +199,7 @@ Places places_of(const PointGridView& grid, const RangeCamera& camera, Ticker& t
   return places;
 }
 
-/// The triangle after those that are rendered between two reports of progress, from `begin` on.
+/// The end of the triangles that are rendered before the next report of progress, from `begin` on.
 std::size_t end_of_turn(const std::vector<SeenTriangle>& seen_faces, std::size_t begin) {
   constexpr std::int64_t kPixels = 1 << 21;  // 30 ms with one thread
   std::int64_t pixels = 0;
@@ -285,7 +289,7 @@ std::vector<double> render_depth(const MeshView& mesh, const PointGridView& grid
       }
     }
   };
-  // Triangles in turns that do not take long: each may cover the whole image.
+  // Triangles are rendered in short turns, because each may cover the whole image.
   for (std::size_t begin = 0; begin < seen_faces.size();) {
     const std::size_t end = end_of_turn(seen_faces, begin);
     const std::span turn = std::span(seen_faces).subspan(begin, end - begin);

@@ -24,7 +24,7 @@ Eigen::RowVector2d interpolated_texcoord(const MeshView& mesh, std::int32_t face
   return uv;
 }
 
-// The nearest texture coordinates among the faces met that have the material.
+// The nearest texture coordinates among the met faces with the same material.
 struct Match {
   bool same_material = false;
   std::optional<double> distance;
@@ -85,7 +85,7 @@ TextureError texture_error(const MeshView& original, const MeshView& simplified,
       const SurfaceSample sample = sampler[i];
       const SurfacePoint nearest = bvh.closest_point(sample.point, near_face);
       near_face = nearest.face;
-      // Rounding must not hide the closest face from its own distance.
+      // The margin includes the closest face at its own distance despite rounding.
       bvh.faces_within(sample.point, nearest.distance * (1.0 + 1e-12) + reach, met);
       std::optional<Eigen::RowVector2d> uv;
       if (from.face_has_texcoords(sample.face)) {

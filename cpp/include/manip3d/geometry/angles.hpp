@@ -6,8 +6,8 @@
 #include <numbers>
 
 /// @file
-/// Angles from additions, multiplications, divisions and square roots alone: the same bits on every
-/// CPU, where libm's functions differ with and without FMA.
+/// Angles computed only by additions, multiplications, divisions and square roots, which give the
+/// same bits on every CPU; functions of libm differ with and without FMA.
 namespace manip3d {
 
 /// Largest error, in radians, of angles computed in float with these functions.
@@ -47,13 +47,13 @@ struct SinCos {
 /// Sine and cosine, to about 1e-15, of angles up to 1e6 radians.
 inline SinCos sin_cos(double angle) {
   const double quarter_turns = std::nearbyint(angle * (2.0 / std::numbers::pi));
-  // pi/2 in two parts, so that the difference keeps its digits.
+  // pi/2 in two parts, so that the difference keeps its significant digits.
   const double r =
       (angle - quarter_turns * 1.5707963267341256) - quarter_turns * 6.077100506506192e-11;
   const double s = r * r;
   double sine = 1.0;
   double cosine = 1.0;
-  for (int k = 18; k >= 2; k -= 2) {  // the Taylor series, from their last terms
+  for (int k = 18; k >= 2; k -= 2) {  // Taylor series, from their last terms on
     sine = 1.0 - sine * s / ((k + 1.0) * k);
     cosine = 1.0 - cosine * s / (k * (k - 1.0));
   }

@@ -13,7 +13,7 @@
 
 namespace manip3d {
 
-/// The point of a surface that is nearest to a query, or a point of one of its faces.
+/// A point on a face of a surface, as the result of a query for the nearest point.
 struct SurfacePoint {
   std::int32_t face = -1;
   double distance = 0.0;        ///< From the query, in the mesh's units; infinite without a face.
@@ -23,45 +23,48 @@ struct SurfacePoint {
 
 /// Bounding volume hierarchy over the triangles of a mesh: exact nearest points, in double.
 ///
-/// A face without area counts as the segment or point that it is. The answer is the smallest pair
-/// (squared distance, face index) over all faces, squared distances as computed; it depends neither
-/// on the shape of the tree nor on the hint. A query that equals a corner bit for bit has distance
-/// 0. Works at any scale and any distance from the origin. Queries are const and may run in
-/// parallel.
+/// A face without area is treated as the segment or point that it is. The answer minimizes the pair
+/// (squared distance, face index) over all faces, with squared distances as computed; it depends
+/// neither on the shape of the tree nor on the hint. If a query equals a corner bit for bit, the
+/// distance is 0. Works at any scale and any distance from the origin. Queries are const and may
+/// run in parallel.
 ///
-/// O(F log F) time to build, about 170 bytes a face; the mesh may go afterwards.
+/// O(F log F) time to build, about 170 bytes per face; the mesh is not needed afterwards.
 class TriangleBvh {
  public:
-  /// @throws InputError  what check_mesh refuses; a mesh without faces.
+  /// @throws InputError  as check_mesh; a mesh without faces.
   explicit TriangleBvh(const MeshView& mesh, const Progress& progress = {});
 
-  /// Over some of the faces, in any order; answers are those of a tree over all of them wherever
-  /// these lie nearest.
-  /// @throws InputError  the same; no face.
+  /// Overload for some of the faces, in any order. Where one of these is the nearest of all faces,
+  /// answers are those of a tree over all faces.
+  /// @throws InputError  as above; no faces.
   TriangleBvh(const MeshView& mesh, std::span<const std::int32_t> faces,
               const Progress& progress = {});
 
   [[nodiscard]] std::int64_t num_faces() const { return faces_.rows(); }
 
-  /// @param near_face  a face of the tree suspected to be near, such as the answer to the query
-  ///                   before: makes coherent queries faster, never changes the answer. -1: none.
-  /// @param max_distance  Where no face is as near as this, `face` is -1, and soon known.
-  /// @throws InputError  query not finite, or too far away for its distance to be a double.
+  /// @param near_face  A face of the tree that may be near, such as the answer to the previous
+  ///                   query. It makes coherent queries faster and never changes the answer. -1:
+  ///                   none.
+  /// @param max_distance  If no face is within this distance, `face` is -1; the search is then
+  ///                      faster.
+  /// @throws InputError  a query that is not finite, or too far away for its distance to be a
+  ///                     double.
   [[nodiscard]] SurfacePoint closest_point(const Eigen::Vector3d& query,
                                            std::int32_t near_face = -1,
                                            double max_distance = HUGE_VAL) const;
 
-  /// The nearest point among the faces that `accept` takes; `face` is -1 when there is none.
+  /// The nearest point among the faces that `accept` accepts; `face` is -1 if there is none.
   [[nodiscard]] SurfacePoint closest_point_where(
       const Eigen::Vector3d& query, const std::function<bool(std::int32_t face)>& accept) const;
 
-  /// Every face no farther than `distance` from the query, by face index.
+  /// Finds all faces within `distance` of the query, sorted by face index.
   void faces_within(const Eigen::Vector3d& query, double distance,
                     std::vector<SurfacePoint>& found) const;
 
  private:
-  // A triangle in a plane frame of its own: A at the origin, its longest edge AB along u, C at
-  // (foot, height). Where there is no area v is 0, and then y of every point is 0 as well.
+  // A triangle in its own plane frame: A at the origin, its longest edge AB along u, C at (foot,
+  // height). Without area, v is 0, and then y of every point is 0 as well.
   struct Triangle {
     Eigen::Vector3d a, u, v;
     double length, foot, height;
@@ -76,12 +79,13 @@ class TriangleBvh {
              (squared_distance == other.squared_distance && face < other.face);
     }
   };
-  // Four children. Boxes contain theirs with a margin; unused lanes are at infinity.
+  // Four children. Boxes contain the boxes of their children with a margin; unused lanes are at
+  // infinity.
   struct Node {
     Eigen::Array4f min[3], max[3];
     std::int32_t child[4];  // a node, or ~slot of a triangle
   };
-  // A query in the units of the tree, and floats around it.
+  // A query in the units of the tree, with floats that enclose it.
   struct Query {
     Eigen::Vector3d p;
     Eigen::Array4f low[3], high[3];
@@ -119,9 +123,9 @@ struct ClosestPoints {
 };
 
 /// The nearest point of `mesh` for each row of `points`.
-/// @param max_distance  Where no face is as near as this, the face is -1, the distance infinite and
-///                      the point NaN.
-/// @param num_threads  as in parallel_chunks.
+/// @param max_distance  If no face is within this distance, the face is -1, the distance infinite
+///                      and the point NaN.
+/// @param num_threads   As in parallel_chunks.
 /// @throws InputError  see TriangleBvh; max_distance negative or NaN.
 ClosestPoints closest_points(const MeshView& mesh, const Eigen::Ref<const Vertices>& points,
                              double max_distance, int num_threads = 0,

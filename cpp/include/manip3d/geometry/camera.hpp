@@ -7,7 +7,8 @@
 
 namespace manip3d {
 
-inline constexpr std::int64_t kMaxImageSide = 16384;  ///< Exact integer predicates fit up to here.
+/// Largest side of an image; exact integer predicates need this limit.
+inline constexpr std::int64_t kMaxImageSide = 16384;
 
 /// A pinhole camera. Pixel centres lie at integer (u, v); the camera looks along +z, x to the
 /// right and y down for positive focal lengths (Hartley & Zisserman, 2nd ed., eq. 6.9).
@@ -21,11 +22,11 @@ struct Intrinsics {
   bool mirrored = false;  ///< The image is flipped left to right: its u grows against x.
 };
 
-/// @throws InputError  naming the field of `name`, what was expected and what came.
+/// @throws InputError  naming the field of `name`, the expected and the actual value.
 void check_intrinsics(const Intrinsics& camera, const char* name = "intrinsics");
 
-/// The pixel (u, v) at which a point of the camera frame appears; NaN for z <= 0.
-/// The lens model is used, never the ray table.
+/// Return the pixel (u, v) at which a point of the camera frame appears; NaN for z <= 0. Uses the
+/// lens model, never the ray table.
 Eigen::Vector2d project(const Intrinsics& camera, const Eigen::Vector3d& point);
 
 /// Transform from the pixels of a depth image to those of a colour image.
@@ -35,23 +36,24 @@ struct Registration {
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();   ///< Metres.
 };
 
-/// @throws InputError  no rotation, or not finite.
+/// @throws InputError  a matrix that is no rotation, or a number that is not finite.
 void check_registration(const Registration& registration);
 
-/// The direction (x, y, 1) in which each pixel looks; NaN where a distorted lens has none.
+/// The direction (x, y, 1) in which each pixel looks; NaN where a distorted lens has no ray.
 ///
-/// Without distortion x depends on the column and y on the row alone, and only those are kept.
+/// Without distortion, x depends only on the column and y only on the row; then only these are
+/// stored.
 class PixelRays {
  public:
   PixelRays() = default;
   /// @throws InputError  as check_intrinsics.
   explicit PixelRays(const Intrinsics& camera);
 
-  /// Pixels in a row; 0 for an object that was made without a camera.
+  /// Pixels in a row; 0 for a default-constructed object.
   [[nodiscard]] std::int64_t width() const { return width_; }
   /// Rows of pixels.
   [[nodiscard]] std::int64_t height() const { return height_; }
-  /// Does x depend on the column alone, and y on the row alone?
+  /// Whether x depends only on the column, and y only on the row.
   [[nodiscard]] bool is_separable() const { return separable_; }
   /// x of the pixels of row v: `width` values.
   [[nodiscard]] const float* x(std::int64_t v) const {

@@ -6,7 +6,7 @@
 
 namespace manip3d {
 
-/// Marked cells side by side in a row of a binary image; the cells before and after are unmarked.
+/// A maximal run of adjacent marked cells in a row of a binary image.
 struct MarkedRun {
   std::int64_t row;
   std::int64_t first, last;    ///< Columns of the first and the last cell.

@@ -21,14 +21,14 @@ struct DepthView {
   }
 };
 
-/// A borrowed grid of points, one per pixel or none: what a depth image becomes, and what a range
-/// scan is.
+/// A borrowed grid with at most one point per pixel: an unprojected depth image, or a range scan.
 struct PointGridView {
   std::int64_t rows = 0, cols = 0;
   const float* points = nullptr;        ///< (rows, cols, 3); read only where valid.
   const std::uint8_t* valid = nullptr;  ///< (rows, cols); 0 = no measurement.
-  /// Seen from the sensor, are triangles that go round counter-clockwise in (column, row) front
-  /// faces? So for Stanford's range grids, whose rows go up; not for images, whose rows go down.
+  /// Whether triangles that are counter-clockwise in (column, row) are front faces as seen from the
+  /// sensor. True for Stanford's range grids, whose rows go up; false for images, whose rows go
+  /// down.
   bool rows_up = false;
 };
 

@@ -6,30 +6,32 @@ struct DepthStepOptions {
   /// Standard deviation of a depth at 1 m, metres; it grows with the square of the depth
   /// [Khoshelham & Elberink, "Accuracy and resolution of Kinect depth data", Sensors 2012].
   double noise_at_1_m = 1.425e-3;
-  /// Metres: pixels farther apart than this are not connected, whatever their depth. 0: the rule.
+  /// Metres: pixels with a larger difference of depth are not connected, at any depth. 0: use the
+  /// rule below.
   double max_step = 0.0;
 };
 
 /// Tells whether neighbouring pixels of a depth image lie on one surface.
 ///
-/// A plane that is turned by t against the image plane changes by about z / f tan t from one pixel
-/// to the next. Up to 78 degrees and three standard deviations of the noise, a change of depth is a
-/// slope; a larger one is a step from one surface to another.
+/// The depth of a plane that is tilted by t relative to the image plane changes by about z / f tan
+/// t from one pixel to the next. A change of depth is a slope up to a tilt of 78 degrees plus three
+/// standard deviations of the noise; a larger change is a step from one surface to another.
 class DepthStep {
  public:
   /// @param focal  Focal length, pixels.
   /// @throws InputError  an option is negative or not finite; the focal length is not positive.
   DepthStep(const DepthStepOptions& options, double focal);
 
-  /// Do pixels with these smallest and largest depths lie on one surface?
+  /// Whether pixels with these smallest and largest depths are on one surface.
   [[nodiscard]] bool connects(float nearest, float farthest) const {
     return farthest - nearest <= limit(nearest);
   }
 
-  /// The largest change of depth, metres, from a pixel of this depth to the next on one surface.
+  /// The largest change of depth, metres, from a pixel of this depth to the next one on the same
+  /// surface.
   [[nodiscard]] float limit(float nearest) const { return limits(nearest); }
 
-  /// limit() of one number, or of several at a time (geometry/lanes.hpp).
+  /// limit() of one number, or of several at once (geometry/lanes.hpp).
   template <typename Lanes>
   [[nodiscard]] Lanes limits(Lanes nearest) const {
     return fixed_ + nearest * (slope_ + noise_ * nearest);

@@ -4,9 +4,9 @@
 
 /// @file
 /// Exact predicates [Shewchuk, Discrete & Computational Geometry 1997] for coordinates that are 0
-/// or have a magnitude between 1e-90 and 1e90: products of three of them neither overflow nor lose
-/// bits below the smallest double. The predicates do not check this: callers refuse points that are
-/// not is_exact(). NaN and infinity are not.
+/// or have a magnitude between 1e-90 and 1e90, so that products of three of them neither overflow
+/// nor lose bits to underflow. The predicates do not check this; callers must reject points for
+/// which is_exact() is false (which includes NaN and infinity).
 
 namespace manip3d {
 

@@ -7,10 +7,10 @@
 
 namespace manip3d {
 
-/// A mesh whose vertices are pixels: 32-bit buffers as a GPU takes them.
+/// A mesh whose vertices are pixels, in 32-bit buffers that a GPU can use directly.
 struct DepthMesh {
-  Rows<float, 3> vertices;       ///< (n, 3), unchanged points of the grid.
-  Rows<std::int32_t, 2> pixels;  ///< (n, 2) column u and row v of each.
+  Rows<float, 3> vertices;       ///< (n, 3), points of the grid, unchanged.
+  Rows<std::int32_t, 2> pixels;  ///< (n, 2) column u and row v of each vertex.
   Rows<float, 2> texcoords;      ///< (n, 2) texture coordinates, v up.
   Rows<std::int32_t, 3> faces;   ///< (m, 3); front faces look at the sensor.
 };
@@ -30,10 +30,10 @@ struct GridMeshOptions {
   int num_threads = 0;  ///< 0: all cores.
 };
 
-/// The dense mesh of a grid: all valid pixels; two triangles for each 2x2 cell of four of them,
-/// cut along the shorter diagonal, and one where three are valid. Texture coordinates are those of
-/// registered_texcoord(), or of grid_texcoord() without a registration. The same for any number of
-/// threads.
+/// Triangulate all valid pixels of a grid: two triangles for each 2x2 cell of four valid pixels,
+/// cut along the shorter diagonal, and one triangle if three are valid. Texture coordinates are
+/// those of registered_texcoord(), or of grid_texcoord() without a registration. The result is the
+/// same for any number of threads.
 /// @throws InputError  as check_point_grid; max_edge is not > 0.
 DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options = {},
                     const Registration* registration = nullptr);

@@ -7,8 +7,8 @@
 
 namespace manip3d {
 
-/// Memory for at least `bytes` bytes, from the system's huge pages where it is large: the first
-/// touch of 160 MB then costs 10 ms instead of 100.
+/// Allocate at least `bytes` bytes, from huge pages if that is much: the first access to 160 MB
+/// then takes 10 ms instead of 100.
 /// @throws std::bad_alloc
 void* allocate_large(std::size_t bytes);
 void free_large(void* memory) noexcept;

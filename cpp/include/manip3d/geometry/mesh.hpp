@@ -18,7 +18,8 @@ using Texcoords = Rows<double, 2>;     ///< (T, 2) texture coordinates u, v (v u
 using Colors = Rows<std::uint8_t, 3>;  ///< (V, 3) sRGB.
 using Indices = Eigen::Matrix<std::int32_t, Eigen::Dynamic, 1>;
 
-/// A texture image: a path (relative to the mesh file where it came from one) or its bytes.
+/// A texture image: a path (relative to the mesh file, if it comes from one) or the bytes of a
+/// file.
 struct Texture {
   std::string path;             ///< Empty when only the bytes are known.
   std::vector<std::byte> data;  ///< PNG or JPEG file content; empty when only the path is known.
@@ -33,16 +34,16 @@ struct Material {
   double base_color[4] = {1.0, 1.0, 1.0, 1.0};  ///< Linear RGBA factor in [0, 1].
   double metallic = 0.0;
   double roughness = 1.0;
-  /// Linear RGB light that the surface sends out, at least 0: the factor of the texture "emissive",
-  /// where there is one (0, 0, 0 then counts as 1, 1, 1).
+  /// Emitted light, linear RGB, at least 0. If there is a texture "emissive", this is its factor
+  /// (0, 0, 0 then means 1, 1, 1).
   double emissive[3] = {0.0, 0.0, 0.0};
   AlphaMode alpha_mode = AlphaMode::kOpaque;
   double alpha_cutoff = 0.5;
-  bool double_sided = true;  ///< Only glTF tells; elsewhere both sides of a face are seen.
+  bool double_sided = true;  ///< Only glTF files define it; in other files, both sides are visible.
   /// By role: "base_color", "metallic_roughness", "normal", "occlusion", "emissive".
   std::map<std::string, Texture> textures;
 
-  /// Whether the factor is more than 0 in some channel.
+  /// Whether the emitted light is above 0 in some channel.
   [[nodiscard]] bool emits() const {
     return emissive[0] > 0.0 || emissive[1] > 0.0 || emissive[2] > 0.0;
   }
@@ -64,7 +65,7 @@ struct TriangleMesh {
   std::vector<Material> materials;
 };
 
-/// Borrowed TriangleMesh: the same tables as read-only maps (materials excepted).
+/// A borrowed TriangleMesh: the same tables, except materials, as read-only maps.
 struct MeshView {
   template <typename Matrix>
   using Map = Eigen::Map<const Matrix>;
@@ -95,9 +96,10 @@ struct MeshView {
   }
 };
 
-/// Checks what every kernel relies on: finite coordinates, indices in range, tables of matching
-/// length, at most 2^31 - 1 vertices and faces. Every public function that takes a mesh calls it.
-/// @throws InputError  naming the table, the row, what was expected and what came.
+/// Checks the preconditions of all kernels: finite coordinates, indices in range, tables of
+/// matching length, at most 2^31 - 1 vertices and faces. Every public function with a mesh calls
+/// it.
+/// @throws InputError  naming the table, the row, the expected and the actual value.
 void check_mesh(const MeshView& mesh);
 
 /// Axis-aligned bounding box of the vertices that some face uses.

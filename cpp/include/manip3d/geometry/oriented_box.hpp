@@ -9,7 +9,7 @@
 
 namespace manip3d {
 
-/// A box that stands upright: `size` is its length, width and height along its own axes, turned by
+/// An upright box. `size` is its length, width and height along its own axes, which are rotated by
 /// `yaw` radians about the vertical.
 struct OrientedBox {
   Eigen::Vector3d center = Eigen::Vector3d::Zero();
@@ -17,15 +17,15 @@ struct OrientedBox {
   double yaw = 0.0;
 };
 
-/// @throws InputError  a number that is not finite, a negative size, a yaw beyond 1e6.
+/// @throws InputError  a number that is not finite; a negative size; a yaw beyond 1e6.
 void check_box(const OrientedBox& box);
 
-/// Rows of the points inside the box or on its border, ascending.
-/// @throws InputError  what check_points and check_box refuse.
+/// Return the rows of the points inside the box or on its boundary, ascending.
+/// @throws InputError  as check_points and check_box.
 std::vector<std::int32_t> points_in_box(const PointsView& view, const OrientedBox& box,
                                         int num_threads = 0, const Progress& progress = {});
 
-/// The smallest box with this yaw around the given rows; all zero for no rows.
+/// The smallest box with this yaw around the given rows; all zero if there are none.
 OrientedBox box_around(const PointsView& view, const std::vector<std::int32_t>& rows,
                        double yaw = 0.0);
 

@@ -10,33 +10,34 @@ namespace manip3d {
 
 using Triangle3 = std::array<Eigen::Vector3d, 3>;
 
-/// A triangle of a surface. `error` > 0: it stands for a second surface, from which none of its
-/// points is farther away.
+/// A triangle of a surface. If `error` > 0, it represents a second surface: none of its points is
+/// farther than this from that surface.
 struct PatchTriangle {
   Triangle3 corners;
   double error = 0.0;
 };
 
-/// Distance of a point from the nearest point of a triangle found; a triangle without area counts
-/// as the segment or point that it is. Never below the true distance by more than rounding.
+/// Return the distance of a point from the nearest point that was found on a triangle; a triangle
+/// without area is treated as the segment or point that it is. The result is below the true
+/// distance by rounding errors at most.
 double distance(const Eigen::Vector3d& point, const Triangle3& triangle);
 
-/// Certified distances of triangles from patches of others.
+/// Certified upper bounds of the distances of triangles from patches of other triangles.
 ///
-/// The distance from a convex set is a convex function: over a polygon it is largest at a corner.
-/// A triangle is therefore cut into convex polygons, each proved against one triangle of the patch:
-/// first along the patch's own edges, seen along the triangle's normal, then, where that is not
-/// enough, in halves. Samples are used to refuse only, never to accept. The object holds scratch
-/// memory; it is for one thread.
+/// The distance from a convex set is a convex function, whose maximum over a polygon is at a
+/// corner. A triangle is therefore cut into convex polygons, each of which is proved against one
+/// triangle of the patch: first along the patch's own edges, projected along the triangle's normal;
+/// then, if that is not enough, into halves. Samples are only used to refuse, never to accept. The
+/// object holds scratch memory and must not be shared by threads.
 class PatchDistance {
  public:
-  /// An upper bound of the largest distance of a point of `triangle` from the patch (plus the
-  /// error of the patch's triangle), at most `limit`; infinity where that cannot be shown.
+  /// An upper bound of the largest distance of a point of `triangle` from the patch (plus the error
+  /// of the patch's triangle), at most `limit`; infinity if no such bound can be proved.
   ///
-  /// Rounding is left to the caller: coordinates near 1 are safe with a margin of 1e-13.
+  /// The caller must allow for rounding: for coordinates near 1, a margin of 1e-13 is safe.
   double bound(const Triangle3& triangle, std::span<const PatchTriangle> patch, double limit);
 
-  /// The triangles of the patch on which the last finite bound rests, each once, ascending.
+  /// The triangles of the patch that the last finite bound depends on, each once, ascending.
   [[nodiscard]] const std::vector<std::int32_t>& used() const { return used_; }
 
  private:
@@ -51,7 +52,7 @@ class PatchDistance {
   };
   struct Candidate {
     std::int32_t index;
-    double farthest;  ///< Bound of the whole triangle against this one alone.
+    double farthest;  ///< Bound of the whole triangle against this triangle alone.
   };
   struct Frame {
     Eigen::Vector3d origin, u, v;
@@ -78,8 +79,8 @@ class PatchDistance {
   std::span<const PatchTriangle> patch_;
   double limit_ = 0.0;
   std::vector<Box> boxes_;             // of the patch
-  std::vector<Candidate> candidates_;  // a stack: each level of the recursion has a range of it
-  std::vector<Polygon> rest_, next_;   // of the triangle, not yet proved
+  std::vector<Candidate> candidates_;  // a stack; each level of the recursion has a range in it
+  std::vector<Polygon> rest_, next_;   // parts of the triangle that are not proved yet
   std::vector<std::int32_t> used_;
 };
 

@@ -12,19 +12,19 @@ namespace manip3d {
 using Points = Rows<float, 3>;  ///< (N, 3)
 using Intensities = Eigen::Matrix<float, Eigen::Dynamic, 1>;
 
-/// Points that own their memory. `intensity` has one value per point, or none at all.
+/// Points that own their memory. `intensity` has one value per point, or none.
 struct PointCloud {
   Points points;
   Intensities intensity;
 };
 
-/// Borrowed points in any order; further columns travel beside.
+/// Borrowed points in any order, without further columns.
 struct PointsView {
   template <typename Matrix>
   using Map = Eigen::Map<const Matrix>;
 
   Map<Points> points{nullptr, 0, 3};
-  Map<Intensities> intensity{nullptr, 0};  ///< (N,) or (0,): the scanner gave none.
+  Map<Intensities> intensity{nullptr, 0};  ///< (N,), or (0,) if the scanner gave none.
 
   PointsView() = default;
   explicit PointsView(Map<Points> xyz, Map<Intensities> reflectance = {nullptr, 0})
@@ -41,9 +41,9 @@ struct PointsView {
   [[nodiscard]] bool has_intensity() const { return intensity.rows() > 0; }
 };
 
-/// Checks what every kernel relies on: finite coordinates and intensities, as many intensities as
-/// points or none, at most 2^31 - 1 points. Every public function that takes points calls it.
-/// @throws InputError  naming the table, the row, what was expected and what came.
+/// Checks the preconditions of all kernels: finite coordinates and intensities, as many intensities
+/// as points or none, at most 2^31 - 1 points. Every public function with points calls it.
+/// @throws InputError  naming the table, the row, the expected and the actual value.
 void check_points(const PointsView& view);
 
 }  // namespace manip3d

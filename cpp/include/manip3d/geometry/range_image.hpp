@@ -14,13 +14,12 @@ struct PixelBox {
   [[nodiscard]] bool empty() const { return width == 0 || height == 0; }
 };
 
-/// Common view of depth images and range scans: a point per pixel or none, borrowed.
-///
-/// Points of a depth image are made where they are asked for, with the same bits as unproject().
+/// Common view of depth images and range scans: at most one point per pixel, borrowed. Points of a
+/// depth image are computed on demand, with the same bits as unproject().
 class RangeImage {
  public:
-  /// Sizes must agree; `rays` is borrowed.
-  /// @throws InputError  other sizes.
+  /// Sizes must agree; both arguments are borrowed.
+  /// @throws InputError  sizes differ.
   RangeImage(const DepthView& depth, const PixelRays& rays);
   /// @throws InputError  a side above kMaxImageSide.
   explicit RangeImage(const PointGridView& grid);
@@ -29,19 +28,19 @@ class RangeImage {
   [[nodiscard]] std::int64_t cols() const { return grid_.cols; }
   /// The grid's PointGridView::rows_up.
   [[nodiscard]] bool rows_up() const { return grid_.rows_up; }
-  /// Is it a depth image, so that z is the distance from the sensor?
+  /// Whether it is a depth image, so that z is the distance from the sensor.
   [[nodiscard]] bool has_depth() const { return rays_ != nullptr; }
 
-  /// The smallest box around all pixels that may be valid; all others are not.
+  /// The smallest box around all pixels that may be valid; pixels outside are not valid.
   [[nodiscard]] PixelBox bounds() const;
-  /// Coordinates of the pixels (u0 to u0 + count - 1, v), NaN where nothing is measured.
-  /// @throws InputError  a depth that is negative or infinite, a valid point that is not finite.
+  /// Coordinates of the pixels (u0 to u0 + count - 1, v); NaN where there is no measurement.
+  /// @throws InputError  a depth that is negative or infinite; a valid point that is not finite.
   void load_row(std::int64_t v, std::int64_t u0, std::int64_t count, float* x, float* y,
                 float* z) const;
   /// The z of a valid pixel of a depth image, metres.
   [[nodiscard]] float depth(std::int64_t u, std::int64_t v) const {
     const std::int64_t pixel = v * grid_.cols + u;
-    // Division, not times 0.001: the float nearest to the measured value.
+    // Divided, not multiplied by 0.001, to get the float nearest to the measured value.
     return depth_.millimetres != nullptr ? static_cast<float>(depth_.millimetres[pixel]) / 1000.0F
                                          : depth_.metres[pixel];
   }

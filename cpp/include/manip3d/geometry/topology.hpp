@@ -6,11 +6,11 @@
 #include "manip3d/geometry/mesh.hpp"
 
 /// @file
-/// Connectivity of any set of triangles, manifold or not. Faces with a repeated index have no
-/// edges and connect nothing; indices must be in range (check_mesh).
+/// Connectivity of any set of triangles, manifold or not. Faces with a repeated index have no edges
+/// and connect nothing. Indices must be in range (check_mesh).
 namespace manip3d {
 
-/// True when two corners of the face are the same vertex.
+/// Whether two corners of the face are the same vertex.
 inline bool is_degenerate(const Eigen::Ref<const Faces>& faces, Eigen::Index face) {
   return faces(face, 0) == faces(face, 1) || faces(face, 1) == faces(face, 2) ||
          faces(face, 2) == faces(face, 0);
@@ -19,7 +19,7 @@ inline bool is_degenerate(const Eigen::Ref<const Faces>& faces, Eigen::Index fac
 /// Undirected edges, each once, with the faces that use them.
 struct Edges {
   Rows<std::int32_t, 2> vertices;     ///< (E, 2) lower vertex first; rows in increasing order.
-  std::vector<std::int32_t> offsets;  ///< (E + 1,) where each edge's faces start in `faces`.
+  std::vector<std::int32_t> offsets;  ///< (E + 1,) index of each edge's first face in `faces`.
   std::vector<std::int32_t> faces;    ///< Faces by edge, increasing within an edge.
 
   [[nodiscard]] Eigen::Index size() const { return vertices.rows(); }
@@ -33,18 +33,19 @@ struct Edges {
   [[nodiscard]] bool is_non_manifold(Eigen::Index edge) const { return faces_of(edge).size() > 2; }
 };
 
-/// O(F + sum over vertices of valence log valence) time, O(V + F) memory.
+/// Find the edges of a mesh. O(F + sum over vertices of valence log valence) time, O(V + F) memory.
 Edges find_edges(const Eigen::Ref<const Faces>& faces, std::int64_t num_vertices);
 
-/// (V,) number of boundary neighbours of each vertex: the other ends of its boundary edges.
+/// Return the (V,) number of boundary neighbours of each vertex: the other ends of its boundary
+/// edges.
 ///
-/// 0: inside (or unreferenced); 2: an ordinary boundary vertex; else a complex vertex, where
-/// boundaries meet (dissertation section 2.4.3).
+/// 0: an interior (or unreferenced) vertex; 2: an ordinary boundary vertex; else a complex vertex,
+/// at which boundaries meet (dissertation section 2.4.3).
 Indices count_boundary_neighbors(const Edges& edges, std::int64_t num_vertices);
 
-/// Sets of faces that hang together through shared vertices.
+/// Sets of faces that are connected by shared vertices.
 struct Components {
-  Indices of_vertex;  ///< (V,) numbered in the order of their lowest vertices; -1: in no face.
+  Indices of_vertex;  ///< (V,) component, in the order of their lowest vertices; -1: in no face.
   std::int32_t count = 0;
 };
 Components find_components(const Eigen::Ref<const Faces>& faces, std::int64_t num_vertices);

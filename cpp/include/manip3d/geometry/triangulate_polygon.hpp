@@ -10,25 +10,25 @@
 
 namespace manip3d {
 
-/// Makes triangles of polygons, for all readers alike: deterministic, never a new vertex.
+/// Triangulates polygons, for all readers: deterministic, without new vertices.
 ///
 /// A polygon of n corners gives n - 2 triangles that keep its orientation:
-/// - a quad is cut by the diagonal that flips no triangle against the polygon's Newell normal;
-///   if both or neither do, by the shorter; if both are equally long, from its first corner;
-/// - a larger one by ear clipping [Meisters, "Polygons have ears", 1975] in the plane through its
-///   Newell normal [Sutherland et al., ACM Computing Surveys 1974], where only corners that are
-///   not convex can block an ear.
+/// - a quad is cut by the diagonal that flips no triangle relative to the polygon's Newell normal;
+///   if both or neither do, by the shorter one; if both are equally long, from its first corner;
+/// - a larger polygon is triangulated by ear clipping [Meisters, "Polygons have ears", 1975] in the
+///   plane through its Newell normal [Sutherland et al., ACM Computing Surveys 1974]; only corners
+///   that are not convex can block an ear.
 ///
-/// Where no corner is an ear (self-intersecting or degenerate polygons) the next corner is cut all
-/// the same, so that it always ends. Ear clipping is quadratic; the work of one object is bounded
-/// by 128 tests per corner plus 2^26 tests in all, after which the rest of a polygon becomes a fan:
-/// polygons of up to 42 corners are always cut fully, and so is a single one of some 4 000 corners
-/// of which half are not convex.
+/// If no corner is an ear (in self-intersecting or degenerate polygons), the next corner is cut
+/// anyway, so that the loop always ends. Ear clipping takes quadratic time. The work of one object
+/// is bounded by 128 tests per corner plus 2^26 tests in total, after which the rest of a polygon
+/// becomes a fan: polygons of up to 42 corners are always triangulated completely, and so is a
+/// single one of about 4000 corners of which half are not convex.
 class PolygonTriangulator {
  public:
   using Triangle = std::array<std::int32_t, 3>;
 
-  /// @param corners  positions of the n >= 3 corners in order.
+  /// @param corners  Positions of the n >= 3 corners in order.
   /// @return n - 2 triples of corner numbers, valid until the next call.
   std::span<const Triangle> triangulate(std::span<const Eigen::Vector3d> corners);
 
@@ -44,21 +44,22 @@ class PolygonTriangulator {
   std::vector<Eigen::Vector3d> points_;  ///< Corners, scaled to the unit cube.
   std::vector<Eigen::Vector2d> plane_;   ///< Corners in the best-fit plane.
   std::vector<std::int32_t> next_, previous_;
-  std::vector<std::int32_t> blockers_;  ///< Corners that were not convex; some may be cut by now.
-  std::vector<bool> blocks_;            ///< Not convex and not cut.
+  /// Corners that were not convex at the start; some may be cut off.
+  std::vector<std::int32_t> blockers_;
+  std::vector<bool> blocks_;  ///< Whether a corner is not convex and not cut off.
   std::vector<Triangle> triangles_;
   std::int64_t shared_tests_ = std::int64_t{1} << 26;
   std::int64_t tests_left_ = 0;
 };
 
-/// Makes triangles of many polygons: the first `counts[0]` corners are those of the first polygon.
+/// Triangulate many polygons; the first `counts[0]` corners belong to the first polygon.
 ///
-/// @param vertices  positions.
-/// @param corners   the vertex of each corner.
-/// @return triangles of corner numbers, polygon by polygon; polygons of fewer than three corners
-///         have none.
-/// @throws InputError  a vertex out of range, a negative count, or counts that are not as many
-///                     corners as there are.
+/// @param vertices  Positions.
+/// @param corners   The vertex of each corner.
+/// @return  Triangles of corner numbers, polygon by polygon; polygons of fewer than three corners
+///          have none.
+/// @throws InputError  a vertex out of range; a negative count; counts that do not add up to the
+///                     number of corners.
 Faces triangulate_polygons(const Eigen::Ref<const Vertices>& vertices,
                            std::span<const std::int32_t> corners,
                            std::span<const std::int32_t> counts);

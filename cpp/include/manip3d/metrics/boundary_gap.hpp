@@ -10,32 +10,35 @@
 namespace manip3d {
 
 struct BoundaryGapOptions {
-  double tolerance = 1e-3;  ///< Width of a crack, in diagonals.
-  bool weld = true;         ///< Vertices with bit-identical positions count as one.
+  double tolerance = 1e-3;  ///< Smallest width of a crack, in diagonals of the original.
+  bool weld = true;         ///< Treat vertices with bit-identical positions as one.
   int num_threads = 0;      ///< 0: all cores.
 };
 
-/// Lengths in the meshes' units. A mesh without boundary has no deviation; to such a mesh distances
+/// Lengths are in the meshes' units. A mesh without boundary has no deviation, and distances to it
 /// are infinite.
 struct BoundaryGap {
-  std::optional<Deviation> forward;   ///< From the original's boundary curves to the simplified.
-  std::optional<Deviation> backward;  ///< From the simplified boundary curves to the original's.
+  /// From the original's boundary curves to those of the simplified mesh.
+  std::optional<Deviation> forward;
+  /// From the simplified mesh's boundary curves to those of the original.
+  std::optional<Deviation> backward;
   std::int64_t cracks = 0;    ///< Simplified boundary edges with a point beyond the tolerance.
   double crack_length = 0.0;  ///< Summed length of those edges.
   double diagonal = 0.0;      ///< Diagonal of the original's bounding box.
 };
 
-/// How far the boundary curves of two meshes are from each other, and where the simplified one
-/// tore.
+/// Measure the distances between the boundary curves of two meshes, and find where the simplified
+/// mesh tore.
 ///
 /// A boundary edge is used by exactly one face that has three different vertices. Mean and RMS are
-/// by length: each edge is cut into equal pieces of at most 1e-3 diagonals (of the larger mesh, for
-/// the simplified one's edges), whose middles are measured; the maximum looks at the ends of the
-/// edges as well. Cracks are decided to within a thousandth of the tolerance. Without welding every
-/// seam of a glTF file is a boundary, on both sides, and a crack along it goes unnoticed until it
-/// is wider than the tolerance. The same bits for any number of threads.
-/// @throws InputError  what check_mesh refuses; a mesh without faces; an original whose bounding
-///                     box is a point; tolerance not in [1e-6, 1].
+/// weighted by length: each edge is cut into equal pieces of at most 1e-3 diagonals (for edges of
+/// the simplified mesh, diagonals of the larger mesh), whose midpoints are measured; the maximum
+/// includes the ends of the edges. Cracks are decided to within a thousandth of the tolerance.
+/// Without welding, every seam of a glTF file is a boundary in both meshes, and a crack along it is
+/// not noticed until it is wider than the tolerance. The result has the same bits for any number of
+/// threads.
+/// @throws InputError  as check_mesh; a mesh without faces; an original whose bounding box is a
+///                     point; tolerance not in [1e-6, 1].
 BoundaryGap boundary_gap(const MeshView& original, const MeshView& simplified,
                          const BoundaryGapOptions& options = {}, const Progress& progress = {});
 

@@ -8,15 +8,17 @@
 namespace manip3d {
 
 struct FmpdOptions {
-  bool clip = false;    ///< At 1, as chapter 3 of the dissertation does and chapter 2 does not.
+  /// Clip the value at 1, as in chapter 3 of the dissertation, but not in chapter 2.
+  bool clip = false;
   int num_threads = 0;  ///< 0: all cores.
 };
 
 struct FmpdResult {
-  double value = 0.0;                 ///< 8 |difference of the two roughnesses|.
-  double roughness_original = 0.0;    ///< Global roughness, modulated as in the paper.
-  double roughness_simplified = 0.0;  ///< The modulation depends on both meshes.
-  std::int64_t skipped_faces = 0;     ///< Without area, in both meshes.
+  double value = 0.0;  ///< 8 |difference of the two roughnesses|.
+  /// Global roughness, modulated as in the paper; the modulation depends on both meshes.
+  double roughness_original = 0.0;
+  double roughness_simplified = 0.0;  ///< The same for the simplified mesh.
+  std::int64_t skipped_faces = 0;     ///< Faces without area in both meshes.
   bool is_non_manifold = false;       ///< Some vertex of either mesh is not manifold.
 };
 
@@ -25,7 +27,7 @@ struct FmpdResult {
 ///
 /// The result has the same bits for any number of threads; across processors it differs by at most
 /// 1e-12 relative (libm).
-/// @throws InputError  what check_mesh refuses; a mesh without faces or without area.
+/// @throws InputError  as check_mesh; a mesh without faces or without area.
 FmpdResult fmpd(const MeshView& original, const MeshView& simplified,
                 const FmpdOptions& options = {}, const Progress& progress = {});
 

@@ -6,14 +6,15 @@
 namespace manip3d {
 
 struct HausdorffOptions {
-  double tolerance = 1e-4;  ///< Largest gap between the bounds, in diagonals of the original; > 0.
-  int num_threads = 0;      ///< Number of threads; 0: all cores.
+  /// Largest difference of the bounds, in diagonals of the original; > 0.
+  double tolerance = 1e-4;
+  int num_threads = 0;  ///< Number of threads; 0: all cores.
 };
 
-/// A distance lies between these, in the meshes' units.
+/// Bounds of a distance, in the meshes' units.
 struct DistanceBounds {
-  double lower = 0.0;  ///< Reached at a point that was looked at, up to rounding.
-  double upper = 0.0;  ///< Proved.
+  double lower = 0.0;  ///< Distance at a point that was measured, exact up to rounding.
+  double upper = 0.0;  ///< Proved upper bound.
 };
 
 struct HausdorffResult {
@@ -22,14 +23,14 @@ struct HausdorffResult {
   double diagonal = 0.0;  ///< Diagonal of the original's bounding box (vertices that a face uses).
 };
 
-/// The Hausdorff distance of two surfaces, as sets of points, between two bounds.
+/// Bound the Hausdorff distance of two surfaces, as sets of points, from below and above.
 ///
 /// Branch and bound over the triangles of one surface [Tang, Lee & Kim, SIGGRAPH 2009]: a part is
-/// done when it provably (PatchDistance, or the distance of its centre plus its radius) lies within
-/// `tolerance` of the largest distance found; else it is halved. The same bits for any number of
-/// threads.
-/// @throws InputError  what check_mesh refuses; a mesh without faces; an original whose bounding
-///                     box is a point; tolerance not > 0.
+/// finished when it is proved (by PatchDistance, or by the distance of its centre plus its radius)
+/// to lie within the largest distance found plus `tolerance`; otherwise it is halved. The result
+/// has the same bits for any number of threads.
+/// @throws InputError  as check_mesh; a mesh without faces; an original whose bounding box is a
+///                     point; tolerance not > 0.
 HausdorffResult hausdorff_bound(const MeshView& original, const MeshView& simplified,
                                 const HausdorffOptions& options = {},
                                 const Progress& progress = {});

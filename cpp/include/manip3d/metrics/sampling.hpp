@@ -14,14 +14,15 @@ struct SurfaceSample {
   Eigen::Vector3d point;
 };
 
-/// Area-uniform random points of a surface, one in each of `num_samples` strata of equal area.
+/// Uniformly distributed random points of a surface, one in each of `num_samples` strata of equal
+/// area.
 ///
-/// The strata follow the order of the faces, so neighbouring samples are near each other. Sample i
-/// is a function of (mesh, num_samples, seed, i) alone: any thread may ask for any sample. Faces
-/// without area get none. The view must outlive the sampler. 8 bytes a face.
+/// The strata follow the order of the faces, so consecutive samples are near each other. Sample i
+/// depends only on (mesh, num_samples, seed, i), so any thread may compute any sample. Faces
+/// without area have no samples. The view must outlive the sampler. 8 bytes per face.
 class SurfaceSampler {
  public:
-  /// @throws InputError  num_samples < 1; a surface without area, or with one beyond a double.
+  /// @throws InputError  num_samples < 1; a surface without area, or whose area overflows a double.
   SurfaceSampler(const MeshView& mesh, std::int64_t num_samples, std::uint64_t seed);
 
   [[nodiscard]] SurfaceSample operator[](std::int64_t i) const;

@@ -17,8 +17,9 @@ struct BodyFrame {
   Eigen::Vector3d n, x, y, z;
 };
 
-/// None where a joint is not usable, the joints of an axis are within 5 cm, the axes within 6
-/// degrees of each other, or the origin within 10 cm of the camera or behind it.
+/// Return the axes; no value if a joint is not usable, the joints of an axis are within 5 cm of
+/// each other, the axes within 6 degrees of each other, or the origin less than 10 cm in front of
+/// the camera or behind it.
 std::optional<BodyFrame> body_frame(const Skeleton& skeleton, Limb limb);
 
 enum class MirrorMode : std::uint8_t {
@@ -38,8 +39,9 @@ struct Mirror {
 
 Mirror make_mirror(const BodyFrame& frame, MirrorMode mode);
 
-/// Joints of the intact limb, mirrored into those of the other one: (w, x, y, z) of the skeleton's
-/// frame (n, y_s, z_s) becomes (w, x, -y, -z); states are taken over. The rest stays.
+/// Return the skeleton with the joints of the intact limb mirrored to the other limb. An
+/// orientation (w, x, y, z) in the skeleton's frame (n, y_s, z_s) becomes (w, x, -y, -z); states
+/// are copied. Other joints do not change.
 Skeleton with_mirrored_limb(const Skeleton& skeleton, Limb affected, const BodyFrame& frame,
                             const Mirror& mirror);
 
