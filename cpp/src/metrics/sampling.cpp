@@ -35,7 +35,7 @@ SurfaceSample SurfaceSampler::operator[](std::int64_t i) const {
   const double position = (static_cast<double>(i) + uniform(seed_, counter)) /
                           static_cast<double>(num_samples_) * cumulative_area_.back();
   auto entry = std::upper_bound(cumulative_area_.begin(), cumulative_area_.end(), position);
-  if (entry == cumulative_area_.end()) {  // rounding: the last face that has an area
+  if (entry == cumulative_area_.end()) {  // due to rounding: take the last face with an area
     entry =
         std::lower_bound(cumulative_area_.begin(), cumulative_area_.end(), cumulative_area_.back());
   }

@@ -22,7 +22,7 @@ namespace manip3d {
 
 /// With fewer points, a surface is not used.
 inline constexpr std::size_t kLeastSurface = 60;
-inline constexpr double kSurfaceScale = 0.02;  ///< Metres, of the Geman-McClure weight.
+inline constexpr double kSurfaceScale = 0.02;  ///< Scale of the Geman-McClure weight, metres.
 /// The noise of neighbouring points is correlated, so that 500 points are worth about thirty
 /// independent ones: the noise of a point is multiplied by four to get the right noise of all.
 inline constexpr double kSharedNoise = 4.0;

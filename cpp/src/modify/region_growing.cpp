@@ -97,7 +97,7 @@ class LeastFirst {
   static constexpr std::uint64_t kNone = ~std::uint64_t{0};
   static std::size_t parent(std::size_t at) { return (at - 1) / kChildren; }
 
-  std::vector<std::uint64_t> keys_;  ///< Followed by four times kNone.
+  std::vector<std::uint64_t> keys_;  ///< Followed by four kNone.
   std::size_t size_ = 0;
 };
 

@@ -29,8 +29,8 @@ class Stature {
   [[nodiscard]] double ratio() const { return frames_ > 0.0 ? ratio_ : 1.0; }
   /// The smallest factor by which the focal length must be wrong to give this ratio; at least 1.
   [[nodiscard]] double misfit() const;
-  /// The misfit above which the calibration is doubted; it approaches its final value with the
-  /// number of frames.
+  /// The misfit above which the calibration is doubted; it approaches 1.06 with the number of
+  /// frames.
   [[nodiscard]] double limit() const;
 
   void reset() { *this = {}; }

@@ -9,8 +9,8 @@ namespace {
 
 // Seconds; a tracker of 10 Hz repeats its joints in three frames at 30 Hz.
 constexpr double kLeastTime = 0.15;
-constexpr double kMostMoved =
-    0.01;  // of the points: an arm has 6 to 8 %, a border that flickers none
+// Share of the points that must have moved. An arm has 6 to 8 % of them, a flickering border none.
+constexpr double kMostMoved = 0.01;
 constexpr float kSamePlace = 0.03F;  // metres; breathing moves a chest by as much
 constexpr std::int64_t kReach = 2;   // pixels: borders flicker
 constexpr std::int64_t kEvery = 5;   // one of this many points is tested

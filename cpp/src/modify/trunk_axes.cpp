@@ -30,7 +30,7 @@ std::optional<Line> middle_line(const Skeleton& skeleton, const JointTrust& trus
   // Joints are weighted by their heights along the spine relative to the mean, as in linear
   // regression.
   constexpr std::array kHeights = {0.0, 0.31, 0.535,
-                                   0.61};  // of kSpineJoints above SpineBase, metres
+                                   0.61};  // heights of kSpineJoints above SpineBase, metres
   double mean = 0.0;
   for (std::size_t i = 0; i < kSpineJoints.size(); ++i) {
     if (!is_usable(skeleton, kSpineJoints[i])) continue;

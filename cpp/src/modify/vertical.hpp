@@ -47,14 +47,14 @@ class Vertical {
   void reset() { *this = {}; }
 
  private:
-  static constexpr std::size_t kMost = 2048;  // places of a frame that are looked at
+  static constexpr std::size_t kMost = 2048;  // largest number of sampled pixels per frame
 
   void find_floor(std::size_t count, const Eigen::Vector3f& now, const Eigen::Vector3f& hips);
 
   Eigen::Vector3d down_ = Eigen::Vector3d::UnitY();
   double frames_ = 0.0;
   std::optional<FloorPlane> floor_;
-  // The memory for places of one frame.
+  // Memory for the sampled pixels of one frame.
   std::array<Eigen::Vector3f, kMost> normals_, points_;
   std::array<float, kMost> heights_;
 };

@@ -193,16 +193,16 @@ class CollapseMesh {
   bool any_moved_ = false;
   std::vector<Triple> faces_;
   std::vector<Triple> wedges_;
-  std::vector<Triple> normal_indices_;  // of a face; empty if the mesh has no normals
+  std::vector<Triple> normal_indices_;  // by face; empty if the mesh has no normals
   Vertices normals_;
-  std::vector<std::int32_t> first_corner_;  // of a vertex; corner = 3 face + 0..2; -1: none
-  std::vector<std::int32_t> next_corner_;   // of a corner, in the list of its vertex
-  // Of a corner: the previous one in that list; -1: none.
+  std::vector<std::int32_t> first_corner_;  // by vertex; corner = 3 face + 0..2; -1: none
+  std::vector<std::int32_t> next_corner_;   // by corner, in the list of its vertex
+  // By corner: the previous one in that list; -1: none.
   std::vector<std::int32_t> previous_corner_;
-  std::vector<std::int32_t> degree_;   // of a vertex
-  std::vector<std::int64_t> surface_;  // of a wedge: 2 material + (1 if it has texture coordinates)
-  std::vector<Eigen::Vector2d> texcoords_;  // of a wedge
-  std::vector<std::int32_t> texcoord_;      // of a wedge: row of the input's table, or -1
+  std::vector<std::int32_t> degree_;   // by vertex
+  std::vector<std::int64_t> surface_;  // by wedge: 2 material + (1 if it has texture coordinates)
+  std::vector<Eigen::Vector2d> texcoords_;  // by wedge
+  std::vector<std::int32_t> texcoord_;      // by wedge: row of the input's table, or -1
   std::int64_t num_faces_ = 0;
   std::int64_t num_dropped_ = 0;
 };

@@ -120,7 +120,7 @@ struct Cs3::Workspace {
   ImportanceMap map;
   ImportanceOrder order;
   Cs3Sampler sampler;
-  std::vector<Pixel> pixels;  ///< Chosen, relative to the map's box.
+  std::vector<Pixel> pixels;  ///< Chosen pixels, relative to the map's box.
   GridDelaunay delaunay;
 };
 

@@ -29,16 +29,16 @@ class DistanceGuard {
   /// @param on_proof  Called before each proof; a change may need many proofs.
   DistanceGuard(const MeshView& original, double limit, std::function<void()> on_proof = {});
 
-  /// A face that a change leaves, and where its corners then are, in the mesh's units.
+  /// A face that remains after a change, with its new corners, in the mesh's units.
   struct Change {
     std::int32_t face;
     Triangle3 corners;
   };
 
   /// Whether a change keeps the limit; if so, commit() makes it.
-  /// @param touched  faces that move or go.
-  /// @param changed  those of them that stay.
-  /// @param around   other faces near, which may help the proof.
+  /// @param touched  Faces that move or are removed.
+  /// @param changed  Touched faces that remain.
+  /// @param around   Other faces nearby, which may help the proof.
   bool allows(std::span<const std::int32_t> touched, std::span<const Change> changed,
               std::span<const std::int32_t> around);
   void commit();
@@ -61,7 +61,7 @@ class DistanceGuard {
   bool prove_guest(std::int32_t original, std::span<const std::int32_t> others);
 
   std::function<void()> on_proof_;
-  double limit_;  // in the unit of the coordinates below, less the margin for rounding
+  double limit_;  // in the unit of the coordinates below, minus the margin for rounding
   double margin_ = 0.0;
   double unit_ = 1.0;  // of the coordinates below, in the mesh's units
   Eigen::Vector3d center_ = Eigen::Vector3d::Zero();
@@ -69,15 +69,15 @@ class DistanceGuard {
   bool is_changed_ = false;
   std::vector<Triangle3> original_;
   std::vector<PatchTriangle> current_;  // of the simplified mesh, by face of the original
-  std::vector<std::vector<std::int32_t>> guests_;  // of a face; may hold some that have left
-  std::vector<std::vector<std::int32_t>> hosts_;   // of an original face
-  std::vector<double> bounds_;                     // of an original face from its hosts
+  std::vector<std::vector<std::int32_t>> guests_;  // by face; may include former guests
+  std::vector<std::vector<std::int32_t>> hosts_;   // by original face
+  std::vector<double> bounds_;                     // by original face from its hosts
 
-  // The change in question.
+  // The change that allows() is proving.
   std::vector<std::int32_t> touched_;
   std::vector<Change> changed_;
-  std::vector<double> errors_;  // of changed_
-  std::vector<Proof> proofs_;   // of the guests
+  std::vector<double> errors_;  // bounds of changed_
+  std::vector<Proof> proofs_;   // new proofs of the guests
   std::vector<std::int32_t> affected_;
   std::vector<bool> is_touched_, is_affected_;
   std::vector<PatchTriangle> patch_;

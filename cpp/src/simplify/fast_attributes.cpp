@@ -27,7 +27,7 @@ Vector2d texture_at(const FastMesh& mesh, std::int32_t wedge, std::int32_t v, st
   Vector2d best = mesh.table.texcoords[wedge];
   Vector2d low = best, high = best;
   double most_inside = -std::numeric_limits<double>::infinity();
-  // Of a locked vertex, exact: rounding would separate it from its neighbours.
+  // The exact coordinate of a locked vertex, which rounding would separate from its neighbours.
   std::optional<Vector2d> own;
   for (const std::int32_t from : {v, t}) {
     const Vector3d origin = position_of(mesh.vertices[from]).cast<double>();

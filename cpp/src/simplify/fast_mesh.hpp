@@ -202,23 +202,23 @@ struct FastMesh {
   SpatialOrder order;
 
   Bulk<QuadricVertex> vertices{arena};
-  Bulk<std::int32_t> id{arena};          // of a vertex: its initial index
-  std::vector<std::uint8_t> is_open;     // of a vertex: not closed around, or with several wedges
-  std::vector<std::uint8_t> is_complex;  // of a vertex: with complex edges; empty: none
-  Bulk<std::int32_t> into{arena};        // of an initial vertex: the one it collapsed into, or -1
-  std::vector<std::uint8_t> is_moved;    // of an initial vertex
-  std::vector<std::uint8_t> locked;      // of an initial vertex; empty: none
-  Bulk<Vector3f> colors{arena};          // of an initial vertex; empty: none
+  Bulk<std::int32_t> id{arena};          // by vertex: its initial index
+  std::vector<std::uint8_t> is_open;     // by vertex: not closed around, or with several wedges
+  std::vector<std::uint8_t> is_complex;  // by vertex: with complex edges; empty: none
+  Bulk<std::int32_t> into{arena};        // by initial vertex: the one it collapsed into, or -1
+  std::vector<std::uint8_t> is_moved;    // by initial vertex
+  std::vector<std::uint8_t> locked;      // by initial vertex; empty: none
+  Bulk<Vector3f> colors{arena};          // by initial vertex; empty: none
 
   Bulk<Triple> faces{arena};
-  Bulk<std::int32_t> face_ids{arena};  // of a face: row of the input
-  Bulk<Triple> wedges{arena};          // of a face; empty if there is one wedge per vertex
-  Bulk<Triple> normals{arena};         // of a face; empty: none
+  Bulk<std::int32_t> face_ids{arena};  // by face: row of the input
+  Bulk<Triple> wedges{arena};          // by face; empty if there is one wedge per vertex
+  Bulk<Triple> normals{arena};         // by face; empty: none
   WedgeTable table;
   std::vector<std::int32_t> wedge_into;
   std::int64_t num_dropped = 0;  // input faces without area, and duplicates
 
-  Bulk<std::uint32_t> first_corner{arena};  // of a vertex
+  Bulk<std::uint32_t> first_corner{arena};  // by vertex
   Bulk<std::uint32_t> corners_by_vertex{arena};
 
   // In a pass, of a vertex:

@@ -101,7 +101,7 @@ class FastPass {
   EdgeCollapser& collapser_;
   std::vector<std::vector<Worker>> workers_;  // by level and block
   std::vector<std::uint32_t> histogram_;
-  std::vector<std::uint16_t> refusals_;  // of a vertex
+  std::vector<std::uint16_t> refusals_;  // by vertex
   std::vector<std::uint8_t> is_beside_;  // in a small pass, of a vertex: its faces changed
   std::uint32_t limit_ = kDearest;       // price of the candidates
   std::uint32_t visible_ = kNoPrice;

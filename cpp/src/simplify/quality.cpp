@@ -521,11 +521,11 @@ class QualitySimplifier {
   JoinedWedges wedges_;
   Attributes attributes_;
   DoubledFaces doubled_;
-  std::vector<std::uint32_t> version_;  // of a vertex: number of its moves
+  std::vector<std::uint32_t> version_;  // by vertex: number of its moves
   std::vector<bool> blocked_;           // vertices with a refused edge
   std::vector<bool> is_hub_;            // vertices whose edges wait until they have fewer faces
   std::vector<std::int32_t> into_;      // vertex onto which a vertex collapsed, or -1
-  std::vector<bool> is_exact_;          // of a vertex: all its faces are unchanged
+  std::vector<bool> is_exact_;          // by vertex: all its faces are unchanged
   std::set<std::int32_t> kept_pieces_;  // pieces with a locked vertex
   FlatHeap<Entry> queue_, forbidden_;
   std::vector<std::int32_t> neighbours_;

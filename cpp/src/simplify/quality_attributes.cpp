@@ -78,7 +78,7 @@ void Attributes::set_texture(std::int32_t v, std::int32_t t, const Vector3d& p,
   for (const auto& [wedge, uv] : uvs_) mesh_.set_uv(wedge, uv);
 }
 
-/// Of the wedges at the locked one of v and t, returns the one that becomes, or is, this wedge.
+/// Returns the wedge, at the locked one of v and t, that becomes this wedge or is this wedge.
 std::optional<std::int32_t> Attributes::locked_wedge(std::int32_t v, std::int32_t t,
                                                      std::int32_t wedge,
                                                      const WedgeMap& map) const {

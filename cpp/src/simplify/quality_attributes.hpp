@@ -34,9 +34,9 @@ class Attributes {
   CollapseMesh& mesh_;
   Original& original_;
   const Kept& kept_;
-  std::vector<std::int32_t> chart_;             // of a wedge
-  std::vector<Eigen::AlignedBox2d> chart_box_;  // of a chart: its original texture coordinates
-  std::vector<Vector3d> colors_;                // of a vertex; empty: none
+  std::vector<std::int32_t> chart_;             // by wedge
+  std::vector<Eigen::AlignedBox2d> chart_box_;  // by chart: its original texture coordinates
+  std::vector<Vector3d> colors_;                // by vertex; empty: none
   std::vector<std::pair<std::int32_t, Vector2d>> uvs_;
 };
 

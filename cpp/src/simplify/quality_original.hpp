@@ -64,8 +64,8 @@ class Kept {
   }
 
  private:
-  std::vector<bool> locked_;        // of a vertex; empty: none
-  std::vector<double> importance_;  // of a vertex; empty: all 1
+  std::vector<bool> locked_;        // by vertex; empty: none
+  std::vector<double> importance_;  // by vertex; empty: all 1
 };
 
 /// Factor on the weight of texture coordinates if no picture is shown. Of 1, 1/4, 1/10 and 1/40,
@@ -107,17 +107,17 @@ struct Original {
 
   const QualityOptions& options;
   bool is_textured;
-  std::vector<Quadric> surface;  // of a vertex: planes of the original faces it represents
-  std::vector<Quadric> borders;  // of a vertex: planes of boundaries and seams
-  std::vector<Quadric> jumps;    // of a vertex: planes of seams, weighted by their texture jumps
-  std::vector<double> jump;      // of a vertex: weighted length of those seams
-  std::vector<double> seam;      // of a vertex: length of those seams
-  std::vector<AttributeQuadric> texture;  // of a wedge
-  std::vector<Eigen::AlignedBox3d> box;   // of a vertex: around those faces
-  std::vector<double> area;               // of a vertex: of those faces
+  std::vector<Quadric> surface;  // by vertex: planes of the original faces it represents
+  std::vector<Quadric> borders;  // by vertex: planes of boundaries and seams
+  std::vector<Quadric> jumps;    // by vertex: planes of seams, weighted by their texture jumps
+  std::vector<double> jump;      // by vertex: weighted length of those seams
+  std::vector<double> seam;      // by vertex: length of those seams
+  std::vector<AttributeQuadric> texture;  // by wedge
+  std::vector<Eigen::AlignedBox3d> box;   // by vertex: around those faces
+  std::vector<double> area;               // by vertex: of those faces
   double whole_area = 0.0;                // sum over all faces
-  std::vector<double> border;             // of a vertex: weighted length of those borders
-  std::vector<double> owed;               // of a vertex: Plan::owed after its collapses so far
+  std::vector<double> border;             // by vertex: weighted length of those borders
+  std::vector<double> owed;               // by vertex: Plan::owed after its collapses so far
 
  private:
   /// Factor on the price of a texture: 1 if a picture is shown.

@@ -18,11 +18,11 @@ struct PixelStep {
     const auto cell = [&](std::int32_t at) -> unsigned { return at >= 0 ? surface.cell(at) : 0U; };
     if (dv == 0) return (cell(low) & kFirst) != 0 || (cell(low - cols_) & kSecond) != 0;
     if (du != 0) return (cell(low) & kFull) == kFull;
-    const auto has_side = [](unsigned one, bool left) {  // ac or bd
+    const auto has_side = [](unsigned one, bool left) {  // whether the side ac or bd exists
       const bool turned = (one & kCutFromBToC) != 0;
       return (one & (turned == left ? kFirst : kSecond)) != 0;
     };
-    // The last column of the row before has no cells.
+    // The last column of the previous row has no cells, so the index may cross its end.
     return has_side(cell(low), true) || has_side(cell(low - 1), false);
   }
 

@@ -80,7 +80,7 @@ class NearVertices {
 
   const MeshView& mesh_;
   double farthest_;
-  std::vector<double> reach_;  // of a vertex: largest distance for welding; < 0: none
+  std::vector<double> reach_;  // by vertex: largest distance for welding; < 0: none
   Indices into_;
   bool any_ = false;
 };

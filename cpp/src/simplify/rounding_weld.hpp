@@ -27,7 +27,7 @@ class RoundingWeld {
 
  private:
   MeshView mesh_;
-  Indices into_;  // of a vertex: the one to which it was welded; empty: none was
+  Indices into_;  // by vertex: the one to which it was welded; empty: none was
   Faces faces_;   // empty: those of the input
 };
 

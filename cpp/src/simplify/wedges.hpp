@@ -12,7 +12,7 @@ namespace manip3d {
 /// A wedge stands for the attributes of a vertex in some of its faces: faces around a vertex with
 /// the same material and the same texture coordinate, or none, share a wedge [Hoppe 1998].
 struct WedgeTable {
-  std::vector<std::int64_t> surface;  // of a wedge: 2 material + (1 if it has texture coordinates)
+  std::vector<std::int64_t> surface;  // by wedge: 2 material + (1 if it has texture coordinates)
   std::vector<Eigen::Vector2d> texcoords;
   std::vector<std::int32_t> texcoord;  // row of the input's table, or -1
 

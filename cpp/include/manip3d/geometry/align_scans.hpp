@@ -37,7 +37,7 @@ class ScanAligner {
   ScanAligner(ScanAligner&&) noexcept;
   ScanAligner& operator=(ScanAligner&&) noexcept;
 
-  /// The motion of another scan into the coordinates of the target.
+  /// Estimate the motion from another scan to the coordinates of the target.
   /// @param start  A motion within a metre of the correct one.
   /// @throws InputError  as check_points.
   ScanMotion align(const PointsView& source, const ScanMotion& start = {},

@@ -13,8 +13,8 @@ namespace manip3d {
 /// Whether the coordinates of a point are in the range above.
 bool is_exact(const Eigen::Vector3d& point);
 
-/// Sign of the area of a triangle in the plane: 1 where a, b, c go round counter-clockwise, 0 where
-/// they lie on one line.
+/// Sign of the area of a triangle in the plane: 1 if a, b, c are counter-clockwise, 0 if they lie
+/// on one line.
 int orientation(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c);
 
 /// Whether three points lie on one line; true where some of them are equal.

@@ -97,7 +97,7 @@ class KeyPerson {
   /// Clothes in this frame; valid during a call of find().
   std::span<const ClothingColors> seen_clothes_;
   std::array<Other, 16>
-      others_{};  ///< People seen beside it; who was seen longest ago is replaced.
+      others_{};  ///< People seen together with it; the one seen longest ago is replaced.
   std::size_t num_others_ = 0;
 };
 

@@ -10,8 +10,8 @@
 namespace manip3d {
 
 /// The person's own axes (dissertation eq. 4.2 for arms, 4.8 for legs): x_s towards the person's
-/// left, y_s up the spine, z_s = x_s x y_s; and n = y_s x z_s, which is x_s made square to the
-/// spine. (n, y_s, z_s) are orthonormal, x_s need not be square to y_s.
+/// left, y_s up the spine, z_s = x_s x y_s; and n = y_s x z_s, which is x_s made orthogonal to
+/// the spine. (n, y_s, z_s) are orthonormal; x_s need not be orthogonal to y_s.
 struct BodyFrame {
   Eigen::Vector3d origin;  ///< SpineMid for arms, SpineBase for legs.
   Eigen::Vector3d n, x, y, z;

@@ -8,7 +8,7 @@ namespace manip3d {
 /// Which duplicates among faces on the same three positions are removed. The first one always
 /// stays.
 enum class Duplicates : std::uint8_t {
-  kKeep,  ///< None.
+  kKeep,  ///< None: duplicates are kept.
   kSame,  ///< Exact copies: same orientation, material, UVs, normals and colours.
   kAny,   ///< All, whatever their orientation and attributes.
 };

@@ -39,7 +39,7 @@ enum class TextureTerm : std::uint8_t {
 
 /// Places at which the link condition [Dey et al. 1999] is enforced.
 enum class LinkCondition : std::uint8_t {
-  kManifold,  ///< Where both ends of the edge have a manifold neighbourhood.
+  kManifold,  ///< For edges whose two ends have a manifold neighbourhood.
   kAlways,
   kNever,
 };
