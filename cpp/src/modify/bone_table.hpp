@@ -74,7 +74,7 @@ struct BoneTable {
     const float dx = x - cx[i], dy = y - cy[i], dz = z - cz[i];
     float t = dx * tx[i] + dy * ty[i] + dz * tz[i];
     t = t > 0.0F ? t : 0.0F;
-    // Measured from P_r itself, so that bones that meet there have the same distance
+    // Measured from P_r itself, so that bones that meet there have the same distance.
     const bool past = t >= 1.0F;
     const float ex = past ? x - rx[i] : dx - t * bx[i];
     const float ey = past ? y - ry[i] : dy - t * by[i];

@@ -10,8 +10,9 @@ namespace manip3d {
 namespace {
 
 // Chosen on the tuning half of benchmarks/bench_people.py, where the median of a trial's ratios is
-// 0.985 to 1.04, and on simulated people, where it is 1.00 to 1.024.
-// the crown is farther from the head's joint than its radius, soles than that of a foot
+// 0.985 to 1.04, and on simulated people, where it is 1.00 to 1.024. It is above 1 because the
+// crown is farther from the head's joint than the head's radius, and the soles from a foot's joint
+// than the foot's.
 constexpr double kUsual = 1.01;
 constexpr double kMostOff = 0.06;  // allowed deviation of a mean over many frames
 constexpr double kFewFrames = 3.0;

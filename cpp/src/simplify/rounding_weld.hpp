@@ -9,8 +9,8 @@ namespace manip3d {
 /// Welds vertices whose distance is only due to rounding, as at the poles of surfaces of revolution
 /// in files of many programs, where sin(pi) is not 0. The two ends of an edge are welded if it is
 /// shorter than a millionth of the mesh's diagonal and than a thousandth of the longest edge at
-/// each end; a real part of the mesh may be as small as the former, but then not as small as the
-/// latter. Locked vertices are not welded.
+/// each end. The second condition protects real parts of the mesh as small as a millionth, whose
+/// edges are all short. Locked vertices are not welded.
 class RoundingWeld {
  public:
   /// @param mesh    Must outlive this object.

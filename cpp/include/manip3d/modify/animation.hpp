@@ -57,7 +57,7 @@ enum class PoseScope : std::uint8_t {
 /// place. From the trunk outwards, each bone first turns with its parent bone, then by the shortest
 /// rotation to its new direction. With kLimbs, directions are relative to the trunk. A bone moves
 /// rigidly with its parent if it is not tracked in one of the two skeletons, or if its new
-/// direction is opposite to its old one, because the shortest rotation is then undefined.
+/// direction is opposite to the one after that turn, because the shortest rotation is undefined.
 /// @return  No value if the torso of one of the two skeletons is not tracked.
 std::optional<BoneMotions> follow_pose(const Skeleton& source, const Skeleton& pose,
                                        PoseScope scope);

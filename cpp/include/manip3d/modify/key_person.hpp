@@ -35,8 +35,8 @@ std::optional<Eigen::Vector3f> spine_base(const Skeleton& person);
 /// When the key person is lost, a newcomer of the same size takes its place: at once if alone in
 /// view, after 0.3 seconds if all others in view are known; after `patience` the newcomer nearest
 /// to the last place, within `reach`. People who were seen together with the key person are known.
-/// A known person is not taken before nobody has seen it for `forget` seconds; select() chooses it
-/// earlier.
+/// A known person is taken only after being out of view for `forget` seconds, unless select()
+/// chooses it.
 ///
 /// Clothes, where visible, overrule place and id. If the person with the id wears other colours
 /// than the key person did, the only person nearby with the key person's colours is taken instead;

@@ -130,8 +130,8 @@ struct PhantomQuality {
   double hidden = 0.0;  ///< Share of the tracked joints that a nearer surface hides.
   /// Height of the person's pixels over that of the joints, averaged over frames; 1: unknown.
   double stature = 1.0;
-  /// Distance of the limbs' points from the axes of their bones, metres, averaged over frames; 0:
-  /// unknown.
+  /// Distance from the limbs' bones to the middle of the points around them, metres, averaged over
+  /// frames; 0: unknown.
   double offset = 0.0;
   double plane_deg = 0.0;  ///< Standard deviation of the plane's normal, degrees.
   /// Standard deviation of the distance of a leg's joint from the plane, metres, for joints that
@@ -155,7 +155,7 @@ struct PhantomQuality {
 enum class PhantomStage : std::uint8_t {
   kSegmentation,  ///< Includes smoothing, key person and mask.
   kRemoval,
-  kMirroring,  ///< Includes writing the result.
+  kMirroring,  ///< Includes drawing the mirrored points.
   kHoleFilling,
   kSkeleton,
   kPointCloud,

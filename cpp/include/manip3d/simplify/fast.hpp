@@ -25,9 +25,10 @@ struct FastOptions {
 /// Fast edge collapse in batches, on any triangle soup, with vertices where the quadric error is
 /// least.
 ///
-/// The rules are those of simplify_quality(): nothing is locked by default. No face turns over as
-/// long as the target can be reached without it. No edge gets a third face, unless all other
-/// collapses move the surface more than three times as far, by a visible distance.
+/// The rules are those of simplify_quality(): nothing is locked by default. No face turns over and
+/// no edge gets a third face as long as the target can be reached without it. The rule on third
+/// faces is also waived if it would move the surface more than three times as far, by a visible
+/// distance.
 ///
 /// First, vertices at the same position are welded, duplicate faces are removed, and everything is
 /// sorted in space. Then passes follow: all edges are priced by the sum of the quadrics of their
