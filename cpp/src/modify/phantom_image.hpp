@@ -21,7 +21,7 @@ inline constexpr float kSameSurface = 0.05F;  // metres
 /// Whether a bone belongs to the spine below the neck or leads to a hip.
 bool is_trunk(std::uint8_t bone);
 
-/// What happened to a person's pixel when the limb was removed.
+/// The outcome for a person's pixel when the limb was removed.
 enum class Removal : std::uint8_t {
   kNone,
   kRemoved,       ///< Removed as part of the limb.

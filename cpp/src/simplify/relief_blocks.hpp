@@ -71,7 +71,7 @@ class ContourBlocks {
   void cut_beside(const Surface& surface, int column, int row);
   void find_edges(const Surface& surface);
   void add_edge(int from, int direction);
-  /// Which pixels are vertices, in addition to those at which a contour turns.
+  /// Selects the pixels that are vertices in addition to those at which a contour turns.
   struct Marks {
     std::span<const float> errors;
     float threshold;

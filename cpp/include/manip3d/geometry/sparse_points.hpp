@@ -12,7 +12,8 @@ struct SparseOptions {
   double nearest = 0.24;  ///< Metres; shorter distances are left out.
   double angle = 0.012;   ///< Radians; distances below this times the range are left out as well.
   double farthest = 2.0;  ///< Metres; larger distances are replaced by this.
-  /// Of the points without neighbours beside them in the file, one in this many is searched for.
+  /// Only one in this many of the points without near neighbours beside them in the file is
+  /// examined.
   int every = 2;
 };
 

@@ -63,9 +63,9 @@ std::optional<BoneMotions> follow_pose(const Skeleton& source, const Skeleton& p
                                        PoseScope scope);
 
 enum class Skinning : std::uint8_t {
-  /// As published: the polar angle from the optical axis and the azimuth of each vertex about its
-  /// joint change by as much as those of the bone. Rigid within the image plane, but not towards
-  /// the camera.
+  /// The published method: the polar angle from the optical axis and the azimuth of each vertex
+  /// about its joint change by as much as those of the bone. Rigid within the image plane, but not
+  /// towards the camera.
   kSpherical,
   kRigid,  ///< Each vertex turns with its bone.
   /// Linear blend skinning: kRigid, blended linearly with the next bone over the last fifth of a

@@ -32,7 +32,7 @@ struct PersonPoints {
   std::vector<float> skin_distance;      ///< To the skin of that bone; negative inside.
   std::vector<std::int32_t> tile_start;  ///< First point of each tile, then `count`.
   PixelBox box;                          ///< Bounding box of all pixels.
-  /// Which pixels of the image are the person's, in rows of whole tiles.
+  /// The person's pixels as a mask of the image, in rows of whole tiles.
   std::vector<std::uint8_t> mask;
   /// Reserves memory for all pixels of an image, so that later calls allocate nothing.
   void resize(std::int64_t num_rows, std::int64_t num_cols);
