@@ -16,19 +16,21 @@
 namespace manip3d {
 namespace {
 
-constexpr int kCells = 4096;        // of diamond angles; at most one boundary each
-constexpr double kScale = 1 << 28;  // directions times coordinates of 31 bits fit 64 bits
+constexpr int kCells = 4096;        // cells of diamond angles; each holds at most one border
+constexpr double kScale = 1 << 28;  // borders times coordinates of 31 bits fit 64 bits
 constexpr int kDigitBits = 11;
-// Bits of points that share their height are told apart by a third digit, of rho^2.
+// Number of digits of the sort key. kHeightFirst has a third one for rho^2, because many points
+// have the same height.
 constexpr int digits_of(WatermarkOrder order) {
   return order == WatermarkOrder::kHeightFirst ? 3 : 2;
 }
-constexpr int kRowBits = 31;  // of an item, below its key
+constexpr int kRowBits = 31;  // bits of an item for the row, below its key
 constexpr std::uint64_t kRows = std::uint64_t{1} << kRowBits;
 constexpr std::uint32_t kBuckets = 1U << kDigitBits;
-constexpr std::size_t kShortRun = 24;  // longer runs of equal keys are sorted by comparisons
+constexpr std::size_t kShortRun = 24;  // longer runs of equal keys are sorted with std::sort
 
-// The diamond angle: 0 to 4 once around, increasing with the azimuth; about 1e-7 off in float.
+// The diamond angle: a function of direction that grows from 0 to 4 over a turn, like the azimuth.
+// In single precision its error is about 1e-7.
 float diamond_angle(float x, float y) {
   const float sum = std::abs(x) + std::abs(y);
   const float t = y / (sum > 0.0F ? sum : 1.0F);
@@ -55,14 +57,14 @@ bool precedes(const WatermarkSample& a, const WatermarkSample& b) {
   return sides(a) < sides(b);
 }
 
-// The field that comes first.
+// The first field of the order.
 template <WatermarkOrder kOrder>
 std::int32_t first_of(const WatermarkSample& s) {
   return kOrder == WatermarkOrder::kColumnsFirst ? s.x : s.z;
 }
 
-// The field that comes next, rounded to a float, whose bits increase with it: near and far points
-// get as many places. It only narrows ties down.
+// The second field of the order (rho^2), rounded to a float, whose bits grow with its value. It has
+// the same relative precision near and far. Ties are resolved later by all fields.
 template <WatermarkOrder kOrder>
 std::uint32_t second_of(const WatermarkSample& s) {
   if constexpr (kOrder != WatermarkOrder::kHeightFirst) return 0;
@@ -70,10 +72,10 @@ std::uint32_t second_of(const WatermarkSample& s) {
   return std::bit_cast<std::uint32_t>(static_cast<float>(x * x + y * y));
 }
 
-// How a key of `kKeyBits` is made of the first two fields.
+// Layout of a key of `kKeyBits`, made of the first two fields.
 struct KeyLayout {
-  std::int64_t low = 0;  // of the first field
-  int first_drop = 0;    // lowest bits of the first field without a place
+  std::int64_t low = 0;  // smallest value of the first field
+  int first_drop = 0;    // number of low bits of the first field that are left out
   std::uint32_t second_low = 0;
   int second_bits = 0, second_drop = 0;
 
@@ -100,7 +102,8 @@ struct KeyLayout {
     KeyLayout layout;
     constexpr int kKeyBits = digits_of(kOrder) * kDigitBits;
     layout.low = low;
-    const int same = varying == 0 ? 0 : std::countr_zero(varying);  // cleared lowest bits
+    // number of low bits that all values have cleared
+    const int same = varying == 0 ? 0 : std::countr_zero(varying);
     const int width = static_cast<int>(
         std::bit_width(static_cast<std::uint64_t>(std::int64_t{high} - std::int64_t{low})));
     layout.first_drop = std::max(same, width - kKeyBits);
@@ -120,8 +123,8 @@ struct KeyLayout {
   }
 };
 
-// Sorts items by their keys, lowest digit first; equal keys keep their order. The sorted items are
-// in `other` where the number of digits is odd.
+// Sorts items by their keys, lowest digit first; the sort is stable. With an odd number of digits
+// the result is in `other`.
 template <int kDigits>
 void radix_sort(std::uint64_t* items, std::uint64_t* other, std::size_t size) {
   std::array<std::array<std::uint32_t, kBuckets>, kDigits> places{};
@@ -157,7 +160,7 @@ SliceTable::SliceTable(int num_slices) {
   for (int slice = 1; slice < num_slices; ++slice) {
     const std::size_t s = slice;
     const float angle = diamond_angle(static_cast<float>(x_[s]), static_cast<float>(y_[s]));
-    // From the second cell behind the boundary on nothing can lie before it.
+    // No direction in the second cell behind the border, or later, is before the border.
     const int first = static_cast<int>(angle * (kCells / 4)) + 2;
     for (int cell = first; cell < kCells; ++cell) {
       guesses_[cell] = static_cast<std::uint16_t>(slice);
@@ -179,7 +182,7 @@ void SliceTable::find_all(const Value* xy, std::size_t count, std::uint16_t* sli
   for (std::size_t i = 0; i < count; ++i) {
     const Value x = xy[i * kStride], y = xy[i * kStride + 1];
     const std::uint16_t slice = guesses[slices[i]];
-    // The cross product of the next boundary and the point is exact: 28 bits times 31 or 24.
+    // The cross product of the next border and the point is exact: 28 bits times 31 or 24 bits.
     const auto next = static_cast<std::uint16_t>(slice + (slice < last));
     const auto left = static_cast<Wide>(boundary_x[next]) * static_cast<Wide>(y);
     const auto right = static_cast<Wide>(boundary_y[next]) * static_cast<Wide>(x);
@@ -199,8 +202,8 @@ void SliceTable::find(const float* xyz, std::size_t count, std::uint16_t* slices
 
 std::vector<std::uint32_t> count_slices(const std::vector<std::uint16_t>& slices, int num_slices) {
   std::vector<std::uint32_t> counts(num_slices, 0);
-  // Neighbours are mostly of one slice: a run is counted at once, not by steps that wait for the
-  // one before them.
+  // Neighbours in the file are mostly in one slice. Counting a run at once avoids additions that
+  // wait for the previous one.
   for (std::size_t begin = 0; begin < slices.size();) {
     std::size_t end = begin + 1;
     while (end < slices.size() && slices[end] == slices[begin]) ++end;
@@ -212,7 +215,7 @@ std::vector<std::uint32_t> count_slices(const std::vector<std::uint16_t>& slices
 
 std::vector<std::uint16_t> merge_slices(const std::vector<std::uint32_t>& counts,
                                         std::uint32_t least, WatermarkMerge merge) {
-  // Groups of slices in the order of their azimuth; each holds its points and its slices.
+  // Groups of slices in order of azimuth, with their numbers of points.
   struct Group {
     std::uint64_t points;
     std::vector<std::size_t> slices;
@@ -246,7 +249,7 @@ std::vector<std::uint16_t> merge_slices(const std::vector<std::uint32_t>& counts
   for (std::size_t g = 0; g < groups.size(); ++g) {
     for (const std::size_t slice : groups[g].slices) group_of[slice] = g;
   }
-  // Tiles are numbered by their first slices.
+  // Tiles are numbered in the order of their first slices.
   std::vector<std::uint16_t> number(groups.size(), kNone), tile_of(counts.size());
   std::uint16_t tiles = 0;
   for (std::size_t slice = 0; slice < counts.size(); ++slice) {
@@ -289,7 +292,7 @@ void CanonicalOrder::sort(const std::vector<WatermarkSample>& samples,
   const WatermarkSample* const from = samples.data();
   WatermarkSample* const to = tiled.samples.data();
   std::uint32_t* const rows = tiled.rows.data();
-  constexpr std::size_t kAhead = 16;  // rows are scattered over the scan
+  constexpr std::size_t kAhead = 16;  // prefetch distance, since rows are scattered over the scan
   for (std::size_t i = 0; i < size; ++i) {
     if (i + kAhead < size) __builtin_prefetch(from + sorted[i + kAhead] % kRows);
     const auto row = static_cast<std::uint32_t>(sorted[i] % kRows);
@@ -308,7 +311,7 @@ void CanonicalOrder::sort_by(const std::vector<WatermarkSample>& samples,
   const KeyLayout layout = KeyLayout::of<kOrder>(samples, seconds_);
   std::vector<std::uint32_t> next(begins.begin(), begins.end() - 1);
   for (std::size_t begin = 0; begin < samples.size();) {
-    std::size_t end = begin + 1;  // of a run of one slice, which stays together
+    std::size_t end = begin + 1;  // end of a run of one slice, which stays together
     while (end < samples.size() && slices[end] == slices[begin]) ++end;
     std::uint32_t& place = next[tile_of[slices[begin]]];
     std::uint64_t* const items = items_.data() + place;
@@ -328,7 +331,7 @@ void CanonicalOrder::sort_by(const std::vector<WatermarkSample>& samples,
     std::uint64_t* items = sorted.data() + begins[t];
     const std::size_t size = begins[t + 1] - begins[t];
     radix_sort<digits_of(kOrder)>(items_.data() + begins[t], other_.data() + begins[t], size);
-    // Runs of equal keys by all fields.
+    // Sort runs of equal keys by all fields.
     for (std::size_t i = 0; i < size;) {
       std::size_t run = i + 1;
       while (run < size && items[run] >> kRowBits == items[i] >> kRowBits) ++run;

@@ -6,29 +6,29 @@
 
 #include "manip3d/authenticate/watermark.hpp"
 
-/// @file
-/// The order of points that both ends of a watermark derive from what embedding leaves alone.
+/// The order of points that embedder and verifier of a watermark both derive from the parts of the
+/// points that embedding does not change.
 namespace manip3d {
 
-/// One point of a tile's message: what the watermark binds, 16 bytes, little-endian.
+/// The message of one point that the watermark binds: 16 bytes, little-endian.
 struct WatermarkSample {
   std::int32_t x, y, z, intensity;
 
-  // Without branches: neighbours in canonical order often share their first fields.
+  // Without branches, because neighbours in canonical order often share their first fields.
   friend bool operator==(const WatermarkSample& a, const WatermarkSample& b) {
     return ((a.x ^ b.x) | (a.y ^ b.y) | (a.z ^ b.z) | (a.intensity ^ b.intensity)) == 0;
   }
 };
 
-/// Directions between slices, counter-clockwise from the x axis, times 2^28.
+/// Borders of the slices: directions counter-clockwise from the x axis, times 2^28.
 class SliceTable {
  public:
-  /// @throws InputError  not 4 to 360 slices.
+  /// @throws InputError  `num_slices` is not in [4, 360].
   explicit SliceTable(int num_slices);
 
   [[nodiscard]] int size() const { return static_cast<int>(x_.size()); }
-  /// The slices of `count` samples, or of points of three coordinates; (0, 0) is in slice 0. A
-  /// boundary belongs to the slice that follows it.
+  /// Writes the slices of `count` samples, or of `count` points with three coordinates each. (0, 0)
+  /// is in slice 0; a border belongs to the slice that follows it counter-clockwise.
   void find(const WatermarkSample* samples, std::size_t count, std::uint16_t* slices) const;
   void find(const float* xyz, std::size_t count, std::uint16_t* slices) const;
 
@@ -36,39 +36,41 @@ class SliceTable {
   template <typename Wide, std::size_t kStride, typename Value>
   void find_all(const Value* xy, std::size_t count, std::uint16_t* slices) const;
 
-  std::vector<std::int32_t> x_, y_;     // the direction where each slice begins
+  std::vector<std::int32_t> x_, y_;     // the direction at which each slice begins
   std::vector<std::uint16_t> guesses_;  // slice at the beginning of each cell of diamond angles
 };
 
-/// Points of each slice.
+/// Counts the points of each slice.
 std::vector<std::uint32_t> count_slices(const std::vector<std::uint16_t>& slices, int num_slices);
 
-/// Merges slices until each tile has `least` points; returns the tile of each slice.
+/// Merges slices until each tile has at least `least` points; returns the tile of each slice.
 std::vector<std::uint16_t> merge_slices(const std::vector<std::uint32_t>& counts,
                                         std::uint32_t least, WatermarkMerge merge);
 
-/// Which fields come first in the order, behind the tile.
+/// Order of the points within a tile: their fields by decreasing priority.
 enum class WatermarkOrder : std::uint8_t {
   kHeightFirst,   ///< z, rho^2, x, y, intensity.
   kColumnsFirst,  ///< x, y, intensity, z.
-  kPlain,         ///< z, x, y, intensity: for bit patterns, of which no rho^2 can be had.
+  /// z, x, y, intensity: for samples that are bit patterns of floats, which have no rho^2.
+  kPlain,
 };
 
 /// Samples of all tiles, tile by tile, each in canonical order.
 struct TiledSamples {
-  std::vector<std::uint32_t> begins;     ///< (T + 1,)
+  std::vector<std::uint32_t> begins;     ///< (T + 1,) first sample of each tile, and the end.
   std::vector<WatermarkSample> samples;  ///< (N,)
-  std::vector<std::uint8_t> marks;       ///< (N,) What came with each sample; or none.
-  std::vector<std::uint32_t> rows;       ///< (N,) Row of each sample.
+  /// (N,) mark of each sample; empty if sort() was called without marks.
+  std::vector<std::uint8_t> marks;
+  std::vector<std::uint32_t> rows;  ///< (N,) input row of each sample.
 };
 
-/// Sorts samples into tiles; keeps its memory from frame to frame.
+/// Sorts samples into tiles. Keeps its memory from frame to frame.
 class CanonicalOrder {
  public:
-  /// @param marks      (N,), or none at all: `tiled` has none then.
+  /// @param marks      (N,) or empty; `tiled` then has no marks either.
   /// @param slices     (N,) slice of each sample.
   /// @param tile_of    tile of each slice.
-  /// @param num_tiles  greater than any of `tile_of`.
+  /// @param num_tiles  greater than each element of `tile_of`.
   void sort(const std::vector<WatermarkSample>& samples, const std::vector<std::uint8_t>& marks,
             const std::vector<std::uint16_t>& slices, const std::vector<std::uint16_t>& tile_of,
             int num_tiles, WatermarkOrder order, TiledSamples& tiled);
@@ -79,7 +81,7 @@ class CanonicalOrder {
                const std::vector<std::uint16_t>& slices, const std::vector<std::uint16_t>& tile_of,
                std::vector<std::uint32_t>& begins);
 
-  // A key above the row of a sample.
+  // Sort items: a key in the high bits, the row of the sample in the low bits.
   std::vector<std::uint64_t> items_, other_;
   std::vector<std::uint32_t> seconds_;  // the second field of each sample
 };

@@ -8,8 +8,8 @@
 
 namespace manip3d {
 
-/// A binary image whose columns go round: column 0 is the neighbour of the last one. Beyond the
-/// first and the last row there is nothing.
+/// A binary image of directions. Columns are cyclic: column 0 is next to the last one. Cells above
+/// the first and below the last row are unmarked.
 struct CellMask {
   std::int64_t rows = 0, columns = 0;
   std::vector<std::uint8_t> cells;
@@ -18,7 +18,7 @@ struct CellMask {
   [[nodiscard]] const std::uint8_t* row(std::int64_t r) const { return cells.data() + r * columns; }
 };
 
-/// Sums over 3x3 windows; rows without a marked cell around them cost nothing.
+/// Sums over 3x3 windows. Rows without a marked cell around them are skipped.
 inline CellMask window_sums(const CellMask& mask, const Progress& progress) {
   Ticker ticker(progress, 1U << 6);
   CellMask across{mask.rows, mask.columns, std::vector<std::uint8_t>(mask.cells.size())};
@@ -50,8 +50,8 @@ inline CellMask window_sums(const CellMask& mask, const Progress& progress) {
   return sums;
 }
 
-/// 1 where at least `count` of the nine cells around are marked: 1 dilates, 5 is the median, 9
-/// erodes (the border counts as unmarked).
+/// Marks the cells with at least `count` marked ones in the 3x3 window around them: 1 is a
+/// dilation, 5 the median, 9 an erosion (beyond the first and last row, cells are unmarked).
 inline CellMask rank_filter(const CellMask& mask, std::uint8_t count,
                             const Progress& progress = {}) {
   CellMask sums = window_sums(mask, progress);

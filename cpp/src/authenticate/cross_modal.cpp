@@ -17,8 +17,8 @@ namespace {
 
 constexpr std::int64_t kMostMapCells = 1 << 22;
 constexpr std::int32_t kOutsideMap = -1;
-constexpr float kLeastDisparity = 1e-3F;  // pixels: farther away than anything
-constexpr int kEnoughNeighbours = 5;      // of the nine cells around, measured by the cameras
+constexpr float kLeastDisparity = 1e-3F;  // pixels: as far as infinity
+constexpr int kEnoughNeighbours = 5;      // of the nine cells around, that the cameras measured
 
 void check_camera(const DisparityView& disparity, const StereoView& camera) {
   if (disparity.height < 1 || disparity.width < 1 ||
@@ -67,7 +67,7 @@ void check_cross_modal_options(const CrossModalOptions& options) {
   }
 }
 
-// A turn about the vertical that brings the heading to x.
+// A rotation about the vertical that takes the heading to the x axis.
 Eigen::Matrix3d turn_to_front(double heading_deg) {
   const auto [sine, cosine] = sin_cos(heading_deg * kDegree);
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
@@ -84,7 +84,7 @@ Points turned_points(const PointsView& view, const Eigen::Matrix3d& turn) {
   return turned;
 }
 
-// Equirectangular cells ahead of the scanner; row 0 is the highest, column 0 the leftmost.
+// Equirectangular cells in front of the scanner; row 0 is the highest, column 0 the leftmost.
 class FrontMap {
  public:
   explicit FrontMap(const CrossModalOptions& options)
@@ -115,7 +115,7 @@ class FrontMap {
                                      static_cast<std::int64_t>(column));
   }
 
-  // The unit vector towards the middle of a cell.
+  // The unit vector towards the centre of a cell.
   [[nodiscard]] Eigen::Vector3d direction(std::int64_t cell) const {
     const auto [sin_a, cos_a] =
         sin_cos(left_ - (static_cast<double>(cell % columns_) + 0.5) / azimuth_scale_);
@@ -136,7 +136,7 @@ class FrontMap {
   std::int64_t rows_ = 0, columns_ = 0;
 };
 
-// Inverse ranges per cell, 1/m; count 0: nothing is seen there.
+// Inverse ranges of each cell, 1/m. Count 0: nothing was seen there.
 struct InverseRanges {
   explicit InverseRanges(std::int64_t cells)
       : nearest(cells, 0.0F),
@@ -144,7 +144,7 @@ struct InverseRanges {
         sum(cells, 0.0),
         count(cells, 0) {}
 
-  // A cell is as bright as its pixels are on average: their sum, where there is a picture.
+  // Adds a pixel with its grey level. The brightness of a cell is the mean of its pixels' levels.
   void add(std::int32_t cell, float inverse, std::uint8_t level) {
     if (grey.empty()) grey.assign(count.size(), 0);
     grey[cell] += level;
@@ -196,7 +196,7 @@ std::vector<CellOfPoint> project_points(const PointsView& view, const FrontMap& 
   return places;
 }
 
-// Depth from disparity z = f b / d, and the pixel's ray, in the LiDAR's frame.
+// Enters the disparity image: depth z = f b / d along each pixel's ray, in the LiDAR's frame.
 void project_disparity(const DisparityView& disparity, const StereoView& camera,
                        const FrontMap& map, InverseRanges& seen, const Progress& progress) {
   Ticker ticker(progress, 1U << 2);
@@ -241,7 +241,8 @@ void project_disparity(const DisparityView& disparity, const StereoView& camera,
   }
 }
 
-// Range of distances in the 3x3 cells around one, and how many of them hold some.
+// Nearest and farthest inverse range, 1/m, in the 3x3 cells around one, and the number of these
+// cells that were seen.
 struct Around {
   float nearest = 0.0F;
   float farthest = std::numeric_limits<float>::infinity();
@@ -265,7 +266,8 @@ Around around(const InverseRanges& seen, const FrontMap& map, std::int64_t row,
   return found;
 }
 
-// Marks each cell; `limit` keeps, for added cells, the inverse range above which a point is one.
+// Marks each cell. `limit` gets the inverse range above which a LiDAR point of an added cell is
+// added.
 void mark_cells(const InverseRanges& lidar, const InverseRanges& stereo, const FrontMap& map,
                 const StereoView& camera, const CrossModalOptions& options,
                 CrossModalResult& result, std::vector<float>& limit) {
@@ -282,7 +284,8 @@ void mark_cells(const InverseRanges& lidar, const InverseRanges& stereo, const F
       if (cameras.cells < kEnoughNeighbours) continue;
       const Around scanner = around(lidar, map, row, column);
       const float front = lidar.nearest[cell];
-      // Cameras match a surface by its depth: nearer than `min_range` they find no partner for it.
+      // Cameras match surfaces by depth along their axis, and find no match nearer than
+      // `min_range`.
       const bool could_be_added = front >= farthest && front <= nearest &&
                                   ahead.dot(map.direction(cell)) / front - eye >= options.min_range;
       const bool could_be_missing =
@@ -303,7 +306,7 @@ void mark_cells(const InverseRanges& lidar, const InverseRanges& stereo, const F
   }
 }
 
-// Sums over a component while its cells are visited.
+// A component and the bounding box of its points.
 struct ComponentSums {
   CrossModalComponent component;
   Eigen::Vector3d lower = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
@@ -315,7 +318,7 @@ struct ComponentSums {
   }
 };
 
-// Components of one sign; cells of small ones are unmarked. Appends the others.
+// Appends the large components of one sign, and unmarks the cells of the small ones.
 void find_components(const InverseRanges& lidar, const InverseRanges& stereo, const FrontMap& map,
                      const CrossModalOptions& options, bool added, CrossModalResult& result,
                      std::vector<std::int32_t>& component_of, std::vector<ComponentSums>& kept) {

@@ -14,13 +14,13 @@
 namespace manip3d {
 namespace {
 
-constexpr double kUnit = 1e-6;          // metres: distances are summed as whole numbers of it
-constexpr double kLongestGap = 1000.0;  // metres: a lone point's distance counts as no more
-constexpr double kLookup = 0.005;       // metres: steps of the table from ranges to levels
-constexpr float kSteepest = 0.2F;       // least cosine of an elevation that is divided by
+constexpr double kUnit = 1e-6;  // metres: unit of the sum of distances, which is a whole number
+constexpr double kLongestGap = 1000.0;  // metres: larger nearest-neighbour distances are clipped
+constexpr double kLookup = 0.005;       // metres: resolution of the table from ranges to levels
+constexpr float kSteepest = 0.2F;  // smallest cosine of elevation by which distances are divided
 constexpr std::int64_t kMostCells = 1 << 26;
 
-// From a point to its sector and level.
+// Finds the sector and level of a point.
 class LevelFinder {
  public:
   explicit LevelFinder(const DensityOptions& options) : options_(options) {
@@ -48,7 +48,7 @@ class LevelFinder {
   [[nodiscard]] std::int64_t levels() const { return static_cast<std::int64_t>(edges_.size()) - 1; }
   [[nodiscard]] const std::vector<double>& edges() const { return edges_; }
 
-  // visit(row, cell, cosine of the elevation) for the points of [begin, end) within the range.
+  // Calls visit(row, cell, cosine of the elevation) for each point of [begin, end) within range.
   template <typename Visit>
   void visit(const PointsView& view, std::int64_t begin, std::int64_t end,
              const Visit& visit_point) const {

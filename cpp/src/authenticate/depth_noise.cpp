@@ -30,14 +30,14 @@ std::array<double, 5> gaussian(double sigma) {
   return weights;
 }
 
-/// ... 1 0 | 0 1 2 ... n-1 | n-1 n-2 ...
+/// The image index at i, mirrored at both borders: ... 1 0 | 0 1 2 ... n-1 | n-1 n-2 ...
 std::int64_t mirrored(std::int64_t i, std::int64_t size) {
   if (i < 0) i = -1 - i;
   if (i >= size) i = 2 * size - 1 - i;
   return std::clamp<std::int64_t>(i, 0, size - 1);
 }
 
-/// Pixels of a row with a measurement, and the spans between steps of their depth.
+/// Finds the silhouette spans of one image row.
 class RowScanner {
  public:
   RowScanner(const DepthView& depth, const DepthStep& step, const SilhouetteOptions& options,
@@ -57,7 +57,7 @@ class RowScanner {
     for (std::size_t i = 1; i < z_.size(); ++i) {
       if (joined(i - 1, i)) continue;
       if (z_[i] < z_[i - 1]) {
-        // One pixel that is nearer than both its neighbours is noise.
+        // A single pixel that is nearer than both neighbours is noise.
         if (i + 1 < z_.size() && !step_.connects(z_[i + 1], z_[i - 1])) open_.push_back(i);
       } else {
         close(v, i);
@@ -66,21 +66,22 @@ class RowScanner {
   }
 
  private:
-  /// Do two pixels, one after the other in the list, lie on one surface?
+  /// Do two successive measured pixels lie on one surface?
   [[nodiscard]] bool joined(std::size_t i, std::size_t j) const {
     const auto [near, far] = std::minmax(z_[i], z_[j]);
-    constexpr std::int32_t kFarthest = 3;  // pixels that a slope is followed over a gap
+    constexpr std::int32_t kFarthest = 3;  // pixels: a slope is continued at most over this gap
     const auto way = static_cast<float>(std::min(column_[j] - column_[i], kFarthest));
     return step_.connects(near, near + (far - near) / way);
   }
 
-  /// The step from pixel i - 1 to the farther pixel i ends all spans whose surroundings it is.
+  /// Closes all open spans that end at the step from pixel i - 1 to the farther pixel i: those
+  /// whose surroundings are not farther than pixel i. Adds the outermost of them.
   void close(std::int64_t v, std::size_t i) {
     std::size_t begin = 0;
     while (!open_.empty()) {
       const float level = z_[open_.back() - 1];
       if (z_[i] < level && !step_.connects(z_[i], level)) break;
-      begin = open_.back();  // of spans that end together the outermost
+      begin = open_.back();  // of spans that end together, the outermost one is kept
       open_.pop_back();
     }
     if (begin == 0) return;
@@ -101,7 +102,7 @@ class RowScanner {
     span_depth_.push_back(inside);
   }
 
-  /// Is the step before pixel i one between two surfaces of three pixels, with nothing between?
+  /// Is the step before pixel i between two surfaces of three adjacent pixels each?
   [[nodiscard]] bool is_sharp(std::size_t i) const {
     if (i < 3 || i + 2 >= z_.size() || column_[i + 2] - column_[i - 3] != 5) return false;
     return joined(i - 3, i - 2) && joined(i - 2, i - 1) && joined(i, i + 1) && joined(i + 1, i + 2);
@@ -114,11 +115,11 @@ class RowScanner {
   std::vector<float>& span_depth_;
   std::vector<std::int32_t> column_;
   std::vector<float> z_;
-  std::vector<std::size_t> open_;  ///< First pixels of spans that have not ended.
+  std::vector<std::size_t> open_;  ///< First pixels of spans without an end yet.
 };
 
-/// Gives spans of neighbouring rows that overlap by half of the shorter one, at about the same
-/// depth, the same number.
+/// Gives one number to the spans of an object: spans of neighbouring rows that overlap by half of
+/// the shorter one and have about the same depth.
 void number_objects(std::vector<SilhouetteSpan>& spans, const std::vector<float>& depth) {
   const auto count = static_cast<std::int32_t>(spans.size());
   UnionFind sets(count);
@@ -152,7 +153,7 @@ std::vector<double> depth_noise(const DepthView& depth, const DepthNoiseOptions&
   const std::array<double, 5> weights = gaussian(options.sigma);
   const std::int64_t rows = depth.rows, cols = depth.cols, side = options.region;
   const std::int64_t across = (cols + side - 1) / side, down = (rows + side - 1) / side;
-  std::vector<double> smooth(rows * cols);  // along rows only
+  std::vector<double> smooth(rows * cols);  // smoothed along rows only
   for (std::int64_t v = 0; v < rows; ++v) {
     const std::uint16_t* line = depth.millimetres + v * cols;
     for (std::int64_t u = 0; u < cols; ++u) {

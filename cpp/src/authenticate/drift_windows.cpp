@@ -10,21 +10,24 @@
 namespace manip3d {
 namespace {
 
-// Windows of so many rows of cells and columns to each side are averaged.
+// Windows reach this many rows of cells and columns to each side.
 constexpr int kDriftRows = 1;
 constexpr int kDriftColumns = 2;
 constexpr std::int32_t kFewestDrifting = 8;
 constexpr std::size_t kFewestDriftWindows = 1000;
-constexpr double kRoundingShare = 0.2887;  // 1 / sqrt(12): deviation of an even spread
-constexpr double kNormalMad = 1.4826;      // deviation of a normal spread over its median
+// 1 / sqrt(12): standard deviation of a uniform distribution of width 1
+constexpr double kRoundingShare = 0.2887;
+// standard deviation of a normal distribution over its median absolute value
+constexpr double kNormalMad = 1.4826;
 
 struct DriftTally {
   std::int32_t points = 0;
   float error = 0.0F;  // metres, summed
-  float doubt = 0.0F;  // what the line may be off, summed: all points of a laser share it
+  // metres, summed: standard error of the line, which all points of a laser share
+  float doubt = 0.0F;
 };
 
-// The mean error of each laser.
+// Mean line error of each laser, metres.
 std::vector<double> mean_errors(const LatticeReading& reading, std::size_t num_lasers) {
   std::vector<std::int32_t> points(num_lasers, 0);
   std::vector<double> means(num_lasers, 0.0);
@@ -37,7 +40,7 @@ std::vector<double> mean_errors(const LatticeReading& reading, std::size_t num_l
   return means;
 }
 
-// Errors by direction and distance, less the mean of each laser.
+// Sums of line errors by voxel, without the mean of each laser.
 std::vector<DriftTally> drift_tallies(const PointsView& points, const LatticeReading& reading,
                                       const ScanLattice& lattice, std::size_t num_voxels,
                                       const std::vector<std::int32_t>& voxel_of_point) {
@@ -50,7 +53,7 @@ std::vector<DriftTally> drift_tallies(const PointsView& points, const LatticeRea
     DriftTally& tally = tallies[voxel_of_point[i]];
     ++tally.points;
     tally.error += static_cast<float>(reading.line_error(i) - means[ring]);
-    // The lattice states 4 deviations.
+    // Ring::uncertainty() is 4 standard deviations.
     tally.doubt += static_cast<float>(
         0.25 * lattice.rings[ring].uncertainty(std::sqrt(p.x() * p.x() + p.y() * p.y())));
   }

@@ -9,15 +9,15 @@
 namespace manip3d {
 namespace {
 
-// Half a millimetre of rounding in x and y turns a point 1 m away by this much at most.
+// Radians: rounding x and y to 1 mm rotates a point 1 m away by less than this.
 constexpr float kAzimuthRounding = 1e-3F;
 
-// The rings of a file begin at about one azimuth: within this, of most rings.
+// Bins of azimuth in which the starts of rings are counted.
 constexpr int kStartBins = 360;
 constexpr std::size_t kFewestStarts = 8;
 
-// Azimuth at which the rings of the file begin: 0 in KITTI's files, the angle of the turn where the
-// frame was turned about the vertical afterwards. 0 where no angle is that of most rings.
+// Azimuth at which most rings of the file begin: 0 in KITTI's files, the angle of rotation if the
+// frame was rotated about the vertical, and 0 if most rings have no common start.
 float first_azimuth(const LatticeReading& reading) {
   std::vector<float> starts;
   for (Eigen::Index i = 1; i < reading.ring.size(); ++i) {
@@ -40,15 +40,15 @@ float first_azimuth(const LatticeReading& reading) {
   return first;
 }
 
-// Orders by ring, then by azimuth: the bits of a float that is not negative ascend with it.
+// Sort key: ring, then azimuth. The bits of a non-negative float grow with its value.
 std::uint64_t place_of(const LatticeReading& reading, std::int32_t i, float first) {
   const auto ring = static_cast<std::uint64_t>(reading.ring(i));
   const float ahead = reading.azimuth(i) - first;
   return ring << 32U | std::bit_cast<std::uint32_t>(ahead < 0.0F ? ahead + kFullTurnF : ahead);
 }
 
-// The row at which the order begins: the first, or, in a file whose rows were shifted round so that
-// its last points come before its first, the one at which it goes back to its lowest place.
+// The row at which the order begins. It is the first row, or, if the rows were shifted cyclically,
+// the one at which the order returns to its smallest place.
 std::int32_t first_row(const LatticeReading& reading, float first) {
   constexpr std::uint64_t kNone = ~std::uint64_t{0};
   std::int32_t row = 0, previous = -1;
@@ -67,16 +67,16 @@ std::int32_t first_row(const LatticeReading& reading, float first) {
   return back <= front && lowest <= front ? row : 0;
 }
 
-// Points from where the order of a file begins, in its order.
+// A subsequence in order, from the row at which the order of the file begins.
 struct Chain {
   std::int32_t first_row = 0;
   std::vector<std::int32_t> points;
 };
 
-// The longest non-descending subsequence of the points that have a ring [Fredman 1975].
+// The longest non-descending subsequence of the points with a ring [Fredman 1975].
 Chain longest_in_order(const LatticeReading& reading, float first) {
   const auto n = static_cast<std::int32_t>(reading.ring.size());
-  std::vector<std::uint64_t> ends;  // ends[k]: the lowest last place of a subsequence of k + 1
+  std::vector<std::uint64_t> ends;  // ends[k]: smallest last place of a subsequence of length k + 1
   std::vector<std::int32_t> last;   // the point with that place
   std::vector<std::int32_t> previous(n, -1);
   Chain chain{first_row(reading, first), {}};
@@ -104,8 +104,7 @@ Chain longest_in_order(const LatticeReading& reading, float first) {
   return chain;
 }
 
-// The longest chain if rings may begin at another azimuth: the start that explains more of the
-// file is taken.
+// The longest subsequence if rings begin at azimuth 0 or at another one, whichever is longer.
 Chain longest_in_order(const LatticeReading& reading) {
   Chain chain = longest_in_order(reading, 0.0F);
   const float first = first_azimuth(reading);
@@ -128,7 +127,7 @@ std::vector<std::int32_t> misplaced_in_file(const LatticeReading& reading) {
   const auto [first_row, chain] = longest_in_order(reading);
   const auto n = static_cast<std::int32_t>(reading.ring.size());
   std::vector<std::int32_t> misplaced;
-  std::size_t next = 0;  // the first of the chain at or behind i
+  std::size_t next = 0;  // index in `chain` of its first point at or after i
   for (std::int32_t j = 0; j < n; ++j) {
     const std::int32_t i = (first_row + j) % n;
     if (next < chain.size() && chain[next] == i) {

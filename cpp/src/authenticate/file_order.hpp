@@ -7,11 +7,12 @@
 
 namespace manip3d {
 
-/// Points that are not where the scanner would have written them: rings from the highest to the
-/// lowest, azimuths ascending within each, from 0 or from where most rings begin (a frame that was
-/// turned about the vertical afterwards). Rows that were shifted round are in order. The longest
-/// subsequence in order is taken for the scanner's; of the others, those are named that would have
-/// to move by more than rounding. Ascending. O(n log n).
+/// Returns the points, ascending, that are not where the scanner would have written them. A file is
+/// in order if its rings go from the highest to the lowest, with ascending azimuths in each ring,
+/// from 0 or from the azimuth at which most rings begin (in a frame that was rotated about the
+/// vertical). A cyclic shift of the rows is in order too. The longest subsequence in order is taken
+/// as the scanner's; of the other points, those are returned whose distance from their neighbours
+/// in it exceeds rounding. O(n log n).
 std::vector<std::int32_t> misplaced_in_file(const LatticeReading& reading);
 
 }  // namespace manip3d

@@ -51,7 +51,7 @@ constexpr double kSpoiledPlaces = 0.005;
 // Returns beside a gap, of 8, that are enough if the previous turn had returns in the gap.
 constexpr int kAnsweredBesideInTime = 6;
 
-// One frame on its way through the stages; each stage fills in what the later ones need.
+// The stages of the examination of one frame, in the order in which they depend on each other.
 class Examination {
  public:
   Examination(const PointsView& points, const ScanLattice& lattice, LatticeReading reading,
@@ -99,7 +99,8 @@ class Examination {
   EvidenceReport& report(Evidence evidence) { return result_.evidence[index_of(evidence)]; }
   bool dropped(Evidence evidence) { return report(evidence).dropped != Dropped::kNo; }
 
-  // Drops `evidence` where the lattice does not know it or what it stands on was dropped.
+  // Can `evidence` be used? Drops it if the lattice does not have the property (`known`), or if
+  // evidence that it depends on was dropped.
   bool usable(Evidence evidence, bool known, std::initializer_list<Evidence> stands_on) {
     if (!known) report(evidence).dropped = Dropped::kUnknown;
     for (const Evidence basis : stands_on) {
@@ -108,7 +109,7 @@ class Examination {
     return !dropped(evidence);
   }
 
-  // Flags the points for which `contradicts(i)`, unless too many do.
+  // Flags the points for which `contradicts(i)` holds, unless there are too many of them.
   template <typename Predicate>
   void flag_points(Evidence evidence, const Predicate& contradicts) {
     std::vector<std::int32_t> found;
@@ -123,7 +124,7 @@ class Examination {
     for (const std::int32_t i : found) flag(i, evidence);
   }
 
-  // Reports the share of the points that contradict `evidence`, which is dropped if they are
+  // Reports the share of points that contradict the lattice. Drops `evidence` if they are
   // everywhere.
   bool is_dropped_by(Evidence evidence, const std::vector<std::int32_t>& found) {
     report(evidence).share = share_of_read(found.size());
@@ -177,7 +178,8 @@ class Examination {
     forget_counts_beside_lattice();
   }
 
-  // Angles of a line and of a step are known as well as the slope: from the same points.
+  // Is the error larger than the tolerance plus the uncertainty of the lattice? Azimuths of lines
+  // and steps are as uncertain as slopes, because they were estimated from the same points.
   [[nodiscard]] bool is_beside(std::int32_t i, double error) const {
     const double off = std::abs(error) - options_.tolerance;
     if (off <= 0.0) return false;
@@ -186,7 +188,7 @@ class Examination {
     return !(off <= lattice_.rings[reading_.ring(i)].uncertainty(rho));
   }
 
-  // Near the axis steps are shorter than what moved the points.
+  // Near the axis, steps are shorter than the possible motion of points: their counts are unknown.
   void forget_uncertain_counts() {
     constexpr double kRounding = 0.0005 * 1.4142135623730951;  // of x and y to 1 mm
     const double least = 2.0 * (options_.azimuth_error + kRounding) / lattice_.azimuth_step;
@@ -196,7 +198,8 @@ class Examination {
     }
   }
 
-  // A point between lines or steps is of no firing; it neither votes for one nor answers it.
+  // A point between lines or steps belongs to no firing; it is neither a vote for one nor its
+  // return.
   void forget_counts_beside_lattice() {
     constexpr unsigned kBeside =
         1U << static_cast<unsigned>(Evidence::kLine) | 1U << static_cast<unsigned>(Evidence::kStep);
@@ -273,8 +276,9 @@ class Examination {
     }
   }
 
-  // Points that an attacker moved along their beams were rounded twice, or have ranges between the
-  // range steps: many of them are not the rounding of any point that the laser can measure.
+  // An attacker who moves points along their beams rounds them twice, or creates ranges between the
+  // range steps. In both cases many of them are not the rounding of any point that the laser can
+  // measure.
   void examine_places() {
     const double step = lattice_.coordinate_step;
     const bool known = lattice_.steps > 0 && lattice_.range_step > 0.0 && is_rounded_once();
@@ -294,7 +298,7 @@ class Examination {
     });
   }
 
-  // Whether coordinates are the scanner's own, rounded to their step and moved by nothing else.
+  // Are the coordinates the scanner's own, rounded to their step and otherwise unchanged?
   [[nodiscard]] bool is_rounded_once() const {
     const double step = lattice_.coordinate_step;
     return step > 0.0 && options_.tolerance <= 2.001 * step && options_.azimuth_error == 0.0;
@@ -320,7 +324,8 @@ class Examination {
     }
     flag_points(Evidence::kDrift, drifting);
     if (!dropped(Evidence::kDrift)) return;
-    report(Evidence::kDrift).dropped = Dropped::kUnknown;  // of another unit, about as this one
+    // the frame was processed as a whole, in a unit close to the lattice's
+    report(Evidence::kDrift).dropped = Dropped::kUnknown;
     for (int row = 0; row < cells_.rings(); ++row) {
       for (int column = 0; column < cells_.columns(); ++column) {
         cells_(row, column)[index_of(Evidence::kDrift)] = 0.0;
@@ -367,7 +372,7 @@ class Examination {
     add_voids(Evidence::kTime, find_voids(points_, answers, lattice_, *ground, options));
   }
 
-  // The answers of another turn; none if it is not on the same lattice.
+  // Returns of another turn; none if the turn is empty or not on this lattice.
   [[nodiscard]] std::optional<Answers> answers_of(const PointsView& turn,
                                                   const GroundPlane& ground) const {
     if (turn.num_points() == 0) return std::nullopt;
@@ -400,7 +405,7 @@ class Examination {
     std::move(voids.begin(), voids.end(), std::back_inserter(voids_));
   }
 
-  // Progress of the search for voids, the longest stage; it may cancel.
+  // Progress of the search for voids, the longest stage; the callback may cancel it.
   [[nodiscard]] Progress stage_progress() const { return part_of(progress_, 0.8, 0.8); }
 
   void tally_flags() {

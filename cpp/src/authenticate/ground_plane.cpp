@@ -11,14 +11,15 @@
 namespace manip3d {
 namespace {
 
-constexpr Eigen::Index kStride = 8;  // every eighth point is used: a plane needs few
-constexpr double kNearest = 4.0;     // metres; nearer, the vehicle itself is seen
+constexpr Eigen::Index kStride = 8;  // every eighth point is used, which is enough for a plane
+constexpr double kNearest = 4.0;     // metres; nearer points are of the vehicle itself
 constexpr double kFarthest = 25.0;
 constexpr double kLowest = -4.0;  // metres below the scanner
 constexpr double kHighest = -0.5;
-constexpr double kBin = 0.1;                                           // metres of height
-constexpr std::array<double, 5> kBands = {0.4, 0.3, 0.2, 0.15, 0.15};  // metres, step by step
-constexpr std::size_t kFewest = 200;                                   // points that agree
+constexpr double kBin = 0.1;  // metres of height
+// metres: half width of the band in each step
+constexpr std::array<double, 5> kBands = {0.4, 0.3, 0.2, 0.15, 0.15};
+constexpr std::size_t kFewest = 200;  // least number of points in the band
 
 std::vector<Eigen::Vector3d> candidates(const PointsView& points) {
   std::vector<Eigen::Vector3d> found;
@@ -45,7 +46,7 @@ std::optional<GroundPlane> find_ground_plane(const PointsView& points) {
   const std::vector<Eigen::Vector3d> low = candidates(points);
   GroundPlane plane{0.0, 0.0, most_frequent_height(low)};
   for (const double band : kBands) {
-    Eigen::Matrix3d gram = Eigen::Matrix3d::Zero();  // of the normal equations
+    Eigen::Matrix3d gram = Eigen::Matrix3d::Zero();  // matrix of the normal equations
     Eigen::Vector3d right = Eigen::Vector3d::Zero();
     std::size_t agreeing = 0;
     for (const auto& p : low) {

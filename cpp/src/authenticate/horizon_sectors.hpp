@@ -11,14 +11,14 @@
 
 namespace manip3d {
 
-/// The points of a scan by sectors of 5 degrees, in which evidence of an edit is told from what was
-/// done to the whole frame: an edit is somewhere, the other is everywhere.
+/// Counts the points of a scan in sectors of 5 degrees of azimuth. Sectors separate edits from
+/// processing of the whole frame: an edit affects few sectors, processing affects all.
 class HorizonSectors {
  public:
   static constexpr std::size_t kSectors = 72;
   using Tally = std::array<std::int64_t, kSectors>;
 
-  /// @param azimuth  radians, in [0, 2 pi].
+  /// @param azimuth  Radians, in [0, 2 pi].
   [[nodiscard]] static std::size_t sector(double azimuth) {
     return std::min(static_cast<std::size_t>(azimuth * (kSectors / kFullTurn)), kSectors - 1);
   }
@@ -29,15 +29,15 @@ class HorizonSectors {
   }
   [[nodiscard]] std::int64_t num_points() const { return num_points_; }
 
-  /// Share of such points of the horizon: the mean over the sectors that hold points, so that every
-  /// direction counts the same, however many points were pasted into one.
+  /// Share of the points in `found`: the mean over the sectors that hold points, so that each
+  /// direction counts the same, however many points were pasted into one of them.
   [[nodiscard]] double share(const Tally& found) const {
     const std::vector<double> shares = shares_of_sectors(found);
     return std::accumulate(shares.begin(), shares.end(), 0.0) / static_cast<double>(shares.size());
   }
 
-  /// Whether the horizon holds more than a share `most` of such points, or more than half of its
-  /// sectors hold more than a share `least`.
+  /// Is the share larger than `most`, or do more than half of the sectors have a share larger than
+  /// `least`?
   [[nodiscard]] bool is_everywhere(const Tally& found, double least, double most) const {
     const std::vector<double> shares = shares_of_sectors(found);
     const auto spoiled =
@@ -50,7 +50,8 @@ class HorizonSectors {
   static constexpr std::int64_t kFewestOfSector = 100;
   static constexpr std::size_t kFewestSectors = 8;
 
-  /// A single share where few sectors hold points.
+  /// The share of each sector with enough points; one share of all points if there are few such
+  /// sectors.
   [[nodiscard]] std::vector<double> shares_of_sectors(const Tally& found) const {
     std::vector<double> shares;
     for (std::size_t s = 0; s < kSectors; ++s) {

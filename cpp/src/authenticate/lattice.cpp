@@ -13,16 +13,16 @@ namespace manip3d {
 namespace {
 
 constexpr std::int64_t kChunk = 8192;
-// A byte for each laser and step is held.
+// Limits the tables with one byte per laser and step.
 constexpr int kMaxRings = 1024;
 constexpr int kMaxSteps = 65'536;
 constexpr double kSmallestStep = 1e-6;  // metres
 constexpr double kLargestStep = 1.0;
-constexpr float kLargestAzimuth = 6.2831855F;  // one turn, in single precision
-constexpr double kSmallestRho = 0.01;  // metres; nearer to the axis no line is told from another
+constexpr float kLargestAzimuth = 6.2831855F;  // radians: one turn, rounded to single precision
+constexpr double kSmallestRho = 0.01;  // metres; nearer to the axis, lines cannot be distinguished
 
 struct Beam : ScanLattice::Ring {
-  double cos, sin;  // of its elevation
+  double cos, sin;  // of the elevation
 };
 
 std::vector<Beam> beams_of(const ScanLattice& lattice) {
@@ -34,8 +34,8 @@ std::vector<Beam> beams_of(const ScanLattice& lattice) {
   return beams;
 }
 
-// Lines do not cross where points are, so the distance falls towards the nearest one and rises
-// behind it; a point's predecessor in the file is mostly of the same ring.
+// The line nearest to a point in height. Lines do not cross where points are, so that the distance
+// has one minimum, which is searched from the ring of the previous point in the file.
 int nearest_beam(const std::vector<Beam>& beams, double rho, double z, int guess) {
   const auto distance = [&](int k) { return std::abs(beams[k].height_above(rho, z)); };
   const int last = static_cast<int>(beams.size()) - 1;
@@ -45,10 +45,11 @@ int nearest_beam(const std::vector<Beam>& beams, double rho, double z, int guess
   return guess;
 }
 
-// Distance to the nearest whole number, in (-0.5, 0.5].
+// Signed distance to the nearest whole number, in [-0.5, 0.5).
 double off_whole(double value) { return value - std::floor(value + 0.5); }
 
-// The arc tangent without libm, to 1e-12 for beams that pass close to the axis, as all do.
+// Arc tangent without libm. For small arguments, as of all beams that pass close to the axis, the
+// error is below 1e-12.
 double small_arc_tangent(double t) {
   const double s = t * t;
   if (s < 1e-3) return t * (1.0 - s * (1.0 / 3.0 - s * (0.2 - s / 7.0)));
@@ -82,10 +83,10 @@ class LatticeReader {
   void read(std::int64_t i, double x, double y, double z, double rho, int k) const {
     const Beam& ring = beams_[k];
     const double angle = arc_tangent(y, x);
-    // y = -0.0 is what rounding leaves of the last point of a turn, not of the first.
+    // Rounding y to -0.0 happens to the last point of a turn, and not to the first.
     const bool below = angle < 0.0 || (angle == 0.0 && std::signbit(y));
     reading_.azimuth(i) = static_cast<float>(below ? angle + kFullTurn : angle);
-    if (!(rho > 2.0 * std::abs(ring.lateral))) return;  // inside the circle of the beams
+    if (!(rho > 2.0 * std::abs(ring.lateral))) return;  // inside the circle that the beams touch
     reading_.ring(i) = k;
     reading_.line_error(i) = static_cast<float>(ring.height_above(rho, z) * ring.cos);
     const double reach = std::sqrt(rho * rho - ring.lateral * ring.lateral);
@@ -98,7 +99,8 @@ class LatticeReader {
   }
 
   void read_count(std::int64_t i, double angle, double rho, double reach, const Beam& ring) const {
-    // The beam passes the axis at `lateral`: the point lies asin(lateral / rho) beside it.
+    // The beam passes the axis at the distance `lateral`: the point's azimuth differs from the
+    // beam's by asin(lateral / rho).
     const double beam = angle - small_arc_tangent(ring.lateral / reach);
     const double count = (beam - ring.azimuth) / azimuth_step_;
     const double whole = std::floor(count + 0.5);

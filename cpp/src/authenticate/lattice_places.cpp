@@ -26,8 +26,9 @@ double LatticePlaces::distance(const Eigen::Vector3d& point, std::int32_t ring,
   const double rho = std::sqrt(point.x() * point.x() + point.y() * point.y());
   const double reach = std::sqrt(rho * rho - line.lateral * line.lateral);
 
-  // The range, as read_lattice has it, and the nearest one that the laser can print. On so short a
-  // way the beam is as far from the axis as from its foot, but for a constant.
+  // The range as in read_lattice(), and the nearest multiple of the range step. The point and its
+  // place are so near to each other that the difference between distance from the axis and distance
+  // from the foot of the beam is taken as constant.
   const double range = reach * elevation.cos + point.z() * elevation.sin;
   const double steps = std::floor((range - line.range_phase) / range_step_ + 0.5);
   const double printed = line.range_phase + steps * range_step_;

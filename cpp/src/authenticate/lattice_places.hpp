@@ -8,16 +8,18 @@
 
 namespace manip3d {
 
-/// The places at which a scanner can measure: the ends of its ranges along the beams of its lasers
-/// at the counts of its encoder. A file holds them rounded to the coordinate step, each coordinate
-/// by itself, so that a clean point is no more than half a step from its place along any axis.
+/// The places at which a scanner can measure: multiples of the range step along the beams of its
+/// lasers at the counts of its encoder. A file holds these places with each coordinate rounded to
+/// the coordinate step, so that a clean point is at most half a step from its place along each
+/// axis.
 class LatticePlaces {
  public:
-  /// The lattice has an encoder and a range step.
+  /// @param lattice  It has an encoder and a range step.
   explicit LatticePlaces(const ScanLattice& lattice);
 
-  /// Metres between a point and the nearest place of one firing of a laser, along the axis where
-  /// they are farthest apart. The point lies off the laser's axis, as read_lattice asks.
+  /// Returns the largest coordinate difference, metres, between a point and the nearest place of
+  /// one firing of a laser. The point must not be on the axis, as read_lattice() ensures for points
+  /// with a ring.
   [[nodiscard]] double distance(const Eigen::Vector3d& point, std::int32_t ring,
                                 std::int32_t count) const;
 
@@ -33,7 +35,7 @@ class LatticePlaces {
   };
 
   std::vector<Beam> beams_;
-  std::vector<Direction> counts_;  // turns from count 0
+  std::vector<Direction> counts_;  // turn of the encoder from count 0 to each count
   double range_step_;
 };
 

@@ -16,28 +16,29 @@ namespace manip3d {
 namespace {
 
 constexpr std::int32_t kReach = 4'000'000;  // units of 1 mm: 4 km
-constexpr double kUnits = 1000.0;           // of x, y and z a metre
-constexpr double kQuarters = 1600.0;        // quarters of a QIM cell of 2.5 mm a metre
-// Units or quarters: float32 tells neighbours apart below 2^23.
+constexpr double kUnits = 1000.0;           // units of x, y and z per metre
+constexpr double kQuarters = 1600.0;        // quarters of a QIM cell of 2.5 mm per metre
+// Units or quarters: below 2^23, float32 distinguishes neighbours.
 constexpr std::int32_t kLimit = 8'000'000;
 
-// 1.5 * 2^52 has the integers in its lowest bits: a sum with it is rounded to the nearest one.
+// Doubles near 1.5 * 2^52 have the integer in their lowest bits: adding this rounds to the nearest
+// integer.
 constexpr double kShift = 6755399441055744.0;
 
-// The nearest integer, for less than 2^51.
+// The nearest integer; |value| < 2^51.
 inline std::int64_t nearest(double value) {
   return std::bit_cast<std::int64_t>(value + kShift) - std::bit_cast<std::int64_t>(kShift);
 }
 
-// float32(q / 1000) and float32(q / 1600), by a product: q / n is at least 2^-25 / n of itself away
-// from where float32 rounds the other way, or is a float32, and the product is wrong by 2^-52 of
-// itself, which is less for any n up to 2^26. Divisions take a third of the time of a frame's
-// samples.
+// float32(q / 1000) or float32(q / 1600), computed as a product. This is exact: q / n either is a
+// float32 or is at least 2^-25 / n of its value away from the border at which float32 rounds the
+// other way, and the product has a relative error of 2^-52, which is less for all n up to 2^26.
+// With divisions, sampling a frame took three times as long.
 inline float on_grid(std::int32_t q, double metres) {
   return static_cast<float>(static_cast<double>(q) * metres);
 }
 
-// z in units of 1 mm lies in the cell floor(z / 2.5).
+// The QIM cell floor(z / 2.5) of z in units of 1 mm.
 inline std::int32_t cell_of(std::int32_t z) {
   const std::int64_t twice = 2 * std::int64_t{z};
   return static_cast<std::int32_t>((twice - ((twice % 5) + 5) % 5) / 5);
@@ -47,7 +48,7 @@ inline std::int32_t intensity_of(const PointsView& points, Eigen::Index row) {
   return points.has_intensity() ? std::bit_cast<std::int32_t>(points.intensity[row]) : 0;
 }
 
-// The grid in words.
+// The grid as text for messages.
 std::string grid_of(std::uint32_t units_per_m) {
   return units_per_m == 1000 ? "1 mm" : "1/" + std::to_string(units_per_m) + " m";
 }
@@ -60,14 +61,15 @@ template <typename Value>
                    "; embed 'detached', or round the points onto the grid");
 }
 
-// A coordinate in float64 as whole units from the offset.
+// A float64 coordinate as a whole number of units from the offset.
 struct Unit {
   std::int64_t from_offset;
   bool is_on_grid, fits;
 };
 
-// Coordinates are the nearest float64 to a point of the grid, or one that a format's scale and
-// offset make of it: a few times 2^-15 units away, as far from zero as they may be.
+// Units: largest distance of a coordinate from the grid. A coordinate is the float64 nearest to a
+// point of the grid, or was computed with the scale and offset of a file format, which adds an
+// error of a few times 2^-15 units at the largest allowed coordinate.
 constexpr double kOfGrid = 1.0 / 8192.0;
 constexpr std::int64_t kExactReach = std::int64_t{1} << 30;
 
@@ -80,7 +82,7 @@ Unit unit_of(double metres, double units, std::int64_t offset) {
   return {fits ? from_offset : 0, is_on_grid, fits};
 }
 
-// Slices of integer samples.
+// Finds the slices of integer samples.
 void find_slices(const SliceTable& slices, const LatticeSamples& found,
                  std::vector<std::uint16_t>& slice_of) {
   slices.find(found.samples.data(), found.samples.size(), slice_of.data());
@@ -106,17 +108,18 @@ void make_room(const PointsView& points, LatticeSamples& found,
   slice_of.resize(size);
 }
 
-// Three demands on a coordinate: it lies near its place on the grid; it is the float32 of that
-// place; it is so to the bit, as embedders write it (they write no -0, which is the same place as
-// 0).
+// What is required of a coordinate: kNear, it is within the limit; kOnGrid, it is the float32 of a
+// point of the grid; kWritten, it is this float32 to the bit, as embedders write it (they never
+// write -0, which equals 0).
 enum class Demand { kNear, kOnGrid, kWritten };
 
 constexpr std::size_t kBlockPoints = 128;
 constexpr std::size_t kBlockValues = 3 * kBlockPoints;
 
-// Coordinates of a block of points as whole numbers of units, and -1 where they are as demanded.
+// Coordinates of a block of points as whole numbers of units; `good` is -1 for those that meet the
+// demand.
 struct Block {
-  std::array<double, kBlockValues> units, metres;  // a metre; of a unit
+  std::array<double, kBlockValues> units, metres;  // units per metre, metres per unit
   std::array<std::int32_t, kBlockValues> q, good;
   double limit = 0.0;
 
@@ -132,12 +135,13 @@ struct Block {
   }
 };
 
-// Returns whether all values are as demanded; those beyond the limit count as the next one.
+// Do all values meet the demand? Values beyond the limit are clipped just outside it.
 template <Demand kDemand>
 MANIP3D_INLINE bool read_values(const float* values, std::size_t count, Block& block) {
   const double beyond = block.limit + 1.0;
   std::int32_t all = -1;
-  for (std::size_t i = 0; i < count; ++i) {  // no branches: several values at a time
+  // no branches, so that several values are computed at a time
+  for (std::size_t i = 0; i < count; ++i) {
     const double scaled = static_cast<double>(values[i]) * block.units[i];
     const double low = scaled < beyond ? scaled : beyond;
     const double inside = low > -beyond ? low : -beyond;
@@ -184,8 +188,8 @@ MANIP3D_AVX2 void write_block_wide(const std::int32_t* q, const double* metres, 
 }
 #endif
 
-// Calls `use(begin, end, all)` for blocks of rows, whose coordinates are in `block` then; `all`
-// says whether they all are as demanded.
+// Calls `use(begin, end, all)` for blocks of rows, with their coordinates in `block`; `all`: all of
+// them meet the demand.
 template <Demand kDemand, typename Use>
 void for_each_block(const PointsView& points, Block& block, const Use& use) {
   auto* read = &read_block<kDemand>;
@@ -200,7 +204,7 @@ void for_each_block(const PointsView& points, Block& block, const Use& use) {
   }
 }
 
-// Copies the intensities; 0 where there are none.
+// Copies the intensities; without intensities they are 0.
 void sample_intensities(const PointsView& points, LatticeSamples& found) {
   WatermarkSample* const samples = found.samples.data();
   const Eigen::Index size = points.num_points();
@@ -329,7 +333,7 @@ std::int64_t nearest_unit(double metres) { return nearest(metres * kUnits); }
 std::uint8_t mark_of(const WatermarkSample& sample, std::uint8_t bit,
                      WatermarkEmbedding embedding) {
   if (embedding == WatermarkEmbedding::kLbm) return bit != 0 ? 7 : 0;
-  if (is_no_return(sample)) return 0;  // it stays at the origin
+  if (is_no_return(sample)) return 0;  // the point stays at the origin
   return bit != 0 ? 3 : 1;
 }
 

@@ -4,8 +4,7 @@
 #include <cstdint>
 #include <cstring>
 
-/// @file
-/// Numbers in records: little-endian, wherever they stand.
+/// Reading and writing of little-endian numbers at any address.
 namespace manip3d {
 
 static_assert(std::endian::native == std::endian::little);

@@ -5,7 +5,8 @@
 
 namespace manip3d {
 
-/// ln x for x > 0 from additions, multiplications and divisions: the same bits on every CPU.
+/// ln x for x > 0, from additions, multiplications and divisions only, so that all CPUs give the
+/// same bits.
 inline double natural_log(double x) {
   int exponent = 0;
   const double mantissa = std::frexp(x, &exponent);        // in [0.5, 1)

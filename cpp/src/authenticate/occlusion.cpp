@@ -26,8 +26,9 @@ namespace {
 
 constexpr std::int64_t kMostRays = 1 << 28;
 constexpr float kNothing = std::numeric_limits<float>::infinity();
-constexpr std::int64_t kEmptyRows = 4;  // around what was seen: more than closing and median reach
-constexpr std::int32_t kNowhere = -1;   // the cell of a point in the origin, which has no direction
+// rows around those with points: more than closing and median reach
+constexpr std::int64_t kEmptyRows = 4;
+constexpr std::int32_t kNowhere = -1;  // cell of a point at the origin, which has no direction
 
 void check_options(const OcclusionOptions& options) {
   const ScanGrid& grid = options.grid;
@@ -48,7 +49,7 @@ void check_options(const OcclusionOptions& options) {
   }
 }
 
-// Pixels of the points in the image.
+// Finds the image cells of points.
 class CellFinder {
  public:
   explicit CellFinder(const OcclusionOptions& options)
@@ -57,7 +58,7 @@ class CellFinder {
         rows_(options.grid.rows()),
         azimuth_scale_(static_cast<float>(1.0 / options.grid.azimuth_step)),
         elevation_scale_(static_cast<float>(1.0 / options.grid.elevation_step)) {
-    // Cells are centred on the phases; the first begins below -180 and -90 degrees.
+    // Cells are centred on the phases; the first one begins at or below -180 and -90 degrees.
     const auto offset = [](double phase, double step, double low) {
       const double periods = (phase - low) / step;
       return low + (periods - std::floor(periods) - 0.5) * step;
@@ -68,7 +69,7 @@ class CellFinder {
     low_ = static_cast<float>(low > -kPi / 2.0 ? low - options.grid.elevation_step : low);
   }
 
-  /// Leaves out the rows below and above all points, but for a few.
+  /// Crops the rows below and above all points, except kEmptyRows of them.
   void crop(double lowest, double highest) {
     const auto row_of = [&](double elevation) {
       return static_cast<std::int64_t>((elevation - low_) * elevation_scale_);
@@ -85,7 +86,7 @@ class CellFinder {
     return low_ + (static_cast<double>(first_row_ + row) + 0.5) / elevation_scale_;
   }
 
-  // Calls visit(row of the points, cell, range) for [begin, end).
+  // Calls visit(row of the point, cell, range) for each point of [begin, end).
   template <typename Visit>
   void visit(const PointsView& view, std::int64_t begin, std::int64_t end,
              const Visit& visit_point) const {
@@ -121,7 +122,7 @@ double angle_of_slope(double slope) {
   return std::isinf(slope) ? std::copysign(kPi / 2.0, slope) : arc_tangent(slope, 1.0);
 }
 
-// Lowest and highest elevation of the points, nearly: the tangents' angles.
+// Approximately the lowest and the highest elevation of the points, from the tangents.
 std::pair<double, double> elevations(const PointsView& view, const Eigen::Vector3d& origin,
                                      int num_threads, const Progress& progress) {
   const std::int64_t chunks = (view.num_points() + kPointChunk - 1) / kPointChunk;
@@ -134,7 +135,7 @@ std::pair<double, double> elevations(const PointsView& view, const Eigen::Vector
       const Eigen::Vector3f p =
           (view.points.row(i).transpose().cast<double>() - origin).cast<float>();
       const float slope = p.z() / std::sqrt(p.x() * p.x() + p.y() * p.y());
-      low = slope < low ? slope : low;  // a point in the origin has none: NaN
+      low = slope < low ? slope : low;  // the slope of a point at the origin is NaN
       high = slope > high ? slope : high;
     }
     least[begin / kPointChunk] = low;
@@ -150,7 +151,8 @@ std::pair<double, double> elevations(const PointsView& view, const Eigen::Vector
   return {lowest, highest};
 }
 
-// Nearest and farthest range of each cell. Ranges are positive, so their bits are in their order.
+// Nearest and farthest range of each cell, as bits of floats, which have the order of the ranges
+// because these are positive.
 struct CellRanges {
   LargeArray<std::uint32_t> nearest, farthest;
   LargeArray<std::int32_t> cells;  // of each point
@@ -193,7 +195,7 @@ CellRanges cell_ranges(const PointsView& view, const CellFinder& finder, int num
   return image;
 }
 
-// Printed formula: |r_p - r_q| of each point and the one before it in the same cell, summed.
+// The printed formula: the sum of |r_p - r_q| over points and their predecessors in the same cell.
 std::vector<float> accumulated_gaps(const PointsView& view, const CellFinder& finder,
                                     const Progress& progress) {
   const std::size_t size = finder.rows() * finder.columns();
@@ -226,7 +228,7 @@ CellMask gap_mask(const CellRanges& image, const std::vector<float>& gaps, const
   return mask;
 }
 
-// Smallest range of columns, going round, that holds them all.
+// The smallest cyclic interval of columns that contains all marked ones.
 void span_columns(std::vector<std::int64_t> marked, std::int64_t columns,
                   OcclusionComponent& component) {
   std::sort(marked.begin(), marked.end());
@@ -270,7 +272,7 @@ OcclusionComponent measure(const std::vector<const MarkedRun*>& runs, const Cell
   return component;
 }
 
-// Components above A_th, and for each cell of theirs its number; others are -1.
+// Selects the components above A_th. Returns the component of each cell, -1 for others.
 std::vector<std::int32_t> select_components(const CellMask& mask, const CellRanges& image,
                                             const CellFinder& finder,
                                             const OcclusionOptions& options,
@@ -312,7 +314,7 @@ std::vector<std::int32_t> select_components(const CellMask& mask, const CellRang
   return cell_component;
 }
 
-// Points in front of what their cell's farthest point shows to be visible.
+// Adds the points in front of the farthest point of their cell.
 void suspect_points(const PointsView& view, const CellRanges& image,
                     const std::vector<std::int32_t>& cell_component,
                     const OcclusionOptions& options, const Progress& progress,
@@ -336,7 +338,7 @@ void suspect_points(const PointsView& view, const CellRanges& image,
   }
 }
 
-// Rows of the image that hold anything.
+// The interval of rows with points.
 std::pair<std::int64_t, std::int64_t> occupied_rows(const CellRanges& image,
                                                     const CellFinder& finder) {
   const std::uint32_t* begin = image.farthest.data();

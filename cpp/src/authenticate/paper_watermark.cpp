@@ -14,7 +14,7 @@
 namespace manip3d {
 namespace {
 
-constexpr double kCellQuarters = 1600.0;  // quarters of the step of 2.5 mm a metre
+constexpr double kCellQuarters = 1600.0;  // quarters of the step of 2.5 mm, per metre
 
 void check(const PaperOptions& options, std::span<const std::uint8_t> blocks) {
   if (options.block_bits < 1 || options.block_bits > 1'000'000) {
@@ -41,13 +41,14 @@ WatermarkOrder order_of(PaperEmbedding embedding) {
                                                   : WatermarkOrder::kHeightFirst;
 }
 
-// Points whose order depends on what embedding changes: their bits come in ascending order.
+// Does the order of two points depend on what embedding changes? Such points carry their bits in
+// ascending order.
 bool are_tied(const WatermarkSample& a, const WatermarkSample& b, PaperEmbedding embedding) {
   if (embedding != PaperEmbedding::kQimPrinted) return a == b;
   return a.x == b.x && a.y == b.y && a.intensity == b.intensity;
 }
 
-// Calls `use(begin, end)` for runs of tied points of a tile.
+// Calls `use(begin, end)` for each run of tied points of a tile.
 template <typename Use>
 void for_each_tie(const TiledSamples& tiled, std::size_t tile, PaperEmbedding embedding,
                   const Use& use) {
@@ -60,7 +61,7 @@ void for_each_tie(const TiledSamples& tiled, std::size_t tile, PaperEmbedding em
   }
 }
 
-// Which block a tile has, and which of its bits each of its points carries.
+// Assigns a block to each tile, and a bit of the block to each of its points.
 class Assignment {
  public:
   explicit Assignment(const PaperOptions& options) : options_(options) {
@@ -74,8 +75,8 @@ class Assignment {
         keyed_permutation(key_, nonce(0xFFFFFFFFU, 0), static_cast<std::uint32_t>(options.slices));
   }
 
-  // Places in `blocks` of the bits of so many points: groups of M points, each of which carries
-  // the block in an order of its own; the last one a part of it.
+  // Finds the indices in `blocks` of the bits of `count` points. Each group of M points carries the
+  // whole block in an order of its own, and the last group a part of it.
   void places(std::size_t tile, std::size_t count, std::vector<std::uint32_t>& found) const {
     const auto size = static_cast<std::uint32_t>(options_.block_bits);
     const std::uint32_t first = block_of_[tile] * size;
@@ -103,7 +104,7 @@ class Assignment {
   std::vector<std::uint32_t> block_of_;
 };
 
-// The bits of a tile's points, those of tied points ascending.
+// The bits of a tile's points; those of tied points are in ascending order.
 void expected_bits(const TiledSamples& tiled, std::size_t tile, PaperEmbedding embedding,
                    std::span<const std::uint8_t> blocks, const std::vector<std::uint32_t>& places,
                    std::vector<std::uint8_t>& bits) {
@@ -117,7 +118,7 @@ void expected_bits(const TiledSamples& tiled, std::size_t tile, PaperEmbedding e
   });
 }
 
-// Equations 7.1 to 7.3 in quarters of the step; z in units of 1 mm, of which 2.5 are a step.
+// Equations 7.1 to 7.3: the quantised z in quarters of the step (2.5 mm) for z in units of 1 mm.
 std::int64_t printed_quantizer(std::int64_t z, std::uint8_t bit) {
   const std::int64_t twice = 8 * z + 10;
   const std::int64_t n = (twice - ((twice % 20) + 20) % 20) / 20;  // floor(z / step + 1/2)
@@ -125,7 +126,8 @@ std::int64_t printed_quantizer(std::int64_t z, std::uint8_t bit) {
   return 8 * z < 20 * n ? 4 * n - 2 : 4 * n + 2;
 }
 
-// At the receiver z is in quarters of the step; points off the grid are rounded.
+// Samples a received scan. For kQimPrinted, z is then in quarters of the step; points off the grid
+// are rounded.
 void sample_received(const PointsView& points, PaperEmbedding embedding, const SliceTable& slices,
                      LatticeSamples& found, std::vector<std::uint16_t>& slice_of) {
   sample_for_verification(points, keyed_kind(embedding), 1000, slices, found, slice_of);
@@ -139,11 +141,12 @@ std::uint8_t bit_of(std::uint8_t mark, PaperEmbedding embedding) {
   const int rest = mark & 7;
   if (embedding == PaperEmbedding::kLbm) return rest == 7 ? 1 : rest == 0 ? 0 : 2;  // 2: neither
   if (embedding == PaperEmbedding::kQimCell) return rest >= 2 ? 1 : 0;
-  return rest == 0 ? 1 : 0;  // at n steps: 1; half a step beside it, or no nearer to either: 0
+  // 1 at whole steps; 0 half a step beside them and at the quarters between
+  return rest == 0 ? 1 : 0;
 }
 
-// Frames come ten a second: memory of this size would be given back to the system after each of
-// them, and faulted in again page by page, a third of the whole time.
+// Memory that is kept from frame to frame. At ten frames per second, returning it to the system
+// after each frame and faulting it in again page by page took a third of the time.
 struct PaperScratch {
   LatticeSamples found;
   std::vector<std::uint16_t> slice_of;
@@ -203,7 +206,7 @@ PaperMarked embed_paper(const PointsView& points, std::span<const std::uint8_t> 
     if (printed) {
       z = static_cast<float>(static_cast<double>(printed_quantizer(sample.z, found.marks[i])) /
                              kCellQuarters);
-    } else if (is_no_return(sample)) {  // all points carry
+    } else if (is_no_return(sample)) {  // here all points carry bits, also those at the origin
       z = static_cast<float>((found.marks[i] != 0 ? 3.0 : 1.0) / kCellQuarters);
     }
   }
@@ -253,7 +256,7 @@ PaperComparison compare_paper(const PointsView& points, std::span<const std::uin
       ++mismatches;
       result.rows.push_back(static_cast<std::int32_t>(read[j].second));
     }
-    // The first group has each bit of the block once, the others repeat them.
+    // The first group has each bit of the block once; later groups repeat them.
     const auto once = places.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(
                                            size, static_cast<std::size_t>(options.block_bits)));
     result.and_mismatches.push_back(std::count_if(places.begin(), once, [&](std::uint32_t place) {

@@ -9,21 +9,22 @@
 namespace manip3d {
 namespace {
 
-// Half sizes in rows of 2 lasers and columns of 0.72 degrees: a pedestrian at 30 m to a car at 6 m.
-// All are 3 layers deep, from 0.65 to 1.5 times the distance.
+// Half sizes of windows, in rows of 2 lasers and columns of 0.72 degrees: from a pedestrian at 30 m
+// to a car at 6 m. All windows have 3 layers, from 0.65 to 1.5 times the distance.
 struct Extent {
   int rows, columns;
 };
 constexpr std::array<Extent, 3> kWindows = {{{1, 1}, {2, 4}, {4, 9}}};
 
-// Forged ranges are incoherent by half; a window that holds much fewer is not looked at further.
+// Half of forged ranges are incoherent. Windows with less than this share, and larger ones around
+// them, are skipped.
 constexpr double kLeastShare = 0.25;
 
-// Fewer incoherent ranges in a window reach no exponent that counts.
+// Windows with fewer incoherent ranges cannot reach an exponent that counts.
 constexpr std::int32_t kFewestIncoherent = 6;
 
-// P(X >= x) <= exp(-chernoff) for the sum X of n independent 0-1 variables of mean p [Chernoff
-// 1952].
+// Chernoff exponent of a window: P(X >= x) <= exp(-chernoff) for the sum X of n independent 0-1
+// variables with mean p [Chernoff 1952].
 double chernoff(const RangeTally& tally, double p) {
   const double n = tally.points;
   const double x = tally.incoherent;
@@ -32,7 +33,7 @@ double chernoff(const RangeTally& tally, double p) {
   return x < n ? hits + (n - x) * natural_log((n - x) / (n - n * p)) : hits;
 }
 
-// A window around a voxel; columns go around the horizon, rows and layers end.
+// A window around a voxel. Columns are cyclic; rows and layers are cut off at the ends.
 class Window {
  public:
   Window(const RangeVoxels& voxels, const RangeVoxel& at, const Extent& extent)
@@ -44,7 +45,7 @@ class Window {
         near_(std::max(0, at.layer - 1)),
         far_(std::min(RangeVoxels::kLayers - 1, at.layer + 1)) {}
 
-  // Visits the numbers of the voxels that hold points.
+  // Calls visit(number) for the voxels of the window that hold points.
   template <typename Visit>
   void each(const Visit& visit) const {
     const int columns = voxels_.columns();
@@ -64,8 +65,8 @@ class Window {
 }  // namespace
 
 int range_layer(float squared_range) {
-  // Exponent and first bit of the mantissa: two layers per octave of the square.
-  constexpr int kNearestOctave = 250;  // of 0.25
+  // Exponent and first mantissa bit of the squared range: two layers per octave of the square.
+  constexpr int kNearestOctave = 250;  // exponent and mantissa bit of 0.25
   const auto octaves = static_cast<int>(std::bit_cast<std::uint32_t>(squared_range) >> 22U);
   return std::clamp(octaves - kNearestOctave, 0, RangeVoxels::kLayers - 1);
 }
@@ -95,7 +96,8 @@ std::vector<float> incoherent_windows(const RangeVoxels& voxels,
         sum.points += tallies[k].points;
         sum.incoherent += tallies[k].incoherent;
       });
-      if (sum.incoherent < kLeastShare * sum.points) return;  // the larger ones hold fewer still
+      // larger windows have an even smaller share
+      if (sum.incoherent < kLeastShare * sum.points) return;
       if (sum.incoherent < kFewestIncoherent) continue;
       const auto exponent = static_cast<float>(chernoff(sum, incoherence));
       if (exponent < threshold) continue;

@@ -8,33 +8,34 @@
 
 namespace manip3d {
 
-/// Layer of a distance, given its square in square metres.
+/// The layer of a point, from its squared distance in square metres.
 int range_layer(float squared_range);
 
-/// A direction and a distance: rows of lasers, columns around the horizon, and layers of range that
-/// are a quarter of an octave thick.
+/// A cell of directions and distances: rows of lasers, columns around the horizon, and layers of
+/// range, each of which is a quarter of an octave thick.
 struct RangeVoxel {
   int row, column, layer;
 };
 
-/// The voxels of a scan that hold points, numbered row by row: one in twenty does, so that values
-/// per number fit into the processor's cache where values per voxel do not.
+/// The voxels of a scan that hold points, numbered row by row. One voxel in twenty holds points, so
+/// that arrays by number fit into the processor's cache, while arrays of all voxels do not.
 class RangeVoxels {
  public:
-  static constexpr int kLayers = 32;  // 0.5 to 128 m, and what is beyond in the first and last
+  // 0.5 to 128 m; the first and last layer also hold nearer and farther points
+  static constexpr int kLayers = 32;
 
-  /// A run of numbers: neighbours in range that hold points.
+  /// A half-open interval of numbers [first, last): adjacent layers of one direction.
   struct Numbers {
-    std::int32_t first, last;  ///< The last is not part of the run.
+    std::int32_t first, last;
   };
 
   RangeVoxels(int rows, int columns)
       : rows_(rows), columns_(columns), cells_(std::int64_t{rows} * columns) {}
 
-  /// Marks a voxel that holds a point.
+  /// Marks a voxel as holding a point.
   void add(const RangeVoxel& at) { cells_[cell(at.row, at.column)].layers |= 1U << at.layer; }
 
-  /// Numbers the voxels, after the last was added.
+  /// Assigns the numbers. Call it once, after the last add().
   void number();
 
   [[nodiscard]] int rows() const { return rows_; }
@@ -42,13 +43,13 @@ class RangeVoxels {
   [[nodiscard]] std::size_t size() const { return voxels_.size(); }
   [[nodiscard]] const std::vector<RangeVoxel>& voxels() const { return voxels_; }
 
-  /// Number of a voxel that holds points.
+  /// The number of a voxel that holds points.
   [[nodiscard]] std::int32_t operator()(const RangeVoxel& at) const {
     const Cell& in = cells_[cell(at.row, at.column)];
     return in.first + std::popcount(in.layers & ((1U << at.layer) - 1U));
   }
 
-  /// Numbers of the voxels from layer `near` to layer `far`, both included, that hold points.
+  /// The numbers of the voxels with points in layers `near` to `far`, both included.
   [[nodiscard]] Numbers numbers(int row, int column, int near, int far) const {
     const Cell& at = cells_[cell(row, column)];
     const std::uint32_t nearer = (1U << near) - 1U;
@@ -61,7 +62,7 @@ class RangeVoxels {
  private:
   struct Cell {
     std::uint32_t layers = 0;  // bit k: layer k holds points
-    std::int32_t first = 0;    // number of the lowest layer that does
+    std::int32_t first = 0;    // number of the first such layer
   };
 
   [[nodiscard]] std::int64_t cell(int row, int column) const {
@@ -74,18 +75,21 @@ class RangeVoxels {
   std::vector<RangeVoxel> voxels_;
 };
 
-/// Points of a voxel, and those whose range is more than a quarter step off.
+/// Counts of a voxel's points, and of those whose range is more than a quarter step off
+/// (incoherent).
 struct RangeTally {
   std::int32_t points = 0;
   std::int32_t incoherent = 0;
 };
 
-/// Voxels in windows that hold more incoherent ranges than chance explains.
+/// Finds windows that hold more incoherent ranges than chance explains.
 ///
-/// Windows of three sizes lie around each voxel with incoherent ranges. The value of each voxel is
-/// Chernoff's exponent of the strongest window that covers it: clean points of a window reach an
-/// exponent t with probability e^-t at most. Windows below `threshold` count as 0.
-/// @param tallies  (voxels.size(),)
+/// Windows of three sizes are placed around each voxel with incoherent ranges. The value of a voxel
+/// is the Chernoff exponent of the strongest window that covers it: a window of clean points
+/// reaches an exponent of t or more with probability e^-t at most. Windows below `threshold` count
+/// as 0.
+/// @param tallies      (voxels.size(),)
+/// @param incoherence  Probability that the range of a clean point is incoherent.
 std::vector<float> incoherent_windows(const RangeVoxels& voxels,
                                       const std::vector<RangeTally>& tallies, double incoherence,
                                       double threshold);

@@ -9,18 +9,20 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kApart = 2;         // rows from the first of a pair to the second
-constexpr float kWidth = 0.0125F;          // radians between the two
-constexpr std::int64_t kEverySurface = 3;  // one pair on a surface in so many: there are plenty
+constexpr std::int64_t kApart = 2;  // rows from the first point of a pair to the second
+constexpr float kWidth = 0.0125F;   // radians: largest difference of azimuth within a pair
+// one in this many pairs on surfaces is used, because there are plenty
+constexpr std::int64_t kEverySurface = 3;
 constexpr float kMostDifferent = 0.3F;
 
-// Metres and shares of the range: ranges of one surface differ by less, over an edge by more.
+// Limits of the range difference of a pair: metres plus a share of the nearer range. A smaller
+// difference is one surface, a larger one is an edge.
 constexpr float kSurfaceMetres = 0.02F;
 constexpr float kSurfaceShare = 0.01F;
 constexpr float kEdgeMetres = 0.3F;
 constexpr float kEdgeShare = 0.1F;
 
-// The first rows of pairs of either kind.
+// First rows of the pairs of each kind.
 struct Pairs {
   std::vector<std::int64_t> edges, surfaces;
 };
@@ -45,7 +47,7 @@ Pairs find_pairs(const PointsView& points, std::span<const std::int32_t> rings,
   return pairs;
 }
 
-// Reflectances as shares of their scale, which may slip along the rows of the file.
+// Reflectances as shares of the frame's scale, with a cyclic shift along the rows of the file.
 class ScaledReflectances {
  public:
   explicit ScaledReflectances(const Intensities& values) : values_(values) {

@@ -9,7 +9,7 @@
 
 namespace manip3d {
 
-/// One value per ring (or block of rings) and column; columns go around the horizon.
+/// One value per ring (or block of rings) and column; columns are cyclic around the horizon.
 template <typename Value>
 class RingImage {
  public:
@@ -22,7 +22,7 @@ class RingImage {
   Value& operator()(int ring, int column) { return values_[index(ring, column)]; }
   const Value& operator()(int ring, int column) const { return values_[index(ring, column)]; }
 
-  /// A column up to one turn away, in [0, columns).
+  /// Maps a column in [-columns, 2 columns) to [0, columns).
   [[nodiscard]] int wrapped(int column) const {
     if (column < 0) return column + columns_;
     return column < columns_ ? column : column - columns_;
@@ -40,8 +40,8 @@ class RingImage {
 
 using RingCell = std::pair<int, int>;  ///< ring, column
 
-/// Sets of cells that are 1 and touch each other, corners included, around the horizon too. In the
-/// order of their first cells, row by row.
+/// Connected sets of cells with the value 1, with 8 neighbours and across the seam of the horizon,
+/// in the order of their first cells, row by row.
 inline std::vector<std::vector<RingCell>> connected_components(
     const RingImage<std::uint8_t>& image) {
   ConnectedRuns connected;

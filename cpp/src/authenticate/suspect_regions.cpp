@@ -24,7 +24,7 @@ SuspectRegion region_of(const std::vector<RingCell>& component, const EvidenceCe
   return found;
 }
 
-// Adds the regions, and how much evidence each cell holds.
+// Adds the regions to `result`, and the amount of evidence in each cell.
 RegionOfCell join_cells(const EvidenceCells& cells, GenericResult& result) {
   RingImage<std::uint8_t> suspect(cells.rings(), cells.columns(), 0);
   for (int row = 0; row < cells.rings(); ++row) {
@@ -48,7 +48,8 @@ std::int32_t region_at(const RegionOfCell& regions, const LatticeReading& readin
   return regions(cell_row(reading.ring(i)), cell_column(reading.azimuth(i)));
 }
 
-// Windows reach beyond what was forged. Where single points are known to be, they say better where.
+// Windows reach beyond forged points. If single points of a region are known to be forged, these
+// locate the edit better, so that the flags of windows are removed.
 void forget_windows_beside_points(const RegionOfCell& regions, const LatticeReading& reading,
                                   GenericResult& result) {
   constexpr auto kWindow = static_cast<std::uint16_t>(1U << index_of(Evidence::kRange) |
@@ -64,7 +65,8 @@ void forget_windows_beside_points(const RegionOfCell& regions, const LatticeRead
   }
 }
 
-// A removed object stood on the ground, no nearer than the last returns below and not far behind.
+// The place of a removed object: on the ray of a lost firing, at the distance of the last returns
+// below it. The object stood on the ground there, or little behind.
 Eigen::Vector3d stood_at(const Void::Cell& cell, double distance, const ScanLattice& lattice) {
   const SinCos azimuth = sin_cos(cell.azimuth);
   return {distance * azimuth.cos, distance * azimuth.sin,

@@ -43,18 +43,19 @@ constexpr std::int64_t kFewestDirections = 6;
 constexpr int kMovedColumns = 28;
 constexpr int kMovedRings = 2;
 
-// The ranges that a turn saw, by direction.
+// Ranges of a turn, by direction.
 struct TurnView {
-  RingImage<float> near, far;      // metres: of the direction and the eight around it
-  RingImage<std::int32_t> points;  // in the nine directions
-  RingImage<std::uint8_t> full;    // whether each of them has points
+  // metres: smallest and largest range in the direction and the eight around it
+  RingImage<float> near, far;
+  RingImage<std::int32_t> points;  // number of points in the nine directions
+  RingImage<std::uint8_t> full;    // 1: each of the nine directions has points
 };
 
 int turn_column(double azimuth) {
   return std::min(static_cast<int>(azimuth * (kTurnColumns / kFullTurn)), kTurnColumns - 1);
 }
 
-// The points of a scan that lasers of the lattice can see, with their directions.
+// The points of a scan that lie near the line of a laser, with their directions.
 class Directed {
  public:
   Directed(const PointsView& points, LatticeReading reading)
@@ -91,7 +92,8 @@ TurnView single_view(const Directed& directed, int rings) {
   return view;
 }
 
-// Another turn looks from another place, so that its points fall between directions of this one.
+// Extends a view to the eight directions around each. Another turn has another viewpoint, so that
+// its points can miss the exact direction.
 TurnView spread_view(const TurnView& view) {
   TurnView spread = view;
   for (int ring = 0; ring < view.near.rings(); ++ring) {
@@ -129,7 +131,7 @@ Points moved_points(const PointsView& view, const ScanMotion& motion) {
   return points;
 }
 
-// How far a turn reaches, so that what lies beyond is not missing in it.
+// The extent of a turn's points. Missing returns beyond it prove nothing.
 struct TurnExtent {
   Eigen::AlignedBox3f box;
   float range = 0.0F;  // metres
@@ -170,14 +172,14 @@ RingImage<std::uint8_t> opened_directions(const RingImage<std::uint8_t>& image) 
   return kept;
 }
 
-// The first guess of a motion: what stands on the ground, seen from above on a grid, is shifted and
-// turned until most of it meets what stood there in the other turn.
+// The first guess of a motion: objects above the ground, on a grid seen from above, are shifted and
+// rotated until most of them meet the objects of the other turn.
 constexpr double kGuessCell = 0.25;   // metres
 constexpr double kGuessReach = 40.0;  // metres
 constexpr double kGuessHeight = 0.5;  // metres above the ground
-constexpr int kGuessAhead = 16;       // cells: 4 m in a tenth of a second are 144 km/h
+constexpr int kGuessAhead = 16;       // cells: 4 m per turn of 0.1 s are 144 km/h
 constexpr int kGuessAside = 2;
-constexpr int kGuessTurns = 4;  // degrees: 40 a second
+constexpr int kGuessTurns = 4;  // degrees per turn: 40 degrees per second
 constexpr std::size_t kGuessPoints = 1000;
 
 class SeenFromAbove {
@@ -231,7 +233,7 @@ class SeenFromAbove {
 
  private:
   static constexpr int kCells = static_cast<int>(2.0 * kGuessReach / kGuessCell);
-  // Around the cells in reach are empty ones, so that points next to them may be shifted, too.
+  // Empty cells around those in reach, so that points near the border can be shifted as well.
   static constexpr int kMargin = 2 * std::max(kGuessAhead, kGuessAside);
   static constexpr int kSide = kCells + 2 * kMargin;
   static constexpr int kShifts = 2 * kGuessAhead + 1;
@@ -239,7 +241,7 @@ class SeenFromAbove {
   struct Cell {
     int row, column;
   };
-  // How many points meet what stood there, by their shift aside and ahead in cells.
+  // Number of points that meet occupied cells, by shift aside and ahead in cells.
   using Met = std::array<std::array<std::int32_t, kShifts>, 2 * kGuessAside + 1>;
 
   static Cell cell_of(const Eigen::Vector2d& p) {
@@ -251,12 +253,13 @@ class SeenFromAbove {
     return cell.row >= 0 && cell.row < kCells && cell.column >= 0 && cell.column < kCells;
   }
 
-  // The place of a cell that is in reach, or at most half the margin away.
+  // Index of a cell that is in reach, or outside by half the margin at most.
   static std::size_t place_of(const Cell& cell) {
     return static_cast<std::size_t>(cell.row + kMargin) * kSide + cell.column + kMargin;
   }
 
-  // Shifts are whole cells: those ahead are read in one run.
+  // Counts the points that meet occupied cells for all shifts by whole cells; those ahead are
+  // adjacent in memory.
   [[nodiscard]] Met num_met(const std::vector<Cell>& cells) const {
     constexpr int kHalf = kMargin / 2;
     Met met{};
@@ -276,8 +279,8 @@ class SeenFromAbove {
   std::vector<std::uint8_t> occupied_;
 };
 
-// Whether the scanner went on between the turns about as it did before: brakes change a step of a
-// tenth of a second by 10 cm, a wrong alignment by more.
+// Did the scanner move by about the same step before and after the frame? Braking changes a step of
+// 0.1 s by 10 cm, a wrong alignment changes it by more.
 bool goes_on(const ScanMotion& previous, const ScanMotion& following) {
   const Eigen::Vector3d there_and_on =
       previous.rotation * following.translation + previous.translation;
@@ -338,7 +341,7 @@ class TurnComparison {
     return {lattice_.num_rings(), kTurnColumns, 0};
   }
 
-  // Directions in which a laser of the frame has points.
+  // Number of directions in which a laser of the frame has points.
   [[nodiscard]] int num_answered(int ring) const {
     int answered = 0;
     for (int column = 0; column < kTurnColumns; ++column) {
@@ -358,7 +361,7 @@ class TurnComparison {
     return options_.tolerance + options_.tolerance_share * range;
   }
 
-  // Whether both turns saw something at the same distance.
+  // Did both turns see something at the same distance?
   [[nodiscard]] bool agree(int ring, int column) const {
     const float a = before_.near(ring, column);
     const float b = after_.near(ring, column);
@@ -366,7 +369,7 @@ class TurnComparison {
            std::abs(a - b) < slack(farthest_seen(ring, column));
   }
 
-  // The place that a laser sees at a distance.
+  // The place that a laser sees at a range.
   [[nodiscard]] Eigen::Vector3d place(int ring, int column, double range) const {
     const ScanLattice::Ring& laser = lattice_.rings[ring];
     const double cosine = 1.0 / std::sqrt(1.0 + laser.slope * laser.slope);
@@ -376,13 +379,13 @@ class TurnComparison {
     return {rho * azimuth.cos, rho * azimuth.sin, z};
   }
 
-  // Whether what a laser sees at a distance is above the ground.
+  // Is the place that a laser sees at a range above the ground?
   [[nodiscard]] bool is_above(int ring, int column, double range) const {
     const Eigen::Vector3d p = place(ring, column, range);
     return ground_.above(p.x(), p.y(), p.z()) > options_.height;
   }
 
-  // Whether nothing was left out of the turns around a direction, as far as they tell themselves.
+  // Do both turns have returns in all directions around this one? Always true for whole turns.
   [[nodiscard]] bool are_full(int ring, int column) const {
     return options_.whole_turns ||
            (before_.full(ring, column) != 0 && after_.full(ring, column) != 0);
@@ -401,7 +404,8 @@ class TurnComparison {
     const bool answered = now_.points(ring, column) > 0;
     told.lost = !answered && solid && in_reach;
     if (!answered) return told;
-    // One surface in all nine directions, of both turns: an edge shows what is behind it, too.
+    // One surface in all nine directions of both turns. At an edge the turns also saw what is
+    // behind it.
     const bool one_surface = far - near < slack(far);
     const bool full = are_full(ring, column);
     told.through = full && in_reach && one_surface && is_above(ring, column, near) &&
@@ -446,7 +450,8 @@ class TurnComparison {
     return found;
   }
 
-  // A passing object leaves a hole, or a place that can be looked through, near its new place.
+  // Number of directions near a region in which a turn has the same evidence and the frame has not:
+  // a moving object leaves a hole, or a place that is seen through, near its new place.
   [[nodiscard]] std::int64_t moved_beside(
       TurnEvidence kind, const std::vector<RingCell>& component,
       const std::array<RingImage<std::uint8_t>, kNumTurnEvidence>& images) const {
@@ -475,7 +480,7 @@ class TurnComparison {
     return std::max(before, after);
   }
 
-  // Whether a turn has in a direction what the frame has elsewhere.
+  // Does a turn have this kind of evidence in a direction, where the frame does not?
   [[nodiscard]] bool gone(TurnEvidence kind, const TurnView& turn, const TurnExtent& extent,
                           int ring, int column) const {
     const double here = now_.near(ring, column);
@@ -492,7 +497,7 @@ class TurnComparison {
            turn.near(ring, column) < kNothingNear && is_above(ring, column, here);
   }
 
-  // Rows of the frame, or what the turn before saw there.
+  // Adds to the regions the frame's points in them, and what the previous turn saw there.
   void name_points(TurnEvidence kind, const RingImage<std::int32_t>& region_of,
                    std::vector<TurnRegion>& regions) const {
     directed_.each([&](Eigen::Index i, int ring, int column, float) {
@@ -540,7 +545,7 @@ void check_turn_options(const TurnOptions& options) {
   if (!(options.tolerance_share >= 0.0)) refuse("tolerance_share", options.tolerance_share);
 }
 
-// `reading`: where the points lie on the lattice; null: they are read when they are compared.
+// @param reading  Lattice reading of the points; null: it is computed.
 TurnResult compared(const PointsView& points, const PointsView& previous,
                     const PointsView& following, const ScanLattice& lattice,
                     LatticeReading* reading, const TurnOptions& options, const Progress& progress) {

@@ -21,7 +21,7 @@ namespace {
 constexpr double kFiredShare = 0.6;
 constexpr double kSparseShare = 0.8;  // of all steps; KITTI's frames have firings at 0.54
 constexpr int kNeighbours = 2;
-// At the border of a frame that was cropped only few lasers look into what is left of it.
+// Fewer votes than this decide nothing: at the border of a cropped frame few lasers see the rest.
 constexpr int kFewestVotes = 16;
 
 // Metres: points this near to the plane are ground. The plane is approximate, since roads are
@@ -53,7 +53,8 @@ constexpr int kEarlierAnswers = 4;
 constexpr int kHoleColumns = 48;
 constexpr int kHoleRings = 2;
 
-// Horizontal distance at which a laser that looks along a column meets the plane; 0: nowhere.
+// Horizontal distance, metres, at which a laser meets the ground plane in the direction of a
+// column; 0: nowhere.
 double ground_range(const ScanLattice& lattice, int ring, const GroundPlane& ground,
                     const SinCos& azimuth) {
   const double climb = ground.slope_x * azimuth.cos + ground.slope_y * azimuth.sin;
@@ -70,7 +71,7 @@ Answer answer_of(const Eigen::RowVector3d& p, int ring, const ScanLattice& latti
   return range > 0.0 && rho > kShareOfRange * range ? Answer::kBeyond : Answer::kNearer;
 }
 
-// Column of each firing for one laser.
+// Columns of the firings of each laser; see Answers.
 class Columns {
  public:
   Columns(const ScanLattice& lattice, const FiringSchedule& schedule)
@@ -86,7 +87,7 @@ class Columns {
     }
   }
 
-  // -1: not a firing.
+  // Column of a count of the encoder; -1: no firing.
   [[nodiscard]] int operator()(int ring, int count) const {
     const int firing = schedule_.order[count];
     if (firing < 0) return -1;
@@ -101,7 +102,7 @@ class Columns {
 
 enum class Support : std::uint8_t { kNone, kAnswers, kAsFar };
 
-// Firings in gaps of a ring with answers on both sides.
+// Support of the firings in gaps of a ring: are there enough returns on both sides of the gap?
 class Gaps {
  public:
   Gaps(const RingImage<Answer>& kind, int answered_beside)
@@ -118,7 +119,7 @@ class Gaps {
     return kind_(ring, column % kind_.columns()) == Answer::kNone;
   }
 
-  // Once around from the first answer, so that no gap is cut in two.
+  // Judges the gaps of a ring, starting from a return, so that no gap is split in two.
   void find_in(int ring) {
     const int columns = kind_.columns();
     int start = 0;
@@ -156,8 +157,8 @@ class Gaps {
   RingImage<Support> support_;
 };
 
-// Whether a firing and its neighbours were answered in another turn, in which the scanner may have
-// fired a little more or less often.
+// Were a firing and its neighbours answered in another turn? The scanner may have fired slightly
+// more or less often in it.
 bool was_answered(const Answers& other, int ring, int column, int columns) {
   const int there = other.kind.columns();
   if (there == 0) return false;
@@ -177,7 +178,7 @@ bool was_answered(const std::vector<const Answers*>& beside, int ring, int colum
   });
 }
 
-// Firings without a return between two turns that both had one there.
+// Firings without a return that had one in both neighbouring turns.
 RingImage<std::uint8_t> lost_between(const Answers& answers, const ScanLattice& lattice,
                                      const GroundPlane& ground, const VoidOptions& options) {
   const RingImage<Answer>& kind = answers.kind;
@@ -196,7 +197,7 @@ RingImage<std::uint8_t> lost_between(const Answers& answers, const ScanLattice& 
   return lost;
 }
 
-// From the lowest laser upwards: runs without a return that begin directly above ground.
+// From the lowest laser upwards: runs of firings without a return that begin directly above ground.
 RingImage<std::uint8_t> runs_above_ground(const Answers& answers, const ScanLattice& lattice,
                                           const GroundPlane& ground, const VoidOptions& options) {
   const RingImage<Answer>& kind = answers.kind;
@@ -236,7 +237,7 @@ RingImage<std::uint8_t> widened(const RingImage<std::uint8_t>& image, Ticker& ti
   return wide;
 }
 
-// Morphological opening by a block: what no full block covers is erased.
+// Morphological opening by a block: erases all that no full block covers.
 RingImage<std::uint8_t> opened(const RingImage<std::uint8_t>& image, Ticker& ticker) {
   RingImage<std::uint8_t> kept(image.rings(), image.columns(), 0);
   for (int ring = 0; ring + kBlockRings <= image.rings(); ++ring) {
@@ -257,8 +258,9 @@ RingImage<std::uint8_t> opened(const RingImage<std::uint8_t>& image, Ticker& tic
   return kept;
 }
 
-// Cells around a void that got no return in another turn and got one in this: a dark car that moves
-// by leaves a hole of about its size in every turn; what was edited in one turn leaves none.
+// Number of cells around a void without a return in another turn and with one in this turn. A dark
+// car that passes leaves a hole of about its size in every turn; an edit of this turn leaves none
+// in others.
 int holes_beside(const std::vector<RingCell>& component, const Answers& answers,
                  const Answers& other) {
   const int rings = answers.kind.rings();
@@ -290,7 +292,7 @@ int holes_beside(const std::vector<RingCell>& component, const Answers& answers,
   return holes;
 }
 
-// Share of a void that is not explained as a hole that moved here from another turn.
+// The share of a void that is not explained by a hole that moved here since another turn.
 double unexplained(const std::vector<RingCell>& component, const Answers& answers,
                    const std::vector<const Answers*>& beside) {
   int holes = 0;
@@ -301,8 +303,8 @@ double unexplained(const std::vector<RingCell>& component, const Answers& answer
   return std::max(0.0, 1.0 - holes / size);
 }
 
-// Horizontal distance of the return below a cell without one; where there is none, of the one above
-// it, or 0.
+// Horizontal distance of the next return below a lost cell; without one, of the next return above;
+// without both, 0.
 double contact_distance(const Answers& answers, const PointsView& points, int ring, int column) {
   const int last = answers.point.rings() - 1;
   int below = ring;

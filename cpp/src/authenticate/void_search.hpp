@@ -10,26 +10,29 @@
 
 namespace manip3d {
 
-/// Steps of the encoder at which a scanner fired, and their order.
+/// The steps of the encoder at which the scanner fired, and their order.
 struct FiringSchedule {
-  std::vector<std::int32_t> order;   ///< (steps,): number of the firing at a count; -1: none.
-  std::vector<std::uint8_t> judged;  ///< (steps,): 1 where enough lasers answer nearby to tell.
+  std::vector<std::int32_t> order;  ///< (steps,): number of the firing at a count; -1: no firing.
+  /// (steps,): 1 if enough lasers have returns nearby to decide.
+  std::vector<std::uint8_t> judged;
   int firings = 0;
 };
 
-/// Steps at which most lasers that answered at the neighbouring steps have answered.
+/// Finds the steps with returns of most of the lasers that have returns at neighbouring steps.
 FiringSchedule find_firings(const LatticeReading& reading, const ScanLattice& lattice);
 
 enum class Answer : std::uint8_t {
   kNone,
-  kGround,  ///< On the ground plane, about.
-  kBeyond,  ///< Not there, but hardly nearer than the ray meets it.
+  kGround,  ///< The return is near the ground plane.
+  /// The return is off the plane, and not nearer than 0.7 of the distance at which the ray meets
+  /// it.
+  kBeyond,
   kNearer,
 };
 
-/// Returns of the firings of one turn: a row per laser, a column per firing. Columns are
-/// counted from straight ahead, so that those of different lasers lie above each other although
-/// each laser looks another way when it fires.
+/// Returns of one turn: a row per laser, a column per firing. Columns are counted from straight
+/// ahead, so that equal columns of different lasers have about the same azimuth, although each
+/// laser looks in another direction when it fires.
 struct Answers {
   RingImage<Answer> kind;
   RingImage<std::int32_t> point;  ///< -1: none.
@@ -39,9 +42,9 @@ Answers sort_answers(const PointsView& points, const LatticeReading& reading,
                      const ScanLattice& lattice, const FiringSchedule& schedule,
                      const GroundPlane& ground);
 
-/// Adjacent firings without a return where one was expected: they point at ground within range,
-/// the ground just below them answered, so did the firings on both sides that reach as far, and
-/// nothing nearer is seen there. Deleting an object's points leaves such a hole.
+/// A set of adjacent firings without an expected return: they point at ground within range, the
+/// ground just below them has returns, so have the firings on both sides with sufficient range, and
+/// nothing nearer is seen there. Deleting the points of an object leaves such a hole.
 struct Void {
   struct Cell {
     int ring;
@@ -49,18 +52,19 @@ struct Void {
   };
   std::vector<Cell> cells;
   double distance;  ///< Metres: median horizontal distance of the ground below.
-  /// Weight of each cell: the share of the void that no hole of another turn nearby explains, which
-  /// this turn does not have. A dark car makes such holes, which move with it.
+  /// Weight of each cell: the share of the void that is not explained by a hole nearby in another
+  /// turn. A dark car causes such holes, which move with it.
   double weight = 1.0;
 };
 
 struct VoidOptions {
   double min_ground_range = 8.0;
   double max_ground_range = 80.0;
-  int answered_beside = 7;  ///< Least answers among the eight firings to each side in the ring.
-  /// Turns to compare with: the one before or after this one, or both. A firing counts as lost only
-  /// if it and its neighbours were answered in all of them. With two of them that alone shows a
-  /// hole, which then need not begin above ground.
+  /// Least number of returns among the 8 firings on each side in the ring.
+  int answered_beside = 7;
+  /// The previous and following turn, or one of them. A firing counts as lost only if it and its
+  /// neighbours have returns in all given turns. With two turns this alone proves a hole, which
+  /// then need not begin above ground.
   std::vector<const Answers*> beside;
   Progress progress;  ///< May cancel the search.
 };

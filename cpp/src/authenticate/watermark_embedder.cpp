@@ -16,11 +16,11 @@
 namespace manip3d {
 namespace {
 
-// Fewest carrier bits of a tile, where identical points, which cannot be told apart, count once.
-// Bits at random fit 80 identical points with a probability of 0.089.
+// Fewest carrier bits of a tile, with identical points counted once because they cannot be
+// distinguished. Random bits are correct for 80 identical points with a probability of 0.089.
 constexpr std::uint32_t kLeastEffective = 128;
 
-// SliceTable checks the number of slices.
+// The number of slices is checked by SliceTable.
 void check_options(const WatermarkOptions& options) {
   if (options.least_points < 1) {
     throw InputError("least_points: expected 1 or more, got " +
@@ -36,7 +36,7 @@ void check_options(const WatermarkOptions& options) {
   }
 }
 
-// Points of the tile that carry bits, identical ones counted once.
+// Number of points of the tile that carry bits, identical ones counted once.
 std::uint32_t effective_bits(const TiledSamples& tiled, std::size_t tile) {
   std::uint32_t bits = 0;
   for (std::size_t i = tiled.begins[tile]; i < tiled.begins[tile + 1]; ++i) {
@@ -104,7 +104,7 @@ struct WatermarkEmbedder::State {
     header.units_per_m = chosen.embedding == WatermarkEmbedding::kDetached ? 0 : chosen.units_per_m;
   }
 
-  // Reads the points, or their coordinates in float64, into `found` and `slice_of`.
+  // Samples the points, or their float64 coordinates, into `found` and `slice_of`.
   void sample(const PointsView& points, const ExactGrid& grid) {
     if (!header.is_exact) {
       sample_for_embedding(points, options, slices, found, slice_of);
@@ -117,7 +117,7 @@ struct WatermarkEmbedder::State {
                  slice_of);
   }
 
-  // Fills the header's fields of this frame.
+  // Sets the fields of the header for this frame.
   void describe(const PointsView& points, const WatermarkFrame& frame, bool is_exact) {
     header.is_exact = is_exact;
     header.offset = frame.offset;
@@ -132,12 +132,13 @@ struct WatermarkEmbedder::State {
     header.has_intensity = points.has_intensity();
   }
 
-  // Merges slices until each tile has at least kLeastEffective bits, or there is one tile. Sorts
-  // the points into them, as `tiled`.
+  // Merges slices until each tile has at least kLeastEffective bits or there is only one tile.
+  // Sorts the points into the tiles, as `tiled`.
   void make_tiles() {
     const std::vector<std::uint32_t> counts = count_slices(slice_of, slices.size());
     const bool carries = header.embedding != WatermarkEmbedding::kDetached;
-    // In steps of four: a few merges are enough, and tiles get little larger than they must.
+    // `least` grows by a factor of four: few sorts are needed, and tiles become little larger than
+    // necessary.
     for (std::uint64_t least = static_cast<std::uint64_t>(options.least_points);; least *= 4) {
       const auto bounded = static_cast<std::uint32_t>(
           std::min<std::uint64_t>(least, std::numeric_limits<std::uint32_t>::max()));
@@ -154,7 +155,7 @@ struct WatermarkEmbedder::State {
     }
   }
 
-  // Marks each point with the bit that it is to carry.
+  // Gives each point the bit that it will carry.
   void choose_bits(std::span<const WatermarkTag> tags) {
     for (std::size_t t = 0; t < tags.size(); ++t) {
       for_each_bit(keys, tags[t], tiled, t, stream, [&](std::size_t place, std::uint8_t bit) {
@@ -180,8 +181,8 @@ struct WatermarkEmbedder::State {
     return record;
   }
 
-  // Goes on to the next frame: the last step of embedding, so that a frame that was refused, or for
-  // which there was no memory, leaves no gap in the chain.
+  // Advances to the next frame. This is the last step of embedding, so that a frame that is
+  // refused, or fails for lack of memory, leaves no gap in the chain.
   void go_on(std::span<const std::uint8_t> record) noexcept {
     previous = frame_tag_of(record);
     has_ended = header.is_end;

@@ -35,15 +35,16 @@ void checksum(std::span<const std::uint8_t> bytes, std::uint8_t* hash) {
   crypto_generichash_init(&state, nullptr, 0, 32);
   crypto_generichash_update(&state, bytes.data(), bytes.size());
   crypto_generichash_final(&state, hash, 32);
-  sodium_memzero(&state, sizeof state);  // it holds the bytes
+  sodium_memzero(&state, sizeof state);  // the state contains the bytes
 }
 
-// Gives a temporary file its name unless that is taken.
+// Renames a temporary file unless the name is taken.
 void name_without_replacing(const fs::path& temporary, const fs::path& path) {
   if (::renameat2(AT_FDCWD, temporary.c_str(), AT_FDCWD, path.c_str(), RENAME_NOREPLACE) == 0) {
     return;
   }
-  const bool unknown = errno == EINVAL || errno == ENOSYS;  // a file system without that
+  // the file system does not support RENAME_NOREPLACE
+  const bool unknown = errno == EINVAL || errno == ENOSYS;
   if (unknown && ::link(temporary.c_str(), path.c_str()) == 0) {
     ::unlink(temporary.c_str());
     return;
@@ -86,7 +87,7 @@ SecretBytes read_file(const fs::path& path) {
   const Descriptor file(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
   if (!file.is_open()) refuse("cannot open", path);
   check_private(file, path);
-  SecretBytes bytes(WatermarkKey::kFileSize + 1);  // one more tells a longer file
+  SecretBytes bytes(WatermarkKey::kFileSize + 1);  // one byte more, to detect a longer file
   std::size_t size = 0;
   while (size < bytes.size()) {
     const ssize_t got = ::read(file.get(), bytes.data() + size, bytes.size() - size);

@@ -21,7 +21,7 @@ void check_picture(const PictureView& picture) {
     throw InputError("picture: expected grey or three channels, got " +
                      std::to_string(picture.channels));
   }
-  // Sides of 32 bits and three channels do not fit 64 bits together; what is there does.
+  // Height times width times channels can overflow 64 bits, so the size is divided instead.
   const std::uint64_t row = std::uint64_t{picture.width} * picture.channels;
   const std::uint64_t size = picture.samples.size();
   const bool fits =

@@ -60,7 +60,8 @@ class RecordReader {
   std::size_t at_ = 0;
 };
 
-// A detached record has the bits of floats, QIM cells of 2.5 mm, LBM a stated grid.
+// Grid by embedding: a detached record binds bits of floats (0 units), QIM needs cells of 2.5 mm
+// (1000 units per metre), LBM states its own grid.
 void check_grid(const WatermarkHeader& header, const RecordReader& reader) {
   const std::uint32_t units = header.units_per_m;
   const bool fits = header.embedding == WatermarkEmbedding::kDetached ? units == 0
@@ -81,7 +82,7 @@ void check_fields(const WatermarkHeader& header, std::uint16_t fields, const Rec
   }
 }
 
-// Tiles are numbered by their first slices, and none is without one.
+// Tiles are numbered in the order of their first slices, without gaps.
 void check_merge_map(const WatermarkHeader& header, const RecordReader& reader) {
   std::uint16_t seen = 0;
   for (const std::uint16_t tile : header.tile_of) {

@@ -10,7 +10,7 @@ namespace manip3d {
 namespace {
 
 constexpr int kNumKeys = 5;
-constexpr std::size_t kStack = 4096;  // what libsodium's functions may leave on it
+constexpr std::size_t kStack = 4096;  // bytes that libsodium's functions may leave on the stack
 
 }  // namespace
 
@@ -87,7 +87,8 @@ std::vector<std::uint32_t> keyed_permutation(std::span<const std::uint8_t> key,
   };
   for (std::uint32_t left = size; left > 1; --left) {
     std::uint32_t drawn = next();
-    // Draws below 2^32 mod left would be biased. That is less than `left`: the division is rare.
+    // Rejects draws below 2^32 mod left, which would be biased. This limit is less than `left`, so
+    // that the division is rare.
     while (drawn < left && drawn < (0U - left) % left) drawn = next();
     std::swap(order[left - 1], order[drawn % left]);
   }

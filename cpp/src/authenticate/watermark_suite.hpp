@@ -21,7 +21,7 @@ inline std::span<const std::uint8_t> bytes_of(std::string_view text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
-/// BLAKE2b-256, keyed unless `key` is empty; wiped at the end.
+/// BLAKE2b-256, keyed unless `key` is empty. The state is wiped by the destructor.
 class TagHash {
  public:
   explicit TagHash(std::span<const std::uint8_t> key = {});
@@ -63,15 +63,16 @@ class SessionKeys {
 
 bool equal_in_constant_time(std::span<const std::uint8_t> a, std::span<const std::uint8_t> b);
 
-/// ChaCha20(BLAKE2b(K_bits, tag), nonce 0): `count` bits, the lowest of each byte first.
+/// Writes `count` bits of ChaCha20(BLAKE2b(K_bits, tag), nonce 0), the lowest bit of each byte
+/// first.
 void carrier_bits(const SessionKeys& keys, const WatermarkTag& tag, std::size_t count,
                   std::vector<std::uint8_t>& stream);
 
 /// BLAKE2b(K_image, "m3d-image" | height u32 | width u32 | channels u32 | samples without the
-/// carrier's bits): what a record binds of the picture that carries it.
+/// carrier bits): the context that a record in a picture binds.
 WatermarkTag tag_of_picture(std::span<const std::uint8_t> key, const PictureView& picture);
 
-/// Permutation of [0, size): Fisher-Yates with rejection sampling over ChaCha20-IETF.
+/// Random permutation of [0, size): Fisher-Yates with rejection sampling of ChaCha20-IETF.
 std::vector<std::uint32_t> keyed_permutation(std::span<const std::uint8_t> key,
                                              const std::array<std::uint8_t, 12>& nonce,
                                              std::uint32_t size);

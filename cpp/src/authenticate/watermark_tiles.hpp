@@ -13,18 +13,18 @@
 #include "authenticate/watermark_suite.hpp"
 #include "manip3d/authenticate/watermark.hpp"
 
-/// @file
-/// Tags of tiles and records, and the bits that points carry: embedder and verifier of a watermark
+/// Tags of tiles and records and the carrier bits of points, as computed by both embedder and
+/// verifier of a watermark.
 /// compute them alike.
 namespace manip3d {
 
-/// Values of WatermarkHeader::carrier.
+/// Values of WatermarkHeader::carrier: a file beside the scan, or a picture.
 inline constexpr std::uint8_t kBeside = 0, kInPicture = 1;
 inline constexpr std::size_t kTagSize = std::tuple_size_v<WatermarkTag>;
 
 WatermarkOrder order_of(WatermarkEmbedding embedding);
 
-/// @throws InputError  another number of rows than points; a coordinate that is not finite.
+/// @throws InputError  the numbers of rows and points differ; a coordinate is not finite.
 void check_exact(const PointsView& points, ExactView exact);
 
 /// tag_i = BLAKE2b(K_tile, "m3d-tile" | header | i | count | samples), for each tile i.
@@ -32,22 +32,22 @@ std::vector<WatermarkTag> tags_of_tiles(const SessionKeys& keys,
                                         std::span<const std::uint8_t> header,
                                         const TiledSamples& tiled);
 
-/// BLAKE2b(K_frame, domain | record | full tags)
+/// BLAKE2b(K_frame, domain | record | full tags).
 WatermarkTag tag_of_record(const SessionKeys& keys, std::string_view domain,
                            std::span<const std::uint8_t> record,
                            const std::vector<WatermarkTag>& tags);
 
-// The parts of a record's bytes: what its tags are computed over, then its own tag, then the tag of
-// the frame.
+// Parts of a record's bytes: the body that its tags authenticate, the record tag (see
+// own_tag_holds), and the frame tag.
 std::span<const std::uint8_t> body_of(std::span<const std::uint8_t> record);
 WatermarkTag frame_tag_of(std::span<const std::uint8_t> record);
 
-/// Did the keys of this session make the record?
+/// Did the keys of this session make the record? Checks the record tag.
 bool own_tag_holds(const SessionKeys& keys, std::span<const std::uint8_t> record);
 
-/// Calls `use(place, bit)` for each point of a tile, where `place` counts the points in the order
-/// of both ends. Identical points cannot be told apart: their bits come in ascending order. Points
-/// at the origin carry nothing: their bit is 0.
+/// Calls `use(place, bit)` for each point of a tile; `place` is its position in canonical order.
+/// Identical points cannot be distinguished, so that their bits are in ascending order. Points at
+/// the origin carry no bit and get 0.
 template <typename Use>
 void for_each_bit(const SessionKeys& keys, const WatermarkTag& tag, const TiledSamples& tiled,
                   std::size_t tile, std::vector<std::uint8_t>& stream, const Use& use) {

@@ -16,7 +16,7 @@ bool contains(const std::vector<T>& values, const T& value) {
   return std::find(values.begin(), values.end(), value) != values.end();
 }
 
-// The changes in a frame whose content is tampered with.
+// Says what was changed in a tampered frame.
 std::string reason_of_tampering(const WatermarkFinding& finding) {
   const auto count = [&](WatermarkTile tile) {
     return std::count(finding.tiles.begin(), finding.tiles.end(), tile);

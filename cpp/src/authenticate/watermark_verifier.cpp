@@ -17,20 +17,20 @@
 namespace manip3d {
 namespace {
 
-constexpr std::size_t kMaxSessions = 4096;  // that a verifier remembers
+constexpr std::size_t kMaxSessions = 4096;  // sessions that a verifier remembers
 
 }  // namespace
 
 struct WatermarkVerifier::State {
-  // A key that the keys of its sessions are derived from.
+  // A root key, from which the keys of its sessions are derived.
   struct Root {
     WatermarkId id;
     SecretBytes secret;
-    std::optional<std::int64_t> until_ns;  // from then on it has signed nothing
+    std::optional<std::int64_t> until_ns;  // the key signed nothing from this time on
   };
-  std::vector<Root> roots;       // the newest first; empty: closed
-  SessionKeys keys;              // of the session of the last record
-  std::size_t root_of_keys = 0;  // index of the root that they were derived from
+  std::vector<Root> roots;       // the newest key first; empty: the verifier is closed
+  SessionKeys keys;              // keys of the session of the last record
+  std::size_t root_of_keys = 0;  // index of the root of `keys`
   SliceTable slices{36};
   LatticeSamples found;
   std::vector<std::uint16_t> slice_of;
@@ -38,34 +38,34 @@ struct WatermarkVerifier::State {
   TiledSamples tiled;
   std::vector<std::uint8_t> stream;
 
-  // The chain.
+  // State of the chain of frames.
   bool has_frame = false;
   bool had_end = false;
-  std::size_t root = 0;  // index of the last frame's key
+  std::size_t root = 0;  // index of the root key of the last frame
   WatermarkId session{};
   std::uint64_t frame = 0;
   WatermarkTag tag{};
-  std::vector<WatermarkId> past;  // sessions before this one, the oldest first
+  std::vector<WatermarkId> past;  // earlier sessions, the oldest first
 
   void add(const WatermarkKey& key, std::optional<std::int64_t> until_ns);
   void check_open() const;
-  // Derives the keys of the session whose record these bytes are; false: no key made it.
+  // Derives the keys of the session in these bytes of a record; false: none of the keys made it.
   bool find_key(std::span<const std::uint8_t> bytes);
-  // Reads a record that a key made and the policy accepts. Returns why there is none; empty: there
-  // is one, and `keys` are those of its session.
+  // Reads a record that one of the keys made and the policy accepts; `keys` are then those of its
+  // session. Returns the reason if there is no such record, else an empty string.
   std::string open_record(std::span<const std::uint8_t> bytes, const WatermarkPolicy& policy,
                           WatermarkRecord& record);
-  // Says where in the stream the record's frame is.
+  // Finds where in the stream the record's frame is.
   void find_place(const WatermarkRecord& record, WatermarkFinding& finding) const;
-  // Takes the record's frame as the last one.
+  // Makes the record's frame the last one of the chain.
   void go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag);
-  // Sorts the points into the tiles that the header names, as `tiled`.
+  // Sorts the points into the tiles of the header, as `tiled`.
   void arrange(const PointsView& points, ExactView exact, const WatermarkHeader& header);
-  // Finds the tiles that hold other points than those that were signed; whether all points lie on
+  // Finds the tiles whose points are not those that were signed. Returns whether all points lie on
   // the lattice of the embedding.
   bool check_tiles(const WatermarkRecord& record, std::span<const WatermarkTag> tags,
                    WatermarkFinding& finding) const;
-  // Finds the points of unchanged tiles whose embedded bit is wrong; whether there are none.
+  // Finds the points of unchanged tiles that carry a wrong bit. Returns whether there are none.
   bool check_bits(WatermarkEmbedding embedding, std::span<const WatermarkTag> tags,
                   WatermarkFinding& finding);
   void check_content(const PointsView& points, ExactView exact, std::span<const std::uint8_t> bytes,
@@ -89,7 +89,8 @@ void WatermarkVerifier::State::check_open() const {
 }
 
 bool WatermarkVerifier::State::find_key(std::span<const std::uint8_t> bytes) {
-  // Only the two ids that choose the keys are read before the tag over the raw bytes holds.
+  // Before the tag over the raw bytes is checked, only the two ids that determine the keys are
+  // read.
   WatermarkId of_sensor, of_session;
   std::copy_n(bytes.data() + kSensorOffset, of_sensor.size(), of_sensor.begin());
   std::copy_n(bytes.data() + kSessionOffset, of_session.size(), of_session.begin());
@@ -100,7 +101,8 @@ bool WatermarkVerifier::State::find_key(std::span<const std::uint8_t> bytes) {
     }
     return own_tag_holds(keys, bytes);
   };
-  const std::size_t last = root_of_keys;  // first: its keys are derived already
+  // the last root is tried first, because its keys are derived already
+  const std::size_t last = root_of_keys;
   if (made_it(last)) return true;
   for (std::size_t number = 0; number < roots.size(); ++number) {
     if (number != last && made_it(number)) return true;
@@ -197,7 +199,7 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
   s.find_place(record, finding);
   finding.freshness = freshness_of(policy, record.header, now_ns);
   conclude(policy, finding);
-  // The record is genuine, whatever became of the points: its frame is never new again.
+  // The record is genuine, even if the points were changed: later frames must come after this one.
   if (finding.order != WatermarkPlace::kReplay) s.go_on(record.header, frame_tag_of(bytes));
   return finding;
 }
@@ -271,7 +273,8 @@ void WatermarkVerifier::State::check_content(const PointsView& points, ExactView
   const bool bits_hold = check_bits(header.embedding, tags, finding);
   const WatermarkTag whole = tag_of_record(keys, "m3d-frame", body_of(bytes), tags);
   const bool frame_holds = equal_in_constant_time(whole, frame_tag_of(bytes));
-  // Formats such as KITTI's write intensities of 0 where there are none. Others change the tags.
+  // A scan without intensities may come back with intensities of 0, because formats such as KITTI's
+  // write these. Other intensities change the tags.
   const bool same_columns = points.has_intensity() || !header.has_intensity;
   const bool same_drops = header.num_dropped == num_dropped;
   const bool is_intact = frame_holds && bits_hold && all_on_lattice && same_columns && same_drops;
@@ -282,12 +285,14 @@ void WatermarkVerifier::State::find_place(const WatermarkRecord& record,
                                           WatermarkFinding& finding) const {
   const WatermarkHeader& header = record.header;
   finding.order = WatermarkPlace::kUnknown;
-  // Keys only go forward: whoever holds an old one could begin sessions, and even name this one.
+  // The stream never returns to an older key: otherwise a thief of an old key could begin sessions,
+  // or even name the current one.
   finding.is_of_older_key = has_frame && root_of_keys > root;
   if (finding.is_of_older_key || std::ranges::find(past, header.session) != past.end()) {
     finding.order = WatermarkPlace::kReplay;
   } else if (!has_frame || header.session != session || root_of_keys != root) {
-    // A session may begin where nothing is known before it, or where the last one has ended.
+    // A session may begin if no frame was seen before, or after the last frame of the previous
+    // session.
     if (header.is_genesis && (!has_frame || had_end)) {
       finding.order = WatermarkPlace::kInOrder;
     } else if (has_frame) {
@@ -332,7 +337,8 @@ std::vector<std::uint8_t> WatermarkVerifier::state() const {
   std::vector<std::uint8_t> bytes;
   bytes.reserve(98 + 16 * s.past.size());
   const auto put = [&](std::span<const std::uint8_t> more) {
-    for (const std::uint8_t byte : more) bytes.push_back(byte);  // GCC 12 warns of an insert
+    // push_back, because GCC 12 warns of an insert
+    for (const std::uint8_t byte : more) bytes.push_back(byte);
   };
   std::array<std::uint8_t, 8> number;
   store(s.frame, number.data());
@@ -352,7 +358,7 @@ void WatermarkVerifier::restore(std::span<const std::uint8_t> state) {
   constexpr std::size_t kFixed = 8 + 2 + 16 + 8 + 32, kTag = 32;
   const bool possible = state.size() >= kFixed + kTag && (state.size() - kFixed - kTag) % 16 == 0 &&
                         state.size() <= kFixed + kTag + 16 * kMaxSessions;
-  // The key of the last frame has authenticated the state; which one that is, is found by trying.
+  // The state was authenticated with the key of the last frame, which is found by trying all keys.
   std::size_t number = 0;
   const auto made_it = [&](std::size_t key) {
     return equal_in_constant_time(s.state_tag(key, state.first(state.size() - kTag)),
