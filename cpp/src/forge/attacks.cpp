@@ -20,7 +20,7 @@ using Eigen::Matrix3d;
 using Eigen::Matrix4d;
 using Eigen::Vector3d;
 
-constexpr std::size_t kNormalNeighbours = 12;  // a plane through fewer follows the range noise
+constexpr std::size_t kNormalNeighbours = 12;  // with fewer, the plane fits the range noise
 
 Vector3d sum_of(const PointsView& view, std::int64_t begin, std::int64_t end) {
   Vector3d sum = Vector3d::Zero();
@@ -57,7 +57,8 @@ Points rows_of(const PointsView& view, const std::vector<std::int32_t>& rows) {
   return points;
 }
 
-Vector3d in_ball(std::uint64_t seed, std::uint64_t row) {  // uniform, by rejection
+// uniform in the unit ball, by rejection sampling
+Vector3d in_ball(std::uint64_t seed, std::uint64_t row) {
   for (std::uint64_t trial = 0;; ++trial) {
     const std::uint64_t counter = 3 * (64 * row + trial);
     const Vector3d v(2.0 * uniform(seed, counter) - 1.0, 2.0 * uniform(seed, counter + 1) - 1.0,
@@ -66,7 +67,8 @@ Vector3d in_ball(std::uint64_t seed, std::uint64_t row) {  // uniform, by reject
   }
 }
 
-// Normal of the plane through a point's neighbours, towards the scanner; zero for a lone point.
+// Normal of the plane through a point's neighbours, towards the scanner; zero if there are too few
+// neighbours.
 Vector3d surface_normal(const Points& points, const KdTree& tree, Eigen::Index row,
                         const Vector3d& origin, KdTree::Neighbours& near) {
   tree.nearest(row, kNormalNeighbours, near);
@@ -84,7 +86,7 @@ Vector3d surface_normal(const Points& points, const KdTree& tree, Eigen::Index r
   return normal.dot(to_scanner) < 0.0 ? Vector3d(-normal) : normal;
 }
 
-// 1 in the middle of the box, 0 on its border and beyond.
+// Relative depth of a dent: 1 in the middle of the box, 0 on its border and outside.
 double dent_profile(const Vector3d& point, const OrientedBox& box, const Matrix3d& to_box) {
   const Vector3d p = to_box * (point - box.center);
   double squared = 0.0;
@@ -125,14 +127,14 @@ std::vector<Vector3d> displacements(const PointsView& scene, const std::vector<s
   return moves;
 }
 
-// For the points within a radius: distances from their nearest neighbours.
+// Sum over the points within a radius: distances to their nearest neighbours.
 struct NearSpacing {
   double sum = 0.0;
   std::int64_t count = 0;
-  bool is_sure = true;  // no neighbour can lie beyond the reach
+  bool is_sure = true;  // no nearer neighbour can be outside of the reach
 };
 
-// `near` are the points of the scene within `reach` of the position.
+// @param near  the points of the scene within `reach` of the position.
 NearSpacing spacing_near(const Points& near, const Vector3d& position, double radius, double reach,
                          const Progress& progress) {
   NearSpacing spacing;
@@ -210,8 +212,8 @@ double local_spacing(const PointsView& scene, const Vector3d& position, double r
   if (!(radius > 0.0 && std::isfinite(radius))) {
     throw InputError("radius: expected > 0, got " + std::to_string(radius));
   }
-  // Neighbours of points near the border lie outside: twice the radius holds those of all points
-  // that have one within it, an eighth more mostly too.
+  // Points near the border have neighbours outside of the radius. Twice the radius contains the
+  // nearest neighbour of each point that has one within the radius; 1.125 times mostly suffices.
   NearSpacing spacing;
   for (const double reach : {1.125 * radius, 2.0 * radius}) {
     const auto within = [&](float x, float y, float z) {

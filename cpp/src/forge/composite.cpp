@@ -25,7 +25,8 @@ namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-/// project() in single precision for cameras without distortion, after a rigid motion.
+/// Projects points into an image after a rigid motion, in single precision; distorted cameras use
+/// project().
 class Projector {
  public:
   explicit Projector(const Intrinsics& camera)
@@ -55,7 +56,7 @@ class Projector {
       return r[0] * x + (r[1] * y + r[2] * z) + translation_[row];
     };
     const Float4 px = moved(0), py = moved(1), pz = moved(2);
-    constexpr float kNearest = 0.01F;  // metres; nearer, a pixel does not tell a place
+    constexpr float kNearest = 0.01F;  // metres; nearer, a pixel does not determine a place
     const unsigned is_before = true_lanes(pz > kNearest);
     const Float4 us = fx_ * px / pz + cx_, vs = fy_ * py / pz + cy_;
     for (int i = 0; i < 4; ++i) {
@@ -84,10 +85,11 @@ class Projector {
   float fx_, fy_, cx_, cy_;
 };
 
-/// How far what is drawn in a box of an image is.
+/// Depth buffer of a box of an image.
 struct DepthBuffer {
   PixelBox box;
-  std::vector<float> z;  ///< Depths in the box; a few more, so that four can be read from each.
+  /// Depths in the box, and 3 more, so that four can be read from each place.
+  std::vector<float> z;
 
   DepthBuffer() = default;
   explicit DepthBuffer(const PixelBox& where) { clear(where); }
@@ -105,8 +107,8 @@ struct DepthBuffer {
     z[i] = depth;
     return true;
   }
-  /// Which of four pixels are inside a triangle and nearer than what was drawn there; theirs are
-  /// the depths from now on.
+  /// Stores the depths of those of four pixels that are inside a triangle and nearer than the
+  /// stored ones. Returns which these are.
   Int4 nearer(std::int64_t i, Int4 inside, Float4 depths) {
     const Float4 before = load4(&z[i]);
     const Int4 is_nearer = inside & (depths < before);
@@ -120,8 +122,8 @@ bool is_hidden(const SceneView& scene, std::int64_t pixel, float z) {
   return behind != 0 && static_cast<float>(behind) < 1000.0F * z;
 }
 
-/// Closes gaps of one pixel between two pixels of one surface, with their mean distance.
-/// @param image  depth buffer as large as the scene's image
+/// Fills gaps of one pixel between two pixels of one surface, with their mean depth.
+/// @param image  depth buffer of the size of the scene's image
 void fill_pinholes(DepthBuffer& image, std::vector<std::int64_t>& filled, float focal) {
   const DepthStep step({}, focal);
   const std::int64_t rows = image.box.height, cols = image.box.width;
@@ -147,7 +149,7 @@ void fill_pinholes(DepthBuffer& image, std::vector<std::int64_t>& filled, float 
   for (std::size_t i = 0; i < values.size(); ++i) image.z[filled[begin + i]] = values[i];
 }
 
-/// The pixel of a place in an image, or -1.
+/// The index of the pixel at a place in an image; -1: outside.
 std::int64_t pixel_at(const Drawn& place, std::int64_t rows, std::int64_t cols) {
   if (!(place.u > -0.5F && place.v > -0.5F && place.u < static_cast<float>(cols) - 0.5F &&
         place.v < static_cast<float>(rows) - 0.5F)) {
@@ -157,7 +159,7 @@ std::int64_t pixel_at(const Drawn& place, std::int64_t rows, std::int64_t cols) 
          static_cast<std::int64_t>(place.u + 0.5F);
 }
 
-/// The person alone as the depth camera sees them.
+/// Draws the person alone, as vertices, in the depth image.
 DepthBuffer draw_points(const PersonSurface& person, const SceneView& scene,
                         const std::vector<Drawn>& at, bool fills,
                         std::vector<std::int64_t>& filled) {
@@ -167,7 +169,8 @@ DepthBuffer draw_points(const PersonSurface& person, const SceneView& scene,
     if (pixel >= 0) image.nearer(pixel, vertex.z);
   }
   if (fills && !person.in_place) {
-    // Twice: where a row and a column without points cross, the first time fills the neighbours.
+    // Twice, because the first pass fills the neighbours of the pixels where a row and a column
+    // without points cross.
     for (int pass = 0; pass < 2; ++pass) {
       fill_pinholes(image, filled, static_cast<float>(scene.camera.fx));
     }
@@ -178,7 +181,7 @@ DepthBuffer draw_points(const PersonSurface& person, const SceneView& scene,
 DepthBuffer draw_faces(const PersonSurface& person, const std::vector<Drawn>& at,
                        const PixelBox& box) {
   DepthBuffer image(box);
-  std::vector<float> inverse(at.size());  // of depth: linear in the image
+  std::vector<float> inverse(at.size());  // inverse depth, which is linear in the image
   for (std::size_t i = 0; i < at.size(); ++i) inverse[i] = 1.0F / at[i].z;
   const DrawBounds bounds(box);
   for (std::int64_t f = 0; f < person.num_faces; ++f) {
@@ -192,7 +195,7 @@ DepthBuffer draw_faces(const PersonSurface& person, const std::vector<Drawn>& at
   return image;
 }
 
-/// Depth and truth: the scene, and the person where nothing of it is nearer.
+/// Writes depth and ground truth: the person wherever the scene is not nearer.
 void put_before(const DepthBuffer& person, const SceneView& scene, const CompositeBuffers& out) {
   constexpr float kFarthest = 65.535F;
   std::copy_n(scene.depth, scene.rows * scene.cols, out.depth);
@@ -209,7 +212,7 @@ void put_before(const DepthBuffer& person, const SceneView& scene, const Composi
   }
 }
 
-/// Which pixels of a box a person covers; their edges fade.
+/// Marks the pixels of a box that a person covers; used to fade the person's edges.
 class Coverage {
  public:
   explicit Coverage(const PixelBox& box)
@@ -219,7 +222,7 @@ class Coverage {
 
   /// @param i  As DepthBuffer::index().
   void add(std::int64_t i) { covered_[i] = 1; }
-  /// The next rows from `row` on: the depths of a band of the box.
+  /// Adds the rows from `row` on, given by the depths of a band of the box.
   void add_rows(std::int64_t row, const DepthBuffer& band) {
     std::uint8_t* covered = covered_.data() + row * cols_;
     const float* z = band.z.data();
@@ -227,8 +230,8 @@ class Coverage {
     for (std::int64_t i = 0; i < size; ++i) covered[i] = z[i] < kInfinity ? 1 : 0;
   }
 
-  /// Counts for each covered pixel the covered ones among the square of side 2 radius + 1 around
-  /// it, row by row from the first one on. The radius is how many rows ahead must be known.
+  /// For each covered pixel, counts the covered pixels in the square of side 2 radius + 1 around
+  /// it, row by row from the first one on. Rows must be added `radius` ahead.
   class Shares {
    public:
     Shares(const Coverage& of, int radius)
@@ -237,7 +240,8 @@ class Coverage {
           size_(static_cast<std::uint8_t>(2 * radius + 1)),
           column_(static_cast<std::size_t>(of.cols_ + 2 * radius), std::uint8_t{0}) {}
 
-    /// Calls `use(u, share)` for those pixels of the next row that are not covered all around.
+    /// Calls `use(u, share)` for the covered pixels of the next row whose square is not fully
+    /// covered.
     template <typename Use>
     void next_row(const Use& use) {
       for (; added_ < std::min(row_ + radius_ + 1, of_.rows_); ++added_) add_row<1>(added_);
@@ -245,14 +249,14 @@ class Coverage {
       const std::uint8_t* covered = of_.covered_.data() + row_ * of_.cols_;
       const std::uint8_t* column = column_.data() + radius_;
       ++row_;
-      std::int64_t gap = -1;  // the first column from u - radius on that is not full
+      std::int64_t gap = -1;  // first column from u - radius on that is not full; -1: unknown
       for (std::int64_t u = 0; u < of_.cols_; ++u) {
         if (covered[u] == 0) {
           u = next_other(covered, u, of_.cols_, 0) - 1;
           continue;
         }
         if (gap < u - radius_) gap = next_other(column, u - radius_, of_.cols_ + radius_, size_);
-        if (gap > u + radius_) {  // covered all around, as most of a person is: skip ahead
+        if (gap > u + radius_) {  // fully covered, as most of a person is: skip ahead
           u = gap - radius_ - 1;
           continue;
         }
@@ -271,7 +275,7 @@ class Coverage {
         column[u] = static_cast<std::uint8_t>(column[u] + kSign * row[u]);
       }
     }
-    /// The first of the bytes from `begin` on that is not `value`, or `end`.
+    /// Index of the first byte from `begin` on that is not `value`, or `end`.
     static std::int64_t next_other(const std::uint8_t* bytes, std::int64_t begin, std::int64_t end,
                                    std::uint8_t value) {
       const std::uint64_t eight = 0x0101'0101'0101'0101U * value;
@@ -286,8 +290,8 @@ class Coverage {
     const Coverage& of_;
     std::int64_t radius_, row_ = 0, added_ = 0;
     std::uint8_t size_;
-    std::vector<std::uint8_t> column_;  ///< Covered pixels in the rows around, `radius` empty ones
-                                        ///< on each side.
+    /// Covered pixels of each column in the rows around, with `radius` empty columns on each side.
+    std::vector<std::uint8_t> column_;
   };
 
  private:
@@ -295,7 +299,7 @@ class Coverage {
   std::vector<std::uint8_t> covered_;
 };
 
-/// The scene's colour image, on which a person is painted.
+/// Paints a person on a copy of the scene's colour image.
 class ColorPainter {
  public:
   ColorPainter(const SceneView& scene, std::uint8_t* out) : scene_(scene.color), out_(out) {}
@@ -314,8 +318,8 @@ class ColorPainter {
   [[nodiscard]] const std::uint8_t* painted(std::int64_t u, std::int64_t v) const {
     return out_ + 3 * (v * scene_.cols + u);
   }
-  /// Lets the scene shine through a painted pixel.
-  /// @param own  How many pixels of a square of `side` are the person's.
+  /// Blends a painted pixel with the scene.
+  /// @param own  Number of pixels of the person in a square of `side` around the pixel.
   void fade(std::int64_t u, std::int64_t v, std::int32_t own, std::int32_t side) {
     const std::int64_t first = 3 * (v * scene_.cols + u);
     std::uint8_t* pixel = out_ + first;
@@ -325,7 +329,7 @@ class ColorPainter {
       return Float4{static_cast<float>(of[0]), static_cast<float>(of[1]),
                     static_cast<float>(of[2])};
     };
-    // Sums are whole numbers below 2^23, and no quotient is rounded up to a whole number.
+    // Sums are whole numbers below 2^23, and no quotient is rounded up to the next whole number.
     const auto half = static_cast<float>(side * side / 2);
     const Float4 sum = weight * channels(pixel) + (whole - weight) * channels(behind) + half;
     const Int4 rgb = __builtin_convertvector(sum / whole, Int4);
@@ -339,7 +343,7 @@ class ColorPainter {
 
 bool is_finite(const Drawn& place) { return std::abs(place.u) + std::abs(place.v) < kInfinity; }
 
-/// The pixels of an image in which the vertices lie.
+/// The smallest box of an image that contains the vertices.
 PixelBox box_around(const std::vector<Drawn>& at, std::int64_t cols, std::int64_t rows) {
   float u0 = kInfinity, v0 = kInfinity, u1 = -kInfinity, v1 = -kInfinity;
   for (const Drawn& d : at) {
@@ -357,7 +361,7 @@ PixelBox box_around(const std::vector<Drawn>& at, std::int64_t cols, std::int64_
   return {left, top, pixel(u1 + 2.0F, cols) - left, pixel(v1 + 2.0F, rows) - top};
 }
 
-/// Place of each vertex's colour in the image of the person's frame.
+/// Position of each vertex's colour in the person's colour image.
 std::vector<Drawn> texels_of(const PersonSurface& person) {
   if (person.registration) {
     return Projector(*person.registration)(person.seen, person.num_vertices);
@@ -370,7 +374,7 @@ std::vector<Drawn> texels_of(const PersonSurface& person) {
   return texels;
 }
 
-/// 1 for each vertex that the scene does not hide in its depth image.
+/// 1 for each vertex that the scene does not hide in its depth image, else 0.
 std::vector<std::uint8_t> shown_vertices(const SceneView& scene,
                                          const std::vector<Drawn>& in_depth) {
   std::vector<std::uint8_t> shown(in_depth.size(), 1);
@@ -381,7 +385,7 @@ std::vector<std::uint8_t> shown_vertices(const SceneView& scene,
   return shown;
 }
 
-/// Which place of the person's image each pixel of a box shows.
+/// For each pixel of a box, the position in the person's image that it shows.
 struct TexelBuffer {
   explicit TexelBuffer(std::size_t size)
       : u(std::make_unique_for_overwrite<float[]>(size)),
@@ -395,8 +399,8 @@ struct TexelBuffer {
   std::unique_ptr<float[]> u, v;  ///< Set where something was drawn.
 };
 
-/// Draws the person's triangles in the scene's colour image, band by band of rows: the buffers of a
-/// band stay in the cache until it is painted.
+/// Draws the person's triangles in the scene's colour image, in bands of rows: the buffers of a
+/// band stay in the processor's cache until it is painted.
 class TexelDrawer {
  public:
   TexelDrawer(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
@@ -418,7 +422,7 @@ class TexelDrawer {
     const DrawBounds bounds(drawn_.box);
     for (const std::int32_t face : faces_[band]) draw_face(person_.faces + 3 * face, bounds);
   }
-  /// The last band that was drawn.
+  /// Depths of the last band that was drawn.
   [[nodiscard]] const DepthBuffer& drawn() const { return drawn_; }
   [[nodiscard]] const TexelBuffer& shows() const { return shows_; }
 
@@ -426,8 +430,8 @@ class TexelDrawer {
   static constexpr std::int64_t kRows = 32;
   static constexpr std::int32_t kNone = -1;
 
-  /// The band of each vertex, the nearest one to those beyond the box; none has whose triangles are
-  /// not drawn, being no place in the image or without a colour.
+  /// The band of each vertex, or the nearest one if the vertex is outside of the box. kNone if the
+  /// vertex is not in the image or has no colour: its triangles are not drawn.
   [[nodiscard]] std::vector<std::int32_t> bands_of_vertices() const {
     std::vector<std::int32_t> band(at_.size(), kNone);
     if (box_.empty()) return band;
@@ -439,7 +443,7 @@ class TexelDrawer {
     }
     return band;
   }
-  /// The triangles of each band that they reach.
+  /// The triangles that reach into each band.
   [[nodiscard]] Buckets<std::int32_t> faces_by_band() const {
     const std::vector<std::int32_t> band = bands_of_vertices();
     return {num_bands(), [&](const auto& put) {
@@ -456,13 +460,13 @@ class TexelDrawer {
   void draw_face(const std::int32_t* face, const DrawBounds& bounds) {
     const std::int32_t i = face[0], j = face[1], k = face[2];
     const int num_shown = shown_[i] + shown_[j] + shown_[k];
-    // Copies: the buffers that are written could be what references point to.
+    // Copies, because the compiler must assume that writes to the buffers change references.
     const Drawn a = at_[i], b = at_[j], c = at_[k];
     const Drawn ta = texels_[i], tb = texels_[j], tc = texels_[k];
     const auto shown_a = static_cast<float>(shown_[i]), shown_b = static_cast<float>(shown_[j]),
                shown_c = static_cast<float>(shown_[k]);
     for_each_pixel(a, b, c, bounds, [&](std::int32_t u, std::int32_t v, const FourPixels& four) {
-      // A triangle is a few pixels: depth and texture are linear within it.
+      // Triangles have a few pixels only, so that depth and texture are taken as linear within one.
       const Float4 texel_u = four.mix(ta.u, tb.u, tc.u), texel_v = four.mix(ta.v, tb.v, tc.v);
       Int4 inside = four.inside;
       if (num_shown < 3) inside &= four.mix(shown_a, shown_b, shown_c) >= 0.5F;
@@ -482,7 +486,7 @@ class TexelDrawer {
   TexelBuffer shows_;
 };
 
-/// Colours a row of the scene's image where the person is drawn.
+/// Colours the pixels of a row of the scene's image in which the person was drawn.
 void paint_row(const DepthBuffer& drawn, const TexelBuffer& shows, std::int64_t v,
                const TextureSampler& sample, ColorPainter& painter) {
   const std::int64_t end = drawn.box.u0 + drawn.box.width;
@@ -499,8 +503,8 @@ void paint_row(const DepthBuffer& drawn, const TexelBuffer& shows, std::int64_t 
   }
 }
 
-/// The scene's image with the person in a box of it. Each row is copied, painted and faded while it
-/// is in the cache.
+/// Writes the scene's image with the person in a box of it. Each row is copied, painted and faded
+/// while it is in the cache.
 void paint_faces(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
                  const std::vector<Drawn>& in_depth, const PixelBox& box, int blend,
                  ColorPainter& painter) {
@@ -529,7 +533,7 @@ void paint_faces(const PersonSurface& person, const SceneView& scene, const std:
   painter.copy_rows(bottom, scene.color.rows);
 }
 
-/// One colour for each vertex's pixel; pinholes get the mean of the neighbours that have one.
+/// Paints one pixel per vertex. Filled pinholes get the mean colour of their coloured neighbours.
 void paint_points(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
                   const std::vector<std::int64_t>& filled, const std::uint8_t* mask, int blend,
                   ColorPainter& painter) {
@@ -564,7 +568,7 @@ void paint_points(const PersonSurface& person, const SceneView& scene, const std
     painter.paint(u, v,
                   static_cast<std::uint32_t>(sum[0] / count + ((sum[1] / count) << 8) +
                                              ((sum[2] / count) << 16)));
-    image.z[pixel] = 0.0F;  // has a colour now, for those that are filled after it
+    image.z[pixel] = 0.0F;  // marks the pixel as coloured, for pinholes that are filled after it
   }
   Coverage::Shares shares(coverage, blend);
   for (std::int64_t v = 0; v < scene.rows; ++v) {

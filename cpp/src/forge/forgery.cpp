@@ -16,8 +16,8 @@ namespace {
 
 using Iterator = std::vector<std::int32_t>::const_iterator;
 
-// Calls run(from, to, shift) for the runs [from, to) of rows in [begin, end) that stay; each goes
-// to the place `shift` rows before its own.
+// Calls run(from, to, shift) for each run [from, to) of rows in [begin, end) that are kept. The
+// rows move up by `shift`.
 template <typename Run>
 void for_kept_runs(const std::vector<std::int32_t>& removed, std::int64_t begin, std::int64_t end,
                    const Run& run) {
@@ -74,7 +74,7 @@ void append_points(const PointsView& scan, const Edit& edit, std::int64_t first,
   }
 }
 
-// Leaves out the moves that end where they began: the truth tells what changed.
+// Removes the moves that change nothing, because the ground truth lists changed points only.
 void drop_idle_moves(const PointsView& scan, Edit& edit) {
   Eigen::Index kept = 0;
   for (std::size_t i = 0; i < edit.moved.size(); ++i) {

@@ -23,20 +23,21 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kWidest = 0.17;  // cos 80 degrees: beyond, the tangent plane of the rays ends
+// cos 80 degrees: largest half angle of the cone, since its tangent plane ends at 90 degrees
+constexpr double kWidest = 0.17;
 
 double azimuth_of(const Vector3d& p) { return arc_tangent(p.y(), p.x()); }
 
 struct Ray {
-  Vector3d start, direction;  // the scene's point is at start + direction
-  double squared_length;      // of the direction
-  double hit = kInfinity;     // in units of the direction
+  Vector3d start, direction;  // the scene's point is start + direction
+  double squared_length;      // squared length of `direction`
+  double hit = kInfinity;     // distance of the hit, in lengths of `direction`
 
   Ray(const Vector3d& from, const Vector3d& along)
       : start(from), direction(along), squared_length(along.squaredNorm()) {}
 };
 
-// Everything an object can hide lies in a cone around it, seen from the scanner.
+// The cone with its apex at the scanner that contains the object, and with it all that it hides.
 struct Cone {
   Vector3d origin, axis;
   double cos_half = 1.0;
@@ -62,7 +63,7 @@ struct Cone {
   }
 };
 
-// Rays in square cells of the plane across the cone's axis, where straight edges stay straight.
+// Rays in square cells of the plane across the cone's axis, in which straight edges stay straight.
 class RayGrid {
  public:
   RayGrid(const Cone& cone, const std::vector<Ray>& rays) : origin_(cone.origin) {
@@ -88,7 +89,7 @@ class RayGrid {
     for (std::size_t i = 0; i < rays.size(); ++i) rays_[place_[i]] = rays[i];
   }
 
-  /// The i-th of the rays that it was made from.
+  /// The i-th ray, in the order of the constructor's argument.
   [[nodiscard]] const Ray& ray(std::size_t i) const { return rays_[place_[i]]; }
 
   [[nodiscard]] Vector2d project(const Vector3d& p) const {
@@ -97,7 +98,7 @@ class RayGrid {
     return {v.dot(e_) / along, v.dot(f_) / along};
   }
 
-  /// Calls visit(ray) for the rays whose cells a rectangle of the plane touches.
+  /// Calls visit(ray) for the rays in cells that touch a rectangle of the plane.
   template <typename Visit>
   void visit(const Vector2d& low, const Vector2d& high, const Visit& visit_ray) {
     const std::int64_t first = index(low.y());
@@ -120,12 +121,12 @@ class RayGrid {
   Vector3d origin_, axis_, e_, f_;
   std::int64_t cells_ = 1;
   double low_ = 0.0, cell_ = 1.0;
-  std::vector<std::int64_t> start_;  // of each cell among the rays
+  std::vector<std::int64_t> start_;  // index of the first ray of each cell
   std::vector<Ray> rays_;
-  std::vector<std::int64_t> place_;  // of each ray, in the order of the caller
+  std::vector<std::int64_t> place_;  // place in `rays_` of each ray of the constructor's argument
 };
 
-// Moller & Trumbore, Journal of Graphics Tools 2(1), 1997; both sides of the triangle count.
+// Moller & Trumbore, Journal of Graphics Tools 2(1), 1997. Both sides of the triangle are hit.
 double hit_triangle(const Ray& ray, const Vector3d& a, const Vector3d& b, const Vector3d& c) {
   const Vector3d ab = b - a;
   const Vector3d ac = c - a;
@@ -142,14 +143,15 @@ double hit_triangle(const Ray& ray, const Vector3d& a, const Vector3d& b, const 
   return t > 0.0 ? t : kInfinity;
 }
 
-// A disc across the ray: what a point of a cloud stands for.
+// A disc perpendicular to the ray stands for a point of a cloud.
 double hit_disc(const Ray& ray, const Vector3d& center, double radius) {
   const double t = (center - ray.start).dot(ray.direction) / ray.squared_length;
   const double miss = (ray.start + t * ray.direction - center).squaredNorm();
   return t > 0.0 && miss <= radius * radius ? t : kInfinity;
 }
 
-// Lasers do not sit in the origin: a cell's neighbours may hold the ray that meets the object.
+// Lasers are not exactly in the origin, so that a ray that meets the object may be in a
+// neighbouring cell: the largest such displacement in the plane of RayGrid.
 double parallax(const ScanLattice& lattice, const Points& object, const Vector3d& origin) {
   double offset = 0.0;
   for (const ScanLattice::Ring& ring : lattice.rings) {
@@ -186,7 +188,9 @@ void hit_discs(const Points& object, double margin, const Cone& cone, int num_th
   const Vector3d middle = object.cast<double>().colwise().mean().transpose();
   const LargeArray<double> spacing =
       nearest_distances(PointsView({object.data(), object.rows(), 3}),
-                        {.origin = middle, .num_threads = num_threads}, progress);  // all around it
+                        // `middle` is inside the object, so that neighbours are searched in all
+                        // directions
+                        {.origin = middle, .num_threads = num_threads}, progress);
   Ticker ticker(progress, 1U << 6);
   for (Eigen::Index i = 0; i < object.rows(); ++i) {
     ticker.tick();
@@ -199,7 +203,7 @@ void hit_discs(const Points& object, double margin, const Cone& cone, int num_th
   }
 }
 
-// In float with some slack first: enough for nearly all points.
+// Points within the cone. Most are rejected in single precision with some slack.
 std::vector<std::int32_t> rows_in_cone(const PointsView& scene, const Cone& cone, int num_threads,
                                        const Progress& progress) {
   const Eigen::Vector3f origin = cone.origin.cast<float>();
@@ -216,7 +220,7 @@ std::vector<std::int32_t> rows_in_cone(const PointsView& scene, const Cone& cone
   return select_rows(scene, num_threads, seen, progress);
 }
 
-// The ring of each point that is seen; none without a lattice.
+// The ring of each point of `seen`; empty without a lattice.
 std::vector<std::int32_t> rings_of(const PointsView& scene, const std::vector<std::int32_t>& seen,
                                    const InsertionOptions& options, int num_threads,
                                    const Progress& progress) {
@@ -241,7 +245,7 @@ std::int64_t azimuth_index(const ScanLattice& lattice, std::size_t ring, const V
   return static_cast<std::int64_t>(std::nearbyint(angle / lattice.azimuth_step));
 }
 
-// The rings that pass the object, and a few on either side.
+// The rings that meet the object, and a few on either side.
 ScanLattice rings_towards(const ScanLattice& lattice, const Points& object,
                           const Vector3d& origin) {
   double lowest = kInfinity;
@@ -265,7 +269,7 @@ ScanLattice rings_towards(const ScanLattice& lattice, const Points& object,
   return towards;
 }
 
-// Azimuth steps from the cone's axis to either side of the object.
+// Number of azimuth steps from the cone's axis to the farther side of the object.
 std::int64_t half_width(const ScanLattice& lattice, const Cone& cone, const Points& object) {
   double widest = 0.0;
   for (Eigen::Index i = 0; i < object.rows(); ++i) {
@@ -276,7 +280,7 @@ std::int64_t half_width(const ScanLattice& lattice, const Cone& cone, const Poin
   return static_cast<std::int64_t>(widest / lattice.azimuth_step) + 2;
 }
 
-// Rays of the lattice towards the object that brought no point home, as far as `reach`.
+// Rays of the lattice towards the object that have no point in the scene. Their length is `reach`.
 std::vector<Ray> empty_rays(const PointsView& scene, const std::vector<std::int32_t>& seen,
                             const std::vector<std::int32_t>& rings, const Cone& cone,
                             const Points& object, double reach, const InsertionOptions& options,
@@ -331,8 +335,8 @@ Points to_points(const std::vector<Vector3d>& from) {
   return to;
 }
 
-// The points of the scene that the object hides move onto it; it is added where there were none.
-// The first rays belong to the points `seen`.
+// Moves the scene's points that the object hides onto it, and adds points for rays without a
+// return. The first rays are those of the points `seen`.
 Edit edit_of_hits(const RayGrid& grid, std::size_t num_rays, const std::vector<std::int32_t>& seen,
                   const InsertionOptions& options) {
   Edit edit;

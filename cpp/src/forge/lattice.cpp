@@ -15,7 +15,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Turned about the vertical to the nearest azimuth that is measured.
+// The point, rotated about the vertical to the nearest azimuth step.
 Vector3d to_azimuth_step(const Vector3d& p, const ScanLattice& lattice) {
   const double phase = lattice.rings.front().azimuth;
   const double azimuth = arc_tangent(p.y(), p.x());
@@ -24,7 +24,8 @@ Vector3d to_azimuth_step(const Vector3d& p, const ScanLattice& lattice) {
   return rotation_about_z(measured - azimuth) * p;
 }
 
-// The nearest crossing of the ray through p with a ring's line: t z = slope t rho + offset.
+// The nearest crossing of the ray through p with a ring's line: t z = slope t rho + offset. p
+// itself if there is none within `max_move`.
 Vector3d along_ray(const Vector3d& p, const ScanLattice& lattice, double max_move) {
   const double rho = rho_of(p);
   double best = 1.0 + max_move / std::max(p.norm(), 1e-9);
@@ -42,7 +43,8 @@ Vector3d along_ray(const Vector3d& p, const ScanLattice& lattice, double max_mov
 Vector3d snapped(Vector3d p, const ScanLattice& lattice, const SnapOptions& options) {
   if (options.azimuth && lattice.azimuth_step > 0.0) p = to_azimuth_step(p, lattice);
   if (options.along == Snapping::kRay) p = along_ray(p, lattice, options.max_move);
-  // Where the ray meets no line nearby, and for the last bits of rounding: in height.
+  // The height is set in any case: the ray may have met no line nearby, and it leaves rounding
+  // errors.
   const double rho = rho_of(p);
   const ScanLattice::Ring& ring = lattice.rings[nearest_ring(lattice, rho, p.z())];
   p.z() = ring.slope * rho + ring.offset;

@@ -18,9 +18,9 @@ using Eigen::Vector3d;
 using Order = std::vector<std::int32_t>;  // rows
 
 constexpr std::int64_t kMostPoints = std::int64_t{1} << 24;
-constexpr double kTolerance = 0.03;  // of the spacing reached
+constexpr double kTolerance = 0.03;  // accepted relative error of the spacing
 constexpr int kCorrections = 4;
-constexpr double kCandidatesPerDisk = 5.0;  // a Poisson disk sampling is nearly full with these
+constexpr double kCandidatesPerDisk = 5.0;  // enough for a nearly full Poisson disk sampling
 constexpr std::size_t kSurfaceNeighbours = 6;
 
 Order first_of(const Order& order, double share) {
@@ -31,8 +31,8 @@ Order first_of(const Order& order, double share) {
   return rows;
 }
 
-// Changes a sampling's `length` until the mean spacing is the wanted one. `sample(length)` gives
-// rows whose `spacing_of(rows)` is about proportional to it.
+// Changes the `length` of a sampling until the mean spacing is the wanted one. `sample(length)`
+// returns rows; their `spacing_of(rows)` is about proportional to `length`.
 template <typename Sample, typename Spacing>
 Order with_spacing(double spacing, double length, const Sample& sample, const Spacing& spacing_of) {
   Order rows = sample(length);
@@ -45,12 +45,12 @@ Order with_spacing(double spacing, double length, const Sample& sample, const Sp
   return rows;
 }
 
-// What a Poisson disk sampling's mean spacing is of its radius, as measured on random points of
-// spheres and squares: the fewer candidates there are, the looser. A first guess, which
-// `with_spacing` corrects; a good one spares a second sampling.
+// Ratio of the mean spacing of a Poisson disk sampling to its radius, measured on random points of
+// spheres and squares; fewer candidates give a looser sampling. It is a first guess, which
+// `with_spacing` corrects; a good one saves a second sampling.
 double spacing_over_radius(double gamma, bool on_faces) {
   if (gamma < 1.0) return 1.04 + 0.42 * gamma;
-  return on_faces ? 1.13 : 1.25;  // points leave the gaps of a cloud that they are made from
+  return on_faces ? 1.13 : 1.25;  // interpolated points leave the gaps of their cloud open
 }
 
 void check_count(double count) {
@@ -73,14 +73,14 @@ Vector3d on_triangle(const Vector3d& a, const Vector3d& b, const Vector3d& c, st
                      std::uint64_t counter) {
   double u = uniform(seed, 2 * counter);
   double v = uniform(seed, 2 * counter + 1);
-  if (u + v > 1.0) {  // the other half of the parallelogram
+  if (u + v > 1.0) {  // reflect from the other half of the parallelogram
     u = 1.0 - u;
     v = 1.0 - v;
   }
   return a + u * (b - a) + v * (c - a);
 }
 
-// Random points of the faces, `density` per unit of area.
+// Random points on the faces, `density` per unit of area.
 Points surface_candidates(const PointsView& view, const Eigen::Ref<const Faces>& faces,
                           double density, std::uint64_t seed, const Progress& progress) {
   Ticker ticker(progress);
@@ -109,7 +109,7 @@ Points surface_candidates(const PointsView& view, const Eigen::Ref<const Faces>&
   return samples.topRows(row);
 }
 
-// Random points of the triangles between each point and pairs of its neighbours.
+// Random points on triangles of each point and two of its neighbours.
 Points cloud_candidates(const PointsView& view, double per_point, const ResampleOptions& options,
                         const Progress& progress) {
   const auto share = static_cast<Eigen::Index>(std::ceil(per_point));

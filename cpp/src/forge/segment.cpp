@@ -19,7 +19,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kCell = 1.0;  // metres, of the ground
+constexpr double kCell = 1.0;  // metres: side of a ground cell
 constexpr float kNothing = std::numeric_limits<float>::infinity();
 
 void check_options(const SegmentOptions& options) {
@@ -40,7 +40,7 @@ void check_options(const SegmentOptions& options) {
   if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");
 }
 
-// Heights over square cells around the scanner.
+// Ground heights of square cells around the scanner.
 class GroundGrid {
  public:
   GroundGrid(const PointsView& scene, const SegmentOptions& options, Ticker& ticker)
@@ -57,7 +57,7 @@ class GroundGrid {
     lower_to_slope(static_cast<float>(options.ground_slope * kCell), ticker);
   }
 
-  /// -1 beyond the range.
+  /// The cell of a point; -1: beyond the range.
   [[nodiscard]] std::int64_t cell_of(const Vector3d& p) const {
     const double x = std::floor((p.x() - origin_.x()) / kCell + 0.5);
     const double y = std::floor((p.y() - origin_.y()) / kCell + 0.5);
@@ -86,7 +86,8 @@ class GroundGrid {
     height_ = std::move(medians);
   }
 
-  // Two passes of a distance transform: no cell stands higher than its neighbours plus the rise.
+  // Limits the height of each cell to that of its neighbours plus the rise: a distance transform in
+  // two passes.
   void lower_to_slope(float rise, Ticker& ticker) {
     const auto lower = [&](std::int64_t i, std::int64_t j, std::int64_t di, std::int64_t dj) {
       if (i + di < 0 || i + di >= side_ || j + dj < 0 || j + dj >= side_) return;
@@ -121,8 +122,8 @@ struct Voxel {
 
 constexpr std::uint64_t kAxisBits = 21;
 
-// Cubes' numbers, packed so that a neighbour's key is a sum away. Coordinates are bounded by the
-// range of the ground and, in height, by what 21 bits hold.
+// The cube of a point as one number, in which the offset to a neighbour is a constant sum.
+// Horizontally, coordinates are bounded by the range of the ground, vertically by 21 bits.
 std::uint64_t voxel_key(const Vector3d& p, double size) {
   std::uint64_t key = 0;
   for (int axis = 0; axis < 3; ++axis) {
@@ -133,7 +134,7 @@ std::uint64_t voxel_key(const Vector3d& p, double size) {
   return key;
 }
 
-std::vector<std::int64_t> neighbour_offsets() {  // the 13 that come before
+std::vector<std::int64_t> neighbour_offsets() {  // the 13 of 26 neighbours with smaller keys
   std::vector<std::int64_t> offsets;
   for (std::int64_t k = 0; k < 13; ++k) {
     const std::int64_t dx = k / 9 - 1;
@@ -144,7 +145,7 @@ std::vector<std::int64_t> neighbour_offsets() {  // the 13 that come before
   return offsets;
 }
 
-// Clusters of voxels that touch, directly or not.
+// Sets of voxels that touch, directly or through others.
 UnionFind connect(const std::vector<std::uint64_t>& keys, Ticker& ticker) {
   UnionFind clusters(std::ssize(keys));
   const std::vector<std::int64_t> offsets = neighbour_offsets();
@@ -160,11 +161,11 @@ UnionFind connect(const std::vector<std::uint64_t>& keys, Ticker& ticker) {
   return clusters;
 }
 
-// Rows of each cluster, ascending; clusters by their first row.
+// Rows of each cluster, ascending; clusters in the order of their first rows.
 std::vector<std::vector<std::int32_t>> clusters_of(const std::vector<Voxel>& voxels,
                                                    Ticker& ticker) {
   std::vector<std::uint64_t> keys;
-  std::vector<std::int32_t> number;  // of each voxel's key
+  std::vector<std::int32_t> number;  // number of each voxel's key
   for (const Voxel& voxel : voxels) {
     if (keys.empty() || keys.back() != voxel.key) keys.push_back(voxel.key);
     number.push_back(static_cast<std::int32_t>(keys.size()) - 1);

@@ -9,11 +9,12 @@
 
 namespace manip3d {
 
-/// Colours between the pixels of an image; places beyond the image are its edge's.
+/// Bilinear interpolation of an image's colours. Places outside the image get the colour at its
+/// edge.
 class TextureSampler {
  public:
-  /// The pixels around a place: the upper left one, and what the right and the lower ones count in
-  /// 1/256.
+  /// A place in the image: the pixel above and left of it, and the weights of the right and the
+  /// lower pixels in units of 1/256.
   struct Place {
     std::int32_t u, v, right, below;
   };
@@ -42,7 +43,7 @@ class TextureSampler {
     return {u0, v0, right, below};
   }
 
-  /// R + 2^8 G + 2^16 B.
+  /// The colour R + 2^8 G + 2^16 B at a place.
   [[nodiscard]] std::uint32_t packed(const Place& place) const {
     const std::int64_t at = place.v * stride_ + 3 * place.u;
     return blend(pair(at), pair(at + below_), place.right, place.below);
@@ -50,10 +51,10 @@ class TextureSampler {
   [[nodiscard]] std::uint32_t packed(float u, float v) const {
     return packed(places(all_of(u), all_of(v))[0]);
   }
-  /// Fetches what lies a few rows below a place: whoever paints row by row reads it soon, and no
-  /// processor foresees that.
+  /// Prefetches the pixels a few rows below a place: row by row painting reads them soon, and
+  /// hardware prefetchers do not predict it.
   void fetch_below(const Place& place) const {
-    constexpr std::int32_t kAhead = 3;  // rows: the time to paint them is that of a cache miss
+    constexpr std::int32_t kAhead = 3;  // rows: painting them takes about as long as a cache miss
     const std::int64_t v = std::min<std::int64_t>(place.v + kAhead, last_row_);
     __builtin_prefetch(pixels_ + v * stride_ + 3 * place.u);
   }
@@ -62,7 +63,8 @@ class TextureSampler {
   struct Along {
     Int4 pixel, next;
   };
-  /// The last pixel is the next one of the last pair.
+  /// The pixel and weight along one axis. The last pixel belongs to the last pair, with a weight of
+  /// 1.
   static Along along(Float4 at, float last, float most) {
     at = at > 0.0F ? at : all_of(0.0F);
     at = at < last ? at : all_of(last);
@@ -74,7 +76,8 @@ class TextureSampler {
   /// The six bytes of a pixel and the one to its right.
   [[nodiscard]] std::uint64_t pair(std::int64_t at) const {
     std::uint64_t bytes = 0;
-    if (at >= first_with_two_before_) {  // with two bytes before: after the last pixel are none
+    // reads two bytes before the pixel, because there may be none after the last one
+    if (at >= first_with_two_before_) {
       std::memcpy(&bytes, pixels_ + at - 2, sizeof bytes);
       return bytes >> 16;
     }
@@ -84,13 +87,13 @@ class TextureSampler {
     return bytes;
   }
 
-  /// Sums are whole numbers, rounded once.
+  /// Mixes the upper and the lower pair. All sums are whole numbers, which are rounded once.
   static std::uint32_t blend(std::uint64_t above, std::uint64_t under, std::int32_t right,
                              std::int32_t below) {
 #if defined(__SSE2__)
     const __m128i weights = _mm_set1_epi32(256 - right + (right << 16));
     const __m128i a = across(above, weights), b = across(under, weights);
-    // Both are at most 256 x 255: less 2^15, they fit into signed 16 bits.
+    // Both are at most 256 x 255: minus 2^15 they fit into signed 16 bits.
     const __m128i both = _mm_xor_si128(_mm_or_si128(a, _mm_slli_epi32(b, 16)),
                                        _mm_set1_epi32(static_cast<int>(0x80008000U)));
     const __m128i sum = _mm_madd_epi16(both, _mm_set1_epi32(256 - below + (below << 16)));
@@ -101,8 +104,7 @@ class TextureSampler {
            0xffffffU;
   }
 
-  /// Weighted sums of R, G and B: (256 - right) times the first pixel's and right times the
-  /// second's.
+  /// Weighted sums of R, G and B: (256 - right) times the first pixel and right times the second.
   static __m128i across(std::uint64_t two, __m128i weights) {
     const __m128i first = _mm_cvtsi64_si128(static_cast<long long>(two));
     const __m128i bytes = _mm_unpacklo_epi8(first, _mm_srli_epi64(first, 24));

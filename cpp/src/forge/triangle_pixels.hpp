@@ -10,14 +10,14 @@
 
 namespace manip3d {
 
-/// A vertex in an image: pixel coordinates and depth; NaN if it is behind the camera.
+/// A projected vertex: pixel coordinates and depth; NaN if it is behind the camera.
 struct Drawn {
   float u = std::numeric_limits<float>::quiet_NaN();
   float v = std::numeric_limits<float>::quiet_NaN();
   float z = std::numeric_limits<float>::quiet_NaN();
 };
 
-/// The first and last columns and rows of a box.
+/// First and last columns and rows of a box.
 struct DrawBounds {
   float left, right, top, bottom;
   explicit DrawBounds(const PixelBox& box)
@@ -27,7 +27,8 @@ struct DrawBounds {
         bottom(static_cast<float>(box.v0 + box.height - 1)) {}
 };
 
-/// Barycentric coordinates of four pixel centres of a row, and which of them are in the triangle.
+/// Barycentric coordinates of four adjacent pixel centres of a row, and which of them are in the
+/// triangle.
 struct FourPixels {
   Int4 inside;
   Float4 a, b, c;
@@ -36,9 +37,9 @@ struct FourPixels {
   }
 };
 
-/// Calls `use(u, v, four)` for the pixels (u to u + 3, v) until all pixel centres of a box that lie
-/// in a triangle, its edges included, were among the four. Triangles of a few pixels are what it is
-/// made for: a row of one is rarely longer than four.
+/// Calls `use(u, v, four)` with groups of four pixels (u to u + 3, v) until all pixel centres of
+/// the box that lie in the triangle or on its edges were in a group. It is fastest for triangles of
+/// a few pixels: their rows are rarely longer than four.
 template <typename Use>
 void for_each_pixel(const Drawn& a, const Drawn& b, const Drawn& c, const DrawBounds& box,
                     const Use& use) {
@@ -47,7 +48,7 @@ void for_each_pixel(const Drawn& a, const Drawn& b, const Drawn& c, const DrawBo
   if (!(most_u >= box.left && least_u <= box.right && most_v >= box.top && least_v <= box.bottom)) {
     return;
   }
-  const auto first = [](float least, float from) {  // std::ceil is a call where SSE 4.1 is not
+  const auto first = [](float least, float from) {  // std::ceil is a function call without SSE 4.1
     const float at = std::max(least, from);
     const auto whole = static_cast<std::int32_t>(at);
     return whole + (static_cast<float>(whole) < at ? 1 : 0);
@@ -58,13 +59,14 @@ void for_each_pixel(const Drawn& a, const Drawn& b, const Drawn& c, const DrawBo
   if (u0 > u1 || v0 > v1) return;
   const float bu = b.u - a.u, bv = b.v - a.v, cu = c.u - a.u, cv = c.v - a.v;
   const float area = bu * cv - bv * cu;
-  // Fails on NaN: a corner is behind the camera.
+  // This also fails on NaN, which means that a corner is behind the camera.
   if (area == 0.0F || !(std::abs(area) < std::numeric_limits<float>::infinity())) return;
   // Barycentric coordinates are linear in the image.
   const float scale = 1.0F / area;
   const float b_du = cv * scale, b_dv = -cu * scale;
   const float c_du = -bv * scale, c_dv = bu * scale;
-  constexpr float kEdge = -1e-4F;  // neighbours share their edge whatever rounding says
+  // pixels on a common edge belong to both triangles, whatever the rounding
+  constexpr float kEdge = -1e-4F;
   for (std::int32_t u = u0; u <= u1; u += 4) {
     const auto from = static_cast<float>(u);
     const Float4 pu = (from + Float4{0.0F, 1.0F, 2.0F, 3.0F}) - a.u;
