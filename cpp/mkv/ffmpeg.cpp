@@ -17,10 +17,10 @@ namespace manip3d {
 namespace {
 
 constexpr int kBufferBytes = 1 << 16;
-constexpr int kMaxStreams = 64;     // recordings have five
-constexpr int kMaxRowPadding = 64;  // of FFmpeg's frames
+constexpr int kMaxStreams = 64;     // recordings have five streams
+constexpr int kMaxRowPadding = 64;  // bytes of padding in the rows of FFmpeg's frames
 constexpr AVRational kMicroseconds = {1, 1'000'000};
-constexpr AVRational kMilliseconds = {1, 1'000};  // the unit of times in the file
+constexpr AVRational kMilliseconds = {1, 1'000};  // unit of times in the file
 
 struct Freed {
   void operator()(AVPacket* packet) const { av_packet_free(&packet); }
@@ -35,7 +35,7 @@ using FramePtr = std::unique_ptr<AVFrame, Freed>;
 using CodecPtr = std::unique_ptr<AVCodecContext, Freed>;
 using FormatPtr = std::unique_ptr<AVFormatContext, Freed>;
 
-/// Copies a codec's header into AVCodecContext or AVCodecParameters.
+/// Copies a codec's header into an AVCodecContext or AVCodecParameters.
 template <typename Stream>
 int copy(MkvBytes header, Stream& stream) {
   if (header.size == 0) return 0;
@@ -54,7 +54,7 @@ AVPixelFormat pixel_format(MkvPixels pixels) {
   return pixels == MkvPixels::kGray16 ? AV_PIX_FMT_GRAY16LE : AV_PIX_FMT_BGR0;
 }
 
-/// Rows of an image, which has no padding, or of a frame.
+/// Rows of an image, which has no padding, or of an FFmpeg frame.
 template <typename Byte>
 struct Rows {
   Byte* first;
@@ -68,7 +68,8 @@ void copy_rows(Rows<const std::uint8_t> from, Rows<std::uint8_t> to, int width, 
       std::memcpy(to.first, from.first, static_cast<std::size_t>(width * to.pixel_bytes));
       continue;
     }
-    const std::uint8_t* rgb = from.first;  // to or from B, G, R, 0
+    // converts between R, G, B and B, G, R, 0 in either direction
+    const std::uint8_t* rgb = from.first;
     std::uint8_t* bgr = to.first;
     for (int u = 0; u < width; ++u, rgb += from.pixel_bytes, bgr += to.pixel_bytes) {
       bgr[0] = rgb[2];
@@ -78,7 +79,7 @@ void copy_rows(Rows<const std::uint8_t> from, Rows<std::uint8_t> to, int width, 
   }
 }
 
-/// A codec of images and what goes in and out of it.
+/// A codec of images with its frame and packet.
 struct Images {
   MkvPixels pixels;
   CodecPtr codec;
@@ -88,7 +89,8 @@ struct Images {
   Images(const AVCodec* ffv1, MkvPixels pixels_, int width, int height)
       : pixels(pixels_), codec(avcodec_alloc_context3(ffv1)) {
     if (!codec) return;
-    codec->log_level_offset = AV_LOG_MAX_OFFSET;  // quiet: the caller gets the code
+    // no log output, since the caller gets the error code
+    codec->log_level_offset = AV_LOG_MAX_OFFSET;
     codec->pix_fmt = pixel_format(pixels);
     codec->width = width;
     codec->height = height;
@@ -112,7 +114,7 @@ using ImagesPtr = std::unique_ptr<Images>;
 int open_encoder(Images& images) {
   AVCodecContext& codec = *images.codec;
   codec.time_base = kMilliseconds;
-  codec.gop_size = 1;  // damage to one image stays there
+  codec.gop_size = 1;  // so that damage is limited to one image
   codec.level = 3;
   int code = av_opt_set_int(&codec, "slicecrc", 1, AV_OPT_SEARCH_CHILDREN);
   if (code >= 0) code = av_opt_set_int(&codec, "coder", 1, AV_OPT_SEARCH_CHILDREN);
@@ -125,7 +127,7 @@ int open_encoder(Images& images) {
 
 // --- the file -----------------------------------------------------------------------------------
 
-/// The caller's file as FFmpeg's callbacks know it.
+/// The caller's file for FFmpeg's callbacks.
 struct Io {
   MkvFile file;
   std::int64_t position = 0;
@@ -231,12 +233,12 @@ int open_writer(const MkvFile* file, MkvWriter** writer) {
   if (code < 0) return code;
   made->format.reset(format);
   format->pb = made->io.context;
-  format->flags |= AVFMT_FLAG_BITEXACT;  // no random numbers, no date
+  format->flags |= AVFMT_FLAG_BITEXACT;  // no random numbers and no date in the file
   *writer = made.release();
   return 0;
 }
 
-/// The encoder of a track, and its header for the track.
+/// Opens the encoder of a track and stores its header in `parameters`.
 int add_images(const MkvTrack& track, ImagesPtr& images, AVCodecParameters& parameters) {
   const AVCodec* ffv1 = avcodec_find_encoder(AV_CODEC_ID_FFV1);
   images.reset(new (std::nothrow) Images(ffv1, track.pixels, track.width, track.height));
@@ -295,14 +297,15 @@ int start(MkvWriter* writer) {
 }
 
 int write(MkvWriter* writer, const MkvPacket* from) {
-  // Borrowed for this call: FFmpeg does not change packets that hold no reference.
+  // The data are borrowed for this call: FFmpeg does not change packets without a reference.
   AVPacket& packet = *writer->packet;
   packet.data = const_cast<std::uint8_t*>(from->bytes.data);
   packet.size = static_cast<int>(from->bytes.size);
   packet.stream_index = from->track;
   packet.flags = AV_PKT_FLAG_KEY;
   packet.pts = packet.dts = from->time_us / 1000;
-  packet.duration = 1;  // so that even a single image lasts (duration_us)
+  // milliseconds; not 0, so that the file has a duration even with a single image
+  packet.duration = 1;
   return av_write_frame(writer->format.get(), &packet);
 }
 
@@ -314,12 +317,12 @@ int finish(MkvWriter* writer) {
 
 // --- reading ------------------------------------------------------------------------------------
 
-/// The class of demuxers, but that the log takes off the level what stands in a field that they do
-/// not use: what FFmpeg says about a file is thrown or counted by the caller, and not printed.
+/// The class of demuxers with logging off: log_level_offset_offset refers to a field that demuxers
+/// do not use. Errors in a file are thrown or counted by the caller, and not printed.
 const AVClass* quiet_class() {
   struct Class {
     AVClass fields;
-    char of_later_versions[256];  // 0: absent
+    char of_later_versions[256];  // fields of later FFmpeg versions; 0: absent
   };
   static const Class quiet = [] {
     Class copy{*avformat_get_class(), {}};
@@ -342,7 +345,7 @@ int open_reader(const MkvFile* file, MkvReader** reader) {
   format->flags |= AVFMT_FLAG_NOFILLIN | AVFMT_FLAG_NOPARSE;
   format->max_streams = kMaxStreams;
   code = avformat_open_input(&format, "", av_find_input_format("matroska"), nullptr);
-  if (code < 0) return code;  // then the context is freed
+  if (code < 0) return code;  // the context was freed by the failed call
   made->format.reset(format);
   *reader = made.release();
   return 0;
@@ -398,7 +401,7 @@ int next(MkvReader* reader, MkvPacket* to) {
   av_packet_unref(&packet);
   const int code = av_read_frame(reader->format.get(), &packet);
   if (code < 0) return code;
-  // The one time of a block; tracks of Video for Windows' codecs have it under the other name.
+  // A block has one time. Tracks with codecs of Video for Windows store it as dts.
   const std::int64_t time = packet.pts == AV_NOPTS_VALUE ? packet.dts : packet.pts;
   const AVRational unit = reader->format->streams[packet.stream_index]->time_base;
   *to = {packet.stream_index,
@@ -411,7 +414,7 @@ int seek(MkvReader* reader, int track, int entry) {
   constexpr std::int64_t kEnd = std::numeric_limits<std::int64_t>::max();
   AVFormatContext* format = reader->format.get();
   AVStream* stream = format->streams[track];
-  // FFmpeg reads the index with the first seek, and the place of a packet is known from then on.
+  // The first seek reads the index; positions of packets are known afterwards.
   int code = av_seek_frame(format, track, kEnd, AVSEEK_FLAG_BACKWARD);
   const int entries = avformat_index_get_entries_count(stream);
   if (code < 0 || entry >= entries - 1) return code < 0 ? code : entries;
@@ -437,7 +440,7 @@ int open_decoder(MkvReader* reader, int track, MkvPixels pixels) {
 int decode(MkvReader* reader, int track, MkvBytes bytes, void* image) {
   const AVCodecParameters& stream = *reader->format->streams[track]->codecpar;
   Images& images = *reader->images[track];
-  // Borrowed for this call: FFmpeg copies packets that hold no reference.
+  // The data are borrowed for this call: FFmpeg copies packets without a reference.
   AVPacket& packet = *images.packet;
   packet.data = const_cast<std::uint8_t*>(bytes.data);
   packet.size = static_cast<int>(bytes.size);

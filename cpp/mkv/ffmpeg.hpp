@@ -4,7 +4,7 @@
 
 namespace manip3d {
 
-/// Codec and muxer of recordings by FFmpeg (libavformat, libavcodec, libavutil), 5.1 or later.
+/// Codec and muxer of recordings with FFmpeg (libavformat, libavcodec, libavutil), 5.1 or later.
 const MkvCodec& ffmpeg_mkv_codec();
 
 }  // namespace manip3d

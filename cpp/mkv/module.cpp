@@ -2,8 +2,8 @@
 
 #include "ffmpeg.hpp"
 
-// The extension module manip3d._mkv. Its only content is the table for _core, so that a machine
-// without FFmpeg's libraries misses recordings in Matroska and nothing else.
+// The extension module manip3d._mkv. It contains only the function table for _core, so that a
+// machine without FFmpeg's libraries lacks Matroska recordings and nothing else.
 namespace {
 
 PyModuleDef definition = {PyModuleDef_HEAD_INIT,

@@ -10,13 +10,14 @@
 namespace manip3d {
 namespace {
 
-constexpr double kUsualRadius = 1.7;  // of the SDK, where the calibration says 0
+constexpr double kUsualRadius = 1.7;  // the SDK's default, which applies if the calibration has 0
 
-/// x, y in units of the focal length, before and behind the lens: OpenCV's rational model.
+/// The lens: maps rays to distorted rays, both in units of the focal length, by OpenCV's rational
+/// model.
 struct Lens {
   std::array<double, 6> k{};
   double p1 = 0.0, p2 = 0.0;
-  double max_radius = 0.0;  ///< Largest of a ray: beyond it the model does not hold.
+  double max_radius = 0.0;  ///< Largest length of a ray: beyond it the model does not hold.
 
   [[nodiscard]] Eigen::Vector2d distort(const Eigen::Vector2d& ray, Eigen::Matrix2d& slope) const {
     const double x = ray.x(), y = ray.y(), r2 = ray.squaredNorm();
@@ -25,7 +26,7 @@ struct Lens {
     const double radial = over / under;
     const double d_over = k[0] + r2 * (2.0 * k[1] + r2 * 3.0 * k[2]);
     const double d_under = k[3] + r2 * (2.0 * k[4] + r2 * 3.0 * k[5]);
-    const double d_radial = (d_over - radial * d_under) / under;  // by r2
+    const double d_radial = (d_over - radial * d_under) / under;  // derivative by r2
     slope = radial * Eigen::Matrix2d::Identity() + 2.0 * d_radial * ray * ray.transpose();
     slope(0, 0) += 2.0 * p1 * y + 6.0 * p2 * x;
     slope(0, 1) += 2.0 * p1 * x + 2.0 * p2 * y;
@@ -35,7 +36,8 @@ struct Lens {
                                           2.0 * p2 * x * y + p1 * (r2 + 2.0 * y * y));
   }
 
-  /// The inverse of distort() by Newton's method; none where it does not settle or hold.
+  /// The inverse of distort() by Newton's method; none if it does not converge or the model does
+  /// not hold.
   [[nodiscard]] std::optional<Eigen::Vector2d> undistort(const Eigen::Vector2d& distorted) const {
     constexpr int kMaxSteps = 20;
     constexpr double kSettled = 1e-10;
@@ -52,7 +54,7 @@ struct Lens {
   }
 };
 
-/// A camera as stored: in units of the width and height of its whole sensor.
+/// A camera as stored: in units of the width and height of the whole sensor.
 struct StoredCamera {
   double cx = 0.0, cy = 0.0, fx = 0.0, fy = 0.0;
   Lens lens;
@@ -91,7 +93,7 @@ StoredCamera read_camera(const JsonPlace& cameras, const std::string& location) 
   cameras.fail("expected a camera " + location);
 }
 
-/// The stored camera's image is scaled to `width` x `height`, then `left` and `top` are cut off.
+/// Scales the stored camera's image to `width` x `height`, then crops `left` and `top` pixels.
 Intrinsics crop(const StoredCamera& stored, double width, double height, double left, double top,
                 ImageSize size) {
   Intrinsics camera;
@@ -99,7 +101,7 @@ Intrinsics crop(const StoredCamera& stored, double width, double height, double 
   camera.height = size.rows;
   camera.fx = stored.fx * width;
   camera.fy = stored.fy * height;
-  camera.cx = stored.cx * width - left - 0.5;  // pixel centres are integers here
+  camera.cx = stored.cx * width - left - 0.5;  // because our pixel centres are integers
   camera.cy = stored.cy * height - top - 0.5;
   return camera;
 }
@@ -122,7 +124,7 @@ Intrinsics depth_camera(const StoredCamera& stored, ImageSize size, const JsonPl
              " pixels: not a mode of the Azure Kinect");
 }
 
-/// Every colour mode shows the sensor's whole width; its sides are as 4 to 3.
+/// All colour modes show the sensor's whole width; the sensor's aspect ratio is 4 : 3.
 Intrinsics color_camera(const StoredCamera& stored, ImageSize size) {
   const auto width = static_cast<double>(size.cols), height = width * 3.0 / 4.0;
   return crop(stored, width, height, 0.0, (height - static_cast<double>(size.rows)) / 2.0, size);
@@ -136,7 +138,7 @@ Eigen::Vector2d normalized(const Intrinsics& camera, double u, double v) {
   throw InputError(camera + ": the model of its lens holds for less than half of the image");
 }
 
-/// @throws InputError  the lens' model does not hold over half of the image or more.
+/// @throws InputError  the lens model does not hold for half of the image or more.
 std::vector<float> ray_table(const Intrinsics& camera, const Lens& lens) {
   std::vector<float> rays;
   rays.reserve(2 * camera.width * camera.height);
@@ -154,8 +156,8 @@ std::vector<float> ray_table(const Intrinsics& camera, const Lens& lens) {
   return rays;
 }
 
-/// Brown's k1, k2, p1, p2, k3 nearest to the lens over a lattice of the image's pixels.
-/// @throws InputError  the lens' model does not hold over half of the image or more.
+/// Fits Brown's k1, k2, p1, p2, k3 to the lens at a grid of the image's pixels.
+/// @throws InputError  the lens model does not hold for half of the image or more.
 std::array<double, 5> brown_fit(const Intrinsics& camera, const Lens& lens) {
   constexpr int kAcross = 32, kDown = 24;
   std::vector<Eigen::Matrix<double, 1, 5>> rows;
@@ -172,7 +174,7 @@ std::array<double, 5> brown_fit(const Intrinsics& camera, const Lens& lens) {
     rest.push_back(seen.x() - x);
     rest.push_back(seen.y() - y);
   }
-  if (rest.size() < std::size_t{kAcross * kDown}) refuse_lens("colour");  // two rows a pixel
+  if (rest.size() < std::size_t{kAcross * kDown}) refuse_lens("colour");  // two rows per pixel
   std::array<double, 5> k{};
   Eigen::Matrix<double, Eigen::Dynamic, 5> a(static_cast<Eigen::Index>(rows.size()), 5);
   for (std::size_t i = 0; i < rows.size(); ++i) a.row(static_cast<Eigen::Index>(i)) = rows[i];

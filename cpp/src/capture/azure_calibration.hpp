@@ -9,15 +9,15 @@
 
 namespace manip3d {
 
-/// The calibration of an Azure Kinect as its recordings have it ("CalibrationInformation"), for
+/// Converts the calibration of an Azure Kinect in its recordings ("CalibrationInformation") for
 /// images of these sizes.
 ///
-/// The lens of its depth camera becomes a ray table, NaN where the calibration does not hold. Of
-/// the colour camera's lens (six radial coefficients, three below a fraction line) Brown's five are
-/// the nearest over the image in the sense of least squares: off by 0.6 of 1280 x 720 pixels in the
-/// corners of a real one. Source: Azure-Kinect-Sensor-SDK,
+/// The lens of the depth camera becomes a ray table, with NaN where the calibration does not hold.
+/// The lens of the colour camera (six radial coefficients, three of them in a denominator) is
+/// approximated by Brown's five coefficients with least squares over the image: the error is 0.6
+/// pixels in the corners of a real 1280 x 720 image. Source: Azure-Kinect-Sensor-SDK,
 /// transformation/mode_specific_calibration.c and intrinsic_transformation.c.
-/// @throws FormatError  at its place.
+/// @throws FormatError  with the place in the file.
 std::shared_ptr<RgbdCalibration> azure_calibration(const JsonPlace& place, ImageSize depth,
                                                    const std::optional<ImageSize>& color);
 

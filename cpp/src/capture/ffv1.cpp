@@ -5,8 +5,8 @@
 namespace manip3d {
 namespace {
 
-/// How many slices a packet has if each ends with so many bytes, of which the first three are its
-/// length (RFC 9043, section 4.9).
+/// Counts the slices of a packet if each ends with a footer of `footer` bytes, whose first three
+/// are the length of the slice (RFC 9043, section 4.9).
 int count_slices(std::span<const std::byte> packet, std::size_t footer) {
   int count = 0;
   while (packet.size() > footer && count <= kMaxFfv1Slices) {
@@ -33,8 +33,8 @@ int ffv1_version(std::span<const std::byte> header) {
   const auto byte = [&] {
     return next < header.size() ? std::to_integer<unsigned>(header[next++]) : 0U;
   };
-  // RFC 9043, section 3.8.1. Each bit of the first number has a state of its own, which is still
-  // at its first value: one half.
+  // RFC 9043, section 3.8.1. Each bit of the first number has its own state, which still has its
+  // initial value of one half.
   unsigned low = byte() << 8;
   low |= byte();
   unsigned range = 0xff00;

@@ -10,7 +10,7 @@
 #include "parse/json_text.hpp"
 #include "parse/line_cursor.hpp"
 
-// Parsers of the texts in which folders describe their frames.
+// Parsers of the text files that describe the frames of a folder.
 namespace manip3d {
 namespace {
 
@@ -18,7 +18,7 @@ constexpr std::int64_t kLeast = std::numeric_limits<std::int64_t>::min();
 constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
 constexpr std::int64_t kMaxLineValues = 100'000;  // 64 skeletons have 13 000
 
-/// The value of a text that is one line of a file, or all of it (line 0).
+/// Parses one line of a file, or all of it, as JSON of limited size.
 JsonPlace::Json parse_bounded(std::string_view text) {
   if (count_json_values(text, 0) > kMaxLineValues) {
     throw FormatError("expected at most " + std::to_string(kMaxLineValues) + " values", {});
@@ -26,7 +26,7 @@ JsonPlace::Json parse_bounded(std::string_view text) {
   return parse_json(text, 0);
 }
 
-/// A name that stays in its folder.
+/// A plain file name, which cannot lead out of its folder.
 std::string file_name(const JsonPlace& place) {
   const std::string& name = place.text();
   const auto is_plain = [](char c) {
@@ -51,8 +51,8 @@ bool is_inside(std::string_view path) {
          std::ranges::none_of(parts, [](const auto& part) { return part == ".."; });
 }
 
-/// Nanoseconds of seconds as they are written, where a double would round them: digits, and at most
-/// nine after a point.
+/// Converts decimal seconds to nanoseconds exactly; a double would round them. The text has digits,
+/// and at most nine of them after a point.
 std::optional<std::int64_t> exact_ns(std::string_view seconds) {
   const std::size_t point = std::min(seconds.find('.'), seconds.size());
   std::string digits{seconds.substr(0, point)};
@@ -104,7 +104,7 @@ std::vector<TimedFile> parse_tum_list(std::string_view text) {
     LineCursor words(text.substr(0, end), ++line);
     text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
     if (words.at_end()) continue;
-    constexpr double kMaxSeconds = 9e9;  // nanoseconds fit 64 bits
+    constexpr double kMaxSeconds = 9e9;  // so that nanoseconds fit 64 bits
     const char* start = words.position();
     const std::string_view exact = words.word();
     words.move_to(start);

@@ -27,7 +27,7 @@ class FolderRecorder final : public RgbdRecorder {
       : folder_(folder), options_(options), jpeg_(options.jpeg_quality), checks_(calibration) {
     calibration_text_ = calibration_text(calibration);
     lock_ = prepare_folder(folder, layout_, options.overwrite);
-    if (fs::is_empty(folder)) begin();  // else an earlier recording stays until a frame comes
+    if (fs::is_empty(folder)) begin();  // else the earlier recording is kept until the first frame
   }
 
   void write(const RgbdFrame& frame) override {

@@ -25,7 +25,7 @@ using Calibration = std::shared_ptr<const RgbdCalibration>;
 constexpr double kMillimetres = 1000.0;
 constexpr double kTumUnits = 5000.0;
 
-/// Runs `parse` on the text of a file; its complaints get the file's name.
+/// Runs `parse` on the text of a file, and adds the file's name to its errors.
 template <typename Parse>
 auto parse_file(const fs::path& path, const Parse& parse) {
   const std::vector<std::byte> bytes = read_small_file(path, kMaxFolderText);
@@ -53,7 +53,7 @@ Calibration stored_calibration(const fs::path& folder) {
 
 // --- recordings ---------------------------------------------------------------------------------
 
-/// Counts the whole lines, and whether a line without its end follows.
+/// Counts the complete lines; the second value says if an incomplete line follows them.
 std::pair<std::int64_t, bool> count_lines(const fs::path& path) {
   const auto source = file_source(path);
   std::vector<char> block(std::size_t{1} << 16);
@@ -66,8 +66,8 @@ std::pair<std::int64_t, bool> count_lines(const fs::path& path) {
   return {lines, last != '\n'};
 }
 
-/// The lines of frames.jsonl. What comes after the last whole line is of a recorder that was
-/// stopped there.
+/// The complete lines of frames.jsonl. A recorder that was killed may leave an incomplete line,
+/// which is ignored.
 class RecordedFrames {
  public:
   RecordedFrames(fs::path folder, std::int64_t num_lines)
@@ -96,7 +96,7 @@ class RecordedFrames {
 
  private:
   void rewind() {
-    auto fresh = file_source(path_);  // may throw: until it is open, the old one stays whole
+    auto fresh = file_source(path_);  // may throw: until then the old source stays valid
     buffer_.reset();
     source_ = std::move(fresh);
     buffer_.emplace(*source_);
@@ -119,7 +119,7 @@ ImageFrames::Listing recorded_frames(const fs::path& folder) {
           std::make_shared<RecordingLock>(folder, RecordingLock::For::kReading)};
 }
 
-/// Frames of which each can be listed by itself.
+/// A listing of frames that can be listed in any order.
 ImageFrames::Listing listed(std::int64_t count,
                             std::function<void(std::int64_t, FrameFiles&)> list_frame,
                             Counters counters) {
@@ -186,16 +186,16 @@ ImageFrames::Listing plain_frames(const fs::path& folder) {
 struct TumCamera {
   double fx, fy, cx, cy;
 };
-/// The colour cameras of freiburg1, 2 and 3 by the benchmark's page on intrinsics: depth images are
-/// registered to them. Their distortion is left out, as by the benchmark's own tools.
+/// Colour cameras of freiburg1, 2 and 3, to which the depth images are registered, from the
+/// benchmark's page on intrinsics. Their distortion is ignored, as in the benchmark's own tools.
 constexpr std::array kTumCameras = {TumCamera{517.3, 516.5, 318.6, 255.3},
                                     TumCamera{520.9, 521.0, 325.1, 249.7},
                                     TumCamera{535.4, 539.2, 320.1, 247.6}};
-/// "ROS default" of that page: good for all its pre-registered images.
+/// "ROS default" of this page, which is valid for all pre-registered images.
 constexpr TumCamera kNominalTumCamera = {525.0, 525.0, 319.5, 239.5};
 
-/// The camera of a folder whose name, as the user gave it, holds freiburgN or frN, with no letter
-/// or digit before it and no digit after it.
+/// The published camera of a folder whose name contains freiburgN or frN, without a letter or digit
+/// before it or a digit after it.
 std::optional<TumCamera> published_tum_camera(const fs::path& folder) {
   const fs::path whole = fs::absolute(folder).lexically_normal();
   const std::string name = (whole.has_filename() ? whole : whole.parent_path()).filename();
@@ -227,7 +227,7 @@ Calibration tum_calibration(const TumCamera& camera) {
 
 ImageFrames::Listing tum_frames(const fs::path& folder) {
   constexpr std::int64_t kMostApart = 20'000'000;  // associate.py of the benchmark: 0.02 s
-  // Before the lists are read: nobody writes another recording over them meanwhile.
+  // The lock comes first, so that nobody replaces the recording while the lists are read.
   auto lock = std::make_shared<RecordingLock>(folder, RecordingLock::For::kReading);
   const std::vector<TimedFile> depth = parse_file(folder / "depth.txt", parse_tum_list);
   const std::vector<TimedFile> color = parse_file(folder / "rgb.txt", parse_tum_list);

@@ -26,7 +26,7 @@ SdkImage image_of(const Frame& frame, SdkPixels pixels) {
 class KinectV2 final : public SdkDevice {
  public:
   explicit KinectV2(const std::string& serial) {
-    libfreenect2::setGlobalLogger(nullptr);  // it talks to standard output
+    libfreenect2::setGlobalLogger(nullptr);  // it writes to standard output
     if (library_.enumerateDevices() == 0) throw DeviceError("freenect2: no device");
     const std::string which = serial.empty() ? library_.getDefaultDeviceSerialNumber() : serial;
     device_.reset(library_.openDevice(which));
@@ -50,7 +50,8 @@ class KinectV2 final : public SdkDevice {
     camera.height = kRows;
     camera.fx = lens_.fx;
     camera.fy = lens_.fy;
-    // Registration::getPointXYZRGB looks along (column + 0.5 - cx) / fx.
+    // The pixel centres of Registration::getPointXYZRGB are half integers: (column + 0.5 - cx) /
+    // fx.
     camera.cx = static_cast<double>(lens_.cx) - 0.5;
     camera.cy = static_cast<double>(lens_.cy) - 0.5;
     camera.mirrored = true;
@@ -69,9 +70,9 @@ class KinectV2 final : public SdkDevice {
     frame.color =
         image_of(registered_, color.format == Frame::RGBX ? SdkPixels::kRgbx : SdkPixels::kBgrx);
     frame.number = depth.sequence;
-    ticks_ += static_cast<std::uint32_t>(depth.timestamp - last_ticks_);  // it starts anew at 2^32
+    ticks_ += static_cast<std::uint32_t>(depth.timestamp - last_ticks_);  // the counter has 32 bits
     last_ticks_ = depth.timestamp;
-    frame.time_ns = ticks_ * 125'000;  // 0.125 ms
+    frame.time_ns = ticks_ * 125'000;  // ticks of 0.125 ms
     images_.release(images);
     return ReadStatus::kFrame;
   }

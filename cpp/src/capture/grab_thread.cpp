@@ -14,7 +14,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-constexpr milliseconds kPoll(50);  // how long `stop` may wait for a camera that gives nothing
+constexpr milliseconds kPoll(50);  // longest wait of `stop` for a camera without frames
 
 /// Nanoseconds since 1970 by this machine's clock.
 std::int64_t now_ns() {
@@ -22,7 +22,7 @@ std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
 }
 
-/// Holds each frame back until its time has come.
+/// Delays each frame until its time.
 class Paced final : public RgbdSource {
  public:
   Paced(std::unique_ptr<RgbdSource> recording, double speed)
@@ -72,7 +72,7 @@ class Paced final : public RgbdSource {
       begin_ = Clock::now();
       first_ns_ = held_.time_ns;
     }
-    constexpr double kYear = 3e16;  // nanoseconds; what a clock can add without overflow
+    constexpr double kYear = 3e16;  // nanoseconds: limit of times that can be added to the clock
     const double after =
         (static_cast<double>(held_.time_ns) - static_cast<double>(first_ns_)) / speed_;
     due_ =
@@ -112,7 +112,7 @@ void GrabThread::seek(std::int64_t index) {
   if (thread_.joinable()) throw InputError("source: expected one that does not play yet");
   camera_->seek(index);
   const std::lock_guard lock(mutex_);
-  is_waiting_ = false;  // the frame that was kept is of another place
+  is_waiting_ = false;  // the waiting frame is of another position
 }
 
 void GrabThread::start() {
@@ -121,7 +121,7 @@ void GrabThread::start() {
     const std::lock_guard lock(mutex_);
     if (is_running_) return;
   }
-  if (thread_.joinable()) thread_.join();  // it ended by an error
+  if (thread_.joinable()) thread_.join();  // the thread has ended with an error
   camera_->start();
   const std::lock_guard lock(mutex_);
   calibration_ = camera_->calibration();
@@ -129,7 +129,7 @@ void GrabThread::start() {
   is_stopping_ = false;
   try {
     thread_ = std::thread(&GrabThread::grab, this);
-  } catch (...) {  // no thread: the camera is not left open
+  } catch (...) {  // without a thread, the camera must not stay open
     camera_->stop();
     throw;
   }

@@ -13,8 +13,8 @@
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/camera.hpp"
 
-// libpng reports errors by longjmp: between `guarded` and what may fail there is nothing with a
-// destructor.
+// libpng reports errors by longjmp: no object with a destructor may be created between `guarded`
+// and calls that may fail.
 namespace manip3d {
 namespace {
 
@@ -45,7 +45,7 @@ struct PngMessage {
   std::longjmp(png_jmpbuf(png), 1);
 }
 
-void on_png_warning(png_structp, png_const_charp) {}  // about colour profiles and the like
+void on_png_warning(png_structp, png_const_charp) {}  // ignored; for example, about colour profiles
 
 class PngReader {
  public:
@@ -72,7 +72,7 @@ class PngReader {
     check_size(rows(), cols(), max_pixels);
   }
 
-  /// Reads the pixels, `pixel_bytes` each, after `transforms` has said what they shall become.
+  /// Reads the pixels, `pixel_bytes` each, after `transforms` has set their conversion.
   template <typename Transforms>
   void read_pixels(void* pixels, std::size_t pixel_bytes, const Transforms& transforms) {
     const std::size_t stride = static_cast<std::size_t>(cols()) * pixel_bytes;
@@ -86,7 +86,7 @@ class PngReader {
       png_read_update_info(png_, info_);
       if (png_get_rowbytes(png_, info_) != stride) png_error(png_, "an unknown kind of pixels");
       png_read_image(png_, lines.data());
-      png_read_end(png_, nullptr);  // checks the sums of what follows
+      png_read_end(png_, nullptr);  // checks the CRCs of the rest
     });
   }
 
@@ -222,7 +222,7 @@ DecodedImage<std::uint16_t> decode_depth(ByteSpan data, std::int64_t max_pixels)
     png_set_expand_16(reader);
     if (std::endian::native == std::endian::little) png_set_swap(reader);
   });
-  if (is_narrow) {  // widening multiplied by 257
+  if (is_narrow) {  // because widening multiplied the values by 257
     for (std::uint16_t& value : image.pixels) value = static_cast<std::uint16_t>(value & 0xff);
   }
   return image;

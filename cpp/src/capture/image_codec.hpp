@@ -5,28 +5,27 @@
 #include <span>
 #include <vector>
 
-/// @file
-/// Images of recordings, in memory: PNG, and whatever colour comes as.
+/// Decoding and encoding of the images of recordings in memory: PNG, and colour as PNG or JPEG.
 namespace manip3d {
 
-/// Row by row; `channels` values a pixel.
+/// Pixels row by row, with `channels` values each.
 template <typename T>
 struct DecodedImage {
   std::int64_t rows = 0, cols = 0;
   std::vector<T> pixels;
 };
 
-/// Images of more pixels than `max_pixels` are refused before anything is allocated for them.
-/// @throws FormatError  damaged, another kind of image, or too large.
-///
-/// A grey PNG of 16 bits (8 bits: the values as they are).
+/// Decodes a grey PNG of 16 bits; values of 8 bits are not scaled. Images of more than `max_pixels`
+/// pixels are refused before memory is allocated for them.
+/// @throws FormatError  a damaged image, another kind of image, or too many pixels.
 DecodedImage<std::uint16_t> decode_depth(std::span<const std::byte> data, std::int64_t max_pixels);
-/// A grey PNG of 8 bits.
+/// Like decode_depth(), for a grey PNG of 8 bits.
 DecodedImage<std::uint8_t> decode_grey(std::span<const std::byte> data, std::int64_t max_pixels);
-/// R, G, B of a PNG (of any kind of 8 or 16 bits; transparency is left out) or of a JPEG.
+/// Like decode_depth(), for R, G, B of a PNG (any kind with 8 or 16 bits; transparency is ignored)
+/// or a JPEG.
 DecodedImage<std::uint8_t> decode_rgb(std::span<const std::byte> data, std::int64_t max_pixels);
 
-/// PNG at zlib's level 1: sensor noise does not get smaller at higher ones.
+/// Encodes a PNG with zlib's level 1, because higher levels do not compress sensor noise better.
 std::vector<std::byte> encode_png(std::span<const std::uint16_t> grey, std::int64_t cols);
 std::vector<std::byte> encode_png(std::span<const std::uint8_t> pixels, std::int64_t cols,
                                   int channels);

@@ -26,12 +26,14 @@ void check_crc(const Bytes& data, std::uint32_t expected) {
   throw FormatError("damaged: it is not what was recorded (CRC-32)", {});
 }
 
-constexpr std::int64_t kMostPixels = std::int64_t{1} << 24;  // of a colour image of any size
+constexpr std::int64_t kMostPixels = std::int64_t{1} << 24;  // limit for colour images of any size
 
-/// The image of a file as `decode` reads it, from a file as large as so many pixels make it.
+/// Reads the image of a file with `decode`. The file may be as large as `pixels` pixels can make
+/// it.
 template <typename Decode>
 auto load_image(const ImageFile& file, std::int64_t pixels, const Decode& decode) {
-  constexpr std::uint64_t kBytesPerPixel = 8, kHeaderBytes = 1 << 20;  // no encoder gets there
+  // more than any encoder needs
+  constexpr std::uint64_t kBytesPerPixel = 8, kHeaderBytes = 1 << 20;
   const Bytes data = read_small_file(
       file.path, kBytesPerPixel * static_cast<std::uint64_t>(pixels) + kHeaderBytes);
   try {
@@ -42,7 +44,7 @@ auto load_image(const ImageFile& file, std::int64_t pixels, const Decode& decode
   }
 }
 
-/// The image of a file; `camera` says how large it must be.
+/// Reads the image of a file, which must have the size of `camera`.
 template <typename Decode>
 auto load_image(const ImageFile& file, const Intrinsics& camera, const Decode& decode) {
   auto image = load_image(file, camera.width * camera.height, decode);
@@ -139,7 +141,7 @@ void ImageFrames::load(RgbdFrame& frame) try {
                color.rows == depth_camera.height && color.cols == depth_camera.width) {
       set_color(frame, std::move(color));
     } else {
-      ++unregistered_color_;  // nobody knows which pixel of depth a colour belongs to
+      ++unregistered_color_;  // without a registration, the depth pixels of the colours are unknown
     }
   }
   frame.skeletons = files_.skeletons;

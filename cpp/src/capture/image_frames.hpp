@@ -15,12 +15,12 @@
 
 namespace manip3d {
 
-/// Longer text files of folders are refused.
+/// Largest text file of a folder, bytes.
 inline constexpr std::uint64_t kMaxFolderText = std::uint64_t{64} << 20;
 
-/// An image of a frame before it is read.
+/// The file of an image that has not been read yet.
 struct ImageFile {
-  std::filesystem::path path;  ///< Empty: there is none.
+  std::filesystem::path path;  ///< Empty: the frame has no such image.
   std::optional<std::uint32_t> crc32;
 };
 
@@ -30,21 +30,21 @@ struct FrameFiles {
   std::vector<Skeleton> skeletons;
 };
 
-/// Lists the frames of a folder, one after the other; false at the end.
+/// Lists the next frame of a folder; returns false at the end.
 using NextFrameFiles = std::function<bool(FrameFiles&)>;
 
-/// Frames out of lists of image files.
+/// Frames from lists of image files.
 class ImageFrames final : public RgbdSource {
  public:
   struct Listing {
     NextFrameFiles next;
     std::function<void(std::int64_t)> seek;  ///< Goes to a frame, or to the end.
     std::int64_t num_frames = 0;
-    Counters counters;                      ///< What the listing itself has counted.
-    std::shared_ptr<RecordingLock> lock{};  ///< Until `stop` or the end; of recordings.
+    Counters counters;                      ///< Counts of the listing itself.
+    std::shared_ptr<RecordingLock> lock{};  ///< Lock of a recording; held until `stop` or the end.
   };
 
-  /// @param stored  the cameras of the images as they are in the files.
+  /// @param stored  Cameras of the images as stored in the files.
   ImageFrames(Listing listing, std::shared_ptr<const RgbdCalibration> stored,
               double units_per_metre);
 
@@ -57,10 +57,10 @@ class ImageFrames final : public RgbdSource {
     return listing_.num_frames;
   }
   void start() override {}
-  /// Frames that are not later than the one before are passed over and counted. After a FormatError
-  /// the next call goes on behind the damaged frame.
+  /// Frames that are not later than the previous one are skipped and counted. After a FormatError
+  /// the next call continues after the damaged frame.
   ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds timeout) override;
-  /// A frame that is out of order is not passed over when it is the one sought.
+  /// The frame that is sought is not skipped, even if it is out of order.
   void seek(std::int64_t index) override;
   void stop() override {
     if (listing_.lock) listing_.lock->release();
@@ -77,12 +77,12 @@ class ImageFrames final : public RgbdSource {
   std::int64_t frames_ = 0, out_of_order_ = 0, damaged_ = 0, unregistered_color_ = 0;
 };
 
-/// A line of frames.jsonl; the images are in the folder of that name.
-/// @throws FormatError  at that line.
+/// Parses a line of frames.jsonl; the images are in subfolders of `folder`.
+/// @throws FormatError  with the number of the line.
 void parse_frame_line(std::string_view text, std::int64_t line, const std::filesystem::path& folder,
                       FrameFiles& files);
 
-/// The text of a calibration.json, as stored (see unmirrored()).
+/// Parses the text of a calibration.json. Cameras stay as stored (see unmirrored()).
 /// @throws FormatError
 std::shared_ptr<const RgbdCalibration> parse_calibration(std::string_view text);
 
@@ -91,11 +91,12 @@ struct TimedFile {
   std::int64_t time_ns = 0;
   std::string name;
 };
-/// @throws FormatError  at the line.
+/// Parses depth.txt or rgb.txt.
+/// @throws FormatError  with the number of the line.
 std::vector<TimedFile> parse_tum_list(std::string_view text);
 
-/// For each time the index of the nearest of `others`, or -1 if none is within `most_ns`.
-/// Both sorted. Ties go to the later.
+/// For each time, returns the index of the nearest one of `others`, or -1 if none is within
+/// `most_ns`. Both lists are sorted. Of two equally near ones, the later is taken.
 std::vector<std::int64_t> associate(const std::vector<TimedFile>& files,
                                     const std::vector<TimedFile>& others, std::int64_t most_ns);
 

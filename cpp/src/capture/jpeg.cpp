@@ -12,7 +12,8 @@
 namespace manip3d {
 namespace {
 
-// Progressive images may have any number of scans over all pixels, a few bytes each.
+// LIMITSCANS, because progressive images may have any number of scans over all pixels, each with a
+// few bytes.
 constexpr int kSafely = TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS;
 
 const unsigned char* bytes(std::span<const std::byte> packet) {
@@ -40,7 +41,7 @@ std::span<const std::byte> JpegEncoder::encode(const std::uint8_t* color, ImageS
   packet_.resize(tjBufSize(cols, rows, TJSAMP_420));
   unsigned char* packet = packet_.data();
   unsigned long length = packet_.size();
-  // NOREALLOC: the buffer is as large as an image of this size can become.
+  // NOREALLOC: the buffer has the largest size that an image of this size can need.
   if (tjCompress2(handle_, color, cols, 0, rows, TJPF_RGB, &packet, &length, TJSAMP_420, quality_,
                   TJFLAG_NOREALLOC | TJFLAG_ACCURATEDCT) != 0) {
     throw InputError(std::string("colour: cannot be made a JPEG image: ") +
@@ -86,7 +87,7 @@ void JpegDecoder::decode(std::span<const std::byte> packet, ImageSize expected,
 
 void JpegDecoder::refuse(const char* action) {
   const FormatError error(std::string(action) + ": " + tjGetErrorStr2(handle_), {});
-  // After an error within a header, 2.1.5 would read the next image from there on.
+  // Libjpeg-turbo 2.1.5 would parse the next image from the place of an error in a header.
   tjDestroy(std::exchange(handle_, nullptr));
   handle_ = or_no_memory(tjInitDecompress());
   throw error;

@@ -12,7 +12,8 @@ struct ImageSize {
   std::int64_t rows = 0, cols = 0;
 };
 
-/// Colour images as JPEG (baseline, 4:2:0) by libjpeg-turbo, the same bytes on every CPU.
+/// Encodes colour images as JPEG (baseline, 4:2:0) with libjpeg-turbo; the bytes are the same on
+/// every CPU.
 class JpegEncoder {
  public:
   /// @param quality  1 to 100.
@@ -22,7 +23,7 @@ class JpegEncoder {
   ~JpegEncoder();
 
   /// @param colour  (rows, cols, 3) R, G, B.
-  /// @return  valid until the next call.
+  /// @return  Valid until the next call.
   std::span<const std::byte> encode(const std::uint8_t* color, ImageSize size);
 
  private:
@@ -31,8 +32,9 @@ class JpegEncoder {
   std::vector<unsigned char> packet_;
 };
 
-/// Reads what JpegEncoder and cameras write. Safe on any bytes: sizes are known before anything is
-/// allocated, and a damaged image is an error, not one that is grey from somewhere on.
+/// Decodes JPEG images of JpegEncoder and of cameras. Safe for any bytes: sizes are checked before
+/// memory is allocated, and a damaged image is an error, not an image that is grey from some place
+/// on.
 class JpegDecoder {
  public:
   JpegDecoder();
@@ -40,10 +42,10 @@ class JpegDecoder {
   JpegDecoder& operator=(const JpegDecoder&) = delete;
   ~JpegDecoder();
 
-  /// @throws FormatError  no JPEG image, or longer than kMaxImageSide.
+  /// @throws FormatError  no JPEG image, or a side longer than kMaxImageSide.
   ImageSize size(std::span<const std::byte> packet);
   /// @param colour  (rows, cols, 3) R, G, B.
-  /// @throws FormatError  no JPEG image, damaged, or not of `size`.
+  /// @throws FormatError  no JPEG image, a damaged one, or one of another size than `size`.
   void decode(std::span<const std::byte> packet, ImageSize size, std::uint8_t* color);
 
  private:

@@ -31,7 +31,8 @@ int read_file(void* self, std::int64_t position, std::uint8_t* data, int size) {
 
 int write_file(void* self, std::int64_t position, const std::uint8_t* data, int size) {
   MatroskaFile& file = *static_cast<MatroskaFile*>(self);
-  // After an error nothing may follow: the header would tell of an index that is not there.
+  // After an error nothing more may be written, or the header would refer to an index that is
+  // missing.
   for (int done = 0; done < size && file.error == 0;) {
     const ssize_t written = ::pwrite(file.descriptor.get(), data + done,
                                      static_cast<std::size_t>(size - done), position + done);
@@ -121,11 +122,13 @@ void MatroskaWriter::leave() {
 
 int MatroskaWriter::check(int code) {
   if (file_.error != 0) {
-    // Readers pass over a part that cannot be cut off: it is not a whole cluster.
+    // If the incomplete part cannot be cut off, readers skip it, because it is not a complete
+    // cluster.
     [[maybe_unused]] const int result = ::ftruncate(file_.descriptor.get(), whole_);
     file_.check("cannot write");
   }
-  // A writer has run out of memory; a reader mostly met a size that a damaged file states.
+  // For a writer this means that memory ran out; for a reader mostly that a damaged file states a
+  // huge size.
   if (code == -ENOMEM) throw std::bad_alloc();
   if (code < 0) throw DeviceError(file_.path.string() + ": cannot write: " + mkv_error(code));
   return code;
@@ -139,7 +142,7 @@ MatroskaReader::MatroskaReader(const fs::path& path)
       reader_(nullptr, mkv_codec().close_reader) {
   struct ::stat status{};
   if (::fstat(file_.descriptor.get(), &status) != 0) file_.refuse("cannot open");
-  if (!S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode)) {  // folders: see what `read` says
+  if (!S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode)) {  // folders give an error in `read`
     throw FormatError("expected a regular file", {});
   }
   file_.end = status.st_size;
@@ -186,7 +189,7 @@ void MatroskaReader::open_decoder(int number, MkvPixels pixels, ImageSize size) 
                           " x " + std::to_string(images.height),
                       {});
   }
-  // In version 2, an experiment, nothing bounds the slices but the header.
+  // In version 2, which was experimental, only the header limits the slices.
   if (ffv1_version(from_mkv(images.data)) == 2) {
     throw FormatError("expected FFV1 of another version than 2", {});
   }

@@ -20,12 +20,13 @@ namespace {
 constexpr const char* kDepthTitle = "DEPTH";
 constexpr const char* kColorTitle = "COLOR";
 constexpr std::uint32_t kBigEndianGray = 'b' | '1' << 8 | '6' << 16 | 'g' << 24;
-constexpr std::int64_t kMaxTime = std::int64_t{1}
-                                  << 51;  // microseconds; the nanoseconds of two fit
-constexpr std::size_t kMaxWaiting = 8;    // images of one kind
-constexpr std::int64_t kUsualPeriod = 1'000'000'000 / 30;  // of files that do not say
+// Microseconds: limit of times, so that the difference of two fits 64 bits in nanoseconds
+constexpr std::int64_t kMaxTime = std::int64_t{1} << 51;
+constexpr std::size_t kMaxWaiting = 8;  // images of one kind that wait for the other kind
+// nanoseconds between frames, for files that do not state it
+constexpr std::int64_t kUsualPeriod = 1'000'000'000 / 30;
 
-/// The size of a track's images.
+/// The size of a track's images, checked.
 ImageSize checked_size(const MkvTrack& images) {
   const ImageSize size{images.height, images.width};
   if (const std::string reason = mkv::complaint(size); !reason.empty()) {
@@ -34,7 +35,7 @@ ImageSize checked_size(const MkvTrack& images) {
   return size;
 }
 
-/// Device time of the file's time 0; nothing is added to the times of a file that does not say.
+/// Device time at time 0 of the file, nanoseconds; 0 if the file does not state it.
 std::int64_t start_offset_ns(const std::string& text) {
   std::int64_t offset = 0;
   if (text.empty()) return offset;
@@ -90,8 +91,7 @@ class AzureSource final : public RgbdSource {
     return ReadStatus::kEnd;
   }
 
-  /// There is no index of frames in these files: images are passed over, unread, from the
-  /// beginning.
+  /// These files have no index of frames: frames are skipped from the beginning, without decoding.
   void seek(std::int64_t index) override {
     check_frame_index(index);
     file_->lock();
@@ -146,7 +146,7 @@ class AzureSource final : public RgbdSource {
     return azure_calibration(JsonPlace(json, mkv::kCalibration, 0), depth_size_, color_size_);
   }
 
-  /// Reads on until the oldest depth image has all colour images that could be its own.
+  /// Reads packets until the oldest depth image has all colour images that can belong to it.
   bool fetch() {
     const auto is_complete = [&] {
       return !depths_.empty() && (latest_ns_ > depths_.front().time_ns + period_ns_ / 2 ||

@@ -7,14 +7,14 @@
 
 namespace manip3d {
 
-/// Whether the file has the tracks of an Azure Kinect's recorder.
+/// Does the file have the tracks of an Azure Kinect recorder?
 bool is_azure_recording(const MatroskaReader& file);
 
-/// The frames of such a recording: each depth image with the colour image that is nearest in time,
-/// within half the time from frame to frame. Infrared images and motion are passed over.
+/// Opens such a recording. Each depth image gets the colour image that is nearest in time, within
+/// half the time between frames. Infrared images and motion data are ignored.
 ///
-/// Counters: `frames`, `without_color`, `damaged`: depth images of another length, JPEG images
-/// that cannot be read. There are no hashes: other damage stays unseen.
+/// Counters: `frames`; `without_color`; `damaged`: depth images of a wrong length, or JPEG images
+/// that cannot be read. The files have no hashes, so that other damage is not detected.
 /// @throws FormatError
 std::unique_ptr<RgbdSource> open_azure(std::unique_ptr<MatroskaReader> file,
                                        const RgbdOptions& options);

@@ -13,7 +13,7 @@ FoundMkvCodec find_none() {
   return {nullptr, "no codec library is linked", "call set_mkv_loader() first"};
 }
 
-// Atomic, and no lock: the loader may wait for another lock, such as Python's.
+// Atomic instead of a mutex, because the loader may wait for another lock, such as Python's.
 std::atomic<MkvLoader> loader = find_none;
 std::atomic<const MkvCodec*> loaded = nullptr;
 

@@ -8,10 +8,11 @@
 
 namespace manip3d {
 
-/// The codec library. @throws DeviceError  find_mkv_codec() has none.
+/// Returns the codec library.
+/// @throws DeviceError  find_mkv_codec() finds no library.
 const MkvCodec& mkv_codec();
 
-/// Text of the codec library for an error code.
+/// The codec library's text for an error code.
 std::string mkv_error(int code);
 
 inline MkvBytes to_mkv(std::span<const std::byte> bytes) {

@@ -18,8 +18,9 @@ namespace {
 namespace fs = std::filesystem;
 using Json = JsonPlace::Json;
 
-constexpr std::int64_t kMinSide = 4;                            // of FFV1 (MatroskaWriter)
-constexpr std::size_t kMaxAttachment = std::size_t{128} << 20;  // half of what FFmpeg reads
+constexpr std::int64_t kMinSide = 4;  // smallest side of FFV1 images (see MatroskaWriter)
+// half of the largest attachment that FFmpeg reads
+constexpr std::size_t kMaxAttachment = std::size_t{128} << 20;
 
 bool is_matroska(const fs::path& path) {
   constexpr char kMagic[] = {'\x1a', '\x45', '\xdf', '\xa3'};  // RFC 8794, section 11.2.1
@@ -100,7 +101,7 @@ class MkvRecorder final : public RgbdRecorder {
   void close() override {
     if (std::exchange(is_closed_, true)) return;
     if (!is_started_ && replaces_) {
-      file_->leave();  // the earlier recording stays where no frame has come
+      file_->leave();  // no frame came: the earlier recording is kept
       return;
     }
     if (!is_started_) start_empty();
@@ -112,7 +113,7 @@ class MkvRecorder final : public RgbdRecorder {
   }
 
  private:
-  /// Tracks are for what the first frame has (RecordingChecks).
+  /// Adds the tracks of the images that the first frame has; RecordingChecks refuses others later.
   void start(const RgbdFrame& first) {
     const Intrinsics& depth = calibration_->depth;
     const ImageSize size{depth.height, depth.width};
@@ -146,7 +147,8 @@ class MkvRecorder final : public RgbdRecorder {
                        .title = title});
   }
 
-  /// FFmpeg reads no file without a cluster. A record without text is not a frame.
+  /// Writes a record without text, which is not a frame, because FFmpeg reads no file without a
+  /// cluster.
   void start_empty() {
     start({});
     write_record("", 0);
@@ -158,9 +160,9 @@ class MkvRecorder final : public RgbdRecorder {
     file_->flush();
   }
 
-  /// Milliseconds since the first frame, no two frames with the same.
+  /// Milliseconds since the first frame; at least one more than for the previous frame.
   std::int64_t container_time(std::int64_t time_ns) {
-    // Times grow, so that the difference fits where int64 would overflow.
+    // Times grow, so that the unsigned difference is correct even if int64 overflows.
     const std::uint64_t since =
         static_cast<std::uint64_t>(time_ns) - static_cast<std::uint64_t>(first_time_);
     const auto rounded = static_cast<std::int64_t>(since / 1000000 + (since % 1000000 >= 500000));

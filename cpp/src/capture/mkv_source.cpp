@@ -21,10 +21,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::int64_t kLasting = 1000;  // microseconds that the writer says a packet lasts
-constexpr int kMostTries = 3;            // a valid index takes two
+// microseconds: duration of a packet, as the writer states it
+constexpr std::int64_t kLasting = 1000;
+constexpr int kMostTries = 3;  // tries to find a frame by the index; a valid index needs two
 constexpr int kLastEntry = std::numeric_limits<int>::max();
-constexpr std::size_t kMaxRecordBytes = 1 << 20;  // 64 skeletons take 300 kB
+constexpr std::size_t kMaxRecordBytes = 1 << 20;  // bytes; 64 skeletons take 300 kB
 
 [[noreturn]] void refuse_track(const char* name, const std::string& reason) {
   throw FormatError(std::string(name) + " track: " + reason, {});
@@ -34,7 +35,7 @@ std::string_view text_of(std::span<const std::byte> bytes) {
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-/// A track of images: its decoder, and the packet that came last.
+/// A track of images: its decoder and its latest packet.
 class ImageTrack {
  public:
   ImageTrack(const char* name, MatroskaReader& file, int number, MkvPixels pixels, ImageSize size)
@@ -43,7 +44,7 @@ class ImageTrack {
       refuse_track(name, reason);
     }
     if (pixels == MkvPixels::kRgb && file.track(number).format == MkvFormat::kMjpeg) {
-      jpeg_ = std::make_unique<JpegDecoder>();  // each packet says its size
+      jpeg_ = std::make_unique<JpegDecoder>();  // its packets state their own size
       return;
     }
     try {
@@ -57,12 +58,12 @@ class ImageTrack {
   [[nodiscard]] ImageSize size() const { return size_; }
   [[nodiscard]] bool has_packet() const { return !packet_.bytes.empty(); }
 
-  /// Takes over the packet; the one before is gone.
+  /// Replaces the latest packet.
   void take(MatroskaPacket& packet) { std::swap(packet_, packet); }
   void drop() { packet_.bytes.clear(); }
 
-  /// The pixels of the packet that came last, if it is the one of this time and hash.
-  /// @throws FormatError
+  /// Decodes the latest packet, if it has this time and hash.
+  /// @throws FormatError  it has another time or hash, or cannot be decoded.
   template <typename T>
   void decode(std::int64_t time_us, const std::string& hash, std::size_t channels,
               std::vector<T>& pixels) {
@@ -84,7 +85,7 @@ class ImageTrack {
   std::unique_ptr<JpegDecoder> jpeg_;
 };
 
-/// The attached calibration, if it is the one that was written.
+/// The attached calibration; its hash is checked.
 std::shared_ptr<const RgbdCalibration> read_calibration(const MatroskaReader& file) {
   const MkvTrack& attached = file.attachment(mkv::kCalibration);
   const std::span<const std::byte> bytes = from_mkv(attached.data);
@@ -96,7 +97,8 @@ std::shared_ptr<const RgbdCalibration> read_calibration(const MatroskaReader& fi
   return calibration_from_json(place);
 }
 
-/// @throws FormatError  a record that is not the one that was written.
+/// Parses a record and checks its hash.
+/// @throws FormatError  the record was changed or is too long.
 JsonPlace::Json checked_record(const MatroskaPacket& packet) {
   if (packet.bytes.size() > kMaxRecordBytes) throw FormatError("record too long", {});
   const std::string_view text = text_of(packet.bytes);
@@ -110,7 +112,7 @@ std::int64_t index_of(const JsonPlace& record, std::int64_t least) {
   return record.member("index").integer(least, std::numeric_limits<std::int64_t>::max() - 1);
 }
 
-/// One more than the index of the last record; none where the file was not finished, or its end is
+/// One more than the index of the last record; empty if the file was not finished, or its end is
 /// cut off or damaged.
 std::optional<std::int64_t> count_frames(const fs::path& path) try {
   MatroskaReader file(path);
@@ -163,7 +165,7 @@ class MkvSource final : public RgbdSource {
         return ReadStatus::kFrame;
       }
     }
-    // Images without their record are the frame in progress when the recorder was killed.
+    // Images without a record are of the frame that was being written when the recorder was killed.
     for (const auto* track : {&depth_, &body_index_, &color_}) {
       cut_short_ = cut_short_ || (*track && (*track)->has_packet());
     }
@@ -176,7 +178,8 @@ class MkvSource final : public RgbdSource {
     check_frame_index(index);
     file_->lock();
     const bool is_ahead = index >= next_index_;
-    // Packets that are passed over on the way are not decoded: their records come too early.
+    // Packets before the frame are read but not decoded: the index in their records is below
+    // next_index_.
     const bool reads_on = is_ahead && (index == next_index_ || file_->duration_us() == 0);
     if (!reads_on && !go_to_entry(index)) rewind();
     drop_images();
@@ -205,13 +208,15 @@ class MkvSource final : public RgbdSource {
 
   void rewind() {
     auto file = std::make_unique<MatroskaReader>(file_->path());
-    for (auto* track : {&depth_, &body_index_, &color_}) track->reset();  // they refer to the file
+    // they refer to the old file
+    for (auto* track : {&depth_, &body_index_, &color_}) track->reset();
     file_ = std::move(file);
     open_tracks();
   }
 
-  /// Goes to the last packet of the index that is not behind a frame; false: the index knows none.
-  /// An entry has the index of its frame, or a higher one where frames before it have no entry.
+  /// Goes to the last packet in the index that is not after a frame; returns false if there is
+  /// none. The position of an entry is the index of its frame, or lower if earlier frames have no
+  /// entry.
   bool go_to_entry(std::int64_t index) {
     auto entry = static_cast<int>(std::min<std::int64_t>(index, kLastEntry));
     for (int tries = 0; depth_ && tries < kMostTries; ++tries) {
@@ -225,7 +230,7 @@ class MkvSource final : public RgbdSource {
     return false;
   }
 
-  /// The index of the first frame from here on whose record can be believed.
+  /// The index of the first frame from here on with an intact record.
   std::optional<std::int64_t> first_index() {
     while (file_->next(packet_)) {
       if (packet_.track != frames_track_) continue;
@@ -233,7 +238,7 @@ class MkvSource final : public RgbdSource {
         const JsonPlace::Json json = checked_record(packet_);
         return index_of(JsonPlace(json, mkv::kFrames, 0), 0);
       } catch (const FormatError&) {
-        continue;  // reading counts it
+        continue;  // counted when the frame is read
       }
     }
     return std::nullopt;
@@ -252,10 +257,10 @@ class MkvSource final : public RgbdSource {
     }
   }
 
-  /// The frame whose record has just come; false if it is not whole. A record that is damaged
-  /// itself shows as a gap before the next one.
+  /// Decodes the frame whose record has just been read; returns false if it is incomplete. A
+  /// damaged record appears as a gap before the next one.
   bool read_frame(RgbdFrame& frame) {
-    bool is_known = false;  // the record can be believed, and the frame counted
+    bool is_known = false;  // the record is intact, so that the frame counts
     try {
       const JsonPlace::Json json = checked_record(packet_);
       const JsonPlace record(json, mkv::kFrames, 0);

@@ -29,7 +29,7 @@ void check(openni::Status status, const char* action) {
                     (reason.empty() ? "status " + std::to_string(status) : reason));
 }
 
-/// OpenNI2 counts who uses it.
+/// Keeps OpenNI2 initialised; it counts its users.
 class Session {
  public:
   Session() { check(openni::OpenNI::initialize(), "cannot load its drivers"); }
@@ -53,7 +53,7 @@ class Unplugged final : public openni::OpenNI::DeviceDisconnectedListener {
   std::atomic<bool> is_gone = false;
 };
 
-/// A device while it is open.
+/// An open device.
 class Device {
  public:
   explicit Device(const std::string& uri) {
@@ -67,7 +67,7 @@ class Device {
   ~Device() {
     depth_.stop();
     if (color_.isValid()) color_.stop();
-    // The Dummy's streams end some time after they were stopped, and must not be gone by then.
+    // Streams of the Dummy device end some time after stop(), and must exist until then.
     std::this_thread::sleep_for(milliseconds(100));
     depth_.destroy();
     color_.destroy();
@@ -76,7 +76,7 @@ class Device {
 
   void start_depth() { check(depth_.start(), "cannot start depth"); }
 
-  /// @param as_it_is  without registration, too.
+  /// @param as_it_is  true: also without registration.
   void start_color(bool as_it_is) {
     constexpr auto kRegistered = openni::IMAGE_REGISTRATION_DEPTH_TO_COLOR;
     if (!device_.hasSensor(openni::SENSOR_COLOR)) return;
@@ -94,7 +94,7 @@ class Device {
       mode.setResolution(depth.getResolutionX(), depth.getResolutionY());
       if (color_.setVideoMode(mode) != openni::STATUS_OK) return color_.destroy();
     }
-    device_.setDepthColorSyncEnabled(true);  // not all can
+    device_.setDepthColorSyncEnabled(true);  // not supported by all devices
     check(color_.start(), "cannot start colour");
   }
 
@@ -116,9 +116,10 @@ class Device {
 
   [[nodiscard]] bool has_color() const { return color_.isValid(); }
 
-  /// The next image of any kind; null: none in time.
+  /// Waits for the next image of any kind; null: none came in time.
   openni::VideoStream* wait(milliseconds timeout) {
-    // The first that is ready wins: of two that wait, colour must not grow older.
+    // The first ready stream is returned. If both are ready this is colour, which must not become
+    // older.
     openni::VideoStream* streams[] = {&color_, &depth_};
     const int first = has_color() ? 0 : 1;
     int ready = 0;
@@ -191,7 +192,8 @@ class OpenNi2Camera final : public RgbdSource {
       take_color(image);
       return ReadStatus::kTimeout;
     }
-    if (device_->has_color() && color_time_us_ < 0) return ReadStatus::kTimeout;  // starting up
+    // no colour has come yet: the camera is starting
+    if (device_->has_color() && color_time_us_ < 0) return ReadStatus::kTimeout;
     return take_depth(image, frame) ? ReadStatus::kFrame : ReadStatus::kTimeout;
   }
 
@@ -199,7 +201,7 @@ class OpenNi2Camera final : public RgbdSource {
   [[nodiscard]] std::shared_ptr<const RgbdCalibration> told_by(const Device& device) const {
     auto told = std::make_shared<RgbdCalibration>(device.calibration());
     try {
-      check_intrinsics(told->depth);  // infinite for a field of view of 0
+      check_intrinsics(told->depth);  // it is infinite for a field of view of 0
     } catch (const InputError&) {
       throw InputError("calibration: openni2:" + uri_ +
                        " tells no field of view; expected its camera");
@@ -250,7 +252,7 @@ class OpenNi2Camera final : public RgbdSource {
   }
 
   void add_color(std::int64_t time_us, RgbdFrame& frame) {
-    constexpr std::int64_t kMostApart = 40'000;  // microseconds; images come every 33
+    constexpr std::int64_t kMostApart = 40'000;  // microseconds; images come every 33 ms
     frame.color.clear();
     frame.color_rows = frame.color_cols = 0;
     if (!device_->has_color()) return;

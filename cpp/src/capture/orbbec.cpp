@@ -42,7 +42,7 @@ using Device = Handle<ob_device, ob_delete_device>;
 using Frame = Handle<ob_frame, ob_delete_frame>;
 
 Context new_context() {
-  call(ob_set_logger_severity, OB_LOG_SEVERITY_OFF);  // it talks to the console and to files
+  call(ob_set_logger_severity, OB_LOG_SEVERITY_OFF);  // it writes to the console and to files
   return Context(call(ob_create_context));
 }
 

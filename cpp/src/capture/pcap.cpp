@@ -14,7 +14,7 @@ namespace {
 
 using ByteSpan = std::span<const std::byte>;
 
-constexpr std::size_t kLargestRecord = std::size_t{1} << 18;  // libpcap's own limit
+constexpr std::size_t kLargestRecord = std::size_t{1} << 18;  // libpcap's limit
 
 enum LinkType : std::uint32_t {
   kBsdLoopback = 0,
@@ -34,7 +34,7 @@ std::uint32_t big16(ByteSpan bytes, std::size_t at) {
          std::to_integer<std::uint32_t>(bytes[at + 1]);
 }
 
-// The bytes from `from` on; none where there are fewer.
+// The bytes from `from` on; none if there are fewer.
 std::optional<ByteSpan> after(ByteSpan bytes, std::size_t from) {
   if (bytes.size() < from) return std::nullopt;
   return bytes.subspan(from);
@@ -70,7 +70,7 @@ Network network_layer(ByteSpan frame, std::uint32_t link) {
       return network_at(frame, 20, 0);
     case kBsdLoopback:
     case kOpenBsdLoopback: {
-      // The address family's number differs between systems: the IP version tells as much.
+      // The numbers of address families differ between systems; the IP version is used instead.
       const auto bytes = after(frame, 4);
       return bytes ? Network{Layer::kIp, *bytes} : Network{Layer::kCut, {}};
     }
@@ -139,7 +139,7 @@ Found datagram_of(ByteSpan frame, std::uint32_t link, Datagram& datagram) {
 
 }  // namespace
 
-// The records of the file, whatever its format.
+// The records of a file in either format.
 class PcapReader::Records {
  public:
   struct Record {
@@ -166,7 +166,7 @@ class PcapReader::Records {
  private:
   static constexpr std::uint32_t kMicroseconds = 0xA1B2C3D4, kNanoseconds = 0xA1B23C4D;
   static constexpr std::int64_t kSecond = 1'000'000'000;  // in nanoseconds
-  static constexpr std::uint32_t kSection = 0x0A0D0D0A;   // the same in both byte orders
+  static constexpr std::uint32_t kSection = 0x0A0D0D0A;   // nanoseconds
 
   static std::uint32_t swapped(std::uint32_t v) {
     return v >> 24 | (v >> 8 & 0xFF00) | (v << 8 & 0xFF0000) | v << 24;
@@ -193,7 +193,7 @@ class PcapReader::Records {
     }
     tick_ns_ = native == kNanoseconds ? 1 : 1000;
     const ByteSpan header = bytes(24, "the header");
-    // The upper half of the link type can hold the length of check sums.
+    // The upper half of the link type can contain the length of checksums.
     constexpr std::uint32_t kLinkMask = 0xFFFF;
     link_ = u32(header, 20) & kLinkMask;
   }
@@ -218,8 +218,8 @@ class PcapReader::Records {
                                            std::to_string(length));
   }
 
-  // draft-ietf-opsawg-pcapng: blocks of (type, length, body, length). A section's first block tells
-  // its byte order.
+  // draft-ietf-opsawg-pcapng: blocks of (type, length, body, length). The first block of a section
+  // determines its byte order.
   bool next_ng(Record& record) {
     constexpr std::uint32_t kInterface = 1, kSimple = 3, kEnhanced = 6;
     while (!input_.at_end()) {
@@ -259,8 +259,8 @@ class PcapReader::Records {
     std::uint64_t ticks_per_second = 1'000'000;
   };
 
-  // The option if_tsresol is a power of ten, or of two where its highest bit is set. Clocks that
-  // tick more often than 64 bits can count give 0.
+  // Ticks per second by the option if_tsresol: a power of ten, or of two if its highest bit is set.
+  // 0 if they exceed 64 bits.
   static std::uint64_t per_second_of(unsigned resolution) {
     constexpr unsigned kBinary = 0x80, kMostTens = 19;
     const unsigned exponent = resolution & ~kBinary;
@@ -324,7 +324,7 @@ class PcapReader::Records {
     if (body.size() < 4) fail_short(offset);
     if (interfaces_.empty()) throw FormatError::at_byte(offset, "no interface 0");
     const std::size_t length = u32(body, 0);
-    record.time_ns = 0;  // it has none
+    record.time_ns = 0;  // this block has no time
     record.link = interfaces_[0].link;
     record.is_whole = length <= body.size() - 4;
     record.bytes = body.subspan(4, std::min(length, body.size() - 4));

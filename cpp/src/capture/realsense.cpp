@@ -47,7 +47,7 @@ Handle<rs2_device_list, rs2_delete_device_list> devices_of(const rs2_context* co
   return Handle<rs2_device_list, rs2_delete_device_list>(call(rs2_query_devices, context));
 }
 
-/// At once; a pipeline would wait for it.
+/// Throws if the device is not there. A pipeline would wait for it instead.
 void check_device(const rs2_context* context, const std::string& serial) {
   const auto devices = devices_of(context);
   for (int i = 0; i < call(rs2_get_device_count, devices.get()); ++i) {
@@ -115,7 +115,8 @@ class RealSense final : public SdkDevice {
       call(rs2_config_enable_stream, config.get(), RS2_STREAM_COLOR, -1, 0, 0, RS2_FORMAT_RGB8,
            rate);
       if (call(rs2_config_can_resolve, config.get(), pipeline_.get()) == 0) {
-        call(rs2_config_disable_stream, config.get(), RS2_STREAM_COLOR);  // it may have none
+        // the device may have no colour camera
+        call(rs2_config_disable_stream, config.get(), RS2_STREAM_COLOR);
       }
     }
     call(rs2_start_processing_queue, align_.get(), queue_.get());
@@ -145,7 +146,7 @@ class RealSense final : public SdkDevice {
       return is_over() ? ReadStatus::kEnd : ReadStatus::kTimeout;
     }
     constexpr unsigned kMostMs = 1000;
-    call(rs2_process_frame, align_.get(), found);  // which releases it
+    call(rs2_process_frame, align_.get(), found);  // takes ownership of `found`
     const Frame images(call(rs2_wait_for_frame, queue_.get(), kMostMs));
     for (int i = 0; i < call(rs2_embedded_frames_count, images.get()); ++i) {
       Frame image(call(rs2_extract_frame, images.get(), i));
@@ -212,7 +213,7 @@ std::unique_ptr<RgbdSource> open_realsense(const std::string& location,
 }
 
 std::string realsense_absence() try {
-  // Some versions (2.53) crash without USB, where others find nothing.
+  // Some versions (2.53) crash without USB instead of finding no device.
   if (!std::filesystem::exists("/sys/bus/usb/devices")) return "no device: there is no USB";
   const Context context = new_context();
   const auto devices = devices_of(context.get());

@@ -23,8 +23,8 @@ bool holds_recording(const fs::path& folder, const RecordingLayout& layout) {
          fs::is_regular_file(folder / layout.lists.front());
 }
 
-/// Whether a recorder made everything in the folder, which may have been killed before it began the
-/// list of frames. What killed writers leave (.manip3d-XXXXXX) counts as its own.
+/// Was everything in the folder made by a recorder? It may have been killed before it began the
+/// list of frames. Temporary files of killed writers (.manip3d-N) count as made by it.
 bool is_replaceable(const fs::path& folder, const RecordingLayout& layout) {
   const bool is_begun = holds_recording(folder, layout);
   return std::ranges::all_of(fs::directory_iterator(folder), [&](const fs::directory_entry& entry) {
@@ -52,8 +52,8 @@ void LineLog::append(const std::string& line) {
     if (written < 0 && errno == EINTR) continue;
     if (written < 0) {
       const int reason = errno;
-      // A partial line that cannot be cut off now stays without its end, and readers pass over
-      // it; more must not be written behind it.
+      // A partial line that cannot be cut off now stays without its end, and readers ignore it.
+      // Nothing may be written after it.
       if (::ftruncate(descriptor_, size_) != 0 || ::lseek(descriptor_, size_, SEEK_SET) < 0) {
         ::close(std::exchange(descriptor_, -1));
       }
@@ -80,7 +80,7 @@ void LineLog::refuse(const char* action) const {
 
 std::unique_ptr<RecordingLock> prepare_folder(const fs::path& folder, const RecordingLayout& layout,
                                               bool overwrite) {
-  fs::create_directory(folder);  // a folder that is there is left as it is
+  fs::create_directory(folder);  // an existing folder stays unchanged
   auto lock = std::make_unique<RecordingLock>(folder, RecordingLock::For::kWriting);
   if (fs::is_empty(folder)) return lock;
   if (!overwrite || !is_replaceable(folder, layout)) {

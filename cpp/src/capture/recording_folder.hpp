@@ -14,25 +14,24 @@
 #include "capture/recording_lock.hpp"
 #include "manip3d/geometry/rgbd_frame.hpp"
 
-/// @file
-/// Shared parts of the recorders of folders: folders that are theirs, and files that are whole.
+/// Common parts of the folder recorders: ownership of folders, and files that are complete.
 namespace manip3d {
 
 inline constexpr const char* kCalibrationFile = "calibration.json";
 
-/// A text file that grows by whole lines.
+/// A text file that grows by complete lines.
 class LineLog {
  public:
-  /// @throws std::filesystem::filesystem_error  it exists, and the like.
+  /// @throws std::filesystem::filesystem_error  for example, the file exists.
   explicit LineLog(const std::filesystem::path& path);
   LineLog(const LineLog&) = delete;
   LineLog& operator=(const LineLog&) = delete;
   ~LineLog();
 
-  /// After an error the file ends with the line before.
+  /// After an error the file ends with the previous line.
   /// @throws std::filesystem::filesystem_error
   void append(const std::string& line);
-  /// Syncs and closes the file. Calling it twice does no harm.
+  /// Syncs and closes the file. A second call has no effect.
   void close();
 
  private:
@@ -43,28 +42,30 @@ class LineLog {
   off_t size_ = 0;
 };
 
-/// Files and folders that a recorder makes beside calibration.json.
+/// Files and folders that a recorder makes in addition to calibration.json.
 struct RecordingLayout {
   std::vector<std::string_view> lists;  ///< Text files; the first one marks the recording.
   std::vector<std::string_view> image_folders;
 };
 
-/// Makes the folder, or takes the one of an earlier recording, which stays as it is until
-/// `remove_recording`, and locks it.
-/// @throws InputError  the folder holds anything else, or somebody has it open.
+/// Makes the folder, or takes over that of an earlier recording, which is unchanged until
+/// `remove_recording`. The folder is locked.
+/// @throws InputError  the folder contains other files, or another process has it open.
 std::unique_ptr<RecordingLock> prepare_folder(const std::filesystem::path& folder,
                                               const RecordingLayout& layout, bool overwrite);
 
-/// Empties the folder of a recording. The lists first, so that no frame stands in them whose images
-/// are gone. The first one stays until they are, as the mark of a recording, if this is killed.
+/// Removes the contents of a recording's folder. The lists are emptied first, so that they name no
+/// removed images. The first list is removed last: if this process is killed, it still marks the
+/// folder as a recording.
 void remove_recording(const std::filesystem::path& folder, const RecordingLayout& layout);
 
-/// The text of a calibration.json. @throws InputError  too long a ray table.
+/// The text of a calibration.json.
+/// @throws InputError  the ray table is too long.
 std::string calibration_text(const RgbdCalibration& calibration);
-/// Writes a file, whole or not at all.
+/// Writes a file completely or not at all.
 void write_text(const std::filesystem::path& path, const std::string& text);
 
-/// The images of one frame; they are removed again unless `keep` is called.
+/// The images of one frame. They are removed by the destructor unless `keep` was called.
 class FrameImages {
  public:
   FrameImages() = default;
@@ -74,7 +75,7 @@ class FrameImages {
 
   /// @throws std::filesystem::filesystem_error
   void write(const std::filesystem::path& path, std::span<const std::byte> data);
-  /// Returns how many bytes they have.
+  /// Keeps the images; returns their bytes.
   std::int64_t keep();
 
  private:

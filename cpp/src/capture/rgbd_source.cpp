@@ -22,7 +22,7 @@ RgbdScheme mkv_scheme(bool probe) {
   return scheme;
 }
 
-/// The functions of a driver; none where it was not built in.
+/// The functions of a driver; null if it was not built in.
 struct Driver {
   std::unique_ptr<RgbdSource> (*open)(const std::string&, const RgbdOptions&) = nullptr;
   std::string (*absence)() = nullptr;
@@ -48,8 +48,8 @@ constexpr Driver kOrbbec{open_orbbec, orbbec_absence};
 constexpr Driver kOrbbec;
 #endif
 
-/// @param scheme  with the cure for want of a device.
-/// @param library  what it takes to build the driver.
+/// @param scheme  with the cure for a missing device.
+/// @param library  the library that is needed to build the driver.
 RgbdScheme driven(RgbdScheme scheme, const Driver& driver, bool probe, const char* library) {
   if (driver.open == nullptr) {
     scheme.reason = std::string("not built: ") + library + " was not found";
@@ -62,7 +62,7 @@ RgbdScheme driven(RgbdScheme scheme, const Driver& driver, bool probe, const cha
   return scheme;
 }
 
-/// @param probe  look whether what was built in finds its libraries and devices.
+/// @param probe  search for libraries and devices of the drivers that were built in.
 std::vector<RgbdScheme> schemes(bool probe) {
   return {
       {"folder", "FOLDER", "recordings as folders of images; any folder with depth/ and color/",

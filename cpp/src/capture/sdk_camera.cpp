@@ -27,7 +27,7 @@ const std::byte* row_of(const SdkImage& image, std::int64_t v) {
 }
 
 std::uint16_t to_millimetres(double depth) {
-  if (!(depth > 0.0 && depth < 65535.5)) return 0;  // NaN and what does not fit, too
+  if (!(depth > 0.0 && depth < 65535.5)) return 0;  // also for NaN and values that do not fit
   return static_cast<std::uint16_t>(std::floor(depth + 0.5));
 }
 
@@ -59,7 +59,8 @@ void convert_color(const SdkImage& from, std::uint8_t* to) {
 
 class SdkCamera final : public RgbdSource {
  public:
-  /// @param silence  none: a file.
+  /// @param silence  Longest time without images before the camera counts as unplugged; empty: a
+  ///                 file.
   SdkCamera(std::string scheme, SdkOpener open, std::shared_ptr<const RgbdCalibration> given,
             std::optional<milliseconds> silence)
       : scheme_(std::move(scheme)),
@@ -208,7 +209,8 @@ std::unique_ptr<RgbdSource> open_sdk_camera(const std::string& scheme, SdkOpener
 std::unique_ptr<RgbdSource> open_sdk_file(const std::string& scheme,
                                           const std::filesystem::path& path, SdkOpener open,
                                           const RgbdOptions& options) {
-  static_cast<void>(std::filesystem::file_size(path));  // libraries take up to a minute to notice
+  // throws if there is no file; libraries take up to a minute to notice that
+  static_cast<void>(std::filesystem::file_size(path));
   auto file =
       std::make_unique<SdkCamera>(scheme, std::move(open), options.calibration, std::nullopt);
   if (options.speed == 0.0) return file;

@@ -12,14 +12,13 @@
 
 #include "manip3d/capture/rgbd_source.hpp"
 
-/// @file
-/// What the drivers of makers' SDKs share. A driver opens its device and hands over images as the
-/// SDK has them; all the rest is done here, and tried without a device.
+/// Common parts of the drivers that use makers' SDKs. A driver opens its device and delivers images
+/// as the SDK has them; all other work is done here, so that it can be tested without a device.
 namespace manip3d {
 
 enum class SdkPixels : std::uint8_t {
   kDepth16,
-  kDepthFloat,  ///< Not > 0, NaN: no measurement.
+  kDepthFloat,  ///< Values that are not > 0, or NaN: no measurement.
   kRgb,
   kBgr,
   kRgbx,
@@ -27,7 +26,7 @@ enum class SdkPixels : std::uint8_t {
 };
 
 struct SdkImage {
-  const void* data = nullptr;  ///< None: there is no such image.
+  const void* data = nullptr;  ///< Null: no such image.
   std::int64_t rows = 0, cols = 0;
   std::int64_t row_bytes = 0;
   SdkPixels pixels = SdkPixels::kDepth16;
@@ -35,12 +34,12 @@ struct SdkImage {
 
 struct SdkFrame {
   SdkImage depth;
-  SdkImage color;            ///< With the pixels of depth.
-  double millimetres = 1.0;  ///< One unit of depth.
+  SdkImage color;            ///< Colour with the pixels of depth.
+  double millimetres = 1.0;  ///< Millimetres per unit of depth.
   std::int64_t number = 0, time_ns = 0;
 };
 
-/// A device while it streams, or a file that its SDK plays.
+/// A streaming device, or a file that its SDK plays.
 class SdkDevice {
  public:
   SdkDevice() = default;
@@ -48,41 +47,41 @@ class SdkDevice {
   SdkDevice& operator=(const SdkDevice&) = delete;
   virtual ~SdkDevice() = default;
 
-  /// The camera of the depth images; `mirrored` as they come.
-  /// @throws InputError  a lens that has no place in Intrinsics.
+  /// The camera of the depth images, with `mirrored` set if these are mirrored.
+  /// @throws InputError  Intrinsics cannot represent the lens.
   [[nodiscard]] virtual Intrinsics camera() const = 0;
-  /// The images are good until the next call.
+  /// The images are valid until the next call.
   virtual ReadStatus wait(SdkFrame& frame, std::chrono::milliseconds timeout) = 0;
 };
 
-/// `PLACE?option=number&...` of a URI.
+/// Location of a URI: `PLACE?option=number&...`.
 struct SdkLocation {
   std::string place;
-  std::map<std::string, int> options;  ///< All that there may be; 0: it was not given.
+  std::map<std::string, int> options;  ///< All options of the scheme; 0: not given.
 };
 
-/// @throws InputError  an unknown option, no whole number > 0.
+/// @throws InputError  an unknown option, or a value that is not a whole number > 0.
 SdkLocation parse_sdk_location(const std::string& scheme, const std::string& location,
                                std::initializer_list<const char*> options);
 
 using SdkOpener = std::function<std::unique_ptr<SdkDevice>()>;
 
-/// A camera gives its latest frames, from a thread of its own; one that gives none for kSdkSilence
-/// is taken as unplugged. Counters: `frames`, `lost_by_camera` (gaps in their numbers),
+/// Opens a camera, which is read by a thread of its own. A camera without images for `silence`
+/// counts as unplugged. Counters: `frames`, `lost_by_camera` (gaps in the frame numbers),
 /// `without_color`, `damaged` (images of another size or kind than the camera's).
 std::unique_ptr<RgbdSource> open_sdk_camera(const std::string& scheme, SdkOpener open,
                                             const RgbdOptions& options,
                                             std::chrono::milliseconds silence);
-inline constexpr std::chrono::milliseconds kSdkSilence(5000);  // some take two to start
+inline constexpr std::chrono::milliseconds kSdkSilence(5000);  // some cameras take 2 s to start
 
-/// A file gives all its frames, or plays in real time.
-/// @throws std::filesystem::filesystem_error  it is not there.
+/// Opens a file, which gives all its frames or plays in real time (options.speed).
+/// @throws std::filesystem::filesystem_error  the file does not exist.
 std::unique_ptr<RgbdSource> open_sdk_file(const std::string& scheme,
                                           const std::filesystem::path& path, SdkOpener open,
                                           const RgbdOptions& options);
 
-/// Calls a function of an SDK in C, which puts its complaint where its last argument says; `raise`
-/// throws what is not null.
+/// Calls a C function of an SDK that stores its error in its last argument; `raise` throws errors
+/// that are not null.
 template <typename Error, typename Function, typename... Arguments>
 auto sdk_call(void (*raise)(Error*), Function function, Arguments... arguments) {
   Error* error = nullptr;

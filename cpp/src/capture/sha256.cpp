@@ -13,7 +13,7 @@ std::string sha256(std::span<const std::byte> bytes) {
                      bytes.size());
   std::string text(2 * hash.size() + 1, '\0');
   sodium_bin2hex(text.data(), text.size(), hash.data(), hash.size());
-  text.pop_back();  // the C string's end
+  text.pop_back();  // the terminating NUL
   return text;
 }
 

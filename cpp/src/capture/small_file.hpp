@@ -8,8 +8,8 @@
 
 namespace manip3d {
 
-/// All bytes of a file.
-/// @throws FormatError  it is larger than `most`, with its name.
+/// Reads all bytes of a file.
+/// @throws FormatError  (with the name) the file is larger than `most` bytes.
 /// @throws std::filesystem::filesystem_error
 std::vector<std::byte> read_small_file(const std::filesystem::path& path, std::uint64_t most);
 

@@ -16,13 +16,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kUnitsPerMillimetre = 5;  // 5000 units are a metre
+constexpr int kUnitsPerMillimetre = 5;  // the unit is 1/5000 m
 constexpr int kFarthest = std::numeric_limits<std::uint16_t>::max() / kUnitsPerMillimetre;
 constexpr std::int64_t kNanoseconds = 1'000'000'000;
-constexpr std::int64_t kLatest = 9'000'000'000 * kNanoseconds;  // what the reader takes
+// the latest time that open_tum() reads
+constexpr std::int64_t kLatest = 9'000'000'000 * kNanoseconds;
 constexpr std::array kLists = {"depth.txt", "rgb.txt", "associations.txt"};
 
-/// Seconds with nine digits after the point.
+/// The time in seconds with nine decimals.
 std::string seconds_text(std::int64_t time_ns) {
   const std::int64_t size = std::abs(time_ns);
   char text[32];
@@ -44,7 +45,7 @@ class TumRecorder final : public RgbdRecorder {
     }
     calibration_text_ = calibration_text(calibration);
     lock_ = prepare_folder(folder, layout_, options.overwrite);
-    if (fs::is_empty(folder)) begin();  // else an earlier recording stays until a frame comes
+    if (fs::is_empty(folder)) begin();  // else the earlier recording is kept until the first frame
   }
 
   void write(const RgbdFrame& frame) override {
@@ -66,9 +67,9 @@ class TumRecorder final : public RgbdRecorder {
     if (has_color) {
       images.write(folder_ / "rgb" / (time + ".png"), encode_png(frame.color, frame.cols, 3));
     }
-    const std::int64_t bytes = images.keep();  // before a list can name one of them
+    const std::int64_t bytes = images.keep();  // images are complete before a list names them
     if (has_color) color_->append(color + "\n");
-    depth_->append(depth + "\n");  // a frame without this line is not there
+    depth_->append(depth + "\n");  // this line completes the frame
     if (has_color) pairs_->append(color + " " + depth + "\n");
     bytes_ += bytes;
     too_far_ += too_far;
@@ -94,7 +95,7 @@ class TumRecorder final : public RgbdRecorder {
     write_text(folder_ / kCalibrationFile, calibration_text_);
     depth_ = begun_list("depth.txt", "# depth maps\n# timestamp filename\n");
     color_ = begun_list("rgb.txt", "# color images\n# timestamp filename\n");
-    pairs_ = begun_list("associations.txt", "");  // the last one: all are there, or it is none
+    pairs_ = begun_list("associations.txt", "");  // made last: if it exists, all lists do
   }
 
   [[nodiscard]] std::unique_ptr<LineLog> begun_list(const char* name, const std::string& head) {
@@ -103,7 +104,8 @@ class TumRecorder final : public RgbdRecorder {
     return list;
   }
 
-  /// Fills units_; returns how many pixels are farther than 16 bits of them reach, and have none.
+  /// Converts depths to units_; returns the number of pixels whose depth exceeds 16 bits and
+  /// becomes 0.
   std::int64_t to_units(const std::vector<std::uint16_t>& depth) {
     std::int64_t too_far = 0;
     units_.resize(depth.size());

@@ -55,10 +55,11 @@ Descriptor bound_socket(const UdpOptions& options, std::uint16_t& port) {
 
 struct Arrival {
   std::int64_t time_ns = 0;
-  std::int64_t dropped = 0;  // by the kernel since the socket was opened; 0: it does not say
+  // packets that the kernel has dropped since the socket was opened; 0: unknown
+  std::int64_t dropped = 0;
 };
 
-// Notes of the kernel beside a packet.
+// Reads what the kernel notes about a packet.
 Arrival arrival_of(msghdr& message) {
   Arrival arrival;
   for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
@@ -97,17 +98,18 @@ void UdpReceiver::start() {
     const std::lock_guard lock(mutex_);
     if (running_) return;
   }
-  if (thread_.joinable()) thread_.join();  // it ended by itself
+  if (thread_.joinable()) thread_.join();  // the thread has ended by itself
   const std::lock_guard lock(mutex_);
   thread_ = std::thread(&UdpReceiver::receive, this);
-  running_ = true;  // only now: a receiver without a thread could not be started again
+  // set last, because a running receiver without a thread could not be started again
+  running_ = true;
 }
 
 void UdpReceiver::stop() {
   const std::lock_guard turn(start_stop_);
   end_of_thread();
   if (!thread_.joinable()) return;
-  // Counters of eventfd neither fill up here nor fail.
+  // The counter of this eventfd cannot overflow, so that the write does not fail.
   eventfd_write(wake_.get(), 1);
   thread_.join();
   eventfd_t taken = 0;
@@ -137,7 +139,7 @@ void UdpReceiver::receive() {
     message.msg_control = control.data();
     message.msg_controllen = control.size();
     const ssize_t size = recvmsg(socket_.get(), &message, MSG_DONTWAIT);
-    if (size < 0) continue;  // nothing there, or an ICMP error that does not concern us
+    if (size < 0) continue;  // no packet, or an ICMP error, which can be ignored
     const Arrival arrival = arrival_of(message);
     {
       const std::lock_guard lock(mutex_);

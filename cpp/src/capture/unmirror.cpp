@@ -6,7 +6,7 @@
 namespace manip3d {
 namespace {
 
-// A ray table has no flag: it is mirrored where its x falls from left to right.
+// A ray table has no flag: it is mirrored if the x of its rays decreases from left to right.
 bool is_mirrored(const Intrinsics& camera) {
   if (camera.ray_table == nullptr) return camera.mirrored;
   const float* row = camera.ray_table + camera.height / 2 * camera.width * 2;

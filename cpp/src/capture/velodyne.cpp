@@ -16,15 +16,15 @@ namespace manip3d {
 namespace {
 
 constexpr std::size_t kBlocks = 12;
-constexpr std::size_t kFirings = 32;  // firings of a block
+constexpr std::size_t kFirings = 32;  // per block
 constexpr std::size_t kBlockBytes = 100;
 constexpr std::size_t kPositionPacketBytes = 512;
-constexpr std::uint32_t kTurnTicks = 36000;  // a full turn, in hundredths of a degree
+constexpr std::uint32_t kTurnTicks = 36000;  // units of 0.01 degrees in a turn
 constexpr std::uint32_t kUpperFlag = 0xEEFF;
 constexpr std::uint32_t kLowerFlag = 0xDDFF;
-constexpr std::uint32_t kHour = 3'600'000'000;  // microseconds
-// Hundredths of a degree: a larger step from column to column is a gap. At 20 turns per second a
-// VLP-16 turns by 0.8 degrees.
+constexpr std::uint32_t kHour = 3'600'000'000;  // microseconds per hour
+// A VLP-16 turns 0.8 degrees from column to column at 20 turns per second. More than 2 degrees are
+// a gap.
 constexpr double kLargestTurn = 200.0;
 
 enum ReturnMode : std::uint8_t { kModeStrongest = 0x37, kModeLast = 0x38, kModeDual = 0x39 };
@@ -32,9 +32,9 @@ enum ReturnMode : std::uint8_t { kModeStrongest = 0x37, kModeLast = 0x38, kModeD
 struct Product {
   VelodyneModel model;
   const char* name;
-  std::uint8_t byte;  // product byte of a packet; 0: packets do not state the product
+  std::uint8_t byte;  // factory byte of the product; 0: packets do not contain it
   std::size_t num_lasers;
-  double column_time_s;  // seconds between blocks of the same return
+  double column_time_s;  // time between blocks of the same return, seconds
   double range_unit_m;
 };
 constexpr Product kProducts[] = {
@@ -46,9 +46,8 @@ constexpr Product kProducts[] = {
 
 const Product& product(VelodyneModel model) { return kProducts[static_cast<int>(model)]; }
 
-// Seconds from the begin of a block to a firing. A VLP-16 fires 16 lasers twice per block, a
-// VLP-32C two lasers at a time. For the HDL-64E the delay is not documented per block, and 0 is
-// returned.
+// Time of each firing after the beginning of its block, seconds. VLP-16: two rounds of 16 lasers;
+// VLP-32C: two lasers at a time. The times of the HDL-64E are unknown.
 double firing_delay(VelodyneModel model, std::size_t firing) {
   const auto n = static_cast<double>(firing);
   switch (model) {
@@ -64,17 +63,17 @@ double firing_delay(VelodyneModel model, std::size_t firing) {
   return 0.0;
 }
 
-// User's manual HDL-32E, appendix on packets: elevation by firing, degrees.
+// Elevation by firing, degrees (User's manual HDL-32E, appendix on packets).
 constexpr std::array<double, 32> kHdl32eElevation = {
     -30.67, -9.33,  -29.33, -8.00,  -28.00, -6.67,  -26.67, -5.33,  -25.33, -4.00,  -24.00,
     -2.67,  -22.67, -1.33,  -21.33, 0.00,   -20.00, 1.33,   -18.67, 2.67,   -17.33, 4.00,
     -16.00, 5.33,   -14.67, 6.67,   -13.33, 8.00,   -12.00, 9.33,   -10.67, 10.67};
-// VLP-16, table of vertical angles by laser, and of vertical corrections in millimetres.
+// VLP-16: tables of vertical angles by laser, degrees, and of vertical corrections, millimetres.
 constexpr std::array<double, 16> kVlp16Elevation = {
     -15.0, 1.0, -13.0, 3.0, -11.0, 5.0, -9.0, 7.0, -7.0, 9.0, -5.0, 11.0, -3.0, 13.0, -1.0, 15.0};
 constexpr std::array<double, 16> kVlp16Vertical = {11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1,
                                                    5.1,  -6.6, 3.7, -8.1, 2.2, -9.7, 0.7, -11.2};
-// VLP-32C, table of elevation angles and azimuth offsets by laser.
+// VLP-32C: tables of elevation angles and azimuth offsets by laser, degrees.
 constexpr std::array<double, 32> kVlp32cElevation = {
     -25.0,  -1.0,   -1.667, -15.639, -11.31, 0.0,    -0.667, -8.843, -7.254, 0.333,  -0.333,
     -6.148, -5.333, 1.333,  0.667,   -4.0,   -4.667, 1.667,  1.0,    -3.667, -3.333, 3.333,
@@ -83,8 +82,8 @@ constexpr std::array<double, 32> kVlp32cAzimuth = {
     1.4, -4.2, 1.4, -1.4, 1.4, -1.4, 4.2, -1.4, 1.4, -4.2, 1.4, -1.4, 4.2, -1.4, 4.2, -1.4,
     1.4, -4.2, 1.4, -4.2, 4.2, -1.4, 1.4, -1.4, 1.4, -1.4, 1.4, -4.2, 4.2, -1.4, 1.4, -1.4};
 
-// Sine and cosine of every hundredth of a degree. In long double: glibc has one version of that,
-// whatever the CPU.
+// Sine and cosine of every hundredth of a degree, computed in long double, because glibc has one
+// version of these functions for all CPUs.
 const std::vector<SinCos>& turn_table() {
   static const std::vector<SinCos> table = [] {
     std::vector<SinCos> values(kTurnTicks + 1);
@@ -104,8 +103,8 @@ SinCos sin_cos_deg(double degrees) {
   return {static_cast<double>(std::sin(angle)), static_cast<double>(std::cos(angle))};
 }
 
-// Sine and cosine of an azimuth in [0, 36000) hundredths of a degree: the table's entry, turned on
-// by the rest, which is below 0.01 degrees, so that a series of second order is exact to 1e-12.
+// Sine and cosine of an azimuth in [0, 36000) hundredths of a degree: the table's entry, rotated by
+// the remainder. This is below 0.01 degrees, so that a series of second order is exact to 1e-12.
 SinCos sin_cos_centideg(double azimuth) {
   const auto whole = static_cast<std::size_t>(azimuth);
   const SinCos& base = turn_table()[whole];
@@ -133,10 +132,10 @@ std::uint32_t read32(std::span<const std::byte> bytes, std::size_t at) {
   return read16(bytes, at) | read16(bytes, at + 2) << 16;
 }
 
-// Twice a turn of an HDL-64E with two returns.
+// Points for which memory is reserved: twice a turn of an HDL-64E with two returns.
 constexpr std::size_t kMostReserved = 500'000;
 
-// Calls `f` with every column of points and its values per point.
+// Calls `f(column, values per point)` for every column of points.
 template <typename F>
 void for_each_column(VelodyneFrame& frame, F f) {
   f(frame.points, std::size_t{3});
@@ -149,7 +148,7 @@ void for_each_column(VelodyneFrame& frame, F f) {
   f(frame.time, std::size_t{1});
 }
 
-// Sets a correction of z alone, split into offsets along the beam and at right angles to it.
+// Sets a correction of z alone, split into offsets along the beam and perpendicular to it.
 void raise(LaserCalibration& laser, double height) {
   const auto [sin, cos] = sin_cos_deg(laser.elevation_deg);
   laser.range_offset_m = height * sin;
@@ -202,10 +201,10 @@ VelodyneCalibration factory_calibration(VelodyneModel model) {
 
 struct VelodyneDecoder::Block {
   bool is_good = false;
-  bool is_lower = false;      // lasers 32 to 63
-  std::uint32_t azimuth = 0;  // hundredths of a degree
-  double turn = 0.0;          // to the next column, hundredths of a degree
-  double time = 0.0;          // seconds after the packet's time
+  bool is_lower = false;      // lasers 32 to 63 of the HDL-64E
+  std::uint32_t azimuth = 0;  // 0.01 degrees
+  double turn = 0.0;          // rotation until the next column, 0.01 degrees
+  double time = 0.0;          // seconds after the beginning of the packet
   ReturnType type = ReturnType::kUnknown;
   std::size_t twin = kBlocks;  // block with the other return of the same firings; kBlocks: none
 };
@@ -296,7 +295,7 @@ void VelodyneDecoder::set_model(VelodyneModel model) {
 }
 
 bool VelodyneDecoder::identify(std::span<const std::byte> payload) {
-  // The last two bytes of an HDL-64E packet cycle through its status: they name no product.
+  // The last two bytes of an HDL-64E packet cycle through its status and name no product.
   bool has_lower = false;
   for (std::size_t b = 0; b < kBlocks; ++b) {
     has_lower = has_lower || read16(payload, b * kBlockBytes) == kLowerFlag;
@@ -305,7 +304,7 @@ bool VelodyneDecoder::identify(std::span<const std::byte> payload) {
   const auto* known = std::find_if(std::begin(kProducts), std::end(kProducts), [&](const auto& p) {
     return has_lower ? p.model == VelodyneModel::kHdl64e : p.byte != 0 && p.byte == byte;
   });
-  if (model_ == VelodyneModel::kHdl64e) return true;  // asked for, or seen before
+  if (model_ == VelodyneModel::kHdl64e) return true;  // given as an option, or detected before
   if (known == std::end(kProducts)) {
     ++counters_.unknown_product;
     return false;
@@ -336,9 +335,9 @@ void VelodyneDecoder::read_packet(std::span<const std::byte> payload, Packet& pa
   packet.sensor_time = 1e-6 * static_cast<double>(microseconds);
 }
 
-// Which return each block holds, and which block holds the other one: VLP and HDL-32E send the last
-// return, then the strongest; the HDL-64E upper and lower block of one, then of the other, known by
-// their equal azimuths.
+// Finds which return each block contains, and which block contains the other one. VLP and HDL-32E
+// send the last return, then the strongest one. The HDL-64E sends upper and lower block of one
+// return, then of the other; dual returns are recognised by their equal azimuths.
 void VelodyneDecoder::read_returns(Packet& packet, std::span<const std::byte> payload) {
   auto& blocks = packet.blocks;
   const auto mode = std::to_integer<std::uint8_t>(payload[kVelodynePacketBytes - 2]);
@@ -360,7 +359,7 @@ void VelodyneDecoder::read_returns(Packet& packet, std::span<const std::byte> pa
   if (column_time_ > 0.0) measure_turns(packet, is_dual ? 2 : 1);
 }
 
-// Whether each four blocks of a packet of an HDL-64E have one azimuth, as with two returns.
+// Do each four blocks of a packet of an HDL-64E have one azimuth, as with two returns?
 bool VelodyneDecoder::has_equal_azimuths(const Packet& packet) {
   const auto& blocks = packet.blocks;
   for (std::size_t b = 0; b < kBlocks; ++b) {
@@ -369,8 +368,8 @@ bool VelodyneDecoder::has_equal_azimuths(const Packet& packet) {
   return true;
 }
 
-// How far the scanner turns during each block; `next` is the distance to the next column's block.
-// The last sane turn serves where a block is bad or the packet ends.
+// Measures how far the scanner turns during each block. `next` is the distance to the block of the
+// next column. The last valid rotation is used if a block is bad or the packet ends.
 void VelodyneDecoder::measure_turns(Packet& packet, std::size_t next) {
   auto& blocks = packet.blocks;
   for (std::size_t b = 0; b < kBlocks; ++b) {
@@ -414,8 +413,8 @@ void VelodyneDecoder::decode(std::span<const std::byte> payload, std::int64_t ti
   }
 }
 
-// Ends the frame where the azimuth passes the cut. Turning back ends nothing: packets may come out
-// of order.
+// Ends the frame if the azimuth passes the cut. A backward step does not end it, because packets
+// may arrive out of order.
 void VelodyneDecoder::advance(std::uint32_t azimuth, const Packet& packet, bool is_first) {
   bool at_cut = false;
   if (last_azimuth_) {
@@ -451,7 +450,7 @@ void VelodyneDecoder::begin_frame(const Packet& packet, bool at_cut) {
 
 void VelodyneDecoder::end_frame(bool at_cut) {
   frame_.is_complete = began_at_cut_ && at_cut;
-  // Frames are much alike; those that are not give back what was reserved for them.
+  // Frames have similar sizes; a much smaller frame returns the memory that was reserved for it.
   const std::size_t size = frame_.num_points();
   if (size < capacity_hint_ / 2) {
     for_each_column(frame_, [](auto& column, std::size_t) { column.shrink_to_fit(); });
@@ -472,7 +471,7 @@ void VelodyneDecoder::decode_block(const Packet& packet, std::size_t index,
   const std::size_t twin_base = has_twin ? block.twin * kBlockBytes + 4 : base;
   constexpr double kHourSeconds = 3600.0;
   double packet_time = packet.sensor_time - frame_time_;
-  if (packet_time < -kHourSeconds / 2.0) packet_time += kHourSeconds;  // the hour struck
+  if (packet_time < -kHourSeconds / 2.0) packet_time += kHourSeconds;  // a new hour has begun
   for (std::size_t i = 0; i < kFirings; ++i) {
     const std::size_t at = base + 3 * i;
     const std::uint32_t raw_range = read16(payload, at);
@@ -493,15 +492,16 @@ void VelodyneDecoder::decode_block(const Packet& packet, std::size_t index,
       if (equal) type = ReturnType::kBoth;
     }
     std::size_t number = block.is_lower ? kFirings + i : i;
-    if (number >= lasers_.size()) number -= lasers_.size();  // VLP-16's second round
+    if (number >= lasers_.size()) number -= lasers_.size();  // second round of the VLP-16
     const double turned = static_cast<double>(block.azimuth) + block.turn * fraction_[i];
     add_point(lasers_[number], static_cast<std::uint8_t>(number), turned, raw_range, reflectivity,
               type, packet_time + block.time + delay_[i]);
   }
 }
 
-// HDL-64E S2 manual, appendix on the conversion of raw data: range offsets known at two distances
-// are interpolated along x and along y; offsets of the laser are at right angles to its beam.
+// Computes and adds a point (HDL-64E S2 manual, appendix on the conversion of raw data): range
+// offsets that are known at two distances are interpolated along x and along y; the laser's offsets
+// are perpendicular to its beam.
 void VelodyneDecoder::add_point(const Laser& laser, std::uint8_t number, double azimuth,
                                 std::uint32_t raw_range, std::uint8_t reflectivity, ReturnType type,
                                 double time) {
@@ -514,7 +514,7 @@ void VelodyneDecoder::add_point(const Laser& laser, std::uint8_t number, double 
   const auto [sin, cos] = sin_cos_centideg(pointed);
   const double corrected = range + laser.range_offset;
   const double lift = laser.vertical_offset * laser.sin_elevation;
-  double range_x = corrected;  // x to the right, y ahead: the manual's axes
+  double range_x = corrected;  // x to the right, y forward, as in the manual
   double range_y = corrected;
   if (laser.has_two_points) {
     const double flat = corrected * laser.cos_elevation - lift;

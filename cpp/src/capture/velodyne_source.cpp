@@ -52,8 +52,8 @@ ReadStatus VelodyneUdpSource::read(VelodyneFrame& frame, std::chrono::millisecon
   while (!decoder_.take(frame)) {
     const auto left =
         std::chrono::duration_cast<std::chrono::milliseconds>(deadline - Steady::now());
-    const bool was_running =
-        receiver_.is_running();  // asked first: what came before the end counts
+    // asked before the read, so that packets from before the end are not missed
+    const bool was_running = receiver_.is_running();
     if (receiver_.read(payload_, time_ns, std::max(left, std::chrono::milliseconds(0)))) {
       decoder_.decode(payload_, time_ns);
     } else if (was_running) {

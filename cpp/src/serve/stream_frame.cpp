@@ -68,12 +68,12 @@ void check_stream_frame(const StreamFrame& frame) {
   check_stream_image(frame.phantom_color, "phantom_color");
 }
 
-/// A message that grows section by section.
+/// A message that is built section by section.
 class StreamMessage {
  public:
   explicit StreamMessage(std::size_t expected) { bytes_.reserve(expected); }
 
-  /// A new section of so many values, which begins at a multiple of four bytes.
+  /// Appends a section of `count` values, which begins at a multiple of four bytes.
   template <typename T>
   T* section(std::size_t count) {
     const std::size_t start = (bytes_.size() + 3) / 4 * 4;
@@ -103,7 +103,7 @@ void quantise_positions(std::span<const float> vertices, StreamHeader& header, s
   if (vertices.empty()) return;
   std::array<double, 3> inverse{};
   for (std::size_t k = 0; k < 3; ++k) {
-    // In double: the extent of floats may be beyond the largest float.
+    // In double, because the extent of floats may exceed the largest float.
     const double extent = static_cast<double>(high[k]) - static_cast<double>(low[k]);
     header.low[k] = low[k];
     header.step[k] = static_cast<float>(extent / kSteps);
@@ -115,9 +115,10 @@ void quantise_positions(std::span<const float> vertices, StreamHeader& header, s
   }
 }
 
-/// The part of an image that texture coordinates use: columns and rows from `begin` to `end`.
+/// The region of an image that texture coordinates use: columns and rows [begin, end).
 struct TextureRegion {
-  std::array<float, 2> low{1.0F, 1.0F}, high{0.0F, 0.0F};  // over the image, v down
+  // smallest and largest coordinates in the image, v downwards
+  std::array<float, 2> low{1.0F, 1.0F}, high{0.0F, 0.0F};
   std::array<std::int64_t, 2> begin{}, end{};
 
   void include(float u, float v) {
@@ -125,7 +126,8 @@ struct TextureRegion {
     high = {std::max(high[0], u), std::max(high[1], v)};
   }
 
-  /// A pixel more on each side, for interpolation; and whether there is anything.
+  /// Computes the region with one pixel more on each side, for interpolation. Returns false if it
+  /// is empty.
   bool settle(const StreamImage& image) {
     if (image.pixels == nullptr || low[0] > high[0]) return false;
     const std::array<std::int64_t, 2> size{image.cols, image.rows};
@@ -147,11 +149,11 @@ struct TextureRegion {
   }
 };
 
-bool is_on_image(const float* texcoord) {  // NaN is not
+bool is_on_image(const float* texcoord) {  // false for NaN
   return texcoord[0] >= 0.0F && texcoord[0] <= 1.0F && texcoord[1] >= 0.0F && texcoord[1] <= 1.0F;
 }
 
-/// The regions of the body's and the phantom's image; one where both are one image.
+/// The regions of the body's and the phantom's image; one region if both are the same image.
 class StreamTextures {
  public:
   explicit StreamTextures(const StreamFrame& frame)
@@ -176,7 +178,7 @@ class StreamTextures {
     }
   }
 
-  /// Adds the region of image 0 or 1 as JPEG; returns its bytes.
+  /// Appends the region of image 0 or 1 as JPEG; returns its number of bytes.
   std::uint32_t write_jpeg(std::size_t k, int quality, StreamMessage& message) const {
     if (!used_[k]) return 0;
     const TextureRegion& region = regions_[k];

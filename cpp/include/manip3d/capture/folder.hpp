@@ -7,50 +7,55 @@
 #include "manip3d/capture/rgbd_source.hpp"
 
 /// @file
-/// Frames in folders of images, which need no library to be read.
+/// Frames in folders of images; no optional library is needed to read these.
 ///
 /// A recording is a folder with
 ///   calibration.json   {"format": "manip3d-rgbd", "version": 1, "calibration": {...}}
-///   frames.jsonl       one line for each frame, in the order of their times
+///   frames.jsonl       one line per frame, in order of time
 ///   depth/             grey PNG of 16 bits, millimetres
-///   body_index/        grey PNG of 8 bits, 255: nobody (if the frames have it)
-///   colour/            JPEG or PNG (if the frames have it)
+///   body_index/        grey PNG of 8 bits, 255: background (only if the frames have it)
+///   colour/            JPEG or PNG (only if the frames have it)
 /// A line is {"number": N, "time_ns": T, "depth": IMAGE, "body_index": IMAGE, "colour": IMAGE,
 /// "skeletons": [...]} with IMAGE {"file": NAME, "crc32": C}; NAME is within the image's folder, C
-/// is zlib's sum of the file. A frame's line is written after its images, so a frame without a
-/// whole line is not there. src/capture/rgbd_json.hpp tells the rest.
+/// is zlib's CRC-32 of the file. The line of a frame is written after its images, so that a frame
+/// without a complete line does not count. The JSON formats of calibration and skeletons are
+/// described in src/capture/rgbd_json.hpp.
 namespace manip3d {
 
-/// `folder:` A recording, or any folder with `depth/*.png` and, if there is colour, `color/`,
-/// `colour/` or `rgb/` with as many images, in the order of their names. The latter needs
-/// `options.calibration` and has kFolderRate frames a second.
-/// @throws FormatError, InputError, std::filesystem::filesystem_error
+/// Opens `folder:`, a recording, or any folder with `depth/*.png` and optionally as many colour
+/// images in `color/`, `colour/` or `rgb/`, in the order of their names. A folder that is not a
+/// recording needs a calibration (`options.calibration`, or calibration.json) and is read at
+/// kFolderRate frames per second.
 std::unique_ptr<RgbdSource> open_folder(const std::filesystem::path& folder,
                                         const RgbdOptions& options);
 
-inline constexpr int kFolderRate = 30;  ///< Frames a second where a folder knows no times.
+inline constexpr int kFolderRate = 30;  ///< Frames per second of folders without times.
 
-/// `tum:` A sequence of the TUM RGB-D benchmark [Sturm et al., IROS 2012]: depth.txt and rgb.txt
-/// list times and files, 5000 units are a metre. Each depth image gets the colour image that is
-/// nearest in time, within 0.02 s as the benchmark's own tools do it. Without
-/// `options.calibration`: that of the folder's calibration.json; else the camera that the benchmark
-/// names for sequences with freiburg1 to 3, or fr1 to 3, in the folder's name; else the one that it
-/// names for all (525, 319.5, 239.5), which is counted as `nominal_camera`.
+/// Opens `tum:`, a sequence of the TUM RGB-D benchmark [Sturm et al., IROS 2012]. depth.txt and
+/// rgb.txt list times and files; 5000 depth units are a metre. Each depth image gets the colour
+/// image that is nearest in time, within 0.02 s as in the benchmark's own tools.
+///
+/// The camera is `options.calibration` if given, else that of the folder's calibration.json.
+/// Without both, the folder's name decides: with freiburg1 to 3 or fr1 to 3 in it, the camera is
+/// the one that the benchmark publishes for these sequences; otherwise it is the benchmark's common
+/// camera (f = 525, cx = 319.5, cy = 239.5), and the counter `nominal_camera` is 1.
 /// @throws FormatError, InputError, std::filesystem::filesystem_error
 std::unique_ptr<RgbdSource> open_tum(const std::filesystem::path& folder,
                                      const RgbdOptions& options);
 
-/// A recording as described above. Killed at any moment, it has all frames whose `write` returned;
-/// a power failure may take the frames since the last `close`, and the reader then names them.
+/// Starts a recording as described above. If the process is killed, all frames whose `write` has
+/// returned can be read. A power failure may lose the frames since the last `close`; the reader
+/// then names them.
 /// @throws as open_recorder
 std::unique_ptr<RgbdRecorder> record_folder(const std::filesystem::path& folder,
                                             std::shared_ptr<const RgbdCalibration> calibration,
                                             const RecorderOptions& options);
 
-/// A sequence as open_tum() and the benchmark's own tools read it: depth/ and rgb/ with an image
-/// for each time, named after it, depth.txt, rgb.txt, associations.txt (a line for each frame with
-/// colour: time and file of both images) and calibration.json. Colour is PNG. Skeletons, body
-/// indices and numbers have no place in it; depths beyond 13.107 m are 0, and counted as `too_far`.
+/// Starts a sequence that open_tum() and the benchmark's own tools can read: depth/ and rgb/ with
+/// an image per time, named after it; depth.txt, rgb.txt, and associations.txt (one line per frame
+/// with colour: time and file of both images); and calibration.json. Colour is PNG. Skeletons, body
+/// indices and frame numbers are not stored. Depths beyond 13.107 m are written as 0 and counted as
+/// `too_far`.
 /// @throws as open_recorder; also InputError for a calibration with a registration.
 std::unique_ptr<RgbdRecorder> record_tum(const std::filesystem::path& folder,
                                          std::shared_ptr<const RgbdCalibration> calibration,

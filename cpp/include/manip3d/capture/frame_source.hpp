@@ -3,23 +3,22 @@
 #include <chrono>
 #include <cstdint>
 
-/// @file
-/// What every sensor, recording and simulator looks like to whoever pulls frames out of it.
+/// The interface of all sources of frames: sensors, recordings and simulators.
 namespace manip3d {
 
 enum class ReadStatus : std::uint8_t {
-  kFrame,    ///< There is a frame.
-  kTimeout,  ///< No frame came in time; try again.
-  kEnd       ///< No frame will come any more.
+  kFrame,    ///< A frame was read.
+  kTimeout,  ///< No frame came within the timeout; try again.
+  kEnd       ///< No more frames will come.
 };
 
 struct SourceCapabilities {
-  /// Frames come when the sensor has them; what is not read in time is lost.
+  /// The sensor sets the pace, and frames that are not read in time are lost.
   bool is_live = false;
 };
 
-/// Frames one after the other. A live source collects in a thread of its own between `start` and
-/// `stop`; the others work when they are read. Errors of files are thrown by `read`.
+/// A sequence of frames. A live source collects frames in a thread of its own between `start` and
+/// `stop`; other sources work within `read`. Errors of files are thrown by `read`.
 template <typename Frame>
 class FrameSource {
  public:
@@ -29,12 +28,12 @@ class FrameSource {
   virtual ~FrameSource() = default;
 
   [[nodiscard]] virtual SourceCapabilities capabilities() const = 0;
-  /// Begins; a live source collects from now on.
+  /// Starts the source; a live source collects frames from now on.
   virtual void start() = 0;
-  /// Moves the next frame into `frame`. Waits at most `timeout`, and at most an hour, for a live
-  /// source.
+  /// Moves the next frame into `frame`. A live source waits for it at most `timeout`, and at most
+  /// an hour.
   virtual ReadStatus read(Frame& frame, std::chrono::milliseconds timeout) = 0;
-  /// Ends a live source's thread. What was collected before can still be read.
+  /// Ends a live source's thread. Frames that were collected before can still be read.
   virtual void stop() = 0;
 };
 

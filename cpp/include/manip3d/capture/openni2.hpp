@@ -6,21 +6,22 @@
 #include "manip3d/capture/rgbd_source.hpp"
 
 /// @file
-/// Cameras that OpenNI2 drives: Kinect V1, Xtion, Structure, Astra. Only where it was built in.
+/// Cameras with OpenNI2 drivers: Kinect V1, Xtion, Structure, Astra. Available only if it was built
+/// in.
 namespace manip3d {
 
-/// `openni2:` or `openni2:URI`; `openni2:Dummy` is a device that OpenNI2 makes up, for tests.
+/// Opens `openni2:` or `openni2:URI`. `openni2:Dummy` is OpenNI2's simulated device, for tests.
 ///
-/// Depth in OpenNI2's default mode. Colour where the device registers depth to colour, so that both
-/// have the same pixels; `options.calibration` overrules what the device says about its field of
-/// view, and then colour comes as it is. Each depth image has the colour image that came last, if
-/// they are at most 40 ms apart (`without_color` counts the others). Mirroring is switched off, or
-/// undone.
-/// @throws InputError  (start) the device tells no field of view, and there is no calibration.
+/// Depth is in OpenNI2's default mode. Colour is read if the device registers depth to colour, so
+/// that both have the same pixels. `options.calibration` replaces the camera that follows from the
+/// device's field of view; colour then is read without registration as well. Each depth image gets
+/// the last colour image, if they are at most 40 ms apart (the counter `without_color` counts the
+/// others). Mirroring is switched off, or undone.
+/// @throws InputError  (start) the device has no field of view, and no calibration is given.
 /// @throws DeviceError  (start, read) no such device, unplugged, refused by the driver.
 std::unique_ptr<RgbdSource> open_openni2(const std::string& uri, const RgbdOptions& options);
 
-/// Why no camera can be opened now; empty: there is one.
+/// Why no camera can be opened now; empty: there is a camera.
 std::string openni2_absence();
 
 }  // namespace manip3d

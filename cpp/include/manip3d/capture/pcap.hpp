@@ -8,9 +8,9 @@
 
 #include "manip3d/io/byte_source.hpp"
 
-/// @file
-/// UDP payloads out of recordings of network traffic. Not by libpcap: it would put eight shared
-/// libraries, D-Bus and systemd among them, into every wheel, reads no compressed recordings and
+/// UDP payloads from recordings of network traffic. libpcap is not used: it would add eight shared
+/// libraries to each wheel, D-Bus and systemd among them; it reads no compressed recordings and
+/// does not report the byte at which a file is damaged.
 /// does not say at which byte a damaged one is damaged.
 namespace manip3d {
 
@@ -22,11 +22,12 @@ struct UdpPacket {
 };
 
 struct PcapCounters {
-  std::int64_t packets = 0;    ///< Records of the file.
-  std::int64_t udp = 0;        ///< Payloads given.
-  std::int64_t other = 0;      ///< No IP, no UDP, a link type that is not known here.
-  std::int64_t fragments = 0;  ///< Pieces of IP datagrams; they are not put together.
-  std::int64_t cut_short = 0;  ///< Recorded only in part, or shorter than their headers say.
+  std::int64_t packets = 0;  ///< Records in the file.
+  std::int64_t udp = 0;      ///< Payloads returned.
+  std::int64_t other = 0;    ///< Records that are not IP or not UDP, or have an unknown link type.
+  std::int64_t fragments = 0;  ///< Fragments of IP datagrams, which are not reassembled.
+  /// Packets that were recorded in part only, or are shorter than their headers say.
+  std::int64_t cut_short = 0;
 };
 
 /// Reads pcap (either byte order, micro- or nanoseconds) and pcapng, from front to back.
@@ -35,14 +36,14 @@ struct PcapCounters {
 /// IPv6. Memory is bounded by the largest record, 256 KiB at most.
 class PcapReader {
  public:
-  /// @throws FormatError  the file does not start like one.
+  /// @throws FormatError  the file does not begin like a pcap or pcapng file.
   explicit PcapReader(std::unique_ptr<ByteSource> source);
   PcapReader(const PcapReader&) = delete;
   PcapReader& operator=(const PcapReader&) = delete;
   ~PcapReader();
 
-  /// The next UDP payload; false at the end.
-  /// @throws FormatError  with the byte: the file ends within a record, or a record is too long.
+  /// Reads the next UDP payload; returns false at the end.
+  /// @throws FormatError  (with the byte) the file ends within a record, or a record is too long.
   bool next(UdpPacket& packet);
   [[nodiscard]] const PcapCounters& counters() const { return counters_; }
 

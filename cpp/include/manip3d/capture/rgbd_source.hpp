@@ -15,66 +15,71 @@
 /// RGB-D cameras and recordings, opened by a URI such as `folder:walk` or `openni2:`.
 namespace manip3d {
 
-/// Counts of a source or recorder, by name, in the order to be shown: `frames` (given), and
-/// what was lost or refused and why.
+/// Named counts of a source or recorder, in the order of display: `frames` (read or written), then
+/// losses by cause.
 using Counters = std::vector<std::pair<std::string, std::int64_t>>;
 
-/// Frames of an RGB-D camera. `start` opens the device (files are open from the beginning); after a
-/// DeviceError (unplugged) it may be called again. Read frames keep what they own: nothing in them
-/// changes later. One thread reads; `stop` may be called by another and ends the wait of `read`.
-/// @throws DeviceError  (read, start) the camera is absent or lost.
-/// @throws FormatError  (read) a damaged file, by name; the frame's number where it has one.
+/// Frames of an RGB-D camera or recording. `start` opens a device (files are open from the
+/// beginning); it may be called again after a DeviceError (unplugged). Frames that were read do not
+/// change later. Only one thread may read; `stop` may be called by another one and ends the wait of
+/// `read`.
+/// @throws DeviceError  (read, start) the camera is absent or was lost.
+/// @throws FormatError  (read) a damaged file, with its name, and with the frame's number if known.
 class RgbdSource : public FrameSource<RgbdFrame> {
  public:
-  /// One for all frames; devices know it after `start`.
+  /// The calibration of all frames; devices know it after `start`.
   [[nodiscard]] virtual std::shared_ptr<const RgbdCalibration> calibration() const = 0;
   [[nodiscard]] virtual Counters counters() const = 0;
-  /// How many there are in all; none: nobody knows.
+  /// Total number of frames; empty: unknown.
   [[nodiscard]] virtual std::optional<std::int64_t> num_frames() const { return std::nullopt; }
-  /// Goes to a frame of a recording, counted from 0: the next `read` gives it, or the next whole
-  /// one after it, or kEnd beyond the last. One that plays in real time takes it before `start`
-  /// only.
-  /// @throws InputError  the source is no recording, or plays in real time already; an index below
-  ///                     0.
+  /// Goes to a frame of a recording, counted from 0: the next `read` returns it, or the next intact
+  /// frame after it, or kEnd after the last one. A source that plays in real time allows this only
+  /// before `start`.
+  /// @throws InputError  the source is not a recording, or is playing in real time; a negative
+  ///                     index.
   virtual void seek(std::int64_t index);
-  /// Reads the frame of that index, counted from 0, and no other; the next `read` gives the one
-  /// after it.
-  /// @throws InputError  as `seek`; the recording has no frame of that index.
+  /// Reads the frame with this index, counted from 0, and no other one. The next `read` returns the
+  /// frame after it.
+  /// @throws InputError  as `seek`; the recording has no frame with this index.
   /// @throws FormatError  the frame is damaged or lost.
   virtual void read_at(std::int64_t index, RgbdFrame& frame);
 };
 
-/// Check the index of a frame to seek. @throws InputError  below 0.
+/// Checks the index of a frame for seek().
+/// @throws InputError  it is negative.
 void check_frame_index(std::int64_t index);
 
 struct RgbdOptions {
   /// Playback speed of recordings; 0: as fast as read, 1: real time, by the frames' times. Frames
   /// that a slow reader misses are counted as `dropped`.
   double speed = 0.0;
-  /// For folders of images, which have none of their own; for recordings, instead of their own. A
-  /// mirrored camera has its images turned round on entry.
+  /// Camera of folders of images, which have no calibration; for recordings it replaces the stored
+  /// one. Images of a mirrored camera are mirrored back when they are read.
   std::shared_ptr<const RgbdCalibration> calibration;
-  /// Unit of the depth images in folders; 0: as the scheme says.
+  /// Unit of the depth images in folders; 0: that of the scheme.
   double units_per_metre = 0.0;
 };
 
-/// A kind of source: what it is called, and how to open it or why that cannot be done here.
+/// A kind of source: its name, and how it is opened or why it cannot be.
 struct RgbdScheme {
-  std::string name;         ///< What stands before the colon of a URI.
-  std::string location;     ///< What stands after it, such as `FOLDER`; in brackets if optional.
+  std::string name;      ///< Part of the URI before the colon.
+  std::string location;  ///< Part after the colon, such as `FOLDER`; in brackets if it is optional.
   std::string description;  ///< One line.
-  /// Opens the source of a location; empty where this kind was not built in.
+  /// Opens the source at a location; empty if this kind was not built in.
   std::function<std::unique_ptr<RgbdSource>(const std::string& location, const RgbdOptions&)> open;
-  std::string reason;  ///< Why it cannot be opened now (not built, no device); empty: it can.
-  std::string cure;    ///< What to do about it.
+  std::string reason;  ///< Why it cannot be opened now (not built in, no device); empty: it can.
+  std::string cure;    ///< What the user can do about `reason`.
 };
 
-/// All kinds, also the absent ones. Looks for devices, which may take a second.
+/// Returns all kinds, also those that are not available. It searches for devices, which may take a
+/// second.
 std::vector<RgbdScheme> rgbd_schemes();
 
+/// Opens the source of a URI.
 /// @throws InputError  an unknown scheme, an option out of range.
-/// @throws DeviceError  the scheme is absent (with reason and cure), or there is no such device.
-/// @throws FormatError, std::filesystem::filesystem_error  the file.
+/// @throws DeviceError  the scheme is not available (with reason and cure), or there is no such
+///                      device.
+/// @throws FormatError, std::filesystem::filesystem_error  errors of the file.
 std::unique_ptr<RgbdSource> open_rgbd(const std::string& uri, const RgbdOptions& options = {});
 
 }  // namespace manip3d

@@ -5,28 +5,27 @@
 
 #include "manip3d/capture/rgbd_source.hpp"
 
-/// @file
-/// Cameras by their makers' own libraries, each only where it was built in. Depth in millimetres;
-/// colour is brought to the depth image's pixels by the library. `options.calibration` overrules
-/// the camera that the device tells.
+/// Cameras that need the libraries of their makers; each is available only if its library was built
+/// in. Depth is in millimetres, and the library maps colour to the depth image's pixels.
+/// `options.calibration` replaces the camera that the device states.
 namespace manip3d {
 
-/// `freenect2:[SERIAL]` Kinect V2 by libfreenect2 0.2: 512 x 424 pixels, the lens's distortion
-/// taken out, unmirrored.
+/// Opens `freenect2:[SERIAL]`, a Kinect V2, with libfreenect2 0.2: 512 x 424 pixels, without lens
+/// distortion and not mirrored.
 /// @throws DeviceError  (start, read) no such device, unplugged, refused by the library.
 std::unique_ptr<RgbdSource> open_freenect2(const std::string& location, const RgbdOptions& options);
-std::string freenect2_absence();  ///< Why no camera can be opened now; empty: there is one.
+std::string freenect2_absence();  ///< Why no camera can be opened now; empty: there is a camera.
 
-/// `realsense:[SERIAL][?width=848&height=480&rate=30]` or `realsense:FILE.bag`, by librealsense2
-/// 2.53 or later. Of a recording all that the library brings together come (speed 0), or those that
-/// a camera would give.
-/// @throws InputError  an unknown option; (start) a lens of another kind than Brown's.
-/// @throws DeviceError  as open_freenect2(); a file that the library does not read.
-/// @throws std::filesystem::filesystem_error  a file that is not there.
+/// Opens `realsense:[SERIAL][?width=848&height=480&rate=30]` or `realsense:FILE.bag`, with
+/// librealsense2 2.53 or later. From a recording, all frame sets that the library matches are read
+/// (speed 0), or those that a camera would deliver in real time.
+/// @throws InputError  an unknown option; (start) a lens model other than Brown's.
+/// @throws DeviceError  as open_freenect2(); a file that the library cannot read.
+/// @throws std::filesystem::filesystem_error  the file does not exist.
 std::unique_ptr<RgbdSource> open_realsense(const std::string& location, const RgbdOptions& options);
 std::string realsense_absence();
 
-/// `orbbec:[SERIAL][?width=640&height=576&rate=30]` or `orbbec:FILE.bag`, by OrbbecSDK 2.
+/// Opens `orbbec:[SERIAL][?width=640&height=576&rate=30]` or `orbbec:FILE.bag`, with OrbbecSDK 2.
 /// @throws InputError, DeviceError, std::filesystem::filesystem_error  as open_realsense().
 std::unique_ptr<RgbdSource> open_orbbec(const std::string& location, const RgbdOptions& options);
 std::string orbbec_absence();

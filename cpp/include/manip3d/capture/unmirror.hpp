@@ -4,17 +4,16 @@
 
 #include "manip3d/geometry/rgbd_frame.hpp"
 
-/// @file
-/// Images of sensors that show the world as a mirror does (the Kinect), turned round on entry.
+/// Mirrors back the images of sensors that show a mirror image of the world (the Kinect).
 namespace manip3d {
 
-/// The cameras of the images that `unmirror_images` leaves: cx' = W - 1 - cx, and the rays of a
-/// table change places with their pixels, each as it is. A calibration without a mirrored camera is
-/// returned itself. Skeletons are not touched.
+/// Returns the calibration of the images after `unmirror_images`: cx' = W - 1 - cx, and the columns
+/// of a ray table are reversed without a change of the rays. A calibration without a mirrored
+/// camera is returned as it is. Skeletons are not mirrored.
 std::shared_ptr<const RgbdCalibration> unmirrored(
     const std::shared_ptr<const RgbdCalibration>& calibration);
 
-/// Reverses the columns of the images whose camera in `stored` is mirrored, in place.
+/// Reverses in place the columns of the images whose camera in `stored` is mirrored.
 void unmirror_images(const RgbdCalibration& stored, RgbdFrame& frame);
 
 }  // namespace manip3d

@@ -21,22 +21,22 @@ constexpr std::size_t kVelodynePacketBytes = 1206;
 
 enum class VelodyneModel : std::uint8_t { kHdl64e, kHdl32e, kVlp16, kVlp32c };
 
-/// "hdl64e", ...
+/// Returns "hdl64e", ...
 const char* velodyne_model_name(VelodyneModel model);
 std::optional<VelodyneModel> velodyne_model_of_name(const std::string& name);
 
-/// Direction of one laser and corrections of its ranges, in the terms of the calibration file of
-/// the HDL-64E, db.xml (User's manual HDL-64E S2, appendix on calibration).
+/// Direction of a laser and corrections of its ranges, as in the calibration file of the HDL-64E,
+/// db.xml (User's manual HDL-64E S2, appendix on calibration).
 struct LaserCalibration {
   double elevation_deg = 0.0;       ///< Above the horizontal plane.
   double azimuth_offset_deg = 0.0;  ///< Added to the rotor's azimuth (clockwise from above).
-  /// Added to each range. With two points it holds at 25.04 m, and is interpolated linearly between
-  /// there and the two near distances below.
+  /// Added to each range. With has_two_points it applies at 25.04 m, and the offset is interpolated
+  /// linearly between there and the two near distances below.
   double range_offset_m = 0.0;
-  bool has_two_points = false;       ///< range_offset_x_m and range_offset_y_m are known.
-  double range_offset_x_m = 0.0;     ///< At |x| = 2.4 m, where the manual's x is to the right.
-  double range_offset_y_m = 0.0;     ///< At |y| = 1.93 m, where the manual's y is ahead.
-  double vertical_offset_m = 0.0;    ///< Shift of the laser upwards, at right angles to its beam.
+  bool has_two_points = false;       ///< True: range_offset_x_m and range_offset_y_m are known.
+  double range_offset_x_m = 0.0;     ///< Offset at |x| = 2.4 m; the manual's x is to the right.
+  double range_offset_y_m = 0.0;     ///< Offset at |y| = 1.93 m; the manual's y is forward.
+  double vertical_offset_m = 0.0;    ///< Shift of the laser upwards, perpendicular to its beam.
   double horizontal_offset_m = 0.0;  ///< Shift of the laser to the left of its beam.
 };
 
@@ -46,98 +46,101 @@ struct VelodyneCalibration {
   double range_unit_m = 0.002;
 };
 
-/// The tables that the manual prints for all sensors of a model: angles, and the VLP-16's vertical
-/// corrections. (VeloView and velodyne-decoder also raise the HDL-32E's and VLP-32C's points by
-/// -29 and -42.4 mm times the tangent of the elevation; their manuals do not.)
-/// @throws InputError  HDL-64E: each sensor has a calibration file of its own.
+/// Returns the tables that the manual prints for all sensors of a model: angles, and the VLP-16's
+/// vertical corrections. (VeloView and velodyne-decoder also raise the points of HDL-32E and
+/// VLP-32C by -29 and -42.4 mm times the tangent of the elevation; the manuals do not.)
+/// @throws InputError  HDL-64E: each sensor has its own calibration file.
 VelodyneCalibration factory_calibration(VelodyneModel model);
 
 enum class ReturnType : std::uint8_t {
-  kUnknown,  ///< The packet does not say (HDL-64E, one return).
+  kUnknown,  ///< The packet does not state it (HDL-64E with one return).
   kStrongest,
   kLast,
-  kBoth  ///< Two returns were asked for, and the last one is the strongest.
+  kBoth  ///< In dual return mode, the last return is also the strongest.
 };
 
 struct VelodyneOptions {
-  /// None: the first packet says. HDL-64E packets are known by their lower blocks (0xDDFF).
+  /// Empty: determined by the first packet. HDL-64E packets are recognised by their lower blocks
+  /// (0xDDFF).
   std::optional<VelodyneModel> model;
-  VelodyneCalibration calibration;  ///< Without lasers: factory_calibration of the model.
-  /// A frame ends where the azimuth passes this angle, degrees in [0, 360).
+  VelodyneCalibration calibration;  ///< Without lasers: factory_calibration() of the model.
+  /// Degrees in [0, 360): a frame ends where the azimuth passes this angle.
   double cut_azimuth_deg = 0.0;
-  /// Turn the azimuth on with the time of each firing in a block; off: all have the block's. Blocks
-  /// of the HDL-64E always have one azimuth: its calibration holds the rest.
+  /// Interpolate the azimuth by the time of each firing in a block; off: all firings have the
+  /// block's azimuth. Blocks of the HDL-64E always have one azimuth, because its calibration
+  /// contains the differences.
   bool interpolate_azimuth = true;
   double min_range_m = 0.0;
   double max_range_m = 1000.0;
-  /// A frame that gets longer is ended, whatever the azimuth says.
+  /// A frame with more points is ended at any azimuth.
   std::int64_t max_points_per_frame = std::int64_t{1} << 22;
 };
 
-/// Counts of packets and firings; every firing of a good block is exactly one of points,
+/// Counts of packets and firings. Each firing of a good block counts in exactly one of points,
 /// no_return, duplicates and out_of_range.
 struct VelodyneCounters {
-  std::int64_t packets = 0;              ///< Data packets decoded, some of their blocks at least.
-  std::int64_t position_packets = 0;     ///< 512 bytes: GPS; passed over.
+  std::int64_t packets = 0;              ///< Data packets with at least one decoded block.
+  std::int64_t position_packets = 0;     ///< Packets of 512 bytes (GPS), which are ignored.
   std::int64_t bad_length = 0;           ///< Packets of any other length.
-  std::int64_t unknown_product = 0;      ///< Packets of no model that is known here.
-  std::int64_t other_product = 0;        ///< Packets of another model than the first.
-  std::int64_t unknown_return_mode = 0;  ///< Packets.
-  std::int64_t bad_time = 0;             ///< Packets with a time past the hour; they are decoded.
-  std::int64_t bad_block_flag = 0;       ///< Blocks.
-  std::int64_t bad_azimuth = 0;          ///< Blocks at 360 degrees or more.
-  std::int64_t backward_azimuth = 0;     ///< Blocks that turn back; they are decoded.
+  std::int64_t unknown_product = 0;      ///< Packets of an unknown model.
+  std::int64_t other_product = 0;        ///< Packets of another model than the first one.
+  std::int64_t unknown_return_mode = 0;  ///< Packets with an unknown return mode.
+  std::int64_t bad_time = 0;             ///< Packets with a time beyond the hour; they are decoded.
+  std::int64_t bad_block_flag = 0;       ///< Blocks with an unknown flag.
+  std::int64_t bad_azimuth = 0;          ///< Blocks with an azimuth of 360 degrees or more.
+  std::int64_t backward_azimuth = 0;     ///< Blocks whose azimuth goes backwards; they are decoded.
   std::int64_t no_return = 0;            ///< Firings with range 0.
-  std::int64_t duplicates = 0;           ///< Second of two equal returns.
+  std::int64_t duplicates = 0;           ///< Second ones of two equal returns.
   std::int64_t out_of_range = 0;         ///< Returns outside of min_range_m and max_range_m.
   std::int64_t points = 0;
   std::int64_t frames = 0;
-  std::int64_t overlong_frames = 0;  ///< Ended at max_points_per_frame.
+  std::int64_t overlong_frames = 0;  ///< Frames that ended at max_points_per_frame.
 };
 
 /// One turn of the sensor. Metres; x forward (azimuth 0), y left, z up.
 struct VelodyneFrame {
   std::vector<float> points;              ///< (3 N) x, y, z
   std::vector<float> intensity;           ///< (N) reflectivity as sent, 0 to 255.
-  std::vector<std::uint8_t> ring;         ///< 0 the highest laser.
-  std::vector<std::uint8_t> laser;        ///< Number in the packet.
+  std::vector<std::uint8_t> ring;         ///< 0: the highest laser.
+  std::vector<std::uint8_t> laser;        ///< Number of the laser in the packet.
   std::vector<std::uint8_t> return_type;  ///< ReturnType
   std::vector<float> azimuth;             ///< Degrees in [0, 360), clockwise from above.
-  std::vector<float> range;               ///< Metres as sent, without the calibration's offsets.
-  std::vector<float> time;                ///< Seconds after the frame's first packet.
+  std::vector<float> range;  ///< Metres as sent, without the offsets of the calibration.
+  std::vector<float> time;   ///< Seconds since the frame's first packet.
   VelodyneModel model = VelodyneModel::kVlp16;
-  std::int64_t time_ns = 0;  ///< Arrival of the first packet since 1970, as its receiver noted.
+  /// Arrival of the first packet, nanoseconds since 1970, by the receiver's clock.
+  std::int64_t time_ns = 0;
   double sensor_time = 0.0;  ///< Time in the first packet, seconds after the hour.
   std::int64_t packets = 0;
-  bool is_complete = false;  ///< Began and ended at the cut.
+  bool is_complete = false;  ///< The frame began and ended at the cut.
 
   [[nodiscard]] std::int64_t num_points() const {
     return static_cast<std::int64_t>(intensity.size());
   }
 };
 
-/// Turns packets into frames. Safe on any bytes: a packet gives the points that are in it and no
-/// others, or is refused and counted.
+/// Decodes packets into frames. Safe for any bytes: a packet is either decoded, to exactly the
+/// points that it contains, or refused and counted.
 class VelodyneDecoder {
  public:
-  /// @throws InputError  an option is out of range, lasers of another number than the model's.
+  /// @throws InputError  an option is out of range, or the number of lasers is not the model's.
   explicit VelodyneDecoder(VelodyneOptions options = {});
 
   /// Adds one UDP payload.
-  /// @throws InputError  it is the first one of an HDL-64E, and there is no calibration.
+  /// @throws InputError  it is the first packet of an HDL-64E, and there is no calibration.
   void decode(std::span<const std::byte> payload, std::int64_t time_ns);
-  /// Takes the oldest frame that has ended.
+  /// Removes the oldest finished frame; returns false if there is none.
   bool take(VelodyneFrame& frame);
-  /// Ends the frame in progress; it is not complete.
+  /// Ends the frame in progress, which is then incomplete.
   void flush();
-  /// Forgets the frame in progress, those not taken, the model found, and the counters.
+  /// Resets the decoder: drops all frames, the detected model and the counters.
   void reset();
 
   [[nodiscard]] const VelodyneCounters& counters() const { return counters_; }
   [[nodiscard]] std::optional<VelodyneModel> model() const { return model_; }
 
  private:
-  struct Laser {  // what positions need, computed once
+  struct Laser {  // precomputed for the positions of points
     double sin_elevation, cos_elevation;
     double azimuth_offset;  // 0.01 degrees
     double range_offset, range_offset_x, range_offset_y;
@@ -165,10 +168,10 @@ class VelodyneDecoder {
   VelodyneCounters counters_;
   std::optional<VelodyneModel> model_;
   std::vector<Laser> lasers_;
-  std::vector<double> fraction_;  // of a column's turn, when each firing of a block happens
-  std::vector<double> delay_;     // seconds after its block
+  std::vector<double> fraction_;  // time of each firing in a block, as a share of the column's time
+  std::vector<double> delay_;     // time of each firing in a block, seconds
   double column_time_ = 0.0;      // seconds from block to block
-  double turn_ = 0.0;             // 0.01 degrees from column to column, the last that was sane
+  double turn_ = 0.0;  // last valid step of the azimuth from column to column, 0.01 degrees
   double range_unit_ = 0.002;
   std::uint32_t cut_ = 0;
   std::optional<std::uint32_t> last_azimuth_;

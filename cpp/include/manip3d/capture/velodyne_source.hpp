@@ -10,14 +10,13 @@
 #include "manip3d/capture/udp.hpp"
 #include "manip3d/capture/velodyne.hpp"
 
-/// @file
-/// Velodyne frames out of recordings and live sensors.
+/// Velodyne frames from recordings and live sensors.
 namespace manip3d {
 
-/// Frames of a pcap or pcapng file (also `.gz`, `.xz`); the last one may be incomplete.
+/// Frames of a pcap or pcapng file (also `.gz` or `.xz`). The last frame may be incomplete.
 class VelodynePcapSource final : public FrameSource<VelodyneFrame> {
  public:
-  /// @param port  Take packets sent to this port only; none: all that look like Velodyne's.
+  /// @param port  Accept packets to this port only; empty: all packets of Velodyne's formats.
   /// @throws FormatError, std::filesystem::filesystem_error, InputError
   VelodynePcapSource(const std::filesystem::path& path, VelodyneOptions options = {},
                      std::optional<std::uint16_t> port = {}, std::uint64_t max_bytes = 0);
@@ -38,8 +37,8 @@ class VelodynePcapSource final : public FrameSource<VelodyneFrame> {
   bool at_end_ = false;
 };
 
-/// Frames of a sensor that sends to this machine. No packet is lost while `read` is called often
-/// enough for the ring (UdpOptions); what is lost is counted.
+/// Frames of a sensor that sends to this machine. No packet is lost if `read` is called often
+/// enough for the size of the ring (UdpOptions); losses are counted.
 class VelodyneUdpSource final : public FrameSource<VelodyneFrame> {
  public:
   /// @throws InputError, DeviceError
@@ -47,7 +46,8 @@ class VelodyneUdpSource final : public FrameSource<VelodyneFrame> {
 
   [[nodiscard]] SourceCapabilities capabilities() const override { return {true}; }
   void start() override { receiver_.start(); }
-  /// After `stop`: what the ring still holds, then the incomplete frame, then kEnd.
+  /// After `stop`, returns the frames that are still in the ring, then the incomplete frame, then
+  /// kEnd.
   ReadStatus read(VelodyneFrame& frame, std::chrono::milliseconds timeout) override;
   void stop() override { receiver_.stop(); }
 

@@ -8,33 +8,33 @@
 
 namespace manip3d {
 
-/// A colour image (rows, cols, 3) R, G, B; null: none.
+/// A colour image (rows, cols, 3), R, G, B; null: no image.
 struct StreamImage {
   const std::uint8_t* pixels = nullptr;
   std::int64_t rows = 0, cols = 0;
 };
 
-/// The contents of one frame for a page: a mesh in two ranges, each with the colours of its own
-/// frame.
+/// The contents of one frame for the web page: a mesh of body and phantom, each of which has the
+/// colours of its own image.
 struct StreamFrame {
   std::span<const float> vertices;         ///< (N, 3) metres.
   std::span<const float> texcoords;        ///< (N, 2), v up; NaN: no colour.
   std::span<const std::uint8_t> phantoms;  ///< (N) not 0: the vertex belongs to the phantom.
   std::span<const std::int32_t> faces;     ///< (F, 3).
-  StreamImage color;                       ///< The body's picture.
-  StreamImage phantom_color;               ///< The phantom's picture; may be the same.
-  float opacity = 1.0F;                    ///< The phantom's.
+  StreamImage color;                       ///< Image with the colours of the body.
+  StreamImage phantom_color;  ///< Image with the colours of the phantom; may be the same.
+  float opacity = 1.0F;       ///< Opacity of the phantom.
   std::uint32_t sequence = 0;
-  std::int64_t time_ns = 0;      ///< By the sensor's clock.
-  std::int64_t captured_ns = 0;  ///< When it came in, since 1970.
-  std::string_view status;       ///< Anything else, as JSON.
+  std::int64_t time_ns = 0;      ///< Time by the sensor's clock.
+  std::int64_t captured_ns = 0;  ///< Time of arrival, nanoseconds since 1970.
+  std::string_view status;       ///< Further data, as JSON.
   int jpeg_quality = 80;
 };
 
 /// Version of the layout that encode_stream_frame writes.
 inline constexpr std::uint16_t kStreamVersion = 1;
 
-/// A frame as one message.
+/// Encodes a frame as one message.
 ///
 /// Little endian; a header of 88 bytes, then sections that each begin at a multiple of four bytes:
 ///
@@ -50,10 +50,11 @@ inline constexpr std::uint16_t kStreamVersion = 1;
 ///     faces      (B + P) x 3 u16, or u32 with flag 1
 ///     body's JPEG, phantom's JPEG, status
 ///
-/// The images are the regions that the texture coordinates use. With flag 2 the phantom uses the
-/// body's image. Triangles with a vertex of the phantom are the phantom's; their order is kept.
-/// @throws InputError  sizes that do not agree, an index out of range, a vertex that is not finite,
-///                     an opacity outside 0 to 1, or a quality outside 1 to 100.
+/// The images are cropped to the regions that the texture coordinates use. With flag 2 the phantom
+/// uses the body's image. Triangles with at least one vertex of the phantom belong to it; the order
+/// of triangles is kept.
+/// @throws InputError  sizes do not agree, an index is out of range, a vertex is not finite, the
+///                     opacity is outside 0 to 1, or the quality is outside 1 to 100.
 std::vector<std::byte> encode_stream_frame(const StreamFrame& frame);
 
 }  // namespace manip3d
