@@ -15,9 +15,9 @@ namespace manip3d {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr int kMaxLinks = 40;  // as the kernel's limit on symbolic links in one path
+constexpr int kMaxLinks = 40;  // the kernel's limit of symbolic links in a path
 
-// Follows links even when the last one points to a file that does not exist yet.
+// Follows links, even if the last one points to a file that does not exist yet.
 fs::path follow_links(fs::path path) {
   std::error_code ignored;
   for (int i = 0; i < kMaxLinks && fs::is_symlink(fs::symlink_status(path, ignored)); ++i) {
@@ -44,7 +44,7 @@ AtomicFile::AtomicFile(const fs::path& target) : requested_(target), target_(fol
     return;
   }
   try {
-    // A file that replaces a private one is private from the beginning.
+    // The temporary file is private from the beginning, because the replaced file may be.
     Temporary made =
         make_temporary(folder_of(target_), TemporaryKind::kFile, exists ? 0600U : 0666U);
     temporary_ = std::move(made.path);
@@ -53,12 +53,13 @@ AtomicFile::AtomicFile(const fs::path& target) : requested_(target), target_(fol
     throw fs::filesystem_error("cannot create a temporary file beside it", requested_,
                                error.code());
   }
-  // A file system without modes (FAT) refuses; the content matters more.
+  // File systems without modes (FAT) refuse this, which is ignored because the content matters
+  // more.
   if (exists) static_cast<void>(::fchmod(file_.get(), status.st_mode & 07777U));
 }
 
 AtomicFile::~AtomicFile() {
-  if (!temporary_.empty()) ::unlink(temporary_.c_str());  // while it is locked
+  if (!temporary_.empty()) ::unlink(temporary_.c_str());  // while it is still locked
 }
 
 void AtomicFile::write(const char* data, std::size_t size) {
@@ -81,7 +82,7 @@ void AtomicFile::sync() {
 void AtomicFile::commit(bool sync) {
   const bool in_place = temporary_.empty();
   if (sync) this->sync();
-  // Closing tells of late errors; the lock is held by the copy until the file has its name.
+  // Closing reports late errors. The duplicate keeps the lock until the file has its name.
   if (!in_place) {
     lock_ = Descriptor(::fcntl(file_.get(), F_DUPFD_CLOEXEC, 0));
     if (!lock_.is_open()) refuse("cannot close");
@@ -92,7 +93,7 @@ void AtomicFile::commit(bool sync) {
   temporary_.clear();
   if (!sync) return;
   const Descriptor folder(::open(folder_of(target_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (!folder.is_open()) return;  // no permission to list it: the rename itself is done
+  if (!folder.is_open()) return;  // no permission to list it, but the rename is done
   // Some network file systems cannot sync a folder and say so with EINVAL.
   if (::fsync(folder.get()) != 0 && errno != EINVAL) refuse("cannot sync the folder of");
 }

@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr std::size_t kStoredBlock = std::size_t{1} << 16;
-// xz -9 needs 65 MiB for its dictionary; a header can claim 4 GiB.
+// Bytes: xz -9 needs 65 MiB for its dictionary, while a header can claim 4 GiB.
 constexpr std::uint64_t kXzMemoryLimit = std::uint64_t{80} << 20;
 
 class FileSource final : public ByteSource {
@@ -67,7 +67,7 @@ class FileSource final : public ByteSource {
 
   fs::path path_;
   Descriptor file_;
-  std::optional<std::uint64_t> size_;  // of a regular file
+  std::optional<std::uint64_t> size_;  // size of a regular file
   std::uint64_t position_ = 0;
 };
 
@@ -92,7 +92,7 @@ class MemorySource final : public ByteSource {
   std::size_t position_ = 0;
 };
 
-// Gives back bytes that were looked at, then the rest.
+// Returns bytes that were read ahead, then the rest.
 class PeekedSource final : public ByteSource {
  public:
   PeekedSource(std::string head, std::unique_ptr<ByteSource> rest, std::uint64_t max_bytes)
@@ -132,7 +132,7 @@ class PeekedSource final : public ByteSource {
   std::uint64_t total_ = 0;
 };
 
-// Common part of gzip and xz: blocks of stored bytes in, the limit on the bytes that come out.
+// Common part of gzip and xz: reads blocks of stored bytes, and limits the decompressed bytes.
 class DecompressedSource : public ByteSource {
  public:
   DecompressedSource(std::unique_ptr<ByteSource> stored, std::uint64_t max_bytes)
@@ -151,7 +151,7 @@ class DecompressedSource : public ByteSource {
   [[nodiscard]] bool expansion_allowed() const override { return max_bytes_ > 0; }
 
  protected:
-  // Decodes until at least one byte came out or the stream is finished.
+  // Decodes until there is at least one byte, or the stream has ended.
   virtual std::size_t decode(char* data, std::size_t size) = 0;
 
   std::span<unsigned char> next_block() {
@@ -186,7 +186,7 @@ class GzipSource final : public DecompressedSource {
  public:
   GzipSource(std::unique_ptr<ByteSource> stored, std::uint64_t max_bytes)
       : DecompressedSource(std::move(stored), max_bytes) {
-    constexpr int kGzipOnly = 16;  // added to the window bits
+    constexpr int kGzipOnly = 16;  // added to the window bits: accept gzip only
     if (inflateInit2(&stream_, MAX_WBITS + kGzipOnly) != Z_OK) throw std::bad_alloc();
   }
   GzipSource(const GzipSource&) = delete;
@@ -200,7 +200,7 @@ class GzipSource final : public DecompressedSource {
     stream_.avail_out = want;
     while (stream_.avail_out == want) {
       if (stream_.avail_in == 0 && !refill()) break;
-      if (member_ended_) {  // more bytes: another member
+      if (member_ended_) {  // there are more bytes, so another member
         member_ended_ = false;
         inflateReset(&stream_);
       }

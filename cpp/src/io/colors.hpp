@@ -10,14 +10,14 @@
 
 #include "manip3d/geometry/mesh.hpp"
 
-/// @file
-/// Colours of faces in files that hold them: 0xRRGGBB in sRGB, while materials are linear.
+/// Conversion between colours of faces in files, 0xRRGGBB in sRGB, and materials, whose colours are
+/// linear.
 namespace manip3d {
 
-/// Red, green or blue.
+/// Channel k (red, green or blue) of a colour.
 constexpr std::int32_t channel(std::int32_t rgb, int k) { return rgb >> (16 - 8 * k) & 0xFF; }
 
-/// @param values  0 to 1, sRGB; others are clamped.
+/// @param values  Three values in sRGB, 0 to 1; others are clamped.
 inline std::int32_t packed_color(const double* values) {
   std::int32_t rgb = 0;
   for (int k = 0; k < 3; ++k) {
@@ -27,8 +27,9 @@ inline std::int32_t packed_color(const double* values) {
   return rgb;
 }
 
-/// A byte of sRGB as linear light (IEC 61966-2-1), in steps of 1 / 65535: enough to come back as
-/// the same byte, and coarse enough to be the same number with every libm.
+/// Converts a byte of sRGB to linear light (IEC 61966-2-1), in steps of 1 / 65535. These are fine
+/// enough to convert back to the same byte, and coarse enough to be the same number with every
+/// libm.
 inline double linear_from_srgb(std::int32_t byte) {
   const double y = byte / 255.0;
   const double x = y <= 0.04045 ? y / 12.92 : std::pow((y + 0.055) / 1.055, 2.4);
@@ -42,7 +43,7 @@ inline void set_color(Material& material, std::int32_t rgb) {
   for (int k = 0; k < 3; ++k) material.base_color[k] = linear_from_srgb(channel(rgb, k));
 }
 
-/// A material of one colour, named after it.
+/// A material of one colour, with the colour as its name.
 inline Material material_of(std::int32_t rgb) {
   constexpr std::string_view kDigits = "0123456789ABCDEF";
   Material material;
@@ -60,7 +61,7 @@ inline std::int32_t color_of(const Material& material) {
   return packed_color(srgb.data());
 }
 
-/// The colours of faces, 0xRRGGBB, by the materials of a mesh; empty: all are white.
+/// The colours of materials, 0xRRGGBB; empty: all are white.
 inline std::vector<std::int32_t> colors_of(const std::vector<Material>& materials) {
   constexpr std::int32_t kWhite = 0xFFFFFF;
   std::vector<std::int32_t> colors(materials.size());
@@ -69,7 +70,7 @@ inline std::vector<std::int32_t> colors_of(const std::vector<Material>& material
   return colors;
 }
 
-/// The colour of a face; -1: it has none.
+/// The colour of a face, given the colours of the materials; -1: none.
 inline std::int32_t color_of_face(const MeshView& mesh, const std::vector<std::int32_t>& colors,
                                   Eigen::Index face) {
   const std::size_t material = mesh.has_materials() ? mesh.face_material[face] : -1;

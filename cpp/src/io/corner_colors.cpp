@@ -12,7 +12,8 @@ namespace {
 
 constexpr std::int32_t kNone = -1;
 
-// More than the colours that a person gives to parts; scans have thousands.
+// Limit of colours that become materials. People give parts fewer colours than this; scans have
+// thousands.
 constexpr std::size_t kMostMaterials = 256;
 
 using CornerColors = MeshView::Map<Faces>;
@@ -21,7 +22,7 @@ bool have_faces_one_color(const CornerColors& colors) {
   return colors.col(0) == colors.col(1) && colors.col(0) == colors.col(2);
 }
 
-// One material for each colour, in order of appearance; false: there are too many.
+// Makes a material for each colour, in order of appearance; returns false if there are too many.
 bool use_materials(const MeshView& mesh, std::int32_t num_materials, const CornerColors& colors,
                    SurfaceColors& result) {
   std::unordered_map<std::int32_t, std::int32_t> material_of_color;

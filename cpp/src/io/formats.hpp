@@ -9,25 +9,24 @@
 #include "manip3d/io/mesh_file.hpp"
 #include "manip3d/io/scene_file.hpp"
 
-/// @file
-/// One reader and one writer per format; mesh_file.cpp holds the table that dispatches to them.
+/// Readers and writers of the formats. The table in mesh_file.cpp dispatches to them.
 namespace manip3d {
 
 ReadResult read_obj(ByteSource& source, const ReadOptions& options, const Progress& progress);
 ReadResult read_ply(ByteSource& source, const ReadOptions& options, const Progress& progress);
 ReadResult read_off(ByteSource& source, const ReadOptions& options, const Progress& progress);
 ReadResult read_stl(ByteSource& source, const ReadOptions& options, const Progress& progress);
-/// Both .gltf and .glb.
+/// Reads .gltf and .glb.
 ReadResult read_gltf(ByteSource& source, const ReadOptions& options, const Progress& progress);
 
 Scene read_gltf_scene(ByteSource& source, const ReadOptions& options, const Progress& progress);
 
-/// Arguments of a writer beside the mesh.
+/// Arguments of a writer.
 struct WriteJob {
   const MeshView& mesh;
   const std::vector<Material>& materials;
   const WriteOptions& options;
-  const std::filesystem::path& path;  ///< For formats of several files.
+  const std::filesystem::path& path;  ///< Path of the file, for formats that need several files.
   std::vector<std::string>& warnings;
 };
 

@@ -15,13 +15,13 @@
 namespace manip3d {
 namespace {
 
-// Memory that a mesh may take without `max_bytes`: the larger of kFreeBytes and kFreeRatio times
-// the stored bytes of the file, of which compressed ones count five times.
+// Default limit of the memory of a mesh: the larger of kFreeBytes and kFreeRatio times the stored
+// bytes of the file, where compressed streams count five times.
 constexpr std::int64_t kFreeBytes = std::int64_t{64} << 20;
 constexpr std::int64_t kFreeRatio = 100;
 
-/// The rest of a source, `most` bytes of it at most.
-/// @param budget  is charged block by block, so that a source that is too long is not read to its
+/// Reads the rest of a source, at most `most` bytes.
+/// @param budget  Is charged block by block, so that a source that is too long is not read to its
 ///                end; may be null.
 Bytes read_all(ByteSource& source, std::size_t most, GltfBudget* budget) {
   constexpr std::size_t kBlock = std::size_t{1} << 16;
@@ -48,7 +48,7 @@ Bytes read_beside(const ReadOptions& options, const std::string& uri, std::int64
   };
   std::filesystem::path path = place_of(uri);
   if (!std::filesystem::exists(path) && uri.find('\\') != std::string::npos) {
-    std::string slashed = uri;  // programs for Windows write its separators
+    std::string slashed = uri;  // programs for Windows write backslashes
     std::replace(slashed.begin(), slashed.end(), '\\', '/');
     path = place_of(slashed);
   }
@@ -75,7 +75,7 @@ void GltfBudget::charge(std::int64_t bytes, const std::string& who) {
   const std::int64_t limit =
       max_bytes_ > 0 ? max_bytes_
                      : std::max(kFreeBytes, kFreeRatio * (stored_bytes_ + 4 * compressed_));
-  if (bytes <= limit - spent_) {  // the sum may not fit 64 bits
+  if (bytes <= limit - spent_) {  // the sum could exceed 64 bits
     spent_ += bytes;
     return;
   }
@@ -97,7 +97,8 @@ ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resou
   const std::vector<GltfInstance> instances = nodes.drawn_instances();
   std::vector<bool> is_shown(document.count("meshes"), false);
   for (const GltfInstance& instance : instances) is_shown[instance.mesh] = true;
-  document.expand_draco(draco, is_shown);  // a damaged stream that is not shown does no harm
+  // streams that are not shown stay undecoded, so that damage in them is harmless
+  document.expand_draco(draco, is_shown);
   result.mesh =
       read_triangles(document, instances, GltfTexcoords::kPlaced, budget, result.warnings, progress)
           .mesh;

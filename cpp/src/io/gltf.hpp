@@ -14,34 +14,37 @@
 /// @file
 /// glTF 2.0, as .gltf (JSON, with files beside it) and .glb (one binary file).
 ///
-/// glTF counts v downwards, TriangleMesh upwards: v is flipped both ways. Coordinates are left
-/// alone. Colours of glTF are linear, those of TriangleMesh sRGB.
+/// In glTF v points downwards, in TriangleMesh upwards: v is flipped in both directions.
+/// Coordinates are not changed. Colours are linear in glTF and sRGB in TriangleMesh.
 namespace manip3d {
 
-/// The first `size` bytes (fewer if it is shorter) of the file that a percent-decoded relative URI
-/// names. @throws InputError  it must not be read.
+/// Reads the first `size` bytes (fewer if it is shorter) of the file with a relative,
+/// percent-decoded URI.
+/// @throws InputError  the file must not be read.
 using GltfResource =
     std::function<std::vector<std::byte>(const std::string& uri, std::int64_t size)>;
 
-/// Memory that a file may take: its uncompressed bytes, its JSON as objects, the tables of the
-/// mesh.
+/// Limit of the memory that a file may take: its uncompressed bytes, its JSON as objects, and the
+/// tables of the mesh.
 ///
-/// A small file can name one mesh in many nodes, count zeros, or be compressed.
+/// Without a limit, a small file could name one mesh in many nodes, count zeros, or be compressed.
 class GltfBudget {
  public:
-  /// @param stored_bytes  of the file, compressed if it is.
-  /// @param max_bytes     0: 64 MiB or 100 times the stored bytes, whichever is more. Beyond
-  ///                      2^63 - 1: as that.
+  /// @param stored_bytes  Bytes of the file, compressed if it is.
+  /// @param max_bytes     The limit; 0: 64 MiB or 100 times the stored bytes, whichever is larger.
+  ///                      Values beyond 2^63 - 1 count as this.
   explicit GltfBudget(std::int64_t stored_bytes, std::uint64_t max_bytes = 0);
 
-  /// Another file was read.
+  /// Adds the bytes of another file that was read.
   void add_file(std::int64_t stored_bytes) { stored_bytes_ += stored_bytes; }
-  /// Counts the bytes of a compressed stream five times, because plain accessors take five to ten
-  /// times as many. Streams may overlap, but together they count as no more than the files.
+  /// Adds the bytes of a compressed stream. They count five times, because uncompressed accessors
+  /// take five to ten times as many bytes. Streams may overlap, but all of them count as no more
+  /// than the files.
   void add_compressed(std::int64_t bytes) {
     compressed_ = std::min(compressed_ + bytes, stored_bytes_);
   }
-  /// @throws FormatError  that is too much; names `who`.
+  /// Spends bytes of the budget.
+  /// @throws FormatError  (naming `who`) the budget is exceeded.
   void charge(std::int64_t bytes, const std::string& who);
   void charge(std::int64_t rows, std::int64_t bytes_per_row, const std::string& who) {
     charge(rows * bytes_per_row, who);
@@ -54,32 +57,33 @@ class GltfBudget {
   std::int64_t spent_ = 0;
 };
 
-/// The triangles of the default scene, in depth-first order of its nodes.
+/// Reads the triangles of the default scene, in depth-first order of its nodes.
 ///
-/// Node transforms are applied; one that mirrors turns its triangles around. Primitives of one
-/// node that share their POSITION accessor share their vertices; instances of a mesh share their
-/// texture coordinates. All component types, strides, sparse accessors, triangles, strips and
-/// fans, KHR_mesh_quantization, KHR_draco_mesh_compression, EXT_ and KHR_meshopt_compression,
-/// KHR_texture_transform (of the first texture of a material, in the texture coordinates; textures
-/// placed otherwise are left out with a warning).
-/// A file without nodes has all its meshes read as they are, with a warning. Meshes have the shape
-/// of the default weights of their morph targets, in the pose of the joints of their skins. Points,
-/// lines, the skins and morph targets themselves, animations, extensions of lights, materials and
-/// image formats, and others that are not required are left out with a warning. Where only some
-/// primitives have vertex colours, the others are white.
-/// @param data       a .gltf or .glb, told apart by the first four bytes.
-/// @param resource   called for external buffers; external images stay paths.
-/// @param budget     what reading it may cost.
-/// @param draco      decodes KHR_draco_mesh_compression; empty: primitives that only a Draco stream
-///                   holds are refused.
+/// Node transforms are applied; the triangles of a mirroring one are reversed. Primitives of a node
+/// with the same POSITION accessor share their vertices; instances of a mesh share their texture
+/// coordinates. Meshes have the shape of the default weights of their morph targets and the pose of
+/// the joints of their skins. In a file without nodes, all meshes are read untransformed, with a
+/// warning. If only some primitives have vertex colours, the others are white.
+///
+/// Supported are all component types, strides, sparse accessors, triangles, strips and fans,
+/// KHR_mesh_quantization, KHR_draco_mesh_compression, EXT_ and KHR_meshopt_compression, and
+/// KHR_texture_transform: that of the first texture of a material is applied to the texture
+/// coordinates, and textures with another one are left out with a warning. Also left out with a
+/// warning are points, lines, skins and morph targets themselves, animations, extensions of lights,
+/// materials and image formats, and other extensions that are not required.
+/// @param data       A .gltf or .glb file, distinguished by the first four bytes.
+/// @param resource   Reads external buffers; external images stay paths.
+/// @param budget     Limit of memory.
+/// @param draco      Decoder of KHR_draco_mesh_compression; empty: primitives that exist only as a
+///                   Draco stream are refused.
 /// @throws FormatError  not glTF 2.x, lengths or indices that do not fit, nodes that are not a
-///                      forest, nesting deeper than 64, a required extension that is not known (it
-///                      is named), a mesh beyond the budget. The message holds a JSON pointer.
+///                      forest, nesting deeper than 64, an unknown required extension (which is
+///                      named), or a mesh beyond the budget. The message contains a JSON pointer.
 ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resource,
                       GltfBudget budget, const Progress& progress = {},
                       const DracoDecoder& draco = {});
 
-/// Reads the file as a scene: see read_scene(). Images are read by `resource`, too.
+/// Reads the file as a scene: see read_scene(). `resource` also reads images.
 Scene parse_gltf_scene(std::span<const std::byte> data, const GltfResource& resource,
                        GltfBudget budget, const Progress& progress = {},
                        const DracoDecoder& draco = {});

@@ -11,7 +11,7 @@ namespace manip3d {
 namespace {
 
 constexpr std::int64_t kInfluenceBytes = sizeof(std::uint16_t) + sizeof(float);
-constexpr std::int64_t kInSet = 4;  // joints of a vertex in each of JOINTS_0, JOINTS_1, ...
+constexpr std::int64_t kInSet = 4;  // joints per vertex in each of JOINTS_0, JOINTS_1, ...
 
 std::string in_set(const char* name, std::int64_t set) {
   return std::string(name) + "_" + std::to_string(set);
@@ -28,7 +28,7 @@ std::int64_t num_targets(const JsonPlace& primitive) {
   return targets ? targets->size() : 0;
 }
 
-/// The accessors that move the vertices of a primitive, by the names of their attributes.
+/// The accessors that deform a primitive, by the names of their attributes.
 JsonPlace::Json movers_of(const JsonPlace& primitive) {
   JsonPlace::Json movers = JsonPlace::Json::object();
   for (const auto& [name, accessor] : primitive.member("attributes").value().items()) {
@@ -38,7 +38,8 @@ JsonPlace::Json movers_of(const JsonPlace& primitive) {
   return movers;
 }
 
-/// The name of an attribute that morph targets change and other triangles cannot take over.
+/// The name of an attribute that morph targets change and that other triangles cannot take over;
+/// empty: none.
 std::string changed_attribute(const JsonPlace& primitive) {
   constexpr std::array<std::string_view, 3> kMoved = {"POSITION", "NORMAL", "TANGENT"};
   const auto targets = primitive.find("targets");
@@ -50,13 +51,13 @@ std::string changed_attribute(const JsonPlace& primitive) {
   return "";
 }
 
-/// Copies rows of `width` numbers of an attribute to those of its primitive.
+/// Copies an attribute of `width` numbers to the rows of its primitive.
 class RowReader {
  public:
   RowReader(GltfDocument& document, const PlacedPrimitive& primitive)
       : document_(document), primitive_(primitive) {}
 
-  /// @return its values, row after row; none where the object does not have it.
+  /// @return  Its values, row by row; empty if the object does not have it.
   std::vector<double> read(const JsonPlace& owner, const std::string& name, int width) {
     const auto user = owner.find(name.c_str());
     if (!user) return {};

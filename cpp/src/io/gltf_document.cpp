@@ -17,15 +17,15 @@ namespace manip3d {
 namespace {
 
 constexpr std::int64_t kMaxCount = std::numeric_limits<std::int32_t>::max();
-constexpr std::int64_t kMaxLength = std::int64_t{1} << 53;  // what a JSON number holds exactly
-constexpr std::int64_t kBytesPerValue = 64;                 // of JSON, as objects
+constexpr std::int64_t kMaxLength = std::int64_t{1} << 53;  // JSON numbers are exact up to this
+constexpr std::int64_t kBytesPerValue = 64;                 // bytes of a JSON value as an object
 constexpr std::int64_t kHeaderBytes = 12;
 constexpr std::int64_t kChunkHeaderBytes = 8;
 constexpr std::uint32_t kJsonChunk = 0x4E4F534A;    // "JSON"
 constexpr std::uint32_t kBinaryChunk = 0x004E4942;  // "BIN\0"
 
 template <typename T>
-T load(const std::byte* data) {  // little endian, like every machine this is built for
+T load(const std::byte* data) {  // little endian, like all supported machines
   T value;
   std::memcpy(&value, data, sizeof(T));
   return value;
@@ -58,14 +58,14 @@ GltfType component_type(const JsonPlace& place) {
 
 int components_of(const JsonPlace& place) {
   constexpr std::array<const char*, 4> kTypes = {"SCALAR", "VEC2", "VEC3", "VEC4"};
-  if (place.text() == "MAT4") return 16;  // its columns need no padding
+  if (place.text() == "MAT4") return 16;  // columns of MAT4 need no padding
   const auto found = std::find(kTypes.begin(), kTypes.end(), place.text());
   if (found == kTypes.end()) place.fail("expected SCALAR, VEC2, VEC3, VEC4 or MAT4 here");
   return static_cast<int>(found - kTypes.begin()) + 1;
 }
 
-/// Integers that stand for [0, 1] or [-1, 1]: glTF 2.0 section 3.11 (animations) and
-/// KHR_mesh_quantization; the lowest signed value also means -1.
+/// Converts normalised integers to [0, 1] or [-1, 1]: glTF 2.0 section 3.11 (animations) and
+/// KHR_mesh_quantization. The lowest signed value also means -1.
 template <typename T>
 double as_double(T value, bool normalized) {
   const auto number = static_cast<double>(value);
@@ -75,7 +75,7 @@ double as_double(T value, bool normalized) {
   return number;
 }
 
-/// Calls `use(row, data)` with a typed loader for each of `count` elements.
+/// Calls `use(T{})` with the C++ type T of a component type.
 template <typename Use>
 void with_type(GltfType type, const Use& use) {
   switch (type) {
@@ -208,7 +208,7 @@ void GltfAccessor::check_indices() const {
 std::vector<std::uint32_t> GltfAccessor::decode_indices() const {
   if (num_sparse == 0) return load_indices(dense, count);
   std::vector<double> values(count);
-  decode(values.data());  // a double holds any 32-bit index
+  decode(values.data());  // double holds all 32-bit indices
   return {values.begin(), values.end()};
 }
 
@@ -266,7 +266,7 @@ void GltfDocument::parse_json(ByteSpan bytes) {
 bool GltfDocument::place_meshes_without_nodes() {
   const std::int64_t num_meshes = count("meshes");
   if (num_meshes == 0 || count("nodes") > 0) return false;
-  constexpr std::int64_t kValuesPerNode = 3;  // the object, its member, the index among the roots
+  constexpr std::int64_t kValuesPerNode = 3;  // the node, its member, and its index among the roots
   budget_.charge(num_meshes * kValuesPerNode * kBytesPerValue, "/meshes");
   for (const char* array : {"nodes", "scenes", "scene"}) json_.erase(array);
   for (std::int64_t m = 0; m < num_meshes; ++m) json_["nodes"].push_back({{"mesh", m}});

@@ -16,8 +16,8 @@ namespace {
 
 constexpr std::int64_t kDracoTriangles = 4;
 constexpr std::int64_t kMaxDracoId = std::numeric_limits<std::uint32_t>::max();
-constexpr std::int64_t kBytesPerElement = 12;  // three numbers of a face or a point, at least
-constexpr std::int64_t kJsonBytesPerAccessor = 1024;  // a buffer and a bufferView, as objects
+constexpr std::int64_t kBytesPerElement = 12;         // at least: three numbers per face or point
+constexpr std::int64_t kJsonBytesPerAccessor = 1024;  // of a buffer and a bufferView as objects
 
 template <typename T>
 void store_draco(const JsonPlace& accessor, double value, std::byte* out) {
@@ -31,8 +31,8 @@ void store_draco(const JsonPlace& accessor, double value, std::byte* out) {
   std::memcpy(out, &stored, sizeof(T));
 }
 
-/// The numbers of a stream in the component type T of an accessor. Attributes start at multiples of
-/// four bytes, glTF 2.0 section 3.6.2.4.
+/// Converts the numbers of a stream to the component type T of an accessor. Attributes start at
+/// multiples of four bytes (glTF 2.0 section 3.6.2.4).
 template <typename T>
 DracoElements encode_draco(const JsonPlace& accessor, std::size_t index,
                            const DracoMesh::Attribute& attribute, bool is_attribute) {
@@ -76,9 +76,10 @@ DracoElements encode_draco_as(const JsonPlace& accessor, std::size_t index,
   }
 }
 
-/// Faces and points that the head of a stream announces: the library makes room for them before it
-/// looks at the rest. Draco bitstream 2.2, sections 3 and 4; a face of the edgebreaker has three
-/// points at most. Metadata (names of feature identifiers, for example) stand before the counts.
+/// Number of faces and points in the header of a stream, for which the library allocates memory
+/// before it reads the rest. See Draco bitstream 2.2, sections 3 and 4; with edgebreaker, a face
+/// has at most three points. Metadata (for example, names of feature identifiers) come before the
+/// counts.
 std::int64_t announced_elements(const JsonPlace& draco, ByteSpan stream) {
   constexpr std::size_t kHead = 11, kMethod = 8, kFlags = 10;
   constexpr unsigned kEdgebreaker = 1, kMetadata = 0x80;
@@ -98,7 +99,7 @@ std::int64_t announced_elements(const JsonPlace& draco, ByteSpan stream) {
   };
   if ((byte(kFlags) & kMetadata) != 0) {
     const auto skip_name = [&] { at += 1 + std::size_t{byte(at)}; };
-    // Depth first: each element within another follows its name.
+    // Depth first: each nested element follows its name.
     const auto skip_element = [&] {
       for (std::int64_t left = 1; left > 0; --left) {
         for (std::int64_t entries = count(); entries > 0; --entries) {
@@ -112,7 +113,7 @@ std::int64_t announced_elements(const JsonPlace& draco, ByteSpan stream) {
       }
     };
     for (std::int64_t attributes = count(); attributes > 0; --attributes) {
-      count();  // its identifier
+      count();  // identifier of the attribute
       skip_element();
     }
     skip_element();
@@ -120,17 +121,17 @@ std::int64_t announced_elements(const JsonPlace& draco, ByteSpan stream) {
   const bool is_edgebreaker = byte(kMethod) == kEdgebreaker;
   if (is_edgebreaker) ++at;
   const std::int64_t first = count(), second = count();
-  // Sequential: faces, points; edgebreaker: vertices, faces.
+  // Sequential encoding: faces, points; edgebreaker: vertices, faces.
   return is_edgebreaker ? first + 4 * second : first + second;
 }
 
-/// Decodes what the primitives of a document refer to; the document stays as it is.
+/// Decodes the streams that a document's primitives refer to, without changing the document.
 class DracoReader {
  public:
   DracoReader(GltfDocument& document, const DracoDecoder& decode, GltfBudget& budget)
       : document_(document), decode_(decode), budget_(budget) {}
 
-  /// The attributes and indices of a primitive, unless there are plain ones, too.
+  /// Decodes the attributes and indices of a primitive, unless they exist as plain accessors too.
   void read(const JsonPlace& primitive) {
     const JsonPlace draco = primitive.member("extensions").member(kDraco);
     const JsonPlace attributes = primitive.member("attributes");
@@ -154,7 +155,7 @@ class DracoReader {
   std::vector<DracoElements> take() { return std::move(elements_); }
 
  private:
-  /// Whether all that the stream would give stands in bufferViews, too.
+  /// Are all data of the stream available in bufferViews as well?
   [[nodiscard]] bool is_plain(const JsonPlace& primitive, const JsonPlace& draco) const {
     const JsonPlace attributes = primitive.member("attributes");
     const auto has_view = [&](const JsonPlace& user) {
@@ -195,7 +196,7 @@ class DracoReader {
     return meshes_.emplace(stream, std::move(mesh)).first->second;
   }
 
-  /// Primitives may share an accessor where they share its stream.
+  /// Adds an accessor. Primitives may share one if they also share its stream.
   void add(const JsonPlace& user, const DracoMesh::Attribute& attribute, bool is_attribute) {
     const JsonPlace accessor = document_.object("accessors", user);
     const auto [known, is_new] = sources_.try_emplace(accessor.pointer(), &attribute);
@@ -224,12 +225,13 @@ class DracoReader {
   GltfDocument& document_;
   const DracoDecoder& decode_;
   GltfBudget& budget_;
-  std::map<std::string, DracoMesh> meshes_;  ///< By the pointer of the bufferView.
-  std::map<std::string, const DracoMesh::Attribute*> sources_;  ///< By the pointer of the accessor.
+  std::map<std::string, DracoMesh> meshes_;  ///< By JSON pointer of the bufferView.
+  /// By JSON pointer of the accessor.
+  std::map<std::string, const DracoMesh::Attribute*> sources_;
   std::vector<DracoElements> elements_;
 };
 
-/// Whether a primitive names the extension; a malformed one is refused where it is read.
+/// Does a primitive use the extension? A malformed primitive is refused later, when it is read.
 bool has_draco(const JsonPlace::Json& primitive) {
   if (!primitive.is_object()) return false;
   const auto extensions = primitive.find("extensions");
@@ -269,7 +271,7 @@ void GltfDocument::add_elements(DracoElements elements) {
   accessor["bufferView"] = json_["bufferViews"].size();
   accessor.erase("byteOffset");
   json_["bufferViews"].push_back(std::move(view));
-  json_["buffers"].push_back({{"byteLength", size}, {"uri", ""}});  // its bytes are here already
+  json_["buffers"].push_back({{"byteLength", size}, {"uri", ""}});  // buffers_ has its bytes
   buffers_.emplace("/buffers/" + std::to_string(buffer), std::move(elements.bytes));
 }
 

@@ -17,7 +17,8 @@ constexpr std::array<const char*, 2> kMeshoptNames = {"EXT_meshopt_compression",
 constexpr std::int64_t kMaxMeshoptCount = std::numeric_limits<std::int32_t>::max();
 constexpr std::int64_t kMaxMeshoptStride = 256;
 
-/// The position of a text in a list. @throws FormatError  it is not there.
+/// The index of a text in a list.
+/// @throws FormatError  it is not in the list.
 template <std::size_t N>
 std::size_t place_in(const std::array<const char*, N>& names, const JsonPlace& text) {
   std::string listed;

@@ -24,8 +24,8 @@ Eigen::Matrix4d matrix_of(const GltfTransform& transform) {
   return matrix;
 }
 
-/// The rotation of a quaternion x, y, z, w. Files are not exact: it is normalised first.
-/// @param place  says where the quaternion is from, in the error for one that has no direction.
+/// The rotation of a quaternion x, y, z, w. It is normalised first, because files are not exact.
+/// @param place  Place of the quaternion, for the error message if it has no direction.
 Eigen::Matrix3d rotation_of(const Eigen::Vector4d& xyzw, const JsonPlace& place) {
   const double length = xyzw.norm();
   if (!(length > 0.0 && std::isfinite(length))) {
@@ -81,7 +81,8 @@ JsonPlace GltfNodes::node(std::int64_t index) const {
   return document_.root().member("nodes").item(index);
 }
 
-/// With at most one parent each, a node is in or below a cycle unless a root reaches it.
+/// Checks that the roots reach all nodes. Each node has at most one parent, so that unreached nodes
+/// are in or below a cycle.
 void GltfNodes::check_acyclic() const {
   Indices roots;
   for (std::int64_t n = 0; n < std::ssize(parents_); ++n) {
@@ -93,8 +94,8 @@ void GltfNodes::check_acyclic() const {
   if (lost != reached.end()) node(lost - reached.begin()).fail("the nodes form a cycle");
 }
 
-/// Marks these nodes and all below them. What hangs on a marked node is marked already: however
-/// many scenes show a node, it is visited once.
+/// Marks these nodes and their descendants. The descendants of a marked node are marked already, so
+/// that each node is visited once, however many scenes contain it.
 void GltfNodes::mark_below(Indices roots, std::vector<bool>& marked) const {
   Indices& stack = roots;
   while (!stack.empty()) {
@@ -106,7 +107,8 @@ void GltfNodes::mark_below(Indices roots, std::vector<bool>& marked) const {
   }
 }
 
-/// Roots of the default scene, else of the first scene, else all nodes without a parent.
+/// Roots of the default scene; without one, of the first scene; without scenes, all nodes without a
+/// parent.
 GltfNodes::Indices GltfNodes::drawn_roots() const {
   if (document_.count("scenes") == 0) {
     Indices roots;
@@ -123,7 +125,8 @@ GltfNodes::Indices GltfNodes::drawn_roots() const {
 GltfNodes::Indices GltfNodes::roots_of(const JsonPlace& scene) const {
   Indices roots;
   const auto list = scene.find("nodes");
-  std::set<std::int64_t> listed;  // as large as the list: there may be as many scenes as nodes
+  // a set as large as the list, because there may be as many scenes as nodes
+  std::set<std::int64_t> listed;
   for (std::int64_t i = 0; list && i < list->size(); ++i) {
     const JsonPlace place = list->item(i);
     const std::int64_t n = place.integer(0, std::ssize(parents_) - 1);
@@ -156,13 +159,13 @@ std::vector<GltfInstance> GltfNodes::drawn_instances() {
   return instances;
 }
 
-/// @param world  from the coordinates of the node `place` into those of the scene.
+/// @param world  Transform from the node's coordinates to the scene's.
 void GltfNodes::add_instances(const JsonPlace& place, const GltfTransform& world,
                               std::vector<GltfInstance>& instances) {
   const JsonPlace mesh = place.member("mesh");
   const auto skin = place.find("skin");
   const auto* joints = skin ? &places_of_joints(*skin) : nullptr;
-  auto weights = place.find("weights");  // they replace those of the mesh
+  auto weights = place.find("weights");  // the node's weights replace the mesh's
   if (!weights) weights = document_.object("meshes", mesh).find("weights");
   const std::int64_t index = mesh.integer(0, document_.count("meshes") - 1);
   const auto placed = gpu_instances(place);
@@ -174,8 +177,8 @@ void GltfNodes::add_instances(const JsonPlace& place, const GltfTransform& world
   for (const GltfTransform& own : *placed) instances.push_back({index, world * own, weights});
 }
 
-/// Places of a node's mesh by EXT_mesh_gpu_instancing, in the node's coordinates; null: once, at
-/// the node itself.
+/// Transforms of the instances of a node's mesh by EXT_mesh_gpu_instancing, in the node's
+/// coordinates; empty: one instance at the node itself.
 std::optional<std::vector<GltfTransform>> GltfNodes::gpu_instances(const JsonPlace& place) {
   const auto extensions = place.find("extensions");
   const auto instancing = extensions ? extensions->find(kInstancing) : std::nullopt;
@@ -192,7 +195,7 @@ std::optional<std::vector<GltfTransform>> GltfNodes::gpu_instances(const JsonPla
                         attributes.pointer() + " " + std::to_string(first->count));
     }
   }
-  constexpr std::int64_t kNumbers = 3 + 4 + 3;  // of a translation, a rotation and a scale
+  constexpr std::int64_t kNumbers = 3 + 4 + 3;  // numbers of a translation, a rotation and a scale
   budget_.charge(first->count,
                  sizeof(GltfTransform) + sizeof(GltfInstance) + kNumbers * sizeof(double),
                  attributes.pointer());
@@ -242,8 +245,8 @@ const GltfNodes::Skin& GltfNodes::skin(const JsonPlace& user) {
   return skin;
 }
 
-/// Places of a mesh by each joint of a skin. glTF places it by them, and not by the node that
-/// shows it.
+/// Transforms of a mesh by each joint of a skin. In glTF these place the mesh, and not the node
+/// that shows it.
 const std::vector<GltfTransform>& GltfNodes::places_of_joints(const JsonPlace& user) {
   const Skin& read = skin(user);
   std::vector<GltfTransform>& places = places_of_joints_[&read];
@@ -253,7 +256,7 @@ const std::vector<GltfTransform>& GltfNodes::places_of_joints(const JsonPlace& u
   return places;
 }
 
-/// From the coordinates of a node into those of the scene; each node is looked at once.
+/// Transform from a node's coordinates to the scene's; computed once per node.
 const GltfTransform& GltfNodes::world_of(std::int64_t index) {
   Indices path;
   for (std::int64_t n = index; n >= 0 && !worlds_.contains(n); n = parents_[n]) path.push_back(n);

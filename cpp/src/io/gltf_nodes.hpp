@@ -14,7 +14,7 @@ namespace manip3d {
 
 inline constexpr const char* kInstancing = "EXT_mesh_gpu_instancing";
 
-/// x -> linear x + translation.
+/// The affine map x -> linear x + translation.
 struct GltfTransform {
   Eigen::Matrix3d linear = Eigen::Matrix3d::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();
@@ -25,33 +25,33 @@ struct GltfTransform {
   [[nodiscard]] bool mirrors() const { return linear.determinant() < 0.0; }
 };
 
-/// A mesh as a node shows it.
+/// An instance of a mesh.
 struct GltfInstance {
   std::int64_t mesh;
   GltfTransform transform = {};
-  /// Weights of the morph targets; null: all are zero.
+  /// Weights of the morph targets; empty: all are zero.
   std::optional<JsonPlace> weights = std::nullopt;
-  /// Places of the mesh by each joint of a skin; null: no skin.
+  /// Transforms of the mesh by each joint of a skin; null: no skin.
   const std::vector<GltfTransform>* joints = nullptr;
 };
 
-/// The nodes of a file, which are a forest, and their skins.
+/// The nodes of a file, which form a forest, and their skins.
 class GltfNodes {
  public:
-  /// @throws FormatError  a node that has two parents or is its own ancestor.
+  /// @throws FormatError  a node has two parents or is its own ancestor.
   GltfNodes(GltfDocument& document, GltfBudget& budget);
 
   /// Instances of meshes in the default scene, in depth-first order of its nodes. Their `joints`
-  /// refer to this object.
+  /// point into this object.
   [[nodiscard]] std::vector<GltfInstance> drawn_instances();
   [[nodiscard]] std::vector<SceneNode> scene_nodes();
-  /// Whether a node is part of any scene.
+  /// For each node: is it part of any scene?
   [[nodiscard]] std::vector<bool> shown() const;
 
  private:
   using Indices = std::vector<std::int64_t>;
 
-  /// The joints of a skin, and what takes the coordinates of a mesh to those of each.
+  /// The joints of a skin, and the maps from the mesh's coordinates to those of each joint.
   struct Skin {
     Indices joints;
     std::vector<GltfTransform> inverse_binds;
@@ -72,10 +72,11 @@ class GltfNodes {
   GltfDocument& document_;
   GltfBudget& budget_;
   std::vector<Indices> children_;
-  Indices parents_;                    ///< -1: none.
-  std::map<std::string, Skin> skins_;  ///< By pointer.
+  Indices parents_;                    ///< Parent of each node; -1: none.
+  std::map<std::string, Skin> skins_;  ///< By JSON pointer.
   std::map<const Skin*, std::vector<GltfTransform>> places_of_joints_;
-  std::map<std::int64_t, GltfTransform> worlds_;  ///< Those that world_of() has looked at.
+  /// Transforms to the scene's coordinates that world_of() has computed so far.
+  std::map<std::int64_t, GltfTransform> worlds_;
 };
 
 }  // namespace manip3d

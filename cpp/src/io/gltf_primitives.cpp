@@ -10,7 +10,7 @@
 namespace manip3d {
 namespace {
 
-/// Whether a material's texture is placed by another set of coordinates than the first.
+/// Does a material use a set of texture coordinates other than the first?
 bool needs_more_texcoords(const JsonPlace::Json& value) {
   if (!value.is_structured()) return false;
   if (value.is_object()) {

@@ -11,7 +11,7 @@
 
 namespace manip3d {
 
-/// A primitive of triangles and its accessors, which are null where it has none.
+/// A primitive of triangles with its accessors; null: it has no such accessor.
 struct GltfPrimitive {
   JsonPlace place;
   const GltfAccessor* position = nullptr;
@@ -27,27 +27,28 @@ struct GltfPrimitive {
 
   [[nodiscard]] std::int64_t num_corners() const;
   [[nodiscard]] std::int64_t num_faces() const;
-  /// The vertex of each corner. @throws FormatError  an index beyond the vertices.
+  /// The vertex of each corner.
+  /// @throws FormatError  an index is beyond the vertices.
   [[nodiscard]] std::vector<std::uint32_t> corners() const;
-  /// The corners of a face in the list of corners: glTF 2.0, section 3.7.2.1.
+  /// The corners of a face, as indices into corners(): glTF 2.0, section 3.7.2.1.
   [[nodiscard]] std::array<std::int64_t, 3> face_corners(std::int64_t face) const;
 };
 
-/// The primitives of a mesh that have triangles; the others are left out with a warning.
-/// @throws FormatError  accessors that do not fit each other or their use.
+/// Reads the primitives with triangles of a mesh; others are left out with a warning.
+/// @throws FormatError  accessors do not fit each other or their use.
 std::vector<GltfPrimitive> read_primitives(GltfDocument& document, std::int64_t mesh,
                                            GltfTexcoords texcoords,
                                            std::vector<std::string>& warnings);
 
-/// Name of an attribute.
+/// Name of the attribute with a set of texture coordinates.
 inline std::string texcoords_in_set(std::int64_t set) { return "TEXCOORD_" + std::to_string(set); }
 
-/// Whether a texture of a primitive is placed by another set of coordinates than the first, in one
-/// of its materials.
+/// Does any material of a primitive have a texture that uses a set of coordinates other than the
+/// first?
 bool reads_more_texcoords(const GltfDocument& document, const JsonPlace& primitive);
 
-/// TEXCOORD_1, TEXCOORD_2, ... up to the first that is missing, where a texture reads one of them.
-/// Sets that no texture reads are left out: their seams would cost faces.
+/// TEXCOORD_1, TEXCOORD_2, ... up to the first missing one, if a texture uses one of them.
+/// Otherwise they are left out, because their seams would cost faces.
 std::vector<const GltfAccessor*> more_texcoords_of(GltfDocument& document,
                                                    const JsonPlace& primitive);
 

@@ -17,11 +17,11 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Origin for which float32 holds the mesh: 0 if that will do.
+/// An origin relative to which float32 is precise enough for the mesh; 0 if possible.
 Eigen::Vector3d origin_for_float32(const MeshView& mesh) {
   constexpr double kRelativeLoss = 1e-6;
   constexpr double kHalfUlp = 1.0 / (1 << 24);  // relative rounding error of float32
-  constexpr double kSmallest = 1e-38;           // below it float32 itself loses kRelativeLoss
+  constexpr double kSmallest = 1e-38;           // below this, float32 itself loses kRelativeLoss
   const BoundingBox box = bounding_box(mesh);
   if (box.diagonal() > 0.0 && box.diagonal() < kSmallest) {
     throw InputError("vertices: glTF holds float32, too coarse for a mesh of diagonal " +
@@ -29,7 +29,7 @@ Eigen::Vector3d origin_for_float32(const MeshView& mesh) {
   }
   const double farthest = std::max(box.min.cwiseAbs().maxCoeff(), box.max.cwiseAbs().maxCoeff());
   if (!(farthest * kHalfUlp > kRelativeLoss * box.diagonal())) return Eigen::Vector3d::Zero();
-  return box.center().cast<float>().cast<double>();  // exact for readers with float32 nodes too
+  return box.center().cast<float>().cast<double>();  // exact also for readers with float32 nodes
 }
 
 constexpr const char* kQuantization = "KHR_mesh_quantization";
@@ -113,12 +113,12 @@ class SceneBuilder {
     add(material, "occlusion", "occlusionTexture");
     add(material, "emissive", "emissiveTexture");
     const bool has_image = material.contains("emissiveTexture");
-    // Without its image, the factor alone would make the whole surface glow.
+    // Without its image, the factor alone would make the whole surface emit light.
     if (has_image || !m.textures.contains("emissive")) write_light(material, m, has_image);
     scene_.json["materials"].push_back(std::move(material));
   }
 
-  /// glTF's factor goes up to 1; what is brighter needs an extension.
+  /// glTF's factor is at most 1; brighter light needs an extension.
   void write_light(Json& material, const Material& m, bool has_image) {
     if (!m.emits()) {
       if (has_image) material["emissiveFactor"] = {1.0, 1.0, 1.0};
@@ -135,7 +135,7 @@ class SceneBuilder {
     }
   }
 
-  /// The material as faces without texture coordinates may have it.
+  /// The index of a copy of the material without textures, for faces without texture coordinates.
   std::int64_t untextured(std::int32_t index) {
     const Material& m = materials_[index];
     if (m.textures.empty()) return index;
@@ -149,7 +149,8 @@ class SceneBuilder {
     return static_cast<std::int64_t>(copy->second);
   }
 
-  /// Textures that show the same image are one; -1: there is no image. A file is read once.
+  /// The index of a texture; -1: it has no image. Textures with equal images are one; each file is
+  /// read once.
   std::int64_t texture_index(const Texture& texture) {
     if (!texture.data.empty()) return index_of_image(texture);
     const auto [known, is_new] = index_of_path_.try_emplace(texture.path, -1);

@@ -17,10 +17,10 @@
 namespace manip3d {
 namespace {
 
-/// The nodes that refer to a mesh, taken together.
+/// Properties of all nodes together that refer to a mesh.
 struct MeshUse {
-  bool is_drawn = false;  ///< The default scene shows one of them.
-  bool is_shown = false;  ///< Some scene does.
+  bool is_drawn = false;  ///< At least one is in the default scene.
+  bool is_shown = false;  ///< At least one is in some scene.
   bool has_skin = false;
 };
 
@@ -28,7 +28,7 @@ JsonPlace mesh_place(const GltfDocument& document, std::int64_t mesh) {
   return document.root().member("meshes").item(mesh);
 }
 
-/// By mesh. One pass over the nodes: there may be as many meshes as nodes.
+/// The uses of each mesh, in one pass over the nodes, because there may be as many meshes as nodes.
 std::vector<MeshUse> uses_of_meshes(const GltfDocument& document,
                                     const std::vector<SceneNode>& nodes,
                                     const std::vector<bool>& is_shown) {
@@ -44,8 +44,8 @@ std::vector<MeshUse> uses_of_meshes(const GltfDocument& document,
   return uses;
 }
 
-/// Why a mesh must stay as it is in the file: a TriangleMesh in its place would lose something that
-/// the scene needs. Empty: it can be replaced.
+/// Why a mesh must stay as in the file, because a TriangleMesh could not replace it without losses
+/// that matter; empty: it can be replaced.
 std::string reason_to_keep(const JsonPlace& mesh, const MeshUse& use) {
   if (!use.is_drawn) return "the default scene does not show it";
   const JsonPlace primitives = mesh.member("primitives");
@@ -57,7 +57,7 @@ std::string reason_to_keep(const JsonPlace& mesh, const MeshUse& use) {
   return reason_not_to_deform(primitives, use.has_skin);
 }
 
-/// Names what the triangles lose that take the place of a primitive's.
+/// Warns of data that the new triangles of a primitive will not have.
 void warn_of_losses(GltfDocument& document, const JsonPlace& primitive,
                     std::vector<std::string>& warnings) {
   const JsonPlace attributes = primitive.member("attributes");
@@ -90,7 +90,7 @@ void warn_of_losses(GltfDocument& document, const JsonPlace& primitive,
   }
 }
 
-/// TEXCOORD_1, TEXCOORD_2, ... of the vertices of a mesh.
+/// Reads TEXCOORD_1, TEXCOORD_2, ... of a mesh's vertices.
 MoreTexcoords read_more_texcoords(GltfDocument& document,
                                   const std::vector<PlacedPrimitive>& primitives,
                                   std::int64_t num_vertices, GltfBudget& budget) {
@@ -127,9 +127,10 @@ SceneMesh read_scene_mesh(GltfDocument& document, std::int64_t index, std::strin
   read.fixed = std::move(fixed);
   if (const auto name = place.find("name")) read.name = name->text();
   GltfInstance instance{.mesh = index};
-  // The morph targets of a mesh that may be replaced are added to it again when it is shown.
+  // A mesh that can be replaced stays without its morph targets, because viewers add them when they
+  // show it.
   if (!read.fixed.empty()) instance.weights = place.find("weights");
-  std::vector<std::string> in_document;  // what these warn of is not lost
+  std::vector<std::string> in_document;  // warnings about parts that the document keeps
   GltfTriangles triangles =
       read_triangles(document, {instance}, GltfTexcoords::kStored, budget, in_document, {});
   read.mesh = std::move(triangles.mesh);

@@ -20,7 +20,7 @@ using Json = nlohmann::ordered_json;
 constexpr std::int64_t kLargestImage = std::int64_t{1} << 31;
 constexpr std::int64_t kLargestOffset = std::int64_t{1} << 53;
 
-/// Bytes of an element of an accessor: columns of matrices start at multiples of four bytes.
+/// Bytes of an accessor's element; columns of matrices start at multiples of four bytes.
 std::int64_t element_bytes(const JsonPlace& accessor) {
   const std::int64_t code = accessor.member("componentType").integer(5120, 5126);
   const std::int64_t component = code <= 5121 ? 1 : code <= 5123 ? 2 : 4;
@@ -44,7 +44,7 @@ std::int64_t element_bytes(const JsonPlace& accessor) {
   type.fail("expected SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3 or MAT4");
 }
 
-/// Copies what is kept of a file's buffers into the buffer of its shell.
+/// Copies the kept parts of a file's buffers into the buffer of its shell.
 class ShellBuffer {
  public:
   ShellBuffer(GltfDocument& source, GltfBudget& budget, GltfScene& shell)
@@ -55,7 +55,7 @@ class ShellBuffer {
     return shell_.add_buffer_view({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
   }
 
-  /// The new index of the accessor that `user` names.
+  /// Copies the accessor that `user` names; returns its new index.
   std::size_t keep(const JsonPlace& user) {
     const JsonPlace place = source_.object("accessors", user);
     const auto known = accessors_.find(place.pointer());
@@ -74,13 +74,13 @@ class ShellBuffer {
     return index;
   }
 
-  /// Each member of an object that names accessors, such as the attributes of a primitive.
+  /// Copies the accessors that an object names, such as the attributes of a primitive.
   void keep_members(const JsonPlace& place, Json& copy) {
     for (auto& [key, index] : copy.items()) index = keep(place.member(key.c_str()));
   }
 
  private:
-  /// The elements that `owner` names, and no others that lie between them.
+  /// Copies the elements that `owner` names, without data between them.
   std::size_t copy_elements(const JsonPlace& owner, std::int64_t count, std::int64_t element) {
     const JsonPlace user = owner.member("bufferView");
     const ByteSpan bytes = source_.buffer_view(user);
@@ -108,7 +108,7 @@ class ShellBuffer {
     return index;
   }
 
-  /// The elements that a sparse accessor replaces, `count` at most, and what replaces them.
+  /// Copies the indices and values of a sparse accessor with `count` elements.
   void copy_sparse(const JsonPlace& sparse, std::int64_t count, std::int64_t element, Json& copy) {
     const std::int64_t replaced = sparse.member("count").integer(0, count);
     const JsonPlace indices = sparse.member("indices"), values = sparse.member("values");
@@ -122,11 +122,11 @@ class ShellBuffer {
   GltfDocument& source_;
   GltfBudget& budget_;
   GltfScene& shell_;
-  std::map<std::string, std::size_t> accessors_;  ///< New indices, by pointer.
+  std::map<std::string, std::size_t> accessors_;  ///< New indices by JSON pointer.
 };
 
-/// Takes the extensions that are not kept away from a value and all that is in it: they would refer
-/// to what has moved.
+/// Removes the extensions that are not kept from a value and all its members, because they would
+/// refer to data that have moved.
 void drop_extensions(Json& value) {
   if (value.is_array()) {
     for (Json& member : value) drop_extensions(member);
@@ -150,7 +150,7 @@ void drop_extensions(Json& value) {
   }
 }
 
-/// A file must not require what it does not use.
+/// Removes extensions from the lists of used and required ones if the document does not use them.
 void drop_unused_extensions(Json& document, bool any_primitive) {
   for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
     const auto found = document.find(list);
@@ -202,7 +202,7 @@ class ShellReader {
     return source_.root().member(array).item(index);
   }
 
-  /// @return whether any primitive is kept: points and lines of meshes that are replaced, too.
+  /// @return  true if any primitive is kept; points and lines of replaced meshes are.
   bool keep_meshes(const GltfKept& kept) {
     bool any_primitive = false;
     for (std::size_t m = 0; m < kept.meshes.size(); ++m) {
@@ -232,7 +232,8 @@ class ShellReader {
     return primitive;
   }
 
-  /// Other triangles know only their material: what its primitives have alike is kept.
+  /// Keeps material variants of a mesh by material, because new triangles know only their material.
+  /// They are kept if primitives with the same material have the same variants.
   void keep_variants(const JsonPlace& primitives, Json& mesh) {
     Json of_materials = Json::object();
     for (std::int64_t i = 0; i < primitives.size(); ++i) {
@@ -324,7 +325,7 @@ class ShellReader {
   std::optional<Bytes> image_file(const JsonPlace& uri) {
     const std::string scheme = uri_scheme(uri.text());
     if (scheme == "data") return decode_data_uri(uri);
-    if (!scheme.empty()) return std::nullopt;  // a remote image keeps its name
+    if (!scheme.empty()) return std::nullopt;  // a remote image keeps its URI
     const std::string name = decode_relative_uri(uri);
     try {
       Bytes bytes = resource_(name, kLargestImage);

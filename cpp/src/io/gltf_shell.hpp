@@ -8,25 +8,26 @@
 
 namespace manip3d {
 
-/// Whether a scene keeps an extension: those that refer to nothing but what keeps its index
-/// (nodes, materials, textures, images), and those whose accessors the shell knows of.
+/// Does a scene keep an extension? These are the extensions that refer only to objects with
+/// unchanged indices (nodes, materials, textures, images), and those whose accessors the shell
+/// knows.
 bool is_kept_extension(const std::string& name);
 
-/// The parts that the shell of a file keeps.
+/// The parts of a file that its shell keeps.
 struct GltfKept {
-  std::vector<bool> meshes;    ///< Whether a mesh keeps its primitives.
-  std::vector<bool> replaced;  ///< Whether other triangles take the place of its triangles.
-  std::vector<bool> nodes;     ///< Whether a node keeps what it shows.
+  std::vector<bool> meshes;    ///< By mesh: are its primitives kept?
+  std::vector<bool> replaced;  ///< By mesh: are its triangles replaced by others?
+  std::vector<bool> nodes;     ///< By node: is its mesh kept?
 };
 
 /// Member of a replaced mesh in the shell: KHR_materials_variants of its primitives by the index of
-/// their material, for those that take their place.
+/// their material, for the new primitives.
 constexpr const char* kVariantsOfMaterials = "manip3d_variants";
 constexpr const char* kVariants = "KHR_materials_variants";
 
-/// All of a glTF file but the primitives that are not kept, with one buffer that holds what is
-/// still referred to, images included.
-/// @throws FormatError  references or lengths that do not fit.
+/// Reads a glTF file except the primitives that are not kept. Everything that is still referred to
+/// is in one buffer, images included.
+/// @throws FormatError  references or lengths do not fit.
 GltfScene read_gltf_shell(GltfDocument& source, const GltfKept& kept, const GltfResource& resource,
                           GltfBudget& budget, std::vector<std::string>& warnings);
 

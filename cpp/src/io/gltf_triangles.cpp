@@ -16,24 +16,24 @@
 namespace manip3d {
 namespace {
 
-// Bytes of one row in the tables of the mesh, temporaries included.
+// Bytes per row in the tables of the mesh, with temporary ones.
 constexpr std::int64_t kVertexBytes = 24;
 constexpr std::int64_t kTexcoordBytes = 16;
 constexpr std::int64_t kColorBytes = 3 + 32;  // and four doubles while it is decoded
 constexpr std::int64_t kFaceBytes = 40;       // vertices, texcoords, normals, material
 
-/// The morph targets that change an attribute: accessors whose rows are added to those of the
-/// attribute, each times its weight, which is not zero.
+/// The morph targets that change an attribute: accessors with weights. The rows of each, times its
+/// nonzero weight, are added to those of the attribute.
 using Morph = std::vector<std::pair<const GltfAccessor*, double>>;
 
-/// Rows at the end of a table. Primitives that share an accessor share its rows: the first of
-/// them owns the rows and fills them.
+/// First row of a block in a table. Primitives with the same accessor share its rows: the first of
+/// them owns and fills them.
 struct TableRows {
   std::int64_t first = 0;
   bool are_owned = false;
 };
 
-/// One primitive of one instance, and its rows in the tables of the mesh.
+/// A primitive of an instance, with its rows in the tables of the mesh.
 struct Draw {
   const GltfPrimitive* primitive;
   const GltfTransform* transform;
@@ -46,9 +46,10 @@ struct Draw {
   Morph normal_morph = {};
 };
 
-/// Sizes of all tables, before any of them is allocated.
+/// Sizes of all tables, which are planned before any of them is allocated.
 struct Plan {
-  std::map<std::int64_t, std::vector<GltfPrimitive>> primitives;  ///< By mesh; `draws` refer to it.
+  /// By mesh; `draws` point to these.
+  std::map<std::int64_t, std::vector<GltfPrimitive>> primitives;
   std::vector<Draw> draws;
   bool with_colors = false;
   std::int64_t num_vertices = 0;
@@ -57,8 +58,8 @@ struct Plan {
   std::int64_t num_faces = 0;
 };
 
-/// The matrix of cofactors of a linear map, without the sign of one that mirrors: the inverse
-/// transpose times the determinant, which exists for a singular map, too.
+/// The matrix of cofactors of a linear map, negated if the map mirrors: the inverse transpose times
+/// the absolute determinant, which also exists for singular maps.
 Eigen::Matrix3d cofactors_of(const Eigen::Matrix3d& m) {
   Eigen::Matrix3d cofactors;
   cofactors << m.col(1).cross(m.col(2)), m.col(2).cross(m.col(0)), m.col(0).cross(m.col(1));
@@ -88,7 +89,7 @@ class Planner {
       }
     }
     for (const GltfInstance& instance : instances) add_instance(instance);
-    // A table of three columns then has no more numbers than an int32 counts.
+    // Limit that keeps the numbers of a table of three columns within an int32.
     constexpr std::int64_t kMaxRows = std::numeric_limits<std::int32_t>::max() / 3;
     if (std::max({plan_.num_vertices, plan_.num_faces, plan_.num_normals, plan_.num_texcoords}) >
         kMaxRows) {
@@ -122,7 +123,7 @@ class Planner {
         moved_by = document_.attribute(p.place.member("attributes"), "JOINTS_0", 4, 4);
         if (moved_by != nullptr) draw.joints = instance.joints;
       }
-      // Gives `key` rows at the end of a table of `count` rows, unless it has some.
+      // Appends rows for `key` to a table with `count` rows, unless it has rows already.
       const auto claim = [&](auto& table, auto key, std::int64_t& count, std::int64_t bytes) {
         const auto [row, is_new] = table.try_emplace(std::move(key), count);
         if (is_new) {
@@ -151,7 +152,7 @@ class Planner {
     }
   }
 
-  /// The default weights of an instance's morph targets; empty: its primitives are as stored.
+  /// The default weights of an instance's morph targets; empty: no deformation.
   std::vector<double> default_weights(const GltfInstance& instance) {
     std::vector<double> weights;
     if (!instance.weights) return weights;
@@ -165,7 +166,7 @@ class Planner {
     return weights;
   }
 
-  /// The morph targets that the default shape adds to an attribute of a primitive.
+  /// The morph targets that change an attribute of a primitive in the default shape.
   Morph morph_of(const GltfPrimitive& p, const std::vector<double>& weights, const char* name,
                  const GltfAccessor* base) {
     Morph morph;
@@ -260,7 +261,7 @@ class TableWriter {
     }
   }
 
-  /// Places of each vertex of a draw by the joints of a skin; empty: its node places it.
+  /// Transforms of a draw's vertices by the joints of a skin; empty: its node's transform applies.
   std::vector<GltfTransform> places_of_vertices(const Draw& draw) {
     std::vector<GltfTransform> places;
     if (draw.joints == nullptr) return places;
@@ -291,7 +292,8 @@ class TableWriter {
     return places;
   }
 
-  /// Linear light to sRGB bytes, IEC 61966-2-1; a primitive without colours is white.
+  /// Converts colours from linear light to sRGB bytes (IEC 61966-2-1). A primitive without colours
+  /// is white.
   void fill_colors(const Draw& draw) {
     const std::int64_t count = draw.primitive->position->count;
     if (draw.primitive->color == nullptr) {
@@ -312,7 +314,7 @@ class TableWriter {
     }
   }
 
-  /// glTF counts v downwards.
+  /// Fills in the texture coordinates; v points downwards in glTF.
   void fill_texcoords(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->texcoord;
     accessor.decode(mesh_.texcoords.data() + 2 * draw.texcoords.first);

@@ -10,18 +10,18 @@
 
 namespace manip3d {
 
-/// The triangles of instances of meshes in one table, without their materials.
+/// The triangles of instances of meshes, in one table without materials.
 struct GltfTriangles {
   TriangleMesh mesh;
-  /// Primitives in whose order the vertices are; those that share vertices with one are left out.
+  /// Primitives in the order of the vertices, without those that share the vertices of another one.
   std::vector<PlacedPrimitive> owners;
 };
 
-/// Primitives of an instance that share their vertices in the file share them in the mesh;
-/// instances of a mesh share its texture coordinates. Nothing is allocated that the budget does
-/// not allow.
-/// @param warnings  tells what of the meshes is left out.
-/// @throws FormatError  accessors that do not fit, values that are not finite in the scene.
+/// Reads the triangles of instances. Primitives of an instance that share vertices in the file
+/// share them in the mesh; instances of a mesh share its texture coordinates. Memory is allocated
+/// only within the budget.
+/// @param warnings  Receives what was left out of the meshes.
+/// @throws FormatError  accessors do not fit, or values are not finite in the scene.
 GltfTriangles read_triangles(GltfDocument& document, const std::vector<GltfInstance>& instances,
                              GltfTexcoords texcoords, GltfBudget& budget,
                              std::vector<std::string>& warnings, const Progress& progress);

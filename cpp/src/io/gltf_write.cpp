@@ -14,12 +14,13 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// `indent` -1: on one line. Names that are not UTF-8 get replacement characters.
+/// Converts JSON to text. Names that are not UTF-8 get replacement characters.
+/// @param indent  -1: all on one line.
 std::string to_text(const Json& json, int indent) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace);
 }
 
-/// RFC 3986: what is neither unreserved nor "/" becomes %XX.
+/// Encodes a path as URI (RFC 3986): all characters become %XX, except unreserved ones and "/".
 std::string encode_uri(std::string_view name) {
   constexpr std::string_view kDigits = "0123456789ABCDEF";
   constexpr std::string_view kUnreserved =
@@ -36,7 +37,7 @@ std::string encode_uri(std::string_view name) {
   return uri;
 }
 
-/// Output buffers what it is given, so it gets a large buffer in pieces.
+/// Writes a large buffer in pieces, because Output buffers its input.
 void write_in_pieces(Output& output, std::string_view bytes) {
   constexpr std::size_t kPiece = std::size_t{1} << 20;
   for (; !bytes.empty(); bytes.remove_prefix(std::min(kPiece, bytes.size()))) {
@@ -99,8 +100,8 @@ void write_glb(Output& output, GltfScene& scene) {
   write_in_pieces(output, scene.buffer);
 }
 
-// Images and buffer come first, under names that no other content has: the old .gltf stays valid
-// until the new one takes its place.
+// Images and buffer are written first, under names that no other content has, so that an old .gltf
+// stays valid until the new one replaces it.
 void write_gltf(Output& output, const WriteJob& job) {
   CompanionFiles files(job);
   GltfScene scene = build(job, files);

@@ -22,7 +22,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kMostSteps = 65535.0;
 
-/// Corners of these faces carry the same kinds of attributes.
+/// Faces whose corners have the same kinds of attributes.
 struct FaceGroup {
   std::int32_t material;
   bool has_texcoords;
@@ -30,30 +30,31 @@ struct FaceGroup {
   std::vector<std::int32_t> faces;
 };
 
-/// A vertex of a primitive: what one corner, or several alike, point to.
+/// A vertex of a primitive, for one corner or several equal ones.
 struct SplitVertex {
   std::int32_t vertex;
   std::int32_t texcoord;
   std::int32_t normal;
-  std::int32_t next;  ///< Another one of the same vertex of the mesh, or -1.
+  std::int32_t next;  ///< Next split of the same vertex of the mesh; -1: none.
 };
 
-/// Faces of a primitive.
+/// Vertices and faces of a primitive.
 struct SplitFaces {
   std::vector<SplitVertex> vertices;
-  std::vector<std::uint32_t> indices;  ///< By corner, into `vertices`.
+  std::vector<std::uint32_t> indices;  ///< Index into `vertices` of each corner.
 };
 
 bool face_has_normals(const MeshView& mesh, Eigen::Index face) {
   if (mesh.face_normals.rows() == 0) return false;
   for (int c = 0; c < 3; ++c) {
     const std::int32_t n = mesh.face_normals(face, c);
-    if (n < 0 || !(mesh.normals.row(n).squaredNorm() > 0.0)) return false;  // glTF: unit length
+    // glTF requires unit length
+    if (n < 0 || !(mesh.normals.row(n).squaredNorm() > 0.0)) return false;
   }
   return true;
 }
 
-/// Groups in the order of their first faces.
+/// Groups the faces, in the order of the first face of each group.
 std::vector<FaceGroup> group_faces(const MeshView& mesh, std::size_t num_materials) {
   std::vector<FaceGroup> groups;
   std::map<std::tuple<std::int32_t, bool, bool>, std::size_t> known;
@@ -91,15 +92,15 @@ void check_float32(const std::vector<float>& values, const char* name) {
   throw InputError(std::string(name) + ": glTF holds float32, whose range a value exceeds");
 }
 
-/// Splits the vertices of a mesh where the texture coordinate or normal of a corner differs.
+/// Splits vertices of a mesh whose corners have different texture coordinates or normals.
 class VertexSplitter {
  public:
-  /// @param max_vertices  most of a primitive; 0: no limit.
+  /// @param max_vertices  Largest number in a primitive; 0: no limit.
   VertexSplitter(const MeshView& mesh, std::int64_t max_vertices)
       : mesh_(mesh), max_vertices_(max_vertices), chains_(mesh.num_vertices(), -1) {}
 
-  /// The faces of a group from `face` on, as many as the limit of vertices allows; `face` becomes
-  /// the next one.
+  /// Takes faces of a group from `face` on, as many as the limit of vertices allows, and advances
+  /// `face`.
   SplitFaces split(const FaceGroup& group, std::size_t& face) {
     const std::size_t most = max_vertices_ > 0 ? static_cast<std::size_t>(max_vertices_)
                                                : std::numeric_limits<std::size_t>::max();
@@ -134,10 +135,10 @@ class VertexSplitter {
 
   const MeshView& mesh_;
   std::int64_t max_vertices_;
-  std::vector<std::int32_t> chains_;  ///< Per vertex of the mesh: its latest split, or -1.
+  std::vector<std::int32_t> chains_;  ///< Per vertex of the mesh: its latest split; -1: none.
 };
 
-/// Writes one primitive into a scene's accessors.
+/// Writes a primitive and its accessors into a scene.
 class PrimitiveWriter {
  public:
   PrimitiveWriter(GltfScene& scene, const SceneTriangles& triangles, const PositionFrame& frame,
@@ -151,7 +152,7 @@ class PrimitiveWriter {
         vertices_(faces.vertices),
         indices_(faces.indices) {}
 
-  /// All of the primitive but its material.
+  /// Writes the primitive without its material.
   Json write() {
     Json attributes;
     attributes["POSITION"] = write_positions();
@@ -189,14 +190,15 @@ class PrimitiveWriter {
     return index;
   }
 
-  /// Values in [0, 1] as normalised 16-bit integers.
+  /// Converts a value in [0, 1] to a normalised 16-bit integer.
   static std::uint16_t in_16_bits(double value) {
     return static_cast<std::uint16_t>(std::clamp(value, 0.0, 1.0) * kMostSteps + 0.5);
   }
 
-  // The integers are not normalised: trimesh 5 would not divide them.
+  // The integers are not marked as normalised, because trimesh 5 would not divide them.
   std::size_t write_quantized_positions() {
-    std::vector<std::uint16_t> values;  // four to a vertex: elements begin at multiples of 4 bytes
+    // four per vertex, because elements begin at multiples of 4 bytes
+    std::vector<std::uint16_t> values;
     values.reserve(4 * vertices_.size());
     std::array<std::uint16_t, 3> low{65535, 65535, 65535}, high{};
     for (const SplitVertex& split : vertices_) {
@@ -264,7 +266,7 @@ class PrimitiveWriter {
     return write_accessor(bytes_of(values), GltfType::kFloat, vertices_.size(), "VEC3");
   }
 
-  /// Whether all texture coordinates lie within the picture; those of repeated ones stay float32.
+  /// Are all texture coordinates in [0, 1]? Those of repeated textures stay float32.
   [[nodiscard]] bool is_within_picture() const {
     return std::ranges::all_of(vertices_, [&](const SplitVertex& split) {
       const auto uv = mesh_.texcoords.row(split.texcoord);
@@ -294,8 +296,8 @@ class PrimitiveWriter {
     return write_accessor(bytes_of(values), GltfType::kFloat, vertices_.size(), "VEC2");
   }
 
-  // Floats: trimesh 5 takes 16 bits modulo 256, and 8 bits of linear light hold 183 of the 256 sRGB
-  // values.
+  // Colours are written as floats: trimesh 5 takes 16-bit colours modulo 256, and 8 bits of linear
+  // light represent only 183 of the 256 sRGB values.
   std::size_t write_colors() {
     static const std::array<float, 256> kLinear = linear_light();
     std::vector<float> values;
@@ -306,7 +308,7 @@ class PrimitiveWriter {
     return write_accessor(bytes_of(values), GltfType::kFloat, vertices_.size(), "VEC3");
   }
 
-  /// TEXCOORD_1, ... up to the first that no vertex of the primitive has.
+  /// Writes TEXCOORD_1, ... up to the first set that no vertex of the primitive has.
   void write_more_texcoords(Json& attributes) {
     for (std::int64_t set = 0; set < more_texcoords_.num_sets; ++set) {
       std::vector<float> values;
@@ -327,7 +329,7 @@ class PrimitiveWriter {
     }
   }
 
-  /// JOINTS_n and WEIGHTS_n, four joints in each.
+  /// Writes JOINTS_n and WEIGHTS_n with four joints each.
   void write_joints(Json& attributes) {
     for (std::int64_t first = 0; first < deformation_.num_influences; first += 4) {
       std::vector<std::uint16_t> joints;
@@ -350,8 +352,8 @@ class PrimitiveWriter {
     }
   }
 
-  /// Writes the moves of a morph target, by vertex. Most targets move a small part of a face: the
-  /// rows that are zero are left out where that is shorter (a sparse accessor).
+  /// Writes the displacements of a morph target. Most targets move a small part of the vertices: a
+  /// sparse accessor without the zero rows is written if it is shorter.
   std::size_t write_moves(std::span<const float> table, std::int64_t target, const char* name) {
     const float* rows = table.data() + 3 * target * mesh_.num_vertices();
     std::vector<float> values, moved_values;
@@ -367,7 +369,8 @@ class PrimitiveWriter {
       moved_values.insert(moved_values.end(), row.data(), row.data() + 3);
     }
     check_float32(values, name);
-    const bool is_sparse = 4 * moved.size() < 3 * vertices_.size();  // 16 bytes a row for 12
+    // 16 bytes per row instead of 12
+    const bool is_sparse = 4 * moved.size() < 3 * vertices_.size();
     const std::size_t index =
         is_sparse ? write_sparse(moved, moved_values)
                   : write_accessor(bytes_of(values), GltfType::kFloat, vertices_.size(), "VEC3");

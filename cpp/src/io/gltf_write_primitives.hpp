@@ -13,7 +13,7 @@
 
 namespace manip3d {
 
-/// How positions are stored: `origin + scale * stored`. Without a scale they are float32.
+/// Encoding of stored positions: `origin + scale * stored`; scale 0: float32.
 struct PositionFrame {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   double scale = 0.0;
@@ -21,27 +21,27 @@ struct PositionFrame {
   [[nodiscard]] bool is_quantized() const { return scale > 0.0; }
 };
 
-/// The frame in which 16-bit integers span the box of all levels; one scale for the
-/// three axes, so that normals need none.
-/// @throws InputError  values beyond float32.
+/// The frame in which 16-bit integers span the bounding box of all levels. It has one scale for all
+/// axes, so that normals need none.
+/// @throws InputError  values are beyond float32.
 PositionFrame quantized_frame(const std::vector<const MeshView*>& levels);
 
 struct PrimitiveOptions {
-  /// Frame of the stored positions. In a quantised frame normals and texture coordinates are
-  /// integers, too. Joints and morph targets need a frame that is not quantised.
+  /// Frame of the stored positions. In a quantised frame, normals and texture coordinates are
+  /// integers as well. Joints and morph targets need a frame without quantisation.
   PositionFrame frame = {};
-  std::int64_t max_vertices = 0;  ///< Most of a primitive; 0: no limit.
+  std::int64_t max_vertices = 0;  ///< Largest number in a primitive; 0: no limit.
   std::size_t num_materials = 0;  ///< Materials of the mesh.
-  /// Index in the document of a material, for faces with or without texture coordinates; by default
-  /// the index that the mesh has.
+  /// Index in the document of a material for faces with or without texture coordinates; empty: the
+  /// index in the mesh.
   std::function<std::int64_t(std::int32_t material, bool has_texcoords)> material_of = {};
 
-  /// @throws InputError  a limit below the three vertices of a face.
+  /// @throws InputError  the limit is below the three vertices of a face.
   void check() const;
 };
 
-/// Writes the triangles of a mesh: their bytes and accessors into `scene`. Returns the primitives.
-/// @throws InputError  as build_gltf, and a deformation that does not fit the mesh.
+/// Writes the triangles of a mesh (bytes and accessors) into `scene`. Returns the primitives.
+/// @throws InputError  see build_gltf; the deformation does not fit the mesh.
 nlohmann::ordered_json write_primitives(GltfScene& scene, const SceneTriangles& triangles,
                                         const PrimitiveOptions& options);
 

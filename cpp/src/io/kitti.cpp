@@ -18,7 +18,7 @@ constexpr std::size_t kBlockBytes = std::size_t{1} << 18;
 constexpr std::size_t kKittiColumns = 4;
 constexpr std::size_t kNuScenesColumns = 5;
 
-// The first of x, y, z, intensity, and column_5, column_6 ... after them.
+// The first `columns` of x, y, z, intensity, column_5, column_6, ...
 std::vector<PointField> kitti_fields(std::size_t columns = kKittiColumns) {
   constexpr std::array<const char*, kKittiColumns> kNames = {"x", "y", "z", "intensity"};
   std::vector<PointField> fields;
@@ -30,11 +30,11 @@ std::vector<PointField> kitti_fields(std::size_t columns = kKittiColumns) {
 
 std::vector<PointField> nuscenes_fields() { return {{"x"}, {"y"}, {"z"}, {"intensity"}, {"ring"}}; }
 
-// Floats that tell how many make a row: windows, spread over the file.
+// The number of columns is estimated from this many windows of floats, spread over the file.
 constexpr std::size_t kWindows = 8;
 constexpr std::size_t kWindow = 2048;
 
-// The median difference between floats that lie so many apart.
+// The median absolute difference between floats that are `apart` floats apart.
 double median_difference(std::string_view floats, std::size_t apart) {
   const std::size_t count = floats.size() / sizeof(float);
   std::vector<double> differences;
@@ -54,14 +54,15 @@ double median_difference(std::string_view floats, std::size_t apart) {
   return *middle;
 }
 
-// How many floats make a row, by content: values of one column differ less from each other than
-// those of several columns do. In scans of eleven scanners, written with 4, 5 and 6 columns in
-// their order or shuffled, the ratio to the median of the wrong columns was 0.67 at most, and of
-// files with the expected columns to that of others 1.1 at least. By chance the columns of one row
-// may resemble others of the next row, but hardly those of the row after it too.
+// Estimates the number of floats per row from their values: those of one column differ less from
+// each other than those of different columns. Eleven scanners' scans were written with 4, 5 and 6
+// columns, in order or shuffled: the ratio of the median of the true columns to that of a wrong
+// expected number was 0.67 at most, and the ratio of other numbers to a true expected one was 1.1
+// at least. Columns of a row can resemble others of the next row by chance, but hardly those of the
+// row after it too; therefore differences over two rows are also used.
 std::size_t columns_by_content(std::string_view floats, std::size_t expected) {
   constexpr double kMuchLess = 0.7;
-  constexpr double kLess = 0.8;  // so that a multiple of the columns is not taken for them
+  constexpr double kLess = 0.8;  // so that a multiple of the true number is not chosen
   if (floats.size() < 2 * kWindow * sizeof(float)) return expected;
   const double as_expected =
       std::min(median_difference(floats, expected), median_difference(floats, 2 * expected));
@@ -78,13 +79,13 @@ std::size_t columns_by_content(std::string_view floats, std::size_t expected) {
   return least < kMuchLess * as_expected ? best : expected;
 }
 
-// Counts rows with a value that is not a finite number: damage, since the format has no word for a
-// point that was not measured.
+// Counts rows with a value that is not finite. These are damage, because the format has no value
+// for unmeasured points.
 class FiniteRows {
  public:
   explicit FiniteRows(const std::vector<PointField>& fields) : fields_(fields) {}
 
-  // @param block  whole rows, the first of which begins at this byte of the file.
+  // @param block  Complete rows, the first of which begins at byte `offset` of the file.
   void check(std::string_view block, std::int64_t offset) {
     const std::size_t row = fields_.size() * sizeof(float);
     for (std::size_t start = 0; start < block.size(); start += row, ++rows_) {
@@ -129,7 +130,7 @@ std::vector<char> all_bytes(InputBuffer& input) {
   return bytes;
 }
 
-// Rows of finite floats, without a header.
+// A table of rows of finite floats, which have no header.
 PointTable table_of(std::vector<char> bytes, PointFormat format, std::vector<PointField> fields) {
   const std::size_t row = row_bytes(fields);
   PointTable table;

@@ -72,9 +72,10 @@ std::vector<char> lzf_decompress(std::span<const char> packed, std::size_t size,
 
 std::vector<char> lzf_compress(std::span<const char> data) {
   constexpr std::size_t kBits = 14;
-  std::vector<std::size_t> last(std::size_t{1} << kBits, 0);  // place + 1 of each hash
+  // place + 1 of the latest occurrence of each hash
+  std::vector<std::size_t> last(std::size_t{1} << kBits, 0);
   std::vector<char> packed;
-  std::size_t run = 0;  // where the bytes begin that no copy covers
+  std::size_t run = 0;  // beginning of the bytes that no copy covers
   std::size_t at = 0;
   while (at + kShortestCopy <= data.size()) {
     const std::size_t word = byte(data[at]) << 16 | byte(data[at + 1]) << 8 | byte(data[at + 2]);

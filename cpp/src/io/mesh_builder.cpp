@@ -49,7 +49,7 @@ void MeshBuilder::add_polygon(std::span<const Corner> corners, std::int32_t mate
       row[2] = c.normal;
     }
   }
-  // A fan holds the place until the positions of all corners are known.
+  // A fan of triangles reserves the rows until the positions of all corners are known.
   for (std::size_t i = 2; i < corners.size(); ++i) {
     add_triangle(corners[0], corners[i - 1], corners[i]);
   }
@@ -96,7 +96,7 @@ bool MeshBuilder::check_forward_references() const {
                       position);
   };
   for (std::size_t i = 0; i < forward_.size(); ++i) {
-    // Every corner of a polygon is in some row of its fan.
+    // Each corner of a polygon is in a row of its fan.
     const std::int64_t first = forward_[i].face;
     const auto polygon =
         std::lower_bound(polygons_.begin(), polygons_.end(), first,
@@ -137,7 +137,8 @@ void MeshBuilder::cut_polygons() {
   }
 }
 
-// Some programs write 0 to 255 where the convention is 0 to 1; one value above 1 shows it.
+// Converts colours to bytes. Some programs write 0 to 255 instead of the usual 0 to 1, which is
+// assumed if any value is above 1.
 Colors MeshBuilder::take_colors() {
   if (colors.empty()) return {};
   colors.fill(vertices.size(), std::numeric_limits<float>::quiet_NaN(), input_);
@@ -191,7 +192,7 @@ void MeshBuilder::finish(ReadResult& result) {
     face_normals_.take();
     normals.take();
   }
-  // Rows of faces read after the last one with the attribute.
+  // Adds rows for faces that were read after the last one with the attribute.
   if (!face_texcoords_.empty()) face_texcoords_.fill(faces_.size(), kNone, input_);
   if (!face_normals_.empty()) face_normals_.fill(faces_.size(), kNone, input_);
   if (!face_material_.empty()) face_material_.fill(faces_.size(), kNone, input_);

@@ -17,8 +17,8 @@
 
 namespace manip3d {
 
-/// A table that grows row by row in place: the C library moves large blocks without copying
-/// them, and memory that was never written is never resident.
+/// A table that grows row by row in place. The C library moves large blocks without copying, and
+/// memory that was never written is not resident.
 template <typename Matrix>
 class GrowingTable {
  public:
@@ -30,16 +30,16 @@ class GrowingTable {
   [[nodiscard]] Scalar* row(std::int64_t i) { return matrix_.data() + i * kColumns; }
   [[nodiscard]] const Scalar* row(std::int64_t i) const { return matrix_.data() + i * kColumns; }
 
-  /// Makes room for rows whose bytes are known to be in the file.
+  /// Reserves rows whose bytes are known to be in the file.
   void reserve(std::int64_t rows) {
     if (rows > matrix_.rows()) matrix_.conservativeResize(rows, Eigen::NoChange);
   }
-  /// Room for one more row; its content is to be written by the caller.
+  /// Appends a row, which the caller must fill.
   Scalar* append(const InputBuffer& input) {
     if (size_ == matrix_.rows()) grow(input);
     return row(size_++);
   }
-  /// Appends rows of `value` until there are `rows`.
+  /// Appends rows of `value` until there are `rows` rows.
   void fill(std::int64_t rows, Scalar value, const InputBuffer& input) {
     while (size_ < rows) std::fill_n(append(input), kColumns, value);
   }
@@ -59,10 +59,10 @@ class GrowingTable {
   std::int64_t size_ = 0;
 };
 
-/// Collects what a reader finds and makes a TriangleMesh of it; all readers share it.
+/// Builds a TriangleMesh from the data of a reader; common to all readers.
 ///
-/// A polygon of n corners takes its n - 2 rows at once and is cut at the end, when all positions
-/// are known. Tables of attributes that never occur are never made.
+/// A polygon of n corners immediately takes the rows of its n - 2 triangles. It is triangulated at
+/// the end, when all positions are known. Tables of attributes that do not occur are not allocated.
 class MeshBuilder {
  public:
   static constexpr std::int32_t kNone = -1;
@@ -73,35 +73,36 @@ class MeshBuilder {
     std::int32_t normal = kNone;
   };
 
-  /// @param first_index  how the format counts, for messages: OBJ from 1, others from 0.
+  /// @param first_index  First index of the format, for messages: OBJ 1, others 0.
   explicit MeshBuilder(const InputBuffer& input, std::int64_t first_index = 0)
       : input_(input), first_index_(first_index) {}
 
   GrowingTable<Vertices> vertices;
   GrowingTable<Texcoords> texcoords;
   GrowingTable<Vertices> normals;
-  GrowingTable<Rows<float, 3>> colors;  ///< 0 to 1; shorter than vertices: white.
+  GrowingTable<Rows<float, 3>> colors;  ///< 0 to 1; vertices beyond the table's end are white.
 
   void reserve_faces(std::int64_t num_faces) { faces_.reserve(num_faces); }
 
-  /// Fewer than three corners make no face: such polygons are left out, and finish() warns.
-  /// @param corners   indices >= -1, and vertices known to be >= 0.
-  /// @param material  index into the materials of the mesh or -1.
+  /// Adds a polygon. One with fewer than three corners is left out, and finish() warns of it.
+  /// @param corners   Indices >= -1; vertices must be >= 0.
+  /// @param material  Index into the materials of the mesh; -1: none.
   void add_polygon(std::span<const Corner> corners, std::int32_t material,
                    const FormatError::Position& position);
 
   /// Gives the faces of the last polygon a colour, 0xRRGGBB in sRGB.
   ///
-  /// Few colours become materials, which keep their borders; more than that the mean at each
-  /// vertex. Where the file has colours of vertices or materials, these count instead.
+  /// A few colours become materials, so that borders stay sharp; if there are more, each vertex
+  /// gets the mean. Colours of vertices or materials in the file take precedence.
   void color_last_polygon(std::int32_t rgb);
 
   [[nodiscard]] std::int64_t num_polygons() const { return num_polygons_; }
   [[nodiscard]] std::int64_t num_faces() const { return faces_.size(); }
 
-  /// Checks indices that pointed to rows not read yet, cuts the polygons, moves the tables out.
-  /// @throws FormatError  an index of a vertex or texture coordinate out of range, at the position
-  /// of the first such polygon.
+  /// Checks indices of rows that were not read yet, triangulates the polygons, and moves the tables
+  /// to `result`.
+  /// @throws FormatError  (at the first such polygon) the index of a vertex or texture coordinate
+  ///                      is out of range.
   void finish(ReadResult& result);
 
  private:
@@ -117,7 +118,8 @@ class MeshBuilder {
 
   void add_triangle(const Corner& a, const Corner& b, const Corner& c);
   void warn_of_losses(ReadResult& result);
-  /// Whether all normals that faces name are there: they do not change the surface.
+  /// Do all normals exist that faces refer to? Missing ones are no error, because they do not
+  /// change the surface.
   [[nodiscard]] bool check_forward_references() const;
   void cut_polygons();
   [[nodiscard]] Colors take_colors();
@@ -135,7 +137,7 @@ class MeshBuilder {
   GrowingTable<Faces> corners_;  ///< vertex, texcoord, normal of the corners of polygons_.
   std::vector<ForwardReference> forward_;
   std::int64_t num_polygons_ = 0;
-  std::int64_t num_short_ = 0;  ///< Polygons of fewer than three corners.
+  std::int64_t num_short_ = 0;  ///< Polygons with fewer than three corners.
   FormatError::Position first_short_;
 };
 

@@ -21,11 +21,11 @@ struct Format {
   MeshFormat format;
   const char* name;
   const char* suffix;
-  MeshReader read;  ///< Null: not read.
-  Writer write;     ///< Null: not written.
+  MeshReader read;  ///< Null: the format cannot be read.
+  Writer write;     ///< Null: the format cannot be written.
 };
 
-// A new format is one line here.
+// A new format needs one line here.
 constexpr Format kFormats[] = {
     {MeshFormat::kObj, "obj", ".obj", read_obj, write_obj},
     {MeshFormat::kPly, "ply", ".ply", read_ply, write_ply},
@@ -47,7 +47,7 @@ std::string known_suffixes() {
   return text + ", then .gz or .xz if wanted";
 }
 
-// Gives the first bytes back to the reader after they were looked at.
+// Returns bytes that were read ahead to the reader.
 class Rewound final : public ByteSource {
  public:
   Rewound(ByteSource& source, std::size_t size) : source_(source), head_(size, '\0') {
@@ -89,8 +89,8 @@ std::optional<std::string> why_outside(const fs::path& folder, const std::string
   }
 }
 
-// Exporters name textures by where they lay on the machine of the author; a file of that name is
-// then often beside the mesh.
+// Exporters write texture paths of the author's machine. If a file of that name is beside the mesh,
+// it is used instead.
 void find_textures_beside(const fs::path& folder, std::vector<Material>& materials) {
   for (Material& m : materials) {
     for (auto& [role, texture] : m.textures) {
@@ -107,8 +107,9 @@ void find_textures_beside(const fs::path& folder, std::vector<Material>& materia
   }
 }
 
-// Relative textures outside of the mesh file's folder are dropped, or made absolute where the
-// caller allows them: whoever opens a texture later need not know where the mesh came from.
+// Drops textures with relative paths outside of the mesh file's folder, or makes these paths
+// absolute if the caller allows them, because code that opens a texture later need not know the
+// folder.
 void confine_textures(ReadResult& result, const ReadOptions& options) {
   if (options.folder.empty()) return;
   if (!options.allow_outside) find_textures_beside(options.folder, result.mesh.materials);
@@ -158,7 +159,7 @@ ReadResult read_mesh(const fs::path& path, const ReadOptions& options, const Pro
     return read_from(file_source(path, SpecialFiles::kAllowed), compression_of(path), format, here,
                      progress);
   } catch (const FormatError& error) {
-    if (!error.file().empty()) throw;  // a file that the mesh file names
+    if (!error.file().empty()) throw;  // the error is in a file that the mesh file names
     throw error.in_file(path.string());
   }
 }
@@ -215,7 +216,7 @@ std::optional<MeshFormat> format_of_content(std::string_view head,
   if (head.starts_with("ply\n") || head.starts_with("ply\r")) return MeshFormat::kPly;
   if (head.starts_with("glTF")) return MeshFormat::kGlb;
   if (head.starts_with("{")) return MeshFormat::kGltf;
-  // Other formats whose first line is a comment to OBJ.
+  // First lines of other formats that would be comments in OBJ.
   for (const char* start : {"#VRML", "#X3D", "#Inventor", "# vtk", "#usda"}) {
     if (head.starts_with(start)) return std::nullopt;
   }
@@ -248,7 +249,7 @@ const char* format_name(MeshFormat format) {
 
 fs::path resolve_inside(const fs::path& folder, const std::string& reference) {
   check_no_nul(reference);
-  const fs::path path = folder / reference;  // an absolute reference stands alone
+  const fs::path path = folder / reference;  // an absolute reference replaces the folder
   std::error_code unreachable;
   const fs::path root = fs::weakly_canonical(fs::absolute(folder), unreachable);
   const fs::path target = fs::weakly_canonical(fs::absolute(path), unreachable);

@@ -1,5 +1,5 @@
-// KHR_meshopt_compression, appendix A (bit streams) and appendix B (filters), and the version of
-// EXT_meshopt_compression before it, which has neither version 1 of attributes nor colours.
+// Decoders of KHR_meshopt_compression, appendix A (bit streams) and appendix B (filters), and of
+// the earlier EXT_meshopt_compression, which has neither version 1 of attributes nor colours.
 #include "io/meshopt_codec.hpp"
 
 #include <algorithm>
@@ -19,7 +19,7 @@ namespace {
 using Stream = std::span<const std::byte>;
 using Decoded = std::vector<std::byte>;
 
-/// Reads a stream from its front to where its tail begins.
+/// Reads a stream from its beginning to the beginning of its tail.
 class MeshoptCursor {
  public:
   MeshoptCursor(Stream stream, std::int64_t tail_bytes) : stream_(stream) {
@@ -40,7 +40,7 @@ class MeshoptCursor {
 
   unsigned byte() { return std::to_integer<unsigned>(take(1)[0]); }
 
-  /// LEB128 of at most five bytes; bits beyond 32 are ignored.
+  /// Reads LEB128 of at most five bytes; bits beyond 32 are ignored.
   std::uint32_t varint() {
     std::uint32_t value = 0;
     for (int shift = 0; shift < 35; shift += 7) {
@@ -62,7 +62,7 @@ class MeshoptCursor {
 };
 
 template <typename T>
-T load_little(const std::byte* data) {  // like every machine this is built for
+T load_little(const std::byte* data) {  // little endian, like all supported machines
   T value;
   std::memcpy(&value, data, sizeof(T));
   return value;
@@ -73,7 +73,7 @@ void store_little(T value, std::byte* data) {
   std::memcpy(data, &value, sizeof(T));
 }
 
-/// Signed differences are stored as 0, -1, 1, -2, ...
+/// Decodes signed differences, which are stored as 0, -1, 1, -2, ...
 template <typename T>
 T undo_zigzag(T value) {
   return static_cast<T>((value & 1U) != 0 ? ~(value >> 1U) : value >> 1U);
@@ -81,10 +81,11 @@ T undo_zigzag(T value) {
 
 // --- Mode 0: attributes ------------------------------------------------------------------
 
-constexpr std::int64_t kGroup = 16;  ///< Elements whose differences share a number of bits.
+constexpr std::int64_t kGroup = 16;  ///< Elements whose differences have a common number of bits.
 
-/// Differences of one byte position in 16 elements, of `bits` bits each: the largest value stands
-/// for a whole byte behind them. One-bit values begin at the lowest bit, others at the highest.
+/// Reads the differences of one byte position in 16 elements, with `bits` bits each. The largest
+/// value means that a whole byte follows after the group. One-bit values begin at the lowest bit,
+/// others at the highest.
 void read_group(MeshoptCursor& cursor, int bits, std::uint8_t* out) {
   if (bits == 0) {
     std::fill_n(out, kGroup, std::uint8_t{0});
@@ -145,7 +146,8 @@ class AttributeDecoder {
   }
 
  private:
-  /// Fills `differences_`: for each byte position those of all elements of the block.
+  /// Fills `differences_` with the differences of a block: for each byte position those of all
+  /// elements.
   void read_differences(std::int64_t num_elements) {
     const std::int64_t num_groups = (num_elements + kGroup - 1) / kGroup;
     padded_ = num_groups * kGroup;
@@ -228,7 +230,7 @@ class AttributeDecoder {
 
 // --- Mode 1: triangles -------------------------------------------------------------------
 
-/// The last 16 entries; 0 is the newest.
+/// The last 16 entries; index 0 is the newest.
 template <typename T>
 class MeshoptFifo {
  public:
@@ -261,7 +263,7 @@ class TriangleDecoder {
     std::byte* out = decoded.data();
     for (const std::byte code : codes_) {
       for (const std::uint32_t corner : triangle(std::to_integer<unsigned>(code))) {
-        std::memcpy(out, &corner, layout_.stride);  // two bytes are the lower ones
+        std::memcpy(out, &corner, layout_.stride);  // with a stride of two, the two lower bytes
         out += layout_.stride;
       }
     }
@@ -292,7 +294,7 @@ class TriangleDecoder {
     return corners;
   }
 
-  /// A triangle that shares an edge with a recent one.
+  /// Decodes a triangle that shares an edge with a recent one.
   Triangle beside_edge(unsigned age, unsigned how) {
     const Edge edge = edges_.at(age, cursor_);
     std::uint32_t c = 0;
@@ -311,7 +313,7 @@ class TriangleDecoder {
     return {edge.a, edge.b, c};
   }
 
-  /// A triangle whose second and third corners are the two halves of `corners`.
+  /// Decodes a triangle whose second and third corners are encoded in the two halves of `corners`.
   Triangle from_code(std::uint32_t a, unsigned corners) {
     const unsigned second = corners >> 4U, third = corners & 0x0FU;
     const std::uint32_t b = corner(second);
@@ -336,8 +338,8 @@ class TriangleDecoder {
   MeshoptLayout layout_;
   Stream table_;
   Stream codes_;
-  std::uint32_t next_ = 0;  ///< The index that no triangle has had so far.
-  std::uint32_t last_ = 0;  ///< The last that was written out.
+  std::uint32_t next_ = 0;  ///< The first index that no triangle has used so far.
+  std::uint32_t last_ = 0;  ///< The last index that was encoded explicitly.
   MeshoptFifo<Edge> edges_;
   MeshoptFifo<std::uint32_t> vertices_;
 };
@@ -368,7 +370,8 @@ Decoded decode_indices(Stream stream, const MeshoptLayout& layout) {
   throw FormatError("element " + std::to_string(element) + ": " + reason, {});
 }
 
-/// `value` of [-1, 1] or [0, 1] in the whole range of T. Damaged streams leave these ranges.
+/// Scales a value of [-1, 1] or [0, 1] to the whole range of T. Damaged streams have values outside
+/// of these ranges.
 template <typename T>
 T as_normalized(float value) {
   constexpr float kLowest = std::is_signed_v<T> ? -1.0F : 0.0F;
@@ -390,7 +393,8 @@ void change_fours(Decoded& data, const Change& change) {
   }
 }
 
-/// Unit vectors folded onto an octahedron; the third component is 1.0 in their units.
+/// Decodes unit vectors that were folded onto an octahedron. The third component is 1.0 in their
+/// units.
 template <typename T>
 void undo_octahedral(Decoded& data) {
   change_fours<T>(data, [](std::int64_t element, std::array<T, 4>& values) {
@@ -408,8 +412,8 @@ void undo_octahedral(Decoded& data) {
   });
 }
 
-/// Unit quaternions without their largest component; the fourth number is 1.0 in their units,
-/// with the place of the largest in its lowest two bits.
+/// Decodes unit quaternions without their largest component. The fourth number is 1.0 in their
+/// units, with the position of the largest component in its lowest two bits.
 void undo_quaternion(Decoded& data) {
   change_fours<std::int16_t>(data, [](std::int64_t element, std::array<std::int16_t, 4>& values) {
     if (values[3] < 0) refuse_element(element, "its fourth component stands for no 1.0");
@@ -426,7 +430,7 @@ void undo_quaternion(Decoded& data) {
   });
 }
 
-/// Whole numbers of 24 bits times powers of two of 8 bits, both signed.
+/// Decodes floats: an integer of 24 bits times a power of two with 8 bits, both signed.
 void undo_exponential(Decoded& data) {
   for (std::size_t at = 0; at < data.size(); at += 4) {
     const auto packed = load_little<std::int32_t>(data.data() + at);
@@ -435,7 +439,8 @@ void undo_exponential(Decoded& data) {
   }
 }
 
-/// Luma and chroma; the highest bit of the fourth component tells how many bits all have.
+/// Decodes luma and chroma. The highest set bit of the fourth component determines the number of
+/// bits.
 template <typename T>
 void undo_color(Decoded& data) {
   using Signed = std::make_signed_t<T>;
@@ -470,8 +475,8 @@ void undo_filter(Decoded& data, const MeshoptLayout& layout) {
   }
 }
 
-/// Filters see elements of four components of one or two bytes, quaternions of two; exponents
-/// see components of four bytes.
+/// Checks that the layout fits the filter. Filters need elements of four components with one or two
+/// bytes, quaternions with two; the exponential filter needs components of four bytes.
 void check_filter(const MeshoptLayout& layout) {
   const bool is_four = layout.stride == 4, is_eight = layout.stride == 8;
   const bool is_free =

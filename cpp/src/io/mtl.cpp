@@ -20,7 +20,7 @@
 namespace manip3d {
 namespace {
 
-// Options of a map and how many arguments they take, at most and at least.
+// Options of a map with the least and the largest number of their arguments.
 struct MapOption {
   std::string_view name;
   int least, most;
@@ -42,8 +42,8 @@ bool looks_like_number(std::string_view word) {
   });
 }
 
-// The file name after the options of a map; names may hold blanks. `warn_of` is given the options
-// that change the picture.
+// Reads the file name after the options of a map; names may contain blanks. `warn_of` is called for
+// the options that change the picture.
 template <typename WarnOf>
 std::string map_path(LineCursor& cursor, const char* what, const WarnOf& warn_of) {
   while (true) {
@@ -77,19 +77,19 @@ double from_zero_to(double most, LineCursor& cursor, const char* what) {
 
 double fraction(LineCursor& cursor, const char* what) { return from_zero_to(1.0, cursor, what); }
 
-// Three numbers, or one for all; spectral curves (`Kd spectral FILE`) are left out.
+// Reads three numbers, or one for all three. Spectral curves (`Kd spectral FILE`) are left out.
 void read_color(LineCursor& cursor, const char* what, double most, double* color) {
   if (cursor.at_end()) cursor.fail(what, "three numbers");
   const char first = *cursor.position();
   if (first == 's' || first == 'x') return;
-  double rgb[3];  // a line with a fault changes nothing
+  double rgb[3];  // a line with an error changes nothing
   rgb[0] = from_zero_to(most, cursor, what);
   rgb[1] = cursor.at_end() ? rgb[0] : from_zero_to(most, cursor, what);
   rgb[2] = cursor.at_end() ? rgb[0] : from_zero_to(most, cursor, what);
   std::copy(std::begin(rgb), std::end(rgb), color);
 }
 
-// Statements that name an image; a Material has a place for some of them.
+// Does the statement name an image? A Material has a place for some of these.
 bool names_texture(std::string_view keyword) {
   constexpr std::string_view kOthers[] = {"bump", "decal", "disp", "norm", "refl"};
   return keyword.starts_with("map_") ||
@@ -106,14 +106,14 @@ class MtlReader {
   MtlReader(const std::string& file, std::vector<std::string>& warnings)
       : file_(file), warnings_(warnings) {}
 
-  // A line with a fault costs what it says, not the mesh.
+  // Reads a line. An error in it loses its content, not the mesh.
   void line(LineCursor& cursor) {
     const std::string_view written = cursor.word();
-    const std::string keyword = lower_case(written);  // map_Kd, map_kd, map_KD
+    const std::string keyword = lower_case(written);  // map_Kd, map_kd and map_KD are the same
     try {
       statement(keyword, written, cursor);
     } catch (const FormatError& error) {
-      constexpr std::int64_t kMost = 100'000;  // each costs microseconds
+      constexpr std::int64_t kMost = 100'000;  // each of these lines takes microseconds
       if (++num_bad_lines_ > kMost) throw;
       const auto known = bad_lines_.find(keyword);
       if (known != bad_lines_.end()) {
@@ -135,7 +135,7 @@ class MtlReader {
   }
 
  private:
-  // Lines of one keyword that cannot be understood: libraries hold thousands of materials.
+  // Errors of lines with the same keyword, since libraries may have thousands of materials.
   struct BadLines {
     std::string first;
     std::int64_t num_more = 0;
@@ -155,7 +155,7 @@ class MtlReader {
       read_color(cursor, "Ke", std::numeric_limits<double>::max(), m.emissive);
     } else if (keyword == "d") {
       if (cursor.at_end()) cursor.fail("d", "a number");
-      if (*cursor.position() == '-') cursor.word();  // -halo: by the angle of view
+      if (*cursor.position() == '-') cursor.word();  // -halo: opacity by angle of view
       set_opacity(m, fraction(cursor, "d"));
     } else if (keyword == "tr") {
       set_opacity(m, 1.0 - fraction(cursor, "Tr"));
@@ -193,7 +193,7 @@ class MtlReader {
     }
   }
 
-  // Once for each keyword: libraries hold thousands of materials.
+  // Warns once per keyword, since libraries may have thousands of materials.
   void leave_out(std::string_view keyword, const char* why) {
     if (!left_out_.emplace(keyword).second) return;
     warn(warnings_, "textures of " + std::string(keyword) + " are left out: " + why);
@@ -210,8 +210,8 @@ class MtlReader {
     opacity_map_.clear();
   }
 
-  // glTF keeps roughness and metal in one image, and opacity in the image of the colour; so does
-  // the MTL written from it.
+  // Combines maps: glTF has roughness and metallic in one image, and opacity in the image of the
+  // base colour. MTL files converted from glTF do as well.
   void combine_maps(Material& m) {
     if (roughness_map_ == metallic_map_) {
       m.textures["metallic_roughness"].path = roughness_map_;
@@ -232,7 +232,7 @@ class MtlReader {
   std::int64_t num_bad_lines_ = 0;
   std::vector<Material> materials_;
   std::string roughness_map_, metallic_map_, opacity_map_;
-  std::set<std::string, std::less<>> left_out_;  // keywords that were warned of
+  std::set<std::string, std::less<>> left_out_;  // keywords with a warning
 };
 
 }  // namespace

@@ -48,10 +48,10 @@ class ObjReader {
 
  private:
   using Corner = MeshBuilder::Corner;
-  // A statement of the format that a mesh has no place for and that may stand alone in a file.
+  // A statement that a mesh has no place for and that may be the only content of a file.
   struct LeftOut {
     std::string_view keyword;
-    const char* warning;  // null: nothing of the shape is lost
+    const char* warning;  // null: no part of the shape is lost
   };
   static constexpr const char* kNoLines = "points and lines are left out";
   static constexpr const char* kNoCurves = "free-form curves and surfaces are left out";
@@ -91,7 +91,7 @@ class ObjReader {
     }
   }
 
-  // v x y z [w] | v x y z r g b [a]; w is for rational curves, which are skipped.
+  // v x y z [w] | v x y z r g b [a]; w belongs to rational curves, which are skipped.
   void vertex(LineCursor& cursor) {
     double* row = builder_.vertices.append(input_);
     for (int k = 0; k < 3; ++k) row[k] = cursor.number("v");
@@ -143,7 +143,8 @@ class ObjReader {
     return corner;
   }
 
-  // From 1, or negative: back from the last row. Rows that may still come are checked at the end.
+  // Reads an index: from 1, or negative for counting back from the last row. Rows that may still
+  // come are checked at the end.
   static bool index(const char*& at, const char* end, std::int64_t size, std::int32_t& result) {
     std::int64_t value = 0;
     const auto [stop, error] = std::from_chars(at, end, value);
@@ -155,7 +156,7 @@ class ObjReader {
     return true;
   }
 
-  // Without a name: faces that follow have no material.
+  // Without a name, the following faces have no material.
   void use_material(std::string_view name) {
     if (name.empty()) {
       material_ = MeshBuilder::kNone;
@@ -167,7 +168,7 @@ class ObjReader {
     material_ = static_cast<std::int32_t>(item->second);
   }
 
-  // One name with blanks, or several names.
+  // `names` is one name with blanks, or several names.
   void load_libraries(std::string_view names) {
     if (options_.folder.empty()) {
       warn(result_.warnings,
@@ -181,11 +182,11 @@ class ObjReader {
     while (!cursor.at_end()) load_library(std::string(cursor.word()));
   }
 
-  // A library that is missing or outside of the folder costs its materials, not the mesh.
+  // A library that is missing or outside of the folder loses its materials, not the mesh.
   void load_library(std::string name) {
     std::replace(name.begin(), name.end(), '\\', '/');
     if (!libraries_named_.insert(name).second) return;
-    constexpr std::size_t kMostLibraries = 100;  // each costs system calls
+    constexpr std::size_t kMostLibraries = 100;  // each library takes system calls
     if (libraries_named_.size() > kMostLibraries) {
       throw FormatError::at_line(input_.line(), "more than 100 material libraries");
     }
@@ -218,7 +219,7 @@ class ObjReader {
   InputBuffer input_;
   MeshBuilder builder_;
   ReadResult result_;
-  std::int64_t unknown_line_ = 0;  // the first statement that is none of the format; 0: none
+  std::int64_t unknown_line_ = 0;  // line of the first unknown statement; 0: none
   std::set<std::string_view> warned_;
   std::vector<Corner> corners_;
   std::unordered_map<std::string, std::size_t> material_of_name_;

@@ -17,7 +17,8 @@
 namespace manip3d {
 namespace {
 
-// Geomview's OFF: [ST][C][N][4][n]OFF [BINARY], the dimension after n, counts, vertices, polygons.
+// Header of Geomview's OFF: [ST][C][N][4][n]OFF [BINARY], the dimension after n, then counts,
+// vertices, polygons.
 struct OffHeader {
   bool has_texcoords = false, has_colors = false, has_normals = false;
   std::int64_t num_vertices = 0, num_polygons = 0;
@@ -37,7 +38,7 @@ class OffReader {
   }
 
  private:
-  // The next line that holds more than blanks and a comment.
+  // The next line that has more than blanks and a comment.
   LineCursor next_line(const char* what) {
     std::string_view line;
     while (input_.next_line(line)) {
@@ -47,7 +48,7 @@ class OffReader {
     throw FormatError::at_line(input_.line() + 1, std::string("file ends within ") + what);
   }
 
-  // The keyword may be missing, and the counts may follow it on the same line.
+  // The keyword may be missing, and the counts may be on its line.
   void read_header() {
     LineCursor cursor = next_line("the header");
     const char* start = cursor.position();
@@ -64,7 +65,7 @@ class OffReader {
     constexpr std::int64_t kLeastVertex = 6, kLeastPolygon = 4;  // "0 0 0\n", "3 0 ..."
     header_.num_vertices = cursor.integer("number of vertices");
     header_.num_polygons = cursor.integer("number of faces");
-    if (!cursor.at_end()) cursor.integer("number of edges");  // never used
+    if (!cursor.at_end()) cursor.integer("number of edges");  // the number of edges is not used
     expect_end(cursor);
     if (header_.num_vertices > std::numeric_limits<std::int32_t>::max()) {
       throw FormatError("more than 2147483647 vertices", position);
@@ -109,7 +110,7 @@ class OffReader {
     if (header_.has_texcoords) {
       read_numbers(cursor, builder_.texcoords.append(input_), 2, "texture coordinate");
     }
-    // Plain OFF with colours is common; what else is on the line shows that.
+    // Plain OFF files often have colours, which only the further numbers on the line show.
     if (!header_.has_colors && !header_.has_normals && !header_.has_texcoords && !cursor.at_end()) {
       read_vertex_color(cursor);
     }
@@ -120,7 +121,7 @@ class OffReader {
     for (int k = 0; k < count; ++k) row[k] = cursor.number(what);
   }
 
-  // Integers 0 to 255 or numbers 0 to 1.
+  // Reads a colour: integers 0 to 255 or numbers 0 to 1.
   template <typename Number>
   static void read_color(LineCursor& cursor, Number* color) {
     bool whole = true;
@@ -134,12 +135,12 @@ class OffReader {
     for (int k = 0; whole && k < 3; ++k) color[k] /= Number{255};
   }
 
-  // With or without alpha.
+  // Reads a colour with or without alpha.
   void read_vertex_color(LineCursor& cursor) {
     const std::int64_t vertex = builder_.vertices.size() - 1;
     builder_.colors.fill(vertex, std::numeric_limits<float>::quiet_NaN(), input_);
     read_color(cursor, builder_.colors.append(input_));
-    // The alpha, unless what is left are the two texture coordinates.
+    // Skips the alpha value, unless the rest are the two texture coordinates.
     if (words_left(cursor) == (header_.has_texcoords ? 3 : 1)) cursor.number("color");
   }
 
@@ -152,7 +153,7 @@ class OffReader {
                                                     std::to_string(num_corners));
     }
     corners_.clear();
-    for (std::int64_t c = 0; c < num_corners; ++c) {  // ends at the latest with the line
+    for (std::int64_t c = 0; c < num_corners; ++c) {  // ends at the end of the line at the latest
       const std::int64_t vertex = cursor.integer("vertex index");
       if (vertex < 0 || vertex >= builder_.vertices.size()) {
         throw FormatError::at_line(cursor.line(), "vertex index: expected 0 to " +
@@ -167,7 +168,8 @@ class OffReader {
     if (!cursor.at_end()) read_face_color(cursor);
   }
 
-  // Three or four numbers; one number is a place in a table of colours that the file does not hold.
+  // Reads a colour of three or four numbers. A single number is an index into a colour map that is
+  // not in the file.
   void read_face_color(LineCursor& cursor) {
     const int count = words_left(cursor);
     if (count != 3 && count != 4) {
@@ -181,7 +183,7 @@ class OffReader {
     builder_.color_last_polygon(packed_color(color.data()));
   }
 
-  // Words up to the end of the line or a comment; the cursor stays.
+  // Number of words up to the end of the line or a comment; the cursor does not move.
   static int words_left(LineCursor& cursor) {
     const char* start = cursor.position();
     int count = 0;
@@ -231,7 +233,7 @@ void write_off(Output& out, const WriteJob& job) {
       out.text(" ");
       out.number(int{mesh.colors(i, k)});
     }
-    out.text(has_colors ? " 255\n" : "\n");  // COFF has an alpha, too
+    out.text(has_colors ? " 255\n" : "\n");  // COFF has an alpha value
   }
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
     out.text("3");

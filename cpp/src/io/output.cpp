@@ -9,15 +9,16 @@
 
 namespace manip3d {
 
-// Feeds bytes through liblzma or zlib into the file; nothing in the output depends on the clock.
+// Compresses bytes with liblzma or zlib and writes them to the file. The output does not depend on
+// the time.
 class Output::Encoder {
  public:
   explicit Encoder(Compression compression) : out_(kBlock) {
     if (compression == Compression::kXz) {
-      // Level 3 is five times as fast as the default and a tenth larger on meshes.
+      // Level 3 is five times as fast as the default, and the result is a tenth larger for meshes.
       if (lzma_easy_encoder(&xz_, 3, LZMA_CHECK_CRC64) != LZMA_OK) throw std::bad_alloc();
     } else {
-      constexpr int kGzipHeader = 16, kMemoryLevel = 8;  // as gzip does
+      constexpr int kGzipHeader = 16, kMemoryLevel = 8;  // the values of gzip
       if (deflateInit2(&gzip_, Z_DEFAULT_COMPRESSION, Z_DEFLATED, MAX_WBITS + kGzipHeader,
                        kMemoryLevel, Z_DEFAULT_STRATEGY) != Z_OK) {
         throw std::bad_alloc();
@@ -84,7 +85,7 @@ Output::Output(const std::filesystem::path& path, Compression compression, Progr
 }
 
 Output::~Output() {
-  if (file_.temporary().empty()) return;  // it has its name, or is written in place
+  if (file_.temporary().empty()) return;  // the file has its name already, or is written in place
   for (const std::filesystem::path& companion : companions_) {
     std::error_code ignored;
     std::filesystem::remove(companion, ignored);
@@ -98,7 +99,7 @@ void Output::flush() {
     file_.write(buffer_.data(), buffer_.size());
   }
   buffer_.clear();
-  if (progress_) progress_(0.0);  // how much is to come is not known here; it may cancel
+  if (progress_) progress_(0.0);  // the total is not known here, but the callback may cancel
 }
 
 void Output::finish() {

@@ -16,7 +16,7 @@
 
 namespace manip3d {
 
-/// Formats text and binary values into an AtomicFile, compressed on the way if asked.
+/// Writes text and binary values to an AtomicFile, optionally compressed.
 class Output {
  public:
   Output(const std::filesystem::path& path, Compression compression, Progress progress = {});
@@ -28,14 +28,14 @@ class Output {
     buffer_ += s;
     if (buffer_.size() >= kBlock) flush();
   }
-  /// The shortest decimal number that reads back as the same value.
+  /// Writes the shortest decimal number that reads back as the same value.
   template <typename Number>
   void number(Number value) {
     std::array<char, 32> digits;
     const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr;
     text({digits.data(), static_cast<std::size_t>(end - digits.data())});
   }
-  /// The bytes of `value`, little endian.
+  /// Writes the bytes of `value`, little endian.
   template <typename Value>
   void binary(Value value) {
     static_assert(std::endian::native == std::endian::little);
@@ -44,11 +44,12 @@ class Output {
     text({bytes.data(), bytes.size()});
   }
 
-  /// Ends the stream: all of it is on the disk, under a temporary name. `commit()` does it too.
+  /// Ends the stream: all bytes are on the disk, under a temporary name. `commit()` calls it.
   void finish();
-  /// Ends the stream and puts the file in place.
+  /// Ends the stream and renames the file to its target.
   void commit();
-  /// Names a file that has appeared for this one: it is removed if this one does not appear.
+  /// Registers a companion that already has its name. The destructor removes it if this file was
+  /// not committed.
   void removes_with_it(const std::filesystem::path& companion) { companions_.push_back(companion); }
 
  private:
@@ -57,7 +58,7 @@ class Output {
   void flush();
 
   AtomicFile file_;
-  std::unique_ptr<Encoder> encoder_;  ///< Null: not compressed.
+  std::unique_ptr<Encoder> encoder_;  ///< Null: no compression.
   std::string buffer_;
   bool is_finished_ = false;
   std::vector<std::filesystem::path> companions_;

@@ -158,7 +158,7 @@ std::vector<PointField> fields_of(const InputBuffer& input, const PcdHeader& hea
   return fields;
 }
 
-// Field after field, as one piece of LZF.
+// Reads binary_compressed points: field after field, in one block of LZF.
 void read_compressed(InputBuffer& input, PointTable& table) {
   const std::int64_t offset = input.offset();
   std::uint32_t stored = 0, expected = 0;
@@ -176,8 +176,8 @@ void read_compressed(InputBuffer& input, PointTable& table) {
     throw FormatError::at_byte(
         offset, std::to_string(stored) + " bytes of LZF cannot hold " + std::to_string(expected));
   }
-  // A scan gets ten times smaller at best; a file of zeros would become 88 times as large, and its
-  // points as floats several times that.
+  // Scans are compressed to a tenth at best. A file of zeros would expand by a factor of 88, and
+  // its points as floats take several times more.
   constexpr std::int64_t kMostExpansion = 20;
   const std::int64_t memory = std::max<std::int64_t>(expected, table.num_points * kPointMemory);
   if (memory > static_cast<std::int64_t>(kFreeExpansion) && memory / kMostExpansion > stored) {

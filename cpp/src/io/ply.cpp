@@ -28,7 +28,7 @@ using namespace ply;  // NOLINT(google-build-using-namespace): the header's own 
 
 constexpr std::int32_t kMostMaterials = 1 << 16;
 
-// One value of a type in host order, as a double: all types but 64-bit integers fit exactly.
+// A value as a double; double is exact for all types of PLY.
 double load_scalar(const char* bytes, Type type, bool swap) {
   const auto get = [&]<typename T>(T value) {
     std::array<char, sizeof(T)> raw;
@@ -58,7 +58,7 @@ double load_scalar(const char* bytes, Type type, bool swap) {
   return 0.0;
 }
 
-// The values of one element, property by property.
+// Reads the values of one element, property by property.
 class RowReader {
  public:
   RowReader(InputBuffer& input, Encoding encoding)
@@ -85,7 +85,7 @@ class RowReader {
   }
   [[noreturn]] void fail(const std::string& reason) const { throw FormatError(reason, position()); }
 
-  /// A scalar that must be finite.
+  /// A scalar, which must be finite.
   double finite(Role role, const char* name) const {
     if (!std::isfinite(scalars[role])) fail(std::string(name) + ": expected a finite number");
     return scalars[role];
@@ -104,7 +104,7 @@ class RowReader {
     return role == kTexcoord ? &texcoord : nullptr;
   }
 
-  // One element, one line, as in Turk's original.
+  // Reads an element from a line, as in Turk's original format.
   void read_line(const Element& element) {
     std::string_view line;
     do {
@@ -131,7 +131,7 @@ class RowReader {
     const std::int64_t count = cursor.integer(p.name.c_str());
     if (count < 0) fail(p.name + ": expected a count >= 0, got " + std::to_string(count));
     std::vector<double>* list = list_of(p.role);
-    for (std::int64_t i = 0; i < count; ++i) {  // ends at the latest with the line
+    for (std::int64_t i = 0; i < count; ++i) {  // ends at the end of the line at the latest
       if (list != nullptr) {
         list->push_back(cursor.number(p.name.c_str()));
       } else if (cursor.word().empty()) {
@@ -158,7 +158,8 @@ class RowReader {
     }
   }
 
-  // In blocks, so that a list that claims four billion values fails where the file ends.
+  // Reads a list in blocks, so that a list that claims four billion values fails at the end of the
+  // file.
   void read_values(const Property& p, std::int64_t count, const char* what) {
     constexpr std::int64_t kBlock = 4096;
     std::vector<double>* list = list_of(p.role);
@@ -184,21 +185,21 @@ class RowReader {
   std::int64_t start_ = 0;
 };
 
-// The materials of a mesh, from its header and from what its faces say of them.
+// The materials of a mesh, from the header and from the properties of its faces.
 class MaterialTable {
  public:
   explicit MaterialTable(const Header& header) : header_(header) {}
 
-  // Whether faces have a property material_index; else their number is that of their texture.
+  // Do faces have a property material_index? Without it, the index of their texture is used.
   bool has_index = false;
 
-  // The first face of a material decides.
+  // The first face of a material decides on its texture.
   void note_texture(std::int32_t material, std::int32_t texture) {
     texture_of_.try_emplace(material, texture);
   }
   void note_color(std::int32_t material, std::int32_t rgb) { color_of_.try_emplace(material, rgb); }
 
-  // Gives the mesh its materials: those that it names, and those that its faces refer to.
+  // Sets the materials of the mesh: those that the header names, and those that its faces refer to.
   void make(TriangleMesh& mesh) const {
     if (!has_index && !header_.texture_files.empty()) make_of_textures(mesh);
     const std::int32_t largest =
@@ -219,7 +220,7 @@ class MaterialTable {
       mesh.materials.emplace_back().name = file;
       mesh.materials.back().textures["base_color"].path = file;
     }
-    // Without texnumber the one texture is everybody's.
+    // Without texnumber, the texture applies to all faces.
     if (mesh.face_material.rows() == 0) mesh.face_material.setZero(mesh.faces.rows());
   }
 
@@ -292,7 +293,7 @@ class PlyReader {
 
   static bool has_color(const Element& e) { return e.has(kRed) && e.has(kGreen) && e.has(kBlue); }
 
-  // The value of 1 in a property of colours.
+  // Scale of a colour property, which maps its full value to 1.
   static float color_scale(const Element& e) {
     for (const Property& p : e.properties) {
       if (p.role != kRed) continue;
@@ -302,7 +303,7 @@ class PlyReader {
     return 1.0F;
   }
 
-  // Measurements and labels beside the shape, such as quality and confidence.
+  // Warns of skipped properties: measurements and labels such as quality and confidence.
   void warn_of_properties(const Element& e) {
     std::string names;
     for (const Property& p : e.properties) {
@@ -313,7 +314,7 @@ class PlyReader {
     }
   }
 
-  // A mesh has opaque colours.
+  // Warns once of alpha values, because colours of a mesh are opaque.
   void note_alpha(const Element& e, const RowReader& row, float scale) {
     if (!e.has(kAlpha) || warned_of_alpha_ || scale * row.scalars[kAlpha] >= 1.0) return;
     warned_of_alpha_ = true;
@@ -323,7 +324,7 @@ class PlyReader {
   void read_elements() {
     for (const Element& e : header_.elements) {
       const std::int64_t least = e.least_bytes(header_.encoding);
-      if (least == 0) continue;  // no properties, no bytes
+      if (least == 0) continue;  // an element without properties has no bytes
       const std::int64_t sure =
           input_.checked_claim(e.count, least, e.name.c_str(), {e.line, std::nullopt});
       RowReader row(input_, header_.encoding);
@@ -428,7 +429,7 @@ class PlyReader {
     return packed_color(color.data());
   }
 
-  // A number that may be absent: anything below 0 means none.
+  // A number that may be absent: values below 0 mean none.
   static std::int32_t number(const RowReader& row, Role role) {
     const double value = row.scalars[role];
     if (value < 0.0) return MeshBuilder::kNone;
@@ -437,8 +438,8 @@ class PlyReader {
     return index;
   }
 
-  // MeshLab's convention: u, v of each corner; an empty list means none, and so does our property
-  // has_texcoord where it is 0.
+  // Sets texture coordinates by MeshLab's convention: u, v of each corner. An empty list means
+  // none, and so does our property has_texcoord if it is 0.
   void set_texcoords(const RowReader& row) {
     if (row.texcoord.empty()) return;
     if (row.texcoord.size() != 2 * corners_.size()) {
@@ -453,7 +454,7 @@ class PlyReader {
     }
   }
 
-  // Stanford's strips: -1 starts a new one; every second triangle is turned.
+  // Reads Stanford's triangle strips: -1 starts a new one, and every second triangle is reversed.
   void read_strips(const Element& e, RowReader& row) {
     for (std::int64_t i = 0; i < e.count; ++i) {
       row.read(e);
@@ -499,8 +500,9 @@ class PlyReader {
         "range_grid: vertex index of pixel " + std::to_string(pixel) + " is out of range", {});
   }
 
-  // Two triangles per full 2x2 cell, one where three pixels are valid, counter-clockwise as seen
-  // with columns to the right and rows upward: Stanford's scanner stands on that side.
+  // Makes two triangles for each full 2x2 cell, and one if three of its pixels are valid. They are
+  // counter-clockwise in a view with columns to the right and rows upwards, which is the view of
+  // Stanford's scanner.
   void grid_to_faces() {
     const std::int64_t cols = header_.num_cols;
     for (std::int64_t i = 0; i < grid_.size(); ++i) {

@@ -80,7 +80,7 @@ std::string encoded(std::string_view text) {
   return result;
 }
 
-/// A % that two hexadecimal digits do not follow stays as it is.
+/// Decodes %XX. A % without two hexadecimal digits after it stays unchanged.
 std::string decoded(std::string_view text) {
   std::string result;
   for (std::size_t i = 0; i < text.size(); ++i) {
@@ -153,8 +153,8 @@ class HeaderReader {
     if (cursor.word() != "1.0") input_.fail_at_line("format: expected version 1.0");
   }
 
-  // comment material N NAME, comment material_utf8 N NAME (ours), comment TextureFile NAME
-  // (MeshLab's)
+  // Parses the comments material N NAME, material_utf8 N NAME (ours), and TextureFile NAME
+  // (MeshLab's).
   void comment(LineCursor& cursor) {
     const std::string_view kind = cursor.word();
     if (kind == "TextureFile") {
@@ -198,7 +198,8 @@ class HeaderReader {
     p.type = type(word);
     p.name = cursor.word();
     p.role = role_of(e, p);
-    if (p.role != kSkip && e.has(p.role)) p.role = kSkip;  // the first of that meaning counts
+    // the first property with a meaning counts
+    if (p.role != kSkip && e.has(p.role)) p.role = kSkip;
     if (p.role == kSkip) ++header_.num_skipped;
     e.properties.push_back(std::move(p));
   }

@@ -9,8 +9,7 @@
 
 #include "parse/input_buffer.hpp"
 
-/// @file
-/// The header of a PLY file, for its two readers: of meshes and of points.
+/// The header of a PLY file, for the readers of meshes and of points.
 namespace manip3d::ply {
 
 enum class Encoding : std::uint8_t { kAscii, kLittleEndian, kBigEndian };
@@ -20,7 +19,7 @@ constexpr std::int64_t kTypeSizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
 
 constexpr std::int64_t size_of(Type type) { return kTypeSizes[static_cast<int>(type)]; }
 
-// Use of a property by manip3d; all other properties are skipped.
+// The meaning of a property for manip3d; all others are skipped.
 enum Role : std::uint8_t {
   kX,
   kY,
@@ -31,12 +30,12 @@ enum Role : std::uint8_t {
   kRed,
   kGreen,
   kBlue,
-  kAlpha,  // of a vertex or a face
+  kAlpha,  // of vertices or faces
   kS,
-  kT,  // of a vertex
+  kT,  // of vertices
   kTexnumber,
   kMaterial,
-  kHasTexcoord,  // of a face
+  kHasTexcoord,  // of faces
   kNumScalars,
   kIndices,
   kTexcoord,  // lists
@@ -65,7 +64,7 @@ struct Element {
     std::int64_t bytes = 0;
     for (const Property& p : properties) {
       if (encoding == Encoding::kAscii) {
-        bytes += 2;  // a digit and a separator
+        bytes += 2;  // a digit and a separator at least
       } else {
         bytes += p.is_list ? size_of(p.count_type) : size_of(p.type);
       }
@@ -81,15 +80,16 @@ struct Header {
   std::vector<std::string> texture_files;
   std::int64_t num_cols = -1, num_rows = -1;
   std::int64_t num_skipped = 0;
-  std::vector<std::string> remarks;  ///< Lines of comment and obj_info, whole.
+  std::vector<std::string> remarks;  ///< Complete lines of comment and obj_info.
 };
 
-/// The comment that names a material: `comment material N NAME`, or, as some readers refuse a
-/// header that is not ASCII, `comment material_utf8 N NAME` with such bytes, and '%', as % and two
-/// hexadecimal digits.
+/// The comment that names a material: `comment material N NAME`. Some readers refuse headers that
+/// are not ASCII; other names are therefore written as `comment material_utf8 N NAME`, with `%` and
+/// two hexadecimal digits for '%' and bytes that are not ASCII.
 std::string material_comment(std::size_t index, const std::string& name);
 
-/// @throws FormatError  with the line.
+/// Reads the header.
+/// @throws FormatError  (with the line) it is malformed.
 Header read_header(InputBuffer& input);
 
 }  // namespace manip3d::ply

@@ -17,7 +17,7 @@ bool fits_float(const Table& table) {
   return (table.array() == table.template cast<float>().template cast<double>().array()).all();
 }
 
-// The normal of each vertex, where all its corners agree; empty where some do not.
+// The normal of each vertex if all its corners have the same one; empty if some do not.
 Vertices vertex_normals(const MeshView& mesh, std::vector<std::string>& warnings) {
   if (mesh.face_normals.rows() == 0) return {};
   Vertices normals = Vertices::Zero(mesh.vertices.rows(), 3);
@@ -103,7 +103,7 @@ class PlyWriter {
     out_.text("element face " + std::to_string(mesh_.faces.rows()) +
               "\nproperty list uchar int vertex_indices\n");
     if (mesh_.has_texcoords()) {
-      // 32 bits: MeshLab overlooks a list of doubles.
+      // 32 bits, because MeshLab ignores a list of doubles.
       out_.text("property list uchar float texcoord\n");
     }
     if (some_lack_texcoords_) out_.text("property uchar has_texcoord\n");
@@ -143,11 +143,12 @@ class PlyWriter {
     if (mesh_.has_materials()) out_.binary(material);
     const std::int32_t rgb = color_of_face(mesh_, colors_, f);
     for (int k = 0; !colors_.empty() && k < 3; ++k) {
-      out_.binary(static_cast<std::uint8_t>(channel(rgb, k)));  // -1: white
+      out_.binary(static_cast<std::uint8_t>(channel(rgb, k)));  // -1 is written as white
     }
   }
 
-  // Lists of one length: readers in use (trimesh, VTK) refuse or garble a face list of several.
+  // All lists have the same length, because some readers (trimesh, VTK) refuse or garble a face
+  // list with several lengths.
   void write_texcoords(Eigen::Index f) {
     const bool has = mesh_.face_has_texcoords(f);
     out_.binary(std::uint8_t{6});

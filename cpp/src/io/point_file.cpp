@@ -19,7 +19,7 @@ struct PointFileFormat {
   void (*write)(Output&, const PointTableView&);
 };
 
-// A new format is one line here; a suffix that ends in another stands before it.
+// A new format needs one line here. A suffix that ends in another one must come before it.
 constexpr PointFileFormat kPointFormats[] = {
     {PointFormat::kNuScenes, "nuscenes", ".pcd.bin", read_nuscenes, write_nuscenes},
     {PointFormat::kKitti, "kitti", ".bin", read_kitti, write_kitti},
@@ -39,7 +39,7 @@ constexpr PointFileFormat kPointFormats[] = {
 const PointFileFormat& format_of(const fs::path& path) {
   const std::string name = lower_case(without_compression_suffix(path).filename().string());
   for (const PointFileFormat& f : kPointFormats) {
-    // A hidden file named ".pcd" has no suffix.
+    // A hidden file with the name ".pcd" has no suffix.
     if (name.ends_with(f.suffix) && name != f.suffix) return f;
   }
   std::string suffixes;
@@ -48,7 +48,7 @@ const PointFileFormat& format_of(const fs::path& path) {
                    "then .gz or .xz if wanted), got '" + path.string() + "'");
 }
 
-// Rows of three bytes become points of sixteen.
+// Checks the memory of points: rows of three bytes become points of sixteen.
 void check_memory(const PointTable& table, const ByteSource& source) {
   constexpr std::uint64_t kMostExpansion = 100;
   const auto memory = static_cast<std::uint64_t>(table.num_points * kPointMemory);

@@ -4,11 +4,10 @@
 #include "manip3d/io/byte_source.hpp"
 #include "manip3d/io/point_file.hpp"
 
-/// @file
-/// One reader and one writer per format of point files; point_file.cpp dispatches to them.
+/// Readers and writers of the formats of point files; point_file.cpp dispatches to them.
 namespace manip3d {
 
-/// Bytes that a point takes at least once it is used: floats x, y, z, intensity.
+/// Bytes that a point takes in memory at least: floats x, y, z, intensity.
 constexpr std::int64_t kPointMemory = 16;
 
 PointTable read_kitti(ByteSource& source, const Progress& progress);

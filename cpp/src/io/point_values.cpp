@@ -13,7 +13,7 @@
 namespace manip3d {
 namespace {
 
-// Calls f with a value of the type.
+// Calls f with a value of the C++ type.
 template <typename F>
 void with_type(FieldType type, F f) {
   switch (type) {
@@ -64,7 +64,7 @@ void read_text(LineCursor& cursor, const PointField& field, std::vector<char>& b
     with_type(field.type, [&]<typename T>(T) {
       T value{};
       if constexpr (std::is_same_v<T, float>) {
-        // By way of double, as others do.
+        // Rounded from double, as in other readers.
         const double wide = parsed<double>(word, at_word, field);
         if (std::isfinite(wide) && std::fabs(wide) > std::numeric_limits<float>::max()) {
           at_word.fail(field.name.c_str(), "a number that fits a float");

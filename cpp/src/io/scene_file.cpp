@@ -24,7 +24,7 @@ bool is_instanced(const Json& node) {
   return node.contains("extensions") && node["extensions"].contains(kInstancing);
 }
 
-/// Takes an extension away from a node.
+/// Removes an extension from a node.
 void drop_extension(Json& node, const char* name) {
   if (!node.contains("extensions")) return;
   node["extensions"].erase(name);
@@ -37,7 +37,7 @@ std::optional<MeshFormat> gltf_format(const fs::path& path) {
   return is_gltf ? format : std::nullopt;
 }
 
-/// Puts the triangles of all levels into the document of a scene.
+/// Inserts the triangles of all levels into the document of a scene.
 class SceneAssembler {
  public:
   SceneAssembler(const std::string& document, const std::string& buffer, const SceneLevel& meshes,
@@ -69,7 +69,7 @@ class SceneAssembler {
   }
 
  private:
-  /// Writes the meshes of all levels, and notes in `placed_` where they are.
+  /// Writes the meshes of all levels, and records their indices in `placed_`.
   void write_meshes() {
     find_frames();
     Json before = scene_.json.contains("meshes") ? scene_.json["meshes"] : Json::array();
@@ -88,7 +88,7 @@ class SceneAssembler {
           for (Json& kept : mesh["primitives"]) primitives.push_back(std::move(kept));
           mesh["primitives"] = std::move(primitives);
         } else if (!placed_.empty()) {
-          indices[m] = placed_.front()[m];  // one for all levels
+          indices[m] = placed_.front()[m];  // one mesh for all levels
           continue;
         }
         if (mesh["primitives"].empty()) continue;
@@ -100,7 +100,7 @@ class SceneAssembler {
     scene_.json["meshes"] = std::move(after);
   }
 
-  /// Gives new primitives the variants that the old ones of their material had.
+  /// Gives new primitives the variants of the old primitives with the same material.
   static void give_variants(Json& mesh, Json& primitives) {
     const auto given = mesh.find(kVariantsOfMaterials);
     if (given == mesh.end()) return;
@@ -112,8 +112,9 @@ class SceneAssembler {
     mesh.erase(kVariantsOfMaterials);
   }
 
-  /// One frame for all levels of a mesh: they share a node's place. Instances of a node move the
-  /// mesh itself, before any node that could undo the quantisation.
+  /// Chooses one frame for all levels of a mesh, because they share a node. Meshes with instances
+  /// are not quantised: instances transform the mesh itself, so that no child node could undo the
+  /// quantisation.
   void find_frames() {
     frames_.resize(levels_.front()->size());
     std::set<std::size_t> instanced;
@@ -123,7 +124,7 @@ class SceneAssembler {
       }
     }
     for (std::size_t m = 0; options_.quantize && m < frames_.size(); ++m) {
-      // Points and lines of the mesh stay as they are, in its own coordinates.
+      // Points and lines of the mesh stay in its own coordinates.
       if (instanced.contains(m) || !scene_.json["meshes"][m]["primitives"].empty()) continue;
       std::vector<const MeshView*> shown;
       bool is_deformed = false;
@@ -154,7 +155,7 @@ class SceneAssembler {
     }
   }
 
-  /// Lets a node show a mesh, or nothing (-1).
+  /// Lets a node show a mesh; -1: none.
   void show(std::size_t node, std::int64_t mesh) {
     if (mesh < 0) {
       for (const char* member : {"mesh", "skin", "weights"}) {
@@ -166,7 +167,7 @@ class SceneAssembler {
     }
   }
 
-  /// Moves the mesh of a node into a child that undoes the quantisation; returns the child.
+  /// Moves the mesh of a node into a child that undoes the quantisation; returns the child's index.
   std::size_t place(std::size_t n, const PositionFrame& frame) {
     const std::size_t child = add_child(n);
     Json& node = scene_.json["nodes"][child];
@@ -175,7 +176,7 @@ class SceneAssembler {
     return child;
   }
 
-  /// A child of a node, with its name, its mesh, and what places and moves that.
+  /// Adds a child of a node with its name, its mesh, and the skin and weights of the mesh.
   std::size_t add_child(std::size_t n) {
     Json& nodes = scene_.json["nodes"];
     const std::size_t child = nodes.size();
@@ -192,7 +193,7 @@ class SceneAssembler {
     return child;
   }
 
-  /// Gives animations of a node's morph targets to other nodes that show its mesh in its stead.
+  /// Retargets animations of a node's morph targets to the nodes that show its mesh instead.
   void retarget_weights(std::size_t from, const std::vector<std::size_t>& to) {
     if (!scene_.json.contains("animations")) return;
     for (Json& animation : scene_.json["animations"]) {
@@ -233,8 +234,8 @@ class SceneAssembler {
     if (scene_.json["animations"].empty()) scene_.json.erase("animations");
   }
 
-  // A level of detail takes the place of its node, with all that hangs on it and moves with it. A
-  // node that is more than a mesh gets the levels in a child of its own.
+  // A level of detail replaces its node with all its children and animations. The levels of a node
+  // that is more than a mesh are therefore put into a child of its own.
   void write_levels(std::size_t n, std::size_t mesh) {
     Json& nodes = scene_.json["nodes"];
     const auto is_more = [&](const Json& node) {
@@ -264,10 +265,10 @@ class SceneAssembler {
   std::vector<const SceneLevel*> levels_;
   std::size_t num_materials_ = 0;
   GltfScene scene_;
-  /// New index of a mesh: by level, by mesh; -1 where nothing is left of it.
+  /// New index of a mesh, by level and mesh; -1: no part of it is left.
   std::vector<std::vector<std::int64_t>> placed_;
-  std::vector<PositionFrame> frames_;  ///< By mesh; float32 where not quantised.
-  std::set<std::size_t> animated_;     ///< Nodes that an animation moves.
+  std::vector<PositionFrame> frames_;  ///< By mesh; float32 without quantisation.
+  std::set<std::size_t> animated_;     ///< Nodes that have an animation.
 };
 
 GltfScene assemble(const std::string& document, const std::string& buffer, const SceneLevel& meshes,
@@ -316,7 +317,7 @@ Scene read_scene(const fs::path& path, const ReadOptions& options, const Progres
                                     options.max_bytes);
     return read_gltf_scene(*bytes, here, progress);
   } catch (const FormatError& error) {
-    if (!error.file().empty()) throw;  // a file that the scene names
+    if (!error.file().empty()) throw;  // the error is in a file that the scene names
     throw error.in_file(path.string());
   }
 }

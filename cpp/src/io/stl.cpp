@@ -20,7 +20,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::size_t kStlHeaderBytes = 84;  // 80 of comment, then the number of triangles
+constexpr std::size_t kStlHeaderBytes = 84;  // 80 bytes of comment, then the number of triangles
 constexpr std::size_t kTriangleBytes = 50;
 constexpr std::uint16_t kMarked = 0x8000;
 
@@ -40,8 +40,9 @@ class StlReader {
   }
 
  private:
-  // Binary files may begin with "solid" too. The number of triangles in a binary header gives the
-  // length of the file; where the length is not known, a byte that no text holds tells.
+  // Is the file binary? It may begin with "solid" as well. The length of the file must fit the
+  // number of triangles in a binary header; if the length is unknown, a byte that text cannot
+  // contain decides.
   bool is_binary() {
     const auto size = input_.remaining();
     const std::string_view head = input_.peek(2 * kStlHeaderBytes);
@@ -65,7 +66,8 @@ class StlReader {
     return byte(0) | byte(1) << 8U | byte(2) << 16U | byte(3) << 24U;
   }
 
-  // Programs that write as they go leave a count of 0: what follows is whole triangles then.
+  // Number of triangles. Programs that stream their output leave it 0; all triangles that follow
+  // are then read.
   std::uint32_t num_triangles(std::string_view head) {
     const std::uint32_t count = claimed(head);
     const std::uint64_t rest = input_.remaining().value_or(0);
@@ -85,7 +87,7 @@ class StlReader {
     for (std::uint32_t i = 0; i < num_faces; ++i) {
       const std::int64_t start = input_.offset();
       const char* bytes = input_.bytes(kTriangleBytes, "the triangles");
-      std::array<float, 12> values;  // normal, three positions; then two bytes of attributes
+      std::array<float, 12> values;  // normal and three positions; two bytes of attributes follow
       std::memcpy(values.data(), bytes, sizeof(values));
       for (std::size_t c = 0; c < 3; ++c) {
         const float* p = values.data() + 3 * (c + 1);
@@ -119,9 +121,9 @@ class StlReader {
     return rgb;
   }
 
-  // Five bits a channel. VisCAM and SolidView: blue is lowest, and bit 15 says that the face has a
-  // colour. Magics: red is lowest, and bit 15 says that the face has that of the part; a face
-  // without attributes has it too, as many programs write no others.
+  // Colours have five bits per channel. VisCAM and SolidView: blue is lowest, and bit 15 set means
+  // that the face has a colour. Magics: red is lowest, and bit 15 set means that the face has the
+  // colour of the part; so has a face without attributes, because many programs write no others.
   void color_face(std::uint16_t attribute, std::int32_t color_of_all) {
     const bool is_magics = color_of_all != MeshBuilder::kNone;
     const bool is_marked = (attribute & kMarked) != 0;
@@ -135,8 +137,8 @@ class StlReader {
     }
   }
 
-  // solid, facet normal, outer loop, vertex x y z (three times), endloop, endfacet, endsolid:
-  // the vertices between loops count, whatever else a program writes.
+  // Reads solid, facet normal, outer loop, vertex x y z (three times), endloop, endfacet, endsolid.
+  // Only the vertices between loops matter; other lines are ignored.
   void read_ascii() {
     std::string_view line;
     std::size_t num_corners = 0;
@@ -168,13 +170,13 @@ class StlReader {
 
   InputBuffer input_;
   MeshBuilder builder_;
-  // STL stores three positions per triangle; equal ones become one vertex.
+  // STL repeats the positions of each triangle; equal ones become one vertex.
   UniqueRows<Vertices> vertices_;
   ReadResult result_;
   std::array<MeshBuilder::Corner, 3> corners_;
 };
 
-// VisCAM's attribute for a colour; -1: none.
+// VisCAM's attribute for a colour; -1: no colour.
 std::uint16_t attribute_of(std::int32_t rgb) {
   if (rgb < 0) return 0;
   std::int32_t attribute = kMarked;
@@ -200,7 +202,7 @@ void write_stl(Output& out, const WriteJob& job) {
                                       : "STL: of materials only colors of 15 bits are kept");
   }
   if (mesh.colors.rows() > 0) warn(job.warnings, "STL: colors left out");
-  // Never "solid", which would look like text to others.
+  // Never "solid", which other readers would take as text.
   std::string header = "binary STL";
   header.resize(kStlHeaderBytes - 4, ' ');
   out.text(header);

@@ -15,8 +15,8 @@ namespace manip3d {
 namespace fs = std::filesystem;
 namespace {
 
-// The search for dead writers ends after so many names in a row that are not there. More writers
-// at a time take higher numbers; the gaps that they leave are shorter than this.
+// The search for files of dead writers ends after this many missing names in a row. Concurrent
+// writers take higher numbers, and the gaps that they leave are shorter than this.
 constexpr int kGap = 16;
 
 fs::path name_of(const fs::path& folder, int number) {
@@ -31,14 +31,14 @@ Descriptor open_folder(const fs::path& path) {
   return Descriptor(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
 }
 
-// Whether the descriptor's file is still the one of that name.
+// Is the descriptor's file still the one with this name?
 bool is_there(const fs::path& path, const Descriptor& file) {
   struct ::stat mine{}, named{};
   return ::fstat(file.get(), &mine) == 0 && ::lstat(path.c_str(), &named) == 0 &&
          mine.st_ino == named.st_ino && mine.st_dev == named.st_dev;
 }
 
-// Creates the file or folder. None: the name is taken.
+// Creates the file or folder; none: the name is taken.
 std::optional<Descriptor> create(const fs::path& path, TemporaryKind kind, unsigned mode) {
   if (kind == TemporaryKind::kFile) {
     Descriptor file(::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, mode));
@@ -46,17 +46,18 @@ std::optional<Descriptor> create(const fs::path& path, TemporaryKind kind, unsig
   } else if (::mkdir(path.c_str(), mode) == 0) {
     Descriptor folder = open_folder(path);
     if (folder.is_open()) return folder;
-    if (errno == ENOENT) return std::nullopt;  // taken for dead before it was locked
+    if (errno == ENOENT) return std::nullopt;  // another writer removed it before it was locked
   }
   if (errno != EEXIST) refuse("cannot write into its folder");
   return std::nullopt;
 }
 
-// Locks a file that this process has just created at `path`. False: before the lock was taken,
-// another writer took the file for one that a dead process left, and removed it.
+// Locks a file that this process has just created at `path`. Returns false if another writer took
+// it for a file of a dead process before it was locked, and removed it.
 bool lock_new(const fs::path& path, const Descriptor& file) {
   while (::flock(file.get(), LOCK_EX) != 0) {
-    if (errno != EINTR) return true;  // a file system without locks, where nobody removes it
+    // a file system without locks, on which nobody removes the file
+    if (errno != EINTR) return true;
   }
   return is_there(path, file);
 }
@@ -65,13 +66,13 @@ Descriptor open_existing(const fs::path& path) {
   constexpr int kFlags = O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC;
   Descriptor file(::open(path.c_str(), O_RDWR | kFlags));
   if (file.is_open() || errno == ENOENT) return file;
-  return Descriptor(::open(path.c_str(), O_RDONLY | kFlags));  // a folder, a read-only file
+  return Descriptor(::open(path.c_str(), O_RDONLY | kFlags));  // a folder or a read-only file
 }
 
 enum class Found : std::uint8_t { kNothing, kAlive, kDead };
 
-// Finds out whether the temporary file at `path` belongs to a writer that is alive, which holds its
-// lock; removes it if not.
+// Finds out whether a writer that is alive holds the lock of the temporary file at `path`; removes
+// the file if not.
 Found reap(const fs::path& path) {
   const Descriptor file = open_existing(path);
   if (!file.is_open()) return errno == ENOENT ? Found::kNothing : Found::kAlive;

@@ -29,7 +29,7 @@ std::string_view trimmed(std::string_view text) {
 
 bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
-/// Do commas stand within numbers, "1,5 2,25 3,75", and blanks between them?
+/// Are commas within numbers, with blanks between these, as in "1,5 2,25 3,75"?
 bool has_decimal_commas(std::string_view line) {
   if (std::none_of(line.begin(), line.end(), LineCursor::is_blank)) return false;
   for (std::size_t i = line.find(','); i < line.size(); i = line.find(',', i + 1)) {
@@ -40,14 +40,15 @@ bool has_decimal_commas(std::string_view line) {
   return true;
 }
 
-/// The separator of a line; ' ' stands for any number of blanks.
+/// The separator of a line; ' ' means any number of blanks.
 char separator_of(std::string_view line) {
   if (line.find(';') != std::string_view::npos) return ';';
   const bool has_comma = line.find(',') != std::string_view::npos;
   return has_comma && !has_decimal_commas(line) ? ',' : ' ';
 }
 
-/// Cells of a line; of more than a file may have, some that tell that there are too many.
+/// Splits a line into cells. Beyond the limit of cells, only a few more are returned, enough to
+/// detect the excess.
 void split(std::string_view line, char separator, std::vector<std::string_view>& cells) {
   constexpr std::size_t kMostWanted = kMostCells + 2;
   cells.clear();
@@ -66,13 +67,14 @@ void split(std::string_view line, char separator, std::vector<std::string_view>&
   }
 }
 
-/// Some writers end each line with a separator: an empty cell beyond those that there should be.
+/// Drops an empty cell beyond the expected number, because some writers end each line with a
+/// separator.
 void drop_last(std::vector<std::string_view>& cells, std::size_t expected) {
   if (!cells.empty() && cells.size() == expected + 1 && cells.back().empty()) cells.pop_back();
 }
 
-/// A number, NaN and infinity included; what is too small for a double is zero, what is too large
-/// none. false: the text is something else.
+/// Parses a number, NaN and infinity included. A number that is too small for a double is zero; one
+/// that is too large is refused. Returns false if the text is no such number.
 bool to_number(std::string_view text, double& value) {
   if (!text.empty() && text.front() == '+') text.remove_prefix(1);
   const char* const end = text.data() + text.size();
@@ -86,7 +88,7 @@ bool to_number(std::string_view text, double& value) {
   return error == std::errc() && stop == end;
 }
 
-/// Reads a number between semicolons or blanks, where a comma can only be a decimal comma.
+/// Parses a number between semicolons or blanks, in which a comma can only be a decimal comma.
 bool to_number(std::string_view text, char separator, double& value) {
   if (to_number(text, value)) return true;
   constexpr std::size_t kMostDigits = 64;
@@ -101,8 +103,8 @@ bool to_number(std::string_view text, char separator, double& value) {
   return to_number({digits.data(), text.size()}, value);
 }
 
-/// Do cells between commas hold the halves of numbers, "1,05,2,25,3,007"? Their second halves are
-/// bare digits.
+/// Do cells between commas contain the halves of numbers, as in "1,05,2,25,3,007"? Their second
+/// halves are digits only.
 bool are_halves(const std::vector<std::string_view>& cells) {
   if (cells.size() < 6 || cells.size() % 2 != 0) return false;
   for (std::size_t i = 1; i < cells.size(); i += 2) {
@@ -113,7 +115,7 @@ bool are_halves(const std::vector<std::string_view>& cells) {
   });
 }
 
-/// Does one of the second halves begin with a zero, as no whole number does?
+/// Does a second half begin with a zero? Whole numbers do not.
 bool has_zero_in_front(const std::vector<std::string_view>& cells) {
   for (std::size_t i = 1; i < cells.size(); i += 2) {
     if (cells[i].size() > 1 && cells[i].front() == '0') return true;
@@ -121,13 +123,15 @@ bool has_zero_in_front(const std::vector<std::string_view>& cells) {
   return false;
 }
 
-/// The name of a column in lower case; x, y and z in the words of other writers, too.
+/// The name of a column in lower case. x, y and z are also recognised in the spelling of other
+/// writers.
 std::string column_name(std::string_view text) {
   std::string name = lower_case(text);
   const std::string_view unit = trimmed(std::string_view(name).substr(name.empty() ? 0 : 1));
   const bool has_unit = unit.starts_with("(") || unit.starts_with("[") || unit == "_m";
   for (int axis = 0; axis < 3; ++axis) {
-    const std::string number = std::to_string(axis);  // VeloView's names end with it
+    // VeloView's names end with the number of the axis
+    const std::string number = std::to_string(axis);
     const bool is_letter = !name.empty() && name[0] == "xyz"[axis];
     if ((is_letter && (name.size() == 1 || has_unit)) || name == "points_m_xyz:" + number ||
         name == "points:" + number) {
@@ -137,16 +141,17 @@ std::string column_name(std::string_view text) {
   return name;
 }
 
-/// Names of columns that a separator parts, if they tell where x, y and z are; else none.
+/// Names of columns between separators, if they include x, y and z; else none.
 std::vector<std::string> column_names(std::string_view line, char separator) {
   std::vector<std::string_view> cells;
   split(line, separator, cells);
   drop_last(cells, cells.size() - 1);
-  // "# Fields: x y z" says what the line is.
+  // In "# Fields: x y z" the first word is a label.
   if (!cells.empty() && cells.front().ends_with(":")) cells.erase(cells.begin());
   std::vector<std::string> names;
   std::transform(cells.begin(), cells.end(), std::back_inserter(names), column_name);
-  for (std::size_t i = 0; i < names.size(); ++i) {  // pandas names no column of row numbers
+  // pandas writes no name for the column of row numbers
+  for (std::size_t i = 0; i < names.size(); ++i) {
     if (names[i].empty()) names[i] = std::string("c").append(std::to_string(i));
   }
   for (const std::string axis : {"x", "y", "z"}) {
@@ -155,8 +160,8 @@ std::vector<std::string> column_names(std::string_view line, char separator) {
   return names;
 }
 
-/// Names of columns, if the line tells where x, y and z are; else none. Between tabs there may be
-/// units behind blanks: "X [m]".
+/// Names of columns, if the line names x, y and z; else none. Between tabs, names may contain
+/// blanks before units: "X [m]".
 std::vector<std::string> column_names(std::string_view line) {
   while (!line.empty() && (line.front() == '#' || line.front() == '/')) line.remove_prefix(1);
   std::vector<std::string> names;
@@ -164,8 +169,8 @@ std::vector<std::string> column_names(std::string_view line) {
   return names.empty() ? column_names(line, separator_of(line)) : names;
 }
 
-/// Names of columns that a file does not name: x, y, z, the intensity where there are four or
-/// seven (before red, green and blue, as in Leica's .pts), and c3, c4, ...
+/// Default names of columns: x, y, z, then intensity if there are four or seven columns (before
+/// red, green and blue, as in Leica's .pts), then c3, c4, ...
 std::vector<std::string> usual_names(std::size_t num_columns) {
   std::vector<std::string> names = {"x", "y", "z"};
   if (num_columns == 4 || num_columns == 7) names.emplace_back("intensity");
@@ -209,12 +214,12 @@ class TextReader {
     return true;
   }
 
-  /// Is it a line before the points: names of the columns, or the number of points (.pts)?
+  /// Is it a line before the points, with the names of the columns or the number of points (.pts)?
   bool is_head(std::string_view line) {
     const char separator = separator_of(line);
     split(line, separator, cells_);
     double number = 0.0;
-    // After names, an empty cell is a missing number.
+    // If the columns have names, an empty cell is a missing number.
     if (!names_.empty() && !cells_.empty() && cells_.front().empty()) return false;
     if (!cells_.empty() && to_number(cells_.front(), separator, number)) {
       if (cells_.size() > 1 || count_ || !(number >= 0.0)) return false;
@@ -229,7 +234,7 @@ class TextReader {
     return true;
   }
 
-  /// Whether what looked like names was prose: "# x, y and z in metres".
+  /// Drops names that turned out to be prose, such as "# x, y and z in metres".
   void forget_names() {
     names_.clear();
     are_from_comment_ = false;
@@ -294,16 +299,17 @@ class TextReader {
   InputBuffer input_;
   PointTable table_;
   std::vector<std::string> names_;
-  bool are_from_comment_ = false;  ///< The names stand in a comment, which may say something else.
+  bool are_from_comment_ = false;  ///< The names are from a comment, which may be prose.
   std::vector<std::string_view> cells_;
   char separator_ = ' ';
-  std::optional<double> count_;  ///< Points that the file says it has.
+  std::optional<double> count_;  ///< Number of points that the file states.
 };
 
 }  // namespace
 
-// A point a line. Columns are separated by commas, semicolons or blanks; between the last two a
-// decimal point may be a comma. A line before them, a comment or not, may name them.
+// Reads a point per line. Columns are separated by commas, semicolons or blanks; with the latter
+// two, numbers may have decimal commas. A line before the points, a comment or not, may name the
+// columns.
 PointTable read_text_points(ByteSource& source, const Progress& progress) {
   return TextReader(source, progress).read();
 }

@@ -32,7 +32,7 @@ bool holds(const fs::path& path, const std::string& content) {
   return fs::file_size(path, missing) == content.size() && !missing && read_whole(path) == content;
 }
 
-// FNV-1a, 64 bits: tells files apart; names that still collide are compared byte by byte.
+// FNV-1a, 64 bits, to distinguish files; files with equal hashes are compared byte by byte.
 std::string hash_of(const std::string& content) {
   std::uint64_t hash = 0xCBF29CE484222325U;
   for (const char c : content) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001B3U;
@@ -144,7 +144,7 @@ std::string ascii_name(const std::string& name) {
     const auto byte = static_cast<unsigned char>(c);
     if (byte < 0x80) {
       result.push_back(c);
-    } else if (byte >= 0xC0) {  // others continue a character
+    } else if (byte >= 0xC0) {  // other bytes continue a character
       result.push_back('_');
     }
   }

@@ -12,27 +12,27 @@
 
 namespace manip3d {
 
-/// Puts textures and material libraries beside a mesh file, under base names; where a different
-/// file of that name exists, the name gets a hash of the content, so that no file that an older
-/// mesh refers to changes. They appear in `commit()`, after the mesh file was written as a whole
-/// under a temporary name: an error before, such as a full disk, leaves none behind, nor does one
-/// while the files get their names.
+/// Writes textures and material libraries into the folder of a mesh file, without folders in their
+/// names. If a different file with the name exists, the name gets a hash of the content, so that no
+/// file changes that an older mesh refers to. They appear in `commit()`, after the mesh file was
+/// completely written under a temporary name: an error before that, such as a full disk, leaves
+/// none of them behind, nor does an error while they are renamed.
 class CompanionFiles {
  public:
   explicit CompanionFiles(const WriteJob& job);
 
-  /// Name that the mesh file shall use for the texture of a role; "" where there is none. With
-  /// `only_ascii`, other characters of it become '_'.
+  /// The name in the mesh file for a material's texture with this role; "": it has none. With
+  /// `only_ascii`, other characters become '_'.
   std::string texture_name(const Material& material, const std::string& role,
                            bool only_ascii = false);
 
-  /// Bytes of a texture's image file; "" (with a warning) where it is not to be found.
+  /// Bytes of a texture's image file; "" after a warning if there is no such file.
   std::string image(const Texture& texture);
 
-  /// Puts `content` beside the mesh file under `name` or a name with a hash, which it returns.
+  /// Stages `content` under `name`, or a name with a hash; returns the name.
   std::string place(const std::string& name, const std::string& content);
 
-  /// Lets the files appear, after `output`, which names them, was written as a whole.
+  /// Renames the files, after `output`, which refers to them, was completely written.
   void commit(Output& output);
 
  private:
@@ -44,14 +44,14 @@ class CompanionFiles {
   std::map<std::string, std::unique_ptr<AtomicFile>> staged_;  ///< By name.
 };
 
-/// A name for a line of text: no control characters, no blanks at the ends, no backslash at the end
-/// (it would continue the line).
+/// The name in a form that fits a line of text: without control characters, blanks at the ends, or
+/// a backslash at the end (which would continue the line).
 std::string line_name(const std::string& name);
 
-/// A name whose characters outside of ASCII, in UTF-8, are '_'.
+/// A name with '_' in place of each character that is not ASCII (in UTF-8).
 std::string ascii_name(const std::string& name);
 
-/// One name per material, each different.
+/// A distinct name for each material.
 std::vector<std::string> unique_names(const std::vector<Material>& materials);
 
 }  // namespace manip3d

@@ -7,7 +7,8 @@
 
 namespace manip3d {
 
-// A point a line: x, y, z, and what else the first point has (reflectance, ...).
+// Reads a point per line: x, y, z, and further columns if the first point has them (reflectance,
+// ...).
 PointTable read_3dtk(ByteSource& source, const Progress& progress) {
   constexpr std::size_t kMostColumns = 64;
   InputBuffer input(source, progress);

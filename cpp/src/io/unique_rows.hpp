@@ -11,8 +11,9 @@
 
 namespace manip3d {
 
-/// Gives equal rows of numbers one index, in order of appearance: for formats that store the
-/// attributes of each corner anew. Open addressing over the table itself, 8 bytes a row.
+/// Gives equal rows of numbers one index, in order of appearance, for formats that repeat the
+/// attributes of each corner. A hash table with open addressing on the table itself, at least 8
+/// bytes per row.
 template <typename Matrix>
 class UniqueRows {
  public:
@@ -58,7 +59,7 @@ class UniqueRows {
   }
 
   void grow() {
-    // The table may have grown by rows that were appended directly.
+    // The table may also have grown by rows that were appended directly.
     slots_.assign(std::bit_ceil(4 * static_cast<std::size_t>(table_.size())), kEmpty);
     for (std::int64_t i = 0; i < table_.size(); ++i) {
       Row row;

@@ -7,7 +7,8 @@
 
 namespace manip3d {
 
-/// Tells each text once, and keeps the first hundred: a hostile file may give cause for a million.
+/// Adds a warning unless it is there already. Only the first hundred are kept, because a malicious
+/// file may cause a million.
 inline void warn(std::vector<std::string>& warnings, std::string text) {
   constexpr std::size_t kMost = 100;
   if (warnings.size() == kMost) return;

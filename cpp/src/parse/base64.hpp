@@ -10,11 +10,11 @@
 
 namespace manip3d {
 
-/// RFC 4648, with padding.
+/// Encodes base64 (RFC 4648) with padding.
 std::string encode_base64(std::span<const std::byte> bytes);
 
-/// RFC 4648, both alphabets, with or without padding.
-/// @throws FormatError  at `place`.
+/// Decodes base64 (RFC 4648) of both alphabets, with or without padding.
+/// @throws FormatError  (with `place`) the text is not base64.
 std::vector<std::byte> decode_base64(const JsonPlace& place, std::string_view text);
 
 }  // namespace manip3d

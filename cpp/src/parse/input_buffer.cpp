@@ -7,12 +7,13 @@ namespace manip3d {
 namespace {
 
 constexpr std::size_t kBlock = std::size_t{1} << 18;
-// A polygon of a million corners fits.
+// Bytes: long enough for a polygon of a million corners.
 constexpr std::size_t kLongestLine = std::size_t{32} << 20;
-// Tables of an honest mesh take some 5 to 30 times the bytes of its .xz file.
+// Ratio of the bytes of tables to those of the compressed file. Real meshes have 5 to 30 with .xz.
 constexpr std::uint64_t kMaxTableExpansion = 100;
 
-/// A small file needs no whole block; one byte more than it has, and its end is seen at once.
+/// Size of the first block. A small file does not need a whole one; one byte more than its size
+/// shows its end immediately.
 std::size_t first_block(const ByteSource& source) {
   const auto size = source.remaining();
   return size && *size < kBlock ? static_cast<std::size_t>(*size) + 1 : kBlock;
@@ -48,10 +49,12 @@ void InputBuffer::remove_mark(std::string_view& line) const {
   }
 }
 
-// CR if a first block holds some and no LF (text of the first Macintosh systems), else LF.
+// The line end: CR if the first block contains some and no LF (text of early Macintosh systems),
+// else LF.
 char InputBuffer::find_line_end() {
   std::size_t searched = 0;
-  bool has_cr = false, is_cut = false;  // between a CR and what may be its LF
+  // is_cut: the block ends between a CR and what may be its LF
+  bool has_cr = false, is_cut = false;
   do {
     const std::string_view seen(buffer_.data() + begin_, end_ - begin_);
     if (seen.find('\n', searched) != std::string_view::npos) return '\n';

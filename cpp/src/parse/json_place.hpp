@@ -12,8 +12,8 @@
 
 namespace manip3d {
 
-/// A JSON value that knows where it stands, so that every complaint names it: an RFC 6901 pointer
-/// such as /accessors/3/count, and the byte at which the JSON text starts.
+/// A JSON value with its place for error messages: an RFC 6901 pointer such as /accessors/3/count,
+/// and the byte at which the JSON text starts.
 class JsonPlace {
  public:
   using Json = nlohmann::json;
@@ -42,7 +42,7 @@ class JsonPlace {
   [[nodiscard]] bool is_text() const { return value_->is_string(); }
   [[nodiscard]] bool has(const char* key) const { return find(key).has_value(); }
 
-  /// Elements of an array.
+  /// Number of elements of an array.
   [[nodiscard]] std::int64_t size() const {
     if (!value_->is_array()) fail(std::string("expected an array, got ") + value_->type_name());
     return static_cast<std::int64_t>(value_->size());
@@ -52,7 +52,8 @@ class JsonPlace {
     return {(*value_)[index], pointer_ + "/" + std::to_string(index), text_offset_};
   }
 
-  /// A whole number in [lowest, highest]; JSON writers may spell 3 as 3.0.
+  /// A whole number in [lowest, highest]. 3.0 is accepted for 3, because some JSON writers write
+  /// it.
   [[nodiscard]] std::int64_t integer(std::int64_t lowest, std::int64_t highest) const {
     const auto refuse = [&] {
       fail("expected a whole number in [" + std::to_string(lowest) + ", " +

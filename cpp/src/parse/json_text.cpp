@@ -6,7 +6,7 @@
 namespace manip3d {
 namespace {
 
-constexpr int kMaxDepth = 64;  // real files stay below 20
+constexpr int kMaxDepth = 64;  // levels of nesting; real files have fewer than 20
 
 }  // namespace
 
@@ -40,7 +40,7 @@ JsonPlace::Json parse_json(std::string_view text, std::int64_t offset) {
   } catch (const JsonPlace::Json::parse_error& error) {
     const std::int64_t at = std::max<std::int64_t>(static_cast<std::int64_t>(error.byte) - 1, 0);
     throw FormatError::at_byte(offset + at, "not JSON: the syntax breaks here");
-  } catch (const JsonPlace::Json::exception&) {  // a number that no double holds
+  } catch (const JsonPlace::Json::exception&) {  // a number beyond double
     throw FormatError::at_byte(offset, "JSON: a number is out of range");
   }
 }

@@ -7,13 +7,13 @@
 
 namespace manip3d {
 
-/// An upper bound, up to one, on the number of values in a JSON text.
-/// @throws FormatError  nested too deeply to be walked; nlohmann's parser itself takes any depth.
+/// An upper bound of the number of values in a JSON text, too large by one at most.
+/// @throws FormatError  the nesting is too deep. (nlohmann's parser has no limit of its own.)
 std::int64_t count_json_values(std::string_view text, std::int64_t offset);
 
-/// The value of a JSON text.
-/// @param offset  of the text in its file, for messages.
-/// @throws FormatError  not JSON, or a number that no double holds.
+/// Parses a JSON text.
+/// @param offset  Offset of the text in its file, for messages.
+/// @throws FormatError  it is not JSON, or a number is beyond double.
 JsonPlace::Json parse_json(std::string_view text, std::int64_t offset);
 
 }  // namespace manip3d

@@ -7,7 +7,7 @@
 
 namespace manip3d {
 
-/// Whatever the locale, only ASCII letters are changed.
+/// Converts ASCII letters only, in every locale.
 inline char lower_case(char c) {
   return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
 }
@@ -20,7 +20,7 @@ inline std::string lower_case(std::string_view text) {
   return lower;
 }
 
-/// ASCII letters are compared in lower case; `lower` has no capitals.
+/// Compares with ASCII letters of `text` in lower case; `lower` must have no capitals.
 inline bool is_same_in_any_case(std::string_view text, std::string_view lower) {
   const auto same = [](char a, char b) { return lower_case(a) == b; };
   return std::equal(text.begin(), text.end(), lower.begin(), lower.end(), same);

@@ -10,13 +10,13 @@
 
 namespace manip3d {
 
-/// Reads words and numbers of one line, left to right; errors carry the line's number.
+/// Reads words and numbers of a line from left to right; errors have the line's number.
 class LineCursor {
  public:
   LineCursor(std::string_view line, std::int64_t line_number)
       : at_(line.data()), end_(line.data() + line.size()), line_(line_number) {}
 
-  /// Skips blanks; true when only a comment (`# ...`) or nothing is left.
+  /// Skips blanks; returns true if only a comment (`# ...`) or nothing is left.
   bool at_end() {
     skip_blanks();
     return at_ == end_ || *at_ == '#';
@@ -29,7 +29,7 @@ class LineCursor {
     return {start, static_cast<std::size_t>(at_ - start)};
   }
 
-  /// The rest of the line, without blanks around it.
+  /// The rest of the line without leading and trailing blanks.
   std::string_view rest() {
     skip_blanks();
     const char* last = end_;
@@ -39,7 +39,8 @@ class LineCursor {
     return text;
   }
 
-  /// A finite number. As blanks stand between numbers, a comma within one is a decimal comma.
+  /// Reads a finite number. Numbers are separated by blanks, so that a comma within one is a
+  /// decimal comma.
   double number(const char* what) {
     skip_blanks();
     const char* start = at_;
@@ -55,7 +56,7 @@ class LineCursor {
     return value;
   }
 
-  /// An integer that fits into 64 bits.
+  /// Reads an integer of 64 bits.
   std::int64_t integer(const char* what) {
     skip_blanks();
     const char* start = at_;
@@ -67,7 +68,7 @@ class LineCursor {
     return value;
   }
 
-  /// The unread text, for hand-written loops over hot syntax.
+  /// The unread text, for hand-written loops over frequent syntax.
   [[nodiscard]] const char* position() const { return at_; }
   [[nodiscard]] const char* end() const { return end_; }
   void move_to(const char* position) { at_ = position; }
@@ -100,7 +101,7 @@ class LineCursor {
     while (stop < end_ && !is_blank(*stop)) ++stop;
     std::string digits(start, stop);
     const std::size_t comma = digits.find(',');
-    // Not "1,000.5", and not a comma between numbers, as in "1, 2, 3" and "1,2,3".
+    // Refuses "1,000.5", and a comma between numbers, as in "1, 2, 3" and "1,2,3".
     if (digits.find('.') != std::string::npos || comma + 1 == digits.size()) {
       fail(what, "a finite number");
     }
@@ -113,7 +114,7 @@ class LineCursor {
     return value;
   }
 
-  // Too small for a double is zero; too large is an error.
+  // A number that is too small for a double is zero; one that is too large is an error.
   double extreme(const char* start, const char* stop, const char* what) {
     long double value = 0.0L;
     const auto error = std::from_chars(start, end_, value).ec;

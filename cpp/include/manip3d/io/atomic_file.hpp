@@ -5,18 +5,18 @@
 
 #include "manip3d/io/descriptor.hpp"
 
-/// @file
-/// Files that appear whole or not at all.
+/// Files that are written completely or not at all.
 namespace manip3d {
 
 /// Writes a file under a temporary name in the same folder and renames it at `commit()`.
 ///
-/// Until `commit()` returns, the target is the old file, whole; without a commit (an exception, a
-/// full disk) the temporary file is removed, and after a kill by the next write to its folder.
-/// `commit()` syncs the file, renames it and syncs the folder. A symbolic link is followed; its
-/// target is replaced. A target that is not a regular file (a pipe) is written in place.
-/// The mode of a replaced file is kept.
-/// @throws std::filesystem::filesystem_error  the operating system refused, with the target's path.
+/// Until `commit()` returns, the target is the complete old file. Without a commit (an exception, a
+/// full disk) the temporary file is removed by the destructor; after a kill, the next write to its
+/// folder removes it. `commit()` syncs the file, renames it and syncs the folder. If the target is
+/// a symbolic link, the file that it names is replaced. A target that is not a regular file (a
+/// pipe) is written in place. The mode of a replaced file is kept.
+/// @throws std::filesystem::filesystem_error  (with the target's path) the operating system
+///                                            refused.
 class AtomicFile {
  public:
   explicit AtomicFile(const std::filesystem::path& target);
@@ -26,23 +26,23 @@ class AtomicFile {
 
   /// Appends `size` bytes.
   void write(const char* data, std::size_t size);
-  /// Makes sure that what was written is on the disk: a full one is an error before `commit()`.
+  /// Syncs the bytes written so far, so that a full disk is an error before `commit()`.
   void sync();
-  /// Gives the file its name; nothing can be written afterwards.
-  /// @param sync  false: the file is whole after a crash of this process, but perhaps not after a
-  ///              power failure.
+  /// Renames the file to the target. Nothing can be written afterwards.
+  /// @param sync  false: the file is complete after a crash of this process, but perhaps not after
+  ///              a power failure.
   void commit(bool sync = true);
-  /// The path of the content until `commit()`; empty: the target is written in place.
+  /// Path of the content before `commit()`; empty: the target is written in place.
   [[nodiscard]] const std::filesystem::path& temporary() const { return temporary_; }
 
  private:
   [[noreturn]] void refuse(const char* action) const;
 
-  std::filesystem::path requested_;  ///< As the caller named it, for messages.
+  std::filesystem::path requested_;  ///< The target as the caller named it, for messages.
   std::filesystem::path target_;
-  std::filesystem::path temporary_;  ///< Empty when written in place.
+  std::filesystem::path temporary_;  ///< Empty: the target is written in place.
   bool is_synced_ = false;           ///< Nothing was written since `sync()`.
-  Descriptor file_;                  ///< Locked: see Temporary.
+  Descriptor file_;                  ///< Locked; see Temporary.
   Descriptor lock_;                  ///< Holds the lock while `file_` is closed.
 };
 

@@ -7,29 +7,32 @@
 
 #include "manip3d/geometry/mesh.hpp"
 
-/// @file
-/// Colours of faces and their corners, 0xRRGGBB in sRGB, in meshes that have none of their own:
+/// Converts colours of faces and their corners (0xRRGGBB in sRGB), as files of several formats have
+/// them, to colours of materials or vertices.
 /// what files of several formats hold.
 namespace manip3d {
 
-/// Colours as a mesh has them: of materials, or else of vertices. Empty tables stay as they are.
+/// Colours in the form that a mesh has: of materials, or else of vertices. Empty tables mean no
+/// change.
 struct SurfaceColors {
-  Indices face_material;            ///< (F,), with the materials below after those of the mesh.
-  std::vector<Material> materials;  ///< To be added to those of the mesh.
-  Colors colors;                    ///< (V, 3); white where no face has a colour.
-  std::string warning;              ///< Losses; empty: none.
+  /// (F,) indices of materials: those of the mesh, followed by `materials`.
+  Indices face_material;
+  std::vector<Material> materials;  ///< Materials to append to those of the mesh.
+  Colors colors;                    ///< (V, 3); white if no face of the vertex has a colour.
+  std::string warning;              ///< What was lost; empty: nothing.
 };
 
-/// Finds colours for a mesh of `num_materials` materials from those of its corners.
+/// Finds the colours of a mesh with `num_materials` materials from the colours of its corners.
 ///
-/// Few colours of whole faces become materials, in order of appearance, which keep their borders;
-/// others become colours of vertices, the mean of the corners there.
-/// @param corner_colors  (F, 3), -1 where there is none; a face has three or none.
-/// @throws InputError  not one row for each face.
+/// If faces have one colour each and few colours occur, these become materials, in order of
+/// appearance, so that borders between colours stay sharp. Otherwise each vertex gets the mean of
+/// the colours of its corners.
+/// @param corner_colors  (F, 3), -1: no colour; a face has three colours or none.
+/// @throws InputError  the number of rows is not the number of faces.
 SurfaceColors surface_colors(const MeshView& mesh, std::int32_t num_materials,
                              const MeshView::Map<Faces>& corner_colors);
 
-/// Red, green and blue of 0xRRGGBB in linear light, as materials hold them.
+/// Red, green and blue of 0xRRGGBB in linear light, as in materials.
 std::array<double, 3> linear_color(std::int32_t rgb);
 
 }  // namespace manip3d

@@ -24,7 +24,7 @@ class Descriptor {
 
   [[nodiscard]] int get() const { return number_; }
   [[nodiscard]] bool is_open() const { return number_ >= 0; }
-  /// Hands it over to the caller, who closes it.
+  /// Returns the file descriptor, which the caller must close.
   int release() { return std::exchange(number_, -1); }
 
  private:

@@ -8,11 +8,10 @@
 
 namespace manip3d {
 
-/// Reads a material library of an OBJ file. Texture paths are kept as they are written, with `/`
-/// for `\`. A line that cannot be understood leaves what it would set as it was, as in other
-/// readers; it is told in `warnings`, with `file` and its number, and so are options of textures
-/// that would change the picture.
-/// @throws FormatError  with the line: more than 100 000 lines cannot be understood.
+/// Reads a material library of an OBJ file. Texture paths are kept, with `/` for `\`. A line that
+/// cannot be understood changes nothing, as in other readers; `warnings` gets a message with `file`
+/// and the line's number. Texture options that would change the picture cause a warning as well.
+/// @throws FormatError  (with the line) more than 100 000 lines cannot be understood.
 std::vector<Material> read_mtl(ByteSource& source, const std::string& file,
                                std::vector<std::string>& warnings);
 
