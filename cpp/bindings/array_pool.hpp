@@ -15,9 +15,10 @@
 
 namespace manip3d::bindings {
 
-/// Arrays whose memory comes back here when the last Python reference to them, or to a view of
-/// them, is gone: the next ones find it with its pages there. A frame's arrays are large enough
-/// that the system takes their pages away and clears new ones for each frame.
+/// A pool of arrays. The memory of an array returns to the pool when the last Python reference to
+/// it, or to a view of it, is gone; the next array of this size reuses it with its pages. Arrays of
+/// a frame are so large that the system would otherwise unmap their pages, and clear new ones for
+/// each frame.
 class ArrayPool {
  public:
   /// An array with undefined contents.
@@ -48,8 +49,8 @@ class ArrayPool {
     std::unique_ptr<std::byte[]> bytes;
   };
 
-  /// Memory not in use: the last of a size that was put there is taken first. Lives as long as
-  /// the pool or an array of it.
+  /// Unused memory. Of several blocks with the wanted size, the last returned one is taken. Lives
+  /// as long as the pool or any of its arrays.
   class Shelf {
    public:
     Memory take(std::size_t size) {

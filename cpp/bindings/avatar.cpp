@@ -30,7 +30,7 @@ py::array_t<float> to_array(const Eigen::Vector3f& vector) {
 
 using FloatArray = py::array_t<float>;
 
-/// All bones: start, end, radius, 0 where there is none; and the torso's box.
+/// Tables of all bones (start, end, radius; 0: no bone), and the torso's box.
 py::typing::Tuple<FloatArray, FloatArray, FloatArray, FloatArray> to_tables(
     const BodyColliders& body) {
   CArray<float> capsules({kNumJoints, std::size_t{7}});
@@ -47,7 +47,7 @@ py::typing::Tuple<FloatArray, FloatArray, FloatArray, FloatArray> to_tables(
                         to_array(body.torso.half_size));
 }
 
-/// Time, bone, point of each target.
+/// Time, bone and point of each target.
 using HitTables = py::typing::Tuple<py::array_t<double>, py::array_t<std::int8_t>, FloatArray>;
 
 HitTables first_hits(Exclusive<ColliderTracker>& self, const CArray<float>& from,
@@ -79,7 +79,7 @@ HitTables first_hits(Exclusive<ColliderTracker>& self, const CArray<float>& from
                         to_numpy(std::move(point)));
 }
 
-/// A ShoeCoverTracker with the rays of the calibration it saw last; one frame at a time.
+/// A ShoeCoverTracker with the rays of its latest calibration. It processes one frame at a time.
 class Shoe {
  public:
   explicit Shoe(const ShoeCoverOptions& options) : tracker_(options) {}
@@ -122,7 +122,7 @@ OptionalFields to_dict(const std::optional<Placement>& placement) {
   return fields;
 }
 
-/// Moved vertices and the fields of the moved skeleton, or None where a torso is missing.
+/// Moved vertices and the fields of the moved skeleton; None if the torso is missing.
 template <typename Scalar>
 VerticesAndSkeleton repose(const CArray<Scalar>& vertices, const PySkeleton& skeleton,
                            const OptionalPySkeleton& rest, const ReposeOptions& options) {

@@ -78,7 +78,7 @@ Counts to_counts(const VelodyneCounters& c) {
   return fields;
 }
 
-// The next frame's fields; True: none in time; False: none any more.
+// The fields of the next frame; True: no frame in time; False: no more frames.
 template <typename Source>
 FieldsOrBool read_frame(Exclusive<Source>& self, int timeout_ms) {
   VelodyneFrame frame;

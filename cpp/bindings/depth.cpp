@@ -74,7 +74,7 @@ Registration to_registration(const py::object& registration) {
 
 namespace {
 
-/// A `manip3d.Registration`, or none.
+/// A `manip3d.Registration`, or None.
 class OptionalRegistration {
  public:
   explicit OptionalRegistration(const py::object& registration) {
@@ -99,7 +99,7 @@ Fields to_fields(DepthMesh&& mesh) {
 
 using MeshArrays = Named<"manip3d.simplify._depth._Buffers">;
 
-/// The caller's arrays, which are written to.
+/// The caller's arrays, to which the result is written.
 struct OutputArrays {
   py::array_t<float> vertices, texcoords;
   py::array_t<std::int32_t> pixels, faces;
@@ -147,7 +147,7 @@ Fields to_fields(const Cs3Report& report) {
   return fields;
 }
 
-/// A Cs3 with the rays of the camera it saw last; one frame at a time.
+/// A Cs3 with the rays of its latest camera. It processes one frame at a time.
 class Cs3Runner {
  public:
   Fields run_depth(const py::array& depth, const PyIntrinsics& camera, const Cs3Options& options,
@@ -182,7 +182,8 @@ class Cs3Runner {
 
   Cs3 cs3_;
   PixelRays rays_;
-  py::object camera_ = py::none();  ///< Camera of rays_; intrinsics never change.
+  /// Camera of rays_, which is compared by identity because intrinsics do not change.
+  py::object camera_ = py::none();
 };
 
 void bind_cs3(py::module_& m) {
@@ -233,7 +234,7 @@ void bind_cs3(py::module_& m) {
            py::arg("valid").noconvert(), py::arg("rows_up"), py::arg("options"), py::arg("out"));
 }
 
-/// The triangulation of pixels in any order, numbered as they came.
+/// Triangulates pixels in any order; vertices are numbered in this order.
 Faces triangulate(const Eigen::Map<const Rows<std::int32_t, 2>>& rows) {
   std::vector<std::int32_t> order(rows.rows());
   std::iota(order.begin(), order.end(), 0);

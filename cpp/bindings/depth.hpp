@@ -13,7 +13,7 @@
 
 namespace manip3d::bindings {
 
-/// An (H, W, channels) array as it is; (H, W) for no channels.
+/// Checks that an array has the shape (H, W, channels), or (H, W) for 0 channels.
 template <typename T>
 void check_image(const CArray<T>& array, py::ssize_t channels, const char* name) {
   const py::ssize_t dimensions = channels == 0 ? 2 : 3;
@@ -26,20 +26,20 @@ void check_image(const CArray<T>& array, py::ssize_t channels, const char* name)
 /// A borrowed depth image.
 DepthView depth_view(const py::array& depth);
 
-/// A borrowed colour image; without pixels where there is none.
+/// A borrowed colour image; without an image, it has no pixels.
 inline ColorView color_view(const std::optional<CArray<std::uint8_t>>& image, const char* name) {
   if (!image) return {};
   check_image(*image, 3, name);
   return {image->shape(0), image->shape(1), image->data()};
 }
 
-/// A `manip3d.Intrinsics`; `keep` holds its ray table.
+/// Converts a `manip3d.Intrinsics`; `keep` owns its ray table.
 Intrinsics to_intrinsics(const py::object& camera, py::object& keep);
 
-/// A `manip3d.Registration`.
+/// Converts a `manip3d.Registration`.
 Registration to_registration(const py::object& registration);
 
-/// The arrays of a grid of points, held while the GIL is released.
+/// The arrays of a grid of points, which are kept alive while the GIL is released.
 struct BorrowedGrid {
   CArray<float> points;
   CArray<bool> valid;

@@ -17,11 +17,11 @@
 
 namespace manip3d::bindings {
 
-/// A lock for Python threads, taken and released with the GIL held. Whoever waits lets go of the
-/// GIL, is served in the order of arrival, and stops waiting on Ctrl-C.
+/// A lock for Python threads, acquired and released with the GIL held. Waiting threads release the
+/// GIL, are served in the order of arrival, and stop waiting on Ctrl-C.
 class Turnstile {
  public:
-  /// @throws Error  the calling thread is inside already (from a progress callback, say).
+  /// @throws Error  the calling thread holds the lock already, for example in a progress callback.
   void enter() {
     const auto self = std::this_thread::get_id();
     std::unique_lock lock(mutex_);
@@ -51,7 +51,7 @@ class Turnstile {
     }
   }
 
-  // False: not within a tenth of a second.
+  // Returns false if it is not this thread's turn within 0.1 s.
   bool take_turn(std::uint64_t ticket, std::thread::id self) {
     const pybind11::gil_scoped_release nogil;
     std::unique_lock lock(mutex_);
@@ -69,14 +69,14 @@ class Turnstile {
     changed_.notify_all();
   }
 
-  std::mutex mutex_;  // guards what follows; held for no longer than it takes to read it
+  std::mutex mutex_;  // guards the members below; locked only while they are read or changed
   std::condition_variable changed_;
   std::optional<std::thread::id> owner_;
   std::deque<std::uint64_t> queue_;
   std::uint64_t next_ticket_ = 0;
 };
 
-/// An object with state that Python may use from any thread: one thread at a time.
+/// An object with state that Python may use from any thread; only one thread uses it at a time.
 template <typename T>
 class Exclusive {
  public:
@@ -84,7 +84,7 @@ class Exclusive {
     requires std::constructible_from<T, Arguments...>
   explicit Exclusive(Arguments&&... arguments) : value_(std::forward<Arguments>(arguments)...) {}
 
-  /// Returns `use(value)`, with the GIL held, while no other thread is inside.
+  /// Returns `use(value)`, with the GIL held. No other thread uses the value meanwhile.
   template <typename Use>
   decltype(auto) with(Use&& use) {
     turnstile_.enter();
@@ -92,7 +92,7 @@ class Exclusive {
     return std::forward<Use>(use)(value_);
   }
 
-  /// The object itself, for members that are safe beside any other (`stop` of a live source).
+  /// The object itself, for members that may run beside any other (`stop` of a live source).
   T& shared() { return value_; }
 
  private:
@@ -105,7 +105,7 @@ class Exclusive {
   Turnstile turnstile_;
 };
 
-/// A member function as a method of Exclusive<T>.
+/// Binds a member function as a method of Exclusive<T>.
 template <typename T, typename Result, typename... Arguments>
 auto exclusively(Result (T::*method)(Arguments...)) {
   return [method](Exclusive<T>& self, Arguments... arguments) -> Result {

@@ -10,8 +10,7 @@
 #include "numpy.hpp"
 #include "python_types.hpp"
 
-/// @file
-/// Structs as tables of their members: one line for each member, whatever is made of it.
+/// Structs as tables of their members, with one line per member, from which bindings are made.
 namespace manip3d::bindings {
 
 /// A member of a struct and its name in Python.
@@ -24,13 +23,13 @@ struct Field {
 template <typename T, typename Member>
 Field(const char*, Member T::*) -> Field<T, Member>;
 
-/// A member as a Python object.
+/// Converts a member to a Python object.
 template <typename Member>
 py::object to_object(Member&& value) {
   return py::cast(value);
 }
 
-/// An array takes over the memory of a matrix or a vector.
+/// Converts a matrix or vector to an array, which takes over its memory.
 template <typename Member>
   requires requires { std::decay_t<Member>::ColsAtCompileTime; }
 py::object to_object(Member&& value) {
@@ -42,7 +41,7 @@ py::object to_object(std::vector<T>&& values) {
   return to_numpy(std::move(values));
 }
 
-/// The members of a result by name, moved out of it.
+/// Moves the members of a result into a dict by name.
 template <typename T, typename... Members>
 Fields to_fields(T&& result, const std::tuple<Field<T, Members>...>& table) {
   static_assert(!std::is_reference_v<T>, "a result is given away");
@@ -54,7 +53,7 @@ Fields to_fields(T&& result, const std::tuple<Field<T, Members>...>& table) {
   return fields;
 }
 
-/// Binds the members as attributes that can be read and written, and makes the class picklable.
+/// Binds the members as attributes for reading and writing, and makes the class picklable.
 template <typename T, typename... Members>
 void bind_fields(py::class_<T>& bound, const std::tuple<Field<T, Members>...>& table) {
   const auto attribute = [&](const auto& field) { bound.def_readwrite(field.name, field.member); };

@@ -24,7 +24,7 @@ OrientedBox to_box(const Box& box) {
   return {std::get<0>(box), std::get<1>(box), std::get<2>(box)};
 }
 
-/// Points, intensity, rows added, moved, moved from and removed, box, transform.
+/// Points, intensity, rows (added, moved, moved from, removed), box, transform.
 using ForgedTuple = py::typing::Tuple<py::array_t<float>, std::optional<py::array_t<float>>,
                                       py::array_t<std::int32_t>, py::array_t<std::int32_t>,
                                       py::array_t<std::int32_t>, py::array_t<std::int32_t>,
@@ -55,7 +55,7 @@ ScanLattice to_lattice(const Rings& rings, double azimuth_step, double azimuth_p
   return lattice;
 }
 
-// Runs an attack without the GIL; hears Ctrl-C.
+// Runs an attack without the GIL; Ctrl-C interrupts it.
 template <typename Attack>
 ForgedTuple forged_by(const Attack& attack) {
   Forgery forged;

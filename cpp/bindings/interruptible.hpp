@@ -10,9 +10,9 @@
 
 namespace manip3d::bindings {
 
-/// A Progress for kernels that run without the GIL: ten times a second it takes the GIL, lets
-/// Python handle signals (Ctrl-C raises KeyboardInterrupt) and calls `callback(fraction)` unless
-/// there is none. May be made and destroyed with or without the GIL.
+/// A Progress for kernels that run without the GIL. Ten times a second it takes the GIL, lets
+/// Python handle signals (Ctrl-C raises KeyboardInterrupt), and calls `callback(fraction)` if there
+/// is a callback. It may be created and destroyed with or without the GIL.
 inline Progress interruptible(std::shared_ptr<const pybind11::object> callback = nullptr) {
   using Clock = std::chrono::steady_clock;
   return [callback = std::move(callback), last = Clock::now()](double fraction) mutable {
@@ -28,7 +28,7 @@ inline Progress interruptible(std::shared_ptr<const pybind11::object> callback =
 /// Overload for a Python callable or None.
 inline Progress interruptible(const pybind11::object& callback) {
   if (callback.is_none()) return interruptible();
-  const pybind11::gil_scoped_acquire gil;  // its reference count changes; copies share one owner
+  const pybind11::gil_scoped_acquire gil;  // the reference count changes; copies share one owner
   return interruptible(std::shared_ptr<const pybind11::object>(
       new pybind11::object(callback), [](const pybind11::object* object) {
         const pybind11::gil_scoped_acquire gil_at_end;

@@ -35,7 +35,7 @@ using SceneNodes = py::typing::List<
                       py::typing::Optional<py::array_t<double>>, int, py::array_t<double>>>;
 using Joints = py::array_t<std::uint16_t, py::array::c_style | py::array::forcecast>;
 using Floats = py::array_t<float, py::array::c_style | py::array::forcecast>;
-/// Joints and weights (V, J), targets and what they add to normals (T, V, 3).
+/// Joints and weights (V, J), morph targets and their changes of normals (T, V, 3).
 using DeformationTables = py::typing::Tuple<Joints, Floats, Floats, Floats>;
 using SceneMeshes = py::typing::List<
     py::typing::Tuple<py::str, PyMesh, py::str, py::typing::Optional<DeformationTables>,
@@ -51,7 +51,7 @@ using Level = py::typing::List<py::typing::Optional<py::typing::Tuple<
 
 Strings to_list(const std::vector<std::string>& strings) {
   Strings list;
-  // Files hold any bytes; what is no UTF-8 is shown, not refused.
+  // Files may contain any bytes; text that is not UTF-8 is shown in escaped form, not refused.
   for (const std::string& s : strings) list.append(readable(s));
   return list;
 }
@@ -71,9 +71,9 @@ DracoMesh::Attribute to_attribute(const py::handle& array) {
           std::vector<double>(rows.data(), rows.data() + rows.size())};
 }
 
-/// A decoder that calls `decode(stream)`, which gives (faces, {unique id: values}) or the text of
-/// an error. It borrows the callable for the length of a call, because copies are made without the
-/// GIL.
+/// A decoder that calls `decode(stream)`, which returns (faces, {unique id: values}) or the text of
+/// an error. It borrows the callable for the duration of a call, because copies are made without
+/// the GIL.
 DracoDecoder draco_decoder(const PyDraco& decode) {
   return [callable = py::handle(decode)](std::span<const std::byte> stream) {
     const py::gil_scoped_acquire gil;
@@ -98,7 +98,7 @@ ReadOptions read_options(bool allow_outside, std::uint64_t max_bytes, const PyDr
   return options;
 }
 
-/// (I, 4, 4), or None for a node that shows its mesh once.
+/// (I, 4, 4); None: the node shows its mesh once.
 py::object instances_of(const SceneNode& node) {
   if (!node.instances) return py::none();
   const auto count = static_cast<py::ssize_t>(node.instances->size());
@@ -109,7 +109,7 @@ py::object instances_of(const SceneNode& node) {
   return rows;
 }
 
-/// (T, V, 3) of its values, or without any row.
+/// (T, V, 3) of the values; (0, V, 3) without values.
 Floats target_rows(std::vector<float>&& values, const Deformation& deformation,
                    py::ssize_t num_vertices) {
   Floats rows({values.empty() ? py::ssize_t{0} : py::ssize_t{deformation.num_targets}, num_vertices,
@@ -131,7 +131,7 @@ py::object deformation_of(SceneMesh& mesh) {
   return py::make_tuple(joints, weights, targets, normals);
 }
 
-/// (V, S, 2), or None for a mesh with one set of texture coordinates at most.
+/// (V, S, 2); None: the mesh has at most one set of texture coordinates.
 py::object more_texcoords_of(const SceneMesh& mesh) {
   const MoreTexcoords& given = mesh.more_texcoords;
   if (given.num_sets == 0) return py::none();
@@ -146,7 +146,7 @@ std::span<const T> span_of(const py::array_t<T, py::array::c_style | py::array::
   return {array.data(), static_cast<std::size_t>(array.size())};
 }
 
-/// What a level of detail borrows for the length of a call.
+/// Objects that a level of detail borrows for the duration of a call.
 struct Borrowed {
   std::vector<std::unique_ptr<BorrowedMesh>> meshes;
   std::vector<py::object> arrays;
@@ -169,9 +169,9 @@ MoreTexcoordsView borrow_more_texcoords(const py::object& given, Borrowed& keep)
   return {rows.shape(1), span_of(rows)};
 }
 
-// (nodes, meshes, document, buffer, warnings); a node is (name, parent, mesh, transform, is drawn,
-// instances, joint, inverse bind matrix), a mesh (name, mesh, why it is fixed, deformation, more
-// texture coordinates).
+// (nodes, meshes, document, buffer, warnings). A node is (name, parent, mesh, transform, is drawn,
+// instances, joint, inverse bind matrix); a mesh is (name, mesh, why it is fixed, deformation,
+// further texture coordinates).
 SceneTables to_tuple(Scene&& scene) {
   const py::list materials = materials_to_python(scene.materials);
   py::list nodes, meshes;
@@ -191,7 +191,7 @@ SceneTables to_tuple(Scene&& scene) {
                         to_list(scene.warnings));
 }
 
-/// The meshes of a level of detail, borrowed for the length of a call; None: as it was read.
+/// The meshes of a level of detail, borrowed for the duration of a call; None: unchanged.
 SceneLevel borrow_level(const Level& meshes, Borrowed& keep) {
   SceneLevel level;
   for (const py::handle mesh : meshes) {

@@ -58,7 +58,7 @@ py::object to_python(const Material& m) {
       py::arg("emissive") = py::make_tuple(m.emissive[0], m.emissive[1], m.emissive[2]));
 }
 
-// The inverse of readable().
+// The bytes of a text from readable().
 std::string file_bytes(const py::handle& text) {
   const auto bytes = py::reinterpret_steal<py::bytes>(
       PyUnicode_AsEncodedString(text.ptr(), "utf-8", "surrogateescape"));
@@ -125,7 +125,7 @@ BorrowedMesh::BorrowedMesh(const py::object& mesh) : view_(std::make_unique<Mesh
 }
 
 py::str readable(const std::string& bytes) {
-  // surrogateescape, as the names of files: writing gives the same bytes.
+  // surrogateescape, as for file names: encoding returns the same bytes.
   PyObject* text =
       PyUnicode_DecodeUTF8(bytes.data(), static_cast<py::ssize_t>(bytes.size()), "surrogateescape");
   if (text == nullptr) throw py::error_already_set();

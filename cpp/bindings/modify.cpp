@@ -85,7 +85,7 @@ CArray<float> clothing_colors_of(const py::array& depth,
   return rows;
 }
 
-/// The caller's image, which is written to.
+/// The caller's image, to which the result is written.
 template <typename T>
 T* output(const py::object& out, const char* name, const std::vector<py::ssize_t>& shape) {
   const py::object array = out.attr(name);
@@ -174,7 +174,7 @@ Fields to_fields(const PhantomReport& report) {
   return fields;
 }
 
-/// A PhantomPipeline for arrays; one frame at a time.
+/// A PhantomPipeline for arrays. It processes one frame at a time.
 class PipelineRunner {
  public:
   explicit PipelineRunner(const PhantomOptions& options) : pipeline_(options) {}
@@ -212,7 +212,7 @@ class PipelineRunner {
 
  private:
   PhantomPipeline pipeline_;
-  py::object rays_ = py::none();  ///< Table of the camera that the pipeline knows.
+  py::object rays_ = py::none();  ///< Ray table of the pipeline's latest camera.
 };
 
 void bind_enums(py::module_& m) {

@@ -13,7 +13,7 @@ namespace py = pybind11;
 
 namespace {
 
-// Messages quote files and their names, which may hold any bytes.
+// Decodes text of messages, which may quote any bytes of files and of their names.
 py::str text(const std::string& bytes, const char* otherwise) {
   PyObject* decoded =
       PyUnicode_DecodeUTF8(bytes.data(), static_cast<py::ssize_t>(bytes.size()), otherwise);
@@ -23,7 +23,7 @@ py::str text(const std::string& bytes, const char* otherwise) {
 
 py::str message(const std::exception& error) { return text(error.what(), "backslashreplace"); }
 
-// The name as Python has it: `os.fsencode` of it gives the same bytes.
+// A file name as Python has it: `os.fsencode` returns the same bytes.
 py::str file_name(const std::string& bytes) { return text(bytes, "surrogateescape"); }
 
 void raise(const char* type, const std::exception& error) {
@@ -54,11 +54,13 @@ void translate(std::exception_ptr pointer) {
     raise("DeviceError", error);
   } catch (const manip3d::Error& error) {
     raise("Error", error);
-  } catch (const std::filesystem::filesystem_error& error) {  // FileNotFoundError and the like
+    // becomes FileNotFoundError and the like
+  } catch (const std::filesystem::filesystem_error& error) {
     const py::object instance = py::reinterpret_borrow<py::object>(PyExc_OSError)(
         error.code().value(), error.code().message(), file_name(error.path1().string()));
     PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(instance.ptr())), instance.ptr());
-  } catch (const std::system_error& error) {  // files: becomes FileNotFoundError and the like
+    // an error of a file becomes FileNotFoundError and the like
+  } catch (const std::system_error& error) {
     const py::object instance =
         py::reinterpret_borrow<py::object>(PyExc_OSError)(error.code().value(), message(error));
     PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(instance.ptr())), instance.ptr());

@@ -2,7 +2,7 @@
 
 #include <pybind11/pybind11.h>
 
-/// One function per file of this folder; module.cpp calls them all.
+/// One function per file of this folder. module.cpp calls them all.
 namespace manip3d::bindings {
 
 void bind_depth(pybind11::module_& m);

@@ -36,7 +36,7 @@ Eigen::Map<const Matrix> rows(const CArray<typename Matrix::Scalar>& array, cons
   return Eigen::Map<const Matrix>(array.data(), array.shape(0), kColumns);
 }
 
-/// Moves a matrix to the heap and lends NumPy its buffer: no copy.
+/// Moves a matrix to the heap and gives its buffer to NumPy without a copy.
 template <typename Matrix>
 py::array to_numpy(Matrix&& matrix) {
   using Plain = std::decay_t<Matrix>;

@@ -7,8 +7,8 @@
 
 namespace manip3d::bindings {
 
-/// Text for the operating system, which would cut it off at the first NUL.
-/// @throws InputError  it has one.
+/// Text for the operating system, which would cut it at the first NUL.
+/// @throws InputError  the text has a NUL.
 inline std::string to_c_text(const py::bytes& bytes, const char* name) {
   std::string text = bytes;
   const std::size_t end = text.find('\0');
@@ -17,7 +17,7 @@ inline std::string to_c_text(const py::bytes& bytes, const char* name) {
                    text.substr(0, end) + "'");
 }
 
-/// Paths travel as bytes (os.fsencode): names of files need not be UTF-8.
+/// Paths are passed as bytes (os.fsencode), because file names need not be UTF-8.
 inline std::filesystem::path to_path(const py::bytes& bytes, const char* name) {
   return to_c_text(bytes, name);
 }

@@ -33,7 +33,7 @@ inline std::vector<std::int32_t> row_vector(const CArray<std::int32_t>& values) 
   return {view.data(), view.data() + view.size()};
 }
 
-/// Lends NumPy the memory of a LargeArray: no copy.
+/// Gives the memory of a LargeArray to NumPy without a copy.
 template <int kColumns, typename T>
 py::array to_numpy_rows(LargeArray<T>&& values) {
   auto owner = std::make_unique<LargeArray<T>>(std::move(values));

@@ -8,12 +8,11 @@
 
 #include "numpy.hpp"
 
-/// @file
-/// Python's own classes in the signatures of bindings. They only name the type, which the stub
-/// takes over for mypy: any object with the attributes that a binding reads is accepted.
+/// Python classes in the signatures of bindings. They only set the annotation, which the stub
+/// contains for mypy: any object with the attributes that a binding reads is accepted.
 namespace manip3d::bindings {
 
-/// A type as an annotation spells it.
+/// The text of an annotation.
 template <std::size_t kSize>
 struct TypeName {
   char text[kSize] = {};

@@ -9,7 +9,7 @@
 namespace manip3d::bindings {
 namespace {
 
-/// The lines of sight of a `manip3d.Intrinsics`; those fitted to the grid for None.
+/// The lines of sight of a `manip3d.Intrinsics`; None: lines of sight fitted to the grid.
 RangeCamera to_range_camera(const OptionalPyIntrinsics& intrinsics, const PointGridView& grid) {
   if (intrinsics.is_none()) return fit_range_camera(grid);
   py::object rays;

@@ -7,13 +7,13 @@
 
 namespace manip3d::bindings {
 
-/// A `manip3d.Skeleton`.
+/// Converts a `manip3d.Skeleton`.
 Skeleton to_skeleton(const pybind11::handle& skeleton);
 
-/// A `manip3d.RgbdCalibration`, with its own copy of the ray table.
+/// Converts a `manip3d.RgbdCalibration`, with a copy of the ray table.
 RgbdCalibration to_calibration(const pybind11::handle& calibration);
 
-/// Copies a `manip3d.RgbdFrame`; the calibration is the caller's to set.
+/// Copies a `manip3d.RgbdFrame`, except its calibration, which the caller must set.
 void to_frame(const pybind11::handle& from, RgbdFrame& frame);
 
 /// The fields of a `manip3d.Skeleton`.

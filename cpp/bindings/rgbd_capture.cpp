@@ -23,7 +23,7 @@ using Source = Exclusive<std::unique_ptr<RgbdSource>>;
 using Recorder = Exclusive<std::unique_ptr<RgbdRecorder>>;
 using SharedCalibration = std::shared_ptr<const RgbdCalibration>;
 
-// The codec library out of manip3d._mkv, which is imported when it is first needed.
+// Returns the codec library in manip3d._mkv, which is imported when it is first needed.
 FoundMkvCodec import_mkv() {
   const py::gil_scoped_acquire gil;
   try {
@@ -62,7 +62,7 @@ Fields camera_fields(const Intrinsics& camera) {
   return fields;
 }
 
-// The fields of a manip3d.RgbdCalibration; None: not known yet.
+// The fields of a manip3d.RgbdCalibration; None: the calibration is not known yet.
 OptionalFields calibration_fields(const SharedCalibration& calibration) {
   if (!calibration) return py::none();
   Fields fields;
@@ -76,7 +76,7 @@ OptionalFields calibration_fields(const SharedCalibration& calibration) {
   return fields;
 }
 
-// An image with the vector's own memory.
+// An image that takes over the vector's memory; None: the vector is empty.
 template <typename T>
 py::object image(std::vector<T>&& pixels, std::vector<py::ssize_t> shape) {
   if (pixels.empty()) return py::none();
@@ -103,7 +103,7 @@ Counts to_counts(const Counters& counters) {
   return fields;
 }
 
-// The next frame's fields; True: none in time; False: none any more.
+// The fields of the next frame; True: no frame in time; False: no more frames.
 FieldsOrBool read(Source& self, int timeout_ms) {
   RgbdFrame frame;
   const ReadStatus status = self.with([&](const auto& source) {
@@ -114,7 +114,8 @@ FieldsOrBool read(Source& self, int timeout_ms) {
   return frame_fields(std::move(frame));
 }
 
-// Live sources wake a `read` that waits; the others have none, and are not stopped amid a frame.
+// Stops a source. Live sources end a waiting `read`; others do not wait, and are not stopped within
+// a frame.
 void stop(Source& self) {
   if (self.shared()->capabilities().is_live) {
     const py::gil_scoped_release nogil;

@@ -15,7 +15,7 @@
 namespace manip3d::bindings {
 namespace {
 
-// NumPy's names of the types, in the order of FieldType.
+// NumPy's type names, in the order of FieldType.
 constexpr const char* kTypeNames[] = {"<i1", "<u1", "<i2", "<u2", "<i4",
                                       "<u4", "<i8", "<u8", "<f4", "<f8"};
 

@@ -52,7 +52,7 @@ py::typing::Tuple<Bytes, py::array_t<float>> segment_region(
   return py::make_tuple(to_numpy(std::move(labels)), to_numpy(std::move(distances)));
 }
 
-/// Copies of depth and labels with single lost pixels filled.
+/// Copies of depth and labels in which single missing pixels are filled.
 py::typing::Tuple<CArray<std::uint16_t>, Bytes> without_speckles(const CArray<std::uint16_t>& depth,
                                                                  const Bytes& labels) {
   check_image(depth, 0, "depth");
@@ -101,7 +101,7 @@ MeshTables make_animation_mesh(const py::array& depth, const Bytes& labels,
                         to_numpy(std::move(mesh.labels)), to_numpy(std::move(mesh.faces)));
 }
 
-/// Moved vertices and the fields of the moved skeleton, or None where a torso is missing.
+/// Moved vertices and the fields of the moved skeleton; None if the torso is missing.
 VerticesAndSkeleton animate_vertices(const CArray<float>& vertices, const Bytes& labels,
                                      const PySkeleton& skeleton, const PySkeleton& pose,
                                      PoseScope scope, Skinning method) {
@@ -190,7 +190,7 @@ py::array noise_of_regions(const py::array& depth, const DepthNoiseOptions& opti
   return to_numpy(std::move(means));
 }
 
-/// (n, 8) row, begin, end, object, left gap, right gap, left and right sharp.
+/// (n, 8): row, begin, end, object, left gap, right gap, left sharp, right sharp.
 py::array spans_of(const py::array& depth, double focal, const SilhouetteOptions& options) {
   const DepthView view = depth_view(depth);
   Rows<std::int32_t, 8> table;

@@ -59,14 +59,14 @@ WatermarkOptions to_options(int embedding, int slices, int least_points, bool pa
           units_per_m};
 }
 
-// (N, 3) float64, or nothing.
+// Views an array (N, 3) of float64, or nothing.
 ExactView exact_view(const std::optional<CArray<double>>& exact) {
   if (!exact) return {};
   if (exact->ndim() != 2 || exact->shape(1) != 3) throw InputError("exact: expected shape (N, 3)");
   return {exact->data(), static_cast<std::size_t>(exact->size())};
 }
 
-// (H, W) or (H, W, 3) uint8, or nothing.
+// Views an array (H, W) or (H, W, 3) of uint8, or nothing.
 std::optional<PictureView> picture_view(const std::optional<CArray<std::uint8_t>>& picture) {
   if (!picture) return std::nullopt;
   const py::ssize_t most = std::numeric_limits<std::uint32_t>::max();

@@ -5,18 +5,17 @@
 
 #include "manip3d/error.hpp"
 
-/// @file
-/// What fuzz targets of kernels hold against them.
+/// Checks that fuzz targets of kernels use.
 namespace manip3d::fuzzing {
 
-/// Ends the program where `condition` does not hold, and says at which line of the target.
+/// Aborts the program if `condition` is false, with the line of the target.
 inline void require(bool condition, int line = __builtin_LINE()) {
   if (condition) return;
   std::fprintf(stderr, "line %d of the target does not hold\n", line);
   std::abort();
 }
 
-/// Bad input is refused; nothing else may be thrown.
+/// Runs a call that may refuse bad input. All other exceptions are findings.
 template <typename Call>
 void run(const Call& call) {
   try {

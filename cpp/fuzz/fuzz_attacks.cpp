@@ -1,4 +1,4 @@
-// Attacks on any scan: an InputError, or a forgery whose truth fits its points.
+// Attacks on arbitrary scans: an InputError, or a forgery whose ground truth fits its points.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -24,7 +24,7 @@ bool rows_of(const std::vector<std::int32_t>& rows, std::int64_t end) {
          (rows.empty() || (rows.front() >= 0 && rows.back() < end));
 }
 
-// What was not touched keeps its order and its bits.
+// Points that were not changed keep their order and their bits.
 void check(const Forgery& forged, const PointCloud& scan) {
   const std::int64_t before = scan.points.rows();
   const std::int64_t after = static_cast<std::int64_t>(forged.points.size()) / 3;
@@ -97,7 +97,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     options.spacing = std::abs(fuzzing::take_number(bytes));
     options.method =
         bytes.take<std::uint8_t>() % 2 == 0 ? Resampling::kPoissonDisk : Resampling::kUniform;
-    // A spacing far below the object's asks for millions of points.
+    // A spacing far below the object's would need millions of points.
     const double extent =
         object.points.rows() > 0 ? static_cast<double>(object.points.cwiseAbs().maxCoeff()) : 0.0;
     if (!(options.spacing > extent / 20.0)) return;

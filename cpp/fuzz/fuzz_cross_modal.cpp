@@ -1,5 +1,6 @@
-// The cross-modal check on any scan, disparity map, picture, camera and options: an InputError, or
-// maps, regions and suspected points that fit together and do not depend on the order of points.
+// The cross-modal check on arbitrary scans, disparity maps, pictures, cameras and options: an
+// InputError, or maps, regions and suspected points that are consistent and do not depend on the
+// order of points.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -30,7 +31,7 @@ CrossModalOptions take_options(fuzzing::Bytes& bytes) {
     if ((changed >> bit++ & 1) != 0) options.*field = fuzzing::take_number(bytes);
   }
   options.min_cells = bytes.take<std::int8_t>();
-  // Millions of cells are for other tests.
+  // Maps of millions of cells are tested elsewhere.
   if (std::abs(options.azimuth_step) < 0.125) options.azimuth_step = 0.125;
   if (std::abs(options.elevation_step) < 0.125) options.elevation_step = 0.125;
   return options;
@@ -91,7 +92,7 @@ void check(const PointCloud& scan, const DisparityView& disparity, const StereoV
     const CrossModalComponent& region = found.components[k];
     const Eigen::Vector3d point = scan.points.row(found.suspected[i]).transpose().cast<double>();
     require(region.added);
-    if (options.heading != 0.0) continue;  // the box has axes of its own
+    if (options.heading != 0.0) continue;  // with a heading, the box has other axes
     require((point.array() >= region.lower.array()).all() &&
             (point.array() <= region.upper.array()).all());
   }

@@ -1,5 +1,5 @@
-// CS3 on any depth image or grid of points: an InputError, or a mesh of no more than n points whose
-// triangles lie over valid pixels; the same for one thread and for two.
+// CS3 on arbitrary depth images and grids of points: an InputError, or a mesh of at most n points
+// whose triangles lie over valid pixels; the same for one thread and for two.
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -5,7 +5,7 @@
 #include "manip3d/error.hpp"
 #include "manip3d/io/byte_source.hpp"
 
-// Drains what the bytes decompress to; the first byte chooses the limit and the size of reads.
+// Decompresses all bytes but the first, which chooses the limit and the size of reads.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace manip3d;
   if (size == 0) return 0;

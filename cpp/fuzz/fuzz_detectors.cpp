@@ -1,5 +1,5 @@
-// Detectors on any scan: an InputError, or what they say fits together and is the same for one
-// thread and two; nearest neighbours are those of all pairs.
+// Detectors on arbitrary scans: an InputError, or consistent results that are the same for one
+// thread and two; nearest neighbours equal those from all pairs.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -56,7 +56,7 @@ std::vector<double> check_nearest(const PointCloud& scan, const Eigen::Vector3d&
   return distances;
 }
 
-// The distances of all pairs give the same, to the rounding of single precision.
+// Compares with the distances of all pairs, up to the rounding of single precision.
 void check_sparse(const PointCloud& scan, int neighbours) {
   const SparseOptions options{neighbours, 0.3, 0.05, 5.0, 1};
   const std::vector<float> found = sparse_distances(scan, options).back();
@@ -205,13 +205,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     check_turns(scan, previous, lattice);
     check_reflectances(scan, lattice);
   });
-  if (bytes.take<std::uint8_t>() % 64 != 7) return 0;  // what follows takes a tenth of a second
+  if (bytes.take<std::uint8_t>() % 64 != 7) return 0;  // the rest takes a tenth of a second
   run([&] {
     const ScanGrid grid = estimate_scan_grid(scan, origin, 1);
     require(grid.azimuth_step > 0.0 && grid.elevation_step > 0.0);
   });
   run([&] {
-    // Enough points for an estimate: the scan over and over, each time a little larger.
+    // An estimate needs many points: copies of the scan, each slightly larger.
     PointCloud many;
     const Eigen::Index rows = scan.points.rows();
     const Eigen::Index copies = rows > 0 ? std::min<Eigen::Index>(1 + 1200 / rows, 40) : 0;

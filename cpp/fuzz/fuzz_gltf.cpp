@@ -1,5 +1,5 @@
-// glTF and GLB: whatever the bytes, a FormatError or a valid mesh or scene; a mesh that came
-// through is written and read again with the same faces.
+// glTF and GLB from arbitrary bytes: a FormatError, or a valid mesh or scene. A valid mesh is
+// written and read again with the same faces.
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
@@ -21,7 +21,7 @@ std::span<const std::byte> as_bytes(const std::string& text) {
   return std::as_bytes(std::span(text.data(), text.size()));
 }
 
-/// Every external file has these 64 bytes.
+/// Each external file consists of these 64 bytes.
 std::vector<std::byte> resource(const std::string& uri, std::int64_t size) {
   std::vector<std::byte> bytes(std::min<std::int64_t>(size, 64));
   for (std::size_t i = 0; i < bytes.size(); ++i) {
@@ -41,7 +41,7 @@ void check_round_trip(const TriangleMesh& mesh) {
     manip3d::GltfScene scene = manip3d::build_gltf(mesh, mesh.materials, texture_file, warnings);
     glb = manip3d::finish_glb(scene);
     glb += scene.buffer;
-  } catch (const manip3d::InputError&) {  // no faces, or beyond float32
+  } catch (const manip3d::InputError&) {  // no faces, or values beyond float32
     return;
   }
   const TriangleMesh again =
@@ -50,7 +50,8 @@ void check_round_trip(const TriangleMesh& mesh) {
   if (again.materials.size() != mesh.materials.size()) std::abort();
 }
 
-/// Any bytes as a Draco stream: the first say how many components and vertices there are.
+/// Makes a Draco mesh from arbitrary bytes; the first ones are the numbers of components and
+/// vertices.
 manip3d::DracoMesh decode_draco(std::span<const std::byte> stream) {
   if (stream.size() < 3) throw manip3d::FormatError("damaged Draco stream", {});
   const auto number = [&](std::size_t i) { return std::to_integer<int>(stream[i]); };

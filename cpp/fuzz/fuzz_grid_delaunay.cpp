@@ -1,5 +1,5 @@
-// Triangulation of any pixels: an InputError, or counter-clockwise triangles in whose circles no
-// other pixel lies.
+// Triangulation of arbitrary pixels: an InputError, or counter-clockwise triangles whose
+// circumcircles contain no other pixel.
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
@@ -19,7 +19,7 @@ std::int64_t turn(Pixel a, Pixel b, Pixel c) {
   return (b.u - a.u) * std::int64_t{c.v - a.v} - (b.v - a.v) * std::int64_t{c.u - a.u};
 }
 
-/// > 0 if d lies inside of the circle through a, b, c.
+/// > 0 if d lies inside the circle through a, b, c.
 std::int64_t in_circle(Pixel a, Pixel b, Pixel c, Pixel d) {
   const auto lifted = [&](Pixel p) {
     return (p.u - d.u) * std::int64_t{p.u - d.u} + (p.v - d.v) * std::int64_t{p.v - d.v};
@@ -31,7 +31,7 @@ std::int64_t in_circle(Pixel a, Pixel b, Pixel c, Pixel d) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   fuzzing::Bytes bytes(data, std::min<std::size_t>(size, 1024));
-  // Small sides make cocircular and collinear pixels the rule.
+  // With small sides, most pixels are cocircular or collinear.
   const std::int32_t side = std::int32_t{1} << (bytes.take<std::uint8_t>() % 15);
   std::vector<Pixel> pixels = {{0, 0}, {side - 1, 0}, {0, side - 1}, {side - 1, side - 1}};
   if (bytes.take<std::uint8_t>() % 2 == 0) pixels.clear();

@@ -7,7 +7,7 @@
 
 namespace {
 
-// Reads the bytes as an image of at most 2^16 pixels: all its pixels, or a FormatError with a
+// Decodes the bytes as an image of at most 2^16 pixels: a complete image, or a FormatError with a
 // reason.
 template <typename Decode>
 void try_decoder(const Decode& decode, std::span<const std::byte> data, std::int64_t channels) {

@@ -1,5 +1,5 @@
-// Streams of EXT_meshopt_compression and KHR_meshopt_compression: whatever the bytes, a FormatError
-// or as many bytes as the layout says. The first four bytes are the layout, the rest the stream.
+// Arbitrary streams of EXT_meshopt_compression and KHR_meshopt_compression: a FormatError, or the
+// number of bytes of the layout. The first four bytes are the layout, the rest is the stream.
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -16,7 +16,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const MeshoptLayout layout{1 + data[0] + 256 * (data[1] % 8), data[2],
                              static_cast<MeshoptMode>(data[3] % 3),
                              static_cast<MeshoptFilter>(data[3] / 3 % 5)};
-  // A copy of its own, so that a read past its end is seen.
+  // A separate copy, so that a read past its end is detected.
   const std::span<const std::byte> bytes = std::as_bytes(std::span(data, size)).subspan(kLayout);
   const std::vector<std::byte> stream(bytes.begin(), bytes.end());
   try {

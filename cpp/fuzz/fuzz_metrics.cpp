@@ -1,4 +1,4 @@
-// The measures on any two meshes: an InputError, or numbers that fit together.
+// The measures of two arbitrary meshes: an InputError, or consistent numbers.
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
@@ -17,8 +17,8 @@ namespace {
 using namespace manip3d;
 using fuzzing::require;
 
-// The mean of equal numbers may exceed them by rounding. Squares of distances beyond 1e150 sizes
-// of the original are infinite.
+// The mean of equal numbers may exceed them by rounding. The rms may be infinite, because squares
+// of distances overflow beyond 1e150 sizes of the original.
 void check(const Deviation& d) {
   require(d.mean >= 0.0 && d.mean <= d.max * (1.0 + 1e-9));
   require(d.rms >= 0.0);

@@ -26,10 +26,11 @@ bool is_whole(const RgbdFrame& frame) {
 
 }  // namespace
 
-// Reads the bytes as a recording: whole frames, each counted, or a FormatError with a reason.
+// Reads the bytes as a recording: complete frames, each of them counted, or a FormatError with a
+// reason.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const int file = [] {
-    ::av_log_set_level(-8);  // nothing: what FFmpeg says of a damaged file is not a finding
+    ::av_log_set_level(-8);  // silent: FFmpeg's messages about damaged files are not findings
     manip3d::set_mkv_loader(
         [] { return manip3d::FoundMkvCodec{&manip3d::ffmpeg_mkv_codec(), "", ""}; });
     return ::memfd_create("recording", MFD_CLOEXEC);

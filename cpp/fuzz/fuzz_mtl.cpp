@@ -7,7 +7,8 @@
 #include "manip3d/error.hpp"
 #include "manip3d/io/mtl.hpp"
 
-// Materials with factors in [0, 1] and textures that have a path, or a FormatError with a line.
+// Reads the bytes as a material library: materials with factors in [0, 1] and textures with a path,
+// or a FormatError with a line.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace manip3d;
   const std::span<const std::byte> bytes(reinterpret_cast<const std::byte*>(data), size);

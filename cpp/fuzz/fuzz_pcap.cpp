@@ -4,8 +4,8 @@
 #include "manip3d/capture/pcap.hpp"
 #include "manip3d/error.hpp"
 
-// Reads the bytes as a recording: payloads that can be read to their ends, or a FormatError with a
-// reason; every record is counted once.
+// Reads the bytes as a recording: payloads that are readable to the end, or a FormatError with a
+// reason. Each record is counted once.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {
     manip3d::PcapReader reader(manip3d::memory_source(std::as_bytes(std::span(data, size))));

@@ -1,5 +1,5 @@
-// The phantom limb with any skeletons, depth, cameras and times: an InputError, or images and a
-// mesh whose indices lie where they may, of finite numbers.
+// The phantom limb with arbitrary skeletons, depth images, cameras and times: an InputError, or
+// images and a mesh of finite numbers, with indices in range.
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -10,8 +10,8 @@
 
 namespace manip3d {
 
-/// Reads the bytes as points of one format: a table of the promised size, or a FormatError with a
-/// reason; anything else is a finding.
+/// Reads the bytes as points of one format: a table of the stated size, or a FormatError with a
+/// reason. All else is a finding.
 inline void fuzz_points(const std::uint8_t* data, std::size_t size, PointFormat format) {
   const std::span<const std::byte> bytes(reinterpret_cast<const std::byte*>(data), size);
   try {

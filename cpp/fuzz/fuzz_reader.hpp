@@ -11,8 +11,8 @@
 
 namespace manip3d {
 
-/// Reads the bytes as a mesh of one format: a mesh that holds `check_mesh`, or a FormatError with a
-/// reason; anything else is a finding.
+/// Reads the bytes as a mesh of one format: a mesh that passes `check_mesh`, or a FormatError with
+/// a reason. All else is a finding.
 inline void fuzz_reader(const std::uint8_t* data, std::size_t size, MeshFormat format) {
   const std::span<const std::byte> bytes(reinterpret_cast<const std::byte*>(data), size);
   try {

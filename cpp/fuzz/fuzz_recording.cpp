@@ -5,10 +5,9 @@
 #include "capture/image_frames.hpp"
 #include "manip3d/error.hpp"
 
-// The first byte says what the others are read as: c a calibration.json, f a
-// line of frames.jsonl, else a list of a TUM sequence. Cameras that hold
-// check_intrinsics, names that stay in their folder, or a FormatError with a
-// reason.
+// The first byte chooses how the others are read: c, as a calibration.json; f, as a line of
+// frames.jsonl; otherwise as a list of a TUM sequence. The result must be cameras that pass
+// check_intrinsics and names that stay in their folder, or a FormatError with a reason.
 namespace manip3d {
 namespace {
 

@@ -1,6 +1,6 @@
-// The relief on any grid of points, frame after frame: an InputError, or meshes of no more than the
-// points asked for, planar, that say whether they bridge pixels without depth and have a face
-// wherever the dense surface has one; the same for one thread and for two.
+// The relief of arbitrary grids of points, frame by frame: an InputError, or meshes with at most
+// the wanted number of points. These are planar, state whether they bridge pixels without depth,
+// and have a face wherever the dense surface has one; the same for one thread and for two.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -30,7 +30,7 @@ struct Grid {
   }
 };
 
-// Heights of any bits, or small whole numbers, of which planes and steps are made.
+// Heights of arbitrary bits, or small whole numbers, which form planes and steps.
 void fill(fuzzing::Bytes& bytes, Grid& grid) {
   for (std::size_t i = 0; i < grid.valid.size(); ++i) {
     const auto byte = bytes.take<std::uint8_t>();
@@ -65,10 +65,11 @@ ReliefOptions take_options(fuzzing::Bytes& bytes) {
 
 using Pixels = Rows<std::int32_t, 2>;
 
-// The fuzzer is not to look for inputs that reach new code in the checks.
+// Excludes the checks from coverage, so that the fuzzer does not search for inputs that reach new
+// code in them.
 #define MANIP3D_UNCOUNTED __attribute__((no_sanitize("coverage")))
 
-// Strictly inside, in half pixels.
+// Is (u, v), in half pixels, strictly inside triangle t?
 MANIP3D_UNCOUNTED bool is_inside(const Pixels& p, const Faces& faces, Eigen::Index t, int u,
                                  int v) {
   for (int i = 0; i < 3; ++i) {
@@ -78,9 +79,9 @@ MANIP3D_UNCOUNTED bool is_inside(const Pixels& p, const Faces& faces, Eigen::Ind
   return true;
 }
 
-/// All vertices are used; triangles turn the right way, share edges as a surface does and lie over
-/// no place twice.
-/// @returns whether a triangle lies over a pixel that is not valid, as where a hole was closed.
+/// Checks that all vertices are used, and that triangles are oriented correctly, share edges like
+/// those of a surface, and do not overlap.
+/// @returns  true if a triangle lies over a pixel that is not valid, for example in a closed hole.
 MANIP3D_UNCOUNTED bool check_surface(const Grid& grid, const Pixels& pixels, Faces faces,
                                      std::int64_t num_vertices) {
   bool bridges = false;
@@ -127,7 +128,8 @@ MANIP3D_UNCOUNTED void check(const Grid& grid, const ReliefOptions& options,
     }
   }
   const bool bridges = check_surface(grid, mesh.pixels, mesh.faces, mesh.vertices.rows());
-  require(!bridges || result.cover.bridges > 0.0 || grid.any_bits);  // areas may overflow
+  // areas may overflow with arbitrary bits
+  require(!bridges || result.cover.bridges > 0.0 || grid.any_bits);
   const bool has_surface =
       result.cover.outside < 1.0 &&
       std::any_of(grid.valid.begin(), grid.valid.end(), [](std::uint8_t is) { return is != 0; });

@@ -1,4 +1,5 @@
-// Edge collapse of any mesh, by every method: an InputError, or a valid mesh and a true record.
+// Edge collapse of arbitrary meshes with all methods: an InputError, or a valid mesh and a correct
+// record.
 #include <cstdint>
 #include <cstdlib>
 

@@ -1,5 +1,5 @@
-// Any mesh with any colours as a message of the live session: an InputError, or a message whose
-// sections fit into it and whose indices are those of the mesh.
+// Arbitrary meshes and colours as a message of the live session: an InputError, or a message that
+// contains all its sections and the indices of the mesh.
 #include <algorithm>
 #include <cstring>
 #include <vector>
@@ -32,7 +32,8 @@ void check(const std::vector<std::byte>& message, const StreamFrame& frame) {
   std::size_t at = 88;
   section(at, 6 * n);
   section(at, 4 * n);
-  const std::size_t faces = section(at, 6 * (body + phantom));  // few vertices: 16 bits
+  // 16 bits, because there are few vertices
+  const std::size_t faces = section(at, 6 * (body + phantom));
   section(at, number_at(message, 72));
   if ((number_at(message, 12) & 2U) == 0) section(at, number_at(message, 76));
   const std::size_t status = section(at, number_at(message, 80));

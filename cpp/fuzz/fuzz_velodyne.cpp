@@ -10,7 +10,7 @@ namespace {
 using manip3d::VelodyneDecoder;
 using manip3d::VelodyneFrame;
 
-// Every column has a value per point, every value is one that a packet can say.
+// Checks that each column has a value per point, and that packets can contain these values.
 void check(const VelodyneFrame& frame) {
   const std::size_t n = frame.intensity.size();
   const bool same = frame.points.size() == 3 * n && frame.ring.size() == n &&
@@ -38,7 +38,7 @@ manip3d::VelodyneOptions options_of(std::uint8_t choice) {
 
 }  // namespace
 
-// The first byte chooses options, the rest is cut into packets of 1206 bytes and what is left.
+// The first byte chooses the options. The rest is cut into packets of 1206 bytes and a remainder.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   if (size == 0) return 0;
   VelodyneDecoder decoder(options_of(data[0]));
@@ -56,7 +56,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       decoder.decode(std::as_bytes(std::span(data + at, length)), 0);
       take_all();
     }
-  } catch (const manip3d::InputError&) {  // the model's lasers are not those of the calibration
+  } catch (const manip3d::InputError&) {  // the calibration has lasers of another model
   }
   decoder.flush();
   take_all();

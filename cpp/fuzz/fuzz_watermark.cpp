@@ -1,5 +1,5 @@
-// Any bytes as a record, as a key file, as a verifier's state, and as a record beside a scan: a
-// typed error or a verdict, and never `authentic` but for what was embedded.
+// Arbitrary bytes as a record, as a key file, as a verifier's state, and as a record with a scan: a
+// typed error or a verdict, which is `authentic` only for the embedded data.
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
@@ -34,7 +34,7 @@ PointCloud small_scan() {
   return cloud;
 }
 
-// One key, and a scan and its record for all inputs; the same scan in a national grid's float64.
+// A key, a scan with its record, and the same scan in float64 with coordinates of a national grid.
 struct Known {
   WatermarkKey key;
   PointCloud cloud = small_scan();
@@ -97,7 +97,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       std::equal(bytes.begin(), bytes.end(), known.sent.record.begin(), known.sent.record.end());
   require((verifier.verify(known.cloud, bytes, policy).verdict == WatermarkVerdict::kAuthentic) ==
           same);
-  // The record with some of its bytes changed as the input says.
+  // The record, with some bytes changed by the input.
   std::vector<std::uint8_t> record = known.sent.record;
   for (std::size_t i = 0; i + 2 < size && i < 96; i += 3) {
     record[(data[i] + 256U * data[i + 1]) % record.size()] ^= data[i + 2];
@@ -105,7 +105,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   check_record(record);
   const auto finding = verifier.verify(known.cloud, record, policy);
   require((finding.verdict == WatermarkVerdict::kAuthentic) == (record == known.sent.record));
-  // Any coordinates in float64 beside the record of others.
+  // Arbitrary float64 coordinates with the record of others.
   ExactPoints exact = known.sent_exact.exact;
   for (std::size_t i = 0; i + 9 <= size && i < 90; i += 9) {
     std::memcpy(exact.data() + data[i] % exact.size(), data + i + 1, sizeof(double));

@@ -1,5 +1,5 @@
-// Any changes of a picture that carries a record, and any bits in its place: refused, or no more
-// than what was signed.
+// Arbitrary changes of a picture with a record, and arbitrary bits in place of the record: only the
+// signed picture is accepted.
 #include <algorithm>
 #include <cstdint>
 #include <filesystem>
@@ -29,7 +29,7 @@ WatermarkKey fresh_key() {
   return made;
 }
 
-// A scan, its picture with the record, and who verifies them.
+// A scan, its picture with the record, and their verifier.
 struct Signed {
   WatermarkKey key = fresh_key();
   PointCloud cloud;
@@ -78,7 +78,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (const auto record = record_or_nothing(samples)) {
     require(known.accepts(samples, *record) == (samples == known.sent.picture));
   }
-  // The input itself as a record.
+  // The input itself in place of the record.
   Samples others = without_record(view_of(known.sent.picture));
   for (std::size_t i = 0; i < std::min(8 * size, kCarrierSamples); ++i) {
     others[i] = static_cast<std::uint8_t>(others[i] | ((data[i / 8] >> (i % 8)) & 1));

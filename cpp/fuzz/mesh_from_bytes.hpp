@@ -9,11 +9,10 @@
 
 #include "manip3d/geometry/mesh.hpp"
 
-/// @file
-/// Meshes of whatever bytes the fuzzer comes up with, for kernels that take indices.
+/// Meshes made from the fuzzer's bytes, for kernels that take indices.
 namespace manip3d::fuzzing {
 
-/// Takes values from the front of the fuzzer's bytes; zeros once they are used up.
+/// Takes values from the front of the fuzzer's bytes; zeros after their end.
 class Bytes {
  public:
   Bytes(const std::uint8_t* data, std::size_t size) : rest_(data, size) {}
@@ -34,8 +33,8 @@ class Bytes {
   std::span<const std::uint8_t> rest_;
 };
 
-/// A few vertices, on a small grid at any scale or of any bits; faces, texture coordinates and
-/// materials with indices that are mostly, not always, in range.
+/// A few vertices, on a small grid of any scale or of arbitrary bits, with faces, texture
+/// coordinates and materials, whose indices are mostly in range.
 inline TriangleMesh take_mesh(Bytes& bytes) {
   const auto kind = bytes.take<std::uint8_t>();
   const int num_vertices = bytes.take<std::uint8_t>() % 24;

@@ -1,17 +1,18 @@
 #!/bin/bash
-# Runs each fuzz target over its corpus, then EXECUTIONS times, FUZZ_SECONDS at most where it is set;
-# one per core.
+# Runs each fuzz target over its corpus, then EXECUTIONS times (for at most FUZZ_SECONDS seconds, if
+# this is set); one target per core.
 # usage: cpp/fuzz/run.sh EXECUTIONS [TARGET...]      TARGET: obj, mtl, ply, ...; default: all
-# Kernels (metrics, simplify, cs3, phantom, ...) run a tenth of that.
+# Kernels (metrics, simplify, cs3, phantom, ...) run a tenth of EXECUTIONS.
 # Build first: cmake --preset sanitizers && cmake --build --preset sanitizers. FUZZ_BUILD names another folder.
-# Ends with 1 when a target found something; the input is left in the folder `findings`.
+# Exits with 1 if a target found something; its input is in the folder `findings`.
 set -u
 shopt -s nullglob
 here=$(cd "$(dirname "$0")" && pwd)
 build=${FUZZ_BUILD:-$here/../../build/sanitizers/cpp/fuzz}
 executions=${1:?usage: run.sh EXECUTIONS [TARGET...]}
 shift
-# Kernels are no parsers: each execution runs them several times over. The longest begin.
+# Kernels are slower than parsers, because each execution calls them several times. The slowest ones
+# start first.
 kernels=" detectors phantom relief watermark watermark_picture cs3 attacks metrics cross_modal "
 kernels+="simplify grid_delaunay "
 export kernels
@@ -29,7 +30,8 @@ mkdir -p "$findings"
 fuzz() {
   local name=$1 options program corpus log work count runs dictionary result done_runs rate artifact
   local failed=0
-  # What takes .15 s as delivered took 6 s under the sanitizers (the origin of a scan), 12 on a busy machine.
+  # Timeout: the slowest input (the origin of a scan) takes 0.15 s in a release build, 6 s under the
+  # sanitizers, and 12 s with them on a busy machine.
   options=(-max_len=65536 -malloc_limit_mb=256 -timeout=40 -seed=1 "-artifact_prefix=$findings/")
   program=$build/fuzz_$name
   corpus=$here/corpus/$name
@@ -42,9 +44,9 @@ fuzz() {
   dictionary=()
   [ -e "$here/$name.dict" ] && dictionary=("-dict=$here/$name.dict")
   [ -z "${FUZZ_SECONDS:-}" ] || options+=("-max_total_time=$FUZZ_SECONDS")
-  # libFuzzer runs the whole corpus first, which holds every past finding, however long that takes; but
-  # it would leave out what is empty and cut what is too long. Then it makes new inputs: not the same
-  # ones for the same seed, since what it sees of addresses and threads differs from run to run.
+  # libFuzzer first runs the whole corpus, which contains all past findings, without a time limit. It
+  # would skip empty files and cut long ones, so that these are errors here. Then it makes new inputs,
+  # which depend on addresses and threads: the same seed does not give the same inputs.
   find "$corpus" -type f \( -empty -o -size +65536c \) >"$log"
   if [ ! -s "$log" ] &&
     "$program" "${options[@]}" "${dictionary[@]}" -runs="$runs" -print_final_stats=1 "$work" "$corpus" \
@@ -58,7 +60,7 @@ fuzz() {
   done_runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
   rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")
   printf '%-14s %8s %12s %10s %s\n' "$name" "$count" "${done_runs:--}" "${rate:--}" "$result"
-  # Where only the output is kept, as of CI, the input can be made again from it.
+  # Print the input, because CI keeps only the output.
   if [ "$failed" -ne 0 ]; then
     grep -v '^#' "$log" | tail -n 30
     artifact=$(sed -n 's/.*Test unit written to //p' "$log" | tail -n 1)

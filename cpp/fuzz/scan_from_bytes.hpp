@@ -9,12 +9,11 @@
 #include "manip3d/geometry/point_cloud.hpp"
 #include "mesh_from_bytes.hpp"
 
-/// @file
-/// Scans of whatever bytes the fuzzer comes up with.
+/// Scans made from the fuzzer's bytes.
 namespace manip3d::fuzzing {
 
-/// A few points: on a small grid at any scale, of any bits, or on an angular grid with ranges and
-/// gaps of the fuzzer's.
+/// A few points: on a small grid of any scale, of arbitrary bits, or on an angular grid with ranges
+/// and gaps from the fuzzer.
 inline PointCloud take_scan(Bytes& bytes, int most = 400) {
   const auto kind = bytes.take<std::uint8_t>();
   const int count = bytes.take<std::uint16_t>() % (most + 1);
@@ -45,7 +44,7 @@ inline PointCloud take_scan(Bytes& bytes, int most = 400) {
   return cloud;
 }
 
-/// Mostly small, sometimes any bits.
+/// Mostly a small number, sometimes arbitrary bits.
 inline double take_number(Bytes& bytes) {
   const auto kind = bytes.take<std::uint8_t>();
   return kind == 255 ? bytes.take<double>() : 0.125 * bytes.take<std::int8_t>();

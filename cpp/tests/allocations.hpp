@@ -2,8 +2,8 @@
 
 #include <cstdint>
 
-/// @file
-/// The program's operator new counts (allocations.cpp), for tests of what must not allocate.
+/// Counts the program's calls of operator new (allocations.cpp), for tests of code that must not
+/// allocate.
 namespace manip3d::testing {
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -12,7 +12,7 @@ inline constexpr bool kCountsAllocations = false;  // sanitizers have operators 
 inline constexpr bool kCountsAllocations = true;
 #endif
 
-/// Allocations of all threads so far.
+/// Number of allocations in all threads so far.
 std::int64_t num_allocations();
 
 }  // namespace manip3d::testing

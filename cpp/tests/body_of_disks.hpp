@@ -8,15 +8,14 @@
 #include "manip3d/geometry/camera.hpp"
 #include "manip3d/geometry/skeleton.hpp"
 
-/// @file
-/// A person good enough for tests that ask how, not what: disks strung along the bones.
+/// A simple person for tests that do not depend on the exact shape: disks along the bones.
 namespace manip3d::testing {
 
 inline Intrinsics small_kinect() {
   return {256, 212, 182.5, 182.5, 127.5, 105.5, {}, nullptr, false};
 }
 
-/// Standing before the camera, moved aside.
+/// A person who stands in front of the camera, shifted to the side by x metres.
 inline Skeleton standing_person(float x) {
   constexpr float kPlaces[kNumJoints][2] = {
       {0, 0},        {0, -.30F},    {0, -.56F},    {0, -.72F},     {.19F, -.46F},

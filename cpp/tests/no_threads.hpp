@@ -7,7 +7,8 @@
 
 namespace manip3d {
 
-/// While it lives, the system starts no thread: none has room for its stack.
+/// While an object exists, the system cannot start threads, because there is no memory for their
+/// stacks.
 class NoThreads {
  public:
   NoThreads() {

@@ -13,9 +13,9 @@ namespace {
 
 TEST(Arena, HandsOutWhatWasFreed) {
   Arena arena(1024);
-  void* const first = arena.take(500);   // 512 of them
-  void* const second = arena.take(100);  // 128
-  void* const third = arena.take(300);   // 320
+  void* const first = arena.take(500);   // takes 512
+  void* const second = arena.take(100);  // takes 128
+  void* const third = arena.take(300);   // takes 320
   EXPECT_EQ(reinterpret_cast<std::uintptr_t>(second) - reinterpret_cast<std::uintptr_t>(first),
             512);
   arena.free(first, 500);
@@ -55,7 +55,7 @@ TEST(Arena, KeepsTablesApartThatThreadsFill) {
 TEST(Arena, TablesKeepTheirRowsWhenTheyGrowMoveAndSwap) {
   Arena arena(4096);
   Bulk<std::int32_t> one{arena}, other{arena};
-  for (std::int32_t i = 0; i < 3000; ++i) one.push_back(i);  // leaves the arena on the way
+  for (std::int32_t i = 0; i < 3000; ++i) one.push_back(i);  // outgrows the arena
   other.assign(5, 7);
   one.swap(other);
   EXPECT_EQ(one, (Bulk<std::int32_t>(5, 7, arena)));

@@ -9,7 +9,8 @@
 namespace manip3d {
 namespace {
 
-// Triangles with corners on a small grid: faces without area, duplicates and ties abound.
+// Triangles with corners on a small grid, so that there are many degenerate faces, duplicates and
+// ties.
 TriangleMesh triangle_soup(int num_faces, unsigned seed) {
   std::mt19937 random(seed);
   TriangleMesh mesh;
@@ -66,7 +67,8 @@ TEST(TriangleBvh, BarycentricWeightsGiveThePoint) {
 }
 
 TEST(TriangleBvh, BuildsOnAnySpacingOfTriangles) {
-  // Coordinates from 1 down to 2^-1000: each cut by surface area would take off a few triangles.
+  // Coordinates from 1 down to 2^-1000: each split by surface area would separate only a few
+  // triangles.
   TriangleMesh mesh;
   mesh.vertices.setZero(3000, 3);
   mesh.faces.resize(1000, 3);

@@ -11,7 +11,8 @@ namespace {
 
 using Face = std::array<int, 3>;
 
-// The corners that are valid, round the cell; four of them from the diagonal's first one.
+// The faces of a cell by brute force: of its valid corners in their order, or, with four valid
+// ones, of two triangles along the chosen diagonal.
 std::vector<Face> expected(unsigned valid, bool from_0_to_2) {
   std::vector<int> corners;
   for (int i = 0; i < 4; ++i) {
@@ -25,7 +26,8 @@ std::vector<Face> expected(unsigned valid, bool from_0_to_2) {
 
 TEST(CellCut, AllCells) {
   for (unsigned valid = 0; valid < 16; ++valid) {
-    for (const int first : {1, 2, 3}) {  // the length of diagonal 0 to 2; the other one's is 2
+    // length of the diagonal from 0 to 2; the other diagonal has 2
+    for (const int first : {1, 2, 3}) {
       int asked = 0;
       const CellCut cut = cut_cell(valid, [&](int i, int j) {
         ++asked;

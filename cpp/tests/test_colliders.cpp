@@ -52,7 +52,8 @@ double gap_at(const ColliderBox& before, const ColliderBox& now, const MovingSph
   return std::sqrt(squared) - target.radius;
 }
 
-/// Sub-steps so fine that the gap cannot shrink by more than `resolution` in one.
+/// Compares with sub-steps so fine that the gap cannot shrink by more than `resolution` in one of
+/// them.
 template <typename Solid>
 void expect_like_substeps(const Solid& before, const Solid& now, const MovingSphere& target,
                           const std::optional<Hit>& hit, int case_number) {
@@ -72,7 +73,7 @@ void expect_like_substeps(const Solid& before, const Solid& now, const MovingSph
     ASSERT_TRUE(hit) << case_number;
     EXPECT_LE(hit->time, first + 1e-9) << case_number;
     EXPECT_LE(gap_at(before, now, target, hit->time), kTouch * 1.001) << case_number;
-  } else if (hit) {  // between two sub-steps
+  } else if (hit) {  // a contact between two sub-steps
     EXPECT_LE(least, kTouch + largest_change) << case_number;
     EXPECT_LE(gap_at(before, now, target, hit->time), kTouch * 1.001) << case_number;
   }
@@ -136,7 +137,7 @@ TEST(Colliders, SweptBoxesAgreeWithFineSubsteps) {
 }
 
 TEST(Colliders, NothingIsTooFastToBeHit) {
-  // 30 m in one frame through an arm of 3 cm; both ways of looking at it.
+  // A target at 30 m per frame through an arm of 3 cm; then a moving arm and a resting target.
   const auto arm = with_capsule({0, -0.3F, 0}, {0, 0.3F, 0}, 0.03F);
   const auto hit = first_hit(arm, arm, {{-15, 0, 0}, {15, 0, 0}, 0.0F});
   ASSERT_TRUE(hit);
@@ -146,13 +147,14 @@ TEST(Colliders, NothingIsTooFastToBeHit) {
   const auto left = with_capsule({-15, -0.3F, 0}, {-15, 0.3F, 0}, 0.03F);
   const auto right = with_capsule({15, -0.3F, 0}, {15, 0.3F, 0}, 0.03F);
   EXPECT_TRUE(first_hit(left, right, {{0, 0, 0}, {0, 0, 0}, 0.0F}));
-  // Just beside it there is nothing.
+  // A target just beside the arm does not hit it.
   EXPECT_FALSE(first_hit(arm, arm, {{-15, 0, 0.0302F}, {15, 0, 0.0302F}, 0.0F}));
   EXPECT_TRUE(first_hit(arm, arm, {{-15, 0, 0.0299F}, {15, 0, 0.0299F}, 0.0F}));
 }
 
 TEST(Colliders, ASwingingForearmHitsWhatLiesInItsSweep) {
-  // The hand goes from left to right; the target is between, and the chord of the motion meets it.
+  // The hand moves from left to right. The target is between these positions, on the chord of the
+  // motion.
   const auto before = with_capsule({0, 0, 2}, {-0.25F, 0, 2}, 0.03F);
   const auto now = with_capsule({0, 0, 2}, {0, -0.25F, 2}, 0.03F);
   const MovingSphere bubble{{-0.12F, -0.12F, 2}, {-0.12F, -0.12F, 2}, 0.02F};

@@ -70,7 +70,8 @@ TEST(TextureSampler, BlendsFourPixelsInWholeNumbers) {
   }
 }
 
-/// Triangles all over an image: some of several pixels, some of none, and some beyond the edge.
+/// Triangles all over an image: some cover several pixels, some none, and some reach beyond the
+/// edge.
 struct Confetti {
   std::vector<float> vertices;
   std::vector<std::int32_t> faces, pixels;
@@ -96,11 +97,13 @@ struct Confetti {
   }
 };
 
-/// What is nearest at a pixel centre, by the definition of barycentric coordinates in doubles.
+/// The nearest triangle at a pixel centre, computed in double from the definition of barycentric
+/// coordinates.
 struct Nearest {
   double z = std::numeric_limits<double>::infinity();
   double texel_u = 0.0, texel_v = 0.0;
-  bool is_clear = true;  ///< No edge runs through the pixel's centre, and nothing else is as near.
+  /// No edge passes through the pixel centre, and no other triangle is equally near.
+  bool is_clear = true;
 };
 
 Nearest nearest_at(const Confetti& person, const Intrinsics& k, int u, int v, bool perspective) {
@@ -186,7 +189,7 @@ TEST(Composite, DrawsWhatASearchOverAllTrianglesFinds) {
   }
 }
 
-/// The share of a person in a faded pixel is that of the square around it.
+/// A faded pixel has as large a share of the person as the square around it.
 TEST(Composite, FadesByTheShareOfTheSquareAround) {
   const Intrinsics k = camera(67, 45);
   const Confetti person(k, 60, 6.0F);

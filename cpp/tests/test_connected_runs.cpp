@@ -29,7 +29,8 @@ Mask random_mask(std::uint64_t seed, double share) {
   return mask;
 }
 
-// The least number spreads from cell to cell until nothing changes; then numbers by first cells.
+// Brute force: the smallest number spreads from cell to cell until nothing changes. Components are
+// then numbered by their first cells.
 std::vector<int> spread(const Mask& mask, bool goes_round) {
   std::vector<int> label(mask.cells.size(), -1);
   for (std::size_t i = 0; i < label.size(); ++i) label[i] = mask.cells[i] != 0 ? int(i) : -1;
@@ -102,7 +103,7 @@ TEST(UnionFind, TheLeastIsTheRoot) {
 }
 
 TEST(SharedUnionFind, ThreadsThatJoinAtTheSameTimeLoseNothing) {
-  // Chains of every seventh number, from each number to the one before and the one after.
+  // Chains of every seventh number; each number is joined with the previous and the next one.
   constexpr std::int64_t kSize = 100'000;
   SharedUnionFind sets(kSize);
   EXPECT_EQ(sets.num_sets(), kSize);

@@ -1,6 +1,6 @@
-// The cross-modal check against loops over all points and pixels of each cell, in double, from
-// the formulas of its header. Points and pixels near the border of a cell are left out, and so are
-// scenes in which a comparison is close: there float and double may part.
+// Compares the cross-modal check with loops over all points and pixels of each cell, in double,
+// from the formulas of its header. Points and pixels near the border of a cell are left out, and so
+// are scenes with close comparisons, whose results may differ between float and double.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -20,8 +20,8 @@ namespace manip3d {
 namespace {
 
 constexpr double kDegrees = std::numbers::pi / 180.0;
-constexpr double kBorder = 0.02;  // of a cell: nothing lies nearer to its edges
-constexpr double kClose = 1e-5;   // 1/m: no comparison of inverse ranges is as close as that
+constexpr double kBorder = 0.02;  // in cells: smallest distance of points from the borders of cells
+constexpr double kClose = 1e-5;   // 1/m: smallest difference of inverse ranges in comparisons
 
 struct Scene {
   PointCloud cloud;
@@ -76,7 +76,7 @@ Eigen::Vector3d point_of_pixel(const Scene& scene, std::int64_t v, std::int64_t 
   return (c.lidar_from_camera * seen).head<3>();
 }
 
-// A wall with things before it, seen by both, of which one sees some that the other does not.
+// A wall with objects in front of it; some are seen only by the scanner, some only by the cameras.
 Scene random_scene(std::uint64_t seed) {
   std::uint64_t next = 0;
   const auto random = [&](double low, double high) {
@@ -101,7 +101,7 @@ Scene random_scene(std::uint64_t seed) {
   scene.camera.lidar_from_camera << 0, 0, 1, 0.27, -1, 0, 0, 0.06, 0, -1, 0, -0.08, 0, 0, 0, 1;
   struct Thing {
     double azimuth, elevation, radius, range;
-    bool scanned, pictured, swallows;  // the scanner's light
+    bool scanned, pictured, swallows;  // swallows: returns none of the scanner's light
   };
   std::vector<Thing> things;
   for (int k = 0; k < 5; ++k) {
@@ -162,7 +162,7 @@ struct Cell {
 struct Expected {
   std::int64_t rows = 0, columns = 0;
   std::vector<int> mask, judged;
-  std::vector<CrossModalComponent> components;  // in no order
+  std::vector<CrossModalComponent> components;  // in any order
   std::set<std::int32_t> suspected;
   std::int64_t judged_points = 0;
   bool is_close = false;
@@ -228,7 +228,7 @@ Expected by_brute_force(const Scene& scene) {
       if (!cells[at].scanner.empty()) {
         const double front = *std::max_element(cells[at].scanner.begin(), cells[at].scanner.end());
         const Eigen::Vector3d place = direction(row, column) / front;
-        // The camera looks along the LiDAR's x axis, from 0.27 m.
+        // The camera looks along the LiDAR's x axis from x = 0.27 m.
         could_be_added = !is_less(front, 1.0 / o.max_range) && !is_less(1.0 / o.min_range, front) &&
                          !is_less(place.x() - 0.27, o.min_range);
         added = could_be_added && is_less(seen_first + tolerance, front);
@@ -242,7 +242,7 @@ Expected by_brute_force(const Scene& scene) {
       told.mask[at] = added ? 1 : missing ? -1 : 0;
     }
   }
-  // The least number of a cell spreads over its component.
+  // The smallest cell number spreads over its component.
   std::vector<int> label(cells.size());
   for (std::size_t k = 0; k < label.size(); ++k) label[k] = static_cast<int>(k);
   for (bool changed = true; changed;) {
@@ -351,7 +351,7 @@ TEST(CrossModal, IsWhatLoopsOverAllPointsAndPixelsFind) {
       dark += b.dark > 0 ? 1 : 0;
     }
   }
-  // The scenes held something to compare: both kinds of region, with dark cells and without.
+  // The scenes contained both kinds of regions, with and without dark cells.
   EXPECT_GT(compared, 100) << refused;
   EXPECT_GT(added, 50);
   EXPECT_GT(missing, 50);
@@ -403,7 +403,7 @@ TEST(CrossModal, ADarkSurfaceWithoutReturnsIsWeakEvidence) {
   EXPECT_NEAR(dark.components[0].evidence, 0.25 * bright.components[0].area, 1e-9);
   scene.options.min_missing_area = 0.3 * bright.components[0].area;
   EXPECT_TRUE(scene.run().components.empty());
-  scene.grey.clear();  // without a picture nothing is known to be dark
+  scene.grey.clear();  // without a picture, no cell counts as dark
   EXPECT_EQ(scene.run().components.size(), 1U);
 }
 

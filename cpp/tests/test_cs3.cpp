@@ -28,7 +28,7 @@ struct Arrays {
   }
 };
 
-// A person-like blob that sways, with other noise in each frame.
+// A person-like shape that sways, with new noise in each frame.
 std::vector<std::uint16_t> sway(int frame, std::int64_t width, std::int64_t height) {
   std::vector<std::uint16_t> depth(width * height);
   std::uint32_t noise = 12345U + static_cast<std::uint32_t>(frame);

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::int64_t kRows = 80, kCols = 60;
 
-/// A slanted wall, whose depth at a pixel grows by `moved` metres, with noise of 25 mm at most.
+/// A slanted wall whose depths increase by `moved` metres, with at most 25 mm of noise.
 std::vector<float> wall(float moved, std::uint32_t& state) {
   std::vector<float> depths(kRows * kCols);
   for (std::int64_t i = 0; i < kRows * kCols; ++i) {
@@ -47,7 +47,8 @@ TEST(DepthSmoother, FollowsSlowMotion) {
   EXPECT_LT(std::abs(error), 0.012);  // a mean over time lags by 23 mm
 }
 
-/// 1.2 mm a frame, below the noise of the mean of 25 pixels (3 mm): only more of them show it.
+/// Motion of 1.2 mm per frame, less than the noise of the mean of 25 pixels (3 mm): it is
+/// detectable only in more pixels.
 TEST(DepthSmoother, FollowsMotionBelowTheNoise) {
   DepthSmoother smoother;
   std::uint32_t state = 1;
@@ -56,7 +57,7 @@ TEST(DepthSmoother, FollowsMotionBelowTheNoise) {
     const float moved = 0.0012F * static_cast<float>(i);
     error = mean_error(smoother.add(view(wall(moved, state))), moved);
   }
-  EXPECT_LT(std::abs(error), 0.003);  // 1.2 mm; 4.5 mm by the means of 25 pixels alone
+  EXPECT_LT(std::abs(error), 0.003);  // measured: 1.2 mm; 4.5 mm with means of 25 pixels only
 }
 
 TEST(DepthSmoother, StartsAnewWithAnotherView) {

@@ -32,7 +32,8 @@ TriangleMesh rough_field(int size) {
   return mesh;
 }
 
-// Edges are priced four or eight at a time, as the processor can: bits must not depend on it.
+// Edges are priced four or eight at a time, depending on the processor; the bits must not depend on
+// it.
 TEST(FastPrices, AreThoseOfOneEdgeAtATime) {
   for (const int size : {2, 3, 4, 5, 20, 40}) {
     const TriangleMesh field = rough_field(size);

@@ -1,4 +1,4 @@
-// The budget of a glTF file at the ends of 64 bits.
+// The budget of a glTF file near the limits of 64 bits.
 #include <gtest/gtest.h>
 
 #include <cstdint>

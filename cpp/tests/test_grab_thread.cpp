@@ -21,8 +21,8 @@ using Clock = std::chrono::steady_clock;
 
 constexpr milliseconds kLong(20'000);
 
-/// Makes `count` frames as fast as they are taken (-1: no end), and is pulled out after `plug` of
-/// them until it is opened again.
+/// Delivers `count` frames as fast as they are read (-1: endless). It is unplugged after `plug`
+/// frames until it is opened again.
 class FakeCamera final : public RgbdSource {
  public:
   explicit FakeCamera(std::int64_t count, std::int64_t plug = -1) : count_(count), plug_(plug) {}
@@ -40,7 +40,7 @@ class FakeCamera final : public RgbdSource {
   void stop() override { ++stops; }
   void seek(std::int64_t index) override { made_ = index; }
   ReadStatus read(RgbdFrame& frame, milliseconds timeout) override {
-    if (count_ == 0) std::this_thread::sleep_for(timeout);  // a camera that gives nothing
+    if (count_ == 0) std::this_thread::sleep_for(timeout);  // a camera without frames
     if (count_ == 0) return ReadStatus::kTimeout;
     if (made_ == plug_) throw DeviceError("fake camera: unplugged");
     if (made_ == count_) return ReadStatus::kEnd;
@@ -87,7 +87,7 @@ TEST(GrabThread, FramesComeWholeAndInOrderAndTheLostAreCounted) {
     ++got;
     if (got % 10 == 0) std::this_thread::sleep_for(milliseconds(2));  // a slow reader
   }
-  EXPECT_EQ(last, kCount - 1);  // the latest wins, so it is never the last that is lost
+  EXPECT_EQ(last, kCount - 1);  // the latest frame is kept, so that the last one is never lost
   EXPECT_GT(count_of(source, "dropped"), 0);
   EXPECT_EQ(got + count_of(source, "dropped"), kCount);
   EXPECT_EQ(count_of(source, "frames"), kCount);
@@ -155,7 +155,7 @@ TEST(GrabThread, UnpluggedIsADeviceErrorAndItCanBeOpenedAgain) {
   std::int64_t last = -1;
   EXPECT_THROW(while (source.read(frame, kLong) == ReadStatus::kFrame) last = frame.number,
                DeviceError);
-  EXPECT_EQ(last, 4);  // what came before is not lost with it
+  EXPECT_EQ(last, 4);  // earlier frames are not lost with the error
   EXPECT_THROW(source.read(frame, kLong), DeviceError);
   source.start();
   while (source.read(frame, kLong) == ReadStatus::kFrame) last = frame.number;
@@ -193,7 +193,7 @@ TEST(GrabThread, SeekLeavesNoFrameOfBefore) {
   GrabThread source(std::make_unique<FakeCamera>(-1));
   source.start();
   while (count_of(source, "frames") < 3) std::this_thread::sleep_for(milliseconds(1));
-  source.stop();  // with a frame that nobody has read
+  source.stop();  // while an unread frame waits
   source.seek(100'000);
   source.start();
   RgbdFrame frame;
@@ -209,7 +209,7 @@ TEST(InRealTime, FramesComeAtTheirTimes) {
   source->start();
   RgbdFrame frame;
   while (source->read(frame, kLong) == ReadStatus::kFrame) {
-    // Never before its time; how late is the machine's business.
+    // Frames must not come before their time; the delay depends on the machine.
     EXPECT_GE(Clock::now() - begin, std::chrono::nanoseconds(frame.time_ns / 2));
   }
   EXPECT_EQ(frame.number, 10);

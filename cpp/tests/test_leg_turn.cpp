@@ -16,12 +16,12 @@ namespace {
 using enum Joint;
 constexpr double kDegree = 0.017453292519943295;
 
-/// Square to the vertical: the directions of a body turned about it, seen from above.
+/// The horizontal axis to the side of a body that is rotated about the vertical by this angle.
 Eigen::Vector3d aside(double degrees) {
   return {std::cos(degrees * kDegree), 0.0, std::sin(degrees * kDegree)};
 }
 
-/// Towards the camera, which looks along z.
+/// The horizontal axis forward, towards the camera, which looks along z.
 Eigen::Vector3d ahead(double degrees) {
   return {std::sin(degrees * kDegree), 0.0, -std::cos(degrees * kDegree)};
 }
@@ -41,8 +41,8 @@ struct Legs {
 };
 
 /// Points along thighs and shins; the left leg is the affected one.
-/// @param thigh  what a thigh goes ahead and down, metres.
-/// @param right_foot  from the right knee, in the body's axes: aside, down, ahead.
+/// @param thigh  forward and downward extent of a thigh, metres.
+/// @param right_foot  from the right knee, metres in the body's axes: sideways, down, forward.
 Legs legs_at(double degrees, const Eigen::Vector2d& thigh,
              const Eigen::Vector3d& right_foot = {0.0, 0.42, 0.0}) {
   const Eigen::Vector3d n = aside(degrees), z = ahead(degrees), down = Eigen::Vector3d::UnitY();
@@ -88,7 +88,7 @@ void learn(LegTurn& turn, const Legs& legs, const BodyFrame& trunk) {
   turn.learn(legs.points, legs.person, trunk);
 }
 
-/// The angle of the plane of the legs, as of aside().
+/// The angle of the legs' plane, defined as in aside().
 double angle_of(const LegTurn& turn, const BodyFrame& trunk) {
   const Eigen::Vector3d n = turn.of(trunk).n;
   return std::atan2(n.z(), n.x()) / kDegree;
@@ -117,7 +117,8 @@ TEST(LegTurn, MirrorsOneLegOntoTheOther) {
   EXPECT_LT((knee - legs.person[kKneeLeft].cast<double>()).norm(), 0.025);
 }
 
-/// Points on those halves of thick legs that a camera at the origin sees, thinned as by its pixels.
+/// Points on the halves of thick legs that a camera at the origin sees, thinned out as by its
+/// pixels.
 Legs skin_at(double degrees, double bend = 0.0) {
   Legs legs = legs_at(degrees, kOnSeat, {0.0, 0.42 * std::cos(bend), 0.42 * std::sin(bend)});
   const auto bones = std::exchange(legs.points, PersonPoints{});
@@ -128,7 +129,7 @@ Legs skin_at(double degrees, double bend = 0.0) {
     legs.points.label.push_back(label);
     ++legs.points.count;
   };
-  constexpr std::int64_t kPart = 200;  // of legs_at()
+  constexpr std::int64_t kPart = 200;  // points per bone in legs_at()
   for (std::int64_t i = 0; i < bones.count; ++i) {
     const std::int64_t first = i / kPart * kPart, last = first + kPart - 1;
     const auto at = [&](std::int64_t k) {

@@ -31,7 +31,7 @@ namespace {
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 
-#ifdef __SANITIZE_THREAD__  // ten times slower, and damaged files are read by one thread
+#ifdef __SANITIZE_THREAD__  // ten times slower, and only one thread reads the damaged files
 constexpr std::uint64_t kThinning = 8;
 #else
 constexpr std::uint64_t kThinning = 1;
@@ -140,7 +140,7 @@ void expect_same_but_color(const RgbdFrame& a, const RgbdFrame& b) {
   }
 }
 
-/// What the colour of a frame becomes.
+/// The colour of a frame after JPEG compression.
 std::vector<std::uint8_t> through_jpeg(const RgbdFrame& frame, int quality) {
   JpegEncoder encoder(quality);
   std::vector<std::uint8_t> color(frame.color.size());
@@ -162,7 +162,7 @@ std::map<std::string, std::int64_t> counted(const RgbdSource& source) {
   return {counters.begin(), counters.end()};
 }
 
-/// Reads all; each frame must be the one of its number.
+/// Reads all frames; each must equal the frame with its number.
 std::vector<std::int64_t> replay(RgbdSource& source, const Shape& shape) {
   std::vector<std::int64_t> numbers;
   RgbdFrame frame;
@@ -251,7 +251,7 @@ TEST_F(Mkv, KeepsTheCalibrationWithItsRayTable) {
   const auto calibration = calibration_of(shape, true);
   const fs::path path = folder_ / "rays.mkv";
   const auto recorder = record_mkv(path, calibration);
-  recorder->close();  // without any frame
+  recorder->close();  // without frames
   const auto source = open_mkv(path);
   expect_same_calibration(*source->calibration(), *calibration);
   RgbdFrame frame;
@@ -299,7 +299,7 @@ TEST_F(Mkv, RefusesFramesOutOfOrderAndPathsInUse) {
   EXPECT_THROW(recorder->write(frame_of(shape, 4, calibration)), InputError);
   EXPECT_THROW(recorder->write(frame_of({.rows = 12}, 6, calibration)), InputError);
   EXPECT_THROW(recorder->write({}), InputError);
-  const Shape flat{.rows = 3};  // FFmpeg's FFV1 would store zeros
+  const Shape flat{.rows = 3};  // FFmpeg's FFV1 would store zeros for so few rows
   EXPECT_THROW(record_mkv(folder_ / "flat.mkv", calibration_of(flat)), InputError);
   recorder->write(frame_of(shape, 6, calibration));
   recorder->close();
@@ -321,7 +321,7 @@ TEST_F(Mkv, TheSameFramesGiveTheSameFile) {
   EXPECT_EQ(bytes_of_file(folder_ / "a.mkv"), bytes_of_file(folder_ / "b.mkv"));
 }
 
-/// Files of `count` frames and their sizes after the header and each frame.
+/// Records `count` frames; returns the sizes of the file after the header and after each frame.
 std::vector<std::uintmax_t> record_with_sizes(const fs::path& path, const Shape& shape,
                                               std::int64_t count, bool close) {
   const auto calibration = calibration_of(shape);
@@ -329,7 +329,7 @@ std::vector<std::uintmax_t> record_with_sizes(const fs::path& path, const Shape&
   std::vector<std::uintmax_t> sizes;
   for (std::int64_t n = 0; n < count; ++n) {
     recorder->write(frame_of(shape, n, calibration));
-    sizes.push_back(fs::file_size(path));  // all of it is with the operating system
+    sizes.push_back(fs::file_size(path));  // all bytes are handed to the operating system
   }
   if (close) recorder->close();
   return sizes;
@@ -345,7 +345,7 @@ TEST_F(Mkv, CutFilesGiveAllWholeFrames) {
     fs::copy_file(whole, cut);
     int refused = 0;
     for (std::uintmax_t length = fs::file_size(whole); length-- > 0;) {
-      // All boundaries, and a sample that is close in the header and the first frame.
+      // All boundaries, and a sample that is dense in the header and the first frame.
       const bool at_boundary = std::find_if(sizes.begin(), sizes.end(), [&](auto size) {
                                  return length + 1 >= size && length <= size + 1;
                                }) != sizes.end();
@@ -361,7 +361,7 @@ TEST_F(Mkv, CutFilesGiveAllWholeFrames) {
         EXPECT_EQ(replay(*source, shape), expected) << length;
         auto counters = counted(*source);
         EXPECT_EQ(counters["lost"] + counters["damaged"], 0) << length;
-        // A file that was finished says when it ends; another only that it was not finished.
+        // A finished file states its end; an unfinished one shows only that it was not finished.
         const bool is_missed = expected.size() < sizes.size();
         const bool is_countable = closed && !is_missed;  // if the index is there
         EXPECT_EQ(source->num_frames().value_or(8), 8) << length;
@@ -458,7 +458,7 @@ TEST_F(Mkv, AKilledRecorderLosesNoFrameThatItAcknowledged) {
     std::size_t written = static_cast<std::size_t>(10 * trial);
     while (::read(ends[0], &acknowledged, 1) == 1) ++written;
     ::close(ends[0]);
-    if (written == 0) continue;  // before the first frame
+    if (written == 0) continue;  // killed before the first frame
     const auto source = open_mkv(path);
     const auto numbers = replay(*source, shape);
     EXPECT_GE(numbers.size(), written);
@@ -551,7 +551,7 @@ std::ptrdiff_t open_descriptors() {
   return std::distance(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator());
 }
 
-/// The library of this test, and another one of which something is wrong.
+/// The library of this test with one defect.
 template <auto Spoil>
 FoundMkvCodec spoiled() {
   static const MkvCodec codec = [] {
@@ -619,7 +619,7 @@ TEST_F(Mkv, RefusesWhatIsNoRecording) {
   EXPECT_THROW(open_mkv(folder_ / "absent.mkv"), fs::filesystem_error);
   EXPECT_THROW(open_mkv(folder_), fs::filesystem_error);
   ASSERT_EQ(::mkfifo((folder_ / "pipe.mkv").c_str(), 0600), 0);
-  EXPECT_THROW(open_mkv(folder_ / "pipe.mkv"), FormatError);  // and nothing waits
+  EXPECT_THROW(open_mkv(folder_ / "pipe.mkv"), FormatError);  // opening does not wait for a writer
   EXPECT_THROW(record_mkv(folder_ / "pipe.mkv", calibration_of({}), {.overwrite = true}),
                InputError);
   EXPECT_THROW(open_mkv("/dev/zero"), FormatError);

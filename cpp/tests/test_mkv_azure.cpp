@@ -22,7 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 
-// Numbers of a real sensor, rounded.
+// Rounded parameters of a real sensor.
 constexpr double kDepthLens[] = {0.50127, 0.50320, 0.49252, 0.49259, 6.08415, 4.37549,  0.23619,
                                  6.40873, 6.41830, 1.22029, 0.0,     0.0,     6.503e-5, -5.530e-5};
 constexpr double kColorLens[] = {0.49866,  0.50207, 0.47819,    0.63736,  0.58438,
@@ -50,7 +50,7 @@ JsonPlace::Json calibration_json() {
   return {{"CalibrationInformation", {{"Cameras", cameras}}}};
 }
 
-/// OpenCV's rational model, as its manual prints it, with the lens' order of parameters.
+/// OpenCV's rational model as printed in its manual, with the parameters in the order of the lens.
 Eigen::Vector2d pixel_of(const double (&l)[14], double width, double height, double left,
                          double top, const Eigen::Vector2d& ray) {
   const double x = ray.x(), y = ray.y(), r2 = x * x + y * y, r4 = r2 * r2, r6 = r4 * r2;
@@ -87,7 +87,7 @@ TEST(AzureCalibration, RaysOfTheDepthCameraSeeTheirPixels) {
       EXPECT_NEAR(pixel.x(), static_cast<double>(i % mode.size.cols), 1e-3);
       EXPECT_NEAR(pixel.y(), static_cast<double>(i / mode.size.cols), 1e-3);
     }
-    // The wide view ends in a circle that leaves the corners blank.
+    // The wide view is a circle; the corners are blank.
     EXPECT_GT(known, mode.size.rows * mode.size.cols / 7 * (mode.left > 0 ? 99 : 75) / 100);
   }
 }
@@ -252,14 +252,14 @@ TEST_F(AzureMkv, PairsImagesByTheirTimes) {
   const Bytes noise(jpeg_.size(), '\x55');
   write(recording(
       {
-          {2, 0, depth_block(kDepth, 0)},           // before any colour
+          {2, 0, depth_block(kDepth, 0)},           // before any colour image
           {1, 31'000, jpeg_},                       // 2 ms before its depth
           {2, 33'000, depth_block(kDepth, 1)},      //
           {3, 33'000, depth_block(kDepth, 99)},     // infrared
-          {2, 66'000, depth_block(kDepth, 2)},      // colour comes after
+          {2, 66'000, depth_block(kDepth, 2)},      // the colour comes later
           {1, 69'000, jpeg_},                       //
           {2, 100'000, depth_block(kDepth, 3)},     //
-          {1, 100'000, noise},                      // no JPEG
+          {1, 100'000, noise},                      // not a JPEG image
           {2, 133'000, Bytes(100, '\0')},           // too short
           {2, 166'000, depth_block(kDepth, 5)},     //
           {1, 166'000, jpeg_.substr(0, 300)},       // cut short
@@ -322,7 +322,7 @@ TEST_F(AzureMkv, GoesToAFrameByItsIndex) {
 }
 
 TEST_F(AzureMkv, OffsetsOfTheClockNeverOverflow) {
-  const std::uint64_t latest = std::uint64_t{1} << 62;  // microseconds: later than times go
+  const std::uint64_t latest = std::uint64_t{1} << 62;  // microseconds: later than valid times
   RgbdFrame frame;
   for (const char* offset : {"2251799813685247000", "-2251799813685247000", "0"}) {
     write(recording({{2, latest, depth_block(kDepth, 0)}}, kDepth, kColor, "MJPG", offset));

@@ -84,7 +84,7 @@ TEST(ParallelChunks, WorksInAChildThatWasForkedAmidAnotherCall) {
   while (!is_inside) std::this_thread::yield();
   const pid_t child = fork();
   if (child == 0) {
-    alarm(60);  // a child that waits for the parent's threads is killed
+    alarm(60);  // kills a child that waits for the parent's threads
     std::atomic<int> items = 0;
     parallel_chunks(100, 1, 2, [&](std::int64_t, std::int64_t) { ++items; });
     _exit(items == 100 ? 0 : 1);

@@ -20,7 +20,8 @@ namespace {
 constexpr std::uint8_t kLeftKnee = static_cast<std::uint8_t>(Joint::kKneeLeft);
 constexpr std::uint8_t kRightKnee = static_cast<std::uint8_t>(Joint::kKneeRight);
 
-/// A row of points before a camera, and the images that they were drawn into and taken out of.
+/// A row of points in front of a camera, with the images into which they were drawn and from which
+/// they were removed.
 struct Row {
   static constexpr std::size_t kCount = 5;
   PersonPoints points;
@@ -64,9 +65,9 @@ TEST(PhantomImage, FillsFromTheLimbWithinReachOfTheMirroredSkin) {
   Row row;
   row.add(0.34F, kLeftKnee);   // 4 cm from the mirrored skin
   row.add(0.37F, kLeftKnee);   // 7 cm
-  row.add(0.22F, kLeftKnee);   // within
+  row.add(0.22F, kLeftKnee);   // inside
   row.add(0.22F, kRightKnee);  // of another bone
-  row.add(0.22F, kLeftKnee);   // still drawn
+  row.add(0.22F, kLeftKnee);   // still visible
   const PhantomImage image = row.image();
   draw_person(row.points, image);
   for (std::int32_t pixel = 0; pixel < 4; ++pixel) take_out(pixel, image);
@@ -105,8 +106,8 @@ TEST(PhantomImage, FillsBehindAnArmFromTheOtherThigh) {
   EXPECT_TRUE(mirrored[0].only_removed);
 }
 
-/// A leg of three points is taken for the left one, whose bone lies at x; the plane is at x = 0 and
-/// the right leg's bone at -0.3 m. Returns which of the points remain the left leg's.
+/// Assigns a leg of three points to the left leg, whose bone is at x; the plane is at x = 0 and the
+/// right leg's bone at -0.3 m. Returns which of the points remain assigned to the left leg.
 std::vector<bool> left_with_bone_at(float x, bool is_there = false, bool has_other = false) {
   BoneSegments bones;
   bones.add({x, -0.2F, 2.0F}, {x, 0.2F, 2.0F}, limb_label(Limb::kLeftLeg), {0.08F, 0.08F});
@@ -138,14 +139,14 @@ const std::vector<bool> kOwnSide = {true, false, false}, kAll(3, true);
 
 TEST(PhantomImage, FleshBeyondThePlaneIsTheOtherLegs) {
   EXPECT_EQ(left_with_bone_at(0.1F), kOwnSide);
-  EXPECT_EQ(left_with_bone_at(-0.05F), kOwnSide);  // a joint that is off
+  EXPECT_EQ(left_with_bone_at(-0.05F), kOwnSide);  // a small error of the joint
 }
 
 TEST(PhantomImage, CrossedLegsMayLieBeyondThePlane) { EXPECT_EQ(left_with_bone_at(-0.1F), kAll); }
 
 TEST(PhantomImage, LegsThatBothHaveTheirFleshKeepItWherePlanesAreOff) {
   EXPECT_EQ(left_with_bone_at(-0.05F, true, false), kOwnSide);
-  EXPECT_EQ(left_with_bone_at(-0.05F, true, true), kAll);  // one point more, and two to give
+  EXPECT_EQ(left_with_bone_at(-0.05F, true, true), kAll);  // one more point, and two to give away
   EXPECT_EQ(left_with_bone_at(-0.05F, false, true), kOwnSide);
 }
 
@@ -165,7 +166,7 @@ TEST(PhantomQuality, FleshThatJointsAndPlaneDisagreeAboutCountsAsLeft) {
     return quality.left;
   };
   EXPECT_EQ(left(0), 0.0);
-  EXPECT_EQ(left(50), 0.2);  // of a limb of at least 250 pixels
+  EXPECT_EQ(left(50), 0.2);  // the limb counts as at least 250 pixels
   EXPECT_EQ(left(500), 1.0);
 }
 

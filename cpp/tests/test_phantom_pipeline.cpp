@@ -42,7 +42,8 @@ struct Images {
   }
 };
 
-/// A person who sways; the intact arm is hidden for a while, and for a while there is nobody.
+/// A person who sways. The intact arm is hidden for some frames, and for some frames nobody is
+/// there.
 class Recording {
  public:
   Recording() : camera_(testing::small_kinect()) {
@@ -81,7 +82,7 @@ class Recording {
   std::vector<std::vector<std::uint8_t>> body_index_;
 };
 
-// A report without a person is made on whatever its memory held before.
+// The report without a person is constructed in memory with arbitrary contents.
 TEST(PhantomReport, HoldsNoUninitializedJoint) {
   alignas(PhantomReport) std::array<std::byte, sizeof(PhantomReport)> memory;
   memory.fill(std::byte{0x5a});

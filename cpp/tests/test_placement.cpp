@@ -24,7 +24,7 @@ Skeleton sitting(float knee_height = 0.5F) {
   put(kKneeLeft, 0.2F, 0, 1.6F);
   put(kAnkleLeft, 0.2F, knee_height, 1.6F);
   put(kKneeRight, 0, 0, 1.6F);
-  put(kAnkleRight, 0, 0.2F, 1.6F);  // amputated: only the intact one counts
+  put(kAnkleRight, 0, 0.2F, 1.6F);  // amputated: only the intact leg counts
   return skeleton;
 }
 

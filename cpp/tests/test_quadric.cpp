@@ -78,7 +78,7 @@ TEST(BoundaryCurvature, HasKnownValues) {
 }
 
 TEST(BoundaryCurvature, OfACircleIsAQuarterOfItsCurvatureAsPrinted) {
-  // Equation 2.5 takes differences over two steps as r' and over one step as r''.
+  // Equation 2.5 uses differences over two steps as r' and over one step as r''.
   const double radius = 0.25, step = 0.01;
   const auto on_circle = [&](double t) {
     return Vector3d(radius * std::cos(t), radius * std::sin(t), 0.0);
@@ -98,7 +98,8 @@ TEST(BoundaryCurvature, ByTurningDoesNotDependOnUnitPositionOrOrientation) {
   EXPECT_NEAR(boundary_curvature(move(a), move(b), move(c), BoundaryCurvature::kTurning, 42.0), k,
               1e-12);
   EXPECT_NEAR(boundary_curvature(c, b, a, BoundaryCurvature::kTurning, 1.0), k, 1e-15);
-  // As printed it is 1 / length: a thousand times larger, a thousand times less curved.
+  // The printed curvature has the unit 1 / length: it is a thousandth for a mesh a thousand times
+  // as large.
   EXPECT_NEAR(boundary_curvature(move(a), move(b), move(c), BoundaryCurvature::kPaper, 1.0),
               boundary_curvature(a, b, c, BoundaryCurvature::kPaper, 1.0) / 1000.0, 1e-12);
 }
@@ -106,7 +107,7 @@ TEST(BoundaryCurvature, ByTurningDoesNotDependOnUnitPositionOrOrientation) {
 TEST(CollapseQueue, GivesTheLeastAfterAnyChanges) {
   std::mt19937 engine(3);
   constexpr std::int32_t kVertices = 50;
-  std::vector<double> costs(kVertices, -1.0);  // -1: not queued
+  std::vector<double> costs(kVertices, -1.0);  // -1: not in the queue
   CollapseQueue queue(kVertices);
   for (int step = 0; step < 5000; ++step) {
     const auto v = static_cast<std::int32_t>(engine() % kVertices);

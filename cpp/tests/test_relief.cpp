@@ -29,7 +29,7 @@ using testing::num_allocations;
 
 constexpr std::int64_t kCols = 160, kRows = 120;
 
-// Waves that sway, with other noise in each frame and a hole that wanders.
+// Swaying waves, with new noise in each frame and a moving hole.
 PointGrid sway(int frame) {
   PointGrid grid;
   grid.rows = kRows;
@@ -51,12 +51,13 @@ PointGrid sway(int frame) {
   return grid;
 }
 
-// A surface around pixels that are filled in is that of the whole grid, to the bit.
+// A surface that is rebuilt only around filled pixels equals that of the whole grid, to the bit.
 TEST(ReliefSurface, BuildsOnlyWhatIsAroundFilledPixels) {
   using relief_detail::Surface;
   PointGrid grid = sway(3);
   std::vector<std::int32_t> filled;
-  // One at each border and corner but for what makes the box, pairs, and one beside the large hole.
+  // Pixels at each border and corner, without changing the bounding box, in pairs, and beside the
+  // large hole.
   for (const auto& [u, v] : std::vector<std::array<int, 2>>{{0, 40},
                                                             {1, 0},
                                                             {kCols - 1, 70},
@@ -94,7 +95,7 @@ TEST(ReliefSurface, BuildsOnlyWhatIsAroundFilledPixels) {
       EXPECT_EQ(quick.sample(p).weight, whole.sample(p).weight);
       EXPECT_EQ(quick.is_valid(p), whole.is_valid(p));
     }
-    // A pixel that makes the box changes every sample.
+    // A pixel that defines the bounding box changes every sample.
     grid.points(filled[4], 2) = 300.0F;
     EXPECT_FALSE(quick.assign_filled(before, grid.view(), rule, confidence, filled));
     grid.points(filled[4], 2) = 200.0F;
@@ -117,8 +118,9 @@ TEST(Relief, AllocatesNothingButTheResultAfterTheTenthFrame) {
     for (std::size_t frame = 0; frame < frames.size(); ++frame) {
       const std::int64_t before = num_allocations();
       relief.run(frames[frame].view(), options, result);
-      // The number of triangles follows the silhouette: their array is the result's own. The first
-      // mesh of the larger efforts still grows at frame 10, the third of the second period.
+      // The number of triangles depends on the silhouette, and their array belongs to the result.
+      // With the larger efforts, the first mesh still grows at frame 10, the third frame of the
+      // second period.
       if (frame >= (effort == ReliefEffort::kLive ? 10U : 11U)) {
         EXPECT_LE(num_allocations() - before, 1) << "frame " << frame;
       }
@@ -128,7 +130,7 @@ TEST(Relief, AllocatesNothingButTheResultAfterTheTenthFrame) {
   }
 }
 
-/// A slope, flat in 1 / z, whose columns 2 to 7 were not measured.
+/// A slope that is linear in 1 / z, with columns 2 to 7 not measured.
 PointGrid slope_with_a_gap() {
   constexpr std::int64_t kSize = 12;
   PointGrid grid;
@@ -155,12 +157,13 @@ TEST(Relief, TrianglesAcrossAStepMustBeSeenForTheMostPart) {
   const auto pixel = [&](int u, int v) {
     return static_cast<std::int32_t>(v * surface.cols() + u);
   };
-  // No pixel lies off them: 30 pixels of the first are seen and 45 not, 42 of the other and 33 not.
+  // No pixel lies off the triangles: the first covers 30 measured and 45 missing pixels, the other
+  // 42 and 33.
   EXPECT_TRUE(relief_detail::lies_off(surface, {pixel(0, 0), pixel(11, 0), pixel(0, 11)}));
   EXPECT_FALSE(relief_detail::lies_off(surface, {pixel(11, 0), pixel(11, 11), pixel(0, 0)}));
 }
 
-/// Noise with steps between flat parts: pixels are missing alone, in groups and beside the steps.
+/// Noise with steps between flat parts. Pixels are missing singly, in groups and beside the steps.
 PointGrid torn(std::uint32_t seed) {
   constexpr std::int64_t kWide = 61, kHigh = 47;
   PointGrid grid;
@@ -188,7 +191,7 @@ PointGrid torn(std::uint32_t seed) {
 
 using PixelEdges = std::map<std::pair<std::int32_t, std::int32_t>, int>;
 
-/// Edges that only one triangle has, cut at every pixel that they go through.
+/// Edges with only one triangle, split at each pixel that they pass through.
 PixelEdges contour_of(std::span<const relief_detail::Triangle> faces, int cols) {
   PixelEdges edges;
   for (const relief_detail::Triangle& t : faces) {
@@ -287,7 +290,8 @@ TEST(Relief, SliversHaveThePixelsOfTheirTriangles) {
 TEST(Relief, SurfacesAreTheDenseMeshWhateverTheirWidth) {
   for (std::int64_t cols = 2; cols < 44; ++cols) {
     PointGrid grid = torn(static_cast<std::uint32_t>(cols));
-    // The last columns of it: rows of every length, so that four pixels at a time do not fit.
+    // Only the last `cols` columns: rows of all lengths, most of which are not multiples of four
+    // pixels.
     PointGrid part;
     part.rows = grid.rows;
     part.cols = cols;
@@ -345,7 +349,7 @@ TEST(Relief, ForgetsTheFrameBeforeAndReusesItsResult) {
   EXPECT_EQ(result.mesh.faces, alone.mesh.faces);
 }
 
-/// A ridge in whole millimetres, with pixels that were not measured.
+/// A ridge in whole millimetres with missing pixels.
 std::vector<std::uint16_t> ridge(std::int64_t cols, std::int64_t rows) {
   std::vector<std::uint16_t> depth;
   for (std::int64_t v = 0; v < rows; ++v) {
@@ -368,7 +372,7 @@ Intrinsics camera_of(std::int64_t cols, std::int64_t rows) {
 }
 
 TEST(Unproject, LeavesPixelsWithoutADepthWithoutAPointWhateverTheWidth) {
-  PointGrid grid;  // one memory for all sizes
+  PointGrid grid;  // the same memory for all sizes
   for (std::int64_t cols = 9; cols > 0; --cols) {
     const std::vector<std::uint16_t> depth = ridge(cols, 7);
     DepthView view{7, cols};
@@ -411,7 +415,7 @@ TEST(Relief, LevelsAreNestedInOneVertexBuffer) {
   const PointGrid grid = sway(0);
   ReliefOptions options;
   options.target_points = 400;
-  options.levels = {200, 100, 99, 3};  // a mesh around a hole needs more than three
+  options.levels = {200, 100, 99, 3};  // a mesh around a hole needs more than three vertices
   const ReliefResult result = relief(grid.view(), options);
   ASSERT_EQ(result.levels.size(), 4U);
   std::int64_t larger = result.mesh.vertices.rows();

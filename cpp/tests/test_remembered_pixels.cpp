@@ -12,7 +12,7 @@
 namespace manip3d {
 namespace {
 
-/// An image of letters: P the phantom, B the body, and a dot for nothing.
+/// An image of letters: P is the phantom, B the body, and a dot nothing.
 class Picture {
  public:
   explicit Picture(const std::vector<std::string>& rows)
@@ -84,7 +84,8 @@ TEST(RememberedPixels, FillTheRaggedBorder) {
                ".PPPP..",  //
                "......."});
   const PixelBox box = now.remember(before.shown());
-  // The last column has two neighbours in each of its rows, and so it is not filled.
+  // Pixels of the last column have two neighbours in each of their rows, and are therefore not
+  // filled.
   EXPECT_EQ(now.letters(), (Rows{".......",  //
                                  "..PFP..",  //
                                  ".PFPPF.",  //
@@ -122,7 +123,7 @@ TEST(RememberedPixels, HaveTheMeanDepthOfTheNearestSurface) {
   EXPECT_EQ(now.kind_[7], PixelKind::kFilled);
   EXPECT_NEAR(now.depth_[7], (2.00F + 2.04F + 2.03F) / 3.0F, 1e-6F);
   EXPECT_EQ(now.label_[7], 9);
-  EXPECT_EQ(now.source_[14], 6);  // that of the first neighbour
+  EXPECT_EQ(now.source_[14], 6);  // from the first neighbour
   EXPECT_EQ(now.source_[15], 50);
   EXPECT_EQ(now.source_depth_[7], now.source_depth_[6]);
 }

@@ -109,11 +109,11 @@ struct Tube {
     return (a - b).norm();
   }
 
-  /// By how much the worst edge is stretched.
+  /// The stretch of the edge that is stretched most.
   [[nodiscard]] double stretch(const std::vector<double>& after) const {
     double most = 0.0;
     for (std::size_t edge = 0; edge < edges.size(); ++edge) {
-      // Edges of the bend itself may be short before.
+      // Edges within the bend may be short before the motion.
       most = std::max(most, length(after, edge) / std::max(length(vertices, edge), 0.004));
     }
     return most;
@@ -156,7 +156,7 @@ TEST(Repose, GainsMultiplyAnglesAndLimitsClampThem) {
     const Skeleton moved = move_skeleton(skeleton, *motions);
     EXPECT_NEAR(angle_at(moved, 4, 5, 6), c.angle, 1e-3);
     EXPECT_NEAR(angle_at(moved, 5, 6, 7), 0, 0.05) << "the hand goes with the forearm";
-    // Bent forwards: the wrist is nearer to the camera than the elbow.
+    // Bent forwards, the wrist is nearer to the camera than the elbow.
     EXPECT_NEAR(moved.positions[kWrist].z(), 2.0 - 0.25 * std::sin(c.angle * kDegrees), 1e-5);
     EXPECT_NEAR(moved.positions[kWrist].y(), -0.2 + 0.25 * std::cos(c.angle * kDegrees), 1e-5);
     EXPECT_EQ(moved.positions[kElbow], skeleton.positions[kElbow]);
@@ -249,7 +249,7 @@ TEST(Repose, BlendedJointsDoNotTear) {
     const Skeleton skeleton = with_elbow_at(bend);
     const Tube tube(skeleton, {4, 5, 6}, 0.04);
     ReposeOptions options;
-    // At rest the arm is bent by 90 degrees the other way: 45 are added whatever the bend.
+    // At rest the arm is bent by 45 degrees the other way. The gain adds 45 degrees for every bend.
     Skeleton rest = with_elbow_at(-45);
     options.gain[kElbow] = (bend + 90) / (bend + 45);
     const auto motions = amplify(skeleton, &rest, options);
@@ -273,7 +273,7 @@ TEST(Repose, FarFromJointsBlendedVerticesMoveRigidly) {
   ReposeOptions options;
   options.gain[kElbow] = 2.0;
   const auto motions = amplify(skeleton, nullptr, options);
-  // A point over the middle of the forearm, one over the upper arm, and the hip beside the hand.
+  // A point on the middle of the forearm, one on the upper arm, and the hip beside the hand.
   const Eigen::Vector3d middle =
       0.5 * (skeleton.positions[kElbow] + skeleton.positions[kWrist]).cast<double>();
   const std::vector<double> points = {
@@ -294,7 +294,7 @@ TEST(Repose, AHandAtTheHipDoesNotPullAtTheHip) {
   options.gain[kElbow] = 2.0;
   const auto motions = amplify(skeleton, &rest, options);
   EXPECT_TRUE(motions->moves[kHand]);
-  // Nearer to the hip's bones by less than the band.
+  // Points that are nearer to the hip's bones by less than the width of the blend.
   const std::vector<double> hip = {0.145, 0.05, 2.0, 0.13, 0.1, 1.95};
   std::vector<double> out(hip.size());
   repose_vertices(hip.data(), 2, skeleton, *motions, options, out.data());

@@ -81,7 +81,7 @@ TEST(ImageCodec, PngRoundTripsAndKindsAreKept) {
   const auto color = encode_png(rgb, 2, 3);
   EXPECT_EQ(decode_rgb(color, 2).pixels, rgb);
   EXPECT_THROW(decode_depth(color, 2), FormatError);
-  EXPECT_EQ(decode_rgb(small, 6).pixels.size(), 18U);  // grey becomes colour
+  EXPECT_EQ(decode_rgb(small, 6).pixels.size(), 18U);  // a grey image becomes R, G, B
 }
 
 TEST(ImageCodec, NoPrefixOfAPngIsAnImage) {
@@ -103,9 +103,9 @@ TEST(Unmirror, ColumnsAndPrincipalPointsTurnTogether) {
   frame.color = {1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 5, 5, 6};
   unmirror_images(*stored, frame);
   EXPECT_EQ(frame.depth, (std::vector<std::uint16_t>{5, 4, 3, 2, 1}));
-  EXPECT_EQ(frame.color[2], 6);  // R, G, B stay in order
+  EXPECT_EQ(frame.color[2], 6);  // R, G, B keep their order
   EXPECT_FALSE(turned->depth.mirrored);
-  // The same point is seen in the pixel that was turned round.
+  // The same point is seen in the mirrored pixel.
   const Eigen::Vector3d point(0.3, 0.1, 1.0);
   EXPECT_NEAR(project(turned->depth, point).x(), 4.0 - project(stored->depth, point).x(), 1e-12);
   EXPECT_EQ(unmirrored(turned), turned);
@@ -159,7 +159,7 @@ TEST(Associate, NearestWithinReachAsByBruteForce) {
 
 TEST(Registry, TellsSchemesAndRefusesOthers) {
 #ifdef __SANITIZE_ADDRESS__
-  const __lsan::ScopedDisabler drivers;  // OpenNI2's leak when they are unloaded
+  const __lsan::ScopedDisabler drivers;  // OpenNI2's drivers leak when they are unloaded
 #endif
   EXPECT_THROW(open_rgbd("nothing:here"), InputError);
   EXPECT_THROW(open_rgbd("folder"), InputError);

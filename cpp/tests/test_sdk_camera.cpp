@@ -12,7 +12,7 @@
 #include "capture/sdk_camera.hpp"
 #include "manip3d/error.hpp"
 
-// What drivers share, with a device that is none. Also run under the thread sanitizer.
+// Common parts of the drivers, with a simulated device. Also run under the thread sanitizer.
 namespace manip3d {
 namespace {
 
@@ -58,7 +58,7 @@ SdkOpener opener(Script& script) {
   return [&script] { return std::make_unique<ScriptedDevice>(script); };
 }
 
-/// All frames of a script, as a file gives them.
+/// Reads all frames of a script, as from a file.
 class SdkFile : public testing::Test {
  protected:
   std::vector<RgbdFrame> play(const RgbdOptions& options = {}) {

@@ -34,7 +34,7 @@ TEST(ShadingNormals, JoinFacesWithinTheCreaseAngleOnly) {
   EXPECT_EQ(sharp.normals.rows(), 2);
   EXPECT_TRUE(normal_at(sharp, 0, 1).isApprox(Eigen::Vector3d(-1, 0, 1).normalized()));
   EXPECT_TRUE(normal_at(sharp, 2, 0).isApprox(Eigen::Vector3d(1, 0, 1).normalized()));
-  // Each slope has an angle of 90 degrees at the ridge, however its triangles split it.
+  // Each slope has an angle of 90 degrees at the ridge, in any triangulation.
   const ShadingNormals smooth = shading_normals(mesh, 100.0);
   EXPECT_TRUE(normal_at(smooth, 0, 1).isApprox(Eigen::Vector3d::UnitZ()));
   EXPECT_TRUE(normal_at(smooth, 2, 0).isApprox(Eigen::Vector3d::UnitZ()));
@@ -43,7 +43,7 @@ TEST(ShadingNormals, JoinFacesWithinTheCreaseAngleOnly) {
 
 TEST(ShadingNormals, DoNotShowASeam) {
   TriangleMesh whole = roof(0.1);
-  TriangleMesh split = whole;  // the ridge's vertices once for each side, as at a texture seam
+  TriangleMesh split = whole;  // the ridge's vertices exist once per side, as at a texture seam
   split.vertices.conservativeResize(8, 3);
   split.vertices.row(6) = whole.vertices.row(1);
   split.vertices.row(7) = whole.vertices.row(4);
@@ -65,7 +65,8 @@ TEST(ShadingNormals, KeepTheMeshsOwnOnTheSideOfTheFace) {
   const ShadingNormals shading = shading_normals(mesh, 40.0);
   EXPECT_TRUE(normal_at(shading, 0, 0).isApprox(Eigen::Vector3d(0.6, 0, 0.8)));
   EXPECT_TRUE(normal_at(shading, 0, 1).isApprox(Eigen::Vector3d(0.6, 0, 0.8)));  // turned round
-  EXPECT_TRUE(normal_at(shading, 0, 2).isApprox(Eigen::Vector3d::UnitZ()));      // zero is none
+  // a normal of zero is ignored
+  EXPECT_TRUE(normal_at(shading, 0, 2).isApprox(Eigen::Vector3d::UnitZ()));
   EXPECT_TRUE(normal_at(shading, 1, 0).isApprox(Eigen::Vector3d::UnitZ()));
 }
 

@@ -56,7 +56,7 @@ TEST(Hsv, AllColorsAreOpenCvs) {
 constexpr std::int64_t kRows = 60, kCols = 80;
 constexpr std::size_t kFoot = 15;
 
-/// A grey wall 2 m away; colour has the depth image's pixels.
+/// A grey wall 2 m away; the colour image has the pixels of the depth image.
 RgbdFrame wall() {
   auto calibration = std::make_shared<RgbdCalibration>();
   calibration->depth = {
@@ -90,7 +90,7 @@ class ShoeCover : public ::testing::Test {
 
 TEST_F(ShoeCover, TheFootIsTheMedianOfTheBluePatch) {
   paint(frame_, 30, 40, 7, 9);           // rows 30 to 36, columns 40 to 48
-  frame_.depth[33 * kCols + 44] = 1700;  // one flying pixel moves a mean, not a median
+  frame_.depth[33 * kCols + 44] = 1700;  // one outlier changes a mean, but not the median
   const auto foot = tracker_.find(frame_, rays_, kAnkle);
   ASSERT_TRUE(foot);
   EXPECT_EQ(tracker_.num_pixels(), 63);
@@ -105,10 +105,10 @@ TEST_F(ShoeCover, TheLargestPatchWithinReachCounts) {
   paint(frame_, 50, 10, 8, 8);  // 64 pixels, 1 m away
   ASSERT_TRUE(tracker_.find(frame_, rays_, kAnkle));
   EXPECT_EQ(tracker_.num_pixels(), 49);
-  paint(frame_, 28, 38, 7, 1, false);  // 42 are left
+  paint(frame_, 28, 38, 7, 1, false);  // 42 pixels are left
   ASSERT_TRUE(tracker_.find(frame_, rays_, kAnkle));
   EXPECT_EQ(tracker_.num_pixels(), 45);
-  paint(frame_, 26, 37, 2, 2);  // a bridge over corners: one patch
+  paint(frame_, 26, 37, 2, 2);  // touches both at corners: one patch
   ASSERT_TRUE(tracker_.find(frame_, rays_, kAnkle));
   EXPECT_EQ(tracker_.num_pixels(), 45 + 42 + 4);
 }
@@ -135,7 +135,7 @@ TEST_F(ShoeCover, ColorIsLookedUpWhereItsCameraSeesThePoint) {
   frame_.color_rows = 120;
   frame_.color_cols = 160;
   frame_.color.assign(3 * 120 * 160, 128);
-  paint(frame_, 52, 86, 16, 16);  // its centre is the ankle's, 14 pixels to the right
+  paint(frame_, 52, 86, 16, 16);  // centred on the ankle, 14 pixels to the right
   const auto foot = tracker_.find(frame_, rays_, kAnkle);
   ASSERT_TRUE(foot);
   EXPECT_EQ(tracker_.num_pixels(), 64) << "a quarter of the colour camera's";
@@ -156,7 +156,7 @@ TEST_F(ShoeCover, TheSkeletonsFootIsMoved) {
 TEST_F(ShoeCover, FramesAllocateNothing) {
   if (!testing::kCountsAllocations) GTEST_SKIP() << "the sanitizer has operators of its own";
   paint(frame_, 30, 40, 7, 9);
-  // Patches and seeds trade their memory: it has grown to what they need after a few frames.
+  // Patches and seeds exchange their memory; after a few frames it is large enough.
   for (int i = 0; i < 10; ++i) (void)tracker_.find(frame_, rays_, kAnkle);
   const std::int64_t before = testing::num_allocations();
   for (int i = 0; i < 100; ++i) EXPECT_TRUE(tracker_.find(frame_, rays_, kAnkle));

@@ -28,7 +28,7 @@ void expect_solved() {
     for (int j = 0; j < kSize; ++j) a(i, j) = i == j ? 10.0 + i : 1.0 / (1.0 + i + j);
   }
   const Eigen::Vector<double, kSize> b = a * x;
-  a.template triangularView<Eigen::StrictlyUpper>().setConstant(1e9);  // nobody reads it
+  a.template triangularView<Eigen::StrictlyUpper>().setConstant(1e9);  // must not be read
   EXPECT_NEAR((solve_symmetric(a, b) - x).norm(), 0.0, 1e-12);
 }
 

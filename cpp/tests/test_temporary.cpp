@@ -37,7 +37,7 @@ class TemporaryTest : public ::testing::Test {
     std::ranges::sort(found);
     return found;
   }
-  /// What a writer leaves that is killed: nobody holds its lock.
+  /// Makes the file of a killed writer: nobody holds its lock.
   void leave(int number) const {
     std::ofstream(folder_ / (".manip3d-" + std::to_string(number))) << "half";
   }
@@ -99,7 +99,7 @@ TEST_F(TemporaryTest, ManyWritersAtOnceLoseNothing) {
         std::ifstream in(path);
         const std::string found{std::istreambuf_iterator<char>(in), {}};
         failures += found == text ? 0 : 1;
-        leave(100 + t);  // somebody was killed, and this number is far off the others
+        leave(100 + t);  // file of another killed writer, with a number far from the others
       }
     });
   }
@@ -139,7 +139,7 @@ TEST_F(TemporaryTest, AFolderTakesTheNameOfAnother) {
   fs::create_directory(folder_ / "newer");
   replace_folder(folder_ / "newer", folder_ / "target");
   EXPECT_TRUE(fs::is_empty(folder_ / "target"));
-  EXPECT_TRUE(fs::exists(folder_ / "newer" / "n"));  // the caller's to remove
+  EXPECT_TRUE(fs::exists(folder_ / "newer" / "n"));  // for the caller to remove
 }
 
 }  // namespace

@@ -12,7 +12,7 @@ Faces make_faces(std::initializer_list<std::initializer_list<std::int32_t>> rows
 }
 
 TEST(Edges, AreSortedAndKnowTheirFaces) {
-  // Three triangles around the edge 1-2, and one with a repeated index.
+  // Three triangles with the edge 1-2, and one with a repeated index.
   const Faces faces = make_faces({{2, 1, 0}, {1, 2, 3}, {4, 1, 2}, {0, 0, 4}});
   const Edges edges = find_edges(faces, 5);
   Rows<std::int32_t, 2> expected(7, 2);

@@ -34,7 +34,7 @@ void send_numbers(std::uint16_t port, int count, milliseconds pause) {
   close(descriptor);
 }
 
-/// A receiver that was stopped starts again.
+/// Checks that a stopped receiver can be started again.
 void expect_to_receive(UdpReceiver& receiver) {
   receiver.start();
   send_numbers(receiver.port(), 1, milliseconds(0));

@@ -16,8 +16,8 @@ constexpr double kDegree = std::numbers::pi / 180.0;
 struct Tilts {
   double spine = 0.0, leg = 0.0;  ///< Degrees, clockwise in the image.
   bool is_seated = false;         ///< The thigh points at the camera.
-  double ahead = 0.0;             ///< Degrees that all is turned by about the image's rows.
-  double turn = 0.0;              ///< Degrees of the body about its own axis.
+  double ahead = 0.0;             ///< Degrees: rotation of the whole scene about the image's rows.
+  double turn = 0.0;              ///< Degrees: rotation of the body about its own axis.
 };
 
 /// A person at 2.5 m; the left leg is the affected one.

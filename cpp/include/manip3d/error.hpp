@@ -16,7 +16,7 @@ class Error : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// A bad argument. The message names the argument, what was expected and what came.
+/// A bad argument. The message names the argument, the expected value and the value received.
 class InputError : public Error {
   using Error::Error;
 };
@@ -32,7 +32,7 @@ class FormatError : public Error {
   FormatError(std::string reason, Position position)
       : Error(describe("", reason, position)), reason_(std::move(reason)), position_(position) {}
 
-  /// A copy of this error with the name of the file in front.
+  /// Returns a copy of this error whose message begins with the name of the file.
   [[nodiscard]] FormatError in_file(const std::string& file) const {
     FormatError named(*this);
     static_cast<Error&>(named) = Error(describe(file, reason_, position_));

@@ -5,19 +5,19 @@
 
 namespace manip3d {
 
-/// Called by long kernels, from the calling thread only, at least ten times a second, with the
-/// fraction done in [0, 1]. It may throw to cancel the work (the bindings do so on Ctrl-C); the
-/// exception travels through the kernel to its caller. An empty function is fine.
+/// Called by long kernels at least ten times a second, from the calling thread only, with the
+/// finished fraction in [0, 1]. It may throw to cancel the work (the bindings do so on Ctrl-C); the
+/// exception passes through the kernel to its caller. It may be empty.
 using Progress = std::function<void(double fraction)>;
 
-/// The progress of a part of the work that takes the whole from fraction `from` to `to`.
+/// The progress of a part of the work, mapped to fractions `from` to `to` of the whole.
 inline Progress part_of(const Progress& progress, double from, double to) {
   if (!progress) return {};
   return [=](double fraction) { progress(from + fraction * (to - from)); };
 }
 
-/// Lets a long loop be cancelled. It does not know how long the loop is: every so many steps it
-/// reports the fraction 0, which part_of() maps to the begin of the loop's part of the work.
+/// Makes a long loop cancellable. Its number of steps is unknown: every `every` steps it reports
+/// the fraction 0, which part_of() maps to the beginning of the loop's part of the work.
 class Ticker {
  public:
   /// @param every  Steps between two reports, a power of two; they should take a few milliseconds.
@@ -25,7 +25,7 @@ class Ticker {
       : progress_(progress), mask_(every - 1) {}
 
   /// To be called once in each step of the loop.
-  /// @throws  what the progress function throws to cancel the work.
+  /// @throws  the exception by which the progress function cancels the work.
   void tick() {
     if ((++steps_ & mask_) == 0 && progress_) progress_(0.0);
   }
