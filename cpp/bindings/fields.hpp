@@ -10,6 +10,7 @@
 #include "numpy.hpp"
 #include "python_types.hpp"
 
+/// @file
 /// Structs as tables of their members, with one line per member, from which bindings are made.
 namespace manip3d::bindings {
 

@@ -8,6 +8,7 @@
 
 #include "numpy.hpp"
 
+/// @file
 /// Python classes in the signatures of bindings. They only set the annotation, which the stub
 /// contains for mypy: any object with the attributes that a binding reads is accepted.
 namespace manip3d::bindings {

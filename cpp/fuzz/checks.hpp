@@ -5,6 +5,7 @@
 
 #include "manip3d/error.hpp"
 
+/// @file
 /// Checks that fuzz targets of kernels use.
 namespace manip3d::fuzzing {
 

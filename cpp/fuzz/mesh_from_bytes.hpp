@@ -9,6 +9,7 @@
 
 #include "manip3d/geometry/mesh.hpp"
 
+/// @file
 /// Meshes made from the fuzzer's bytes, for kernels that take indices.
 namespace manip3d::fuzzing {
 

@@ -9,6 +9,7 @@
 #include "manip3d/geometry/point_cloud.hpp"
 #include "mesh_from_bytes.hpp"
 
+/// @file
 /// Scans made from the fuzzer's bytes.
 namespace manip3d::fuzzing {
 

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 
+/// @file
 /// Counts the program's calls of operator new (allocations.cpp), for tests of code that must not
 /// allocate.
 namespace manip3d::testing {

@@ -8,6 +8,7 @@
 #include "manip3d/geometry/camera.hpp"
 #include "manip3d/geometry/skeleton.hpp"
 
+/// @file
 /// A simple person for tests that do not depend on the exact shape: disks along the bones.
 namespace manip3d::testing {
 

@@ -6,6 +6,7 @@
 
 #include "manip3d/authenticate/watermark.hpp"
 
+/// @file
 /// The order of points that embedder and verifier of a watermark both derive from the parts of the
 /// points that embedding does not change.
 namespace manip3d {

@@ -7,6 +7,7 @@
 #include "authenticate/canonical_order.hpp"
 #include "manip3d/geometry/point_cloud.hpp"
 
+/// @file
 /// Conversion of points to the integers that a watermark binds, and back.
 namespace manip3d {
 

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstring>
 
+/// @file
 /// Reading and writing of little-endian numbers at any address.
 namespace manip3d {
 

@@ -14,10 +14,10 @@
 namespace manip3d {
 namespace {
 
-// A fired step has at least 0.74 of the votes of its busiest neighbour in KITTI's frames; a step
-// between two firings has none, or those of an object pasted there.
-// If nearly every step has a firing, assume one at each; a step with few votes then has another
-// cause.
+// A step counts as fired if it has at least kFiredShare of the votes of its busiest neighbour. In
+// KITTI's frames fired steps have at least 0.74 of these; a step between two firings has none, or
+// the votes of an object that was pasted there. If more than kSparseShare of all steps are fired,
+// each step is taken as fired: steps with few votes then have another cause.
 constexpr double kFiredShare = 0.6;
 constexpr double kSparseShare = 0.8;  // of all steps; KITTI's frames have firings at 0.54
 constexpr int kNeighbours = 2;
@@ -35,10 +35,10 @@ constexpr int kBlockRings = 3;
 constexpr int kBlockColumns = 5;
 constexpr int kWidening = 1;
 
-// A gap in a ring is judged only where the ring answers on both sides and the gap is no longer than
-// 42 degrees. Between two houses a distant street may return nothing up to the sky, with no edit
-// made. Unless the same column answers again above, the answers beside the gap must therefore come
-// from the ground, or from about the ground's distance.
+// A gap in a ring is judged only if the ring has returns on both sides of it, and if it is no
+// longer than 42 degrees. Between two houses a distant street may return nothing up to the sky,
+// without any edit. Therefore, unless the same column has returns again above, the returns beside
+// the gap must be from the ground, or from about the ground's distance.
 constexpr double kShareOfRange = 0.7;  // of the ground's range
 constexpr int kSide = 8;               // firings
 constexpr int kLongestColumnGap = 250;
@@ -157,7 +157,7 @@ class Gaps {
   RingImage<Support> support_;
 };
 
-// Were a firing and its neighbours answered in another turn? The scanner may have fired slightly
+// Did a firing and its neighbours have returns in another turn? The scanner may have fired slightly
 // more or less often in it.
 bool was_answered(const Answers& other, int ring, int column, int columns) {
   const int there = other.kind.columns();

@@ -13,9 +13,9 @@
 #include "authenticate/watermark_suite.hpp"
 #include "manip3d/authenticate/watermark.hpp"
 
+/// @file
 /// Tags of tiles and records and the carrier bits of points, as computed by both embedder and
 /// verifier of a watermark.
-/// compute them alike.
 namespace manip3d {
 
 /// Values of WatermarkHeader::carrier: a file beside the scan, or a picture.

@@ -5,6 +5,7 @@
 
 #include "manip3d/authenticate/watermark.hpp"
 
+/// @file
 /// The verdict of a policy on a record and a scan.
 namespace manip3d {
 

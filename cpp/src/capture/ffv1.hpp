@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <span>
 
+/// @file
 /// Checks of FFV1 streams (RFC 9043) before they are decoded, because FFmpeg allocates up to 1.5 MB
 /// for each slice of an image, however few bytes it has.
 namespace manip3d {

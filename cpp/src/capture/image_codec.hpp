@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+/// @file
 /// Decoding and encoding of the images of recordings in memory: PNG, and colour as PNG or JPEG.
 namespace manip3d {
 

@@ -15,6 +15,7 @@
 #include "manip3d/capture/mkv_codec.hpp"
 #include "manip3d/io/descriptor.hpp"
 
+/// @file
 /// Matroska files through the codec library, with what the library leaves to its callers: exact
 /// errors of the file system, data that are in the file when `flush` returns, and a file that ends
 /// with a complete cluster after an error.

@@ -14,6 +14,7 @@
 #include "capture/recording_lock.hpp"
 #include "manip3d/geometry/rgbd_frame.hpp"
 
+/// @file
 /// Common parts of the folder recorders: ownership of folders, and files that are complete.
 namespace manip3d {
 

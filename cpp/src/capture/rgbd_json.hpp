@@ -8,6 +8,7 @@
 #include "manip3d/geometry/rgbd_frame.hpp"
 #include "parse/json_place.hpp"
 
+/// @file
 /// JSON of the data that recordings store besides images. Numbers are exact: floats are written
 /// with the digits that a double needs; numbers that JSON lacks are "nan", "inf" or "-inf".
 namespace manip3d {

@@ -12,6 +12,7 @@
 
 #include "manip3d/capture/rgbd_source.hpp"
 
+/// @file
 /// Common parts of the drivers that use makers' SDKs. A driver opens its device and delivers images
 /// as the SDK has them; all other work is done here, so that it can be tested without a device.
 namespace manip3d {

@@ -10,6 +10,7 @@
 
 #include "manip3d/geometry/mesh.hpp"
 
+/// @file
 /// Conversion between colours of faces in files, 0xRRGGBB in sRGB, and materials, whose colours are
 /// linear.
 namespace manip3d {

@@ -9,6 +9,7 @@
 #include "manip3d/io/mesh_file.hpp"
 #include "manip3d/io/scene_file.hpp"
 
+/// @file
 /// Readers and writers of the formats. The table in mesh_file.cpp dispatches to them.
 namespace manip3d {
 

@@ -4,6 +4,7 @@
 #include <span>
 #include <vector>
 
+/// @file
 /// LZF, the compression of PCD files: literal runs of up to 32 bytes, and copies of up to 264 bytes
 /// from at most 8 KiB back. The format is that of Marc Lehmann's liblzf.
 namespace manip3d {

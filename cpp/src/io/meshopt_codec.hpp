@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+/// @file
 /// Decoders of the streams of glTF's extensions EXT_meshopt_compression and KHR_meshopt_compression
 /// (appendices A and B of the latter).
 namespace manip3d {

@@ -9,6 +9,7 @@
 
 #include "parse/input_buffer.hpp"
 
+/// @file
 /// The header of a PLY file, for the readers of meshes and of points.
 namespace manip3d::ply {
 

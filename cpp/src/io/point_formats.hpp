@@ -4,6 +4,7 @@
 #include "manip3d/io/byte_source.hpp"
 #include "manip3d/io/point_file.hpp"
 
+/// @file
 /// Readers and writers of the formats of point files; point_file.cpp dispatches to them.
 namespace manip3d {
 

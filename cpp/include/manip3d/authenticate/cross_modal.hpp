@@ -78,7 +78,7 @@ struct CrossModalResult {
   /// 1 added, -1 missing, 0 neither; only cells of reported components.
   std::vector<std::int8_t> mask;
   std::vector<std::uint8_t> judged;  ///< 1: the cell could have been marked as added or missing.
-  std::vector<CrossModalComponent> components;  ///< The largest area first.
+  std::vector<CrossModalComponent> components;  ///< Components in order of decreasing area.
   std::vector<std::int32_t> suspected;          ///< Row numbers of the added points, ascending.
   std::vector<std::int32_t> suspected_component;
   std::int64_t judged_points = 0;  ///< Points of the scan in judged cells.
@@ -94,7 +94,7 @@ struct CrossModalResult {
 /// cameras cannot match so near. An empty cell on a dark surface is weak evidence, because dark
 /// surfaces may return nothing: it counts `dark_weight`. Connected components (8 neighbours) above
 /// the thresholds are reported. The result has the same bytes on every machine.
-/// @throws InputError  what check_points refuses, a camera or an option out of range.
+/// @throws InputError  the points fail check_points; a camera or an option out of range.
 CrossModalResult compare_cross_modal(const PointsView& view, const DisparityView& disparity,
                                      const StereoView& camera,
                                      const CrossModalOptions& options = {},

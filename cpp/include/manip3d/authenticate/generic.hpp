@@ -26,7 +26,7 @@ enum class Evidence : std::uint8_t {
   /// Windows whose points are beside their lines on average, by less than the rounding step.
   kDrift,
   kVoid,  ///< Firings without a return, although their rays meet the ground.
-  kTime,  ///< Firings without a return that had one in the previous and following turn.
+  kTime,  ///< Firings without a return that had one in the neighbouring turns.
 };
 inline constexpr int kNumEvidence = 11;
 

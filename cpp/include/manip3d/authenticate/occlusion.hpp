@@ -41,7 +41,7 @@ struct OcclusionComponent {
 struct OcclusionResult {
   std::int64_t rows = 0, columns = 0;  ///< Shape of the mask.
   std::int64_t first_row = 0;          ///< First row of the mask, in rows of the grid.
-  std::vector<std::uint8_t> mask;      ///< After closing and median; 1 = marked.
+  std::vector<std::uint8_t> mask;      ///< The mask after closing and median; 1: marked.
   std::vector<std::uint8_t> raw_mask;  ///< The mask before closing and median.
   std::int64_t occupied_cells = 0;
   std::int64_t multiple_cells = 0;             ///< Cells whose gap exceeds min_gap.

@@ -7,6 +7,7 @@
 #include "manip3d/authenticate/watermark.hpp"
 #include "manip3d/geometry/point_cloud.hpp"
 
+/// @file
 /// The fragile watermark as printed in the dissertation (section 7.3.1). Its bits do not depend on
 /// the content: anybody can move points and write the same bits again, so that it proves nothing.
 namespace manip3d {

@@ -66,8 +66,9 @@ std::vector<double> laser_gains(const PointsView& points, const LatticeReading& 
 /// is left out, because a single laser may run along an edge. Each window is judged with and
 /// without clipped returns, and the stronger evidence counts. Returns that are clipped at the same
 /// end in all three turns are not compared.
-/// @throws InputError  what check_points and read_lattice refuse; points without a reflectance, or
-///                     with one beyond [0, 1]; a reading of other points; an option out of range.
+/// @throws InputError  the points fail check_points or the lattice fails the checks of
+///                     read_lattice; points have no reflectance, or one beyond [0, 1]; the reading
+///                     is of other points; an option is out of range.
 std::vector<ReflectanceRegion> compare_reflectance(const PointsView& points,
                                                    const ScanLattice& lattice,
                                                    const ReflectanceTurn* previous,
@@ -77,7 +78,7 @@ std::vector<ReflectanceRegion> compare_reflectance(const PointsView& points,
 
 /// Overload for points whose places on this lattice are known from read_lattice; only rings and
 /// azimuths are used.
-/// @throws InputError  what check_reading refuses, too.
+/// @throws InputError  also if the reading fails check_reading.
 std::vector<ReflectanceRegion> compare_reflectance(
     const PointsView& points, const ScanLattice& lattice, LatticeReading reading,
     const ReflectanceTurn* previous, const ReflectanceTurn* following,

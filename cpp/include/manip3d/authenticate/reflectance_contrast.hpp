@@ -6,6 +6,7 @@
 
 #include "manip3d/geometry/point_cloud.hpp"
 
+/// @file
 /// Evidence that the reflectances of a frame were assigned to the wrong points.
 namespace manip3d {
 

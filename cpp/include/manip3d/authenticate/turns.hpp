@@ -8,6 +8,7 @@
 #include "manip3d/authenticate/lattice.hpp"
 #include "manip3d/geometry/align_scans.hpp"
 
+/// @file
 /// Evidence that a frame hides what the turns before and after it saw. A frame is one turn of a
 /// spinning scanner.
 namespace manip3d {
@@ -22,8 +23,9 @@ inline constexpr int kNumTurnEvidence = 3;
 /// A connected set of directions with one kind of evidence.
 struct TurnRegion {
   TurnEvidence kind = TurnEvidence::kLost;
-  std::int64_t cells = 0;   ///< Number of directions.
-  std::int64_t agreed = 0;  ///< Directions above the ground in which both turns saw one place.
+  std::int64_t cells = 0;  ///< Number of directions.
+  /// Directions above the ground in which both turns saw something at the same distance.
+  std::int64_t agreed = 0;
   std::int64_t ground = 0;  ///< Directions in which the turns saw the ground.
   /// Nearby directions where a turn has this evidence and the frame has not: something moved away.
   std::int64_t moved = 0;
@@ -43,9 +45,9 @@ struct TurnOptions {
   double height = 0.3;     ///< Metres above the ground plane: lower returns count as ground.
   double tolerance = 0.3;  ///< Metres between the places of one surface in two turns, added to ...
   double tolerance_share = 0.03;  ///< ... this share of the distance.
-  /// True if no points were removed from the neighbouring turns. If false, a direction counts as
-  /// seen through only if a turn has returns in all nine directions around it, and returns of the
-  /// frame outside the extent of a turn are not evidence that something moved away.
+  /// True if no points were removed from the neighbouring turns. If false, kThrough and kBefore
+  /// need returns of both turns in the direction and the eight around it, and returns of the frame
+  /// outside the extent of a turn are not evidence that something moved away.
   bool whole_turns = true;
   int num_threads = 0;
 };

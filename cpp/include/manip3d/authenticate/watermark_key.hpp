@@ -7,6 +7,7 @@
 #include <memory>
 #include <span>
 
+/// @file
 /// The secret key of a watermark and its file.
 namespace manip3d {
 

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+/// @file
 /// A picture that was taken together with a scan and carries its record: in the lowest bits of its
 /// first samples.
 namespace manip3d {

@@ -46,7 +46,7 @@ std::unique_ptr<RgbdSource> open_tum(const std::filesystem::path& folder,
 /// Starts a recording as described above. If the process is killed, all frames whose `write` has
 /// returned can be read. A power failure may lose the frames since the last `close`; the reader
 /// then names them.
-/// @throws as open_recorder
+/// @throws  see open_recorder().
 std::unique_ptr<RgbdRecorder> record_folder(const std::filesystem::path& folder,
                                             std::shared_ptr<const RgbdCalibration> calibration,
                                             const RecorderOptions& options);
@@ -56,7 +56,7 @@ std::unique_ptr<RgbdRecorder> record_folder(const std::filesystem::path& folder,
 /// with colour: time and file of both images); and calibration.json. Colour is PNG. Skeletons, body
 /// indices and frame numbers are not stored. Depths beyond 13.107 m are written as 0 and counted as
 /// `too_far`.
-/// @throws as open_recorder; also InputError for a calibration with a registration.
+/// @throws  see open_recorder(); also InputError for a calibration with a registration.
 std::unique_ptr<RgbdRecorder> record_tum(const std::filesystem::path& folder,
                                          std::shared_ptr<const RgbdCalibration> calibration,
                                          const RecorderOptions& options);

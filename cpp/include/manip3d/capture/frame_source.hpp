@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstdint>
 
+/// @file
 /// The interface of all sources of frames: sensors, recordings and simulators.
 namespace manip3d {
 

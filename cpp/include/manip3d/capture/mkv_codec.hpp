@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 
+/// @file
 /// The functions by which Matroska recordings use their codec and muxer. They have plain C types
 /// only, so that the library that implements them can be built, loaded and replaced independently
 /// of manip3d_core. Functions that return an `int` return a negative code if they fail; `describe`

@@ -8,10 +8,10 @@
 
 #include "manip3d/io/byte_source.hpp"
 
+/// @file
 /// UDP payloads from recordings of network traffic. libpcap is not used: it would add eight shared
 /// libraries to each wheel, D-Bus and systemd among them; it reads no compressed recordings and
 /// does not report the byte at which a file is damaged.
-/// does not say at which byte a damaged one is damaged.
 namespace manip3d {
 
 /// One UDP payload, valid until the next call of PcapReader::next.

@@ -9,6 +9,7 @@
 #include "manip3d/capture/rgbd_source.hpp"
 #include "manip3d/geometry/rgbd_frame.hpp"
 
+/// @file
 /// Recorders of RGB-D frames.
 namespace manip3d {
 

@@ -5,6 +5,7 @@
 
 #include "manip3d/capture/rgbd_source.hpp"
 
+/// @file
 /// Cameras that need the libraries of their makers; each is available only if its library was built
 /// in. Depth is in millimetres, and the library maps colour to the depth image's pixels.
 /// `options.calibration` replaces the camera that the device states.

@@ -12,12 +12,13 @@
 
 #include "manip3d/io/descriptor.hpp"
 
+/// @file
 /// UDP packets, received by a thread of their own.
 namespace manip3d {
 
 struct UdpOptions {
-  std::string address = "127.0.0.1";  ///< 0: a free port, which port() returns.
-  std::uint16_t port = 2368;          ///< 0: one that is free.
+  std::string address = "127.0.0.1";  ///< An address of this machine; 0.0.0.0: all of them.
+  std::uint16_t port = 2368;          ///< 0: a free port, which port() returns.
   std::string sender;                 ///< Accept packets from this address only; empty: from all.
   std::size_t ring_packets = 16384;   ///< Size of the ring of waiting packets: 4 s of an HDL-64E.
 };

@@ -4,6 +4,7 @@
 
 #include "manip3d/geometry/rgbd_frame.hpp"
 
+/// @file
 /// Mirrors back the images of sensors that show a mirror image of the world (the Kinect).
 namespace manip3d {
 

@@ -10,6 +10,7 @@
 #include "manip3d/capture/udp.hpp"
 #include "manip3d/capture/velodyne.hpp"
 
+/// @file
 /// Velodyne frames from recordings and live sensors.
 namespace manip3d {
 

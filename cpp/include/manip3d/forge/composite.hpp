@@ -6,6 +6,7 @@
 #include "manip3d/geometry/camera.hpp"
 #include "manip3d/geometry/color_image.hpp"
 
+/// @file
 /// Compositing of a person into another scene: depth and colour images of a forged stream
 /// (dissertation section 5.1.2).
 namespace manip3d {

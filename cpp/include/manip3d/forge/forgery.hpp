@@ -9,6 +9,7 @@
 #include "manip3d/geometry/point_cloud.hpp"
 #include "manip3d/progress.hpp"
 
+/// @file
 /// A forged scan with its ground truth, and the edit that every attack is reduced to.
 namespace manip3d {
 

@@ -5,6 +5,7 @@
 
 #include "manip3d/io/descriptor.hpp"
 
+/// @file
 /// Files that are written completely or not at all.
 namespace manip3d {
 

@@ -7,6 +7,7 @@
 #include <optional>
 #include <span>
 
+/// @file
 /// Streams of bytes for readers: a file or memory, decompressed while it is read.
 namespace manip3d {
 

@@ -7,9 +7,9 @@
 
 #include "manip3d/geometry/mesh.hpp"
 
+/// @file
 /// Converts colours of faces and their corners (0xRRGGBB in sRGB), as files of several formats have
 /// them, to colours of materials or vertices.
-/// what files of several formats hold.
 namespace manip3d {
 
 /// Colours in the form that a mesh has: of materials, or else of vertices. Empty tables mean no

@@ -15,6 +15,7 @@
 #include "manip3d/io/byte_source.hpp"
 #include "manip3d/progress.hpp"
 
+/// @file
 /// Mesh files: the formats, and reading and writing of any of them.
 namespace manip3d {
 

@@ -11,6 +11,7 @@
 #include "manip3d/io/byte_source.hpp"
 #include "manip3d/progress.hpp"
 
+/// @file
 /// Point files as tables: all fields of all points with the values of the file.
 namespace manip3d {
 

@@ -12,6 +12,7 @@
 #include "manip3d/io/mesh_file.hpp"
 #include "manip3d/progress.hpp"
 
+/// @file
 /// Scenes of glTF files: a hierarchy of nodes, and meshes that several nodes may show.
 namespace manip3d {
 

@@ -5,6 +5,7 @@
 
 #include "manip3d/io/descriptor.hpp"
 
+/// @file
 /// Temporary files beside a target, which are removed later even if their writer is killed.
 namespace manip3d {
 
