@@ -33,7 +33,7 @@ inline std::int64_t nearest(double value) {
 // float32(q / 1000) or float32(q / 1600), computed as a product. This is exact: q / n either is a
 // float32 or is at least 2^-25 / n of its value away from the border at which float32 rounds the
 // other way, and the product has a relative error of 2^-52, which is less for all n up to 2^26.
-// With divisions, sampling a frame took three times as long.
+// Divisions would take a third of the time of sampling a frame.
 inline float on_grid(std::int32_t q, double metres) {
   return static_cast<float>(static_cast<double>(q) * metres);
 }
@@ -108,8 +108,8 @@ void make_room(const PointsView& points, LatticeSamples& found,
   slice_of.resize(size);
 }
 
-// What is required of a coordinate: kNear, it is within the limit; kOnGrid, it is the float32 of a
-// point of the grid; kWritten, it is this float32 to the bit, as embedders write it (they never
+// Requirements for a coordinate. kNear: it is within the limit. kOnGrid: it is the float32 of a
+// point of the grid. kWritten: it is this float32 to the bit, as embedders write it (they never
 // write -0, which equals 0).
 enum class Demand { kNear, kOnGrid, kWritten };
 

@@ -193,7 +193,7 @@ class MaterialTable {
   // Do faces have a property material_index? Without it, the index of their texture is used.
   bool has_index = false;
 
-  // The first face of a material decides on its texture.
+  // The first face of a material decides on its texture and colour.
   void note_texture(std::int32_t material, std::int32_t texture) {
     texture_of_.try_emplace(material, texture);
   }

@@ -9,7 +9,8 @@ namespace {
 constexpr std::size_t kBlock = std::size_t{1} << 18;
 // Bytes: long enough for a polygon of a million corners.
 constexpr std::size_t kLongestLine = std::size_t{32} << 20;
-// Ratio of the bytes of tables to those of the compressed file. Real meshes have 5 to 30 with .xz.
+// Largest ratio of the bytes of tables to those of the compressed file. Real meshes have 5 to 30
+// with .xz.
 constexpr std::uint64_t kMaxTableExpansion = 100;
 
 /// Size of the first block. A small file does not need a whole one; one byte more than its size
