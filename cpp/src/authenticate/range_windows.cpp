@@ -16,8 +16,8 @@ struct Extent {
 };
 constexpr std::array<Extent, 3> kWindows = {{{1, 1}, {2, 4}, {4, 9}}};
 
-// Half of forged ranges are incoherent. Windows with less than this share, and larger ones around
-// them, are skipped.
+// Half of forged ranges are incoherent. Windows with a share below kLeastShare, and larger ones
+// around them, are skipped.
 constexpr double kLeastShare = 0.25;
 
 // Windows with fewer incoherent ranges cannot reach an exponent that counts.
