@@ -30,6 +30,12 @@ constexpr double kMostCloth = 0.05;  // share of the intact limb's pixels
 // Pixels; for small limbs, single pixels would be a large share.
 constexpr double kLeastLimb = 250.0;
 
+// Chosen on the tuning half.
+constexpr double kMostStray = 0.2;                         // share of the intact arm's pixels
+constexpr float kBesideArm = 0.08F, kBesideTrunk = 0.15F;  // metres from the skin of every bone
+constexpr float kAside = 0.20F;                            // metres from the plane of symmetry
+constexpr float kAboveHips = 0.10F, kBehindBone = 0.05F;   // metres
+
 constexpr float kAwayFromRoot = 0.10F;  // metres; nearer to the root, a stump may be visible
 // Metres; points this far behind all joints of a limb do not belong to it.
 constexpr float kBehind = 0.15F;
@@ -64,6 +70,40 @@ NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
     nearest = {distance, bones.label[k], bones.start[k].z() + t * bone.z()};
   }
   return nearest;
+}
+
+/// Pixels of the body above the hips that lie too far from every bone to belong to it, as those of
+/// an arm whose joints are elsewhere, relative to the pixels of the intact arm. Pixels nearest to a
+/// leg do not count, because the thighs of seated people rise above their joints. The limit is
+/// larger near the trunk, because people who lean forward have their back and head far from its
+/// bones and hats are high. Pixels behind the bone may be those of a chair.
+double stray_share(const PersonPoints& points, Limb affected, const Skeleton& person,
+                   const BoneSegments& bones, const Girth& girth, const BodyFrame& frame,
+                   const PhantomImage& image) {
+  if (!is_usable(person, Joint::kSpineBase)) return 0.0;
+  const Eigen::Vector3f hips = person[Joint::kSpineBase], up = frame.y.cast<float>();
+  const float stout = girth.around_trunk();
+  const auto is_above = [&](const Eigen::Vector3f& p) {
+    return hips.y() - p.y() > kAboveHips && up.dot(p - hips) > kAboveHips;
+  };
+  const Eigen::Vector3f n = frame.n.cast<float>(), origin = frame.origin.cast<float>();
+  const auto is_beside = [&](const Eigen::Vector3f& p, const NearestSkin& nearest) {
+    const auto is_of = [&](Limb limb) { return is_limb_bone(limb, nearest.label); };
+    if (is_of(Limb::kLeftLeg) || is_of(Limb::kRightLeg)) return false;
+    if (is_of(Limb::kLeftArm) || is_of(Limb::kRightArm)) return true;
+    return nearest.distance > stout + kBesideTrunk && std::abs(n.dot(p - origin)) > kAside;
+  };
+  std::int64_t intact = 0, stray = 0;
+  for (std::int64_t i = 0; i < points.count; ++i) {
+    intact += is_limb_bone(opposite(affected), points.label[i]);
+    if (!(points.skin_distance[i] > stout + kBesideArm)) continue;
+    if (image.kind[points.pixel[i]] != PixelKind::kBody) continue;
+    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
+    if (!is_above(p)) continue;
+    const NearestSkin nearest = nearest_skin(p, bones, [](std::uint8_t) { return true; });
+    stray += is_beside(p, nearest) && p.z() < nearest.depth + kBehindBone;
+  }
+  return static_cast<double>(stray) / std::max(kLeastLimb, static_cast<double>(intact));
 }
 
 /// Whether the camera would see the trunk in the direction of p if nothing were in front of it.

@@ -160,6 +160,11 @@ class PhantomQuality:
         0 if the affected limb itself is seen, with ``keep_residual``, and without a true
         reflection. Cloth is missed if something else hides its mirrored place and, for an arm,
         within 16 cm of the plane of symmetry.
+    stray : float
+        Number of body pixels above the hips that lie more than 8 cm from the skin of the nearest
+        bone, divided by that of the intact limb: an arm at which the tracker has no joints. Where
+        the nearest bone is not an arm's, the limit is 15 cm, and only pixels more than 20 cm from
+        the plane of symmetry count. Above 0.2 the state is not ``tracking``. 0 for legs.
     score : float
         Largest ratio of these measures to their limits; above 1 the state is not ``tracking``.
     """

@@ -147,6 +147,9 @@ struct PhantomQuality {
   /// Pixels that may be an empty sleeve or leg of trousers, because the intact limb hides their
   /// mirrored places, relative to the pixels of the intact limb.
   double cloth = 0.0;
+  /// Pixels above the hips that lie away from the skin of all bones, relative to the pixels of the
+  /// intact arm; 0 for legs.
+  double stray = 0.0;
   /// The largest ratio of a measure to its limit; above 1 the state is not kTracking.
   double score = 0.0;
 };
