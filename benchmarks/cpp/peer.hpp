@@ -7,7 +7,7 @@
 #include "manip3d/geometry/mesh.hpp"
 
 /// @file
-/// What the programs of this folder share. Each is called as
+/// Code that the programs of this folder share. Each is called as
 ///   PROGRAM METHOD INPUT TARGET_FACES OUTPUT.ply
 /// and prints one line of JSON: {"cpu_s", "wall_s", "base_bytes", "peak_bytes"}, or {"refused"}
 /// with the reason why the library cannot take the mesh.

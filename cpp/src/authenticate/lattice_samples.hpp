@@ -15,8 +15,8 @@ constexpr std::uint8_t kOffLattice = 0x80;  ///< Mark of a point that an embedde
 
 struct LatticeSamples {
   std::vector<WatermarkSample> samples;
-  /// What embedding writes into each point. LBM: the lowest bits of x, y and z (bits 0 to 2). QIM:
-  /// the quarter of its cell in which z lies.
+  /// The bits that embedding writes into each point. LBM: the lowest bits of x, y and z (bits 0 to
+  /// 2). QIM: the quarter of its cell in which z lies.
   std::vector<std::uint8_t> marks;
 };
 

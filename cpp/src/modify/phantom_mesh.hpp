@@ -19,9 +19,10 @@ std::int64_t write_points(const PhantomImage& image, const PixelBox& box, const 
 /// along the shorter diagonal, and one triangle for three of them. Triangles that span a larger
 /// depth difference than `options.max_depth_step` are left out.
 ///
-/// Where body and phantom meet, their texture coordinates differ. A triangle across this seam uses
-/// new vertices in place of those of the body, with the texture coordinate of the phantom's corner.
-/// They follow the `num_points` others. If the capacity is exhausted, the triangle is left out.
+/// At the seam of body and phantom their texture coordinates differ. A triangle across this seam
+/// uses new vertices in place of those of the body, with the texture coordinate of the phantom's
+/// corner. They follow the `num_points` others. If the capacity is exhausted, the triangle is left
+/// out.
 /// @param registration  Registration of the colour camera; null: the colour image has the pixels of
 ///                      the depth image.
 PhantomMeshSize write_mesh(const PhantomImage& image, const PixelBox& box, const PixelRays& rays,

@@ -290,8 +290,8 @@ struct Relief::Memory {
   /// How a vertex is written to the result.
   enum class Written : std::uint8_t {
     kNot,
-    kAsOwn,     ///< As an output vertex of its own.
-    kWithLast,  ///< As the output vertex of the vertex before it in `order`, at the same pixel.
+    kAsOwn,     ///< Becomes an output vertex of its own.
+    kWithLast,  ///< Shares that of the previous vertex in `order`, at the same pixel.
   };
   /// By mesh (the levels, smallest first, then the mesh) and vertex. An empty list stands for
   /// kAsOwn everywhere.

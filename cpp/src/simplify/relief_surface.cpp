@@ -66,7 +66,7 @@ class BufferRows {
   std::size_t size_;
 };
 
-// What cell_of_bits() decides on. Bits 0 to 3: corners a, b, d, c are valid.
+// The input of cell_of_bits(). Bits 0 to 3: corners a, b, d, c are valid.
 constexpr std::uint16_t kTurned = 16;  // the diagonal from b to c is the shorter one
 // The two corners are no farther apart than DenseRule::max_edge.
 constexpr std::uint16_t kNearAB = 32, kNearDC = 64, kNearAC = 128, kNearBD = 256, kNearAD = 512,

@@ -128,7 +128,7 @@ class TurnedNormals {
     const auto is_off_its_face = [&](std::int32_t corner) {
       return normal.dot(faces_[corner / 3].direction) < kMostFromMean;
     };
-    // Where the normal is near each face, it is near their mean, too.
+    // If the normal is near each face, it is near their mean as well.
     if (std::none_of(group_.begin(), group_.end(), is_off_its_face)) return;
     Vector3d mean = Vector3d::Zero();
     for (const std::int32_t corner : group_) {

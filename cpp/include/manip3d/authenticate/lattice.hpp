@@ -9,7 +9,7 @@
 
 namespace manip3d {
 
-/// Where points lie on a lattice: one entry per point.
+/// Places of points on a lattice: one entry per point.
 struct LatticeReading {
   Indices ring;   ///< The nearest line; -1: the point is on the scanner's axis or at its centre.
   Indices count;  ///< The encoder's count in [0, steps); -1: no ring, or a lattice without steps.

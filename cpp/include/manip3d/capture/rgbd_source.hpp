@@ -68,7 +68,7 @@ struct RgbdScheme {
   /// Opens the source at a location; empty if this kind was not built in.
   std::function<std::unique_ptr<RgbdSource>(const std::string& location, const RgbdOptions&)> open;
   std::string reason;  ///< Why it cannot be opened now (not built in, no device); empty: it can.
-  std::string cure;    ///< What the user can do about `reason`.
+  std::string cure;    ///< Advice for the user about `reason`.
 };
 
 /// Returns all kinds, also those that are not available. It searches for devices, which may take a

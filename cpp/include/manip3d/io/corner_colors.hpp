@@ -19,7 +19,7 @@ struct SurfaceColors {
   Indices face_material;
   std::vector<Material> materials;  ///< Materials to append to those of the mesh.
   Colors colors;                    ///< (V, 3); white if no face of the vertex has a colour.
-  std::string warning;              ///< What was lost; empty: nothing.
+  std::string warning;              ///< Message about lost colours; empty: none was lost.
 };
 
 /// Finds the colours of a mesh with `num_materials` materials from the colours of its corners.

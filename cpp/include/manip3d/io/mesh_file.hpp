@@ -53,7 +53,7 @@ struct ReadResult {
   MeshFormat format = MeshFormat::kObj;
   std::int64_t num_polygons = 0;  ///< Number of polygons before triangulation.
   std::int64_t num_skipped = 0;   ///< Statements, elements and properties that were not understood.
-  std::vector<std::string> warnings;  ///< What was left out, as messages for the user.
+  std::vector<std::string> warnings;  ///< Messages for the user about what was left out.
 };
 
 /// Reads a mesh file; `.gz` and `.xz` are decompressed on the fly.

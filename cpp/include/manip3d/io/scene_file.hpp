@@ -94,7 +94,7 @@ struct Scene {
   /// bytes of the only buffer that its bufferViews refer to.
   std::string document;
   std::string buffer;
-  std::vector<std::string> warnings;  ///< What was left out, as messages for the user.
+  std::vector<std::string> warnings;  ///< Messages for the user about what was left out.
 };
 
 /// Reads a .gltf or .glb file, compressed or not, as a scene.

@@ -78,8 +78,9 @@ struct Cs3Result {
 /// points are triangulated by GridDelaunay. A triangle is kept if the pixel nearest to its centroid
 /// is valid and no edge is longer than max_edge (section 3.4).
 ///
-/// As printed, a square of radius Rd is 2 Rd + 1 wide, and only about half of n points are chosen.
-/// Therefore a factor on Rd_max is searched for which gives n points within 1 % (Cs3Reached).
+/// By the printed rule, a square of radius Rd is 2 Rd + 1 wide, and only about half of n points are
+/// chosen. Therefore a factor on Rd_max is searched for which gives n points within 1 %
+/// (Cs3Reached).
 ///
 /// The text leaves choices open (Cs3Reading). Of the 144 combinations (`manip3d reproduce
 /// readings-3`), the default is the one whose mean errors at 5 % exceed the printed ones of table
