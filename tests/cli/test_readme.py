@@ -45,7 +45,14 @@ SHORTER = (
 NOT_RUN = ("demo", "data get", "forge alert-set")
 """Demo and set have tests of their own, and no test uses the network: these are parsed, not run."""
 
-EXIT_CODES = {"inspect scan.bin": 3, "inspect b.bin": 3, "inspect forged": 3, "street.mcap": 4}
+EXIT_CODES = {
+    "inspect scan.bin": 3,
+    "inspect b.bin": 3,
+    "inspect forged": 3,
+    "street.mcap": 4,
+    "a3_s1_t1_depth.mat": 1,  # the joints of `write_trial` lie beside its person: no phantom
+}
+"""Lines of README that end with another code than 0 on the sources of these tests."""
 
 
 def blocks(language: str) -> list[str]:
