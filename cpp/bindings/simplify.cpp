@@ -232,6 +232,7 @@ void bind_quality(py::module_& m) {
       .def_readwrite("seam_weight", &QualityOptions::seam_weight)
       .def_readwrite("texture_weight", &QualityOptions::texture_weight)
       .def_readwrite("texture_seen", &QualityOptions::texture_seen)
+      .def_readwrite("color_weight", &QualityOptions::color_weight)
       .def_readwrite("locked", &QualityOptions::locked)
       .def_readwrite("importance", &QualityOptions::importance);
   m.def(
@@ -256,6 +257,7 @@ void bind_fast(py::module_& m) {
       .def_readwrite("max_error", &FastOptions::max_error)
       .def_readwrite("boundary_weight", &FastOptions::boundary_weight)
       .def_readwrite("seam_weight", &FastOptions::seam_weight)
+      .def_readwrite("color_weight", &FastOptions::color_weight)
       .def_readwrite("locked", &FastOptions::locked)
       .def_readwrite("num_threads", &FastOptions::num_threads);
   m.def(

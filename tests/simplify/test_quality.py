@@ -908,7 +908,7 @@ def test_wrong_options() -> None:
         simplify.simplify(hill, "best", ratio=0.5)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="expected at least one"):
         simplify.simplify(hill)
-    for name in ("boundary_weight", "seam_weight", "texture_weight", "max_error"):
+    for name in ("boundary_weight", "seam_weight", "texture_weight", "color_weight", "max_error"):
         with pytest.raises(InputError, match=f"{name}: expected a number >= 0, got"):
             simplify.quality(hill, **{"target_faces": 5, name: -1.0})  # type: ignore[arg-type]
 

@@ -12,19 +12,22 @@ namespace manip3d {
 /// sixty-fourth of the picture. Such faces show no meaningful texture, so theirs is ignored.
 constexpr double kFarthestTexture = 131072.0;
 
-/// Weighted sum over faces of the squared difference between a texture coordinate s at a point p
-/// and the linear continuation of the face's own: sum w |G p + d - s|^2 [Hoppe 1999].
-struct AttributeQuadric {
+/// Weighted sum over faces of the squared difference between an attribute s of N numbers at a
+/// point p and the linear continuation of the face's own: sum w |G p + d - s|^2 [Hoppe 1999].
+template <int N>
+struct AttributeQuadricOf {
+  using Value = Eigen::Matrix<double, N, 1>;
+
   Quadric q;  // of G p + d alone
   double weight = 0.0;
-  Eigen::Matrix<double, 2, 3> g = Eigen::Matrix<double, 2, 3>::Zero();
-  Eigen::Vector2d d = Eigen::Vector2d::Zero();
+  Eigen::Matrix<double, N, 3> g = Eigen::Matrix<double, N, 3>::Zero();
+  Value d = Value::Zero();
 
-  /// The quadric of a triangle with these corners and texture coordinates, times `weight`; zero if
-  /// it has no area.
-  static AttributeQuadric triangle(const std::array<Eigen::Vector3d, 3>& p,
-                                   const std::array<Eigen::Vector2d, 3>& s, double weight) {
-    AttributeQuadric result;
+  /// The quadric of a triangle with these corners and attributes, times `weight`; zero if it has
+  /// no area.
+  static AttributeQuadricOf triangle(const std::array<Eigen::Vector3d, 3>& p,
+                                     const std::array<Value, 3>& s, double weight) {
+    AttributeQuadricOf result;
     const Eigen::Vector3d e1 = p[1] - p[0], e2 = p[2] - p[0];
     const Eigen::Vector3d normal = e1.cross(e2);
     const double squared = normal.squaredNorm();
@@ -32,7 +35,7 @@ struct AttributeQuadric {
     // Gradients of the barycentric coordinates of the second and the third corner.
     const Eigen::Vector3d b1 = e2.cross(normal) / squared, b2 = normal.cross(e1) / squared;
     result.weight = weight;
-    for (int j = 0; j < 2; ++j) {
+    for (int j = 0; j < N; ++j) {
       const Eigen::Vector3d g = (s[1][j] - s[0][j]) * b1 + (s[2][j] - s[0][j]) * b2;
       const double d = s[0][j] - g.dot(p[0]);
       const Eigen::Vector3d wg = weight * g;
@@ -45,7 +48,7 @@ struct AttributeQuadric {
     return result;
   }
 
-  AttributeQuadric& operator+=(const AttributeQuadric& o) {
+  AttributeQuadricOf& operator+=(const AttributeQuadricOf& o) {
     q += o.q;
     weight += o.weight;
     g += o.g;
@@ -54,15 +57,42 @@ struct AttributeQuadric {
   }
 
   /// The s that minimizes the sum at p; the weight must be above zero.
-  [[nodiscard]] Eigen::Vector2d best(const Eigen::Vector3d& p) const {
-    return (g * p + d) / weight;
-  }
+  [[nodiscard]] Value best(const Eigen::Vector3d& p) const { return (g * p + d) / weight; }
 
   /// The sum at p for that s.
   double operator()(const Eigen::Vector3d& p) const {
     return weight > 0.0 ? q(p) - (g * p + d).squaredNorm() / weight : 0.0;
   }
 };
+using AttributeQuadric = AttributeQuadricOf<2>;  ///< Of texture coordinates.
+using ColorQuadric = AttributeQuadricOf<3>;      ///< Of colours, 0 to 1.
+
+/// Squared gradient of the colours, summed over the channels and the weights of the faces.
+inline double squared_gradient(const ColorQuadric& colors) {
+  return colors.q.xx + colors.q.yy + colors.q.zz;
+}
+
+/// The quadric of the colours of a triangle. A colour that changes by 1 within less than a
+/// thousandth of the diagonal of the mesh, as across a needle, gets a smaller weight.
+inline ColorQuadric color_quadric(const std::array<Eigen::Vector3d, 3>& p,
+                                  const std::array<Eigen::Vector3d, 3>& colors, double weight,
+                                  double diagonal) {
+  constexpr double kShortest = 1e-3;
+  const double shortest = kShortest * diagonal;
+  const ColorQuadric shown = ColorQuadric::triangle(p, colors, weight);
+  const double steep = shortest * shortest * squared_gradient(shown);
+  return steep > weight ? ColorQuadric::triangle(p, colors, weight * weight / steep) : shown;
+}
+
+/// Length on a surface over which its colours typically change by 1, which makes a difference of
+/// colours comparable with a distance. It is the inverse of the root mean square gradient, and at
+/// most a twentieth of the diagonal: small differences of an almost uniform colour count little.
+/// @param squares  Sum of squared_gradient() over the faces, weighted by their areas.
+inline double color_length(double squares, double area, double diagonal) {
+  constexpr double kLongest = 0.05;
+  const double longest = kLongest * diagonal;
+  return squares * longest * longest > area ? std::sqrt(area / squares) : longest;
+}
 
 /// Minimizes a sum of quadrics.
 class LeastSquares {
@@ -72,7 +102,8 @@ class LeastSquares {
     a_(1, 1) += weight * q.yy, a_(2, 1) += weight * q.yz, a_(2, 2) += weight * q.zz;
     b_ += weight * Eigen::Vector3d(q.bx, q.by, q.bz);
   }
-  void add(const AttributeQuadric& q, double weight) {
+  template <int N>
+  void add(const AttributeQuadricOf<N>& q, double weight) {
     if (!(q.weight > 0.0)) return;
     add(q.q, weight);
     const Eigen::Matrix3d gg = q.g.transpose() * q.g;

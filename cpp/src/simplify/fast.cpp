@@ -38,7 +38,7 @@ class FastSimplifier {
         pieces_(mesh_),
         collapser_(mesh_, squared_limit()),
         passes_(mesh_, pieces_, collapser_) {
-    sum_quadrics(mesh_, {options.boundary_weight, options.seam_weight});
+    sum_quadrics(mesh_, {options.boundary_weight, options.seam_weight, options.color_weight});
     tasks_.report(0.16);
     pieces_.find();
   }
@@ -180,6 +180,7 @@ void check_options(const MeshView& mesh, const FastOptions& options) {
   check("max_error", options.max_error, true);
   check("boundary_weight", options.boundary_weight, false);
   check("seam_weight", options.seam_weight, false);
+  check("color_weight", options.color_weight, false);
   if (options.num_threads < 0) {
     throw InputError("num_threads: expected a number >= 0, got " +
                      std::to_string(options.num_threads));

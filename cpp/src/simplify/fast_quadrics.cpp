@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "manip3d/geometry/patch_distance.hpp"
+#include "simplify/attribute_quadric.hpp"
 #include "simplify/collapse_rules.hpp"
 
 namespace manip3d::fast_detail {
@@ -150,9 +152,53 @@ void add_borders(FastMesh& mesh, const BorderWeights& weights, std::int32_t v) {
   }
 }
 
+/// The colours of a face, with a third of its area as weight.
+ColorQuadric colors_shown(const FastMesh& mesh, const Triple& face, const Eigen::Vector3d& origin) {
+  constexpr double kDiagonal = 1.0;  // in the unit of FastMesh
+  Triangle3 corners, colors;
+  for (std::size_t c = 0; c < 3; ++c) {
+    corners[c] = position_of(mesh.vertices[face[c]]).cast<double>() - origin;
+    colors[c] = mesh.colors[face[c]].cast<double>() / 255.0;
+  }
+  const double third = (corners[1] - corners[0]).cross(corners[2] - corners[0]).norm() / 6.0;
+  return color_quadric(corners, colors, third, kDiagonal);
+}
+
+double color_length_of(const FastMesh& mesh) {
+  double squares = 0.0, area = 0.0;
+  for (const Triple& face : mesh.faces) {
+    const ColorQuadric shown = colors_shown(mesh, face, Eigen::Vector3d::Zero());
+    squares += squared_gradient(shown);
+    area += shown.weight;
+  }
+  return color_length(squares, area, 1.0);
+}
+
+/// Adds planes through v along its lines of equal colour, which hold it where the colours around
+/// do not change linearly, as at the border of two regions. They add nothing to the weight, by
+/// which the error of a step is divided.
+void add_color_lines(FastMesh& mesh, std::int32_t v, double factor) {
+  ColorQuadric around;
+  const Eigen::Vector3d origin = position_of(mesh.vertices[v]).cast<double>();
+  mesh.for_each_face(v, [&](std::uint32_t f, std::uint32_t, std::int32_t, std::int32_t) {
+    around += colors_shown(mesh, mesh.faces[f], origin);
+  });
+  if (!(around.weight > 0.0)) return;
+  const Eigen::Matrix3d linear = around.g.transpose() * around.g / around.weight;
+  QuadricVertex& vertex = mesh.vertices[v];
+  const auto held = [&](double square, int i, int j) {
+    return static_cast<float>(factor * (square - linear(i, j)));
+  };
+  vertex.xx += held(around.q.xx, 0, 0), vertex.xy += held(around.q.xy, 0, 1);
+  vertex.xz += held(around.q.xz, 0, 2), vertex.yy += held(around.q.yy, 1, 1);
+  vertex.yz += held(around.q.yz, 1, 2), vertex.zz += held(around.q.zz, 2, 2);
+}
+
 }  // namespace
 
 void sum_quadrics(FastMesh& mesh, const BorderWeights& weights) {
+  const bool is_colored = !mesh.colors.empty() && weights.color > 0.0;
+  const double length = is_colored ? weights.color * color_length_of(mesh) : 0.0;
   mesh.is_open.assign(mesh.vertices.size(), 0);
   mesh.is_complex.assign(mesh.vertices.size(), 0);
   mesh.over_vertices([&](std::int32_t v) {
@@ -160,6 +206,7 @@ void sum_quadrics(FastMesh& mesh, const BorderWeights& weights) {
       mesh.is_open[v] = 1;
       add_borders(mesh, weights, v);
     }
+    if (is_colored) add_color_lines(mesh, v, length * length);
   });
   if (std::find(mesh.is_complex.begin(), mesh.is_complex.end(), 1) == mesh.is_complex.end()) {
     mesh.is_complex.clear();

@@ -4,9 +4,10 @@
 
 namespace manip3d::fast_detail {
 
-/// Weights of the planes through boundaries and through seams; planes of faces have 1.
+/// Weights of the planes through boundaries, through seams and along lines of equal colour; planes
+/// of faces have 1.
 struct BorderWeights {
-  double boundary, seam;
+  double boundary, seam, color = 0.0;
 };
 
 /// Computes the quadric of each vertex from the planes around it, and finds open and complex

@@ -84,7 +84,7 @@ class QualitySimplifier {
                   [this] {
                     if (progress_) progress_(fraction_);
                   }),
-        original_(mesh_, options, input.has_texcoords() && options.texture_weight > 0.0, progress),
+        original_(input, mesh_, options, progress),
         prices_(mesh_, original_, kept_, pieces_),
         check_(mesh_, kept_, !distance_.has_limit()),
         wedges_(mesh_, original_),
@@ -547,6 +547,7 @@ void check_options(const MeshView& mesh, const QualityOptions& options) {
   check("boundary_weight", options.boundary_weight, false);
   check("seam_weight", options.seam_weight, false);
   check("texture_weight", options.texture_weight, false);
+  check("color_weight", options.color_weight, false);
   const auto check_size = [&](const char* name, std::size_t size) {
     if (size == 0 || size == static_cast<std::size_t>(mesh.num_vertices())) return;
     throw InputError(std::string(name) + ": expected one for each vertex (" +

@@ -18,7 +18,7 @@ Attributes::Attributes(const MeshView& input, CollapseMesh& mesh, Original& orig
     : mesh_(mesh), original_(original), kept_(kept) {
   if (original.is_textured) find_charts();
   for (Eigen::Index v = 0; v < input.colors.rows(); ++v) {
-    colors_.emplace_back(input.colors.row(v).cast<double>().transpose());
+    colors_.emplace_back(input.colors.row(v).cast<double>().transpose() / 255.0);
   }
 }
 
@@ -95,8 +95,25 @@ std::optional<std::int32_t> Attributes::locked_wedge(std::int32_t v, std::int32_
   return found;
 }
 
-/// Interpolates between the colours of v and t by the position of p along the edge.
+/// The best colour at p, clamped to those around, because the linear continuation of a narrow face
+/// can be anything. For a locked vertex, and without a weight of colours, it is interpolated
+/// between v and t by the position of p along the edge.
 Vector3d Attributes::color_at(std::int32_t v, std::int32_t t, const Vector3d& p) const {
+  if (original_.is_colored && !kept_.is_locked(v) && !kept_.is_locked(t)) {
+    const ColorQuadric joined = original_.joined_colors(v, t);
+    if (joined.weight > 0.0) {
+      Vector3d low = colors_[t], high = low;
+      for (const std::int32_t from : {v, t}) {
+        mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t) {
+          for (const std::int32_t corner : mesh_.face(f)) {
+            low = low.cwiseMin(colors_[corner]);
+            high = high.cwiseMax(colors_[corner]);
+          }
+        });
+      }
+      return joined.best(p).cwiseMax(low).cwiseMin(high);
+    }
+  }
   const Vector3d edge = mesh_.position(t) - mesh_.position(v);
   const double squared = edge.squaredNorm();
   const double share =
@@ -115,7 +132,7 @@ void Attributes::fit_texture(SurfaceFit& fit, const std::vector<bool>& is_exact,
 
 void Attributes::write_colors(const std::vector<std::int32_t>& kept, TriangleMesh& out) const {
   for (std::size_t i = 0; i < kept.size() && !colors_.empty(); ++i) {
-    const Vector3d rounded = (colors_[kept[i]].array() + 0.5).floor();
+    const Vector3d rounded = (255.0 * colors_[kept[i]].array() + 0.5).floor();
     out.colors.row(static_cast<Eigen::Index>(i)) = rounded.cast<std::uint8_t>().transpose();
   }
 }

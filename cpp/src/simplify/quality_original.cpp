@@ -3,6 +3,8 @@
 #include <array>
 #include <cstddef>
 
+#include "manip3d/geometry/patch_distance.hpp"
+
 namespace manip3d::quality_detail {
 namespace {
 
@@ -82,10 +84,11 @@ double texture_jump(const CollapseMesh& mesh, std::int32_t f, std::int32_t v, st
 
 }  // namespace
 
-Original::Original(const CollapseMesh& mesh, const QualityOptions& wanted, bool has_texture,
+Original::Original(const MeshView& input, const CollapseMesh& mesh, const QualityOptions& wanted,
                    const Progress& progress)
     : options(wanted),
-      is_textured(has_texture),
+      is_textured(input.has_texcoords() && wanted.texture_weight > 0.0),
+      is_colored(input.colors.rows() > 0 && wanted.color_weight > 0.0),
       surface(mesh.num_vertices()),
       borders(mesh.num_vertices()),
       box(mesh.num_vertices()),
@@ -104,6 +107,7 @@ Original::Original(const CollapseMesh& mesh, const QualityOptions& wanted, bool 
     ticker.tick();
     if (mesh.is_alive(f)) add_face(mesh, f);
   }
+  if (is_colored) add_colors(input, mesh);
   Ring ring(mesh.num_vertices());
   for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) {
     ticker.tick();
@@ -150,6 +154,29 @@ void Original::add_face(const CollapseMesh& mesh, std::int32_t f) {
       {mesh.position(face[0]), mesh.position(face[1]), mesh.position(face[2])},
       {mesh.uv(wedges[0]), mesh.uv(wedges[1]), mesh.uv(wedges[2])}, third);
   for (const std::int32_t wedge : wedges) texture[wedge] += shown;
+}
+
+/// Adds the colours of each face to its vertices.
+void Original::add_colors(const MeshView& input, const CollapseMesh& mesh) {
+  color.resize(mesh.num_vertices());
+  Eigen::AlignedBox3d around;
+  for (const Eigen::AlignedBox3d& own : box) around.extend(own);
+  const double diagonal = around.isEmpty() ? 0.0 : around.diagonal().norm();
+  double squares = 0.0;
+  for (std::int32_t f = 0; f < mesh.num_slots(); ++f) {
+    const double third = mesh.is_alive(f) ? area_vector(mesh, f).norm() / 6.0 : 0.0;
+    if (!(third > 0.0)) continue;
+    const auto& face = mesh.face(f);
+    Triangle3 corners, colors;
+    for (std::size_t c = 0; c < 3; ++c) {
+      corners[c] = mesh.position(face[c]);
+      colors[c] = input.colors.row(face[c]).cast<double>().transpose() / 255.0;
+    }
+    const ColorQuadric shown = color_quadric(corners, colors, third, diagonal);
+    squares += 3.0 * squared_gradient(shown);
+    for (const std::int32_t v : face) color[v] += shown;
+  }
+  color_length_ = color_length(squares, whole_area, diagonal);
 }
 
 /// Adds planes through boundaries and seams, perpendicular to their faces; each end represents half
@@ -247,6 +274,7 @@ void Original::merge(std::int32_t v, std::int32_t t, double owes) {
     jump[t] += jump[v];
     seam[t] += seam[v];
   }
+  if (is_colored) color[t] += color[v];
   area[t] += area[v];
   border[t] += border[v];
   owed[t] = owes;
@@ -264,6 +292,11 @@ double Original::strips(double squares, double length, double area_around) const
   if (!(squares > 0.0) || !(length > 0.0)) return 0.0;
   const double most = std::max(options.boundary_weight, options.seam_weight);
   return kStripDistance * std::min(squares, most * area_around * std::sqrt(squares / length));
+}
+
+double Original::wrong_color(std::int32_t v, std::int32_t t, const Vector3d& p) const {
+  const ColorQuadric joined = joined_colors(v, t);
+  return color_factor() * std::min(integral(joined(p), joined.weight), joined.weight);
 }
 
 double Original::wrong_side(std::int32_t v, std::int32_t t, const Vector3d& p) const {

@@ -76,7 +76,8 @@ constexpr double kUnseen = 0.1;
 /// The original faces and borders that each vertex represents, as sums that are added when two
 /// vertices are merged.
 struct Original {
-  Original(const CollapseMesh& mesh, const QualityOptions& options, bool has_texture,
+  /// @param input  The mesh from which `mesh` was made, with its colours.
+  Original(const MeshView& input, const CollapseMesh& mesh, const QualityOptions& options,
            const Progress& progress);
 
   /// Adds a border at each edge of v where the surface ends now but did not in the input (a plate
@@ -100,19 +101,34 @@ struct Original {
   /// vertex is at p, over their whole width; their area is at most the area around.
   [[nodiscard]] double wrong_side(std::int32_t v, std::int32_t t, const Vector3d& p) const;
 
+  /// Price of the colours of the merged vertex if it is at p: the integral of the difference from
+  /// the linear continuation of the original colours. No difference is larger than 1.
+  [[nodiscard]] double wrong_color(std::int32_t v, std::int32_t t, const Vector3d& p) const;
+
+  /// The colours around the vertex into which v and t are merged.
+  [[nodiscard]] ColorQuadric joined_colors(std::int32_t v, std::int32_t t) const {
+    ColorQuadric joined = color[v];
+    joined += color[t];
+    return joined;
+  }
+
+  /// Price of a difference of 1 between colours, per unit of area.
+  [[nodiscard]] double color_factor() const { return options.color_weight * color_length_; }
+
   /// Price of a difference of 1 between texture coordinates, per unit of area.
   [[nodiscard]] double texture_factor() const {
     return seen() * options.texture_weight * texture_length / texture_share;
   }
 
   const QualityOptions& options;
-  bool is_textured;
+  bool is_textured, is_colored;
   std::vector<Quadric> surface;  // by vertex: planes of the original faces it represents
   std::vector<Quadric> borders;  // by vertex: planes of boundaries and seams
   std::vector<Quadric> jumps;    // by vertex: planes of seams, weighted by their texture jumps
   std::vector<double> jump;      // by vertex: weighted length of those seams
   std::vector<double> seam;      // by vertex: length of those seams
   std::vector<AttributeQuadric> texture;  // by wedge
+  std::vector<ColorQuadric> color;        // by vertex; empty unless is_colored
   std::vector<Eigen::AlignedBox3d> box;   // by vertex: around those faces
   std::vector<double> area;               // by vertex: of those faces
   double whole_area = 0.0;                // sum over all faces
@@ -124,12 +140,14 @@ struct Original {
   [[nodiscard]] double seen() const { return options.texture_seen ? 1.0 : kUnseen; }
   void measure_texture(const CollapseMesh& mesh);
   void add_face(const CollapseMesh& mesh, std::int32_t f);
+  void add_colors(const MeshView& input, const CollapseMesh& mesh);
   void add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring);
   [[nodiscard]] double parted(const CollapseMesh& mesh, std::int32_t f, std::int32_t v,
                               std::int32_t t) const;
 
   double texture_length = 0.0;  // length on the surface of a unit of texture
   double texture_share = 1.0;   // textured share of the area
+  double color_length_ = 0.0;   // color_length()
 };
 
 /// The points of a strip of width d along a border are on average d / 2 away from the border.

@@ -215,6 +215,7 @@ Plan Prices::plan(std::int32_t v, std::int32_t t, std::int32_t num_edge_faces, P
   if (original_.is_textured) {
     plan.owed += wedges_.price(p) + original_.wrong_side(v, t, p);
   }
+  if (original_.is_colored) plan.owed += original_.wrong_color(v, t, p);
   plan.price = kSurfaceShare * integral(star.quadric(p), star.area) +
                std::max(0.0, plan.owed - original_.owed[v] - original_.owed[t]) + spike(v, t, p) +
                kShortEdgeWeight * area * length;
@@ -237,6 +238,9 @@ Vector3d Prices::position(std::int32_t v, std::int32_t t, Place place, const Sta
     for (const Textured& own : wedges_.textured()) squares.add(own.quadric, weight);
     squares.add(original_.jumps[v], 1.0);
     squares.add(original_.jumps[t], 1.0);
+  }
+  if (original_.is_colored) {
+    squares.add(original_.joined_colors(v, t), original_.color_factor() * original_.color_factor());
   }
   const double pull =
       kTowardsMiddle * (original_.area[v] + original_.area[t]) + 1e-9 * length * length;

@@ -159,7 +159,8 @@ def nearest_faces(
     mesh: Mesh, chosen: NDArray[np.int64], points: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the nearest of the given faces to each point, and the nearest point on it."""
-    some = Mesh(mesh.vertices, mesh.faces[chosen])
+    used, faces = np.unique(mesh.faces[chosen], return_inverse=True)
+    some = Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32))
     _, face, foot = _core.closest_points(some, np.ascontiguousarray(points), math.inf, 0, None)
     return chosen[face], foot
 

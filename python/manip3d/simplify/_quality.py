@@ -14,6 +14,7 @@ from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 from manip3d.mesh import Material, Mesh
 from manip3d.simplify._collapse import StopReason, clean, expect_surface, stopping_rules
+from manip3d.simplify._color_seams import color_seams
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -174,6 +175,7 @@ def quality(
     seam_weight: float = 3.0,
     texture_weight: float = 0.2,
     texture_seen: bool | None = None,
+    color_weight: float = 0.01,
     locked: NDArray[np.bool_] | None = None,
     importance: ArrayLike | None = None,
     progress: Progress = None,
@@ -185,7 +187,8 @@ def quality(
     mesh : Mesh
         Not changed. It may be open, non-manifold, in many pieces, with several materials, several
         texture coordinates per vertex and faces without any. It is cleaned first (:func:`clean`):
-        what lies at the same place is welded, corners keep their texture coordinates.
+        vertices at one place are welded, corners keep their texture coordinates. Vertices of
+        different colours at one place stay apart, but the surface keeps no gap between them.
     target_faces : int, optional
         Stop at this many faces or fewer.
     ratio : float in [0, 1], optional
@@ -208,6 +211,10 @@ def quality(
         tenth: texture coordinates stay for later, but the shape is what is seen. By default they
         count in full, unless the mesh has materials, of which more than names is known, and none of
         them has a texture image.
+    color_weight : float
+        Price of wrong colours of vertices relative to that of a shifted surface, each on average
+        over the surface. By default the shape comes first: colours decide where it is flat. With 0,
+        colours are only interpolated. ``max_error`` and ``max_distance`` limit the shape alone.
     locked : (V,) bool, optional
         Vertices that stay where they are, with their texture coordinates; a piece with one of
         them does not vanish. Where several share a place, one locks all.
@@ -265,6 +272,10 @@ def quality(
     options.seam_weight = seam_weight
     options.texture_weight = texture_weight
     options.texture_seen = _shows_texture(mesh) if texture_seen is None else texture_seen
+    seams = color_seams(mesh)
+    options.color_weight = 0.0 if seams is not None and seams.is_flat else color_weight
+    if seams is not None:
+        mesh = seams.mesh
     chosen = locked_of(mesh, locked)
     weights = _importance(mesh, importance)
     cleaned = clean(mesh)
@@ -284,7 +295,8 @@ def quality(
     fields["vertex_map"] = _follow(cleaned.vertex_map, fields["vertex_map"])
     fields["face_map"] = _follow(cleaned.face_map, fields["face_map"])
     fields["dropped_faces"] += mesh.num_faces - cleaned.mesh.num_faces
-    return QualityResult(**fields)
+    result = QualityResult(**fields)
+    return result if seams is None else seams.restored(result)
 
 
 @checked
@@ -296,6 +308,7 @@ def fast(
     max_error: float | None = None,
     boundary_weight: float = 1.0,
     seam_weight: float = 1.0,
+    color_weight: float = 0.01,
     locked: NDArray[np.bool_] | None = None,
     threads: int = 0,
     progress: Progress = None,
@@ -306,8 +319,9 @@ def fast(
     ----------
     mesh : Mesh
         Not changed. It may be open, non-manifold, in many pieces, with several materials, several
-        texture coordinates per vertex and faces without any. What lies at the same place is
-        welded, corners keep their texture coordinates.
+        texture coordinates per vertex and faces without any. Vertices at one place are welded,
+        corners keep their texture coordinates. Vertices of different colours at one place stay
+        apart, but the surface keeps no gap between them.
     target_faces : int, optional
         Stop at this many faces or fewer.
     ratio : float in [0, 1], optional
@@ -319,6 +333,10 @@ def fast(
     boundary_weight, seam_weight : float
         How much the planes along boundaries, or along borders between materials or texture
         charts, count beside the surface.
+    color_weight : float
+        Price of wrong colours of vertices relative to that of a shifted surface: where colours do
+        not change linearly, lines of equal colour are held in place, also by ``max_error``. By
+        default the shape comes first. With 0, colours are only interpolated.
     locked : (V,) bool, optional
         Vertices that stay where they are, with one face at least. At one place, one that is
         locked locks all.
@@ -367,6 +385,10 @@ def fast(
     )
     options.boundary_weight = boundary_weight
     options.seam_weight = seam_weight
+    seams = color_seams(mesh)
+    options.color_weight = 0.0 if seams is not None and seams.is_flat else color_weight
+    if seams is not None:
+        mesh = seams.mesh
     options.num_threads = threads
     chosen = locked_of(mesh, locked)
     if chosen is not None:
@@ -375,4 +397,5 @@ def fast(
         fields = _core.simplify_fast(mesh, options, report)
     expect_surface(mesh.num_faces - fields["dropped_faces"], mesh.num_faces)
     fields["stop"] = StopReason(fields["stop"].name.lower())
-    return QualityResult(**fields)
+    result = QualityResult(**fields)
+    return result if seams is None else seams.restored(result)

@@ -1,6 +1,7 @@
-"""Additional sets of texture coordinates of simplified meshes, sampled on the original's surface.
+"""Values of vertices with seams, sampled on the original's surface for simplified meshes.
 
-A *chart* is a set of connected faces without a texture seam between them.
+The values are additional sets of texture coordinates, or colours that change abruptly. A *chart* is
+a set of connected faces without a seam between them.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ def charts(mesh: Mesh, values: NDArray[np.float32]) -> NDArray[np.int64]:
     Parameters
     ----------
     mesh : Mesh
-    values : (V, S, 2) float32
-        Texture coordinates of the vertices in S sets.
+    values : (V, S, N) float32
+        Values of the vertices in S sets: texture coordinates (N = 2) or colours (N = 3).
 
     Returns
     -------
@@ -35,8 +36,8 @@ def charts(mesh: Mesh, values: NDArray[np.float32]) -> NDArray[np.int64]:
         ends share a chart. A chart with a seam to itself, such as that of an unrolled pipe, is cut
         until the seam lies between two charts.
     """
-    places = _numbered(_bits(mesh.vertices))
-    points = _numbered(np.column_stack([places, _bits(values.reshape(len(values), -1))]))
+    places = _numbered(bits_of(mesh.vertices))
+    points = _numbered(np.column_stack([places, bits_of(values.reshape(len(values), -1))]))
     of_faces = _joined(points[mesh.faces], len(points))
     first, second = _seams(places[mesh.faces], points[mesh.faces])
     middles = values[mesh.faces].astype(np.float64).mean(axis=1).reshape(mesh.num_faces, -1)
@@ -57,12 +58,12 @@ def texcoords_of(
     simplified: Mesh,
     of_simplified: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
-    """Return texture coordinates of a simplified mesh, whose vertices are duplicated at seams.
+    """Return the values of a simplified mesh, whose vertices are duplicated at seams.
 
     Parameters
     ----------
-    values : (V, S, 2) float32
-        Texture coordinates of the original's vertices.
+    values : (V, S, N) float32
+        Values of the original's vertices, as for `charts`.
     original, simplified : Mesh
         Meshes in the same coordinates.
     of_original, of_simplified : (F,) int64
@@ -70,13 +71,12 @@ def texcoords_of(
 
     Returns
     -------
-    rows : (N,) int64
+    rows : (R,) int64
         Vertex of ``simplified`` that each new vertex is a copy of.
     faces : (F, 3) int32
         Faces as rows of the new vertices.
-    values : (N, S, 2) float32
-        Texture coordinates of each new vertex: those of the original at the nearest point of the
-        same chart.
+    values : (R, S, N) float32
+        Values of each new vertex: those of the original at the nearest point of the same chart.
     """
     keys = of_simplified[:, None] * simplified.num_vertices + simplified.faces
     asked, which = np.unique(keys, return_inverse=True)
@@ -85,11 +85,15 @@ def texcoords_of(
     faces_of = _rows_by_number(of_original)
     for number, rows in _rows_by_number(chart).items():
         faces = faces_of[number]
+        own = values[original.faces[faces]]
+        if (own == own[:1, :1]).all():
+            found[rows] = own[0, 0]
+            continue
         face, points = nearest_faces(original, faces, simplified.vertices[vertex[rows]])
         corners = original.faces[face]
         shares = barycentric(original.vertices[corners], points)
         found[rows] = np.einsum("nc,ncsd->nsd", shares, values[corners].astype(np.float64))
-    keys = np.column_stack([vertex, _bits(found.reshape(len(found), -1))])
+    keys = np.column_stack([vertex, bits_of(found.reshape(len(found), -1))])
     _, kept, alike = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     faces = alike.reshape(-1)[which.reshape(-1)].reshape(-1, 3).astype(np.int32)
     return vertex[kept], faces, found[kept]
@@ -101,7 +105,7 @@ def parted(mesh: Mesh, rows: NDArray[np.int64], faces: NDArray[np.int32]) -> Mes
     return mesh.replace(vertices=mesh.vertices[rows], faces=faces, colors=colors)
 
 
-def _bits(rows: NDArray[Any]) -> NDArray[np.int64]:
+def bits_of(rows: NDArray[Any]) -> NDArray[np.int64]:
     """Return the bits of numbers as integers; equal numbers (-0 and 0, NaN and NaN) are equal."""
     positive = rows + 0.0
     positive = np.where(np.isnan(positive), np.nan, positive).astype(rows.dtype)

@@ -18,6 +18,9 @@ struct FastOptions {
   double boundary_weight = 1.0;
   /// Weight of the planes along borders of materials and texture charts.
   double seam_weight = 1.0;
+  /// Weight of the planes along lines of equal colour, where colours of vertices do not change
+  /// linearly. 0: colours are only interpolated.
+  double color_weight = 0.01;
   std::vector<bool> locked;  ///< Vertices that must not move; empty: none.
   int num_threads = 0;       ///< 0: all cores of this process.
 };

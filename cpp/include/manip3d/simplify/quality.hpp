@@ -29,6 +29,9 @@ struct QualityOptions {
   /// between charts of one material are divided by ten: texture coordinates are kept for later use,
   /// but only the shape is visible.
   bool texture_seen = true;
+  /// Price of colours of vertices that are wrong on average by as much as they change over a step,
+  /// relative to a surface that is shifted by this step. 0: colours are only interpolated.
+  double color_weight = 0.01;
   std::vector<bool> locked;  ///< Vertices that must not move; empty: none.
   /// Factor, > 0, of each vertex on the price of changes of the surface there. Empty: all 1.
   std::vector<double> importance;
@@ -55,14 +58,14 @@ struct QualityResult {
 ///
 /// The price of each step has the unit of volume: the integral over the surface of the distance by
 /// which it is shifted. It has terms for the faces around the edge [Lindstrom & Turk 1998: the
-/// current faces, memoryless], for the strips that boundaries and seams sweep, and for the texture
+/// current faces, memoryless], for the strips that boundaries and seams sweep, for the texture
 /// [Hoppe 1999] on both sides of a seam, including that of a neighbouring chart if a chart
-/// vanishes. The step with the least price per removed face is next. A new vertex minimizes the
-/// squared distances and preserves the volume. A piece (faces connected by vertices) may vanish as
-/// a whole, at a price for the distance of its surface and its borders to the rest; if that would
-/// be visible, its last faces are flattened first where that costs less. At the end, vertices that
-/// are far off the original faces they represent are moved back, and all are fitted to the original
-/// surface, texture coordinates within their charts.
+/// vanishes, and for the colours of vertices. The step with the least price per removed face is
+/// next. A new vertex minimizes the squared distances and preserves the volume. A piece (faces
+/// connected by vertices) may vanish as a whole, at a price for the distance of its surface and its
+/// borders to the rest; if that would be visible, its last faces are flattened first where that
+/// costs less. At the end, vertices that are far off the original faces they represent are moved
+/// back, and all are fitted to the original surface, texture coordinates within their charts.
 ///
 /// Apart from that, no face turns over, no face is degenerate or duplicate, and no edge gets a
 /// third face, as long as the target can be reached without it. Locked vertices always stay, with

@@ -1,0 +1,105 @@
+"""Colours of vertices that change abruptly: several vertices at one place with different colours.
+
+Simplification welds vertices at one place, and a vertex has one colour. Therefore the faces between
+abrupt changes (the charts of the colours) are given a material of their own while the mesh is
+simplified, so that their borders are kept like those of materials. Then each chart gets its
+own colours again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d.mesh import Material, Mesh
+from manip3d.simplify._texcoords import bits_of, charts, parted, texcoords_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.simplify._quality import QualityResult
+
+_HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+
+
+class ColorSeams:
+    """A mesh whose colours change abruptly, as it is simplified and as it is returned.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The original with one material for each pair of material and chart.
+    is_flat : bool
+        Whether each chart has a single colour.
+    """
+
+    def __init__(self, original: Mesh, colors: NDArray[np.uint8]) -> None:
+        self._original = original
+        self._values = colors[:, None, :].astype(np.float32)
+        self._charts = charts(original, self._values)
+        materials = original.face_material
+        pairs = np.column_stack(
+            [np.full(original.num_faces, -1) if materials is None else materials, self._charts]
+        )
+        self._pairs, rows = np.unique(pairs, axis=0, return_inverse=True)
+        self.mesh = original.replace(
+            face_material=rows.reshape(-1).astype(np.int32),
+            materials=[Material()] * len(self._pairs),
+        )
+        order = np.argsort(self._charts, kind="stable")
+        first = np.r_[True, np.diff(self._charts[order]) != 0]
+        owners = order[np.flatnonzero(first)[np.cumsum(first) - 1]]
+        corners = colors[original.faces]
+        self.is_flat = bool((corners[order] == corners[owners][:, :1]).all())
+
+    def restored(self, result: QualityResult) -> QualityResult:
+        """Return a result for `mesh` with the original's materials, and the colours of each chart.
+
+        Vertices on borders between charts are duplicated, as they are in the original.
+        """
+        simplified = result.mesh
+        rows_of_faces = simplified.face_material
+        if rows_of_faces is None or simplified.num_faces == 0:
+            return replace(result, mesh=simplified.replace(face_material=None, materials=()))
+        material, chart = self._pairs[rows_of_faces].T
+        rows, faces, values = texcoords_of(
+            self._values, self._original, self._charts, simplified, chart
+        )
+        has_materials = self._original.face_material is not None
+        mesh = parted(simplified, rows, faces).replace(
+            colors=np.rint(values[:, 0]).astype(np.uint8),
+            face_material=material.astype(np.int32) if has_materials else None,
+            materials=self._original.materials,
+        )
+        return replace(result, mesh=mesh, vertex_map=self._vertex_map(result, chart, faces))
+
+    def _vertex_map(
+        self, result: QualityResult, chart: NDArray[np.int64], faces: NDArray[np.int32]
+    ) -> NDArray[np.int32]:
+        """Return for each input vertex the copy of its output vertex in its own chart."""
+        count = result.mesh.num_vertices
+        vertices = result.mesh.faces.reshape(-1).astype(np.int64)
+        known, at = np.unique(np.repeat(chart, 3) * count + vertices, return_index=True)
+        any_copy = np.zeros(count, dtype=np.int32)
+        any_copy[vertices] = faces.reshape(-1)
+        of_vertex = np.zeros(self._original.num_vertices, dtype=np.int64)
+        of_vertex[self._original.faces.reshape(-1)] = np.repeat(self._charts, 3)
+        into = result.vertex_map
+        wanted = of_vertex * count + into
+        place = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+        copies = np.where(known[place] == wanted, faces.reshape(-1)[at[place]], any_copy[into])
+        return np.where(into < 0, np.int32(-1), copies).astype(np.int32)
+
+
+def color_seams(mesh: Mesh) -> ColorSeams | None:
+    """Return the abrupt changes of a mesh's colours; None if no place has two colours."""
+    if mesh.colors is None:
+        return None
+    with np.errstate(over="ignore"):
+        places = (bits_of(mesh.vertices).view(np.uint64) * _HASH).sum(axis=1, dtype=np.uint64)
+    order = np.argsort(places, kind="stable")
+    is_same = places[order[1:]] == places[order[:-1]]
+    is_other = (mesh.colors[order[1:]] != mesh.colors[order[:-1]]).any(axis=1)
+    return ColorSeams(mesh, mesh.colors) if (is_same & is_other).any() else None
