@@ -238,7 +238,7 @@ class LiveSession:
         self._people = sorted(frame.skeletons, key=lambda one: float(one.positions[0][0]))
         self._times.append(frame.time_ns)
         if self._calibration is not None and shown.state == PhantomState.TRACKING:
-            measured = self._calibration.add(shown.skeleton)
+            measured = self._calibration.add(shown.skeleton, frame.time_ns)
             if measured is not None:
                 self._measured, self._calibration = measured, None
         colliders = self._body.update(shown.skeleton)

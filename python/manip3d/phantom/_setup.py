@@ -26,7 +26,7 @@ LEAST_RATE = 20.0
 MARGIN = 0.01
 """Width of the image's border, as a share of its sides, in which joints count as outside."""
 
-STILL_FRAMES = 60
+STILL_S = 2.0
 STILL_M = 0.03
 """Largest median movement of the joints during calibration, metres; above a tracker's noise."""
 
@@ -137,34 +137,44 @@ class PlacementCalibration:
     def __init__(self) -> None:
         self._frames: list[NDArray[np.float64]] = []
         self._states: list[NDArray[np.uint8]] = []
+        self._first_ns = self._last_ns = 0
 
     @property
     def share(self) -> float:
         """Share of the two seconds that is over."""
-        return min(1.0, len(self._frames) / STILL_FRAMES)
+        return min(1.0, (self._last_ns - self._first_ns) / (STILL_S * 1e9))
 
-    def add(self, skeleton: Skeleton) -> Skeleton | None:
+    def add(self, skeleton: Skeleton, time_ns: int) -> Skeleton | None:
         """Add a frame; return the measured body once the patient has held still for long enough.
 
-        If the patient moves, the measurement starts again.
+        If the patient moves, is not seen for two seconds, or the camera's clock goes back, the
+        measurement starts again.
         """
         if joints(skeleton, *_TRUNK) is None:
-            self._frames, self._states = [], []
+            self._forget(time_ns)
             return None
         now = skeleton.positions.astype(np.float64)
         known = skeleton.states != NOT_TRACKED
         if self._frames:
             both = known & (self._states[0] != NOT_TRACKED)
             moved = np.linalg.norm(now - np.median(self._frames, axis=0), axis=1)[both]
-            if np.median(moved) > STILL_M or float(np.quantile(moved, 0.9)) > 3 * STILL_M:
-                self._frames, self._states = [], []
+            has_moved = np.median(moved) > STILL_M or float(np.quantile(moved, 0.9)) > 3 * STILL_M
+            if has_moved or not 0 <= time_ns - self._last_ns < STILL_S * 1e9:
+                self._forget(time_ns)
+        if not self._frames:
+            self._first_ns = time_ns
+        self._last_ns = time_ns
         self._frames.append(now)
         self._states.append(skeleton.states.copy())
-        if len(self._frames) < STILL_FRAMES:
+        if self.share < 1.0:
             return None
         places = np.median(self._frames, axis=0).astype(np.float32)
         states = np.min(self._states, axis=0).astype(np.uint8)
         return Skeleton(places, skeleton.orientations, states, skeleton.id, skeleton.body)
+
+    def _forget(self, time_ns: int) -> None:
+        self._frames, self._states = [], []
+        self._first_ns = self._last_ns = time_ns
 
 
 def moved_to(body: Skeleton, skeleton: Skeleton) -> Skeleton:
