@@ -114,6 +114,34 @@ def test_a_damaged_index_loses_nothing(kept: Path, tmp_path: Path) -> None:
     assert len((tmp_path / "tables" / "games.csv").read_text().splitlines()) == 1 + GAMES
 
 
+def test_the_diary_is_left_as_it_was_without_files_beside_it(kept: Path, tmp_path: Path) -> None:
+    with contextlib.closing(sqlite3.connect(kept)) as raw:
+        raw.execute("PRAGMA journal_mode = WAL")  # as all diaries that the application has made
+    damaged = destroy(kept, pages(kept, "games_of_participant", "root")[0])
+    before = {path.name for path in tmp_path.iterdir()}
+    rescue_diary(kept, tmp_path / "new.diary")
+    assert kept.read_bytes() == damaged
+    assert {path.name for path in tmp_path.iterdir()} == before | {"new.diary"}
+
+
+def test_what_a_killed_program_left_in_the_log_is_read_and_stays(
+    kept: Path, tmp_path: Path
+) -> None:
+    live = shutil.copy(kept, tmp_path / "live.diary")
+    with contextlib.closing(sqlite3.connect(live, isolation_level=None)) as raw:
+        raw.execute("PRAGMA journal_mode = WAL")
+        raw.execute("DELETE FROM ratings")
+        for ending in ("", "-wal"):
+            shutil.copy(f"{live}{ending}", f"{kept}{ending}")
+    log = kept.with_name(f"{kept.name}-wal")
+    before = kept.read_bytes(), log.read_bytes()
+    assert len(before[1]) > 0
+    rescue_diary(kept, tmp_path / "new.diary")
+    assert (kept.read_bytes(), log.read_bytes()) == before
+    with contextlib.closing(sqlite3.connect(tmp_path / "new.diary")) as raw:
+        assert raw.execute("SELECT count(*) FROM ratings").fetchone() == (0,)
+
+
 def test_a_damaged_page_loses_its_rows_only(kept: Path, tmp_path: Path) -> None:
     before = games(kept)
     leaves = pages(kept, "games", "leaves")

@@ -105,7 +105,7 @@ def rescue_diary(
         made.chmod(0o600)
         with (
             _whole(source, made) as whole,
-            _connected(whole, "ro") as old,
+            _to_read(whole) as old,
             _connected(made, "rw") as new,
         ):
             try:
@@ -156,6 +156,19 @@ def _whole(source: Path, made: Path) -> Iterator[Path]:
         os.truncate(copy, there // page * page)  # of an incomplete page, rows would read as zeros
         os.truncate(copy, size)
         yield copy
+
+
+@contextlib.contextmanager
+def _to_read(path: Path) -> Iterator[sqlite3.Connection]:
+    """Connect to a diary without changing it, and without leaving files beside it.
+
+    SQLite makes a log beside the file for any connection. One that may only read leaves it there;
+    one that may write removes it at the end, but would first write what another program left in it.
+    """
+    mode = "ro" if Path(f"{path}-wal").exists() else "rw"
+    with _connected(path, mode) as connection:
+        connection.execute("PRAGMA query_only = 1")
+        yield connection
 
 
 def _connected(path: Path, mode: str) -> contextlib.closing[sqlite3.Connection]:
