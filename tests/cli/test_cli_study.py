@@ -50,6 +50,15 @@ def test_another_kind_of_study_is_refused(definition: Path, tmp_path: Path) -> N
     assert not (tmp_path / "a").exists()
 
 
+def test_a_study_without_its_stimuli_leaves_no_folder(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    run("study", "define", "jnd-textured", "--example", "-o", file)
+    done = run("study", "jnd", file, "-o", tmp_path / "a", "--no-open", "--seconds", "1")
+    assert done.returncode == 1
+    assert "expected a stimulus, found none" in done.stderr
+    assert not (tmp_path / "a").exists()
+
+
 def test_from_simulated_people_to_results(definition: Path, tmp_path: Path) -> None:
     answers, tables = tmp_path / "answers", tmp_path / "tables"
     done = run("study", "simulate", definition, "-o", answers, "--participants", "3", "--json")

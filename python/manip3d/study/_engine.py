@@ -496,6 +496,16 @@ def state_of(study: Study, session: Session) -> str:
     return "unfinished" if study.step(session) is not None else "finished"
 
 
+def expect_stimuli(study: Study) -> None:
+    """Raise InputError if a file of the study's stimuli is missing."""
+    missing = [file for file in study.files().values() if not file.is_file()]
+    if missing:
+        raise InputError(
+            f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing); "
+            "'manip3d study stimuli' makes them"
+        )
+
+
 @checked
 def run_study(
     study: Study,
@@ -548,12 +558,7 @@ def run_study(
             f"{folder.path}: expected no simulated participants, found {simulated[0]}; "
             "people need another folder"
         )
-    missing = [file for file in study.files().values() if not file.is_file()]
-    if missing:
-        raise InputError(
-            f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing); "
-            "'manip3d study stimuli' makes them"
-        )
+    expect_stimuli(study)
     server = study_server(study, folder, participant, port)
     # Ctrl-C is the normal end.
     with server, contextlib.suppress(KeyboardInterrupt):
