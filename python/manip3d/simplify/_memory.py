@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -34,14 +34,33 @@ if TYPE_CHECKING:
 _TABLES = ("vertices", "faces", "texcoords", "face_texcoords", "normals", "face_normals",
            "colors", "face_material")  # fmt: skip
 
-# Bytes per item, measured on lattices with all tables, welded and not, in one piece and with each
-# face a piece of its own. The items are those of bytes_per_face(): face, face of a mesh in several
-# pieces, vertex as stored, vertex in excess of a closed surface's number (F / 2), face with
-# texture, texture coordinate, face with normals, normal, coloured vertex.
+
+class _Items(NamedTuple):
+    """A number for each kind of item of a mesh: bytes of memory for one, or how many there are."""
+
+    face: float
+    face_in_pieces: float  # a face of a mesh in several pieces
+    vertex: float  # as stored
+    excess_vertex: float  # a position in excess of a closed surface's number (F / 2)
+    textured_face: float
+    texcoord: float
+    face_with_normals: float
+    normal: float
+    colored_vertex: float
+
+
+# Bytes, measured on lattices with all tables, welded and not, in one piece and with each face a
+# piece of its own.
 _BYTES = {
-    "fast": (125, 215, 12, 300, 20, 45, 25, 10, 15),
-    "quality": (474, 200, 12, 528, 30, 245, 30, 50, 30),
-}
+    "fast": _Items(
+        face=125, face_in_pieces=215, vertex=12, excess_vertex=300, textured_face=20, texcoord=45,
+        face_with_normals=25, normal=10, colored_vertex=15,
+    ),
+    "quality": _Items(
+        face=474, face_in_pieces=200, vertex=12, excess_vertex=528, textured_face=30, texcoord=245,
+        face_with_normals=30, normal=50, colored_vertex=30,
+    ),
+}  # fmt: skip
 _BYTES_LEFT = {"fast": 60, "quality": 210}  # additional bytes for each face of the result
 _MARGIN = 1.1
 _CONSTANT = 16 << 20
@@ -79,13 +98,19 @@ def _num_places(mesh: Mesh) -> float:
 def bytes_per_face(mesh: Mesh, mode: str) -> float:
     """Return the largest memory that a mode uses per face of a mesh, without the mesh itself."""
     faces = mesh.num_faces
-    in_pieces = faces if _core.count_components(mesh) > 1 else 0
-    excess = max(0.0, _num_places(mesh) - faces / 2)
-    textured = 0 if mesh.texcoords is None else len(mesh.texcoords)
+    texcoords = 0 if mesh.texcoords is None else len(mesh.texcoords)
     normals = 0 if mesh.normals is None else len(mesh.normals)
-    colored = 0 if mesh.colors is None else mesh.num_vertices
-    counts = (faces, in_pieces, mesh.num_vertices, excess, faces * (textured > 0), textured,
-              faces * (normals > 0), normals, colored)  # fmt: skip
+    counts = _Items(
+        face=faces,
+        face_in_pieces=faces if _core.count_components(mesh) > 1 else 0,
+        vertex=mesh.num_vertices,
+        excess_vertex=max(0.0, _num_places(mesh) - faces / 2),
+        textured_face=faces if texcoords else 0,
+        texcoord=texcoords,
+        face_with_normals=faces if normals else 0,
+        normal=normals,
+        colored_vertex=0 if mesh.colors is None else mesh.num_vertices,
+    )
     return _MARGIN * sum(a * b for a, b in zip(_BYTES[mode], counts, strict=True)) / faces
 
 
