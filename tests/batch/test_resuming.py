@@ -476,6 +476,72 @@ def test_a_changed_input_is_another_task(
         before = after
 
 
+@pytest.mark.parametrize(
+    ("words", "beside"),
+    [
+        (("capture", "info", "SRC_depth.mat", "--table", "t.csv"), "s0_skeleton.mat"),
+        (("phantom", "render", "SRC_depth.mat", "-o", "out"), "../Skeleton/s0_skeleton.mat"),
+        (("info", "SRC.pcap", "--table", "t.csv"), "s0.json"),
+        (("inspect", "SRC.pcap", "--table", "t.csv"), "s0_0.json"),
+        (("convert", "SRC_part.pcap", "-o", "out"), "s0.json"),
+    ],
+)
+def test_files_that_are_found_by_a_sources_name_are_inputs(
+    words: tuple[str, ...], beside: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    for source in ("s0", "s1"):
+        for ending in ("_depth.mat", ".pcap", "_part.pcap"):
+            Path(f"{source}{ending}").write_bytes(bytes(16))
+    before = _keys_of("", words, monkeypatch)
+    for text in ('{"beam_altitude_angles": 1}', '{"beam_altitude_angles": 2}'):
+        Path(beside).parent.mkdir(exist_ok=True)
+        Path(beside).write_text(text)
+        after = _keys_of("", words, monkeypatch)
+        assert after[0] != before[0]
+        assert after[1] == before[1]
+        before = after
+
+
+def test_pictures_of_another_renderer_are_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _write_inputs()
+    keys = []
+    for renderer in ("pyvista", "chromium", "pyvista"):
+        monkeypatch.setenv("MANIP3D_RENDERER", renderer)
+        keys.append(_keys_of("view", ("SRC.ply", "-o", "out", "--to", ".png"), monkeypatch))
+    assert keys[0] == keys[2]
+    assert not set(keys[0]) & set(keys[1])
+
+
+@pytest.mark.parametrize(
+    ("name", "is_shown"),
+    [
+        ("authenticate/lattice.json", False),
+        ("modify/joints.csv", False),
+        ("study/templates/a.toml", False),
+        ("report/templates/a.html", True),
+        ("viewer/dist/viewer.js", True),
+        ("viewer/node_modules/a/b.js", None),
+    ],
+)
+def test_what_the_package_reads_of_itself_is_a_part_of_its_fingerprint(
+    name: str, is_shown: bool | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "manip3d"
+    monkeypatch.setattr(fingerprint, "__file__", str(package / "_util" / "fingerprint.py"))
+    functions = (fingerprint.code_fingerprint, fingerprint.presentation_fingerprint)
+    before = [function.__wrapped__() for function in functions]
+    (package / name).parent.mkdir(parents=True)
+    (package / name).write_text("a table")
+    after = [function.__wrapped__() for function in functions]
+    assert (before[0] != after[0]) == (is_shown is False)
+    assert (before[1] != after[1]) == (is_shown is True)
+
+
 def test_rows_of_other_verbs_or_reports_are_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -515,7 +581,17 @@ def _keys_of(verb: str, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(_run, "run_stored", not_run)
     several = {"SRC": ["d0", "d1"]} | {
         f"SRC{suffix}": [f"s0{suffix}", f"s1{suffix}"]
-        for suffix in (".obj", ".ply", ".pgm", ".3d", ".bin", ".mkv")
+        for suffix in (
+            ".obj",
+            ".ply",
+            ".pgm",
+            ".3d",
+            ".bin",
+            ".mkv",
+            ".pcap",
+            "_depth.mat",
+            "_part.pcap",
+        )
     }
     for old in ("out", "t.csv", "t.rows"):
         shutil.rmtree(old, ignore_errors=True)

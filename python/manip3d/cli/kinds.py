@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from manip3d.errors import InputError
 from manip3d.io._elsewhere import scan_advice
-from manip3d.io._remote import named_beside, reads_beside
+from manip3d.io._remote import is_url, named_beside, reads_beside
 from manip3d.io._scan_files import (
     FOLDER_SUFFIXES,
     SCAN_SUFFIXES,
@@ -17,12 +17,13 @@ from manip3d.io._scan_files import (
     ply_elements,
 )
 from manip3d.io._utd_mhad import DEPTH_ENDING as TRIAL
-from manip3d.io._utd_mhad import trial_at
+from manip3d.io._utd_mhad import joints_of, trial_at
 
 if TYPE_CHECKING:
     from manip3d.batch import SourceFile
 
-_RECORDINGS = (".pcap", ".pcapng", ".osf", ".mcap", ".bag", ".mkv", TRIAL)
+_PACKETS = (".pcap", ".pcapng")
+_RECORDINGS = (*_PACKETS, ".osf", ".mcap", ".bag", ".mkv", TRIAL)
 _POINTS_IN = {
     ".npy": (
         "An array of points has at least 9 rows and 3 to 8 columns of floats, or 3 to 8 for each "
@@ -247,6 +248,22 @@ def own_sources(files: list[SourceFile]) -> list[SourceFile]:
     meshes = [f.name for f in files if f.name.rpartition("/")[0] in folders]
     named = set(_all_named(meshes)) if doubtful else set()
     return [file for file in files if file.is_named or file.name not in named]
+
+
+def beside(source: str) -> Iterator[Path]:
+    """Yield the files with other names that are read with a recording: joints, a sensor's data."""
+    if is_url(source):
+        return
+    path = Path(source)
+    trial = trial_at(path)
+    if trial is not None and trial.name.endswith(TRIAL):
+        yield from joints_of(trial)
+    if _suffix(path) in _PACKETS:
+        from manip3d.capture._addresses import ouster_metadata
+
+        metadata = ouster_metadata(path)
+        if metadata is not None:
+            yield metadata
 
 
 def _all_named(sources: list[str]) -> Iterator[str]:

@@ -226,9 +226,9 @@ def over_files(
     check : callable(options), optional
         Refuses options that are wrong for every file, before files are searched.
     beside : callable(source) -> sequence of Path
-        Files that the verb reads with a source, other than those to which a mesh or a scan refers.
-        They are inputs, as are all options that are files or folders: a row is made again when an
-        input changes.
+        Files that the verb reads with a source, other than those to which a mesh or a scan refers
+        and those of `kinds.beside`. They are inputs, as are all options that are files or folders:
+        a row is made again when an input changes.
     resumes : bool
         Whether rows of an earlier run are used again; False if results must be current.
     together : callable(sources, options) -> bool, optional
@@ -489,7 +489,8 @@ def _inputs(
     read = {name: value for name, value in given.items() if name not in _WRITTEN}
     named = {name for name in _texts([*read.values(), *each.get(file.name, {}).values()])}
     there = {name for name in named if is_url(name) or _is_there(name)}
-    return sorted(there | {str(path) for path in beside(file.name)})
+    found = [*beside(file.name), *(path for n in (file.name, *there) for path in kinds.beside(n))]
+    return sorted(there | {str(path) for path in found})
 
 
 def _texts(values: Iterable[Any]) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,6 +115,7 @@ def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
     writable=lambda: SUFFIXES,
     otherwise=".html",
     together=_side_by_side,
+    depends=lambda given: os.environ.get("MANIP3D_RENDERER", ""),  # pictures differ in pixels
 )
 def view(
     source: Source,

@@ -109,14 +109,19 @@ def _mat_trial(
     return depth.astype(np.uint16), joints.astype(np.float64)
 
 
-def _skeleton_beside(trial: Path) -> Path:
+def joints_of(trial: Path) -> tuple[Path, Path]:
+    """Return the two paths at which the file of a depth file's joints may be; the first wins."""
     name = f"{trial.name.removesuffix(DEPTH_ENDING)}_skeleton.mat"
-    places = (trial.parent, trial.parent.parent / "Skeleton")
+    return trial.parent / name, trial.absolute().parent.parent / "Skeleton" / name
+
+
+def _skeleton_beside(trial: Path) -> Path:
+    places = joints_of(trial)
     for place in places:
-        if (place / name).is_file():
-            return place / name
+        if place.is_file():
+            return place
     trial.stat()  # raises OSError, which names the trial, if that is missing
-    raise FormatError(f"expected the joints of this trial in {places[0] / name}", file=str(trial))
+    raise FormatError(f"expected the joints of this trial in {places[0]}", file=str(trial))
 
 
 def _variable(path: Path, name: str, shape: tuple[int, int]) -> NDArray[Any]:
