@@ -132,14 +132,42 @@ TEST_F(TemporaryTest, APrivateFilesSuccessorIsPrivateFromTheBeginning) {
 }
 
 TEST_F(TemporaryTest, AFolderTakesTheNameOfAnother) {
-  fs::create_directory(folder_ / "new");
-  std::ofstream(folder_ / "new" / "n") << "n";
-  replace_folder(folder_ / "new", folder_ / "target");
-  EXPECT_EQ(names(), Names{"target"});
-  fs::create_directory(folder_ / "newer");
-  replace_folder(folder_ / "newer", folder_ / "target");
+  const Temporary temporary = make_temporary(folder_, TemporaryKind::kFolder, 0777);
+  fs::create_directory(temporary.path / "new");
+  std::ofstream(temporary.path / "new" / "n") << "n";
+  replace_folder(temporary.path / "new", folder_ / "target");
+  EXPECT_EQ(names(), (Names{".manip3d-0", "target"}));
+  EXPECT_TRUE(fs::is_empty(temporary.path));
+  fs::create_directory(temporary.path / "newer");
+  replace_folder(temporary.path / "newer", folder_ / "target");
   EXPECT_TRUE(fs::is_empty(folder_ / "target"));
-  EXPECT_TRUE(fs::exists(folder_ / "newer" / "n"));  // for the caller to remove
+  EXPECT_FALSE(fs::is_empty(temporary.path));  // the old folder, for the caller to remove
+}
+
+TEST_F(TemporaryTest, AReplacedFolderOfADeadWriterIsRestoredWhereItIsMissing) {
+  for (const std::string name : {"missing", "there"}) {
+    fs::create_directories(folder_ / ".manip3d-0" / "old" / name);
+    std::ofstream(folder_ / ".manip3d-0" / "old" / name / "file") << "old";
+  }
+  fs::create_directory(folder_ / ".manip3d-0" / "new");
+  fs::create_directory(folder_ / "there");
+  {
+    AtomicFile(folder_ / "a").commit();
+  }
+  EXPECT_EQ(names(), (Names{"a", "missing", "there"}));
+  EXPECT_TRUE(fs::exists(folder_ / "missing" / "file"));
+  EXPECT_TRUE(fs::is_empty(folder_ / "there"));
+}
+
+TEST_F(TemporaryTest, ALinkIsNoReplacedFolder) {
+  fs::create_directories(folder_ / "precious" / "target");
+  fs::create_directory(folder_ / ".manip3d-0");
+  fs::create_directory_symlink(folder_ / "precious", folder_ / ".manip3d-0" / "old");
+  {
+    AtomicFile(folder_ / "a").commit();
+  }
+  EXPECT_EQ(names(), (Names{"a", "precious"}));
+  EXPECT_TRUE(fs::exists(folder_ / "precious" / "target"));
 }
 
 }  // namespace

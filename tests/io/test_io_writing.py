@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 import manip3d
 from manip3d import io
-from manip3d.io._files import atomic_pair, atomic_path, atomic_write, write_new
+from manip3d.io._files import atomic_folder, atomic_pair, atomic_path, atomic_write, write_new
 
 SUFFIXES = ["obj", "ply", "off", "stl"]
 
@@ -489,6 +489,40 @@ def test_a_mesh_that_cannot_be_renamed_leaves_no_texture(tmp_path: Path, suffix:
         done = subprocess.run(command, capture_output=True, text=True)
         assert "Input/output error" in done.stderr
         assert os.listdir(out) == []
+
+
+REPLACE = """
+import pathlib, sys
+from manip3d.io._files import atomic_folder
+with atomic_folder(sys.argv[1]) as folder:
+    pathlib.Path(folder, "text").write_text("new")
+"""
+
+
+@pytest.mark.parametrize("call", [2, 3])
+@pytest.mark.parametrize("outcome", ["error=EIO", "signal=KILL"])
+def test_a_folder_is_old_or_new_where_names_cannot_be_exchanged(
+    tmp_path: Path, call: int, outcome: str
+) -> None:
+    if shutil.which("strace") is None:
+        pytest.skip("strace is not installed")
+    target = tmp_path / "target"
+    target.mkdir()
+    (target / "text").write_text("old")
+    command = ["strace", "-f", "-qq", "-o", os.devnull, "-e", "trace=rename,renameat,renameat2"]
+    command += ["-e", "inject=renameat2:error=EINVAL", "-e"]
+    command += [f"inject=rename,renameat:{outcome}:when={call - 1}"]
+    done = subprocess.run([*command, sys.executable, "-c", REPLACE, str(target)])
+    assert done.returncode != 0
+    assert target.exists() == (outcome != "signal=KILL" or call == 2)
+    (tmp_path / "other").mkdir()
+    atomic_write(tmp_path / "beside", "any write restores the folder")
+    assert (target / "text").read_text() == "old"
+    assert sorted(os.listdir(tmp_path)) == ["beside", "other", "target"]
+    with atomic_folder(target) as new:
+        (new / "text").write_text("newer")
+    assert os.listdir(target) == ["text"]
+    assert (target / "text").read_text() == "newer"
 
 
 def test_atomic_pair_leaves_a_folder_that_has_the_companions_name(tmp_path: Path) -> None:

@@ -19,6 +19,10 @@ namespace {
 // writers take higher numbers, and the gaps that they leave are shorter than this.
 constexpr int kGap = 16;
 
+// Folder within a temporary folder: replace_folder keeps the old target in it, under its name,
+// while no folder has the target's name.
+constexpr const char* kReplaced = "old";
+
 fs::path name_of(const fs::path& folder, int number) {
   return folder / (".manip3d-" + std::to_string(number));
 }
@@ -69,10 +73,25 @@ Descriptor open_existing(const fs::path& path) {
   return Descriptor(::open(path.c_str(), O_RDONLY | kFlags));  // a folder or a read-only file
 }
 
+bool is_named(const fs::path& path) {
+  return fs::symlink_status(path).type() != fs::file_type::not_found;
+}
+
+// Gives a target back its old name if its writer died before the new folder had the name.
+// @throws fs::filesystem_error  the operating system refused.
+void restore_replaced(const fs::path& temporary) {
+  const fs::path kept = temporary / kReplaced;
+  if (!fs::is_directory(fs::symlink_status(kept))) return;
+  for (const fs::directory_entry& old : fs::directory_iterator(kept)) {
+    const fs::path target = temporary.parent_path() / old.path().filename();
+    if (!is_named(target)) fs::rename(old.path(), target);
+  }
+}
+
 enum class Found : std::uint8_t { kNothing, kAlive, kDead };
 
-// Finds out whether a writer that is alive holds the lock of the temporary file at `path`; removes
-// the file if not.
+// Finds out whether a writer that is alive holds the lock of the temporary file at `path`; if not,
+// restores what the dead writer was replacing, and removes the file.
 Found reap(const fs::path& path) {
   const Descriptor file = open_existing(path);
   if (!file.is_open()) return errno == ENOENT ? Found::kNothing : Found::kAlive;
@@ -80,9 +99,13 @@ Found reap(const fs::path& path) {
   if (::fstat(file.get(), &status) != 0) return Found::kAlive;
   if (!S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode)) return Found::kAlive;
   if (::flock(file.get(), LOCK_EX | LOCK_NB) != 0 || !is_there(path, file)) return Found::kAlive;
-  std::error_code failed;
-  fs::remove_all(path, failed);
-  return failed ? Found::kAlive : Found::kDead;
+  try {
+    restore_replaced(path);
+    fs::remove_all(path);
+  } catch (const fs::filesystem_error&) {
+    return Found::kAlive;
+  }
+  return Found::kDead;
 }
 
 void reap_from(const fs::path& folder, int number) {
@@ -112,12 +135,16 @@ void replace_folder(const fs::path& made, const fs::path& target) {
   };
   if (rename(made, target, RENAME_NOREPLACE)) return;
   if (errno == EEXIST && rename(made, target, RENAME_EXCHANGE)) return;
-  const fs::path old = made.string() + "-old";
-  const bool cannot_exchange = errno == EINVAL || errno == ENOSYS;
-  const bool moved = cannot_exchange && (rename(target, old, 0) || errno == ENOENT);
-  if (moved && rename(made, target, 0)) {
-    rename(old, made, 0);
-    return;
+  if (errno == EINVAL || errno == ENOSYS) {  // the file system cannot exchange names
+    const fs::path kept = made.parent_path() / kReplaced;
+    const fs::path old = kept / target.filename();
+    std::error_code failed;
+    fs::create_directory(kept, failed);
+    const bool is_moved = rename(target, old, 0);
+    if ((is_moved || errno == ENOENT) && rename(made, target, 0)) return;
+    const int reason = errno;
+    if (is_moved) rename(old, target, 0);
+    errno = reason;
   }
   throw fs::filesystem_error("cannot rename", target,
                              std::error_code(errno, std::generic_category()));

@@ -153,6 +153,10 @@ def atomic_pair(
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield an empty temporary folder that becomes the folder ``path`` when the block ends.
 
+    A process that is killed leaves the old folder or the new one. If the file system cannot
+    exchange names, ``path`` may be missing until the next write beside it, which restores the old
+    folder.
+
     Raises
     ------
     InputError
