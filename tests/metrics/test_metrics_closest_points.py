@@ -121,6 +121,21 @@ def test_a_limit_leaves_out_what_is_farther_and_nothing_else(
         assert np.isnan(result.point[~near]).all()
 
 
+def test_progress_ends_at_one_where_no_face_is_within_the_limit() -> None:
+    corners = np.random.default_rng(2).uniform(0, 1, (12, 3, 3))
+    mesh = manip3d.Mesh(corners.reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    for away in range(10, 20):  # in some of these cases no face is even looked at
+        told: list[float] = []
+        found = closest_points(
+            mesh,
+            [[away, 0, 0]],
+            max_distance=1.0,
+            progress=lambda part, _, to=told: to.append(part),
+        )
+        assert found.face.tolist() == [-1]
+        assert told[-1:] == [1.0]
+
+
 def test_large_faces_are_near_all_they_span() -> None:
     places = np.random.default_rng(2).uniform(90, 100, (300, 1, 3))
     specks = places + np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])

@@ -524,7 +524,10 @@ ClosestPoints closest_points(const MeshView& mesh, const Eigen::Ref<const Vertic
   check_mesh(mesh);
   ClosestPoints result(points.rows());
   const std::vector<std::int32_t> faces = faces_near(mesh, points, max_distance);
-  if (faces.empty() && mesh.num_faces() > 0) return result;
+  if (faces.empty() && mesh.num_faces() > 0) {
+    if (progress) progress(1.0);
+    return result;
+  }
   const TriangleBvh bvh(mesh, faces, part_of(progress, 0.0, 0.3));
   parallel_chunks(
       points.rows(), kChunk, num_threads,
