@@ -108,10 +108,10 @@ void make_room(const PointsView& points, LatticeSamples& found,
   slice_of.resize(size);
 }
 
-// Requirements for a coordinate. kNear: it is within the limit. kOnGrid: it is the float32 of a
+// Requirements for a coordinate. kInReach: it is within the limit. kOnGrid: it is the float32 of a
 // point of the grid. kWritten: it is this float32 to the bit, as embedders write it (they never
 // write -0, which equals 0).
-enum class Demand { kNear, kOnGrid, kWritten };
+enum class Demand { kInReach, kOnGrid, kWritten };
 
 constexpr std::size_t kBlockPoints = 128;
 constexpr std::size_t kBlockValues = 3 * kBlockPoints;
@@ -251,7 +251,7 @@ void sample_for_embedding(const PointsView& points, const WatermarkOptions& opti
   sample_intensities(points, found);
   std::fill(found.marks.begin(), found.marks.end(), std::uint8_t{0});
   if (options.round) {
-    sample_blocks_for_embedding<Demand::kNear>(points, options, found);
+    sample_blocks_for_embedding<Demand::kInReach>(points, options, found);
   } else {
     sample_blocks_for_embedding<Demand::kOnGrid>(points, options, found);
   }

@@ -25,7 +25,8 @@ class FastPieces {
   /// Pieces that remove() may remove.
   enum class Choice : std::uint8_t {
     kCheap,  // pieces below the limit, as long as the target is not undercut
-    // Pieces below the limit, priced for at most the number of faces that the target still needs.
+    // Pieces below the limit, priced for at most the number of faces that the target still needs,
+    // even if fewer faces than the target remain.
     kInstead,
     kNear,      // the cheapest near pieces, as long as the target is not undercut
     kCheapest,  // the cheapest pieces of any price, as long as the target is not undercut
