@@ -127,6 +127,18 @@ def test_a_missing_car_is_found_where_it_was() -> None:
         assert len(result.suspected) == 0
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+@pytest.mark.parametrize(("scanned", "seen", "sign"), [((CAR,), (), 1), ((), (CAR,), -1)])
+def test_the_difference_of_a_marked_cell_exceeds_the_tolerance(
+    scanned: tuple[Box, ...], seen: tuple[Box, ...], sign: int, noise: float
+) -> None:
+    """Marks compare extremes of 3x3 cells, the difference a mean: the mean is at least as far."""
+    result = judged(lidar(*scanned), cameras(*seen, noise=noise))
+    marked = result.mask == sign
+    assert marked.sum() > 50
+    assert (sign * result.difference[marked]).min() > CrossModalParameters().tolerance
+
+
 def test_a_moved_car_is_a_modification_and_two_far_apart_are_both() -> None:
     moved = Box((15.0, 1.25, -0.9), CAR.size)
     result = judged(lidar(moved), cameras(CAR))

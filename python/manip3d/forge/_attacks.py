@@ -462,6 +462,9 @@ def snap_to_lattice(
 ) -> Forgery:
     """Move the added and moved points of a forgery to the sensor's ring lines.
 
+    A `Lattice` has one azimuth phase and beams through the axis, so that the points lie between the
+    firings of a scanner whose lasers have their own. `lattice_insert` knows these.
+
     Parameters
     ----------
     forgery : Forgery
