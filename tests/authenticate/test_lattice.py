@@ -243,6 +243,18 @@ def test_rings_that_say_little_are_learnt_too() -> None:
     assert generic_consistency(moved).verdict == "tampered"
 
 
+@pytest.mark.parametrize("height", [0.08, -0.3])
+def test_forged_points_do_not_turn_the_line_of_a_ring_on_the_roof(height: float) -> None:
+    """The roof's points lie within 4 cm, so that any line through one forged point meets them."""
+    frame = named_rings(interpolated(0.013), 1800)
+    points, slope = frame.points.copy(), math.tan(math.radians(-15.0))
+    angle = np.linspace(0.5, 0.6, 60)
+    forged = np.stack([4.0 * np.cos(angle), 4.0 * np.sin(angle)], axis=-1)
+    points[100:160, :2], points[100:160, 2] = forged, 4.0 * slope + height
+    found = estimate_lattice(frame.replace(points=points))
+    np.testing.assert_allclose(found.slope, np.tan(np.radians(np.arange(15, -16, -2))), atol=1e-3)
+
+
 def test_a_period_of_part_of_the_turn_is_no_encoder() -> None:
     assert estimate_lattice(named_rings(interpolated(0.0), 1800)).steps % 1800 == 0
     assert estimate_lattice(named_rings(interpolated(0.013), 1800)).steps == 0

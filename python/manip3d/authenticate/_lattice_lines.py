@@ -26,8 +26,11 @@ rounded elevations lie on hundreds of lines; they are refused, because points be
 no evidence."""
 
 NARROW = 0.05
-"""Metres: if the distances of a ring's points from the axis differ by less (the scanner's own car,
-or a wall around it), they do not determine the slope of its line."""
+"""Metres: if the distances of most of a ring's points from the axis differ by less (the scanner's
+own car, or a wall around it), they do not determine the slope of its line."""
+
+MOST_OF_A_RING = (0.05, 0.95)
+"""Quantiles of the distances; the few points beyond them may be forged."""
 
 MOST_PAIRED = 250
 """Number of points of a ring (at most twice as many) from which lines are proposed, each through
@@ -58,13 +61,18 @@ def find_lines(clouds: Sequence[Cloud]) -> tuple[Floats, Floats]:
     members = [np.flatnonzero(ring == k) for k in range(len(slope))]
     fits = [
         line_fit(rho[rows], z[rows])
-        if len(rows) >= FEWEST_POINTS and np.ptp(rho[rows]) > NARROW
+        if len(rows) >= FEWEST_POINTS and _is_wide(rho[rows])
         else (slope[k], offset[k])
         for k, rows in enumerate(members)
         if len(rows) >= FEWEST_LABELLED
     ]
     _check_lines(len(fits))  # rounded or noisy rings may agree on lines with few points
     return np.array(fits)[:, 0], np.array(fits)[:, 1]
+
+
+def _is_wide(rho: Floats) -> bool:
+    low, high = np.quantile(rho, MOST_OF_A_RING)
+    return bool(high - low > NARROW)
 
 
 def _check_lines(found: int) -> None:
@@ -99,6 +107,8 @@ def _fit_wide_ring(cloud: Cloud, ring: NDArray[np.intp]) -> tuple[float, float, 
         if 2 * len(inside) < len(ring):
             return None
         slope[best], offset[best] = line_fit(cloud.rho[inside], cloud.points[inside, 2])
+    if not _is_wide(cloud.rho[inside]):
+        return None
     return float(slope[best]), float(offset[best]), len(inside)
 
 
