@@ -63,7 +63,13 @@ def test_a_room_is_not_the_person(limb: Limb, sitting: bool, least: float) -> No
 @pytest.mark.parametrize("limb", ["left_arm", "right_leg"])
 @pytest.mark.parametrize(
     ("down", "roll", "turn", "height"),
-    [(25.0, 0.0, 30.0, 2.1), (-20.0, 0.0, 30.0, 0.3), (0.0, 10.0, 0.0, 0.95)],
+    [
+        (25.0, 0.0, 30.0, 2.1),
+        (-20.0, 0.0, 30.0, 0.3),
+        (0.0, 10.0, 0.0, 0.95),
+        (40.0, 0.0, 0.0, 2.6),
+        (0.0, 42.0, 0.0, 0.95),
+    ],
 )
 def test_the_floor_of_a_tilted_camera(
     limb: Limb, down: float, roll: float, turn: float, height: float

@@ -413,6 +413,9 @@ class PhantomPipeline:
     image shows something farther away, and those at the ends of bones longer by more than 5 cm than
     1.5 times the intact limb's.
 
+    The camera may be tilted in any direction. Beyond 45 degrees the floor is not recognised: frames
+    without a body index then show pieces of it, and rotating their images by quarter turns helps.
+
     A seated person's thighs may be turned relative to the trunk by ten degrees or more. If the
     person has the affected leg, this angle is measured from both legs, averaged over 3 seconds, and
     ``plane`` of the result is the legs' plane; if the leg is missing, the angle is unknown. Empty
