@@ -53,6 +53,27 @@ def test_the_motion_of_a_scanner_that_turns_is_not_its_inverse(turns: list[np.nd
         np.testing.assert_allclose(motion[:3, 3], (way, 0.0, 0.0), atol=0.03)
 
 
+@pytest.mark.parametrize(
+    ("rate", "verdict"), [(20, "no_trace"), (10, "no_trace"), (5, "undecidable")]
+)
+def test_a_scanner_that_turns_slowly_is_not_judged_by_limits_of_fast_ones(
+    rate: int, verdict: str
+) -> None:
+    """A car passes at 25 m/s: at 5 turns a second by more than its length from turn to turn."""
+    frames = []
+    for k in (-1, 0, 1):
+        y = 25.0 * k / rate - 2.0
+        car = ((9.1, y - 2.2, -1.73), (10.9, y + 2.2, -0.2))
+        points = turn_scans.turn(0.0, 10 + k, (*turn_scans.BOXES, car))
+        frames.append(LidarFrame(points, time_ns=1_000_000_000 * k // rate))
+    found = turn_consistency(frames[1], frames[0], frames[2], lattice=LATTICE)
+    assert found.verdict == verdict
+    assert found.regions == ()
+    if verdict == "undecidable":
+        assert found.reason == "the turn before was taken 0.20 s apart, which is no turn"
+        assert not found.aligned
+
+
 def test_a_reading_that_is_given_changes_nothing(turns: list[np.ndarray]) -> None:
     """The turns are read in the frame's coordinates."""
     table = LATTICE.table

@@ -19,6 +19,15 @@
 namespace manip3d {
 namespace {
 
+// Seconds: the longest turn of a scanner for which the limits below hold. Scanners turn 5 to 20
+// times a second; turns that are farther apart are not to be compared (MOST_APART_NS of _turns.py).
+constexpr double kTurnSeconds = 0.1;
+
+// The motion during a turn, rounded to whole units.
+constexpr int in_a_turn(double per_second, double unit) {
+  return static_cast<int>(per_second * kTurnSeconds / unit + 0.5);
+}
+
 constexpr float kNothingNear = std::numeric_limits<float>::infinity();
 
 // Radians: no laser could have measured a point that is farther than this from every line, since
@@ -39,8 +48,9 @@ constexpr int kTurnBlockRings = 2;
 constexpr int kTurnBlockColumns = 3;
 constexpr std::int64_t kFewestDirections = 6;
 
-// The largest motion of a passing object from turn to turn: directions (9 degrees) and lasers.
-constexpr int kMovedColumns = 28;
+// The largest motion of a passing object from turn to turn: directions (93 degrees per second, 26
+// m/s at a distance of 16 m) and lasers.
+constexpr int kMovedColumns = in_a_turn(93.0, 360.0 / kTurnColumns);
 constexpr int kMovedRings = 2;
 
 // Ranges of a turn, by direction.
@@ -174,12 +184,12 @@ RingImage<std::uint8_t> opened_directions(const RingImage<std::uint8_t>& image) 
 
 // The first guess of a motion: objects above the ground, on a grid seen from above, are shifted and
 // rotated until most of them meet the objects of the other turn.
-constexpr double kGuessCell = 0.25;   // metres
-constexpr double kGuessReach = 40.0;  // metres
-constexpr double kGuessHeight = 0.5;  // metres above the ground
-constexpr int kGuessAhead = 16;       // cells: 4 m per turn of 0.1 s are 144 km/h
-constexpr int kGuessAside = 2;
-constexpr int kGuessTurns = 4;  // degrees per turn: 40 degrees per second
+constexpr double kGuessCell = 0.25;                       // metres
+constexpr double kGuessReach = 40.0;                      // metres
+constexpr double kGuessHeight = 0.5;                      // metres above the ground
+constexpr int kGuessAhead = in_a_turn(40.0, kGuessCell);  // cells; 40 m/s are 144 km/h
+constexpr int kGuessAside = in_a_turn(5.0, kGuessCell);
+constexpr int kGuessTurns = in_a_turn(40.0, 1.0);  // degrees
 constexpr std::size_t kGuessPoints = 1000;
 
 class SeenFromAbove {
@@ -279,8 +289,8 @@ class SeenFromAbove {
   std::vector<std::uint8_t> occupied_;
 };
 
-// Did the scanner move by about the same step before and after the frame? Braking changes a step of
-// 0.1 s by 10 cm, a wrong alignment changes it by more.
+// Did the scanner move by about the same step before and after the frame? Braking changes the step
+// of kTurnSeconds by 10 cm, a wrong alignment changes it by more.
 bool goes_on(const ScanMotion& previous, const ScanMotion& following) {
   const Eigen::Vector3d there_and_on =
       previous.rotation * following.translation + previous.translation;

@@ -41,6 +41,8 @@ from manip3d.authenticate._turns import (
     FOREIGN,
     MOST_APART_NS,
     TurnResult,
+    apart_ns,
+    no_turn,
     turns_read,
 )
 from manip3d.authenticate._verdict import Processing, rate_of
@@ -391,11 +393,11 @@ def _usable(scan: LidarFrame, beside: Beside) -> tuple[Beside, list[str], list[s
         kept.append(None)
         if other is None:
             continue
-        apart = 0 if None in (scan.time_ns, other.time_ns) else _apart_ns(scan, other)
+        apart = apart_ns(scan, other)
         if same := in_common(own, sketch):
             repeats.append(f"the turn {name} has {same}")
         elif apart > MOST_APART_NS:
-            why.append(f"the turn {name} was taken {apart * 1e-9:.2f} s apart, which is no turn")
+            why.append(no_turn(name, apart))
         else:
             kept[-1] = other
     before, after = kept
@@ -425,10 +427,6 @@ def _lacking(
         if not _is_part_of_turn(turn) and lacking.whole_up_to_m < FARTHEST + FARTHEST_MOTION:
             processing.append(Processing("neighbours", why[-1]))
     return why, are_in_place, tuple(processing)
-
-
-def _apart_ns(scan: LidarFrame, other: LidarFrame) -> int:
-    return abs((scan.time_ns or 0) - (other.time_ns or 0))
 
 
 def _spoiled(generic: GenericResult, processing: Sequence[Processing]) -> Sequence[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,7 +42,7 @@ speeds, or if turns are missing, clean frames have more evidence than `TAIL`."""
 
 MOST_APART_NS = 150_000_000
 """Nanoseconds: largest time between neighbours, 1.5 turns of 0.1 s; thresholds were chosen for
-turns of 0.1 s."""
+turns of 0.1 s. In shorter turns, of scanners that turn 20 times a second, everything moves less."""
 
 UNITS: Mapping[str, float] = ReadOnlyMapping({"lost": 400.0, "through": 60.0, "before": 110.0})
 """Number of directions times distance in metres of a region whose strength is 1, by kind. They only
@@ -134,7 +134,8 @@ class TurnResult(BesideTurns):
     ----------
     verdict : 'no_trace', 'tampered' or 'undecidable'
         ``undecidable``: the turns could not be aligned with the frame, the scanner moved farther
-        between them than `FARTHEST_MOTION`, or no ground was found.
+        between them than `FARTHEST_MOTION`, their times are farther apart than `MOST_APART_NS`, or
+        no ground was found.
     reason : str
         Reason of the verdict in words.
     p_value : float
@@ -202,7 +203,7 @@ def turn_consistency(
         Frame in metres, with the scanner at the origin.
     previous, following : the same
         Frames of the same scanner one turn earlier and later, which must not be edited in the same
-        way.
+        way. Frames that state their times are compared if these are at most 0.15 s apart.
     lattice : SensorLattice
         Lattice of the scanner, from :func:`estimate_lattice`; only its lines are used.
     false_alarm_rate : float
@@ -248,10 +249,25 @@ def turn_consistency(
     >>> authenticate.turn_consistency(nothing, nothing, nothing, lattice=lattice).verdict
     'undecidable'
     """
+    for other, name in ((previous, "before"), (following, "after")):
+        if (apart := apart_ns(frame, other)) > MOST_APART_NS:
+            return _undecidable(no_turn(name, apart), false_alarm_rate)
     return turns_read(
         None, frame, previous, following, lattice, false_alarm_rate=false_alarm_rate,
         whole_turns=whole_turns, threads=threads,
     )[0]  # fmt: skip
+
+
+def apart_ns(one: LidarFrame | ArrayLike, other: LidarFrame | ArrayLike) -> int:
+    """Return the time between two scans, nanoseconds; 0 if one of them does not state its time."""
+    times = [each.time_ns for each in (one, other) if isinstance(each, LidarFrame)]
+    known = [time for time in times if time is not None]
+    return abs(known[0] - known[1]) if len(known) == 2 else 0
+
+
+def no_turn(name: str, apart: int) -> str:
+    """Return why a scan that was taken so many nanoseconds before or after is not compared."""
+    return f"the turn {name} was taken {apart * 1e-9:.2f} s apart, which is no turn"
 
 
 def turns_read(
@@ -289,13 +305,10 @@ def turns_read(
     )
     seen: Seen = found["seen"]
     motions = _matrix(found["previous"]), _matrix(found["following"])
-    nothing = np.empty(0, np.int64)
     if (why := _why_not_judged(found, motions)) is not None:
         is_foreign = _is_foreign(found, before, after, lattice, threads_of(threads))
-        return TurnResult(
-            "undecidable", FOREIGN if is_foreign else why, 1.0, 0.0, false_alarm_rate, (), nothing,
-            *motions, CALIBRATION, aligned=bool(found["judged"]), foreign=is_foreign,
-        ), seen  # fmt: skip
+        told = _undecidable(FOREIGN if is_foreign else why, false_alarm_rate, motions)
+        return replace(told, aligned=bool(found["judged"]), foreign=is_foreign), seen
     regions = [_region(each, cloud) for each in found["regions"] if each["distance"] < FARTHEST]
     if any(region.kind == "before" and region.p_value < 1.0 for region in regions):
         turns = [_in_frame(*each) for each in zip((before, after), motions, strict=True)]
@@ -317,10 +330,20 @@ def turns_read(
         max((region.strength for region in regions), default=0.0),
         false_alarm_rate,
         alarming,
-        np.unique(np.concatenate(rows)) if rows else nothing,
+        np.unique(np.concatenate(rows)) if rows else np.empty(0, np.int64),
         *motions,
         CALIBRATION,
     ), seen
+
+
+def _undecidable(
+    why: str, false_alarm_rate: float, motions: tuple[NDArray[np.float64], ...] = ()
+) -> TurnResult:
+    previous, following = motions or (np.eye(4), np.eye(4))
+    return TurnResult(
+        "undecidable", why, 1.0, 0.0, false_alarm_rate, (), np.empty(0, np.int64), previous,
+        following, CALIBRATION, aligned=False,
+    )  # fmt: skip
 
 
 def turn_strength(region: Mapping[str, Any]) -> float:
