@@ -544,6 +544,32 @@ def test_a_frame_that_was_left_out_moves_the_car_all_the_same(tmp_path: Path) ->
     assert spaces[0] == spaces[1] == spaces[2] < 1.0
 
 
+def test_a_velocity_that_is_no_number_is_an_unknown_motion() -> None:
+    moments = [
+        DriveMoment(FRAME, velocity=velocity, time_s=float(number))
+        for number, velocity in enumerate([(1.0, 0.0, 0.0), (math.nan, 0.0, 0.0), (1.0, 0.0, 0.0)])
+    ]
+    monitor = AlertMonitor(every_s=math.inf)
+    watched = watch_drive(monitor, moments)
+    assert (watched.num_frames, watched.stopped) == (3, None)
+    assert watched.reason.endswith(
+        "; frame 1: its time or speed is wrong, the motion counts as unknown"
+    )
+    assert monitor._risk._pose == (1.0, 0.0, 0.0)
+
+
+def test_long_motions_over_frames_that_were_left_out_are_unknown_together(tmp_path: Path) -> None:
+    """The next frame is judged, and is not refused after the watermark has seen it."""
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        sent = Watermarker(key).embed(grid_scan(3000))
+        monitor = AlertMonitor(Watermarker(key), every_s=math.inf)
+        for _ in range(2):
+            monitor.skip(motion=(9e5, 0.0, 0.0))
+        alert = monitor.judge(sent.frame, record=sent.record, speed_mps=10.0)
+    assert alert.verdict == "authentic"
+    assert monitor._risk._pose == (0.0, 0.0, 0.0)
+
+
 def test_the_page_shows_a_late_attack_and_lists_it_first(tmp_path: Path) -> None:
     """Many changes of verdict and 300 doubtful frames come before it."""
     seen = AlertMonitor().judge(LidarFrame(grid_scan(500)), speed_mps=1.0)

@@ -327,6 +327,30 @@ def test_a_damaged_picture_speed_or_record_silences_no_alarm(drive: Path, tmp_pa
     assert "expected 640 x 160 pixels, as the calibration says, got 10 x 10" in cameras[1]["reason"]
 
 
+@pytest.mark.parametrize("wrong", ["time", "speed"])
+def test_a_wrong_time_or_speed_hides_no_later_frame(
+    drive: Path, tmp_path: Path, wrong: str
+) -> None:
+    """Neither is signed, so that anybody can change a line."""
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    embedded(drive, key, signed)
+    forged(signed, 2)
+    times = signed / "velodyne_points" / "timestamps.txt"
+    if wrong == "time":
+        first, _, last = times.read_text().splitlines()
+        times.write_text("\n".join([first, first.replace("2011", "2024"), last]))
+    else:
+        words = ["0"] * 8 + ["4e7"] + ["0"] * 21
+        (signed / "oxts" / "data" / "0000000001.txt").write_text(" ".join(words))
+    page = tmp_path / "alert.json"
+    done = in_process(signed, "--key", key, "-o", page)
+    assert done.exit_code == 3, done.output
+    told = json.loads(page.read_text())
+    assert [frame["verdict"] for frame in told["frames"]] == ["authentic", "authentic", "tampered"]
+    assert told["reason"].count("its time or speed is wrong, the motion counts as unknown") == 1
+    assert "; frame 1: " in told["reason"]
+
+
 def test_a_drive_that_ends_in_an_error_is_judged_by_its_frames_before(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,6 +29,7 @@ from manip3d.authenticate._risk import (
     RiskParameters,
     RiskTracker,
     check_movement,
+    is_plausible,
     moved,
 )
 from manip3d.authenticate._stereo import StereoRig, checked_pair, stereo_disparity
@@ -226,6 +227,8 @@ class AlertMonitor:
                 watermark, cross, forensics, speed_mps, self._risk.parameters
             )
             since = moved(self._unseen, motion)
+            if not is_plausible(since):  # of several frames, each of which is
+                since = _STILL
             risk = self._risk.update(None, speed_mps=speed_mps, motion=since, others=observed)
             self._unseen, self._latest = _STILL, risk
             seconds = self._clock() - begin

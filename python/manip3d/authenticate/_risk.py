@@ -469,6 +469,11 @@ def moved(
     return (x + cosine * ahead - sine * left, y + sine * ahead + cosine * left, yaw + turn)
 
 
+def is_plausible(motion: tuple[float, float, float]) -> bool:
+    """Return whether a motion is finite and at most 1e6 metres or radians."""
+    return all(abs(value) <= _FARTHEST_M for value in motion)
+
+
 def _level(score: float, p: RiskParameters) -> str:
     if score < p.low:
         return "low"
@@ -480,7 +485,7 @@ def check_movement(speed_mps: float, motion: tuple[float, float, float]) -> None
     _check_speed(speed_mps)
     if not all(math.isfinite(value) for value in motion):
         raise InputError(f"motion: expected finite numbers, got {motion}")
-    if not all(abs(value) <= _FARTHEST_M for value in motion):
+    if not is_plausible(motion):
         raise InputError(f"motion: expected at most {_FARTHEST_M:g} in a frame, got {motion}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from manip3d._util.checked import checked
 from manip3d.authenticate._alert import AlertMonitor
 from manip3d.authenticate._alert_tally import AlertTally
 from manip3d.authenticate._alert_verdict import Alert
+from manip3d.authenticate._risk import is_plausible
 from manip3d.authenticate._stereo import StereoRig
 from manip3d.errors import Error, InputError
 from manip3d.lidar import LidarFrame
@@ -111,6 +113,9 @@ def watch_drive(
 
     If the monitor refuses a picture or a record, the other witnesses still judge. A drive that ends
     with an error or an interruption is ``undecidable``, unless a frame before it is ``tampered``.
+    Times and velocities are not signed: if they say that the car moved more than 1e6 metres between
+    two frames, its motion counts as unknown, and the reason of the verdict names the first of these
+    frames.
 
     Parameters
     ----------
@@ -152,10 +157,11 @@ def watch_drive(
     """
     tally = AlertTally()
     errors: list[BaseException] = []
+    unmoved: list[int] = []
     failed: BaseException | None = None  # an error of the caller's `show`
     last = None
     try:
-        judged = _judged(monitor, iter(moments), speed_mps, live=live)
+        judged = _judged(monitor, iter(moments), speed_mps, unmoved, live=live)
         for alert in _until_error(judged, errors):
             tally.add(alert)
             if show is not None:
@@ -180,6 +186,8 @@ def watch_drive(
         verdict, reason = "tampered", f"forensics: {last.reason}"
     if stopped is not None:
         verdict, reason = _until(stopped, tally.num_frames, verdict, reason)
+    if unmoved:
+        reason += f"; frame {unmoved[0]}: its time or speed is wrong, the motion counts as unknown"
     return DriveWatch(verdict, reason, tally.num_frames, stopped)
 
 
@@ -199,11 +207,20 @@ def _until(stopped: BaseException, count: int, verdict: str, reason: str) -> tup
 
 
 def _judged(
-    monitor: AlertMonitor, moments: Iterator[DriveMoment], speed: float, *, live: bool
+    monitor: AlertMonitor,
+    moments: Iterator[DriveMoment],
+    speed: float,
+    unmoved: list[int],
+    *,
+    live: bool,
 ) -> Iterator[Alert]:
-    """Yield an alert for each frame; in real time, frames over a second late are skipped."""
+    """Yield an alert for each frame; in real time, frames over a second late are skipped.
+
+    The numbers of frames with an implausible motion, which counts as none, are appended to
+    ``unmoved``.
+    """
     begin, first, last = time.monotonic(), None, None
-    for moment in moments:
+    for number, moment in enumerate(moments):
         if not isinstance(moment, DriveMoment):
             raise InputError(f"moments: expected DriveMoments, got {type(moment).__name__}")
         now, waited = moment.time_s, 0.0
@@ -218,6 +235,9 @@ def _judged(
         step = 0.0 if last is None or now is None else max(now - last, 0.0)
         ahead, left, turn = moment.velocity or (speed, 0.0, 0.0)
         motion = (ahead * step, left * step, turn * step)
+        if not is_plausible(motion):
+            motion = (0.0, 0.0, 0.0)
+            unmoved.append(number)
         is_first, last = last is None, now
         if waited > _FARTHEST_BEHIND and not is_first:
             yield monitor.skip(motion=motion)
@@ -226,8 +246,8 @@ def _judged(
             yield _judged_unread(monitor, moment.frame, moment, motion)
             continue
         judge = partial(
-            monitor.judge, moment.frame, speed_mps=abs(ahead), motion=motion, time_s=now,
-            waited_s=waited,
+            monitor.judge, moment.frame, speed_mps=abs(ahead) if math.isfinite(ahead) else speed,
+            motion=motion, time_s=now, waited_s=waited,
         )  # fmt: skip
         yield _judged_without_refused(judge, moment)
 
