@@ -36,7 +36,7 @@ from manip3d.authenticate import (
     verdict_of_alerts,
     watch_drive,
 )
-from manip3d.authenticate._alert_observations import _to_ahead
+from manip3d.authenticate._alert_observations import _to_ahead, attack_observations
 from manip3d.authenticate._alert_verdict import joined
 from manip3d.errors import InputError
 from manip3d.report import AlertTimeline
@@ -501,6 +501,19 @@ def test_forensics_take_a_verified_watermark_for_no_edit(tmp_path: Path) -> None
         alert = AlertMonitor(Watermarker(key)).judge(sent.frame, record=sent.record, speed_mps=10.0)
         assert alert.verdict == "authentic"
         assert alert.witnesses["forensics"].verdict in ("no_trace", "undecidable", "processed")
+
+
+def test_a_region_behind_hides_none_ahead_from_the_risk_of_forensics() -> None:
+    ahead, behind = (Box((x, 0.0, 0.0), (2.0, 2.0, 1.0)) for x in (9.0, -6.0))
+    scan = LidarFrame(np.array([[8.5, 0.0, 0.0], [-5.5, 0.0, 0.0], [9.0, 5.0, 0.0]], np.float32))
+    places = []
+    for boxes in ([ahead], [ahead, behind]):
+        regions = [SimpleNamespace(box=box, rows=[row]) for row, box in enumerate(boxes)]
+        found: Any = SimpleNamespace(verdict="tampered", regions=regions, scan=scan)
+        (observed,) = attack_observations(None, None, found, 14.0, RiskParameters())
+        assert (observed.changed, observed.cells) == (1, 2)
+        places.append(observed.position)
+    assert places == [(8.0, 0.0), (8.0, 0.0)]  # the nearest point of the box
 
 
 def test_forensics_alone_find_a_pasted_object() -> None:

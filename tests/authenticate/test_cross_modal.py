@@ -21,6 +21,7 @@ from manip3d.authenticate import (
     cross_modal_consistency,
     stereo_disparity,
 )
+from manip3d.authenticate._cross_modal import nearest_place
 from manip3d.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -245,6 +246,23 @@ def test_risk_counts_what_is_missing_too() -> None:
         assert observed.changed > 50
         assert observed.changed < observed.cells
         assert 9.5 < observed.distance < 12.5
+
+
+def test_a_nearer_contradiction_beside_the_car_hides_none_ahead() -> None:
+    post = Box((5.2, -3.4, -0.6), (0.6, 0.6, 2.0))
+    alone = judged(lidar(CAR), cameras()).observation(speed_mps=15.0)
+    found = judged(lidar(CAR, post), cameras())
+    both = found.observation(speed_mps=15.0)
+    assert alone is not None
+    assert both is not None
+    assert len(found.boxes) == 2
+    assert min(math.hypot(*nearest_place(box)) for box in found.boxes) < 7.0
+    assert both.position == pytest.approx(alone.position)
+
+
+def test_a_box_around_the_scanner_is_not_behind_it() -> None:
+    place = nearest_place(Box((-1.0, 1.0, 0.0), (8.0, 8.0, 2.0)))
+    assert math.atan2(place[1], place[0]) == 0.0
 
 
 def test_a_map_of_half_the_size_gives_the_same() -> None:

@@ -19,6 +19,7 @@ from manip3d.authenticate import (
     CameraPair,
     CrossModalParameters,
     CrossModalRegion,
+    RiskTracker,
     StereoRig,
     SurroundResult,
     _alert,
@@ -143,6 +144,22 @@ def test_a_car_behind_is_found_behind() -> None:
     assert (np.diff(rows) > 0).all()
     assert (all_around(rear=scenes.CAR).points[rows, 0] < -8.0).all()
     assert json.loads(json.dumps(found.record()))["pairs"]["front"]["verdict"] == "no_trace"
+
+
+def test_a_nearer_attack_behind_hides_none_ahead() -> None:
+    seen = dict.fromkeys(RIGS, scenes.cameras())
+    nearer = Box((9.0, 1.0, -0.9), (4.0, 1.8, 1.6))
+    scores, places = [], []
+    for cars in ({"front": scenes.CAR}, {"front": scenes.CAR, "rear": nearer}):
+        found = surround_consistency(all_around(**cars), seen, RIGS)
+        assert len(found.boxes) == len(cars)
+        observed = found.observation(speed_mps=15.0)
+        assert observed is not None
+        risk = RiskTracker().update(observed, speed_mps=15.0)
+        places.append(observed.position)
+        scores.append(risk.factors["distance"] * risk.factors["angle"])
+    assert places[0] == places[1]
+    assert scores[0] == scores[1] > 0.0
 
 
 def test_a_car_moved_from_one_pair_s_view_into_another_s_is_one_modification() -> None:

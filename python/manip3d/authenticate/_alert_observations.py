@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from manip3d.authenticate._cross_modal import CrossModalResult
+from manip3d.authenticate._cross_modal import CrossModalResult, nearest_place
 from manip3d.authenticate._inspection import Inspection
-from manip3d.authenticate._risk import AttackObservation, RiskParameters
+from manip3d.authenticate._risk import AttackObservation, RiskParameters, gravest_place
 from manip3d.authenticate._surround import SurroundResult
 from manip3d.authenticate._watermark import WatermarkResult
 from manip3d.lidar import Box
@@ -48,15 +48,15 @@ def attack_observations(
 
 
 def _by_forensics(found: Inspection, region: RiskParameters, speed_mps: float) -> AttackObservation:
-    """The place is that of the nearest region; forensics do not tell the type of an attack."""
-    places = [each.box.center[:2] for each in found.regions] or [(region.nearest_m, 0.0)]
-    x, y = min(places, key=lambda place: math.hypot(*place))
-    if found.scan is None:
-        return AttackObservation("modification", (x, y), 0, 0)
-    inside = region.contains(found.scan.points, speed_mps)
-    suspected = {int(row) for each in found.regions for row in each.rows}
-    changed = sum(bool(inside[row]) for row in suspected)
-    return AttackObservation("modification", (float(x), float(y)), changed, int(inside.sum()))
+    """The place is that of the gravest region; forensics do not tell the type of an attack."""
+    changed = cells = 0
+    if found.scan is not None:
+        inside = region.contains(found.scan.points, speed_mps)
+        suspected = {int(row) for each in found.regions for row in each.rows}
+        changed, cells = sum(bool(inside[row]) for row in suspected), int(inside.sum())
+    places = [nearest_place(each.box) for each in found.regions] or [(region.nearest_m, 0.0)]
+    place = gravest_place(places, speed_mps, region)
+    return AttackObservation("modification", place, changed, cells)
 
 
 def _by_tiles(found: WatermarkResult, region: RiskParameters) -> AttackObservation:

@@ -11,7 +11,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.checked import checked
-from manip3d.authenticate._risk import AttackObservation, RiskParameters
+from manip3d.authenticate._risk import AttackObservation, RiskParameters, gravest_place
 from manip3d.authenticate._stereo import Disparity, StereoRig
 from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate
 from manip3d.errors import InputError
@@ -336,9 +336,10 @@ class CrossModalResult(WithoutRate):
         """
         if not self.regions or self.verdict != "tampered":
             return None
-        near = min(self.regions, key=lambda each: _nearest(each.box))
-        changed, judged = self.cells_in_region(speed_mps, parameters)
-        return AttackObservation(self.attack, nearest_place(near.box), changed, judged)
+        region = RiskParameters() if parameters is None else parameters
+        changed, judged = self.cells_in_region(speed_mps, region)
+        place = gravest_place(map(nearest_place, self.boxes), speed_mps, region)
+        return AttackObservation(self.attack, place, changed, judged)
 
     def cells_in_region(
         self, speed_mps: float, parameters: RiskParameters | None = None
@@ -624,7 +625,8 @@ def nearest_place(box: Box) -> tuple[float, float]:
         math.copysign(max(abs(at) - size / 2, 0.0), at)
         for at, size in zip(own, box.size[:2], strict=True)
     )
-    return cosine * along - sine * across, sine * along + cosine * across
+    # + 0.0 makes 0.0 of -0.0: a box around the scanner is not behind it, as (-0.0, 0.0) is.
+    return cosine * along - sine * across + 0.0, sine * along + cosine * across + 0.0
 
 
 def _nearest(box: Box) -> float:

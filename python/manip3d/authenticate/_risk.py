@@ -6,7 +6,7 @@ import itertools
 import math
 import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -182,7 +182,8 @@ class AttackObservation:
     type : str
         One of `ATTACK_TYPES`.
     position : (float, float), metres
-        Nearest point of the attacked region in the LiDAR's frame: ahead, to the left.
+        Nearest point of the attacked region in the LiDAR's frame: ahead, to the left. Of several
+        regions, the one with the greatest risk.
     changed : int
         Number of changed cells of the range image in the safety region: with an added point, or
         with a missing return.
@@ -392,6 +393,15 @@ def _factors(attack: AttackObservation, safe: float) -> dict[str, float]:
 def _gravity(factors: Mapping[str, float]) -> tuple[float, float]:
     """Sort key of attacks: the product of the factors; if products are 0, their sum."""
     return math.prod(factors.values()), sum(factors.values())
+
+
+def gravest_place(
+    places: Iterable[tuple[float, float]], speed_mps: float, parameters: RiskParameters
+) -> tuple[float, float]:
+    """Return the place where an attack is the greatest risk; of equal ones the nearest."""
+    safe = parameters.safe_distance(speed_mps)
+    attacks = [AttackObservation("additive", place, changed=1, cells=1) for place in places]
+    return max(attacks, key=lambda each: (_gravity(_factors(each, safe)), -each.distance)).position
 
 
 @checked

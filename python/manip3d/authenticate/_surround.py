@@ -3,7 +3,6 @@ directions."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -21,7 +20,7 @@ from manip3d.authenticate._cross_modal import (
     cross_modal_consistency,
     nearest_place,
 )
-from manip3d.authenticate._risk import AttackObservation, RiskParameters
+from manip3d.authenticate._risk import AttackObservation, RiskParameters, gravest_place
 from manip3d.authenticate._stereo import Disparity, StereoRig
 from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate
 from manip3d.errors import InputError
@@ -113,11 +112,11 @@ class SurroundResult(WithoutRate):
         """
         if self.verdict != "tampered":
             return None
-        places = [nearest_place(box) for box in self.boxes]
-        counted = [found.cells_in_region(speed_mps, parameters) for found in self.pairs.values()]
+        region = RiskParameters() if parameters is None else parameters
+        counted = [found.cells_in_region(speed_mps, region) for found in self.pairs.values()]
         return AttackObservation(
             self.attack,
-            min(places, key=lambda place: math.hypot(*place)),
+            gravest_place(map(nearest_place, self.boxes), speed_mps, region),
             sum(changed for changed, _ in counted),
             sum(judged for _, judged in counted),
         )
