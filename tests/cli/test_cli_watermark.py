@@ -654,6 +654,43 @@ def test_a_drive_in_pictures_goes_on_where_its_last_scan_was_cut_off(
     assert run("verify", out, "--key", key, "--picture", "image_02").exit_code == 0
 
 
+def test_scans_that_would_replace_each_other_are_refused(
+    key: Path, drive: Path, tmp_path: Path
+) -> None:
+    first, second = frame_of(drive, 0), frame_of(drive, 0).with_name("0000000000.bin.xz")
+    second.write_bytes(lzma.compress(frame_of(drive, 1).read_bytes()))
+    out = tmp_path / "signed"
+    refused = run("embed", drive, "--key", key, "-o", out)
+    assert isinstance(refused.exception, InputError)
+    assert f"{first} and {second}: expected an output for each" in str(refused.exception)
+    second.rename(first.with_name("0000000000.pcd"))
+    (drive / "image_02").mkdir()
+    refused = run("embed", drive, "--key", key, "-o", out, "--picture", "image_02")
+    assert f"got {out / 'image_02' / '0000000000.png'} for both" in str(refused.exception)
+    assert not out.exists()
+
+
+def test_scans_named_by_times_have_a_picture_each(key: Path, tmp_path: Path) -> None:
+    Image = pytest.importorskip("PIL.Image")
+    drive, out = tmp_path / "drive", tmp_path / "signed"
+    (drive / "velodyne").mkdir(parents=True)
+    (drive / "image_02").mkdir()
+    for number, suffix in enumerate((".bin", ".bin.xz")):
+        name = f"1317013345.{number}00"
+        scan(number).write(drive / "velodyne" / f"{name}.bin")
+        if suffix == ".bin.xz":
+            plain = drive / "velodyne" / f"{name}.bin"
+            plain.with_name(f"{name}.bin.xz").write_bytes(lzma.compress(plain.read_bytes()))
+            plain.unlink()
+        grey = np.random.default_rng(number).integers(0, 256, (160, 160)).astype(np.uint8)
+        Image.fromarray(grey).save(drive / "image_02" / f"{name}.png")
+    done = run("embed", drive, "--key", key, "-o", out, "--picture", "image_02")
+    assert done.exit_code == 0, done.output
+    assert verify(out, key, "--picture", "image_02")[0] == 0
+    watched = manip3d.datasets.watched_kitti(out, records=True, carriers=out / "image_02")
+    assert [moment.carrier is not None for moment in watched.moments] == [True, True]
+
+
 def test_what_was_written_is_told_with_the_error(
     key: Path, drive: Path, tmp_path: Path, full_disk: dict[str, int],
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],

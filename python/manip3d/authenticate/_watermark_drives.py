@@ -39,7 +39,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io import read_scan
 from manip3d.io._frame_times import scan_times
 from manip3d.io._scan_files import FOLDER_SUFFIXES
-from manip3d.io._scan_tables import scan_suffix
+from manip3d.io._scan_tables import scan_stem, scan_suffix
 
 if TYPE_CHECKING:
     from manip3d._util.options import Progress
@@ -201,8 +201,9 @@ def embed_files(
     ------
     InputError
         ``output`` exists and is no unfinished session of this drive, or with ``replace`` is a drive
-        without a watermark; another program is writing there; the folder has no scans; a scan is
-        signed already; or the format does not preserve coordinates (`write_watermarked`).
+        without a watermark; another program is writing there; the folder has no scans, or two that
+        would be written to the same file; a scan is signed already; or the format does not preserve
+        coordinates (`write_watermarked`).
     FormatError, OSError
         A file cannot be read or written. A note of the error states how many scans were written.
 
@@ -308,7 +309,19 @@ def _works_of(drive: Path, output: Path, pictures: Path | None) -> list[_Work]:
         shown = None if picture is None else output / picture.relative_to(drive)
         target = output / plain_name(scan, drive)
         works.append(_Work(scan, target, picture, shown, times.get(scan)))
+    _refuse_shared(works)
     return works
+
+
+def _refuse_shared(works: Sequence[_Work]) -> None:
+    """Raise InputError if two scans, or their pictures, would be written to the same file."""
+    scans: dict[Path, Path] = {}
+    for work in works:
+        for file in (work.target, work.shown):
+            if file is not None and (other := scans.setdefault(file, work.scan)) != work.scan:
+                raise InputError(
+                    f"{other} and {work.scan}: expected an output for each, got {file} for both"
+                )
 
 
 @contextmanager
@@ -469,7 +482,7 @@ def _check_folder(source: Path, output: Path) -> None:
 
 
 def _picture_of(scan: Path, folder: Path) -> Path:
-    return folder / f"{scan.name.split('.')[0]}.png"
+    return folder / f"{scan_stem(scan)}.png"
 
 
 def _remove_others(kept: set[Path]) -> None:

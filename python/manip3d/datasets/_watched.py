@@ -24,6 +24,7 @@ from manip3d.authenticate import (
 from manip3d.authenticate._stereo import checked_pair
 from manip3d.datasets.kitti import KittiFrame, open_kitti
 from manip3d.errors import FormatError, InputError
+from manip3d.io._scan_tables import scan_stem
 
 _FRONT_PAIRS = ((2, 3), (0, 1))
 """Camera numbers of KITTI's colour pair and of its grey pair."""
@@ -212,5 +213,5 @@ def _record_of(frame: KittiFrame, carriers: Path | None) -> tuple[bytes | None, 
     """Return the record beside a scan, or else the picture that carries it; one is None."""
     if carriers is None:
         return read_record(find_record(frame.scan_path)), None
-    seen = carriers / f"{frame.scan_path.name.split('.')[0]}.png"
+    seen = carriers / f"{scan_stem(frame.scan_path)}.png"
     return None, read_carrier(seen) if seen.is_file() else None

@@ -66,6 +66,13 @@ def scan_suffix(path: str | os.PathLike[str]) -> str:
     return last_two if last_two in TABLE_SUFFIXES else plain.suffix.lower()
 
 
+def scan_stem(path: str | os.PathLike[str]) -> str:
+    """Return the file name without `scan_suffix`, ``.gz`` and ``.xz``."""
+    name = PurePath(os.fspath(path))
+    plain = name.stem if name.suffix in _COMPRESSED else name.name
+    return plain[: len(plain) - len(scan_suffix(name))]
+
+
 def refuse_expansion(claimed: int, stored: int, limit: int, file: str) -> None:
     """Refuse a compressed file that claims to hold too many bytes; see `read_scan`.
 
