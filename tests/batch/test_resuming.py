@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from manip3d import Mesh, batch, cli
+from manip3d import Mesh, batch, capture, cli, io
 from manip3d._util import fingerprint
 from manip3d._util.paths import by_number
 from manip3d.batch import Rows, _run
@@ -152,6 +152,32 @@ def test_the_names_in_a_file_are_those_that_its_reader_takes(
     written = content.encode()
     path.write_bytes(gzip.compress(written) if compressed else written)
     assert [str(one) for one in companions(path)] == expected
+
+
+@pytest.mark.parametrize("suffix", [".pcap", ".pcapng"])
+@pytest.mark.parametrize("beside", ["drive_a_part", "drive_a_part_0", "drive_a", "drive"])
+def test_an_ousters_metadata_are_a_companion_of_its_packets(
+    beside: str, suffix: str, tmp_path: Path
+) -> None:
+    recording, metadata = tmp_path / f"drive_a_part{suffix}", tmp_path / f"{beside}.json"
+    recording.write_bytes(b"packets")
+    metadata.write_text('{"beam_altitude_angles": [1]}')
+    assert capture.scan_address(str(recording)) == f"ouster:{recording}"
+    before = Stamps().stamp_of_companions(str(recording))
+    metadata.write_text('{"beam_altitude_angles": [1, 2]}')
+    assert Stamps().stamp_of_companions(str(recording)) != before
+
+
+def test_an_ousters_metadata_are_downloaded_with_its_packets(
+    request: pytest.FixtureRequest,
+) -> None:
+    fsspec = pytest.importorskip("fsspec", reason="the extra 'remote' is not installed")
+    place, memory = f"memory://ouster-{os.getpid()}", fsspec.filesystem("memory")
+    request.addfinalizer(lambda: memory.rm(place, recursive=True))
+    memory.pipe(f"{place}/drive.pcap", b"packets")
+    memory.pipe(f"{place}/drive_0.json", b'{"beam_altitude_angles": [1]}')
+    with io.local_copy(f"{place}/drive.pcap") as path:
+        assert capture.scan_address(str(path)) == f"ouster:{path}"
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".mtl"])

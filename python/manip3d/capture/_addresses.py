@@ -9,11 +9,10 @@ from manip3d._util.checked import checked
 from manip3d.capture._bag import holds_clouds
 from manip3d.errors import FormatError
 from manip3d.io._files import limited_bytes
+from manip3d.io._packet_files import PACKETS, ouster_metadata_names
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.io._utd_mhad import trial_at
 
-PACKETS = (".pcap", ".pcapng")
-"""Suffixes of recordings of UDP packets."""
 _BAGS = (".mcap", ".db3")
 _OUSTER = ".osf"
 _LIDAR_SCHEMES = ("pcap:", "ouster:", "kitti:", "velodyne:", "bag:")
@@ -78,24 +77,16 @@ def scan_address(source: str) -> str | None:
 def ouster_metadata(recording: Path) -> Path | None:
     """Return the JSON file beside an Ouster's recording of packets; None if there is none.
 
-    Ouster's programs write ``drive.json`` or, with the sensor's number, ``drive_0.json`` beside
-    ``drive.pcap``, and name an excerpt of that recording ``drive_part.pcap``. An ``.osf`` file
-    needs no JSON file, because it contains the sensor's metadata.
+    An ``.osf`` file needs no JSON file, because it contains the sensor's metadata.
     """
-    try:
-        beside = {file.stem: file for file in recording.parent.glob("*.json")}
-    except (OSError, ValueError):  # ValueError: a name with a zero byte
-        return None
-    begins = [name for name in beside if recording.stem.startswith(f"{name}_")]
-    names = [recording.stem, f"{recording.stem}_0", *sorted(begins, key=len, reverse=True)]
-    files = (beside[name] for name in names if name in beside)
+    files = (recording.parent / name for name in ouster_metadata_names(recording))
     return next((file for file in files if _is_ouster_metadata(file)), None)
 
 
 def _is_ouster_metadata(file: Path) -> bool:
     try:
         return b'"beam_altitude_angles"' in limited_bytes(file, _METADATA_BYTES)
-    except (FormatError, OSError):
+    except (FormatError, OSError, ValueError):  # ValueError: a name with a zero byte
         return False
 
 

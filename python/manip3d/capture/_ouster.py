@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.paths import path_of
-from manip3d.capture._addresses import PACKETS, ouster_metadata
+from manip3d.capture._addresses import ouster_metadata
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io._files import check_regular
+from manip3d.io._packet_files import PACKETS
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame, ScanFormat
 

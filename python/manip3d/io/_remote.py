@@ -26,6 +26,7 @@ from typing import Any
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError, MissingExtraError
+from manip3d.io._packet_files import PACKETS, ouster_metadata_names
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(://|::)")
 _CODES = {FileNotFoundError: errno.ENOENT, PermissionError: errno.EACCES}
@@ -51,8 +52,7 @@ _NAMED: dict[str, re.Pattern[bytes]] = {
     ".gltf": re.compile(rb'"uri"\s*:\s*"([^"]+)"'),
     ".ply": re.compile(rb"^comment[ \t]+TextureFile[ \t]+([^\r\n]+)", re.MULTILINE),
 }
-# Companions with the same name and another suffix: the pose of a scan, the metadata of a sensor.
-_OF_ONE_NAME = {".3d": ".pose", ".pcap": ".json"}
+_SCAN, _POSE = ".3d", ".pose"  # suffixes of a scan and of its companion with the same name
 
 
 @checked
@@ -284,7 +284,7 @@ def _fetch_companions(
 
 def reads_beside(path: PurePosixPath) -> bool:
     """Return whether a file with this suffix can refer to other files."""
-    return _plain_suffix(path) in (*_NAMED, *_OF_ONE_NAME)
+    return _plain_suffix(path) in (*_NAMED, *PACKETS, _SCAN)
 
 
 def named_beside(source: str) -> Iterator[str]:
@@ -313,9 +313,11 @@ def named_beside(source: str) -> Iterator[str]:
 def companions(path: Path) -> Iterator[PurePosixPath]:
     """Yield the paths of files to which a file refers, relative to its folder, if below it."""
     suffix = _plain_suffix(path)
-    if suffix in _OF_ONE_NAME:
+    if suffix in PACKETS:
+        yield from map(PurePosixPath, ouster_metadata_names(path))
+    if suffix == _SCAN:
         plain = path if path.suffix.lower() == suffix else path.with_suffix("")
-        yield PurePosixPath(plain.with_suffix(_OF_ONE_NAME[suffix]).name)
+        yield PurePosixPath(plain.with_suffix(_POSE).name)
     if suffix not in _NAMED:
         return
     for text in _texts_of(path, suffix):
