@@ -290,6 +290,32 @@ def test_simulated_participants_and_people_do_not_mix(definition: Path, tmp_path
             run_study(study, folder, seconds=0.1)
 
 
+def test_simulated_answers_do_not_depend_on_the_calls_that_gave_them(
+    definition: Path, tmp_path: Path
+) -> None:
+    """Participants who were added later must not repeat the answers of earlier ones."""
+    study, content = read_study(definition)
+
+    def answers(folder: StudyFolder) -> dict[str, list[Any]]:
+        return {code: [dict(a.values) for a in s.answers] for code, s in folder.sessions.items()}
+
+    with StudyFolder(tmp_path / "once", content) as folder:
+        simulate_participants(study, folder, 6)
+        once = answers(folder)
+    assert len({str(values) for values in once.values()}) == 6
+    with StudyFolder(tmp_path / "twice", content) as folder:
+        simulate_participants(study, folder, 3)
+        simulate_participants(study, folder, 6)
+        assert answers(folder) == once
+    journal = tmp_path / "twice" / "participants" / "sim-005.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(lines[: len(lines) // 2]))  # interrupted
+    with StudyFolder(tmp_path / "twice", content) as folder:
+        assert answers(folder)["sim-005"] != once["sim-005"]
+        simulate_participants(study, folder, 6)
+        assert answers(folder) == once
+
+
 def test_one_participant_alone_where_one_is_named(conductor: Conductor) -> None:
     conductor.participant = "P7"
     client = Client()

@@ -582,6 +582,9 @@ def simulate_participants(
 ) -> list[str]:
     """Let simulated participants take part, to try a study before people do.
 
+    Answers in the folder are kept: participants who began before finish, and a larger ``count``
+    adds others. The answers are those of one call.
+
     Parameters
     ----------
     study : Study
@@ -618,7 +621,6 @@ def simulate_participants(
     """
     if not 1 <= count <= 10_000:
         raise InputError(f"count: expected 1 to 10000, got {count}")
-    rng = np.random.default_rng([seed, study.common.seed])
     people = [code for code, session in folder.sessions.items() if not session.is_simulated]
     if people:
         raise InputError(
@@ -629,6 +631,8 @@ def simulate_participants(
     for number, code in enumerate(codes):
         session = folder.begin(code)
         while (step := study.step(session)) is not None:
+            # Each answer has its own generator, so that it is the same after an interruption.
+            rng = np.random.default_rng([seed, study.common.seed, number, len(session.answers)])
             own = {"consent", "about", "introduction", "screen"}
             if step.id in own:
                 values = {f.name: _plausible(f, rng, number) for f in step.fields}
