@@ -301,6 +301,16 @@ def test_bytes_that_are_no_text_are_refused(path: str) -> None:
     assert json.loads(ran("show", path, "P01", "--json"))["events"] == []
 
 
+@pytest.mark.parametrize("event", ["x" * 2001, "\x1b[31mred"])
+def test_of_several_notes_all_are_stored_or_none(path: str, event: str) -> None:
+    rest = ("--pain", "4", "--mcgill", RANKS, "--occasion", "baseline")
+    assert run("rate", path, "P01", *rest, "--event", event).exit_code == 1
+    ran("rate", path, "P01", *rest, "--event", "a sore stump")  # baseline is still free
+    assert run("rate", path, "P01", *rest, "--event", "again").exit_code == 1
+    found = json.loads(ran("show", path, "P01", "--json"))
+    assert [len(found[name]) for name in ("ratings", "events", "questionnaires")] == [1, 1, 1]
+
+
 def test_a_changed_audit_is_shown_and_then_named(path: str) -> None:
     ran("rate", path, "P01", "--pain", "6")
     assert json.loads(ran("check", path, "--json")) == {"diary": path, "participants": 1}

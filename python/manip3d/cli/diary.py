@@ -351,6 +351,8 @@ def rate(
 
     Example: manip3d diary rate study.diary P01 --pain 4
     """
+    from manip3d.diary._diary import check_event_text
+
     if pain is None and mcgill is None and event is None:
         raise InputError("expected --pain, --mcgill or --event")
     if mcgill is None and (ppi is not None or occasion is not None):
@@ -358,6 +360,8 @@ def rate(
         raise InputError(f"{name}: expected --mcgill with it")
     if event is not None and not event.strip():
         raise InputError("--event: expected words, got none")
+    if event is not None:
+        check_event_text(event)  # first, so that all is stored or nothing
     when = occasion or Occasion.other
     ranks = None if mcgill is None else _numbers(mcgill, 20, "mcgill")
     shell = Terminal(as_json=as_json, quiet=quiet)

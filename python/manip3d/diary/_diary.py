@@ -596,8 +596,7 @@ class Diary(DiaryReading):
             No such participant, session or kind, or a text that is too long or has control
             characters other than line feeds.
         """
-        if len(text) > 2000:
-            raise InputError(f"text: expected at most 2000 characters, got {len(text)}")
+        check_event_text(text)
         fields = {"at": aware(at, "at").isoformat(), "kind": kind, "text": text}
         with self._file.begin() as rows:
             participant = rows.find(identifier)
@@ -672,6 +671,13 @@ class Diary(DiaryReading):
             participant = rows.find(identifier)
         with self._file.begin_without_remains() as rows:
             rows.delete(participant)
+
+
+def check_event_text(text: str) -> None:
+    """Raise InputError for a text that `Diary.add_event` cannot store."""
+    if len(text) > 2000:
+        raise InputError(f"text: expected at most 2000 characters, got {len(text)}")
+    check_texts({"text": text})
 
 
 def _check_limb(limb: str) -> None:
