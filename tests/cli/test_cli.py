@@ -571,6 +571,8 @@ def test_reproduce_and_report(tmp_path: Path) -> None:
     assert first["failed"] == 0
     again = json.loads(manip3d(*simulated, MANIP3D_RENDERER="none").stdout)
     assert again["resumed"] == again["cases"] == first["cases"]
+    anew = json.loads(manip3d(*simulated, "--force", MANIP3D_RENDERER="none").stdout)
+    assert (anew["resumed"], anew["cases"]) == (0, first["cases"])
     page = tmp_path / "page.html"
     done = manip3d("report", results, "-o", page)
     assert done.returncode == 0

@@ -78,6 +78,19 @@ def test_resuming_runs_only_what_is_absent(tmp_path: Path) -> None:
     assert rows(tmp_path / "out")[0]["pair"] == [1, 1]
 
 
+def test_overwriting_runs_all_again_and_replaces_them(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    toy = experiment(1, 2, log=str(log))
+    run([toy], tmp_path / "out", jobs=1)
+    stored = sorted((tmp_path / "out" / "cases").iterdir())
+    before = [path.stat().st_ino for path in stored]
+    assert run([toy], tmp_path / "out", jobs=1, overwrite=True).resumed == 0
+    assert log.read_text().split() == ["1", "2", "1", "2"]
+    assert sorted((tmp_path / "out" / "cases").iterdir()) == stored
+    assert all(path.stat().st_ino != old for path, old in zip(stored, before, strict=True))
+    assert run([toy], tmp_path / "out", jobs=1).resumed == 2
+
+
 def test_changed_options_run_again(tmp_path: Path) -> None:
     log = tmp_path / "log"
     toy = experiment(1, 2, log=str(log))

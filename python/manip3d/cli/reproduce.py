@@ -59,7 +59,7 @@ def reproduce(
 ) -> None:
     """Run the experiments behind published tables and figures.
 
-    An interrupted run resumes when the same command is given again.
+    An interrupted run resumes when the same command is given again; with --force it begins anew.
 
     Example: manip3d reproduce table-2.2 --scale quick -o results
     """
@@ -126,10 +126,12 @@ def run_experiments(
     try:
         with terminal.progress("experiments") as progress, ended_like_ctrl_c():
             summary = run(
-                experiments, folder, plan=Plan(**plan), jobs=jobs, dask=dask, progress=progress
-            )
+                experiments, folder, plan=Plan(**plan), jobs=jobs, dask=dask, overwrite=force,
+                progress=progress,
+            )  # fmt: skip
     except KeyboardInterrupt:
-        terminal.say(f"interrupted; finished parts are in {folder}, and the same command continues")
+        command = "the same command without --force" if force else "the same command"
+        terminal.say(f"interrupted; finished parts are in {folder}, and {command} continues")
         raise
     say_what_was_done(summary, terminal)
     return summary

@@ -84,6 +84,7 @@ def run(
     plan: Plan | None = None,
     jobs: int = 0,
     dask: str = "",
+    overwrite: bool = False,
     progress: Progress | None = None,
 ) -> RunSummary:
     """Run experiments and write their results to a folder.
@@ -101,6 +102,8 @@ def run(
     dask : str
         Address of a Dask scheduler whose workers can read the data folder; ``"local"`` starts a
         scheduler on this machine.
+    overwrite : bool
+        Run finished cases again, and replace their results.
     progress : callable, optional
         Called with the finished fraction and the name of the case that has just finished.
 
@@ -134,7 +137,7 @@ def run(
     plan = plan or Plan()
     jobs = jobs or len(os.sched_getaffinity(0))
     started = time.perf_counter()
-    store = Store(path_of(folder, "folder"))
+    store = Store(path_of(folder, "folder"), overwrite)
     folder.mkdir(parents=True, exist_ok=True)
 
     cases = {experiment.id: _keyed(experiment.cases(plan)) for experiment in experiments}

@@ -109,9 +109,12 @@ class Store:
     Attributes
     ----------
     folder : Path
+    overwrite : bool
+        Load no rows, so that all are made again.
     """
 
     folder: Path
+    overwrite: bool = False
 
     def save(self, key: str, row: Row) -> Row:
         """Store a case's row; meshes and bytes are written to files and replaced by their names.
@@ -142,7 +145,7 @@ class Store:
         return stored
 
     def load(self, key: str) -> Row | None:
-        """Return the stored row, or None if there is none or a byte of it has changed.
+        """Return the stored row, or None if there is none, a byte has changed, or ``overwrite``.
 
         Parameters
         ----------
@@ -153,6 +156,8 @@ class Store:
         -------
         dict or None
         """
+        if self.overwrite:
+            return None
         try:
             record = unsealed((self.folder / f"cases/{key}.json").read_bytes())
             if (
