@@ -185,6 +185,19 @@ def test_several_vehicles_are_on_one_page(signed: Path, key: Path, tmp_path: Pat
     assert not re.search(r"(src|href)=.?https?:", page)
 
 
+def test_a_drive_among_several_has_the_name_of_its_folder(
+    fleet: Path, key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(fleet / "monday" / "car_a")
+    out = tmp_path / "signed"
+    done = run("watermark", "embed", ".", "../car_b", "--key", str(key), "-o", str(out),
+               "--jobs", "1")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert {path.parent.parent.parent for path in out.rglob("*.bin")} == {
+        out / "car_a", out / "car_b"
+    }  # fmt: skip
+
+
 def test_dask_gives_the_same_verdicts(signed: Path, key: Path) -> None:
     pytest.importorskip("distributed")
     damage(signed / "tuesday" / "car_a")

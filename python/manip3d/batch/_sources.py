@@ -233,7 +233,7 @@ def _drives_of(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFi
         taken, root = list(_below(Path(source), suffixes)), source
     else:
         Path(source).stat()  # a missing source is an OSError that names it
-        taken, root = [Path(source)], str(Path(source).parent)
+        taken, root = [Path(source)], os.path.dirname(os.path.abspath(source))  # source may be "."
     if not taken:
         raise InputError(f"{source}: expected drives in KITTI's layout, found none")
     is_named = is_pattern(source) or not Path(source).is_dir() or _is_drive(Path(source))
