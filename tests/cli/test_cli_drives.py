@@ -185,6 +185,18 @@ def test_several_vehicles_are_on_one_page(signed: Path, key: Path, tmp_path: Pat
     assert not re.search(r"(src|href)=.?https?:", page)
 
 
+def test_the_page_of_all_vehicles_replaces_that_of_none(fleet: Path, tmp_path: Path) -> None:
+    shutil.move(fleet / "monday" / "car_a", fleet / "overview")
+    out = tmp_path / "alerts"
+    done = run("alert", "run", str(fleet), "-o", str(out), "--jobs", "1")
+    assert done.returncode == 1
+    assert "overview: expected another name, because overview.html has all sources" in done.stderr
+    assert not out.exists()
+    done = run("alert", "run", str(fleet), "-o", str(out), "--jobs", "1", "--to", ".json")
+    assert done.returncode == 4, done.stderr
+    assert {path.name for path in out.iterdir()} >= {"overview.html", "overview.json"}
+
+
 def test_a_drive_among_several_has_the_name_of_its_folder(
     fleet: Path, key: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

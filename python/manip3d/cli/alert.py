@@ -81,6 +81,7 @@ def _overview(summary: Summary, output: str) -> None:
     prepare=of_one_only,
     depends=key_of,
     finish=_overview,
+    finished=OVERVIEW,
     columns=("source", "verdict", "reason"),
 )
 def run(

@@ -152,6 +152,20 @@ class Many:
             for source, target in named.items()
         }
 
+    def refuse_output(self, name: str, files: Sequence[SourceFile]) -> None:
+        """Refuse a source whose output has a name that the verb needs for another file.
+
+        Raises
+        ------
+        InputError
+            An output has that name.
+        """
+        for source, target in self.names(files).items():
+            if target == name:
+                raise InputError(
+                    f"{source}: expected another name, because {name} has all {self.noun}s"
+                )
+
     def rename(self, relative: str) -> str:
         """Return the name of an output for that of its source."""
         path = PurePosixPath(relative)
@@ -176,6 +190,7 @@ def over_files(
     has_to: bool = True,
     depends: Callable[[Mapping[str, Any]], str] = lambda options: "",
     finish: Callable[[Summary, str], object] = lambda summary, output: None,
+    finished: str = "",
     choose: Callable[[list[SourceFile]], list[SourceFile]] = list,
     skipped_code: int = 0,
     exit_code: Callable[[Sequence[Mapping[str, Any]], Mapping[str, Any]], int] | None = None,
@@ -213,6 +228,8 @@ def over_files(
         content of a key file. Stored rows are used again only if the text is the same.
     finish : callable(summary, output)
         Called at the end of a run with an output.
+    finished : str
+        Name of the file in the output folder that ``finish`` writes.
     choose : callable(files) -> files
         Returns the files that are sources themselves, without files that belong to another source.
     skipped_code : int
@@ -276,6 +293,8 @@ def over_files(
             found = many.files(sources)  # first, so that an empty folder is reported first
             many.check_folder(sources, given.get("output"))
             files = choose(found)
+            if given.get("output") is not None:
+                many.refuse_output(finished, files)
             each = {} if prepare is None else prepare(files, given)
             chain = in_order(given | asked)
             also, options = depends(given), dict(given)
