@@ -37,7 +37,7 @@ def game(minutes: float = 5, name: str = "piano", **changes: Any) -> DiaryGame:
         "anomalies": ((4.0, 16.5), (30.0, 44.0)), "limb": "left_leg", "source": "openni2:",
         "version": "0.1", "latency_ms": 31.5, "tracked": 0.96,
     }  # fmt: skip
-    return DiaryGame(at=START + timedelta(minutes=minutes), **(fields | changes))
+    return DiaryGame(**({"at": START + timedelta(minutes=minutes)} | fields | changes))
 
 
 def jpeg(text: str, size: int = 400) -> bytes:
@@ -822,7 +822,7 @@ def test_a_damaged_file_is_said_to_be(tmp_path: Path, part: str) -> None:
 
 def sitting(day: int, hour: int = 9, games: int = 3, **changes: Any) -> DiarySession:
     start = START.replace(hour=hour) + timedelta(days=day)
-    return DiarySession(1, start, None, (game(**changes),) * games, ())
+    return DiarySession(1, start, None, (game(**{"at": start, **changes}),) * games, ())
 
 
 @pytest.mark.parametrize("name", ["weeks", "sessions_a_day", "games_a_session"])
@@ -849,6 +849,17 @@ def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
     assert (found.complete, found.partial, found.simulated) == (2, 0, 3)
     with pytest.raises(InputError, match="today: expected 2026-03-02 or later"):
         adherence([], START, date(2026, 3, 1))
+
+
+def test_a_session_counts_on_the_day_on_which_its_games_were_played() -> None:
+    """A page that was opened late in the evening, and played after midnight."""
+    evening, night = START.replace(hour=23, minute=50), START.replace(hour=0) + timedelta(days=1)
+    stopped = game(at=evening, ending="stopped")
+    session = DiarySession(1, evening, None, (stopped, *(game(at=night),) * 3), ())
+    first = adherence([session], START, START.date())
+    assert (first.complete, first.days_played) == (0, 0)
+    second = adherence([session], START + timedelta(days=1), START.date() + timedelta(days=1))
+    assert (second.complete, second.days_played) == (1, 1)
 
 
 def test_a_full_disk_leaves_no_part_of_a_new_diary(

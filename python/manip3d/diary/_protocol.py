@@ -79,8 +79,8 @@ def adherence(
 ) -> Adherence:
     """Compare sessions with a protocol.
 
-    Games that were stopped or interrupted, and games of a simulated person, do not count. Days are
-    those of the local time at which a game was played.
+    Games that were stopped or interrupted, and games of a simulated person, do not count. The day
+    of a session is that of its first game that counts, by local time.
 
     Parameters
     ----------
@@ -113,12 +113,14 @@ def adherence(
     days = min((today - start.date()).days + 1, 7 * plan.weeks)
     complete, partial, played = Counter[int](), Counter[int](), set[int]()
     for session in sessions:
-        day = (session.started.date() - start.date()).days
-        games = sum(game.counts for game in session.games)
-        if not 0 <= day < days or not games:
+        times = [game.at for game in session.games if game.counts]
+        if not times:
+            continue
+        day = (min(times).date() - start.date()).days
+        if not 0 <= day < days:
             continue
         played.add(day)
-        (complete if games >= plan.games_a_session else partial)[day] += 1
+        (complete if len(times) >= plan.games_a_session else partial)[day] += 1
     num_complete = sum(min(number, plan.sessions_a_day) for number in complete.values())
     num_partial = sum(
         min(number, plan.sessions_a_day - min(complete[day], plan.sessions_a_day))
