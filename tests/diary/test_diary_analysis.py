@@ -156,6 +156,14 @@ def ranks(pri: int) -> list[int]:
     return found
 
 
+def test_equal_changes_do_not_show_how_changes_vary() -> None:
+    before = np.array([40.0, 30.0, np.nan])
+    assert _paired(before, before - 7.0) is None
+    found = _paired(before, before - [7.0, 8.0, 0.0])
+    assert found is not None
+    assert found.low < found.value == -7.5 < found.high
+
+
 def test_a_study_from_its_diary(tmp_path: Path) -> None:
     scores = {
         "P01": (40, 30, 18),

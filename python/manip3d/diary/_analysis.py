@@ -100,7 +100,8 @@ class DiaryAnalysis:
     paired : tuple of (Estimate or None)
         Mean changes from baseline to week 1 and to week 4 of participants with both scores, with
         the t interval of paired differences. This interval stays valid if participants respond
-        differently.
+        differently. None: there are fewer than two of them, or all have the same change, which does
+        not show how changes vary.
     responders_30, responders_50 : Share
         Participants whose index fell by at least 30 or 50 % from baseline to week 4, among those
         with both scores.
@@ -287,7 +288,7 @@ def _share(number: int, of: int) -> Share:
 
 def _paired(before: NDArray[np.float64], after: NDArray[np.float64]) -> Estimate | None:
     change = (after - before)[~np.isnan(after - before)]
-    if len(change) < 2:
+    if len(change) < 2 or np.ptp(change) == 0.0:
         return None
     spread = float(np.std(change, ddof=1)) / math.sqrt(len(change))
     return _t_estimate(float(np.mean(change)), spread, len(change) - 1.0)
