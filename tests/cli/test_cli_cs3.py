@@ -567,6 +567,33 @@ def test_masks_of_many_frames(frames: Path, tmp_path: Path) -> None:
     assert "--mask: expected 4 images in" in error_line(done)
 
 
+def test_disparities_of_8_bits_have_colours_masks_and_confidences(tmp_path: Path) -> None:
+    folders = {name: tmp_path / name for name in ("depth", "color", "mask", "confidence")}
+    for folder in folders.values():
+        folder.mkdir()
+    v, u = np.mgrid[:48, :64]
+    for number in range(2):
+        name = f"{number}.png"
+        Image.fromarray((60 + u // 16).astype(np.uint8)).save(folders["depth"] / name)
+        Image.fromarray(np.stack([u, v, 90 + 0 * u], -1).astype(np.uint8)).save(
+            folders["color"] / name
+        )
+        mask = Image.fromarray((255 * (u < 40 + number)).astype(np.uint8))
+        mask.save(folders["mask"] / name)
+        mask.save(folders["confidence"] / name)
+    base = ("depth", folders["depth"], "--unit", "disparity:120", "--intrinsics", "60,60,31.5,23.5",
+            "--points", "60", "--jobs", "1", "--json", "-o", tmp_path / "out")  # fmt: skip
+    more = [word for name in ("color", "mask", "confidence") for word in (f"--{name}",
+            folders[name])]  # fmt: skip
+    rows = json.loads(manip3d(*base, *more).stdout)
+    assert [row["points_before"] for row in rows] == [48 * 40, 48 * 41]
+    mesh = read_mesh(tmp_path / "out" / "0.glb")
+    assert mesh.materials[0].textures["base_color"].data is not None
+    (folders["confidence"] / "1.png").unlink()
+    wrong = manip3d(*base, "--force", "--confidence", folders["confidence"])
+    assert "--confidence: expected 2 images in" in error_line(wrong)
+
+
 def test_points_by_bandwidth(frames: Path, tmp_path: Path) -> None:
     base = ("depth", frames, "--intrinsics", FOCAL, "--jobs", "1", "--force")
     asked = ("--bandwidth", "80000", "--rate", "10", "-o", tmp_path / "out")

@@ -90,7 +90,9 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
     """One unit for all frames, and the colour image, mask and confidence of each."""
     from manip3d import simplify
 
-    names = [file.name for file in files if not _is_picture(file.name)]
+    with naming_options("unit"):
+        takes_8_bits = fits_8_bits(options["unit"])
+    names = [file.name for file in files if takes_8_bits or not _is_picture(file.name)]
     _expect_camera(names, options["intrinsics"])
     each: dict[str, dict[str, str]] = {file.name: {"color": ""} for file in files}
     with naming_options("color", "mask", "confidence", "unit"):
