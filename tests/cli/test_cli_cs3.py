@@ -594,6 +594,31 @@ def test_disparities_of_8_bits_have_colours_masks_and_confidences(tmp_path: Path
     assert "--confidence: expected 2 images in" in error_line(wrong)
 
 
+def test_clouds_beside_depth_images_keep_their_unit(tmp_path: Path) -> None:
+    """A folder with a camera file for neither: the clouds bring theirs, the images fail."""
+    v, u = np.mgrid[:48, :64]
+    depth = 2000 + 9 * ((u // 8 + v // 8) % 2)
+    folder = tmp_path / "in"
+    folder.mkdir()
+    np.save(folder / "depth.npy", depth.astype(np.uint16))
+    cloud = np.stack([(u - 31.5) / 60, (v - 23.5) / 60, 1 + 0 * u], axis=-1) * depth[..., None]
+    points = (cloud / 1000).astype(np.float32)
+    np.save(folder / "cloud.npy", points)
+    header = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 64\nHEIGHT 48\n"
+        "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 3072\nDATA binary\n"
+    )
+    (folder / "cloud.pcd").write_bytes(header.encode() + points.tobytes())
+    base = ("depth", folder, "--points", "60", "--jobs", "1", "--json")
+    rows = json.loads(manip3d(*base, "-o", tmp_path / "out").stdout)
+    units = {Path(row["source"]).name: row["unit"] for row in rows if not row["error"]}
+    assert units == {"cloud.npy": "m", "cloud.pcd": "m"}
+    for name in ("cloud.npy.glb", "cloud.pcd.glb"):
+        np.testing.assert_allclose(read_mesh(tmp_path / "out" / name).vertices[:, 2], -2, atol=0.01)
+    rows = json.loads(manip3d(*base, "-o", tmp_path / "cm", "--unit", "100").stdout)
+    assert {row["unit"] for row in rows if not row["error"]} == {"100"}  # what is given holds
+
+
 def test_points_by_bandwidth(frames: Path, tmp_path: Path) -> None:
     base = ("depth", frames, "--intrinsics", FOCAL, "--jobs", "1", "--force")
     asked = ("--bandwidth", "80000", "--rate", "10", "-o", tmp_path / "out")

@@ -87,7 +87,7 @@ _OPTIONS = ("intrinsics", "unit", "variant", "effort", "by-distance", "move-poin
 
 
 def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
-    """One unit for all frames, and the colour image, mask and confidence of each."""
+    """One unit for all depth images, and the colour image, mask and confidence of each frame."""
     from manip3d import simplify
 
     with naming_options("unit"):
@@ -96,7 +96,11 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
     _expect_camera(names, options["intrinsics"])
     each: dict[str, dict[str, str]] = {file.name: {"color": ""} for file in files}
     with naming_options("color", "mask", "confidence", "unit"):
-        options["unit"] = simplify.common_depth_unit(names, options["unit"], options["intrinsics"])
+        clouds = {name for name in names if _is_cloud(name)}
+        for name in clouds:  # the unit of another instrument; each cloud keeps its own guess
+            each[name]["unit"] = options["unit"]
+        images = [name for name in names if name not in clouds]
+        options["unit"] = simplify.common_depth_unit(images, options["unit"], options["intrinsics"])
         colors = options.pop("color")
         folders = {"color": colors} if colors else {}
         for name in ("mask", "confidence"):  # a file is that of all frames
@@ -122,6 +126,16 @@ def _is_picture(name: str) -> bool:
 
     try:
         return not is_url(name) and is_color_png(name)
+    except (OSError, FormatError):  # the frame's own turn reports it
+        return False
+
+
+def _is_cloud(name: str) -> bool:
+    from manip3d.io import is_url
+    from manip3d.simplify._organised import is_cloud_file
+
+    try:
+        return scan_suffix(name) in _SCANS or (not is_url(name) and is_cloud_file(Path(name)))
     except (OSError, FormatError):  # the frame's own turn reports it
         return False
 
