@@ -428,6 +428,19 @@ def test_coloured_and_paletted_masks_are_read(tmp_path: Path) -> None:
         np.testing.assert_array_equal(found != 0, mask.any(axis=2))
 
 
+def test_nan_in_a_mask_leaves_a_pixel_out(tmp_path: Path) -> None:
+    np.save(tmp_path / "wall.npy", np.full((24, 32), 2000, np.uint16))
+    mask = np.full((24, 32), np.nan, np.float32)
+    mask[:, :16] = 1
+    mask[:, :4] = 0
+    np.save(tmp_path / "mask.npy", mask)
+    options = simplify.DepthOptions(30, intrinsics="30,30,15.5,11.5")
+    found = simplify.simplify_depth_file(
+        tmp_path / "wall.npy", tmp_path / "wall.ply", options, mask=tmp_path / "mask.npy"
+    )
+    assert found.points_before == 24 * 12
+
+
 def test_fewer_than_three_points_are_refused() -> None:
     with pytest.raises(InputError, match=r"points: expected 3 to 2\^63 - 1, got 2"):
         simplify.DepthOptions(2)

@@ -420,8 +420,8 @@ def simplify_depth_file(
     color : path-like, optional
         Colour image with the pixels of the depth image, used as the texture.
     mask : path-like, optional
-        An image of the same size, as `manip3d.io.read_pixel_map` reads it. Pixels where it is 0
-        count as not measured.
+        An image of the same size, as `manip3d.io.read_pixel_map` reads it. Pixels where it is 0 or
+        NaN count as not measured.
     confidence : path-like, optional
         An image of the same size with the confidence of each pixel (``relief``): floats from 0 to
         1, or integer levels up to ``confidence_max``.
@@ -480,7 +480,7 @@ def read_maps(
         raise InputError("confidence_max: can only be given with confidence")
     return Maps(
         None if color is None else read_color(path_of(color, "color")),
-        None if mask is None else read_pixel_map(path_of(mask, "mask")) != 0,
+        None if mask is None else np.nan_to_num(read_pixel_map(path_of(mask, "mask"))) != 0,
         None if confidence is None else _read_confidence(confidence, confidence_max),
     )
 
