@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -439,6 +440,25 @@ def test_nan_in_a_mask_leaves_a_pixel_out(tmp_path: Path) -> None:
         tmp_path / "wall.npy", tmp_path / "wall.ply", options, mask=tmp_path / "mask.npy"
     )
     assert found.points_before == 24 * 12
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_grey_colour_images_of_16_bits_keep_their_upper_bits(suffix: str, tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    np.save(tmp_path / "wall.npy", np.full((24, 32), 2000, np.uint16))
+    levels = (2000 * np.arange(32, dtype=np.uint16))[None].repeat(24, axis=0)
+    image.fromarray(levels).save(tmp_path / f"grey{suffix}")
+    image.fromarray(levels.astype(np.float32)).save(tmp_path / "floats.tif")
+    image.fromarray(levels.astype(np.int32) * 9).save(tmp_path / "wide.tif")
+    options = simplify.DepthOptions(30, intrinsics="30,30,15.5,11.5")
+    given = (tmp_path / "wall.npy", tmp_path / "wall.glb", options)
+    simplify.simplify_depth_file(*given, color=tmp_path / f"grey{suffix}")
+    data = io.read_mesh(tmp_path / "wall.glb").materials[0].textures["base_color"].data
+    shown = np.asarray(image.open(BytesIO(data)).convert("RGB"))
+    np.testing.assert_array_equal(shown, (levels >> 8)[..., None].repeat(3, axis=2))
+    for name in ("floats.tif", "wide.tif"):
+        with pytest.raises(FormatError, match="expected a colour image of 8 or 16 bits"):
+            simplify.simplify_depth_file(*given, color=tmp_path / name)
 
 
 def test_fewer_than_three_points_are_refused() -> None:

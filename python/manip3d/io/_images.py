@@ -161,18 +161,21 @@ def _as_png(mesh: Mesh, texture: Texture) -> Texture:
 
 
 def read_color(path: Path) -> NDArray[np.uint8]:
-    """Read an image file as (H, W, 3) red, green, blue.
+    """Read an image file as (H, W, 3) red, green, blue; of 16 bits the upper 8 are kept.
 
     Raises
     ------
     FormatError
-        The file is not an image, is damaged or too large, or is not a regular file.
+        The file is not an image, is damaged or too large, has grey values that are not whole
+        numbers of 8 or 16 bits, or is not a regular file.
     MissingExtraError
         Pillow is not installed.
     """
     image_module = require("PIL.Image", "io", "pillow")
     try:
         with open_regular(path) as file, image_module.open(file) as image:
+            if image.mode.startswith(("I", "F")):  # Pillow would replace all above 255 by white
+                return _rgb_of_numbers(np.asarray(image), image.mode, path)
             return np.array(image.convert("RGB"))
     except FormatError:  # must come before ValueError, its base class
         raise
@@ -183,6 +186,18 @@ def read_color(path: Path) -> NDArray[np.uint8]:
         image_module.DecompressionBombError,
     ) as error:
         raise FormatError(f"expected a colour image: {error}", file=str(path)) from error
+
+
+def _rgb_of_numbers(numbers: NDArray[Any], mode: str, path: Path) -> NDArray[np.uint8]:
+    """Convert grey numbers of 16 bits as Pillow converts colours of 16 bits."""
+    if numbers.dtype.kind == "f" or numbers.min() < 0 or numbers.max() >= 1 << 16:
+        raise FormatError(
+            f"expected a colour image of 8 or 16 bits, got the mode {mode} with numbers from "
+            f"{numbers.min():g} to {numbers.max():g}",
+            file=str(path),
+        )
+    grey = (numbers >> 8).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)
 
 
 def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
