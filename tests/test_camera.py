@@ -302,9 +302,10 @@ def test_the_camera_of_7_scenes(realdata: RealData) -> None:
 
 
 def test_cameras_by_other_names_in_json(tmp_path: Path) -> None:
+    """Nerfstudio counts from the first pixel's corner, as COLMAP does; librealsense does not."""
     path = tmp_path / "camera.json"
     path.write_text(
-        '{"w": 64, "h": 48, "fl_x": 50, "fl_y": 51, "cx": 31.5, "cy": 23.5, "k1": 0.1, "p2": 0.02}'
+        '{"w": 64, "h": 48, "fl_x": 50, "fl_y": 51, "cx": 32, "cy": 24, "k1": 0.1, "p2": 0.02}'
     )
     found = camera.read_intrinsics(path, width=64, height=48)
     assert (found.fx, found.fy, found.cx, found.cy) == (50.0, 51.0, 31.5, 23.5)

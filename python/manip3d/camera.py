@@ -758,6 +758,8 @@ _BROWN_NAMES = ("k1", "k2", "p1", "p2", "k3")
 def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
     """Return the fields of a camera under the names of `Intrinsics`; others cause a warning."""
     ours = {_OTHER_NAMES.get(name, name): value for name, value in fields.items()}
+    if "fl_x" in fields or "fl_y" in fields:  # integers are the corners of pixels, as in COLMAP
+        ours |= {name: ours[name] - 0.5 for name in ("cx", "cy") if name in ours}
     if "distortion" not in ours and any(name in ours for name in _BROWN_NAMES):
         ours["distortion"] = [ours.pop(name, 0.0) for name in _BROWN_NAMES]
     if absent := [name for name in ("fx", "fy", "cx", "cy") if name not in ours]:
