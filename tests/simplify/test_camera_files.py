@@ -292,10 +292,33 @@ def test_long_edges_and_colours_of_several_views(walls: Path, method: simplify.D
 def test_what_several_views_cannot_follow_is_refused(walls: Path) -> None:
     base = ("depth", walls / "10.005.npy", "-o", walls / "x.ply", "--intrinsics", CAMERA, "-q",
             "--points", "50", "--poses", walls / "groundtruth.txt")  # fmt: skip
-    for option in (("--move-points",), ("--table", "t.csv"), ("--mask", "m.png")):
+    for option in (
+        ("--move-points",),
+        ("--table", "t.csv"),
+        ("--mask", "m.png"),
+    ):
         assert f"{option[0]}: cannot be given with" in error_line(manip3d(*base, *option))
     assert "--method: expected relief or cs3" in error_line(manip3d(*base, "--method", "ssa"))
     assert not (walls / "x.ply").exists()
+
+
+def test_a_folder_of_clouds_becomes_one_mesh(tmp_path: Path) -> None:
+    v, u = np.mgrid[:48, :64]
+    points = np.stack([(u - 31.5) / 60, (v - 23.5) / 60, 1 + 0 * u], axis=-1) * 2.0
+    header = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 64\nHEIGHT 48\n"
+        "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 3072\nDATA binary\n"
+    )
+    (tmp_path / "clouds").mkdir()
+    for number in range(2):
+        data = header.encode() + points.astype("<f4").tobytes()
+        (tmp_path / "clouds" / f"{number}.pcd").write_bytes(data)
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 1\n0.5 0 0 0 0 0 1\n")
+    done = manip3d("depth", tmp_path / "clouds", "--poses", tmp_path / "poses.txt", "--points",
+                   "60", "-o", tmp_path / "wall.ply")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    width = np.ptp(io.read_mesh(tmp_path / "wall.ply").vertices[:, 0])
+    assert width == pytest.approx(0.5 + 2 * 63 / 60, abs=0.02)
 
 
 def box(jump: float) -> tuple[NDArray[np.uint16], simplify.CameraView]:

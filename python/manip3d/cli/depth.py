@@ -203,7 +203,7 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         for name in (*given["shared"], *(n for n in _NOT_JOINED if given[n])):
             raise InputError(f"{name}: cannot be given with poses")
         check_output(output, WRITABLE, force=given["force"])
-        files = [file.name for file in find_files(sources, suffixes=(*DEPTH_SUFFIXES, ".ply"))]
+        files = [file.name for file in find_files(sources, suffixes=(*DEPTH_SUFFIXES, *_SCANS))]
         colors = simplify.colors_of_frames(files, given["color"]) if given["color"] else {}
         options = _options_of(given)
         result = simplify.simplify_camera_files(
