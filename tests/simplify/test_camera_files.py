@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from command_line import error_line, manip3d
 from manip3d import FormatError, InputError, io, simplify
+from manip3d.simplify import _camera_files
 
 CAMERA = "130,130,79.5,59.5"
 TURNED = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])  # by 90 degrees around z: q = (0, 0, s, s)
@@ -296,10 +297,41 @@ def test_what_several_views_cannot_follow_is_refused(walls: Path) -> None:
         ("--move-points",),
         ("--table", "t.csv"),
         ("--mask", "m.png"),
+        ("--confidence-max", "2"),
     ):
         assert f"{option[0]}: cannot be given with" in error_line(manip3d(*base, *option))
     assert "--method: expected relief or cs3" in error_line(manip3d(*base, "--method", "ssa"))
     assert not (walls / "x.ply").exists()
+
+
+def test_the_first_frames_are_joined(walls: Path) -> None:
+    """The poses are in the order of all images, and there is a colour image for each."""
+    pytest.importorskip("PIL")
+    from PIL import Image
+
+    (walls / "poses.txt").write_text("0 0 0 0 0 0 1\n0.5 0 0 0 0 0 1\n1 2 3 0 0 0 1\n")
+    for number, name in enumerate(("10.005", "10.031", "10.060")):
+        np.save(walls / f"{name}.npy", np.full((120, 160), 1800, np.uint16))
+        Image.new("RGB", (160, 120), (80 * number, 0, 0)).save(walls / f"{number}.png")
+    (walls / "color").mkdir()
+    for path in walls.glob("*.png"):
+        path.rename(walls / "color" / path.name)
+    base = ("depth", walls / "*.npy", "--intrinsics", CAMERA, "--poses", walls / "poses.txt",
+            "--color", walls / "color", "--points", "60", "--json")  # fmt: skip
+    done = manip3d(*base, "--frames", "2", "-o", walls / "two.glb")
+    assert done.returncode == 0, done.stderr
+    assert [Path(name).name for name in json.loads(done.stdout)["inputs"]] == [
+        "10.005.npy",
+        "10.031.npy",
+    ]
+    mesh = io.read_mesh(walls / "two.glb")
+    assert np.abs(mesh.vertices[:, 1]).max() < 1
+    assert len(mesh.materials) == 2
+    options = simplify.DepthOptions(60, intrinsics=CAMERA)
+    with pytest.raises(InputError, match="num_frames: expected at least 1, got 0"):
+        simplify.simplify_camera_files(
+            sorted(walls.glob("*.npy")), walls / "poses.txt", walls / "x.ply", options, num_frames=0
+        )
 
 
 def test_a_folder_of_clouds_becomes_one_mesh(tmp_path: Path) -> None:
@@ -319,6 +351,45 @@ def test_a_folder_of_clouds_becomes_one_mesh(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     width = np.ptp(io.read_mesh(tmp_path / "wall.ply").vertices[:, 0])
     assert width == pytest.approx(0.5 + 2 * 63 / 60, abs=0.02)
+
+
+def test_joining_tells_its_progress_and_can_be_stopped(walls: Path) -> None:
+    options = simplify.DepthOptions(100, intrinsics=CAMERA, unit="mm")
+    given = (sorted(walls.glob("*.npy")), walls / "groundtruth.txt", walls / "wall.ply", options)
+    told: list[float] = []
+    simplify.simplify_camera_files(*given, progress=lambda share, _: told.append(share))
+    assert told == sorted(told)
+    assert told[0] > 0
+    assert told[-1] == 1
+    assert len(told) >= 8  # each view is read, prepared, compared and joined
+    (walls / "wall.ply").unlink()
+
+    def stop(share: float, _: str) -> None:
+        if share > 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simplify.simplify_camera_files(*given, progress=stop)
+    assert not (walls / "wall.ply").exists()
+
+
+def test_more_views_than_the_memory_holds_are_refused(
+    walls: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The views that were read until then tell how many fit."""
+    lines = [f"{number}.00 {number} 0 0 0 0 0 1" for number in range(9)]
+    (walls / "truth.txt").write_text("\n".join(lines))
+    for number in range(9):
+        np.save(walls / f"{number}.00.npy", np.full((120, 160), 1800, np.uint16))
+    options = simplify.DepthOptions(100, intrinsics=CAMERA, unit="mm")
+    given = (sorted(walls.glob("?.00.npy")), walls / "truth.txt", walls / "wall.ply", options)
+    room = 2.5 * 120 * 160 * _camera_files._BYTES_PER_PIXEL
+    monkeypatch.setattr(_camera_files, "available_bytes", lambda: int(room))
+    with pytest.raises(InputError, match=r"at most 2 views for .* GB .*, got 9: .* every 5th of"):
+        simplify.simplify_camera_files(*given)
+    assert simplify.simplify_camera_files(*given, num_frames=2).points > 90
+    monkeypatch.setattr(_camera_files, "available_bytes", lambda: None)
+    assert simplify.simplify_camera_files(*given, num_frames=3).points > 90
 
 
 def box(jump: float) -> tuple[NDArray[np.uint16], simplify.CameraView]:

@@ -114,7 +114,12 @@ def test_the_command_takes_recordings(frames: list[RgbdFrame], tmp_path: Path) -
     assert "relief: 2 frames" in done.stderr
     base = ("depth", recording, "-o", out)
     assert "exists already; --force" in error_line(manip3d(*base, "--points", 300))
-    for option, value in (("--unit", "mm"), ("--color", recording), ("--to", ".ply")):
+    for option, value in (
+        ("--unit", "mm"),
+        ("--color", recording),
+        ("--to", ".ply"),
+        ("--confidence-max", 2),
+    ):
         done = manip3d(*base, "--points", 300, "--force", option, value)
         assert f"{option}: cannot be given with an RGB-D recording" in error_line(done)
     done = manip3d(*base, "--points", 300, "--force", "--stable", "--method", "cs3")
@@ -134,4 +139,4 @@ def test_frames_are_those_of_a_recording(tmp_path: Path) -> None:
     np.save(tmp_path / "wall.npy", np.full((48, 64), 2.0, np.float32))
     base = ("depth", tmp_path / "wall.npy", "-o", tmp_path / "wall.ply", "--points", 100)
     done = manip3d(*base, "--intrinsics", "60,60,31.5,23.5", "--frames", 2)
-    assert "--frames: can only be given with an RGB-D recording" in error_line(done)
+    assert "--frames: can only be given with an RGB-D recording or --poses" in error_line(done)

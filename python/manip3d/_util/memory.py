@@ -25,6 +25,16 @@ def resident_bytes() -> int | None:
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
+def available_bytes() -> int | None:
+    """Return the memory that programs can still use without swapping; None if it is not known."""
+    try:
+        text = Path("/proc/meminfo").read_text(encoding="ascii")
+    except (OSError, ValueError):
+        return None
+    match = re.search(r"^MemAvailable:\s*(\d+) kB$", text, re.MULTILINE)
+    return None if match is None else 1024 * int(match[1])
+
+
 def most_resident_bytes() -> int | None:
     """Return the peak resident memory of this process in bytes; None if it is not known.
 

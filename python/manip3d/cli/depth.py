@@ -186,7 +186,8 @@ def _in_order(given: Mapping[str, Any]) -> AbstractContextManager[None] | None:
         return _through(DepthSequence(_options_of(given)))
 
 
-_NOT_JOINED = ("mask", "confidence", "bandwidth", "rate", "by_distance", "move_points", "stable")
+_NOT_JOINED = ("mask", "confidence", "confidence_max", "bandwidth", "rate", "by_distance",
+               "move_points", "stable")  # fmt: skip
 
 
 def _join(sources: list[str], given: dict[str, Any]) -> bool:
@@ -206,9 +207,16 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         files = [file.name for file in find_files(sources, suffixes=(*DEPTH_SUFFIXES, *_SCANS))]
         colors = simplify.colors_of_frames(files, given["color"]) if given["color"] else {}
         options = _options_of(given)
-        result = simplify.simplify_camera_files(
-            files, given["poses"], output, options, colors=[colors[f] for f in files if colors]
-        )
+        with shell.progress("join") as progress:
+            result = simplify.simplify_camera_files(
+                files,
+                given["poses"],
+                output,
+                options,
+                colors=[colors[f] for f in files if colors],
+                num_frames=given["frames"],
+                progress=progress,
+            )
     shell.say(_joint_sentence(result))
     shell.result(_joint_record(result))
     missed = result.target_missed or result.coverage_missed or result.bridges_missed
@@ -217,7 +225,7 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
     return True
 
 
-_OF_FRAMES = ("unit", "color", "mask", "confidence", "bandwidth", "rate")
+_OF_FRAMES = ("unit", "color", "mask", "confidence", "confidence_max", "bandwidth", "rate")
 """Options that say of images what the frames of a recording say themselves."""
 
 
@@ -225,7 +233,7 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     """An RGB-D recording, or an address of one: a mesh of each frame, in a folder."""
     if len(sources) != 1 or not _is_recording(sources[0]):
         if given["frames"] is not None:
-            raise InputError("--frames: can only be given with an RGB-D recording")
+            raise InputError("--frames: can only be given with an RGB-D recording or --poses")
         return False
     from manip3d import simplify
     from manip3d.cli.capture import open_source
@@ -496,7 +504,10 @@ def depth(
     ] = False,
     frames: Annotated[
         int | None,
-        typer.Option(min=1, help="Stop after this many frames of an RGB-D recording."),
+        typer.Option(
+            min=1,
+            help="Stop after this many frames of an RGB-D recording, or images with --poses.",
+        ),
     ] = None,
     force: Force = False,
     strict: Strict = False,

@@ -7,11 +7,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.memory import available_bytes
+from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.camera import read_intrinsics
 from manip3d.errors import FormatError, InputError
@@ -21,8 +23,10 @@ from manip3d.simplify._cameras import (
     CameraView,
     Join,
     JointSimplification,
+    Report,
     cs3_joiner,
     relief_joiner,
+    silent,
 )
 from manip3d.simplify._depth_files import (
     SPARSE_WORDS,
@@ -42,7 +46,11 @@ from manip3d.simplify._poses import plain_name, poses_of_files
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from manip3d._util.options import Progress
+
 _MOST_TRIES = 4
+_READ, _PREPARED, _JOINED = 0.1, 0.5, 0.9  # shares of the work after three of its stages
+_BYTES_PER_PIXEL = 130  # memory of a view for each measured pixel
 
 
 @dataclass(frozen=True)
@@ -114,6 +122,8 @@ def simplify_camera_files(
     options: DepthOptions,
     *,
     colors: Sequence[str | os.PathLike[str]] = (),
+    num_frames: int | None = None,
+    progress: Progress = None,
 ) -> JointFileResult:
     r"""Simplify several depth images, or several range scans, to one mesh and write it to a file.
 
@@ -132,6 +142,10 @@ def simplify_camera_files(
         guessed, one unit is guessed for all sources (`common_depth_unit`).
     colors : sequence of path-like
         One colour image for each source; empty: no texture.
+    num_frames : int, optional
+        Only this many sources, the first ones, are joined.
+    progress : None, True or callable
+        ``True`` shows a bar; a callable gets ``(fraction, message)``.
 
     Returns
     -------
@@ -141,7 +155,8 @@ def simplify_camera_files(
     ------
     InputError
         As `poses_of_files`, `relief_cameras` and `simplify_depth_file`; or an option cannot be used
-        with several sources.
+        with several sources. Or there are more views than fit into the memory that is available,
+        at about 40 MB for 640 x 480 measured pixels; the error says how many do.
     FormatError, OSError
         As `simplify_depth_file`. If the mesh has no face, nothing is written.
 
@@ -165,23 +180,35 @@ def simplify_camera_files(
     _expect_options_of_views(options)
     if colors and len(colors) != len(files):
         raise InputError(f"colors: expected {len(files)} or none, got {len(colors)}")
+    if num_frames is not None and num_frames < 1:
+        raise InputError(f"num_frames: expected at least 1, got {num_frames}")
     pictures = [path_of(color, "colors") for color in colors] if colors else [None] * len(files)
-    placed = poses_of_files(files, place)
+    placed = poses_of_files(files, place)[:num_frames]
+    files, pictures = files[:num_frames], pictures[:num_frames]
     are_images = _are_images(files)
     if are_images:  # one unit for all, because guesses for single images could differ
         options = replace(options, unit=common_depth_unit(files, options.unit, options.intrinsics))
     view_of = _image_view if are_images else _scan_view
-    views = [
-        view_of(file, options, pose, picture)
-        for file, pose, picture in zip(files, placed, pictures, strict=True)
-    ]
-    options = options.for_pixels(sum(int(np.count_nonzero(_valid_pixels(view))) for view in views))
     depth_step = options.depth_step if options.depth_step and are_images else None
-    started = time.perf_counter()
-    assert options.points is not None
-    joint = _filled(_joiner(views, options, depth_step), options.points)
-    seconds = time.perf_counter() - started
-    lone = sum(Measured.of(_valid_pixels(view)).lone for view in views)
+    views: list[CameraView] = []
+    measured = lone = 0
+    with reporting(progress, "join views") as report:
+        report = report or silent
+        memory = available_bytes()
+        for file, pose, picture in zip(files, placed, pictures, strict=True):
+            views.append(view_of(file, options, pose, picture))
+            found = Measured.of(_valid_pixels(views[-1]))
+            measured, lone = measured + found.pixels, lone + found.lone
+            _expect_memory(measured, len(views), len(files), memory)
+            report(_READ * len(views) / len(files))
+        options = options.for_pixels(measured)
+        started = time.perf_counter()
+        assert options.points is not None
+        prepared = _joiner(views, options, depth_step, _part(report, _READ, _PREPARED))
+        joint = _filled(prepared, options.points, _part(report, _PREPARED, _JOINED))
+        seconds = time.perf_counter() - started
+        joint.coverage, joint.bridges  # noqa: B018 - computed on the first access
+        report(1.0)
     if not joint.num_faces:
         note = f"; {SPARSE_WORDS}" if is_sparse(lone, joint.num_measured) else ""
         raise FormatError(
@@ -199,6 +226,22 @@ def simplify_camera_files(
         joint.coverage,
         joint.bridges,
         lone,
+    )
+
+
+def _part(report: Report, begin: float, end: float) -> Report:
+    """Return a report of a stage, whose share of the work is between ``begin`` and ``end``."""
+    return lambda fraction: report(begin + (end - begin) * fraction)
+
+
+def _expect_memory(measured: int, taken: int, total: int, memory: int | None) -> None:
+    """Refuse more views than fit into the memory, as far as the views that were read show it."""
+    if memory is None or measured * _BYTES_PER_PIXEL <= memory:
+        return
+    fitting = max(1, taken - 1)
+    raise InputError(
+        f"sources: expected at most {fitting} views for the {memory / 1e9:.1f} GB of memory that "
+        f"are available, got {total}: give every {-(-total // fitting)}th of them"
     )
 
 
@@ -228,18 +271,19 @@ def _valid_pixels(view: CameraView) -> NDArray[np.bool_]:
     return np.asarray(view.valid if view.depth is None else np.asarray(view.depth) > 0, bool)
 
 
-def _filled(join: Join, points: int) -> JointSimplification:
+def _filled(join: Join, points: int, report: Report) -> JointSimplification:
     """Join views to at most ``points`` vertices and, if possible, only a few less.
 
     Joining drops points of surfaces that several views share. Each further try, up to `_MOST_TRIES`
     in all, asks for as many additional points as were dropped.
     """
-    best = join(points)
+    best = join(points, report=_part(report, 0.0, 1 / _MOST_TRIES))
     asked = points + (missing := points - _num_used(best))
-    for _ in range(_MOST_TRIES - 1):
+    for number in range(1, _MOST_TRIES):
         if not 0.01 * points < missing or asked > best.num_measured:
             break
-        found = join(asked)
+        part = _part(report, number / _MOST_TRIES, (number + 1) / _MOST_TRIES)
+        found = join(asked, report=part)
         if _num_used(best) < _num_used(found) <= points:
             best, missing = found, points - _num_used(found)
         asked += points - _num_used(found)
@@ -250,15 +294,18 @@ def _num_used(joint: JointSimplification) -> int:
     return len(np.unique(joint.faces))
 
 
-def _joiner(views: Sequence[CameraView], options: DepthOptions, depth_step: float | None) -> Join:
-    edge, threads = options.max_edge, options.threads
+def _joiner(
+    views: Sequence[CameraView], options: DepthOptions, depth_step: float | None, report: Report
+) -> Join:
+    given: dict[str, Any] = {
+        "max_edge": options.max_edge,
+        "depth_step": depth_step,
+        "threads": options.threads,
+        "report": report,
+    }
     if options.method == "relief":
-        return relief_joiner(
-            views, effort=options.effort, max_edge=edge, depth_step=depth_step, threads=threads
-        )
-    return cs3_joiner(
-        views, variant=options.variant, max_edge=edge, depth_step=depth_step, threads=threads
-    )
+        return relief_joiner(views, effort=options.effort, **given)
+    return cs3_joiner(views, variant=options.variant, **given)
 
 
 def _image_view(
