@@ -263,6 +263,29 @@ def test_the_mesh_of_a_gltf_is_upright(walls: Path, method: simplify.DepthMethod
     np.testing.assert_allclose(np.sort(upright, 0), np.sort(as_seen * [1, -1, -1], 0), atol=1e-6)
 
 
+def test_the_mesh_of_cameras_with_y_up_is_upright(walls: Path) -> None:
+    """The box in the images' upper part is at the top of a glTF file."""
+    for path in walls.glob("*.npy"):
+        depth = np.full((120, 160), 1800, np.uint16)
+        depth[10:30, 60:100] = 1500
+        np.save(path, depth)
+    (walls / "groundtruth.txt").write_text(POSES.replace("0.5", "0.0"))
+    options = simplify.DepthOptions(200, intrinsics="130,-130,79.5,59.5", unit="mm")
+    files = [walls / "10.005.npy", walls / "10.031.npy"]
+    for name in ("a.glb", "a.ply"):
+        simplify.simplify_camera_files(files, walls / "groundtruth.txt", walls / name, options)
+    simplify.simplify_depth_file(files[0], walls / "one.glb", options)
+    upright, as_seen, one = (io.read_mesh(walls / name) for name in ("a.glb", "a.ply", "one.glb"))
+    for mesh in (upright, one):
+        near = mesh.vertices[mesh.vertices[:, 2] > -1.6]
+        assert len(near)
+        assert near[:, 1].min() > 0.3
+        corners = mesh.vertices[mesh.faces]
+        assert (np.linalg.det(corners) < 0).all()  # they face the camera, which is at the origin
+    upright, as_seen = upright.vertices[upright.faces], as_seen.vertices[as_seen.faces]
+    np.testing.assert_allclose(np.sort(upright, 0), np.sort(as_seen * [-1, 1, -1], 0), atol=1e-6)
+
+
 @pytest.mark.parametrize("method", ["relief", "cs3"])
 def test_long_edges_and_colours_of_several_views(walls: Path, method: simplify.DepthMethod) -> None:
     pytest.importorskip("PIL")

@@ -102,6 +102,25 @@ def test_vertices_are_the_measured_points_whatever_the_lens(tmp_path: Path) -> N
     assert nearest.max() < 1e-6
 
 
+@pytest.mark.parametrize("y_up", [False, True])
+def test_clouds_are_upright_in_gltf(tmp_path: Path, y_up: bool) -> None:
+    """OpenNI's and Kinect's coordinates have y up; the bump is in the upper right of the image."""
+    v, u = np.mgrid[:ROWS, :COLS]
+    depth = (2.0 + 0.3 * np.exp(-((u - 60) ** 2 + (v - 15) ** 2) / 100)).astype(np.float32)
+    points = points_of(depth) * np.float32([1.0, -1.0 if y_up else 1.0, 1.0])
+    np.save(tmp_path / "cloud.npy", points)
+    for suffix in (".glb", ".ply"):
+        made(tmp_path / "cloud.npy", tmp_path / f"out{suffix}")
+    upright, stored = (io.read_mesh(tmp_path / f"out{suffix}") for suffix in (".glb", ".ply"))
+    far = upright.vertices[np.abs(upright.vertices[:, 2]).argmax()]
+    assert far[1] == pytest.approx(15.5 / 72 * 2.3, abs=0.05)  # above the middle
+    assert far[2] == pytest.approx(-2.3, abs=0.05)
+    assert facing(tmp_path / "out.glb") == facing(tmp_path / "out.ply") == 1.0
+    # The mesh is turned, not mirrored: its volume before the camera keeps its sign.
+    volumes = [np.linalg.det(mesh.vertices[mesh.faces]).sum() / 6 for mesh in (upright, stored)]
+    assert volumes[0] == pytest.approx(volumes[1], rel=1e-4)
+
+
 def test_millimetres_become_metres(tmp_path: Path) -> None:
     result = made(
         write_pcd(tmp_path / "cloud.pcd", 1000.0 * points_of(scene())), tmp_path / "out.ply"
@@ -359,14 +378,18 @@ def test_views_of_clouds_bring_their_colours(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rows", [slice(None), slice(None, None, -1)])
 def test_clouds_of_scanners_face_the_scanner(tmp_path: Path, rows: slice) -> None:
     """A court seen by a scanner that turns, its lasers from the top down or from below upwards."""
-    elevation, azimuth = np.meshgrid(np.linspace(0.3, -0.3, 32), np.linspace(3.0, -3.0, 256),
-                                     indexing="ij")  # fmt: skip
-    ranges = 5.0 + np.sin(3 * azimuth)
-    rays = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)]
-    points = np.stack([*rays, np.sin(elevation)], axis=-1) * ranges[..., None]
-    np.save(tmp_path / "court.npy", points[rows].astype(np.float32))
+    np.save(tmp_path / "court.npy", court(rows).astype(np.float32))
     made(tmp_path / "court.npy", tmp_path / "out.ply", max_edge=1.0)
     assert facing(tmp_path / "out.ply") > 0.95
+
+
+def court(rows: slice = slice(None)) -> NDArray[np.float64]:
+    """The points of a scanner that turns."""
+    elevation, azimuth = np.meshgrid(np.linspace(0.3, -0.3, 32), np.linspace(3.0, -3.0, 256),
+                                     indexing="ij")  # fmt: skip
+    rays = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)]
+    ranges = 5.0 + np.sin(3 * azimuth)
+    return (np.stack([*rays, np.sin(elevation)], axis=-1) * ranges[..., None])[rows]
 
 
 def test_a_list_of_points_is_no_image(tmp_path: Path) -> None:

@@ -37,6 +37,7 @@ from manip3d.simplify._depth_files import (
     expect_options_of_scan,
     is_sparse,
     read_frame,
+    with_y_up,
     writes_y_up,
 )
 from manip3d.simplify._organised import find_camera, is_cloud_file, rows_go_up
@@ -136,7 +137,8 @@ def simplify_camera_files(
         File with the pose of each source, as for `poses_of_files`.
     output : path-like
         Mesh file to write. Its vertices are in the coordinate frame of the poses, except that a
-        glTF file of depth images is rotated by half a turn about x, because y points up there.
+        glTF file of depth images is rotated by half a turn about x, because y points up there; or
+        about y, if it points up in the images' camera already (``fy`` is negative).
     options : DepthOptions
         ``points`` is needed, and the method is ``relief`` or ``cs3``. If the unit is to be
         guessed, one unit is guessed for all sources (`common_depth_unit`).
@@ -214,7 +216,10 @@ def simplify_camera_files(
         raise FormatError(
             f"expected a surface in {len(files)} views, found none{note}", file=str(place)
         )
-    _write(joint, target, turned=are_images and writes_y_up(target))
+    mesh = with_used_vertices(joint.mesh)
+    if writes_y_up(target) and views[0].intrinsics is not None:
+        mesh = with_y_up(mesh, views[0].intrinsics)
+    write_mesh(mesh, target)
     return JointFileResult(
         files,
         target,
@@ -333,10 +338,3 @@ def _scan_view(
         camera = find_camera(grid)
         rows_up = rows_go_up(grid, np.zeros(3) if camera is None else camera.centre)
     return CameraView(points=grid.points, valid=grid.valid, pose=pose, color=color, rows_up=rows_up)
-
-
-def _write(joint: JointSimplification, target: Path, *, turned: bool) -> None:
-    mesh = with_used_vertices(joint.mesh)
-    if turned:  # from the camera's axes (z ahead, y down) to glTF's (y up)
-        mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
-    write_mesh(mesh, target)

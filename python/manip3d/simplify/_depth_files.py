@@ -527,6 +527,22 @@ def writes_y_up(output: Path) -> bool:
     return output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
 
 
+def with_y_up(mesh: Mesh, camera: Intrinsics) -> Mesh:
+    """Turn a mesh from a camera's axes, where it lies ahead along +z, to those of glTF, +y up.
+
+    Half a turn about x lets y point up, or about y where it does already. Neither mirrors the mesh.
+    """
+    turn = [-1.0, 1.0, -1.0] if _y_points_up(camera) else [1.0, -1.0, -1.0]
+    return mesh.replace(vertices=mesh.vertices * np.array(turn))
+
+
+def _y_points_up(camera: Intrinsics) -> bool:
+    if camera.rays is None:
+        return camera.fy < 0
+    steps = np.diff(camera.rays[..., 1], axis=0)
+    return np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0)
+
+
 _Take = Callable[
     ["NDArray[Any]", Intrinsics, DepthOptions, Maps], Callable[[int], DepthSimplification]
 ]
@@ -599,8 +615,8 @@ def from_depth(
         mesh = with_used_vertices(found.mesh)
         if to_file is not None:
             mesh = mesh.replace(vertices=to_file(mesh.vertices))
-        elif is_y_up:  # cameras look along +z, y down; glTF has +y up
-            mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
+        elif is_y_up:
+            mesh = with_y_up(mesh, camera)
         cut = max(0, uncut.num_faces - found.num_faces)
         return _Made(found, mesh, cut, seconds, faces_left=left, left_area=left_area)
 
