@@ -199,6 +199,25 @@ def test_the_camera_of_a_cloud_in_another_frame_is_found(tmp_path: Path, bend: f
     assert (near.all(axis=1) | ~near.any(axis=1)).all()  # no face joins the box and the wall
 
 
+@pytest.mark.parametrize("place", [(1e3, 2e3, 1.0), (1e5, 2e5, 1.0), (5e5, 5.4e6, 300.0)])
+def test_the_camera_of_a_cloud_on_a_map_is_found(
+    tmp_path: Path, place: tuple[float, float, float]
+) -> None:
+    """Noise of a few millimetres may not grow with the coordinates."""
+    depth = scene() + np.random.default_rng(0).normal(0, 0.002, (ROWS, COLS)).astype(np.float32)
+    local = turned_and_moved(points_of(np.where(scene() > 0, depth, 0).astype(np.float32)))
+    found = find_camera(io.RangeGrid(local + place, scene() > 0))
+    assert found is not None
+    assert found.intrinsics.fx == pytest.approx(CAMERA.fx, rel=0.01)
+    assert np.allclose(found.centre - place, [0.3, -0.1, 1.2], atol=0.01)
+    assert np.nanmax(np.abs(found.depth - depth)[scene() > 0]) < 0.01
+    np.save(tmp_path / "map.npy", local + place)
+    made(tmp_path / "map.npy", tmp_path / "out.ply")
+    vertices = io.read_mesh(tmp_path / "out.ply").vertices - place
+    known = local[scene() > 0]
+    assert np.linalg.norm(vertices[:, None] - known[None], axis=2).min(axis=1).max() < 1e-5
+
+
 @pytest.mark.parametrize("slope", [0.0, 0.3])
 def test_a_wall_in_another_frame_is_simplified(tmp_path: Path, slope: float) -> None:
     """The points of a plane do not tell where the camera stood."""

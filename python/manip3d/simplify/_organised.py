@@ -106,7 +106,8 @@ def _pose(
     some = slice(None, None, -(-len(rows) // _MOST_PIXELS))
     rows, cols = rows[some], cols[some]
     seen = points[rows, cols]
-    middle, scale = seen.mean(axis=0), float(seen.std()) or 1.0
+    middle = seen.mean(axis=0)
+    scale = float((seen - middle).std()) or 1.0
     size = float(max(valid.shape))
     place = np.column_stack([(seen - middle) / scale, np.ones(len(seen))])
     none = np.zeros_like(place)
