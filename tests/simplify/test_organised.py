@@ -411,6 +411,47 @@ def court(rows: slice = slice(None)) -> NDArray[np.float64]:
     return (np.stack([*rays, np.sin(elevation)], axis=-1) * ranges[..., None])[rows]
 
 
+@pytest.mark.parametrize("method", ["relief", "cs3", "uniform"])
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_scans_on_a_map_are_not_rounded(tmp_path: Path, method: str, suffix: str) -> None:
+    place = np.array([5e5, 5.4e6, 300.0])
+    np.save(tmp_path / "court.npy", court() + place)
+    out = tmp_path / f"out{suffix}"
+    made(tmp_path / "court.npy", out, method=method, max_edge=1.0)
+    vertices = io.read_mesh(out).vertices - place
+    known = court().reshape(-1, 3)
+    assert np.linalg.norm(vertices[:, None] - known[None], axis=2).min(axis=1).max() < 1e-5
+    assert facing(out, place) > 0.95
+
+
+def test_a_plane_on_a_map_is_not_rounded(tmp_path: Path) -> None:
+    """The rays from the map's origin to a plane are those of a camera that is far aside."""
+    v, u = np.mgrid[:ROWS, :COLS]
+    place = np.array([5e5, 5.4e6, 300.0])
+    ground = np.stack([0.1 * u, -0.1 * v, 0.0 * u], axis=-1) + place
+    np.save(tmp_path / "ground.npy", ground)
+    made(tmp_path / "ground.npy", tmp_path / "out.ply")
+    vertices = io.read_mesh(tmp_path / "out.ply").vertices
+    known = ground.reshape(-1, 3)
+    assert np.linalg.norm(vertices[:, None] - known[None], axis=2).min(axis=1).max() < 1e-5
+
+
+def test_views_of_scans_on_a_map_are_not_rounded(tmp_path: Path) -> None:
+    place = np.array([5e5, 5.4e6, 300.0])
+    for name in ("a", "b"):
+        np.save(tmp_path / f"{name}.npy", court() + place)
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 1\n0 0 40 0 0 0.6 0.8\n")
+    options = simplify.DepthOptions(600, max_edge=1.0)
+    sources = [tmp_path / "a.npy", tmp_path / "b.npy"]
+    simplify.simplify_camera_files(sources, tmp_path / "poses.txt", tmp_path / "out.ply", options)
+    vertices = io.read_mesh(tmp_path / "out.ply").vertices
+    turn = np.array([[0.28, -0.96, 0.0], [0.96, 0.28, 0.0], [0.0, 0.0, 1.0]])
+    first = court().reshape(-1, 3) + place
+    known = np.concatenate([first, first @ turn.T + [0, 0, 40]])
+    away = [np.linalg.norm(known - vertex, axis=1).min() for vertex in vertices]
+    assert max(away) < 1e-5
+
+
 def test_a_list_of_points_is_no_image(tmp_path: Path) -> None:
     np.save(tmp_path / "rows.npy", points_of(scene()).reshape(-1, 3))
     np.savez(tmp_path / "rows.npz", points=points_of(scene()).reshape(-1, 3))

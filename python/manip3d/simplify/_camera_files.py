@@ -40,7 +40,7 @@ from manip3d.simplify._depth_files import (
     with_y_up,
     writes_y_up,
 )
-from manip3d.simplify._organised import find_camera, is_cloud_file, rows_go_up
+from manip3d.simplify._organised import far_origin, find_camera, is_cloud_file, rows_go_up
 from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._poses import plain_name, poses_of_files
 
@@ -333,8 +333,12 @@ def _scan_view(
     expect_options_of_scan(options)
     grid = read_range_grid(file)
     color = grid.color if picture is None else read_color(picture)
-    rows_up = True
+    rows_up, origin = True, far_origin(grid)
     if is_cloud_file(file):
         camera = find_camera(grid)
-        rows_up = rows_go_up(grid, np.zeros(3) if camera is None else camera.centre)
-    return CameraView(points=grid.points, valid=grid.valid, pose=pose, color=color, rows_up=rows_up)
+        rows_up = rows_go_up(grid, origin if camera is None else camera.centre)
+    placed = pose.copy()
+    placed[:3, 3] += pose[:3, :3] @ origin
+    return CameraView(
+        points=grid.points - origin, valid=grid.valid, pose=placed, color=color, rows_up=rows_up
+    )

@@ -40,7 +40,13 @@ from manip3d.io._images import read_color
 from manip3d.simplify._bandwidth import LEAST_POINTS, Bandwidth, fit_bytes
 from manip3d.simplify._depth import DenseImage, DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
-from manip3d.simplify._organised import CloudCamera, find_camera, is_cloud_file, rows_go_up
+from manip3d.simplify._organised import (
+    CloudCamera,
+    far_origin,
+    find_camera,
+    is_cloud_file,
+    rows_go_up,
+)
 from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
 from manip3d.simplify._relief import Effort, relief, relief_grid
@@ -791,7 +797,8 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> D
     measured = Measured.of(valid, is_masked=mask is not None)
     options = options.for_pixels(measured.pixels)
     asked: dict[str, Any] = {"max_edge": options.max_edge, "color": maps.color}
-    asked |= {"rows_up": not is_cloud or rows_go_up(grid)}
+    origin = far_origin(grid)
+    asked |= {"rows_up": not is_cloud or rows_go_up(grid, origin)}
     function: Callable[..., DepthSimplification]
     if options.method == "cs3":
         function = cs3_grid
@@ -806,9 +813,10 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> D
 
     def make(points: int) -> _Made:
         started = time.perf_counter()
-        found = function(grid.points, valid, points, **asked)
+        found = function(grid.points - origin, valid, points, **asked)
         seconds = time.perf_counter() - started
-        return _Made(found, with_used_vertices(found.mesh), 0, seconds)
+        mesh = with_used_vertices(found.mesh)
+        return _Made(found, mesh.replace(vertices=mesh.vertices + origin), 0, seconds)
 
     made = _write(make, path, output, options, measured, has_steps=False)
     words = _NO_CAMERA if is_cloud and options.max_edge is None else ""

@@ -30,6 +30,12 @@ _MOST_SKEW = 0.02
 """Largest skew as a share of the focal length; the pixel axes of a camera are perpendicular."""
 
 
+_MOST_ASIDE = 10.0
+"""Largest distance of the principal point from the image's centre, in sizes of the image. A plane
+in coordinates of a map seems to be seen from their origin, far aside; rays in 32 bits, with which
+cropped images are no problem, would then shift points by decimetres."""
+
+
 def is_cloud_file(path: Path) -> bool:
     """Return whether a file may be an organised cloud: a .pcd or an array that holds points."""
     suffix = scan_suffix(path)
@@ -79,6 +85,26 @@ def find_camera(grid: RangeGrid) -> CloudCamera | None:
     points = (grid.points - centre) @ rotation.T
     found = camera_of_cloud(points, grid.valid)
     return None if found is None else CloudCamera(found, points[..., 2], rotation, centre)
+
+
+_FAR = 16.0
+"""Distance of a cloud from the origin, in diagonals of its box. Beyond it, as in coordinates of a
+national grid, 32-bit points would be coarse, and the sensor is not at the origin."""
+
+
+def far_origin(grid: RangeGrid) -> NDArray[np.float64]:
+    """Return the centre of a cloud that lies far from the origin, else zeros.
+
+    Relative to it, 32-bit coordinates are precise enough. It is also the best guess of where a
+    sensor stood of which nothing else is known, because scanners look around.
+    """
+    points = grid.points[grid.valid]
+    if not len(points):
+        return np.zeros(3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre: NDArray[np.float64] = (low + high) / 2
+    is_far = np.linalg.norm(centre) > _FAR * np.linalg.norm(high - low)
+    return centre if is_far else np.zeros(3)
 
 
 def rows_go_up(grid: RangeGrid, place: ArrayLike = (0.0, 0.0, 0.0)) -> bool:
@@ -172,5 +198,7 @@ def _line(
     (focal, centre), _, rank, _ = np.linalg.lstsq(design, pixels.astype(np.float64), rcond=None)
     off = np.abs(design @ (focal, centre) - pixels)
     if rank < 2 or focal == 0.0 or np.percentile(off, 99) > _MOST_OFF * size:
+        return None
+    if abs(centre - size / 2) > _MOST_ASIDE * size:
         return None
     return float(focal), float(centre)
