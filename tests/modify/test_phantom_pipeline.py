@@ -499,6 +499,19 @@ def test_registered_texture(distortion: tuple[float, ...]) -> None:
     assert leap[kinds_of_points(result) == PixelKind.BODY].max() < 1e-5
 
 
+@pytest.mark.parametrize("distortion", [(0, 0, 0, 0, 0), (0.05, -0.02, 0.001, 0.0, 0.0)])
+def test_a_narrow_picture_leaves_the_rest_without_texture(distortion: tuple[float, ...]) -> None:
+    r = registration()
+    r = replace(r, color=replace(r.color, width=300, cx=0.0, distortion=distortion))
+    seen = replace(frame(pose(), KINECT), calibration=RgbdCalibration(KINECT, r))
+    result = once(seen, texturing="calibration")
+    own = _core.registered_texcoords(np.ascontiguousarray(result.vertices), r)
+    np.testing.assert_allclose(result.texcoords, own, atol=1e-6)
+    assert 0.2 < np.isnan(result.texcoords[:, 0]).mean() < 0.8
+    assert np.nanmin(result.texcoords) >= 0
+    assert np.nanmax(result.texcoords) <= 1
+
+
 def test_mesh_for_pictures_and_graphics_cards() -> None:
     result = once(frame(pose()))
     mesh = result.mesh()

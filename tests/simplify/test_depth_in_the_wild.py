@@ -454,6 +454,7 @@ def test_grey_colour_images_of_16_bits_keep_their_upper_bits(suffix: str, tmp_pa
     given = (tmp_path / "wall.npy", tmp_path / "wall.glb", options)
     simplify.simplify_depth_file(*given, color=tmp_path / f"grey{suffix}")
     data = io.read_mesh(tmp_path / "wall.glb").materials[0].textures["base_color"].data
+    assert data is not None
     shown = np.asarray(image.open(BytesIO(data)).convert("RGB"))
     np.testing.assert_array_equal(shown, (levels >> 8)[..., None].repeat(3, axis=2))
     for name in ("floats.tif", "wide.tif"):

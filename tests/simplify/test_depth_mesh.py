@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -144,9 +145,11 @@ def test_registration_moves_texture_coordinates_only() -> None:
     np.testing.assert_array_equal(mesh.vertices, plain.vertices)
     q = mesh.vertices @ rotation.T + [0.05, 0.0, 0.01]
     u, v = 20 * q[:, 0] / q[:, 2] + 7.5, 21 * q[:, 1] / q[:, 2] + 5.5
-    np.testing.assert_allclose(
-        mesh.texcoords, np.column_stack([(u + 0.5) / 16, 1 - (v + 0.5) / 12]), atol=1e-6
-    )
+    expected = np.column_stack([(u + 0.5) / 16, 1 - (v + 0.5) / 12])
+    beside = ((expected < 0) | (expected > 1)).any(axis=1)
+    assert 0 < beside.sum() < 24
+    np.testing.assert_array_equal(np.isnan(mesh.texcoords), np.stack([beside, beside], axis=1))
+    np.testing.assert_allclose(mesh.texcoords[~beside], expected[~beside], atol=1e-6)
 
 
 def test_what_the_color_camera_cannot_see_has_no_texture() -> None:
@@ -155,8 +158,50 @@ def test_what_the_color_camera_cannot_see_has_no_texture() -> None:
     depth[:, 4:] = 3.0
     result = simplify.dense_mesh(depth, CAMERA, registration=behind)
     assert np.isnan(result.texcoords).any(axis=1).sum() == 24
-    unseen = np.isnan(result.texcoords[:, 0])[result.faces]
-    np.testing.assert_array_equal(result.mesh.face_texcoords == -1, unseen)
+    unseen = np.isnan(result.texcoords[:, 0])[result.faces].any(axis=1)
+    assert 0 < unseen.sum() < result.num_faces
+    corners = result.mesh.face_texcoords
+    np.testing.assert_array_equal(corners, np.where(unseen[:, None], -1, result.faces))
+
+
+METHODS: dict[str, Callable[..., simplify.DepthMesh | simplify.JointSimplification]] = {
+    "dense": lambda depth, camera, **given: simplify.dense_mesh(depth, camera, **given),
+    "relief": lambda depth, camera, **given: simplify.relief(depth, camera, 300, **given),
+    "cs3": lambda depth, camera, **given: simplify.cs3(depth, camera, 300, **given),
+    "uniform": lambda depth, camera, **given: simplify.sample_depth(depth, camera, 300, **given),
+    "joint": lambda depth, camera, **given: simplify.relief_cameras(
+        [simplify.CameraView(depth, camera, **given)], 300
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".obj", ".ply"])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_picture_is_not_repeated_beside_its_border(
+    method: str, suffix: str, tmp_path: Path
+) -> None:
+    """The colour camera sees half of the wall's width, and most of its height."""
+    depth_camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    narrow = Registration(Intrinsics(50, 60, 94.0, 60.0, 24.5, 29.5))
+    wall = np.full((48, 64), 2000, np.uint16)
+    wall[::3, ::3] += 9
+    picture = np.full((60, 50, 3), 200, np.uint8)
+    found = METHODS[method](wall, depth_camera, color=picture, registration=narrow)
+    mesh = found.mesh
+    mesh.write(tmp_path / f"wall{suffix}")
+    for each in (mesh, manip3d.read_mesh(tmp_path / f"wall{suffix}")):
+        assert each.texcoords is not None
+        assert each.face_texcoords is not None
+        assert each.face_material is not None
+        aside = np.abs(each.vertices[each.faces, 0] / each.vertices[each.faces, 2])
+        bare = each.face_texcoords[:, 0] < 0
+        assert (each.face_texcoords[bare] == -1).all()
+        np.testing.assert_array_equal(bare, aside.max(axis=1) > 25 / 94)
+        used = each.texcoords[each.face_texcoords[~bare]]
+        assert used.min() >= 0
+        assert used.max() <= 1
+        pictured = np.array([bool(material.textures) for material in each.materials])
+        np.testing.assert_array_equal(pictured[each.face_material], ~bare)
 
 
 def test_color_becomes_a_texture(tmp_path: Path) -> None:

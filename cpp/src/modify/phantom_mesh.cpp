@@ -38,7 +38,7 @@ class ColorCamera {
     };
     const double w = row(2);
     if (!(w > 0.0)) return {kNanF, kNanF};
-    return grid_texcoord(row(0) / w, row(1) / w, width_, height_);
+    return seen_texcoord(row(0) / w, row(1) / w, width_, height_);
   }
 
  private:

@@ -11,6 +11,7 @@
 #include "capture/jpeg.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/camera.hpp"
+#include "manip3d/geometry/grid_mesh.hpp"
 
 namespace manip3d {
 namespace {
@@ -149,10 +150,6 @@ struct TextureRegion {
   }
 };
 
-bool is_on_image(const float* texcoord) {  // false for NaN
-  return texcoord[0] >= 0.0F && texcoord[0] <= 1.0F && texcoord[1] >= 0.0F && texcoord[1] <= 1.0F;
-}
-
 /// The regions of the body's and the phantom's image; one region if both are the same image.
 class StreamTextures {
  public:
@@ -161,7 +158,9 @@ class StreamTextures {
         shared_(frame.color.pixels == frame.phantom_color.pixels) {
     for (std::size_t i = 0; i < frame.phantoms.size(); ++i) {
       const float* uv = &frame.texcoords[2 * i];
-      if (is_on_image(uv)) regions_[which(frame.phantoms[i])].include(uv[0], 1.0F - uv[1]);
+      if (is_on_image(uv[0], uv[1])) {
+        regions_[which(frame.phantoms[i])].include(uv[0], 1.0F - uv[1]);
+      }
     }
     for (std::size_t k = 0; k < 2; ++k) used_[k] = regions_[k].settle(images_[k]);
   }
@@ -172,7 +171,7 @@ class StreamTextures {
     for (std::size_t i = 0; i < frame.phantoms.size(); ++i) {
       const float* uv = &frame.texcoords[2 * i];
       const std::size_t k = which(frame.phantoms[i]);
-      const bool colored = used_[k] && is_on_image(uv);
+      const bool colored = used_[k] && is_on_image(uv[0], uv[1]);
       out[2 * i] = colored ? regions_[k].quantise(uv[0], 0, images_[k].cols) : kNoColor;
       out[2 * i + 1] = colored ? regions_[k].quantise(1.0F - uv[1], 1, images_[k].rows) : kNoColor;
     }

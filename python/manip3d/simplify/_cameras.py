@@ -29,6 +29,7 @@ from manip3d.simplify._depth import (
     DepthSimplification,
     Variant,
     cs3_grid,
+    with_materials,
 )
 from manip3d.simplify._depth_steps import StepRule, across_gaps, across_steps
 from manip3d.simplify._pixel_maps import confidence_image, mask_image, masked_depth
@@ -185,19 +186,24 @@ class JointSimplification(Showable):
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The result as a `Mesh`; views with colour are materials with textures (PNG)."""
-        corner_texcoords = self.corner_texcoords.reshape(-1, 2)
+        """The result as a `Mesh`; views with colour are materials with textures (PNG).
+
+        Faces with a corner that the view's colour camera cannot see have no texture.
+        """
+        textured = np.isfinite(self.corner_texcoords[..., 0]).all(axis=1)
         # Equal texture coordinates at a vertex are stored once: formats that store a vertex for
         # each pair (such as glTF) would be several times as large otherwise.
-        wedges = np.column_stack([self.faces.reshape(-1), np.nan_to_num(corner_texcoords)])
+        wedges = np.column_stack(
+            [self.faces[textured].reshape(-1), self.corner_texcoords[textured].reshape(-1, 2)]
+        )
         wedges, corners = np.unique(wedges, axis=0, return_inverse=True)
-        corners = corners.reshape(-1).astype(np.int32)
-        corners[np.isnan(corner_texcoords[:, 0])] = -1
+        face_texcoords = np.full((self.num_faces, 3), -1, np.int32)
+        face_texcoords[textured] = corners.reshape(-1, 3)
         mesh = Mesh(
             self.vertices,
             self.faces,
             texcoords=wedges[:, 1:].astype(np.float32),
-            face_texcoords=corners.reshape(-1, 3),
+            face_texcoords=face_texcoords,
         )
         if all(color is None for color in self.colors):
             return mesh
@@ -208,7 +214,7 @@ class JointSimplification(Showable):
             )
             for i, c in enumerate(self.colors)
         )
-        return mesh.replace(face_material=self.face_view, materials=materials)
+        return with_materials(mesh, self.face_view, materials, textured)
 
 
 @dataclass

@@ -109,7 +109,8 @@ class DepthMesh(Showable):
         positions : (n, 3) float32
             ``vertices``, not copied.
         texcoords : (n, 2) float32
-            v down, as images are stored; 0 where the colour camera cannot see the point.
+            v down, as images are stored; 0 where the colour camera cannot see the point. A face
+            with such a corner has no texture.
         indices : (3 m,) uint16 or uint32
             ``faces``, one after the other; 16 bits if there are fewer than 65 536 vertices.
         """
@@ -163,26 +164,41 @@ class DepthMesh(Showable):
     def mesh(self) -> Mesh:
         """This mesh as a `Mesh` with texture coordinates and, with colour, a PNG texture.
 
+        Faces with a corner that the colour camera cannot see have neither.
+
         Raises
         ------
         MissingExtraError
             There is a colour image and Pillow is not installed.
         """
         seen = np.isfinite(self.texcoords[:, 0])
-        corners = np.where(seen[self.faces], self.faces, np.int32(-1))
+        textured = seen[self.faces].all(axis=1)
         mesh = Mesh(
             self.vertices,
             self.faces,
             texcoords=np.where(seen[:, None], self.texcoords, np.float32(0)),
-            face_texcoords=corners,
+            face_texcoords=np.where(textured[:, None], self.faces, np.int32(-1)),
         )
         if self.color is None:
             return mesh
-        texture = Texture(data=png_bytes(self.color))
-        return mesh.replace(
-            face_material=np.zeros(self.num_faces, np.int32),
-            materials=(Material("colour", textures={"base_color": texture}),),
-        )
+        picture = Material("colour", textures={"base_color": Texture(data=png_bytes(self.color))})
+        return with_materials(mesh, np.zeros(self.num_faces, np.int32), (picture,), textured)
+
+
+def with_materials(
+    mesh: Mesh,
+    face_material: NDArray[np.int32],
+    materials: tuple[Material, ...],
+    textured: NDArray[np.bool_],
+) -> Mesh:
+    """Return the mesh with a material for each face; faces that are not textured get a plain one.
+
+    Without texture coordinates, a face of a material with a picture would show one of its pixels.
+    """
+    if not textured.all():
+        face_material = np.where(textured, face_material, np.int32(len(materials)))
+        materials = (*materials, Material("not seen"))
+    return mesh.replace(face_material=face_material, materials=materials)
 
 
 class Reached(enum.StrEnum):

@@ -20,7 +20,7 @@ struct DepthMeshBuffers {
   std::int64_t capacity = 0;
   float* vertices = nullptr;       ///< (capacity, 3)
   std::int32_t* pixels = nullptr;  ///< (capacity, 2)
-  float* texcoords = nullptr;      ///< (capacity, 2); v up; NaN behind the colour camera.
+  float* texcoords = nullptr;      ///< (capacity, 2); v up; NaN: not on the image.
   std::int32_t* faces = nullptr;   ///< (2 * capacity, 3)
 };
 
@@ -44,13 +44,26 @@ inline std::array<float, 2> grid_texcoord(double u, double v, double width, doub
   return {static_cast<float>((u + 0.5) / width), static_cast<float>(1.0 - (v + 0.5) / height)};
 }
 
-/// Texture coordinates of a point in a registered colour image; NaN behind the colour camera.
+/// Whether texture coordinates lie on their image; false for NaN.
+inline bool is_on_image(float s, float t) {
+  return s >= 0.0F && s <= 1.0F && t >= 0.0F && t <= 1.0F;
+}
+
+/// As grid_texcoord(), for a place that may lie beside the image or be NaN; NaN then.
+inline std::array<float, 2> seen_texcoord(double u, double v, double width, double height) {
+  constexpr float kUnseen = std::numeric_limits<float>::quiet_NaN();
+  const auto uv = grid_texcoord(u, v, width, height);
+  return is_on_image(uv[0], uv[1]) ? uv : std::array{kUnseen, kUnseen};
+}
+
+/// Texture coordinates of a point in a registered colour image; NaN behind the colour camera and
+/// beside its image.
 inline std::array<float, 2> registered_texcoord(const std::array<float, 3>& point,
                                                 const Registration& registration) {
   const Eigen::Vector3d p(point[0], point[1], point[2]);
   const Eigen::Vector2d pixel =
       project(registration.color, registration.rotation * p + registration.translation);
-  return grid_texcoord(pixel.x(), pixel.y(), static_cast<double>(registration.color.width),
+  return seen_texcoord(pixel.x(), pixel.y(), static_cast<double>(registration.color.width),
                        static_cast<double>(registration.color.height));
 }
 
