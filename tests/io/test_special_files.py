@@ -169,7 +169,7 @@ BARE = re.compile(
 )
 OURS = {
     "_util/fingerprint.py": 2,
-    "_util/memory.py": 2,
+    "_util/memory.py": 3,
     "batch/_places.py": 1,
     "capture/_bag_process.py": 1,
     "datasets/_registry.py": 1,
