@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import csv
+import weakref
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bvh_motions import read_bvh, waving
 from capsule_body import pose
@@ -184,3 +187,20 @@ def test_joints_may_be_found_in_the_colour(tmp_path: Path, monkeypatch: pytest.M
     frames = [replace(f, skeletons=(), color=black if k else None) for k, f in enumerate(frames)]
     done = capture.export_joints(frames, tmp_path / "wave.csv", pose=True, person=9)
     assert done.frames == 2
+
+
+@pytest.mark.parametrize("name", ["wave.csv", "wave.bvh"])
+def test_images_are_not_kept(name: str, tmp_path: Path) -> None:
+    images: list[weakref.ref[NDArray[np.uint16]]] = []
+    most = 0
+
+    def frames() -> Iterator[RgbdFrame]:
+        nonlocal most
+        for frame in waving():
+            alone = replace(frame, depth=frame.depth.copy())
+            images.append(weakref.ref(alone.depth))
+            yield alone
+            most = max(most, sum(image() is not None for image in images))
+
+    assert capture.export_joints(frames(), tmp_path / name).frames == 12
+    assert most <= 3

@@ -56,6 +56,19 @@ class ExportedJoints:
     held: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class _Sighting:
+    """A person in a frame, without the frame's images, which a recording has too many of."""
+
+    number: int
+    time_ns: int
+    skeleton: Skeleton
+
+    @staticmethod
+    def of(frame: RgbdFrame, skeleton: Skeleton) -> _Sighting:
+        return _Sighting(frame.number, frame.time_ns, skeleton)
+
+
 @checked
 def export_joints(
     source: str | Iterable[RgbdFrame],
@@ -138,7 +151,7 @@ def export_joints(
         stream = _noting_ids(stream, ids)
         if suffix == ".csv":
             found = [
-                (frame, skeleton)
+                _Sighting.of(frame, skeleton)
                 for frame in stream
                 for skeleton in frame.skeletons
                 if person is None or skeleton.id == person
@@ -159,7 +172,7 @@ def export_joints(
     text = _table(found) if suffix == ".csv" else _motion(found)
     with atomic_path(target) as temporary:
         temporary.write_text(text, encoding="ascii", newline="\n")
-    people = len({skeleton.id for _, skeleton in found})
+    people = len({one.skeleton.id for one in found})
     return ExportedJoints(target, len(found) - held, people, held)
 
 
@@ -176,14 +189,12 @@ def _noting_ids(stream: Iterable[RgbdFrame], ids: set[int]) -> Iterator[RgbdFram
         yield frame
 
 
-def _followed(
-    stream: Iterable[RgbdFrame], person: int | None
-) -> tuple[list[tuple[RgbdFrame, Skeleton]], int]:
+def _followed(stream: Iterable[RgbdFrame], person: int | None) -> tuple[list[_Sighting], int]:
     """Return a person's skeletons from its first frame to its last, and the number of repeats.
 
     A frame in which the person is not seen repeats the skeleton before.
     """
-    found: list[tuple[RgbdFrame, Skeleton]] = []
+    found: list[_Sighting] = []
     held = missing = 0
     for frame in stream:
         if person is None and frame.skeletons:
@@ -192,19 +203,19 @@ def _followed(
         if here is not None:
             held += missing
             missing = 0
-            found.append((frame, here))
+            found.append(_Sighting.of(frame, here))
         elif found:
             missing += 1
-            found.append((frame, found[-1][1]))
+            found.append(_Sighting.of(frame, found[-1].skeleton))
     return found[: len(found) - missing], held
 
 
-def _at_even_times(found: list[tuple[RgbdFrame, Skeleton]]) -> list[tuple[RgbdFrame, Skeleton]]:
+def _at_even_times(found: list[_Sighting]) -> list[_Sighting]:
     """Insert the pose before for each frame that was dropped according to the times.
 
     A step of n times the median step means that n - 1 frames were dropped.
     """
-    steps = np.diff([float(frame.time_ns) for frame, _ in found]) * 1e-9
+    steps = np.diff([float(one.time_ns) for one in found]) * 1e-9
     if len(steps) == 0 or not np.median(steps) > 0:
         return found
     longest = float(steps.max())
@@ -218,28 +229,27 @@ def _at_even_times(found: list[tuple[RgbdFrame, Skeleton]]) -> list[tuple[RgbdFr
     return [one for one, n in zip(found, (*times, 1), strict=True) for _ in range(n)]
 
 
-def _table(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
+def _table(found: Sequence[_Sighting]) -> str:
     lines = ["frame,time_ns,id,joint,name,x,y,z,state"]
-    for frame, skeleton in found:
-        for joint, (name, place) in enumerate(zip(JOINTS, skeleton.positions, strict=True)):
+    for one in found:
+        seen = one.skeleton
+        for joint, (name, place) in enumerate(zip(JOINTS, seen.positions, strict=True)):
             x, y, z = (f"{value:.6f}" for value in place)
-            state = skeleton.states[joint]
-            lines.append(
-                f"{frame.number},{frame.time_ns},{skeleton.id},{joint},{name},{x},{y},{z},{state}"
-            )
+            state = seen.states[joint]
+            lines.append(f"{one.number},{one.time_ns},{seen.id},{joint},{name},{x},{y},{z},{state}")
     return "\n".join(lines) + "\n"
 
 
 # --- BVH ------------------------------------------------------------------------------------------
 
 
-def _motion(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
+def _motion(found: Sequence[_Sighting]) -> str:
     places = _without_gaps(found) * _TO_BVH
     bones = places[:, 1:] - places[:, list(PARENTS)[1:]]
     lengths = np.median(np.linalg.norm(bones, axis=2), axis=0)
     first = bones[0] / np.maximum(np.linalg.norm(bones[0], axis=1, keepdims=True), 1e-9)
     offsets = np.concatenate([np.zeros((1, 3)), first * lengths[:, None]])
-    times = np.array([frame.time_ns for frame, _ in found], np.float64) / 1e9
+    times = np.array([one.time_ns for one in found], np.float64) / 1e9
     step = float(times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 0.0
     lines = ["HIERARCHY", *_hierarchy(0, offsets, "", "ROOT")]
     lines += ["MOTION", f"Frames: {len(found)}", f"Frame Time: {step if step > 0 else 1 / 30:.7f}"]
@@ -251,14 +261,14 @@ def _motion(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _without_gaps(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> Floats:
+def _without_gaps(found: Sequence[_Sighting]) -> Floats:
     """Fill gaps in joint positions, (F, 25, 3): an untracked joint keeps its last seen position.
 
     Before its first sighting it has its first seen position. A joint that was never seen is put at
     its parent; the root, at the nearest spine joint that was seen.
     """
-    places = np.array([skeleton.positions for _, skeleton in found], np.float64)
-    seen = np.array([skeleton.states != NOT_TRACKED for _, skeleton in found])
+    places = np.array([one.skeleton.positions for one in found], np.float64)
+    seen = np.array([one.skeleton.states != NOT_TRACKED for one in found])
     seen &= np.isfinite(places).all(axis=2)
     if not seen.any():
         raise InputError("source: expected joints of the person that were seen, found none")
