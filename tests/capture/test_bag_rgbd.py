@@ -303,6 +303,26 @@ def test_images_that_do_not_fit_name_the_frame_and_the_file(tmp_path: Path) -> N
         assert str(tmp_path / name) in str(caught.value)
 
 
+def test_reading_continues_after_a_damaged_image(tmp_path: Path) -> None:
+    messages = cameras()
+    for number in range(6):
+        changed = {"data": np.zeros(100, np.uint8)} if number == 2 else {}
+        messages.append(depth_at(1 + 0.1 * number, millimetres(number), **changed))
+    uri = bag_of(tmp_path, messages)
+    source = capture.open_rgbd(uri)
+    assert [f and f.number for f in source.past_errors()] == [0, 1, None, 3, 4, 5]
+    assert list(source.errors) == [2]
+    # Images before a frame are not decoded.
+    assert np.array_equal(source[4].depth, millimetres(4))
+    with pytest.raises(FormatError, match="frame 2"):
+        source[2]
+    assert [f.number for f in capture.open_rgbd(uri, start=3)] == [3, 4, 5]
+    source.seek(2)
+    with pytest.raises(FormatError, match="frame 2"):
+        source.read()
+    assert [f.number for f in source] == [3, 4, 5]
+
+
 def test_bags_without_depth_images_say_so(tmp_path: Path) -> None:
     uri = bag_of(tmp_path, [*cameras(), color_at(1.0, 0)])
     with pytest.raises(FormatError, match=f"no depth images .*holds {COLOR}"):

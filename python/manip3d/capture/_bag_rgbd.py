@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import astuple, dataclass
-from itertools import takewhile
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -85,22 +85,36 @@ class BagImages:
         return self._length
 
     def __iter__(self) -> Iterator[RgbdFrame]:
+        return self.since(0)
+
+    def since(self, index: int) -> Iterator[RgbdFrame]:
+        """Iterate from a frame on; the frames before it are not decoded.
+
+        After the error of a damaged image the iterator continues with the next frame: images are
+        decoded by `map`, because a generator ends with its first error.
+        """
+        return map(self._decoded, islice(enumerate(self._pairs()), index, None))
+
+    def _pairs(self) -> Iterator[tuple[BagPicture, BagPicture | None]]:
         topics = [self._depth] + ([self._color] if self._color else [])
         with closing(BagRecording(self._path, "", mode="images")) as bag:
             bag.cameras()
             pictures = (each for each in bag.messages(topics) if isinstance(each, BagPicture))
-            for number, (depth, color) in enumerate(_paired(pictures, self._depth, self._color)):
-                try:
-                    yield RgbdFrame(
-                        self._millimetres(depth),
-                        self.calibration,
-                        color=None if color is None else _three_channels(color),
-                        time_ns=depth.header["stamp_ns"],
-                        number=number,
-                    )
-                except (FormatError, InputError) as error:
-                    reason = f"frame {number}: {getattr(error, 'reason', error)}"
-                    raise FormatError(reason, file=str(self._path)) from error
+            yield from _paired(pictures, self._depth, self._color)
+
+    def _decoded(self, numbered: tuple[int, tuple[BagPicture, BagPicture | None]]) -> RgbdFrame:
+        number, (depth, color) = numbered
+        try:
+            return RgbdFrame(
+                self._millimetres(depth),
+                self.calibration,
+                color=None if color is None else _three_channels(color),
+                time_ns=depth.header["stamp_ns"],
+                number=number,
+            )
+        except (FormatError, InputError) as error:
+            reason = f"frame {number}: {getattr(error, 'reason', error)}"
+            raise FormatError(reason, file=str(self._path)) from error
 
     def _geometry(
         self, found: Mapping[str, Any], camera: Intrinsics | RgbdCalibration | None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable, Sized
+from collections.abc import Iterable, Iterator, Sized
 from itertools import islice
 from typing import Protocol, runtime_checkable
 
@@ -57,6 +57,11 @@ class FrameClock:
 @runtime_checkable
 class _Indexed(Protocol):
     def __getitem__(self, index: int, /) -> RgbdFrame: ...
+
+
+@runtime_checkable
+class _Skipping(Protocol):
+    def since(self, index: int, /) -> Iterator[RgbdFrame]: ...
 
 
 def _length_of(frames: Iterable[RgbdFrame]) -> int | None:
@@ -151,6 +156,8 @@ class IteratedFrames:
         self._index = index
         if self._length is not None and isinstance(self._all, _Indexed):
             self._frames = map(self._all.__getitem__, range(index, self._length))
+        elif isinstance(self._all, _Skipping):
+            self._frames = self._all.since(index)
         else:
             self._frames = islice(iter(self._all), index, None)
 
