@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from manip3d import InputError
-from manip3d.modify import PhantomFrame, PhantomPipeline
+from manip3d.modify import PhantomFrame, PhantomPipeline, PhantomState
 from manip3d.simulate import BodyCapture, BodySimulator
 from manip3d.viewer import people
+from manip3d.viewer.phantom import _pictures
 
 pytest.importorskip("open3d")
 
@@ -66,6 +67,30 @@ def test_the_mesh_from_the_front_is_the_person(scene: tuple[BodyCapture, Phantom
     assert 0.3 < (side < 255).any(axis=2).sum() / inside.sum() < 1.3
     bare = people.mesh_picture(phantom, None, camera)
     assert np.ptp(bare.astype(int), axis=2).max() == 0
+
+
+def test_a_held_phantom_keeps_the_colours_of_its_frame() -> None:
+    """Frames turn from red to blue after the hand is hidden; all have the same number."""
+    pipeline = PhantomPipeline("right_arm")
+    frames = []
+    for number, frame in enumerate(
+        BodySimulator(amputated="right_arm", occluder=(0.4, 2.0), frames=16)
+    ):
+        color = np.zeros((*frame.depth.shape, 3), np.uint8)
+        color[..., 0 if number < 12 else 2] = 200
+        frames.append(replace(frame, color=color, number=0))
+    phantom = [pipeline.process(frame) for frame in frames][-1]
+    assert phantom.state is PhantomState.HOLDING
+    sheet = people.phantom_sheet(frames[-1], phantom, azimuth=0.0).astype(int)
+    red, blue = sheet[..., 0] - sheet[..., 2] > 100, sheet[..., 2] - sheet[..., 0] > 100
+    width = phantom.depth.shape[1]
+    number = int(phantom.phantom.sum())
+    for start in (width, 2 * width):
+        part = slice(start, start + width)
+        assert red[:, part].sum() == pytest.approx(number, rel=0.2)
+        assert blue[:, part].sum() > 3 * number
+    *_, (_, last, _) = _pictures(frames, PhantomPipeline("right_arm"), 0.0, 0)
+    np.testing.assert_array_equal(last, sheet)
 
 
 def test_a_sheet_has_three_pictures(scene: tuple[BodyCapture, PhantomFrame]) -> None:

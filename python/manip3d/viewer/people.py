@@ -80,18 +80,27 @@ def textured_picture(
         Colour image of frame ``phantom.texture_number``, which differs from ``color`` while the
         phantom is held. Default: the image in ``phantom``.
     """
-    if phantom_color is None and color is not None:
-        phantom_color = phantom.phantom_color
+    phantom_color = _color_of_phantom(phantom, color, phantom_color)
     count = phantom.num_points
     column, row = phantom.pixels[:count].T
     colors = _looked_up(phantom.texcoords[:count], color)
     is_phantom = phantom.phantom[row, column]
-    if phantom_color is not None:
-        colors[is_phantom] = _looked_up(phantom.texcoords[:count][is_phantom], phantom_color)
+    colors[is_phantom] = _looked_up(phantom.texcoords[:count][is_phantom], phantom_color)
     shown = slice(None) if with_phantom else ~is_phantom
     picture = np.full((*phantom.depth.shape, 3), 255, np.uint8)
     picture[row[shown], column[shown]] = colors[shown]
     return picture
+
+
+def _color_of_phantom(
+    phantom: PhantomFrame, color: Image | None, phantom_color: Image | None
+) -> Image | None:
+    """Return the image that the phantom's texture coordinates refer to; None: it is grey."""
+    if phantom_color is not None or color is None:
+        return phantom_color
+    if phantom.color is None and phantom.phantom_color is None:
+        return color  # the pipeline got no colour images, unlike the caller
+    return phantom.phantom_color
 
 
 def _looked_up(texcoords: NDArray[np.float32], color: Image | None) -> Image:
@@ -111,6 +120,7 @@ def mesh_picture(
     color: Image | None,
     camera: Intrinsics,
     *,
+    phantom_color: Image | None = None,
     azimuth: float = 35.0,
     threads: int = 0,
 ) -> Image:
@@ -120,9 +130,11 @@ def mesh_picture(
     ----------
     phantom : PhantomFrame
     color : (H', W', 3) uint8, optional
-        Colour image; default: the mesh is grey.
+        Colour image of the frame; default: the mesh is grey.
     camera : Intrinsics
         The depth camera, whose size the picture has.
+    phantom_color : (H', W', 3) uint8, optional
+        As for `textured_picture`.
     azimuth : float, degrees
         Angle of the rotation; positive: seen from the camera's right.
     threads : int
@@ -133,15 +145,9 @@ def mesh_picture(
     MissingExtraError
         Open3D is not installed: ``pip install 'manip3d[simulate]'``.
     """
-    return surface_picture(
-        phantom.vertices,
-        phantom.faces,
-        phantom.texcoords,
-        color,
-        camera,
-        azimuth=azimuth,
-        threads=threads,
-    )
+    images = (color, _color_of_phantom(phantom, color, phantom_color))
+    surface = (phantom.vertices, phantom.faces, phantom.texcoords)
+    return _drawn(*surface, images, phantom.phantom_faces, camera, azimuth, threads)
 
 
 def surface_picture(
@@ -171,6 +177,21 @@ def surface_picture(
     MissingExtraError
         Open3D is not installed: ``pip install 'manip3d[simulate]'``.
     """
+    one = np.zeros(len(faces), np.bool_)
+    return _drawn(vertices, faces, texcoords, (color, color), one, camera, azimuth, threads)
+
+
+def _drawn(
+    vertices: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    texcoords: NDArray[np.float32],
+    images: tuple[Image | None, Image | None],
+    is_second: NDArray[np.bool_],
+    camera: Intrinsics,
+    azimuth: float,
+    threads: int,
+) -> Image:
+    """Draw a surface of two parts, each with its own colour image; ``is_second`` (m,) of faces."""
     from manip3d.simulate._raycast import CHUNK, RayCaster
 
     size = (camera.height, camera.width)
@@ -190,13 +211,15 @@ def surface_picture(
         part = rays[start : start + CHUNK]
         hits = caster.cast(np.zeros(3, np.float32), part, threads=threads)
         hit = np.flatnonzero(np.isfinite(hits.distance))
-        corners = texcoords[faces[hits.face[hit].astype(np.int64)]]
+        face = hits.face[hit].astype(np.int64)
+        corners = texcoords[faces[face]]
         at = corners[:, 0] + hits.uv[hit, :1] * (corners[:, 1] - corners[:, 0])
         at += hits.uv[hit, 1:] * (corners[:, 2] - corners[:, 0])
         slant = np.abs((hits.normal[hit] * part[hit]).sum(axis=1))
         slant /= np.linalg.norm(part[hit], axis=1)
-        shade = 0.6 + 0.4 * slant if color is None else np.ones(len(hit))
-        flat[start + hit] = _looked_up(at, color) * shade[:, None]
+        for which, color in zip((~is_second[face], is_second[face]), images, strict=True):
+            shade = 0.6 + 0.4 * slant[which] if color is None else np.ones(which.sum())
+            flat[start + hit[which]] = _looked_up(at[which], color) * shade[:, None]
     return picture
 
 
@@ -249,5 +272,7 @@ def phantom_sheet(
     else:
         person = textured_picture(phantom, color, phantom_color=phantom_color)
     camera = frame.calibration.depth
-    mesh = mesh_picture(phantom, color, camera, azimuth=azimuth, threads=threads)
+    mesh = mesh_picture(
+        phantom, color, camera, phantom_color=phantom_color, azimuth=azimuth, threads=threads
+    )
     return np.concatenate([seen, person, mesh], axis=1)

@@ -7,7 +7,7 @@ import itertools
 import math
 import os
 import re
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -39,9 +39,6 @@ _WORST, _COLUMNS, _WIDTH = 40, 8, 200
 
 _PICTURE = re.compile(r"\d{6}\.png")
 _UNREAD = "The frame cannot be read."
-
-_HELD = 64
-"""Number of colour images, about two seconds, that are kept for held phantoms."""
 
 
 @dataclass(frozen=True)
@@ -246,7 +243,6 @@ def _pictures(
     """Yield the picture of each frame; for an unreadable frame, the previous picture."""
     from manip3d.viewer import people
 
-    older: deque[tuple[int, Image]] = deque(maxlen=_HELD)
     sheet: Image | None = None
     phantom: Any = None
     for frame in frames:
@@ -255,12 +251,7 @@ def _pictures(
                 yield None, sheet, phantom
             continue
         phantom = pipeline.process(frame)
-        if frame.color is not None:
-            older.append((frame.number, frame.color))
-        color = dict(older).get(phantom.texture_number)
-        sheet = people.phantom_sheet(
-            frame, phantom, phantom_color=color, azimuth=azimuth, threads=threads
-        )
+        sheet = people.phantom_sheet(frame, phantom, azimuth=azimuth, threads=threads)
         yield frame, sheet, phantom
 
 
