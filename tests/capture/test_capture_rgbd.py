@@ -142,9 +142,6 @@ def test_recorders_refuse_what_does_not_fit(tmp_path: Path) -> None:
     other = next(rgbd_frames.frames(1, rgbd_frames.full_calibration()))
     with pytest.raises(InputError, match=r"frame\.color: expected 16 x 12 pixels, got 20 x 10"):
         capture.record([frames[0], other], tmp_path / "size")
-    bare = RgbdFrame(frames[0].depth, CALIBRATION)
-    with pytest.raises(InputError, match=r"body_index: expected none, as in the first frame"):
-        capture.record([bare, frames[1]], tmp_path / "more")
     far = [
         replace(frames[0], number=-(2**63), time_ns=-(2**63)),
         replace(frames[1], time_ns=2**63 - 1),
@@ -164,6 +161,26 @@ def test_recorders_refuse_what_does_not_fit(tmp_path: Path) -> None:
         capture.record(frames, tmp_path / "zero", frames=0)
     with pytest.raises(FileNotFoundError):
         capture.record(frames, tmp_path / "no" / "such" / "folder")
+
+
+@pytest.mark.parametrize("kind", ["folder", "mkv", "tum"])
+@pytest.mark.parametrize("lossless", [False, True])
+def test_colour_and_body_index_may_begin_after_the_first_frame(
+    tmp_path: Path, kind: str, lossless: bool
+) -> None:
+    """Some cameras start with frames without colour; trackers find nobody at first."""
+    frames = list(rgbd_frames.frames(6, rgbd_frames.full_calibration()))
+    frames = [replace(frame, depth=frame.depth % 10_000) for frame in frames]  # TUM: up to 13 m
+    for i, missing in enumerate([("color", "body_index"), ("body_index",), ("color",)]):
+        frames[i] = replace(frames[i], **dict.fromkeys(missing))
+    uri = f"{kind}:{tmp_path / 'late'}{'.mkv' if kind == 'mkv' else ''}"
+    assert capture.record(frames, uri, lossless_color=lossless).frames == 6
+    found = list(capture.open_rgbd(uri))
+    assert [f.color is not None for f in found] == [False, True, False, True, True, True]
+    for frame, expected in zip(found, frames, strict=True):
+        assert np.array_equal(frame.depth, expected.depth)
+        if kind != "tum":  # it has no body index, and colours at the pixels of depth
+            assert_same(frame, expected, color=lossless)
 
 
 def test_only_recordings_are_replaced(tmp_path: Path) -> None:

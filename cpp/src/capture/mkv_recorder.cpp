@@ -76,7 +76,7 @@ class MkvRecorder final : public RgbdRecorder {
   void write(const RgbdFrame& frame) override {
     if (is_closed_) throw InputError("write: the recording is closed");
     checks_.check(frame);
-    if (!is_started_) start(frame);
+    if (!is_started_) start(frame.time_ns);
     const std::int64_t time_ms = container_time(frame.time_ns);
     Json packets = Json::object();
     put(depth_track_, mkv::kDepth, encoded(depth_track_, frame.depth), time_ms, packets);
@@ -113,19 +113,17 @@ class MkvRecorder final : public RgbdRecorder {
   }
 
  private:
-  /// Adds the tracks of the images that the first frame has; RecordingChecks refuses others later.
-  void start(const RgbdFrame& first) {
+  /// Adds a track for each kind of image, because the first frames may lack some that come later.
+  void start(std::int64_t first_time) {
     const Intrinsics& depth = calibration_->depth;
     const ImageSize size{depth.height, depth.width};
     depth_track_ = add_images(MkvFormat::kFfv1, MkvPixels::kGray16, size, mkv::kDepth);
-    if (!first.body_index.empty()) {
-      body_track_ = add_images(MkvFormat::kFfv1, MkvPixels::kGray8, size, mkv::kBodyIndex);
-    }
-    if (!first.color.empty()) {
-      color_size_ = {first.color_rows, first.color_cols};
-      const auto format = options_.lossless_color ? MkvFormat::kFfv1 : MkvFormat::kMjpeg;
-      color_track_ = add_images(format, MkvPixels::kRgb, color_size_, mkv::kColor);
-    }
+    body_track_ = add_images(MkvFormat::kFfv1, MkvPixels::kGray8, size, mkv::kBodyIndex);
+    const Intrinsics& color =
+        calibration_->registration ? calibration_->registration->color : depth;
+    color_size_ = {color.height, color.width};
+    const auto format = options_.lossless_color ? MkvFormat::kFfv1 : MkvFormat::kMjpeg;
+    color_track_ = add_images(format, MkvPixels::kRgb, color_size_, mkv::kColor);
     frames_track_ = file_->add({.kind = MkvKind::kText, .title = mkv::kFrames});
     const std::span calibration = std::as_bytes(std::span(calibration_text_));
     const std::string hash = sha256(calibration);
@@ -134,7 +132,7 @@ class MkvRecorder final : public RgbdRecorder {
                 .title = hash.c_str(),
                 .file_name = mkv::kCalibration});
     file_->start();
-    first_time_ = first.time_ns;
+    first_time_ = first_time;
     is_started_ = true;
   }
 
@@ -150,7 +148,7 @@ class MkvRecorder final : public RgbdRecorder {
   /// Writes a record without text, which is not a frame, because FFmpeg reads no file without a
   /// cluster.
   void start_empty() {
-    start({});
+    start(0);
     write_record("", 0);
   }
 

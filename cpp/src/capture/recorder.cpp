@@ -91,15 +91,6 @@ void RecordingChecks::check(const RgbdFrame& frame) {
   if (!is_first_) {
     check_grows("number", frame.number, number_);
     check_grows("time_ns", frame.time_ns, time_ns_);
-    if (!frame.body_index.empty() && !has_body_index_) {
-      throw InputError("frame.body_index: expected none, as in the first frame");
-    }
-    if (!frame.color.empty() && !has_color_) {
-      throw InputError("frame.color: expected none, as in the first frame");
-    }
-  } else {
-    has_body_index_ = !frame.body_index.empty();
-    has_color_ = !frame.color.empty();
   }
   is_first_ = false;
   number_ = frame.number;

@@ -23,9 +23,8 @@ class RgbdRecorder {
   RgbdRecorder& operator=(const RgbdRecorder&) = delete;
   virtual ~RgbdRecorder() = default;  ///< Without `close`: the same as a killed process.
 
-  /// @throws InputError  images that do not fit each other or the calibration, a time or number
-  ///                     that does not grow, or an image that the first frame did not have; nothing
-  ///                     is written then.
+  /// @throws InputError  images that do not fit each other or the calibration, or a time or number
+  ///                     that does not grow; nothing is written then.
   /// @throws std::filesystem::filesystem_error  for example, the disk is full.
   virtual void write(const RgbdFrame& frame) = 0;
   /// Finishes and syncs the recording; `write` must not be called afterwards. A second call has no
@@ -66,7 +65,7 @@ class RecordingChecks {
  private:
   std::int64_t rows_ = 0, cols_ = 0, color_rows_ = 0, color_cols_ = 0;
   std::int64_t number_ = 0, time_ns_ = 0;  // of the previous frame
-  bool is_first_ = true, has_body_index_ = false, has_color_ = false;
+  bool is_first_ = true;
 };
 
 }  // namespace manip3d
