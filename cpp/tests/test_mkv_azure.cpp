@@ -297,6 +297,23 @@ TEST_F(AzureMkv, PairsImagesByTheirTimes) {
   EXPECT_EQ(source->calibration()->registration->color.width, 64);
 }
 
+TEST_F(AzureMkv, LeavesOutColorsOfAnotherSizeWithoutARegistration) {
+  write(recording({{2, 0, depth_block(kDepth, 0)}, {1, 0, jpeg_}}, kDepth, kColor));
+  auto camera = std::make_shared<RgbdCalibration>();
+  camera->depth = {.width = 320, .height = 288, .fx = 250, .fy = 250, .cx = 159.5, .cy = 143.5};
+  const auto source = open_mkv(path_, {.calibration = camera});
+  RgbdFrame frame;
+  ASSERT_EQ(source->read(frame, 0ms), ReadStatus::kFrame);
+  EXPECT_TRUE(frame.color.empty());
+  EXPECT_EQ(frame.color_rows, 0);
+  EXPECT_EQ(std::ssize(frame.depth), kDepth.rows * kDepth.cols);
+  EXPECT_EQ(source->read(frame, 0ms), ReadStatus::kEnd);
+  const Counters counters = source->counters();
+  const std::map<std::string, std::int64_t> counted(counters.begin(), counters.end());
+  EXPECT_EQ(counted.at("unregistered_color"), 1);
+  EXPECT_EQ(counted.at("without_color"), 0);
+}
+
 TEST_F(AzureMkv, GoesToAFrameByItsIndex) {
   std::vector<Block> blocks;
   for (int i = 0; i < 9; ++i) {

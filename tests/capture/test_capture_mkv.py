@@ -245,6 +245,28 @@ def test_the_color_lens_of_a_real_azure_kinect(capfd: pytest.CaptureFixture[str]
     assert off.max() < color.width / 1000  # without distortion it is thirty times as much
 
 
+@pytest.mark.parametrize("lossless", [False, True])
+def test_colours_of_another_size_without_a_registration_are_left_out(
+    tmp_path: Path, lossless: bool
+) -> None:
+    """A camera of the depth images alone does not say where the colours belong."""
+    path = tmp_path / "walk.mkv"
+    capture.record([frame_of(i) for i in range(4)], path, lossless_color=lossless)
+    with capture.open_rgbd(f"mkv:{path}", camera=CAMERA) as source:
+        with pytest.warns(UserWarning, match="of another size than the depth images"):
+            frames = list(source)
+        assert [frame.number for frame in frames] == [0, 1, 2, 3]
+        assert source.counters["unregistered_color"] == 4
+        assert source.counters["damaged"] == 0
+        for number, frame in enumerate(frames):
+            assert frame.color is None
+            assert_same(frame, frame_of(number))
+        assert source[2].color is None
+    with capture.open_rgbd(f"mkv:{path}", camera=CALIBRATION) as source:
+        assert all(frame.color is not None for frame in source)
+        assert "unregistered_color" not in source.counters
+
+
 def test_a_size_beyond_all_memory_is_an_error_of_the_file(tmp_path: Path) -> None:
     found_by_fuzzing = Path(__file__).parents[2] / "cpp/fuzz/corpus/mkv/size_beyond_memory"
     path = tmp_path / "hostile.mkv"

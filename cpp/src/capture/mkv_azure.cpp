@@ -67,7 +67,10 @@ class AzureSource final : public RgbdSource {
     return calibration_;
   }
   [[nodiscard]] Counters counters() const override {
-    return {{"frames", frames_}, {"without_color", without_color_}, {"damaged", damaged_}};
+    Counters counters = {
+        {"frames", frames_}, {"without_color", without_color_}, {"damaged", damaged_}};
+    if (unregistered_color_ > 0) counters.emplace_back("unregistered_color", unregistered_color_);
+    return counters;
   }
 
   ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds) override {
@@ -84,6 +87,7 @@ class AzureSource final : public RgbdSource {
         continue;
       }
       without_color_ += color == nullptr ? 1 : 0;
+      unregistered_color_ += color != nullptr && !is_color_registered() ? 1 : 0;
       ++frames_;
       return ReadStatus::kFrame;
     }
@@ -176,6 +180,12 @@ class AzureSource final : public RgbdSource {
     return nearest;
   }
 
+  /// Without a registration, the depth pixels of colours of another size are unknown.
+  [[nodiscard]] bool is_color_registered() const {
+    return stored_->registration ||
+           (color_size_->rows == depth_size_.rows && color_size_->cols == depth_size_.cols);
+  }
+
   void fill(RgbdFrame& frame, const std::vector<std::byte>& depth, const Timed* color) {
     const std::size_t pixels = depth_size_.rows * depth_size_.cols;
     if (depth.size() != 2 * pixels) throw FormatError("damaged", {});
@@ -190,7 +200,7 @@ class AzureSource final : public RgbdSource {
     frame.skeletons.clear();
     frame.color.clear();
     frame.color_rows = frame.color_cols = 0;
-    if (color != nullptr) {
+    if (color != nullptr && is_color_registered()) {
       frame.color.resize(3 * color_size_->rows * color_size_->cols);
       jpeg_.decode(color->bytes, *color_size_, frame.color.data());
       frame.color_rows = color_size_->rows;
@@ -211,6 +221,7 @@ class AzureSource final : public RgbdSource {
   std::deque<Timed> depths_, colors_;
   std::int64_t latest_ns_ = std::numeric_limits<std::int64_t>::min();
   std::int64_t number_ = 0, frames_ = 0, without_color_ = 0, damaged_ = 0;
+  std::int64_t unregistered_color_ = 0;
 };
 
 }  // namespace

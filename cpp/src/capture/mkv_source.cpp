@@ -149,11 +149,13 @@ class MkvSource final : public RgbdSource {
   }
   [[nodiscard]] std::optional<std::int64_t> num_frames() const override { return num_frames_; }
   [[nodiscard]] Counters counters() const override {
-    return {{"frames", frames_},
-            {"damaged", damaged_},
-            {"lost", lost_},
-            {"cut_short", cut_short_ ? 1 : 0},
-            {"unfinished", file_->duration_us() > 0 ? 0 : 1}};
+    Counters counters = {{"frames", frames_},
+                         {"damaged", damaged_},
+                         {"lost", lost_},
+                         {"cut_short", cut_short_ ? 1 : 0},
+                         {"unfinished", file_->duration_us() > 0 ? 0 : 1}};
+    if (unregistered_color_ > 0) counters.emplace_back("unregistered_color", unregistered_color_);
+    return counters;
   }
 
   ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds) override {
@@ -200,10 +202,20 @@ class MkvSource final : public RgbdSource {
         calibration_->registration ? calibration_->registration->color : depth;
     add_track(mkv::kDepth, MkvPixels::kGray16, {depth.height, depth.width}, depth_);
     add_track(mkv::kBodyIndex, MkvPixels::kGray8, {depth.height, depth.width}, body_index_);
-    add_track(mkv::kColor, MkvPixels::kRgb, {color.height, color.width}, color_);
+    if (is_color_registered()) {
+      add_track(mkv::kColor, MkvPixels::kRgb, {color.height, color.width}, color_);
+    }
     const auto frames = file_->find(mkv::kFrames, MkvKind::kText);
     if (!depth_ || !frames) throw FormatError("expected the tracks 'depth' and 'frames'", {});
     frames_track_ = *frames;
+  }
+
+  /// Without a registration, the depth pixels of colours of another size are unknown.
+  [[nodiscard]] bool is_color_registered() const {
+    const auto number = file_->find(mkv::kColor, MkvKind::kVideo);
+    if (!number || calibration_->registration) return true;
+    const MkvTrack& images = file_->track(*number);
+    return images.width == calibration_->depth.width && images.height == calibration_->depth.height;
   }
 
   void rewind() {
@@ -293,7 +305,12 @@ class MkvSource final : public RgbdSource {
     if (!packets.has(mkv::kDepth)) packets.fail("expected a packet of depth");
     fill_image(packets, depth_, mkv::kDepth, 1, frame.depth);
     fill_image(packets, body_index_, mkv::kBodyIndex, 1, frame.body_index);
-    fill_image(packets, color_, mkv::kColor, 3, frame.color);
+    const bool has_unregistered_color = packets.has(mkv::kColor) && !is_color_registered();
+    if (has_unregistered_color) {
+      frame.color.clear();
+    } else {
+      fill_image(packets, color_, mkv::kColor, 3, frame.color);
+    }
     frame.rows = depth_->size().rows;
     frame.cols = depth_->size().cols;
     frame.color_rows = frame.color.empty() ? 0 : color_->size().rows;
@@ -301,6 +318,7 @@ class MkvSource final : public RgbdSource {
     skeletons_from_json(record.member("skeletons"), frame.skeletons);
     frame.calibration = calibration_;
     unmirror_images(*stored_, frame);
+    unregistered_color_ += has_unregistered_color ? 1 : 0;
   }
 
   template <typename T>
@@ -320,7 +338,7 @@ class MkvSource final : public RgbdSource {
   int frames_track_ = -1;
   MatroskaPacket packet_;
   std::int64_t next_index_ = 0, last_time_us_ = -kLasting;
-  std::int64_t frames_ = 0, damaged_ = 0, lost_ = 0;
+  std::int64_t frames_ = 0, damaged_ = 0, lost_ = 0, unregistered_color_ = 0;
   bool cut_short_ = false;
 };
 
