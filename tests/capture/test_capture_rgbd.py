@@ -31,6 +31,7 @@ from PIL import Image
 
 import rgbd_frames
 from manip3d import DeviceError, FormatError, InputError, Intrinsics, RgbdFrame, capture
+from manip3d._util.paths import by_number
 from manip3d.capture import _frames_in_memory, _rgbd_source
 from real_data import RealData
 from rgbd_frames import CALIBRATION, CAMERA, COLS, ROWS, STEP, assert_same
@@ -531,6 +532,37 @@ def test_plain_folders_of_images(tmp_path: Path, name: str, suffix: str) -> None
         opened(tmp_path, camera=CAMERA)
     with pytest.raises(FormatError, match=r"expected frames\.jsonl, or images in"):
         opened(tmp_path / name, camera=CAMERA)
+
+
+def test_plain_folders_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    """Colours with leading zeros belong to depths without them."""
+    camera = Intrinsics(16, 12, 15.0, 15.0, 7.5, 5.5)
+    names = [*range(12), 10**30]
+    for kind in ("depth", "color"):
+        (tmp_path / kind).mkdir()
+    for i, name in enumerate(names):
+        depth = np.full((12, 16), 1000 + i, np.uint16)
+        Image.fromarray(depth).save(tmp_path / "depth" / f"a{name}.png")
+        color = np.full((12, 16, 3), i, np.uint8)
+        Image.fromarray(color).save(tmp_path / "color" / f"a{name:02}.png")
+    found = list(opened(tmp_path, camera=camera))
+    assert [int(f.depth[0, 0]) - 1000 for f in found] == list(range(13))
+    assert [int(f.color[0, 0, 0]) for f in found if f.color is not None] == list(range(13))
+
+
+# In the order of `by_number`: digits go first, then the other characters, and equal values by text.
+NAMES = ["01.png", "1.png", "1-2.png", "1-10.png", "1a.png", "2.png", "A.png", "a.png", "a00.png"]
+NAMES += ["a0.png", "a1b2.png", "a1b10.png", "a2.png", "a-1.png", "aa.png"]
+
+
+def test_plain_folders_are_sorted_as_in_python(tmp_path: Path) -> None:
+    (tmp_path / "depth").mkdir()
+    for i, name in enumerate(NAMES):
+        depth = np.full((12, 16), 1000 + i, np.uint16)
+        Image.fromarray(depth).save(tmp_path / "depth" / name)
+    found = opened(tmp_path, camera=Intrinsics(16, 12, 15.0, 15.0, 7.5, 5.5))
+    order = [NAMES[int(f.depth[0, 0]) - 1000] for f in found]
+    assert order == sorted(NAMES, key=by_number)
 
 
 def test_units_of_plain_folders(tmp_path: Path) -> None:

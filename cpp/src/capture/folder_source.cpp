@@ -138,6 +138,35 @@ ImageFrames::Listing listed(std::int64_t count,
 
 // --- plain folders ------------------------------------------------------------------------------
 
+/// Cuts the digits off the front of a text and returns them without leading zeros.
+std::string_view cut_number(std::string_view& text) {
+  const std::size_t end = std::min(text.find_first_not_of("0123456789"), text.size());
+  std::string_view number = text.substr(0, end);
+  text.remove_prefix(end);
+  number.remove_prefix(std::min(number.find_first_not_of('0'), number.size()));
+  return number;
+}
+
+/// Whether a name comes before another. Digits are compared by the value of their run, so that 2 is
+/// before 10, and come before other characters; 01 is before 1.
+bool comes_before(std::string_view a, std::string_view b) {
+  const auto starts_with_digit = [](std::string_view s) { return s[0] >= '0' && s[0] <= '9'; };
+  const std::string_view whole_a = a, whole_b = b;
+  while (!a.empty() && !b.empty()) {
+    const bool is_number = starts_with_digit(a);
+    if (is_number != starts_with_digit(b)) return is_number;
+    if (is_number) {
+      const std::string_view x = cut_number(a), y = cut_number(b);
+      if (x != y) return x.size() != y.size() ? x.size() < y.size() : x < y;
+    } else {
+      if (a[0] != b[0]) return a.substr(0, 1) < b.substr(0, 1);
+      a.remove_prefix(1);
+      b.remove_prefix(1);
+    }
+  }
+  return a.empty() && b.empty() ? whole_a < whole_b : a.empty();
+}
+
 std::vector<fs::path> images_in(const fs::path& folder) {
   std::vector<fs::path> images;
   if (!fs::is_directory(folder)) return images;
@@ -148,7 +177,9 @@ std::vector<fs::path> images_in(const fs::path& folder) {
       images.push_back(entry.path());
     }
   }
-  std::ranges::sort(images);
+  std::ranges::sort(images, [](const fs::path& a, const fs::path& b) {
+    return comes_before(a.filename().native(), b.filename().native());
+  });
   return images;
 }
 
