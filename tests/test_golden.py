@@ -45,6 +45,7 @@ _LATER = {
     "cloth": 0.0,
     "hidden": 0.0,
     "stray": 0.0,
+    "outside": 0.0,
 }
 """Fields that came after the hashes were made, left out where nothing asked for them."""
 

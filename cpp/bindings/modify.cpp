@@ -136,6 +136,7 @@ Fields quality_fields(const PhantomQuality& quality) {
   fields["left"] = py::float_(quality.left);
   fields["cloth"] = py::float_(quality.cloth);
   fields["stray"] = py::float_(quality.stray);
+  fields["outside"] = py::float_(quality.outside);
   fields["score"] = py::float_(quality.score);
   return fields;
 }

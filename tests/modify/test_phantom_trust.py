@@ -1099,6 +1099,25 @@ def test_an_arm_that_its_joints_miss_is_not_tracking() -> None:
     assert PhantomPipeline("right_leg").process(image).quality.stray == 0.0
 
 
+def test_a_phantom_beyond_the_border_of_the_image_is_not_tracking() -> None:
+    """The patient stands at the border of the image, on the side of the missing arm."""
+    near = once(frame(pose(at=(-1.0, 0.0, 2.44)), KINECT, without=ARM))
+    assert near.state is PhantomState.TRACKING
+    assert near.quality.outside == 0.0
+    image = frame(pose(at=(-1.6, 0.0, 2.44)), KINECT, without=ARM)
+    result = once(image)
+    assert result.visible > 0.9
+    assert result.num_mirrored > 1000
+    assert result.quality.outside > 0.9
+    assert result.quality.score > 1.8
+    assert result.state is PhantomState.DEGRADED
+    assert result.reason is PhantomReason.OCCLUDED
+    # Points of an arm that the body hides are not outside.
+    hidden = once(frame(pose(turn_deg=50.0), KINECT, without=ARM))
+    assert hidden.phantom.sum() < 0.5 * hidden.num_mirrored
+    assert hidden.quality.outside == 0.0
+
+
 def test_every_reason_has_a_sentence() -> None:
     for reason in PhantomReason:
         assert reason.message.endswith(".")

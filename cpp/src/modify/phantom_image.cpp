@@ -454,11 +454,13 @@ bool may_draw(const MirroredPoint& point, PixelKind kind, std::int32_t pixel, Li
 
 }  // namespace
 
-PixelBox write_phantom(const std::vector<MirroredPoint>& mirrored, Limb affected,
-                       const PixelProjector& projector, const PhantomImage& image) {
+DrawnPhantom write_phantom(const std::vector<MirroredPoint>& mirrored, Limb affected,
+                           const PixelProjector& projector, const PhantomImage& image) {
   PixelBounds bounds;
+  std::int64_t num_outside = 0;
   const auto write = [&](const MirroredPoint& point, PixelKind kind) {
     const std::int32_t pixel = projector.pixel(point.x, point.y, point.z);
+    num_outside += pixel < 0;
     if (pixel < 0 || !may_draw(point, kind, pixel, affected, image)) return;
     draw(point, pixel, kind, image);
     bounds.add(pixel % image.cols, pixel / image.cols);
@@ -469,7 +471,7 @@ PixelBox write_phantom(const std::vector<MirroredPoint>& mirrored, Limb affected
   for (const MirroredPoint& point : mirrored) {
     if (!point.faces_camera) write(point, PixelKind::kAway);
   }
-  return bounds.box();
+  return {bounds.box(), num_outside};
 }
 
 PixelBox write_root(const std::vector<MirroredPoint>& mirrored, const PixelProjector& projector,

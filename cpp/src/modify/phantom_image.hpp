@@ -145,12 +145,17 @@ void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root,
                         const BodyFrame& frame, const Mirror& mirror, const BoneSet& behind,
                         const PhantomImage& image, std::vector<MirroredPoint>& mirrored);
 
+struct DrawnPhantom {
+  PixelBox box;                  ///< Box of the drawn pixels.
+  std::int64_t num_outside = 0;  ///< Mirrored points outside the image.
+};
+
 /// Draws mirrored points into the pixels nearest to their projections: first points that face the
 /// camera, where nothing is nearer, then the others, where the pixel is empty or the body is at
 /// least 2 cm behind. Remaining pixels of the limb itself (a stump) count as 5 cm nearer than they
-/// are. Returns the box of the drawn pixels.
-PixelBox write_phantom(const std::vector<MirroredPoint>& mirrored, Limb affected,
-                       const PixelProjector& projector, const PhantomImage& image);
+/// are.
+DrawnPhantom write_phantom(const std::vector<MirroredPoint>& mirrored, Limb affected,
+                           const PixelProjector& projector, const PhantomImage& image);
 
 /// Draws mirrored points into empty pixels. Returns the box of the drawn pixels.
 PixelBox write_root(const std::vector<MirroredPoint>& mirrored, const PixelProjector& projector,

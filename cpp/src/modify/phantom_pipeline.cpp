@@ -141,7 +141,7 @@ class PhantomPipeline::Workspace {
     const PixelBox all = fill(shown, time_s, image, report);
     stages.end(PhantomStage::kHoleFilling);
     report.skeleton = phantom_skeleton(*now.person, report.state);
-    judge_picture(*now.person, taken, time_s, all, image, report);
+    judge_picture(*now.person, taken, shown.drawn.num_outside, time_s, all, image, report);
     stages.end(PhantomStage::kSkeleton);
     report.num_points = write_points(image, all, rays_, out.mesh, vertex_of_);
     stages.end(PhantomStage::kPointCloud);
@@ -502,8 +502,9 @@ class PhantomPipeline::Workspace {
   }
 
   /// Measures the quality of the drawn phantom. Beyond a limit of PhantomQuality it is kDegraded.
-  void judge_picture(const Skeleton& person, const TakenOut& taken, double time_s,
-                     const PixelBox& box, const PhantomImage& image, PhantomReport& report) {
+  void judge_picture(const Skeleton& person, const TakenOut& taken, std::int64_t num_outside,
+                     double time_s, const PixelBox& box, const PhantomImage& image,
+                     PhantomReport& report) {
     if (report.state != PhantomState::kTracking) {
       leap_.reset();
       return;
@@ -515,6 +516,8 @@ class PhantomPipeline::Workspace {
       const PixelProjector projector(*camera_, rays_);
       report.quality.cloth = share_of_unseen_cloth(points_, *taken.cloth, projector, image);
     }
+    report.quality.outside = static_cast<double>(num_outside) /
+                             static_cast<double>(std::max<std::int64_t>(report.num_mirrored, 1));
     const Joint end = limb_chain(affected)[kNumMainJoints - 1];
     const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];
     report.quality.leap = leap_.add(report.skeleton[end], person[intact_end], time_s);
@@ -535,7 +538,7 @@ class PhantomPipeline::Workspace {
   /// The phantom as it is drawn in this frame.
   struct Shown {
     const MirroredLimb& points;  ///< Mirrored in this frame, or moved with the body.
-    PixelBox box;                ///< Drawn pixels of the limb.
+    DrawnPhantom drawn;
   };
 
   /// Mirrors the intact limb, or moves the last phantom with the body, and draws it.
@@ -578,7 +581,7 @@ class PhantomPipeline::Workspace {
     const bool is_lost = report.state == PhantomState::kLost;
     const PixelProjector projector(*camera_, rays_);
     PixelBounds phantom;
-    phantom.add(shown.box);
+    phantom.add(shown.drawn.box);
     if (!is_lost) {
       phantom.add(bridge_gaps(shown.points.limb, options_.affected, projector, image, vertex_of_));
     }

@@ -36,6 +36,8 @@ constexpr float kBesideArm = 0.08F, kBesideTrunk = 0.15F;  // metres from the sk
 constexpr float kAside = 0.20F;                            // metres from the plane of symmetry
 constexpr float kAboveHips = 0.10F, kBehindBone = 0.05F;   // metres
 
+constexpr double kMostOutside = 0.5;  // share of the mirrored points
+
 constexpr float kAwayFromRoot = 0.10F;  // metres; nearer to the root, a stump may be visible
 // Metres; points this far behind all joints of a limb do not belong to it.
 constexpr float kBehind = 0.15F;
@@ -295,7 +297,7 @@ PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature
   const double most_gap = (is_arm(affected) ? kMostGapArm : kMostGapLeg) +
                           kOfTrunk * static_cast<double>(girth.around_trunk());
   const double most_lost = is_arm(affected) ? kMostLostTrunk : kMostLostLegs;
-  const std::array<std::pair<PhantomReason, double>, 12> measures = {{
+  const std::array<std::pair<PhantomReason, double>, 13> measures = {{
       {PhantomReason::kCalibration, (1.0 - quality.fit) / (1.0 - kLeastFit)},
       {PhantomReason::kCalibration, (stature.misfit() - 1.0) / (stature.limit() - 1.0)},
       {PhantomReason::kCalibration, offset.metres() / offset.limit()},
@@ -308,6 +310,7 @@ PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature
       {PhantomReason::kDoubled, quality.left / kMostLeft},
       {PhantomReason::kCloth, quality.cloth / kMostCloth},
       {PhantomReason::kInferred, quality.stray / kMostStray},
+      {PhantomReason::kOccluded, quality.outside / kMostOutside},
   }};
   const auto worst =
       std::ranges::max_element(measures, {}, &decltype(measures)::value_type::second);
@@ -315,6 +318,8 @@ PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature
   const PhantomReason beside = misfit(quality, stature, offset);
   // A wrong calibration explains all other faults.
   if (beside != PhantomReason::kNone) return beside;
+  // The rest of a phantom that is cut off by the image's border is detached or in pieces as well.
+  if (quality.outside > kMostOutside) return PhantomReason::kOccluded;
   return worst->second > 1.0 ? worst->first : PhantomReason::kNone;
 }
 

@@ -63,7 +63,7 @@ class PhantomReason(enum.StrEnum):
     NONE = "none"  #: the state is TRACKING
     NO_PERSON = "no_person"  #: the key person has no skeleton or no pixels in the frame
     NO_PLANE = "no_plane"  #: the axes of the body have not been found yet
-    OCCLUDED = "occluded"  #: too little of the intact limb, or of the person, is seen
+    OCCLUDED = "occluded"  #: too little of limb or person is seen, or the phantom is not in view
     INFERRED = "inferred"  #: a joint of the intact limb is not seen and was inferred for too long
     NO_SKELETON = "no_skeleton"  #: no frame so far had a skeleton
     CALIBRATION = "calibration"  #: joints lie beside the person's pixels, or heights disagree
@@ -165,6 +165,9 @@ class PhantomQuality:
         bone, divided by that of the intact limb: an arm at which the tracker has no joints. Where
         the nearest bone is not an arm's, the limit is 15 cm, and only pixels more than 20 cm from
         the plane of symmetry count. Above 0.2 the state is not ``tracking``. 0 for legs.
+    outside : float
+        Share of the mirrored points that lie outside the image, as of a patient at its border.
+        Points behind the body do not count. Above 0.5 the state is not ``tracking``.
     score : float
         Largest ratio of these measures to their limits; above 1 the state is not ``tracking``.
     """
@@ -182,6 +185,7 @@ class PhantomQuality:
     left: float
     cloth: float
     stray: float
+    outside: float
     score: float
 
 

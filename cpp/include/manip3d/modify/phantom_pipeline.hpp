@@ -104,10 +104,12 @@ enum class PhantomState : std::uint8_t {
 /// displaced joints explain all other faults, then kOccluded, then kSides; of kShaky to kCloth, the
 /// one that exceeds its limit by the largest factor.
 enum class PhantomReason : std::uint8_t {
-  kNone,        ///< The state is kTracking.
-  kNoPerson,    ///< The skeleton of the key person is missing.
-  kNoPlane,     ///< The axes of the body have not been found in any frame yet.
-  kOccluded,    ///< Too little of the intact limb, or of the person, is visible.
+  kNone,      ///< The state is kTracking.
+  kNoPerson,  ///< The skeleton of the key person is missing.
+  kNoPlane,   ///< The axes of the body have not been found in any frame yet.
+  /// Too little of the intact limb, or of the person, is visible, or the phantom lies outside the
+  /// image.
+  kOccluded,
   kInferred,    ///< A joint of the intact limb was inferred for too long.
   kNoSkeleton,  ///< No skeleton has been received at all.
   /// The joints lie beside the person's pixels, or the heights of joints and pixels differ.
@@ -150,6 +152,7 @@ struct PhantomQuality {
   /// Pixels above the hips that lie away from the skin of all bones, relative to the pixels of the
   /// intact arm; 0 for legs.
   double stray = 0.0;
+  double outside = 0.0;  ///< Share of the mirrored points that lie outside the image.
   /// The largest ratio of a measure to its limit; above 1 the state is not kTracking.
   double score = 0.0;
 };
