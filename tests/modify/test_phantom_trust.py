@@ -1118,6 +1118,24 @@ def test_a_phantom_beyond_the_border_of_the_image_is_not_tracking() -> None:
     assert hidden.quality.outside == 0.0
 
 
+@pytest.mark.parametrize(
+    ("limb", "parts"), [("right_arm", ("Hand", "HandTip", "Thumb")), ("right_leg", ("Foot",))]
+)
+def test_trackers_without_joints_of_hands_and_feet(limb: Limb, parts: tuple[str, ...]) -> None:
+    """The phantom lasts, unlike after joints that were known before."""
+    none = tuple(part + side for part in parts for side in ("Left", "Right"))
+    pipeline = PhantomPipeline(limb)
+    known = PhantomPipeline(limb)
+    image = frame(pose(), KINECT)
+    known.process(image)
+    for number in range(1, 20):
+        image = replace(image, number=number, time_ns=number * 33_000_000)
+        bare = replace(image, skeletons=(pose(missing=none),))
+        result, later = pipeline.process(bare), known.process(bare)
+        assert result.state is PhantomState.TRACKING, number
+    assert later.reason is PhantomReason.INFERRED
+
+
 def test_every_reason_has_a_sentence() -> None:
     for reason in PhantomReason:
         assert reason.message.endswith(".")

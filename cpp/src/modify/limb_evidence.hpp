@@ -7,6 +7,7 @@
 
 #include "manip3d/geometry/depth_image.hpp"
 #include "manip3d/geometry/skeleton.hpp"
+#include "manip3d/modify/joint_smoother.hpp"
 #include "manip3d/modify/limb.hpp"
 #include "modify/phantom_image.hpp"
 
@@ -64,7 +65,8 @@ class LimbPresence {
 class InferredClock {
  public:
   /// Update with a frame. The root does not count: it is inferred whenever a seated person's thigh
-  /// hides it, and its place follows from the trunk.
+  /// hides it, and its place follows from the trunk. Nor does a joint that was never known, because
+  /// some trackers have no joints of hands and feet.
   /// @param is_seen  Whether the depth image shows the limb at a joint; an inferred joint then
   ///                 counts as known.
   /// @returns seconds since the last known state of the joint that has been inferred for longest.
@@ -74,6 +76,7 @@ class InferredClock {
     for (std::size_t i = 1; i < kNumMainJoints; ++i) {
       const Joint joint = limb_chain(limb)[i];
       const bool is_first = !last_known_s_[i];
+      if (is_first && !is_usable(skeleton, joint)) continue;
       if (is_first || skeleton.state(joint) == TrackingState::kTracked || is_seen(joint)) {
         last_known_s_[i] = time_s;
       }
