@@ -235,7 +235,10 @@ def same_camera(one: Intrinsics, other: Intrinsics) -> bool:
         return False
     if one.rays is None or other.rays is None:
         return one.rays is other.rays
-    return one.rays is other.rays or np.array_equal(one.rays, other.rays)
+    if one.rays is other.rays:
+        return True
+    # Pixels without a ray are NaN, which does not equal itself; the same bits do.
+    return np.array_equal(one.rays.view(np.uint32), other.rays.view(np.uint32))
 
 
 @dataclass(frozen=True, eq=False)

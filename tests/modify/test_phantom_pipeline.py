@@ -512,6 +512,24 @@ def test_a_narrow_picture_leaves_the_rest_without_texture(distortion: tuple[floa
     assert np.nanmax(result.texcoords) <= 1
 
 
+def test_an_equal_camera_is_no_new_camera() -> None:
+    """A reader may make the table of rays anew for each frame; some pixels have no ray."""
+    rays = pixel_rays(SMALL)[..., :2].astype(np.float32)
+    rays[0, 0] = np.nan
+
+    def seen(number: int, table: NDArray[np.float32], skeletons: tuple[Skeleton, ...]) -> RgbdFrame:
+        camera = RgbdCalibration(replace(SMALL, rays=table.copy()))
+        image = replace(frame(pose()), calibration=camera, skeletons=skeletons)
+        return replace(image, number=number, time_ns=number * 33_000_000)
+
+    for last, state in ((rays, PhantomState.HOLDING), (rays * 1.001, PhantomState.LOST)):
+        pipeline = PhantomPipeline("right_arm")
+        for number in range(3):
+            result = pipeline.process(seen(number, rays, (pose(),)))
+            assert result.state is PhantomState.TRACKING
+        assert pipeline.process(seen(3, last, ())).state is state
+
+
 def test_mesh_for_pictures_and_graphics_cards() -> None:
     result = once(frame(pose()))
     mesh = result.mesh()

@@ -12,7 +12,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
-from manip3d.camera import Intrinsics
+from manip3d.camera import Intrinsics, same_camera
 from manip3d.errors import InputError
 from manip3d.modify._smoothing import Preset, smoother_options
 from manip3d.rgbd import RgbdFrame, Skeleton
@@ -514,6 +514,8 @@ class PhantomPipeline:
         self._pool = _core.ArrayPool()
         self._last: PhantomFrame | None = None
         self._phantom_color: NDArray[np.uint8] | None = None
+        self._camera: Intrinsics | None = None  # the one that the core knows
+        self._newest: Intrinsics | None = None  # an equal one of the last frame
         self._lock = threading.RLock()
 
     def process(self, frame: RgbdFrame) -> PhantomFrame:
@@ -546,7 +548,7 @@ class PhantomPipeline:
             report = self._core.process(
                 depth,
                 body_index,
-                calibration.depth,
+                self._known(calibration.depth),
                 calibration.registration,
                 color,
                 frame.skeletons,
@@ -568,6 +570,18 @@ class PhantomPipeline:
                 _frame(report, buffers), color=frame.color, phantom_color=self._phantom_color
             )
             return self._last
+
+    def _known(self, camera: Intrinsics) -> Intrinsics:
+        """Return the camera that the core knows if the frame's is equal.
+
+        The core compares ray tables by address, and begins anew with another camera.
+        """
+        if camera is not self._newest:
+            if self._camera is None or not same_camera(camera, self._camera):
+                self._camera = camera
+            self._newest = camera
+        assert self._camera is not None
+        return self._camera
 
     def select(self, person: int) -> Self:
         """Make the person with this `Skeleton.id` the patient as soon as the id is in view.
