@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "manip3d/geometry/skeleton.hpp"
+#include "manip3d/modify/limb.hpp"
 #include "manip3d/modify/mirror.hpp"
 #include "manip3d/modify/phantom_pipeline.hpp"
 #include "modify/girth.hpp"
@@ -49,6 +50,20 @@ struct Row {
             kind.data(), source.data(), source_depth.data(), removal.data()};
   }
 };
+
+TEST(PhantomImage, BonesOfALimbAreThoseWhoseParentsLeadToItsRoot) {
+  for (std::size_t limb = 0; limb < kNumLimbs; ++limb) {
+    const auto root = static_cast<std::size_t>(limb_root(static_cast<Limb>(limb)));
+    for (std::size_t bone = 0; bone < kNumJoints; ++bone) {
+      bool leads = false;
+      for (std::size_t joint = bone; joint != 0 && !leads;) {
+        joint = kJointParents[joint];
+        leads = joint == root;
+      }
+      EXPECT_EQ(is_limb_bone(static_cast<Limb>(limb), bone), leads) << limb << ' ' << bone;
+    }
+  }
+}
 
 TEST(PhantomImage, FillsFromTheLimbWithinReachOfTheMirroredSkin) {
   // The thigh of the right leg stands 20 cm to the left of the image's middle and is 8 cm thick:

@@ -24,12 +24,4 @@ std::span<const Joint> limb_chain(Limb limb) {
   }
 }
 
-bool is_limb_bone(Limb limb, std::size_t bone) {
-  while (bone != kJointParents[bone]) {
-    bone = kJointParents[bone];
-    if (bone == static_cast<std::size_t>(limb_root(limb))) return true;
-  }
-  return false;
-}
-
 }  // namespace manip3d

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -31,7 +32,22 @@ constexpr Joint limb_root(Limb limb) {
 constexpr std::uint8_t limb_label(Limb limb) {
   return static_cast<std::uint8_t>(static_cast<std::uint8_t>(limb_root(limb)) + 1);
 }
+
+/// The bones of each limb, beyond its root. A table, because pixels are tested against it.
+inline constexpr auto kLimbBones = [] {
+  std::array<std::array<bool, kNumJoints>, kNumLimbs> bones{};
+  for (std::size_t limb = 0; limb < kNumLimbs; ++limb) {
+    const auto root = static_cast<std::size_t>(limb_root(static_cast<Limb>(limb)));
+    for (const std::size_t bone : kJointsOutwards) {
+      const std::size_t parent = kJointParents[bone];
+      bones[limb][bone] = parent == root || bones[limb][parent];
+    }
+  }
+  return bones;
+}();
 /// Whether a bone belongs to the limb, beyond its root.
-bool is_limb_bone(Limb limb, std::size_t bone);
+constexpr bool is_limb_bone(Limb limb, std::size_t bone) {
+  return kLimbBones[static_cast<std::size_t>(limb)][bone];
+}
 
 }  // namespace manip3d
