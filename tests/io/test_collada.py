@@ -149,6 +149,23 @@ def test_nodes_place_geometries_and_mirrors_keep_their_outside() -> None:
     assert volume(mesh) == pytest.approx(3.0)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_normals_of_nodes_point_to_the_outside_of_their_faces(sign: int) -> None:
+    """The node makes x three times as long, and mirrors it in the second case."""
+    faces = (
+        "<triangles count='1'><input semantic='VERTEX' source='#cube-v' offset='0'/>"
+        "<input semantic='NORMAL' source='#n' offset='1'/><p>0 0 1 0 2 0</p></triangles>"
+    )
+    shape = geometry(faces, vertices=np.eye(3), sources=source("n", [(1, 1, 1)]))
+    node = f'<node><scale>{3 * sign} 1 1</scale><instance_geometry url="#cube"/></node>'
+    mesh = read(document(shape, node))
+    a, b, c = mesh.vertices[mesh.faces[0]]
+    outside = np.cross(b - a, c - a)
+    assert outside @ (sign, 1, 1) > 0
+    assert mesh.normals is not None
+    np.testing.assert_allclose(mesh.normals, [outside / np.linalg.norm(outside)], atol=1e-12)
+
+
 def test_texcoords_normals_and_colors_have_indices_of_their_own() -> None:
     sources = (
         source("t", [(0, 0), (1, 0), (0, 1)], "S T")

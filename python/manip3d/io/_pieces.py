@@ -61,7 +61,7 @@ class Piece:
             self.normal_corners[:, order],
             self.colors[:, order],
             self.texcoords,
-            _turned_normals(self.normals, -turn if mirrors else turn),
+            _turned_normals(self.normals, turn) * (-1.0 if mirrors else 1.0),
         )
 
 
@@ -69,7 +69,7 @@ def _turned_normals(normals: NDArray[np.float64], turn: NDArray[np.float64]) -> 
     """Return transformed normals of unit length.
 
     They are transformed by the cofactor matrix, which unlike the inverse transpose also exists for
-    singular matrices.
+    singular matrices. It turns normals inwards if the matrix mirrors.
     """
     cofactors = np.cross(turn[[1, 2, 0]], turn[[2, 0, 1]])
     turned = normals @ cofactors
