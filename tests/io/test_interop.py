@@ -286,6 +286,21 @@ class TestWhatAMeshCannotHold:
         assert mesh.face_material is not None
         assert mesh.face_material.tolist() == [0, 1] * 6
 
+    def test_materials_of_obj_files_keep_their_names_and_are_no_metals(self) -> None:
+        """trimesh converts them to glTF's model without name and metalness."""
+        trimesh = pytest.importorskip("trimesh")
+        material = trimesh.visual.material
+        wood = material.SimpleMaterial(name="wood", diffuse=(102, 51, 0, 255))
+        box, other = trimesh.creation.box(), trimesh.creation.box()
+        box.visual = trimesh.visual.TextureVisuals(uv=UVS, material=wood)
+        other.visual = trimesh.visual.TextureVisuals(
+            uv=UVS, material=material.PBRMaterial(name="gltf")
+        )
+        first, second = Mesh.from_trimesh(trimesh.Scene([box, other])).materials
+        assert (first.name, first.metallic) == ("wood", 0.0)
+        assert first.base_color == pytest.approx((0.4, 0.2, 0.0, 1.0))
+        assert (second.name, second.metallic) == ("gltf", 1.0)
+
     def test_a_texture_for_print(self) -> None:
         """PNG has no cyan, magenta, yellow and black."""
         trimesh = pytest.importorskip("trimesh")

@@ -455,8 +455,9 @@ def _says_nothing(material: Any) -> bool:
 
 
 def _from_trimesh_material(material: Any) -> Material:
-    if hasattr(material, "to_pbr"):
-        material = material.to_pbr()
+    name, metallic = material.name or "", 1.0
+    if hasattr(material, "to_pbr"):  # without name and metalness, whose default is that of glTF
+        material, metallic = material.to_pbr(), 0.0
     textures = {
         role: Texture(data=_png(image))
         for role, key in _ROLES.items()
@@ -469,9 +470,9 @@ def _from_trimesh_material(material: Any) -> Material:
         return default if value is None else float(value)
 
     return Material(
-        name=material.name or "",
+        name=name,
         base_color=(float(red), float(green), float(blue), float(alpha)),
-        metallic=factor(material.metallicFactor, 1.0),
+        metallic=factor(material.metallicFactor, metallic),
         roughness=factor(material.roughnessFactor, 1.0),
         alpha_mode=_ALPHA_MODES.get(material.alphaMode or "OPAQUE", "opaque"),
         alpha_cutoff=factor(material.alphaCutoff, 0.5),
