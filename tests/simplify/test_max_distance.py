@@ -12,7 +12,15 @@ import pytest
 
 from manip3d import InputError, Mesh, read_mesh
 from manip3d.metrics import closest_points, hausdorff_bound
-from manip3d.simplify import METHODS, clean, qem4vr, qem_orig, quality, simplify
+from manip3d.simplify import (
+    METHODS,
+    boundary_vertices,
+    clean,
+    qem4vr,
+    qem_orig,
+    quality,
+    simplify,
+)
 from real_data import RealData
 from zoo import MESHES, grid, sphere
 
@@ -196,6 +204,28 @@ def test_quality_says_that_the_distance_stopped_it_and_the_fit_keeps_it() -> Non
     free = quality(mesh, target_faces=kept.mesh.num_faces // 2)
     assert sampled_distance(mesh, free.mesh) > limit
     assert free.distance_bound is None
+
+
+@pytest.mark.parametrize("locks", ["boundary", "box", "random"])
+@pytest.mark.parametrize("name", ["hills", "sphere"])
+def test_locked_vertices_count_where_they_stay(name: str, locks: str) -> None:
+    """A collapse onto a locked vertex is proved for the place of that vertex, not another one."""
+    mesh = hills(30) if name == "hills" else Mesh(*sphere(48, 32))
+    if locks == "boundary":
+        locked = boundary_vertices(mesh)
+    elif locks == "box":
+        locked = mesh.vertices[:, 2] >= 0
+    else:
+        locked = np.random.default_rng(0).random(mesh.num_vertices) < 0.1
+    for limit in (2e-2, 5e-3):
+        result = quality(mesh, max_distance=limit * mesh.diagonal, locked=locked)
+        assert result.mesh.num_faces < mesh.num_faces
+        assert result.distance_bound is not None
+        assert result.distance_bound <= limit * mesh.diagonal
+        assert sampled_distance(mesh, result.mesh) <= result.distance_bound
+        np.testing.assert_array_equal(
+            result.mesh.vertices[result.vertex_map[locked]], mesh.vertices[locked]
+        )
 
 
 @pytest.mark.realdata

@@ -195,15 +195,16 @@ def test_meshes_that_touch_stay_together(tmp_path: Path) -> None:
         assert on_rim.all(), method
 
 
-def test_max_distance_holds_for_every_instance(tmp_path: Path) -> None:
-    vertices, faces = sphere(24, 16)
+@pytest.mark.parametrize("locks", [{}, {"lock_box": [[0, -9, -9], [0.5, 99, 99]]}])
+def test_max_distance_holds_for_every_instance(tmp_path: Path, locks: dict[str, Any]) -> None:
+    vertices, faces = sphere(48, 32)
     nodes: list[dict[str, Any]] = [
         {"mesh": 0},
         {"mesh": 0, "translation": [9, 0, 0], "scale": [1, 1, 3]},
         {"mesh": 0, "translation": [0, 9, 0], "scale": [2.5, 2.5, 1]},
     ]
     scene = io.read_scene(scene_file(tmp_path / "a.glb", [(vertices, faces)], nodes))
-    done = simplify.simplify_scene(scene, max_distance=0.05)
+    done = simplify.simplify_scene(scene, max_distance=0.05, **locks)
     assert done.stop == "distance_limit"
     assert done.distance_bound is not None
     assert done.distance_bound <= 0.05

@@ -8,6 +8,7 @@
 #include <limits>
 #include <optional>
 #include <set>
+#include <stdexcept>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -59,6 +60,10 @@ constexpr std::int64_t kLastFaces = 12;
 /// axis is this far outside. Tips that are farther outside preserve a volume that is mostly gone,
 /// and look like spikes.
 constexpr double kReach = 0.1;
+
+/// Largest rounding error of a position that was scaled and scaled back, relative to the size of
+/// the mesh and its coordinates: some 1000 times that of the four operations.
+constexpr double kRounding = 1e-12;
 
 struct Entry {
   double price;           // per removed face
@@ -497,14 +502,23 @@ class QualitySimplifier {
       while (into_[end] >= 0) end = into_[end];
       result_.vertex_map[v] = result_.vertex_map[end];
     }
-    // Locked positions get their exact values back, because the mesh was scaled.
+    restore_locked();
+    mend_turned_normals(input_, result_.face_map, result_.mesh);
+  }
+
+  /// Gives locked positions their exact values back, because the mesh was scaled. A larger move
+  /// would invalidate the distance limit and the prices.
+  void restore_locked() {
     for (std::size_t v = 0; v < options_.locked.size(); ++v) {
       const std::int32_t row = result_.vertex_map[v];
-      if (options_.locked[v] && row >= 0) {
-        result_.mesh.vertices.row(row) = input_.vertices.row(static_cast<Eigen::Index>(v));
+      if (!options_.locked[v] || row < 0) continue;
+      const Eigen::RowVector3d exact = input_.vertices.row(static_cast<Eigen::Index>(v));
+      const double rounding = kRounding * (mesh_.scale() + exact.cwiseAbs().maxCoeff());
+      if (!((result_.mesh.vertices.row(row) - exact).cwiseAbs().maxCoeff() <= rounding)) {
+        throw std::logic_error("a locked vertex has moved");
       }
+      result_.mesh.vertices.row(row) = exact;
     }
-    mend_turned_normals(input_, result_.face_map, result_.mesh);
   }
 
   const MeshView& input_;

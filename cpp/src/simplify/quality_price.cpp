@@ -227,8 +227,10 @@ Vector3d Prices::position(std::int32_t v, std::int32_t t, Place place, const Sta
                           const Quadric& borders, double length) const {
   const Vector3d &first = mesh_.position(v), &second = mesh_.position(t);
   const Vector3d middle = 0.5 * (first + second);
-  if (place == Place::kFirst || kept_.is_locked(v)) return first;
-  if (place == Place::kSecond || kept_.is_locked(t)) return second;
+  if (kept_.is_locked(v)) return first;
+  if (kept_.is_locked(t)) return second;  // whatever the place: extract() puts it there
+  if (place == Place::kFirst) return first;
+  if (place == Place::kSecond) return second;
   if (place == Place::kMiddle) return middle;
   LeastSquares squares;
   squares.add(star.quadric, 1.0);
