@@ -79,6 +79,17 @@ def test_obj_vertex_colors() -> None:
     mesh = obj("v 0 0 0 255 127 0\nv 1 0 0 1 0 0\nv 0 1 0 0 0 1\nf 1 2 3")
     assert mesh.colors is not None
     assert mesh.colors.tolist() == [[255, 127, 0], [1, 0, 0], [0, 0, 1]]
+    # overexposed or rounded: the others keep their meaning
+    mesh = obj("v 0 0 0 1.0001 0.5 0\nv 1 0 0 1.9 0 0\nv 0 1 0 0 0 1\nf 1 2 3")
+    assert mesh.colors is not None
+    assert mesh.colors.tolist() == [[255, 128, 0], [255, 0, 0], [0, 0, 255]]
+    # bytes that were averaged, and bytes of a dark mesh
+    mesh = obj("v 0 0 0 199.5 0.5 0\nv 1 0 0 1 0 0\nv 0 1 0 0 0 1\nf 1 2 3")
+    assert mesh.colors is not None
+    assert mesh.colors.tolist() == [[200, 1, 0], [1, 0, 0], [0, 0, 1]]
+    mesh = obj("v 0 0 0 2 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3")
+    assert mesh.colors is not None
+    assert mesh.colors.tolist() == [[2, 1, 0], [255, 255, 255], [255, 255, 255]]
     assert obj("v 0 0 0 1\nv 1 0 0 1\nv 0 1 0 0.5\nf 1 2 3").colors is None  # w of curves
 
 

@@ -19,6 +19,20 @@ std::string place(const FormatError::Position& position) {
                        : "byte " + std::to_string(position.byte_offset.value_or(0));
 }
 
+/// Whether colours are 0 to 255, as some programs write them, instead of the usual 0 to 1. Values a
+/// little above 1 are overexposed or rounded; a file of bytes has larger or only whole ones.
+bool are_bytes(const Rows<float, 3>& values) {
+  float largest = 0.0F;
+  bool is_whole = true;
+  for (Eigen::Index i = 0; i < values.size(); ++i) {
+    const float value = values.data()[i];
+    if (std::isnan(value)) continue;  // a vertex without colour
+    largest = std::max(largest, value);
+    is_whole = is_whole && value == std::floor(value);
+  }
+  return largest > 2.0F || (largest > 1.0F && is_whole);
+}
+
 }  // namespace
 
 void MeshBuilder::add_polygon(std::span<const Corner> corners, std::int32_t material,
@@ -137,17 +151,11 @@ void MeshBuilder::cut_polygons() {
   }
 }
 
-// Converts colours to bytes. Some programs write 0 to 255 instead of the usual 0 to 1, which is
-// assumed if any value is above 1.
 Colors MeshBuilder::take_colors() {
   if (colors.empty()) return {};
   colors.fill(vertices.size(), std::numeric_limits<float>::quiet_NaN(), input_);
   const Rows<float, 3> values = colors.take();
-  float largest = 0.0F;
-  for (Eigen::Index i = 0; i < values.size(); ++i) {
-    largest = std::max(largest, values.data()[i]);  // NaN is never larger
-  }
-  const float scale = largest > 1.0F ? 1.0F : 255.0F;
+  const float scale = are_bytes(values) ? 1.0F : 255.0F;
   Colors bytes(values.rows(), 3);
   for (Eigen::Index i = 0; i < values.size(); ++i) {
     const float value = std::isnan(values.data()[i]) ? 255.0F : scale * values.data()[i];
