@@ -181,6 +181,18 @@ def test_mtl_factors(tmp_path: Path) -> None:
     assert (material.base_color, material.alpha_mode) == ((1, 1, 1, 1), "opaque")
 
 
+def test_mtl_opacity_of_0_does_not_make_parts_invisible(tmp_path: Path) -> None:
+    """Old exporters write the opacity as Tr; others forget what d means."""
+    text = "newmtl a\nd 1\nTr 1\nnewmtl b\nd 0\nnewmtl c\nTr 0.999\n"
+    (tmp_path / "m.mtl").write_text(text)
+    uses = "".join(f"usemtl {name}\nf 1 2 3\n" for name in "abc")
+    (tmp_path / "m.obj").write_text("mtllib m.mtl\n" + SQUARE + uses)
+    report = io.read_report(tmp_path / "m.obj")
+    looks = [(m.base_color[3], m.alpha_mode) for m in report.mesh.materials]
+    assert looks == [(1, "opaque"), (1, "opaque"), (pytest.approx(0.001), "blend")]
+    assert report.warnings == ("m.mtl: materials of opacity 0 (d 0, Tr 1) are read as opaque",)
+
+
 @pytest.mark.parametrize(
     ("line", "role", "path"),
     [

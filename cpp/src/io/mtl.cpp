@@ -96,11 +96,6 @@ bool names_texture(std::string_view keyword) {
          std::find(std::begin(kOthers), std::end(kOthers), keyword) != std::end(kOthers);
 }
 
-void set_opacity(Material& material, double opacity) {
-  material.base_color[3] = opacity;
-  material.alpha_mode = opacity < 1.0 ? AlphaMode::kBlend : AlphaMode::kOpaque;
-}
-
 class MtlReader {
  public:
   MtlReader(const std::string& file, std::vector<std::string>& warnings)
@@ -168,6 +163,19 @@ class MtlReader {
     }
   }
 
+  // An opacity of 0 becomes 1, since exporters that write it do not mean an invisible surface: some
+  // write the opacity as Tr, which is the transparency.
+  void set_opacity(Material& m, double opacity) {
+    if (!(opacity > 0.0)) {
+      opacity = 1.0;
+      if (!std::exchange(has_invisible_, true)) {
+        warn(warnings_, file_ + ": materials of opacity 0 (d 0, Tr 1) are read as opaque");
+      }
+    }
+    m.base_color[3] = opacity;
+    m.alpha_mode = opacity < 1.0 ? AlphaMode::kBlend : AlphaMode::kOpaque;
+  }
+
   void texture(std::string_view keyword, std::string_view written, LineCursor& cursor) {
     auto& textures = materials_.back().textures;
     const auto path = [&] {
@@ -233,6 +241,7 @@ class MtlReader {
   std::vector<Material> materials_;
   std::string roughness_map_, metallic_map_, opacity_map_;
   std::set<std::string, std::less<>> left_out_;  // keywords with a warning
+  bool has_invisible_ = false;                   // whether there was a warning of opacity 0
 };
 
 }  // namespace
