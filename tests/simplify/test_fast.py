@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import exact_models
-from manip3d import InputError, Mesh, metrics, read_mesh, simplify
+from manip3d import InputError, Mesh, metrics, read_mesh, simplify, simulate
 from manip3d.simplify import StopReason
 from real_data import RealData
 from zoo import grid
@@ -280,8 +280,19 @@ def test_max_error_stops_before_the_target() -> None:
     hill = exact_models.hill(40)
     result = simplify.fast(hill, max_error=1e-3)
     assert result.stop == StopReason.ERROR_LIMIT
-    assert 0 < result.max_error <= 1e-3 * 1.001
+    assert 0 < result.max_error <= 1e-3
     assert 10 < result.mesh.num_faces < hill.num_faces // 2
+
+
+@pytest.mark.parametrize("relative", [1e-7, 1e-6, 1e-5, 1e-4])
+def test_max_error_holds_for_places_in_single_precision(relative: float) -> None:
+    """The error where the vertex is stored counts, not that of the exact minimum nearby."""
+    for mesh in (simulate.models.airplane(5000), simulate.models.floor(columns=20, rows=20)):
+        limit = relative * mesh.diagonal
+        result = simplify.fast(mesh, max_error=limit)
+        assert result.max_error <= limit
+        if relative > 1e-6:
+            assert result.mesh.num_faces < mesh.num_faces
 
 
 def test_far_from_the_origin_and_small() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from command_line import error_line, manip3d
-from manip3d import InputError, Mesh, metrics, read_mesh, simplify
+from manip3d import InputError, Mesh, metrics, read_mesh, simplify, simulate
 from manip3d._util.memory import bytes_of, written_size
 from manip3d.simplify import StopReason, _memory, _parts
 
@@ -209,6 +209,19 @@ def test_the_error_of_both_stages_stays_within_its_limit(small_process: None) ->
     result = simplify.simplify(mesh, target_faces=500, max_error=1e-3, memory=memory)
     assert result.stop == StopReason.ERROR_LIMIT
     assert 0 < result.max_error <= 1e-3
+
+
+@pytest.mark.parametrize("depth", [0, 1])
+@pytest.mark.parametrize("limit", [1e-7, 1e-6])
+def test_a_limit_near_rounding_leaves_no_negative_rest(
+    monkeypatch: pytest.MonkeyPatch, limit: float, depth: int
+) -> None:
+    mesh = simulate.models.airplane(5000)
+    plan = _memory._Plan(direct=False, faces=int(0.95 * mesh.num_faces), depth=depth)
+    monkeypatch.setattr(_memory, "_plan", lambda *_: plan)
+    limit *= mesh.diagonal
+    result = simplify.simplify(mesh, max_error=limit, memory=1 << 40)
+    assert result.max_error <= limit
 
 
 @pytest.mark.parametrize(

@@ -64,8 +64,10 @@ class FastSimplifier {
 
  private:
   [[nodiscard]] float squared_limit() const {
+    // The share of a few roundings in single precision keeps the recorded error within the limit.
+    constexpr double kBelow = 1.0 - 1e-6;
     const double limit = options_.max_error / mesh_.scale;
-    return limit < 1e18 ? static_cast<float>(limit * limit)
+    return limit < 1e18 ? static_cast<float>(kBelow * limit * limit)
                         : std::numeric_limits<float>::infinity();
   }
 

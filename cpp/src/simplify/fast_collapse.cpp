@@ -259,12 +259,13 @@ std::optional<Rejection> EdgeCollapser::check_place(std::int32_t v, std::int32_t
                                                     const Vector3f& offset,
                                                     const EdgeQuadric<float>& edge,
                                                     const Fan& first, const Fan& second) const {
-  const float value = edge.value(offset.x(), offset.y(), offset.z());
+  const Vector3f old = position_of(mesh_.vertices[v]), place = old + offset;
+  const Vector3f u = place - old;  // as in apply(), which records the error
+  const float value = edge.value(u.x(), u.y(), u.z());
   if (!(value <= squared_limit_ * edge.weight) && value > 0.0F) return Rejection::kErrorLimit;
   if (!offset.allFinite()) return Rejection::kDegenerate;
-  const Vectors4 p = four_of(position_of(mesh_.vertices[v]) + offset);
-  if (const auto reason = check_faces(first, four_of(position_of(mesh_.vertices[v])), p))
-    return reason;
+  const Vectors4 p = four_of(place);
+  if (const auto reason = check_faces(first, four_of(old), p)) return reason;
   return check_faces(second, four_of(position_of(mesh_.vertices[t])), p);
 }
 

@@ -372,7 +372,7 @@ def simplify_within(
         done = run(
             stage.mesh,
             target_faces=target,
-            max_error=error_limit - stage.max_error,
+            max_error=max(0.0, error_limit - stage.max_error),
             locked=_locked_now(stage, locked),
             progress=part(0.5, 1.0),
             **{name: value for name, value in options.items() if name not in _OF_ONE_RUN},
@@ -407,5 +407,5 @@ def _reduce(
     for share in _CUTS:
         if stage.mesh.num_faces <= plan.faces:
             return
-        limit = max_error - stage.max_error
+        limit = max(0.0, max_error - stage.max_error)
         _reduce_in_parts(stage, plan.faces, plan.depth, share, limit, locked, report)
