@@ -323,6 +323,32 @@ def test_texture_transforms_are_in_the_texture_coordinates(tmp_path: Path) -> No
     np.testing.assert_allclose(down[8:], [[0, 0], [1, 0], [0, 1], [1, 1]])
 
 
+@pytest.mark.parametrize(
+    ("sampler", "is_lost"),
+    [
+        ({}, False),
+        ({"wrapS": 10497, "wrapT": 10497, "magFilter": 9729, "minFilter": 9984}, False),
+        ({"wrapS": 33071}, True),
+        ({"wrapT": 33648}, True),
+        ({"magFilter": 9728}, True),
+    ],
+)
+def test_samplers_that_a_material_cannot_hold_are_named(
+    tmp_path: Path, sampler: dict[str, int], is_lost: bool
+) -> None:
+    scene = Scene()
+    position, texcoord = scene.accessor(SQUARE), scene.accessor([[0, 0], [1, 0], [0, 1], [1, 1]])
+    scene.json["images"] = [{"uri": data_uri(PNG, "image/png")}]
+    scene.json["samplers"] = [sampler]
+    scene.json["textures"] = [{"source": 0, "sampler": 0}]
+    scene.json["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+    scene.primitive({"POSITION": position, "TEXCOORD_0": texcoord}, mode=5, material=0)
+    seen = report(tmp_path, scene.glb())
+    assert list(seen.mesh.materials[0].textures) == ["base_color"]
+    lost = "samplers that clamp, mirror or do not smooth a texture are left out"
+    assert seen.warnings == ((lost,) if is_lost else ())
+
+
 def test_a_texture_placed_otherwise_than_the_base_colour_is_left_out(tmp_path: Path) -> None:
     """A mesh has one place for texture coordinates: the base colour's."""
     scene = Scene()

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <limits>
 #include <string_view>
 
 #include "io/gltf_scene.hpp"
@@ -53,6 +55,21 @@ std::optional<JsonPlace> specular_glossiness_of(const JsonPlace& material) {
   const char* told = found->has("diffuseTexture") ? "baseColorTexture" : "baseColorFactor";
   const bool falls_back = core && (core->has("baseColorTexture") || core->has(told));
   return falls_back ? std::nullopt : found;
+}
+
+/// Whether a texture repeats and its enlarged pixels are smoothed; a Texture holds nothing else.
+bool has_usual_sampler(const GltfDocument& document, const JsonPlace& texture) {
+  constexpr double kRepeat = 10497, kNearest = 9728;
+  const auto index = texture.find("sampler");
+  constexpr std::int64_t kMost = std::numeric_limits<std::int32_t>::max();
+  if (!index || index->integer(0, kMost) >= document.count("samplers")) return true;
+  const JsonPlace sampler = document.object("samplers", *index);
+  const auto value = [&](const char* key, double usual) {
+    const auto found = sampler.find(key);
+    return found ? found->number() : usual;
+  };
+  return value("wrapS", kRepeat) == kRepeat && value("wrapT", kRepeat) == kRepeat &&
+         value("magFilter", 0.0) != kNearest;
 }
 
 /// Reads one material.
@@ -118,10 +135,14 @@ class MaterialReader {
                ": textures placed otherwise than the first of their material are left out");
       return;
     }
-    const auto source = document_.object("textures", info->member("index")).find("source");
+    const JsonPlace texture = document_.object("textures", info->member("index"));
+    const auto source = texture.find("source");
     if (!source) {
       warn(warnings_, "textures that are not PNG or JPEG images are left out");
       return;
+    }
+    if (!has_usual_sampler(document_, texture)) {
+      warn(warnings_, "samplers that clamp, mirror or do not smooth a texture are left out");
     }
     const JsonPlace image = document_.object("images", *source);
     if (const auto uri = image.find("uri")) {
