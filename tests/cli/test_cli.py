@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from command_line import error_line, manip3d
-from manip3d import LidarFrame, Mesh, io, read_mesh, simplify, simulate
+from gltf_files import PNG
+from manip3d import LidarFrame, Material, Mesh, Texture, io, read_mesh, simplify, simulate
 
 
 def test_version() -> None:
@@ -508,6 +509,19 @@ def test_info_counts(torus: Path) -> None:
     text = manip3d("info", torus).stdout
     assert "1 152" in text
     assert "closed" in text
+
+
+def test_info_names_embedded_textures(tmp_path: Path) -> None:
+    textures = {"base_color": Texture(data=PNG), "normal": Texture("n.png", PNG)}
+    mesh = Mesh(
+        np.eye(3), [[0, 1, 2]], texcoords=np.eye(3)[:, :2], face_texcoords=[[0, 1, 2]],
+        face_material=[0], materials=[Material("wood", textures=textures)],
+    )  # fmt: skip
+    mesh.write(tmp_path / "a.glb")
+    (material,) = json.loads(manip3d("info", tmp_path / "a.glb", "--json").stdout)["materials"]
+    embedded = f"embedded ({len(PNG)} bytes)"
+    assert material == {"name": "wood", "textures": {"base_color": embedded, "normal": embedded}}
+    assert f"material  wood  {embedded}" in manip3d("info", tmp_path / "a.glb").stdout
 
 
 def test_compare_measures_both_directions_and_samplings(torus: Path, tmp_path: Path) -> None:

@@ -135,7 +135,6 @@ def test_obj_skips_and_counts_what_it_does_not_know(tmp_path: Path) -> None:
             "got '99999999999999999999'",
         ),
         ("f 1 2 5", "vertex index: expected 1 to 4, got 5"),
-        ("f 1/9 2/9 3/9", "texture coordinate index: expected 1 to 0, got 9"),
         ("f 1 2 3 4 9", "vertex index: expected 1 to 4, got 9"),
     ],
 )
@@ -903,13 +902,26 @@ def test_faces_of_fewer_than_3_corners_are_left_out(
     )
 
 
-def test_normals_that_are_not_there_cost_the_normals(tmp_path: Path) -> None:
-    """Some exporters name normals and write none."""
-    (tmp_path / "a.obj").write_text(OBJ_TRIANGLE.replace("f 1 2 3", "f 1//1 2//1 3//1\nf 3 2 1"))
+@pytest.mark.parametrize(
+    ("face", "what"),
+    [
+        ("f 1//1 2//1 3//1", ["normals"]),
+        ("f 1/1 2/1 3/1", ["texture coordinates"]),
+        ("f 1/1/1 2/1/1 3/1/1", ["texture coordinates", "normals"]),
+    ],
+)
+def test_attributes_that_are_not_there_cost_the_attributes(
+    tmp_path: Path, face: str, what: list[str]
+) -> None:
+    """Some exporters name normals or texture coordinates and write none."""
+    (tmp_path / "a.obj").write_text(OBJ_TRIANGLE.replace("f 1 2 3", f"{face}\nf 3 2 1"))
     seen = manip3d.io.read_report(tmp_path / "a.obj")
     assert seen.mesh.faces.tolist() == [[0, 1, 2], [2, 1, 0]]
     assert seen.mesh.normals is None
-    assert seen.warnings == ("normals are left out: faces name some that the file does not hold",)
+    assert seen.mesh.texcoords is None
+    assert seen.warnings == tuple(
+        f"{name} are left out: faces name some that the file does not hold" for name in what
+    )
 
 
 def test_stl_in_capitals_is_text(tmp_path: Path) -> None:

@@ -97,17 +97,10 @@ void MeshBuilder::add_triangle(const Corner& a, const Corner& b, const Corner& c
   }
 }
 
-bool MeshBuilder::check_forward_references() const {
-  bool has_all_normals = true;
-  const auto check = [&](const GrowingTable<Faces>& table, std::int64_t face, std::int64_t rows,
-                         const char* what, const FormatError::Position& position) {
-    if (face >= table.size()) return;
-    const std::int32_t largest = *std::max_element(table.row(face), table.row(face) + 3);
-    if (largest < rows) return;
-    throw FormatError(std::string(what) + " index: expected " + std::to_string(first_index_) +
-                          " to " + std::to_string(rows - 1 + first_index_) + ", got " +
-                          std::to_string(largest + first_index_),
-                      position);
+MeshBuilder::Complete MeshBuilder::check_forward_references() const {
+  Complete complete;
+  const auto has_rows = [](const GrowingTable<Faces>& table, std::int64_t face, std::int64_t rows) {
+    return face >= table.size() || *std::max_element(table.row(face), table.row(face) + 3) < rows;
   };
   for (std::size_t i = 0; i < forward_.size(); ++i) {
     // Each corner of a polygon is in a row of its fan.
@@ -118,15 +111,18 @@ bool MeshBuilder::check_forward_references() const {
     const bool larger = polygon != polygons_.end() && polygon->first_face == first;
     const std::int64_t last = first + (larger ? polygon->num_corners - 2 : 1);
     for (std::int64_t face = first; face < last; ++face) {
-      check(faces_, face, vertices.size(), "vertex", forward_[i].position);
-      check(face_texcoords_, face, texcoords.size(), "texture coordinate", forward_[i].position);
-      if (face < face_normals_.size()) {
-        const std::int32_t* row = face_normals_.row(face);
-        if (*std::max_element(row, row + 3) >= normals.size()) has_all_normals = false;
+      if (!has_rows(faces_, face, vertices.size())) {
+        const std::int32_t* row = faces_.row(face);
+        throw FormatError("vertex index: expected " + std::to_string(first_index_) + " to " +
+                              std::to_string(vertices.size() - 1 + first_index_) + ", got " +
+                              std::to_string(*std::max_element(row, row + 3) + first_index_),
+                          forward_[i].position);
       }
+      complete.texcoords &= has_rows(face_texcoords_, face, texcoords.size());
+      complete.normals &= has_rows(face_normals_, face, normals.size());
     }
   }
-  return has_all_normals;
+  return complete;
 }
 
 void MeshBuilder::cut_polygons() {
@@ -195,8 +191,15 @@ void MeshBuilder::warn_of_losses(ReadResult& result) {
 
 void MeshBuilder::finish(ReadResult& result) {
   warn_of_losses(result);
-  if (!check_forward_references()) {
-    warn(result.warnings, "normals are left out: faces name some that the file does not hold");
+  const Complete complete = check_forward_references();
+  constexpr const char* kMissing = " are left out: faces name some that the file does not hold";
+  if (!complete.texcoords) {
+    warn(result.warnings, std::string("texture coordinates") + kMissing);
+    face_texcoords_.take();
+    texcoords.take();
+  }
+  if (!complete.normals) {
+    warn(result.warnings, std::string("normals") + kMissing);
     face_normals_.take();
     normals.take();
   }

@@ -101,8 +101,7 @@ class MeshBuilder {
 
   /// Checks indices of rows that were not read yet, triangulates the polygons, and moves the tables
   /// to `result`.
-  /// @throws FormatError  (at the first such polygon) the index of a vertex or texture coordinate
-  ///                      is out of range.
+  /// @throws FormatError  (at the first such polygon) the index of a vertex is out of range.
   void finish(ReadResult& result);
 
  private:
@@ -118,9 +117,12 @@ class MeshBuilder {
 
   void add_triangle(const Corner& a, const Corner& b, const Corner& c);
   void warn_of_losses(ReadResult& result);
-  /// Do all normals exist that faces refer to? Missing ones are no error, because they do not
-  /// change the surface.
-  [[nodiscard]] bool check_forward_references() const;
+  /// Whether all texture coordinates and normals exist that faces refer to.
+  struct Complete {
+    bool texcoords = true, normals = true;
+  };
+  /// Missing texture coordinates and normals are no error, because they do not change the surface.
+  [[nodiscard]] Complete check_forward_references() const;
   void cut_polygons();
   [[nodiscard]] Colors take_colors();
   void use_face_colors(ReadResult& result);

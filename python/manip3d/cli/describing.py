@@ -12,6 +12,8 @@ from manip3d.cli.terminal import Terminal, count, table
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from manip3d.mesh import Texture
+
 
 _LABELS = {
     "non_manifold_edges": "non-manifold edges",
@@ -26,10 +28,16 @@ def summary(source: str, terminal: Terminal) -> dict[str, Any]:
     """Return all counts of a mesh, its materials and their textures."""
     mesh = open_mesh(source, terminal, may_be_empty=True)
     materials = [
-        {"name": m.name, "textures": {role: t.path for role, t in m.textures.items()}}
+        {"name": m.name, "textures": {role: _place(t) for role, t in m.textures.items()}}
         for m in mesh.materials
     ]
     return {"file": source} | asdict(mesh.summary()) | {"materials": materials}
+
+
+def _place(texture: Texture) -> str | None:
+    if texture.path is None and texture.data is not None:
+        return f"embedded ({len(texture.data)} bytes)"
+    return texture.path
 
 
 def show(console: Console, record: dict[str, Any]) -> None:
