@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import manip3d
-from manip3d import FormatError, io
+from gltf_files import PNG
+from manip3d import FormatError, Material, Mesh, Texture, io
 from manip3d.io import read_mesh_bytes
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -362,6 +364,58 @@ def test_mtl_opacity_in_the_image_of_the_colour_cuts_out(
     assert (report.mesh.materials[0].alpha_mode, report.warnings) == (mode, ())
     report.mesh.write(tmp_path / "again.obj")
     assert manip3d.read_mesh(tmp_path / "again.obj").materials[0].alpha_mode == mode
+
+
+def written_look(path: Path, **look: Any) -> Material:
+    """The material as read back from a file with it, whose image is made up."""
+    look = {"textures": {"base_color": Texture("leaf.png", PNG)}} | look
+    square = Mesh(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+        [[0, 1, 2]],
+        texcoords=[[0, 0], [1, 0], [0, 1]],
+        face_texcoords=[[0, 1, 2]],
+        face_material=[0],
+        materials=[Material("leaf", **look)],
+    )
+    square.write(path)
+    (material,) = manip3d.read_mesh(path).materials
+    return material
+
+
+def test_obj_opacity_of_an_image_comes_back(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """MTL has no word for the way of blending; what is cut out stays so."""
+    path = tmp_path / "a.obj"
+    assert written_look(path, alpha_mode="blend").alpha_mode == "mask"
+    blend = written_look(path, alpha_mode="blend", base_color=(1, 1, 1, 0.5))
+    assert (blend.alpha_mode, blend.base_color[3]) == ("blend", 0.5)
+    opaque = written_look(path, base_color=(1, 1, 1, 0.5))  # glTF ignores this alpha
+    assert (opaque.alpha_mode, opaque.base_color[3]) == ("opaque", 1.0)
+    assert written_look(path, alpha_mode="mask").alpha_mode == "mask"
+    assert not caplog.text
+    written_look(path, alpha_mode="mask", alpha_cutoff=0.3)
+    assert "material leaf: OBJ holds no alpha cutoff" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("what", "look"),
+    [
+        ("opacity", {"alpha_mode": "blend"}),
+        ("metallic", {"metallic": 0.5}),
+        ("roughness", {"roughness": 0.5}),
+        ("emissive", {"emissive": (0.0, 0.0, 2.0)}),
+    ],
+)
+def test_ply_names_what_it_leaves_out_of_materials(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, what: str, look: dict[str, Any]
+) -> None:
+    written_look(tmp_path / "a.ply")
+    assert not caplog.text
+    written_look(tmp_path / "a.ply", **look)
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{tmp_path / 'a.ply'}: PLY: {what} left out"
+    ]
 
 
 # --- Line ends ------------------------------------------------------------------------------

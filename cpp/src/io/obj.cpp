@@ -248,22 +248,27 @@ std::string mtl_text(const WriteJob& job, const std::vector<std::string>& names,
   std::string text;
   for (std::size_t i = 0; i < names.size(); ++i) {
     const Material& m = job.materials[i];
+    const bool is_opaque = m.alpha_mode == AlphaMode::kOpaque;  // whatever its alpha
+    const double opacity = is_opaque ? 1.0 : m.base_color[3];
     text += "newmtl " + names[i] + "\nKd " + shortest(m.base_color[0]) + " " +
             shortest(m.base_color[1]) + " " + shortest(m.base_color[2]) + "\nd " +
-            shortest(m.base_color[3]) + "\nPr " + shortest(m.roughness) + "\nPm " +
-            shortest(m.metallic) + "\n";
+            shortest(opacity) + "\nPr " + shortest(m.roughness) + "\nPm " + shortest(m.metallic) +
+            "\n";
     if (m.emits()) {
       text += "Ke " + shortest(m.emissive[0]) + " " + shortest(m.emissive[1]) + " " +
               shortest(m.emissive[2]) + "\n";
     }
     const std::string colors = companions.texture_name(m, "base_color");
     map_line(text, "map_Kd", colors);
-    if (m.alpha_mode == AlphaMode::kMask) map_line(text, "map_d", colors);
+    if (!is_opaque) map_line(text, "map_d", colors);
     map_line(text, "map_Ke", companions.texture_name(m, "emissive"));
     map_line(text, "norm", companions.texture_name(m, "normal"));
     const std::string both = companions.texture_name(m, "metallic_roughness");
     map_line(text, "map_Pr", both);
     map_line(text, "map_Pm", both);
+    if (m.alpha_mode == AlphaMode::kMask && (m.alpha_cutoff != 0.5 || opacity < 1.0)) {
+      warn(job.warnings, "material " + names[i] + ": OBJ holds no alpha cutoff");
+    }
     if (m.textures.contains("occlusion")) {
       warn(job.warnings, "material " + names[i] + ": OBJ holds no occlusion texture");
     }

@@ -58,6 +58,7 @@ class PlyWriter {
         some_lack_texcoords_(mesh_.has_texcoords() && lacks_texcoords(mesh_)) {}
 
   void write() {
+    warn_of_losses();
     find_textures();
     if (mesh_.has_materials()) colors_ = colors_of(job_.materials);
     write_header();
@@ -67,6 +68,15 @@ class PlyWriter {
   }
 
  private:
+  void warn_of_losses() {
+    for (const Material& m : job_.materials) {
+      if (m.alpha_mode != AlphaMode::kOpaque) warn(job_.warnings, "PLY: opacity left out");
+      if (m.metallic != 0.0) warn(job_.warnings, "PLY: metallic left out");
+      if (m.roughness != 1.0) warn(job_.warnings, "PLY: roughness left out");
+      if (m.emits()) warn(job_.warnings, "PLY: emissive left out");
+    }
+  }
+
   void find_textures() {
     std::set<std::string> roles_left_out;
     for (const Material& m : job_.materials) {
