@@ -974,6 +974,35 @@ def test_locked_vertices_stay_with_their_texture() -> None:
     assert moved.any(axis=1).mean() > 0.9
 
 
+def _texcoords_at(mesh: Mesh, vertices: NDArray[np.intp]) -> list[set[tuple[float, float]]]:
+    """The texture coordinates that the corners at each of these vertices have."""
+    assert mesh.texcoords is not None
+    assert mesh.face_texcoords is not None
+    found: dict[int, set[tuple[float, float]]] = {int(v): set() for v in vertices}
+    corners = zip(mesh.faces.ravel(), mesh.texcoords[mesh.face_texcoords.ravel()], strict=True)
+    for vertex, (u, v) in corners:
+        if int(vertex) in found:
+            found[int(vertex)].add((float(u), float(v)))
+    return [found[int(v)] for v in vertices]
+
+
+@pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
+@pytest.mark.parametrize("height", [0.5, 0.8])
+def test_locked_vertices_get_no_texture_coordinates_of_others(method: Any, height: float) -> None:
+    """Locks put the target out of reach, so that all collapses beside them are tried."""
+    head = simulate.models.head(faces=8000)
+    low, high = head.bounds
+    locked = head.vertices[:, 1] > low[1] + height * (high - low)[1]
+    locked &= np.isin(np.arange(head.num_vertices), head.faces)
+    if height == 0.5:
+        locked &= head.vertices[:, 0] > 0.5 * (low + high)[0]
+    result = method(head, ratio=0.1, locked=locked)
+    assert result.stop == StopReason.NO_LEGAL_COLLAPSE
+    before = _texcoords_at(head, np.flatnonzero(locked))
+    after = _texcoords_at(result.mesh, result.vertex_map[locked])
+    assert all(found and found <= own for own, found in zip(before, after, strict=True))
+
+
 @pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
 @pytest.mark.parametrize("seed", range(8))
 def test_locked_vertices_stay_in_any_soup(method: Any, seed: int) -> None:

@@ -58,11 +58,8 @@ Vector2d texture_at(const FastMesh& mesh, std::int32_t wedge, std::int32_t v, st
   return own ? *own : best.cwiseMax(low).cwiseMin(high);
 }
 
-}  // namespace
-
-void merge_wedges(FastMesh& mesh, std::int32_t v, std::int32_t t, const Vector3f& p,
-                  MergedWedges& merged) {
-  auto& pairs = merged.pairs;
+/// Finds, for the wedges of t on the faces of its edge with v, those of v that replace them.
+void pair_wedges(const FastMesh& mesh, std::int32_t v, std::int32_t t, WedgePairs& pairs) {
   pairs.clear();
   const auto find = [&](std::int32_t from) {
     return std::find_if(pairs.begin(), pairs.end(),
@@ -73,6 +70,30 @@ void merge_wedges(FastMesh& mesh, std::int32_t v, std::int32_t t, const Vector3f
     if ((a != v && b != v) || mesh.remap[a] == mesh.remap[b] || find(from) != pairs.end()) return;
     pairs.emplace_back(from, mesh.wedges[f][a == v ? after(c) : before(c)]);
   });
+}
+
+}  // namespace
+
+bool changes_locked(const FastMesh& mesh, std::int32_t v, std::int32_t t, MergedWedges& merged) {
+  const bool stays_first = mesh.is_locked(v);
+  if (stays_first == mesh.is_locked(t)) return false;
+  pair_wedges(mesh, v, t, merged.pairs);
+  const auto [fixed, other] = stays_first ? std::pair(v, t) : std::pair(t, v);
+  bool changes = false;
+  mesh.for_each_face(other, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
+    const std::int32_t wedge = mesh.wedges[f][c], x = mesh.remap[a], y = mesh.remap[b];
+    if (x == y || x == fixed || y == fixed || !mesh.table.has_texture(wedge)) return;
+    changes = changes || std::ranges::none_of(merged.pairs, [&](const auto& pair) {
+                return (stays_first ? pair.first : pair.second) == wedge;
+              });
+  });
+  return changes;
+}
+
+void merge_wedges(FastMesh& mesh, std::int32_t v, std::int32_t t, const Vector3f& p,
+                  MergedWedges& merged) {
+  auto& pairs = merged.pairs;
+  pair_wedges(mesh, v, t, pairs);
   merged.wedges.clear();
   for (const std::int32_t from : {v, t}) {
     mesh.for_each_face(from, [&](std::uint32_t f, std::uint32_t c, std::int32_t, std::int32_t) {

@@ -20,6 +20,8 @@ struct MergedWedges {
   std::vector<Eigen::Vector2d> texcoords;
 };
 
+/// Whether a locked one of v and t would get a texture coordinate that only the other one has.
+bool changes_locked(const FastMesh& mesh, std::int32_t v, std::int32_t t, MergedWedges& merged);
 /// Replaces each wedge of t by that of v across a face on the edge; other wedges of t stay. Then
 /// all get the texture coordinate that the faces around have at p.
 void merge_wedges(FastMesh& mesh, std::int32_t v, std::int32_t t, const Vector3f& p,

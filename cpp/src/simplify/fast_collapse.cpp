@@ -113,6 +113,9 @@ std::optional<Rejection> EdgeCollapser::collapse(std::int32_t v, std::int32_t t,
     return Rejection::kDegenerate;
   }
   if (takes_last_face_of_locked(v, t, first, task)) return Rejection::kDegenerate;
+  if (!mesh_.locked.empty() && mesh_.has_wedges() && changes_locked(mesh_, v, t, task.merged)) {
+    return Rejection::kAttribute;
+  }
   if (!is_doubling) {
     if (const auto reason = check_links(v, t, first, second)) return reason;
   }

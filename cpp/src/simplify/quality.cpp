@@ -254,6 +254,12 @@ class QualitySimplifier {
       return refuse(v, t, Rejection::kLink);
     }
     if (check_.takes_last_face_of_locked()) return refuse(v, t, Rejection::kDegenerate);
+    if (kept_.is_locked(v) || kept_.is_locked(t)) {
+      wedges_.gather(v, t);
+      if (attributes_.changes_locked(v, t, wedges_.map())) {
+        return refuse(v, t, Rejection::kAttribute);
+      }
+    }
     Plan best = prices_.plan(v, t, edge->num_faces, Place::kBest);
     if (const std::optional<Rejection> refusal = check_.check_faces(best.position)) {
       const std::optional<Plan> other = plan_elsewhere(v, t, edge->num_faces);

@@ -44,6 +44,22 @@ void Attributes::find_charts() {
   }
 }
 
+bool Attributes::changes_locked(std::int32_t v, std::int32_t t, const WedgeMap& map) const {
+  const bool stays_first = kept_.is_locked(v);
+  const auto [fixed, other] = stays_first ? std::pair(v, t) : std::pair(t, v);
+  const auto continues = [&](std::int32_t wedge) {
+    if (!stays_first) return map.at(wedge) != wedge;
+    return std::ranges::any_of(map.pairs, [&](const auto& pair) { return pair.to == wedge; });
+  };
+  bool changes = false;
+  mesh_.for_each_face(other, [&](std::int32_t f, std::int32_t c) {
+    const std::int32_t wedge = mesh_.wedges(f)[c];
+    changes =
+        changes || (mesh_.has_texture(wedge) && !touches(mesh_, f, fixed) && !continues(wedge));
+  });
+  return changes;
+}
+
 void Attributes::collapse(std::int32_t v, std::int32_t t, const Vector3d& p,
                           const JoinedWedges& wedges) {
   if (original_.is_textured) set_texture(v, t, p, wedges);

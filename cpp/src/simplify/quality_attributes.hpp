@@ -15,6 +15,8 @@ class Attributes {
  public:
   Attributes(const MeshView& input, CollapseMesh& mesh, Original& original, const Kept& kept);
 
+  /// Whether a locked one of v and t would get a texture coordinate that only the other one has.
+  [[nodiscard]] bool changes_locked(std::int32_t v, std::int32_t t, const WedgeMap& map) const;
   /// Updates the attributes before v and t become one vertex at p, with these wedges.
   void collapse(std::int32_t v, std::int32_t t, const Vector3d& p, const JoinedWedges& wedges);
   /// Moves the texture coordinates nearer to those of the input, within their charts.

@@ -87,7 +87,8 @@ enum class Rejection : std::uint8_t {
   kBoundaryLoop,   ///< A boundary loop would fall below three edges.
   kComplexVertex,  ///< The edge ends in a complex vertex (ComplexVertices::kFreeze).
   kTextureFlip,    ///< A face would flip in texture space.
-  kAttribute,      ///< A corner would have no texture coordinate of its material at the new vertex.
+  kAttribute,      ///< A corner would have no texture coordinate of its material at the new vertex,
+                   ///< or a locked vertex one of another vertex.
   kErrorLimit,     ///< Above max_error.
   kDistanceLimit,  ///< The result is not known to keep max_distance.
 };
