@@ -52,6 +52,13 @@ eight were too few for a laser of an OS1-128, and left its points 0.1 mm off its
 TRIED_AGAIN = 16
 """Number of starting points, from `LATERALS`, for the fit of a laser if the likeliest one fails."""
 
+LEAST_SEEN, LEAST_SEEN_BETWEEN = 1.0 / 20.0, 1.0 / 10.0
+"""Least number of whole degrees of azimuth with points on a line of a laser, as a share of that of
+the line with most: LEAST_SEEN of the highest and lowest lines, and LEAST_SEEN_BETWEEN of those
+between two lines that reach this share. An object of another scanner's cloud brings lines of its
+own, which are as wide as the object. In eight clean clouds of eight scanners the share is above a
+seventh between such lines, and below LEAST_SEEN for the outermost line of two scanners."""
+
 
 def exact_lattice(
     rho: Floats,
@@ -77,6 +84,8 @@ def exact_lattice(
     # A line without any point within EXACT_TOLERANCE is not the line of a laser.
     kept = [k for k in _one_below_the_other(slope, on) if len(on[k])]
     slope, offset, on = slope[kept], offset[kept], [on[k] for k in kept]
+    seen = _seen_widely([angle[rows] for rows in on])
+    slope, offset, on = slope[seen], offset[seen], [on[k] for k in seen]
     if sum(map(len, on)) < LEAST_EXACT * len(rho):
         return None
     steps, lateral, azimuth = _exact_steps(rho, angle, on)
@@ -113,6 +122,18 @@ def _one_below_the_other(slope: Floats, on: Sequence[NDArray[np.int64]]) -> list
         if not kept or slope[k] < slope[kept[-1]]:
             kept.append(k)
     return kept
+
+
+def _seen_widely(angles: Sequence[Floats]) -> list[int]:
+    """Indices of the lines that see enough of the turn for a laser; given in descending order."""
+    degrees = [len(np.unique(np.degrees(each).astype(np.intp))) for each in angles]
+    most = max(degrees, default=0)
+    wide = [k for k, seen in enumerate(degrees) if seen >= LEAST_SEEN_BETWEEN * most]
+    return [
+        k
+        for k, seen in enumerate(degrees)
+        if k in wide or (seen >= LEAST_SEEN * most and not wide[0] < k < wide[-1])
+    ]
 
 
 def _fit_exactly(x: Floats, y: Floats, slope: float, offset: float) -> tuple[float, float]:

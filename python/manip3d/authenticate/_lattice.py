@@ -254,16 +254,14 @@ class SensorLattice:
             False for points nearer to the axis than `LINES_APART`; for points beyond the reach of
             exact coordinates (`EXACT_REACH`, or `FIVE_DIGITS_TO`); for points above or below all
             lines by more than half of the distance between the two outermost lines; and for points
-            of lasers that may have no line. These are points of a ring of which fewer than half are
-            on any line, at elevations as close together as those of one laser; and, if only the
-            order of the file tells rings, points off all lines in a gap that is wide enough for a
-            laser, or beyond the outermost line.
+            of lasers that may have no line. These are points in a gap between two lines that is
+            wide enough for a further laser, or beyond the outermost line: if only the order of the
+            file tells rings, all points off the lines; else the points of a ring of which fewer
+            than half are on any line, at elevations as close together as those of one laser.
         """
         reading = self.read(frame.points) if reading is None else reading
         told = self._is_between_lines(frame.points) & (reading.ring >= 0)
-        has_five_digits = has_whole_millimetres(frame.points, FIVE_DIGITS_TO)
-        reach = FIVE_DIGITS_TO if has_five_digits else EXACT_REACH
-        told &= np.abs(frame.points).max(axis=1, initial=0.0) < reach
+        told &= self._is_within_reach(frame.points)
         cloud = Cloud.of(frame)
         known = cloud.labels >= 0
         label = np.unique(cloud.labels[known], return_inverse=True)[1]
@@ -277,9 +275,19 @@ class SensorLattice:
             told[rows[~on & self._is_in_wide_gap(height)]] = False
         for one in np.flatnonzero(no_line):
             its = np.flatnonzero(known)[label == one]
-            if np.ptp(np.quantile(height[its], (0.1, 0.9))) < apart:
+            # Points of another scanner's laser have a ring of their own, too, in any gap.
+            may_be_laser = self._is_in_wide_gap(np.median(height[its], keepdims=True))[0]
+            if may_be_laser and np.ptp(np.quantile(height[its], (0.1, 0.9))) < apart:
                 told[rows[its]] = False
         return told
+
+    @staticmethod
+    def _is_within_reach(points: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Which points have coordinates that are exact to the tolerance of exact clouds."""
+        has_five_digits = has_whole_millimetres(points, FIVE_DIGITS_TO)
+        reach = FIVE_DIGITS_TO if has_five_digits else EXACT_REACH
+        within: NDArray[np.bool_] = np.abs(points).max(axis=1, initial=0.0) < reach
+        return within
 
     def _is_in_wide_gap(self, height: Floats) -> NDArray[np.bool_]:
         """Which tangents of elevation lie where a laser with few returns may be.
