@@ -337,6 +337,27 @@ def test_rings_of_a_pasted_box_are_no_lasers(unit: Unit) -> None:
     assert found.suspected.min() >= clean.num_points
 
 
+def test_points_above_all_lasers_are_not_passed_over(unit: Unit) -> None:
+    """No line reaches them, so that nothing can be said about them; five are too many for noise."""
+    clean = exact_scan(unit).points
+    top = 10.0 * math.tan(math.radians(max(unit.elevation) + 3.0))
+    box = np.random.default_rng(1).uniform([9.0, 3.1, top], [9.4, 4.9, top + 1.5], (800, 3))
+    lattice = estimate_lattice(without_labels(clean))
+    for number, verdict in ((4, "no_trace"), (5, "undecidable"), (800, "undecidable")):
+        points = np.concatenate([clean, box[:number].astype(np.float32)])
+        found = generic_consistency(without_labels(points), lattice=lattice)
+        assert found.verdict == verdict
+        assert found.reason.startswith(f"{number} points") is (verdict == "undecidable")
+        without = found.without(("range",))  # as after processing of the whole scan
+        assert (without.verdict == "undecidable") is (verdict == "undecidable")
+    whole = said(without_labels(points), plant=1)
+    assert whole.verdict == "undecidable"
+    assert "800 points" in whole.reason
+    moved = points.copy()
+    moved[on_post(points)] += np.float32([0.5, 0.3, 0.0])
+    assert said(without_labels(moved)).verdict == "tampered"
+
+
 @pytest.mark.parametrize("edit", ["moved", "turned", "along rays", "bump", "added"])
 def test_edits_are_found_to_the_point(unit: Unit, edit: str) -> None:
     points = exact_scan(unit).points.copy()

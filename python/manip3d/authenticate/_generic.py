@@ -120,6 +120,11 @@ IN_WORDS: dict[Verdict, str] = {
 }
 """Reason of each verdict in words."""
 
+UNTOLD = "{} points are on no line, where a laser without a line may look: they cannot be judged"
+"""Reason of an undecidable scan with `FEWEST_EXACT` or more such points. None of five clouds of
+Hesai and Ouster scanners and of packets of three Velodyne scanners has a single one by a lattice
+with all of its lasers."""
+
 
 @dataclass(frozen=True)
 class EvidenceReport:
@@ -299,12 +304,13 @@ class GenericResult(Showable):
             for kind, said in self.evidence.items()
         }
         rows = [region.rows for region in kept]
-        if self.verdict == "undecidable":
-            quiet = "undecidable"
+        reason = IN_WORDS["tampered" if kept else quiet]
+        if self.verdict == "undecidable" and not kept:
+            quiet, reason = self.verdict, self.reason
         return replace(
             self,
             verdict="tampered" if kept else quiet,
-            reason=IN_WORDS["tampered" if kept else quiet],
+            reason=reason,
             p_value=min((region.p_value for region in kept), default=1.0),
             score=self.score if kept else 0.0,
             evidence=evidence,
@@ -390,7 +396,8 @@ def generic_consistency(
 
     A kind of evidence that the frame as a whole contradicts is left out, with the kinds that depend
     on it: a motion-compensated cloud, for example, is on no lattice. A frame without an alarm whose
-    lines were left out is undecidable.
+    lines were left out is undecidable, and so is an exact one with five or more points off all
+    lines that may be those of lasers without a line.
 
     Clean frames may have stray points. ``N * STRAY_RATE * (NEIGHBOURS * STRAY_RATE)**(m - 1)``
     bounds the expected number of regions of ``m`` stray points in a frame of ``N`` points, and
@@ -459,13 +466,18 @@ def _consistency(
         return _judged(
             found, scan, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated
         )
-    kept = np.flatnonzero(lattice.is_told_exactly(scan, reading))
+    reading = lattice.read(scan.points, threads=threads) if reading is None else reading
+    is_told = lattice.is_told_exactly(scan, reading)
+    untold = int(np.count_nonzero(~is_told & lattice.is_of_no_line(scan.points, reading)))
+    kept = np.flatnonzero(is_told)
     told = scan.select(kept)
     reading = lattice.read(told.points, threads=threads)
     reading = without_roundings(reading, told.points, limits.tolerance)
     reading = _ranges_as_lines(reading, limits.tolerance)
     found = _examined(told.points, lattice, None, None, limits, reading, threads)
     judged = _judged(found, told, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated)
+    if untold >= FEWEST_EXACT and judged.verdict != "tampered":
+        judged = replace(judged, verdict="undecidable", reason=UNTOLD.format(untold))
     return judged.with_rows(kept, scan)
 
 

@@ -281,6 +281,27 @@ class SensorLattice:
                 told[rows[its]] = False
         return told
 
+    def is_of_no_line(
+        self, points: NDArray[np.float32], reading: LatticeReading
+    ) -> NDArray[np.bool_]:
+        """Return which points are certainly on no line of an exact lattice, at any elevation.
+
+        Parameters
+        ----------
+        points : (N, 3) float32, metres
+        reading : LatticeReading
+            Places of the points on the lattice.
+
+        Returns
+        -------
+        (N,) bool
+            False for points on a line, nearer to the axis than `LINES_APART`, or beyond the reach
+            of exact coordinates.
+        """
+        off = (reading.ring < 0) | (np.abs(reading.line_error) > self.tolerance)
+        off &= np.hypot(*points[:, :2].astype(np.float64).T) > LINES_APART
+        return off & self._is_within_reach(points)
+
     @staticmethod
     def _is_within_reach(points: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Which points have coordinates that are exact to the tolerance of exact clouds."""
