@@ -22,6 +22,7 @@ from manip3d.authenticate import (
     generic_consistency,
     inspect,
     kitti_lattice,
+    measure_power,
 )
 from manip3d.authenticate._exact_lattice import (
     _exact_steps,
@@ -29,6 +30,7 @@ from manip3d.authenticate._exact_lattice import (
     _one_below_the_other,
 )
 from manip3d.authenticate._lattice_steps import first_encoders, off_the_steps
+from manip3d.authenticate._power import BLIND_WHOLE_STEPS, BLIND_WITHOUT_STEPS
 from real_data import RealData
 
 UNITS = {"hesai": hesai(), "ouster": ouster()}
@@ -293,6 +295,20 @@ def test_edits_planted_in_it_are_all_that_is_known_of_its_power(unit: Unit) -> N
     assert found.power["white-box added"].found == 0
     elsewhere = exact_scan(unit).points + np.float32(0.5)
     assert said(without_labels(elsewhere), plant=2).verdict == "undecidable"
+
+
+def test_planted_edits_do_not_give_themselves_away_by_rounding() -> None:
+    """A turn about the scanner keeps lines and ranges; azimuths have no steps in some packets."""
+    classes = ["added", "moved", "along rays"]
+    for unit, added in ((velodyne(), 0), (hesai(), 2)):
+        clean = exact_scan(unit, labelled=True)
+        lattice = estimate_lattice(clean)
+        found = measure_power([clean], lattice, planted=2, classes=classes)
+        assert {name: each.found for name, each in found.items()} == {
+            "added": added, "moved": 2, "along rays": 0,  # 10 cm are whole steps of range
+        }  # fmt: skip
+        assert (BLIND_WITHOUT_STEPS in said(clean).blind) is (unit.is_stepped is False)
+        assert BLIND_WHOLE_STEPS in said(clean).blind
 
 
 def on_post(points: Points) -> NDArray[np.bool_]:

@@ -16,7 +16,12 @@ from manip3d.authenticate._generic import EVIDENCE, MISSING, GenericResult, cons
 from manip3d.authenticate._inspection import DetectorReport, Inspection
 from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 from manip3d.authenticate._no_returns import returns_of
-from manip3d.authenticate._power import BLIND, BLIND_WITHOUT_REFLECTANCES
+from manip3d.authenticate._power import (
+    BLIND,
+    BLIND_WHOLE_STEPS,
+    BLIND_WITHOUT_REFLECTANCES,
+    BLIND_WITHOUT_STEPS,
+)
 from manip3d.authenticate._processing import (
     COORDINATES_KEPT,
     STILL_COMPARED,
@@ -160,9 +165,21 @@ def _returns_by_lattice(case: Case, beside: Beside, padded: tuple[Processing, ..
     return combined(
         case.scan, position, case.source, sensor, reports, processing, generic=generic,
         turns=compared.turns, reflectance=compared.reflectance,
-        blind=BLIND if reports[-1].name == "reflectance" and reports[-1].power
-        else (*BLIND, BLIND_WITHOUT_REFLECTANCES),
+        blind=_blind(sensor, judges_reflectances=bool(reports[-1].power)
+                     and reports[-1].name == "reflectance"),
     )  # fmt: skip
+
+
+def _blind(sensor: Sensor, *, judges_reflectances: bool) -> tuple[str, ...]:
+    """Classes of edits that no detector finds in scans of a scanner."""
+    blind = [*BLIND]
+    if sensor.lattice is not None and not sensor.lattice.steps:
+        blind.append(BLIND_WITHOUT_STEPS)
+    if sensor.lattice is not None and sensor.lattice.is_exact:
+        blind.append(BLIND_WHOLE_STEPS)
+    if not judges_reflectances:
+        blind.append(BLIND_WITHOUT_REFLECTANCES)
+    return tuple(blind)
 
 
 def _processing_of_points(

@@ -52,6 +52,12 @@ BLIND = (
 BLIND_WITHOUT_REFLECTANCES = "reflectance rewritten: the scan has none that can be judged"
 """A further blind class if detector V cannot judge the scan."""
 
+BLIND_WITHOUT_STEPS = "points turned about the scanner: its azimuths have no steps"
+"""A further blind class if the lattice has lines and ranges only, as that of a Velodyne."""
+
+BLIND_WHOLE_STEPS = "points moved along their rays by whole range steps"
+"""A further blind class in exact clouds, whose coordinates are not rounded a second time."""
+
 BLIND_TERRESTRIAL = "points removed, cropped or moved together: only what was added is looked for"
 """A further blind class in scans that detectors I and II judge."""
 
@@ -62,9 +68,12 @@ FEWEST_POINTS = 100
 """Fewest returns of an object that is edited."""
 
 
-def _rounded(points: NDArray[np.float64]) -> Points:
-    """Round to whole millimetres, as in the scanner's files."""
-    return np.ascontiguousarray(np.round(points * 1000.0) / 1000.0, np.float32)
+def _rounded(points: NDArray[np.float64], lattice: SensorLattice) -> Points:
+    """Round to the steps of the coordinates in the scanner's files, if these have any."""
+    if lattice.coordinate_step:  # else rounding would give the edit away
+        a_metre = 1.0 / lattice.coordinate_step
+        points = np.round(points * a_metre) / a_metre
+    return np.ascontiguousarray(points, np.float32)
 
 
 def _xyz(cloud: Cloud) -> Points:
@@ -84,16 +93,17 @@ def _turned(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
     return np.column_stack([x, y, points[:, 2]])
 
 
-def _with(cloud: Cloud, rows: Rows, places: NDArray[np.float64]) -> Cloud:
+def _with(cloud: Cloud, rows: Rows, places: NDArray[np.float64], lattice: SensorLattice) -> Cloud:
     edited = cloud.copy()
-    edited[rows, :3] = _rounded(places)
+    edited[rows, :3] = _rounded(places, lattice)
     return edited
 
 
 def _added(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
     """Paste a copy of the object, turned about the scanner by 1 to 5 radians."""
     pasted = cloud[rows]
-    pasted[:, :3] = _rounded(_turned(pasted[:, :3].astype(np.float64), rng.uniform(1.0, 5.0)))
+    turned = _turned(pasted[:, :3].astype(np.float64), rng.uniform(1.0, 5.0))
+    pasted[:, :3] = _rounded(turned, lattice)
     return _written(np.concatenate([cloud, pasted]), lattice)
 
 
@@ -101,7 +111,7 @@ def _moved(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Gene
     """Move the object by 0.5 to 3 m along the ground."""
     angle, length = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(0.5, 3.0)
     shift = length * np.array([math.cos(angle), math.sin(angle), 0.0])
-    return _written(_with(cloud, rows, cloud[rows, :3] + shift), lattice)
+    return _written(_with(cloud, rows, cloud[rows, :3] + shift, lattice), lattice)
 
 
 def _rotated(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
@@ -109,14 +119,14 @@ def _rotated(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Ge
     center = cloud[rows, :3].mean(axis=0, dtype=np.float64)
     angle = math.radians(rng.uniform(5.0, 30.0)) * rng.choice([-1.0, 1.0])
     turned = _turned(cloud[rows, :3] - center, angle) + center
-    return _written(_with(cloud, rows, turned), lattice)
+    return _written(_with(cloud, rows, turned, lattice), lattice)
 
 
 def _resampled(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
     """Replace the object's points by points between pairs of them."""
     first, second = cloud[rows, :3], cloud[rng.permutation(rows), :3]
     weight = rng.uniform(0.2, 0.8, (len(rows), 1))
-    return _written(_with(cloud, rows, first * weight + second * (1.0 - weight)), lattice)
+    return _written(_with(cloud, rows, first * weight + second * (1.0 - weight), lattice), lattice)
 
 
 def _removed(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
@@ -130,7 +140,7 @@ def _along_rays(
     far = cloud[rows, :3].astype(np.float64)
     distance = np.sqrt((far * far).sum(axis=1, keepdims=True))
     shift = 0.1 * rng.choice([-1.0, 1.0])
-    return _with(cloud, rows, far * (1.0 + shift / distance))
+    return _with(cloud, rows, far * (1.0 + shift / distance), lattice)
 
 
 def _bump(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
@@ -139,7 +149,7 @@ def _bump(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Gener
     distance = np.sqrt((far * far).sum(axis=1, keepdims=True))
     apart = far - far[rng.integers(len(far))]
     height = 0.05 * np.exp(-(apart * apart).sum(axis=1, keepdims=True) / (2.0 * 0.25**2))
-    return _with(cloud, rows, far * (1.0 - height / distance))
+    return _with(cloud, rows, far * (1.0 - height / distance), lattice)
 
 
 def _few_points(
@@ -147,7 +157,8 @@ def _few_points(
 ) -> Cloud:
     """Move five points of the object by up to 0.5 m along each axis."""
     some = np.sort(rng.choice(rows, 5, replace=False))
-    return _written(_with(cloud, some, cloud[some, :3] + rng.uniform(-0.5, 0.5, (5, 3))), lattice)
+    places = cloud[some, :3] + rng.uniform(-0.5, 0.5, (5, 3))
+    return _written(_with(cloud, some, places, lattice), lattice)
 
 
 def _box_of(points: Points, rows: Rows) -> Box:
@@ -259,8 +270,8 @@ EDITS: Mapping[str, Edit] = MappingProxyType(
         **REFLECTANCE_EDITS,
     }
 )
-"""Classes of edits that can be planted. Edited points are whole millimetres in the scanner's
-order."""
+"""Classes of edits that can be planted. Edited points are in the scanner's order, and in the steps
+of its coordinates if these have any: an edit that is rounded among exact points is no test."""
 
 EDIT_MEANINGS: Mapping[str, str] = MappingProxyType(
     {
