@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,6 +23,7 @@ from manip3d.authenticate import (
     generic_consistency,
 )
 from manip3d.authenticate._generic import EVIDENCE, SuspectRegion, consistency_allowing
+from manip3d.authenticate._lattice import COLUMNS
 from manip3d.datasets import open_kitti
 from manip3d.lidar import Box
 from real_data import RealData
@@ -283,6 +285,33 @@ def test_lattice_is_written_and_read(tmp_path: Path) -> None:
 def test_damaged_lattice_files_are_refused(tmp_path: Path, text: bytes) -> None:
     (tmp_path / "sensor.json").write_bytes(text)
     with pytest.raises(manip3d.FormatError, match="sensor lattice"):
+        SensorLattice.load(tmp_path / "sensor.json")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("offset", [0.0] * 10),
+        ("azimuth", [[0.0] * 64]),
+        ("slope", [math.nan] * 64),
+        ("center", [math.inf] * 64),
+        ("steps", -5),
+        ("steps", 10**9),
+        ("range_step", -1.0),
+        ("coordinate_step", math.nan),
+        ("incoherence", math.inf),
+        *((None, value) for value in ([], [[]])),
+    ],
+)
+def test_a_lattice_file_with_impossible_numbers_is_refused(
+    tmp_path: Path, name: str | None, value: object
+) -> None:
+    LATTICE.save(tmp_path / "sensor.json")
+    text = json.loads((tmp_path / "sensor.json").read_text())
+    for each in COLUMNS if name is None else (name,):
+        text["sensor_lattice"][each] = value
+    (tmp_path / "sensor.json").write_text(json.dumps(text))
+    with pytest.raises(manip3d.FormatError, match="not a sensor lattice"):
         SensorLattice.load(tmp_path / "sensor.json")
 
 

@@ -69,6 +69,9 @@ FEWEST_TOLD = 30
 chosen, with `LINES_APART` and the share of a half, on crops of one frame of an OS-0-128 and one of
 an OS-1-128. None of 34 other crops of these frames that have a lattice is accused."""
 
+MOST_STEPS = 10_000_000
+"""Largest number of encoder counts of a lattice that is read from a file."""
+
 COLUMNS = ("slope", "offset", "lateral", "azimuth", "range_phase", "center", "slope_error")
 """Columns of `SensorLattice.table`."""
 
@@ -376,7 +379,7 @@ class SensorLattice:
         data = limited_bytes(path_of(path), _MOST_BYTES)
         try:
             values = json.loads(data)["sensor_lattice"]
-            column = {name: np.asarray(values[name], np.float64) for name in COLUMNS}
+            column = _columns_of(values)
             return cls(
                 slope=column["slope"],
                 offset=column["offset"],
@@ -385,10 +388,10 @@ class SensorLattice:
                 range_phase=column["range_phase"],
                 center=column["center"],
                 slope_error=column["slope_error"],
-                steps=int(values["steps"]),
-                range_step=float(values["range_step"]),
-                coordinate_step=float(values["coordinate_step"]),
-                incoherence=float(values["incoherence"]),
+                steps=int(_length_of(values, "steps")),
+                range_step=_length_of(values, "range_step"),
+                coordinate_step=_length_of(values, "coordinate_step"),
+                incoherence=_length_of(values, "incoherence"),
                 power=_power_of(values.get("power", {})),
                 tolerance=_tolerance_of(values.get("tolerance", LINE_TOLERANCE)),
             )
@@ -401,6 +404,25 @@ class SensorLattice:
             RecursionError,
         ) as error:
             raise FormatError(f"not a sensor lattice: {error}", file=os.fspath(path)) from error
+
+
+def _columns_of(values: Mapping[str, Any]) -> dict[str, Floats]:
+    """Columns of a lattice from a file; raises ValueError if they make no table of lasers."""
+    columns = {name: np.asarray(values[name], np.float64) for name in COLUMNS}
+    lasers = columns["slope"].size
+    for name, column in columns.items():
+        if column.shape != (lasers,) or lasers == 0:
+            raise ValueError(f"{name}: expected one number for each laser, got {column.shape}")
+        if not np.isfinite(column).all():
+            raise ValueError(f"{name}: expected finite numbers")
+    return columns
+
+
+def _length_of(values: Mapping[str, Any], name: str) -> float:
+    value = float(values[name])
+    if not 0.0 <= value <= MOST_STEPS:
+        raise ValueError(f"{name}: expected a number in [0, {MOST_STEPS}], got {value}")
+    return value
 
 
 def _tolerance_of(value: Any) -> float:
