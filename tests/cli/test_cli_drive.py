@@ -77,6 +77,7 @@ def test_a_drive_is_a_line_a_scan_and_a_table(drive: Path, tmp_path: Path) -> No
     assert [entry["verdict"] for entry in log] == ["no_trace", "tampered", "no_trace", "tampered"]
     assert all(len(entry["source_sha256"]) == 64 for entry in log[:3])
     assert (log[3]["source"], log[3]["scans"], log[3]["accused"]) == (str(drive), 3, [1])
+    assert log[3]["source_sha256"] == manip3d.datasets.folder_sha256(drive)
 
     asked = run(drive, *lattice, "--json", "-q", "-o", tmp_path / "found.json")
     whole = json.loads(asked.stdout)
@@ -236,6 +237,8 @@ def test_a_recording_that_is_cut_off_keeps_its_verdict(
     assert done.exit_code == 3, done.output
     assert "frame 2: not read" in page.read_text()
     assert report.read_log(log)[-1]["verdict"] == "tampered"
+    digest = manip3d.datasets.file_sha256(recording)
+    assert [entry["source_sha256"] for entry in report.read_log(log)] == [digest] * 3
     whole = 1
     done = run(recording, *options, "--json")
     assert done.exit_code == 1

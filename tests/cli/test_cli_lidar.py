@@ -338,12 +338,13 @@ def test_the_log_has_the_hash_of_a_recording_that_an_address_names(tmp_path: Pat
     path, log = tmp_path / "a.mkv", tmp_path / "case.jsonl"
     path.write_bytes(b"frames")
     empty = authenticate.inspect(np.zeros((0, 3), np.float32))
-    for source in (f"mkv:{path}", "sim:body"):
+    for source in (f"mkv:{path}", f"pcap:{path}", f"bag:{path}#/points", "sim:body"):
         _append(log, empty, source, Terminal(quiet=True))
-    first, second = report.read_log(log)
-    assert first["source"] == f"mkv:{path}"
-    assert first["source_sha256"] == hashlib.sha256(b"frames").hexdigest()
-    assert second["source_sha256"] == ""
+    *named, last = report.read_log(log)
+    assert named[0]["source"] == f"mkv:{path}"
+    for entry in named:
+        assert entry["source_sha256"] == hashlib.sha256(b"frames").hexdigest()
+    assert last["source_sha256"] == ""
 
 
 def test_options_of_one_scan_are_refused_for_several(scan: Path, tmp_path: Path) -> None:

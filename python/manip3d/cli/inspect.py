@@ -484,12 +484,14 @@ def inspect_drive(
     from manip3d import authenticate, capture, datasets, report
     from manip3d._util.json import finite
     from manip3d.io._files import atomic_write
+    from manip3d.report._evidence_files import sha256_of_source
 
     with naming_options("calibration"):
         drive = capture.open_drive(source, calibration=calibration)
     found: list[Inspection | None] = []
     records: list[dict[str, Any]] = []
     places = drive.numbers
+    whole_sha256 = "" if log is None else sha256_of_source(source)[0]
     judged = authenticate.inspect_drive(
         drive,
         numbers=places,
@@ -508,13 +510,13 @@ def inspect_drive(
         shell.show(f"{name}  {each.verdict}  {each.reason}")
         if log is not None:
             path = drive.paths.get(number)
-            digest = "" if path is None else datasets.file_sha256(path)
+            digest = whole_sha256 if path is None else datasets.file_sha256(path)
             report.append_log(log, each, source=f"{shown(source)}: {name}", source_sha256=digest)
     times_ns = [drive.times_ns.get(number) for number in range(len(found))]
     together = authenticate.judge_drive(found, places, times_ns=times_ns)
     row = together.record()
     if log is not None:
-        report.append_log(log, together, source=shown(source))
+        report.append_log(log, together, source=shown(source), source_sha256=whole_sha256)
     if output is not None:
         if output.suffix.lower() == ".html":
             report.write_drive_evidence(
