@@ -185,6 +185,19 @@ def test_second_echoes_are_left_out() -> None:
     assert occlusion_consistency(scan).verdict != "no_trace"
 
 
+@pytest.mark.parametrize(("name", "first"), [("return_number", 1), ("returnIndex", 0)])
+def test_an_echo_is_no_later_one_because_the_file_says_so(name: str, first: int) -> None:
+    """A real one is behind the first of its pulse; a pasted ball is in front."""
+    in_front = np.concatenate([CAVE, ball(0.6, 20_000) + np.float32([3, 1, 0])])
+    behind = np.concatenate([CAVE, CAVE[:40_000] * np.float32(1.3)])
+    for points, verdict in ((in_front, "tampered"), (behind, "no_trace")):
+        index = np.full(len(points), first, np.uint8)
+        index[len(CAVE) :] += 1
+        found = occlusion_consistency(LidarFrame(points, fields={name: index}))
+        assert found.verdict == verdict
+        assert (found.suspected >= len(CAVE)).any() == (verdict == "tampered")
+
+
 def test_origin_of_the_frame_is_used() -> None:
     away = np.float32([100, 200, 30])
     frame = LidarFrame(FORGED.points + away, origin=(100, 200, 30))

@@ -275,8 +275,9 @@ def occlusion_consistency(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        A scan taken from one position. If the fields ``target_index`` or ``return_number`` number
-        the echoes of a pulse, only first echoes are judged.
+        A scan taken from one position. If one of the fields ``target_index``, ``return_number``
+        and ``returnIndex`` numbers the echoes of a pulse, later echoes behind the first echo of
+        their cell are not judged.
     parameters : OcclusionParameters, optional
         Default: `CALIBRATED_OCCLUSION`, or `RINGS_OCCLUSION` if elevations have no period.
         `PAPER_OCCLUSION` has the dissertation's parameters.
@@ -326,9 +327,12 @@ def occlusion_consistency(
     place = scanner_position(origin, scene, threads)
     if place is None:
         return _undecidable(NO_ORIGIN, grid, parameters)
-    first_echoes = _first_echoes(scene)
-    points = scene.points if first_echoes is None else scene.points[first_echoes]
-    grid = grid or _grid_of(points, place, threads)
+    is_first = _first_echoes(scene)
+    grid = grid or _grid_of(
+        scene.points if is_first is None else scene.points[is_first], place, threads
+    )
+    judged = None if is_first is None else _not_behind(scene.points, is_first, place, grid)
+    points = scene.points if judged is None else scene.points[judged]
     calibration = None
     if parameters is None:
         parameters, calibration = _parameters_for(grid)
@@ -345,8 +349,8 @@ def occlusion_consistency(
             threads_of(threads),
         )
     )
-    if first_echoes is not None:
-        suspected = first_echoes[suspected].astype(np.int32)
+    if judged is not None:
+        suspected = judged[suspected].astype(np.int32)
     every = tuple(
         _region(values, first, suspected[component == number].astype(np.int64))
         for number, values in enumerate(found)
@@ -372,15 +376,39 @@ def occlusion_consistency(
     )
 
 
-def _first_echoes(scan: Scan) -> NDArray[np.int64] | None:
-    """Rows of first echoes of pulses; None if the file does not number echoes."""
+def _first_echoes(scan: Scan) -> NDArray[np.bool_] | None:
+    """Which points are first echoes of pulses; None if the file does not number echoes."""
     if scan.frame is None:
         return None
-    for name in ("target_index", "return_number"):
+    for name in ("target_index", "return_number", "returnIndex"):
         if name in scan.frame.fields:
             number = np.asarray(scan.frame.fields[name])
-            return np.flatnonzero(number <= max(int(number.min(initial=1)), 1))
+            return np.asarray(number == number.min(initial=number.max(initial=0)))  # 0 or 1
     return None
+
+
+def _not_behind(
+    points: NDArray[np.float32],
+    is_first: NDArray[np.bool_],
+    place: NDArray[np.float64],
+    grid: AngularGrid,
+) -> NDArray[np.int64]:
+    """Rows of the first echoes, and of others without a nearer first echo in their cell.
+
+    The file alone says that a point is a later echo; a real one is behind the first of its pulse.
+    """
+    away = points.astype(np.float64) - place
+    level = np.hypot(away[:, 0], away[:, 1])
+    distance = np.hypot(level, away[:, 2])
+    azimuth = np.degrees(np.arctan2(away[:, 1], away[:, 0])) - grid.azimuth_phase_deg
+    elevation = np.degrees(np.arctan2(away[:, 2], level)) - grid.elevation_phase_deg
+    columns = max(1, round(360.0 / grid.azimuth_deg))
+    column = np.round(azimuth / grid.azimuth_deg).astype(np.int64) % columns
+    row = np.round(elevation / grid.elevation_deg).astype(np.int64)
+    of_point = np.unique(row * columns + column, return_inverse=True)[1]
+    nearest = np.full(len(points), np.inf)
+    np.minimum.at(nearest, of_point[is_first], distance[is_first])
+    return np.flatnonzero(is_first | (distance < nearest[of_point]))
 
 
 def _grid_of(points: NDArray[np.float32], place: NDArray[np.float64], threads: int) -> AngularGrid:
