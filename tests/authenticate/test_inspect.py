@@ -787,6 +787,50 @@ def test_near_points_that_were_pasted_beside_a_marker_are_an_edit() -> None:
     assert found.suspected.min() >= found.num_points - 3
 
 
+def test_neighbours_are_placed_where_they_say_their_scanner_stood() -> None:
+    """In coordinates of a map each turn has a position of its own."""
+    points = street()
+    reading = LATTICE.read(points)
+    away = np.linalg.norm(points.astype(np.float64), axis=1)
+    turns = [
+        scans.rounded(scans.beam_points(LATTICE, reading.ring, reading.count, away + more))
+        for more in (0.1, 0.0, 0.2)
+    ]
+    places = [(10.0, 3.0, 1.0), (10.7, 3.0, 1.0), (11.4, 3.2, 1.1)]
+    moved = [
+        LidarFrame((turn + np.array(place)).astype(np.float32), origin=place)
+        for turn, place in zip(turns, places, strict=True)
+    ]
+    found = authenticate.inspect(moved[1], previous=moved[0], following=moved[2], lattice=LATTICE)
+    expected = authenticate.inspect(
+        turns[1], previous=turns[0], following=turns[2], origin=(0, 0, 0), lattice=LATTICE
+    )
+    assert found.verdict == expected.verdict
+    assert [each.reason for each in found.detectors] == [
+        each.reason for each in expected.detectors
+    ]  # fmt: skip
+    given = authenticate.inspect(
+        moved[1], previous=moved[0], following=moved[2], origin=places[1], lattice=LATTICE
+    )  # the caller's word counts for all three
+    assert given.processing != found.processing
+
+
+@pytest.mark.parametrize("share", [0.015, 0.02])
+def test_a_scan_of_another_scanner_around_this_one_is_no_edit(share: float) -> None:
+    points = street()
+    random = np.random.default_rng(4)
+    number = round(share * len(points))
+    angle, rho = random.uniform(0.0, 2.0 * np.pi, number), random.uniform(3.0, 25.0, number)
+    other = np.column_stack(
+        [rho * np.cos(angle), rho * np.sin(angle), random.uniform(-1.6, 0.5, number)]
+    )
+    found = street_with(lambda clean: np.concatenate([clean, scans.rounded(other)]))
+    assert found.verdict == "processed"
+    assert "fused" in {step.kind for step in found.processing}
+    few = street_with(lambda clean: np.concatenate([clean, scans.rounded(other[angle < 0.6])]))
+    assert few.verdict == "tampered"
+
+
 def test_markers_in_the_turns_beside_a_frame_are_no_evidence() -> None:
     points = street()
     marked = np.concatenate([points, np.float32([[1e4, 0, 0]] * 3)])

@@ -216,7 +216,10 @@ def inspect_beside(
         result = replace(_with_watermark(result, signed), scan=scan.replace(origin=result.origin))
         if is_planting:
             rest = part(own, 1.0)
-            return _planted(result, previous, following, plant, threads, rest)
+            places = (
+                _place_of(other, scan, result.origin, origin) for other in (previous, following)
+            )
+            return _planted(result, (previous, following), tuple(places), plant, threads, rest)
     if power:
         return result
     bare = tuple(replace(report, power=NO_POWER) for report in result.detectors)
@@ -225,8 +228,8 @@ def inspect_beside(
 
 def _planted(
     result: Inspection,
-    previous: ScanLike | None,
-    following: ScanLike | None,
+    beside: tuple[ScanLike | None, ...],
+    places: tuple[Position | None, ...],
     plant: int,
     threads: int,
     progress: Progress,
@@ -239,9 +242,13 @@ def _planted(
     if scan is None or position is None or sensor is None or sensor.lattice is None:
         return result
     frames = [at_origin(scan, position)]
-    if previous is not None and following is not None and not is_unmeasured:
-        before, after = (at_origin(as_frame(other), position) for other in (previous, following))
-        frames = [before, *frames, after]
+    turns = [
+        at_origin(as_frame(turn), place)
+        for turn, place in zip(beside, places, strict=True)
+        if turn is not None and place is not None
+    ]
+    if len(turns) == len(beside) and not is_unmeasured:
+        frames = [turns[0], *frames, turns[1]]
     here = measure_power(
         frames, sensor.lattice, planted=plant, neighbours=len(frames) > 1, threads=threads,
         progress=progress,
@@ -324,7 +331,10 @@ def _inspected(
     told(0.3)
     if found.kind == "lattice" and not asked.printed:
         beside = (asked.previous, asked.following)
-        before, after = (_neighbour(other, position, embedding, units) for other in beside)
+        before, after = (
+            _neighbour(other, _place_of(other, scan, position, asked.origin), embedding, units)
+            for other in beside
+        )
         case = Case(
             scan, position, source, (found, reading), embedding, units, asked.left_out,
             asked.threads,
@@ -394,10 +404,28 @@ def _carrying(scan: LidarFrame, trace: tuple[Processing, ...]) -> Inspection:
     )  # fmt: skip
 
 
+def _place_of(
+    turn: ScanLike | None, scan: LidarFrame, position: Position | None, given: ArrayLike | None
+) -> Position | None:
+    """The scanner's position in a neighbouring turn, which may state its own.
+
+    ``position`` is that in the scan; it differs from the scan's own statement if the scanner was
+    found above or below.
+    """
+    if position is None or given is not None or not isinstance(turn, LidarFrame):
+        return position
+    if turn.origin is None:
+        return position
+    own = position_of(turn.origin, "origin")
+    lift = np.subtract(position, scan.origin) if scan.origin is not None else np.zeros(3)
+    x, y, z = (float(value) for value in own + lift)
+    return (x, y, z)
+
+
 def _neighbour(
-    scan: ScanLike | None, position: Position, embedding: str, units_per_m: int
+    scan: ScanLike | None, position: Position | None, embedding: str, units_per_m: int
 ) -> LidarFrame | None:
-    if scan is None:
+    if scan is None or position is None:
         return None
     frame = as_frame(scan)
     if embedding and find_carrier(frame.points, units_per_m) == embedding:
