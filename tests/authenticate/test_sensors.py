@@ -183,6 +183,30 @@ def test_a_scan_beside_the_lines_was_moved(shift: float) -> None:
     assert identify_sensor(points).off_lattice == 0.0
 
 
+@pytest.mark.parametrize(("seen", "are_two"), [(0.08, False), (0.12, True)])
+def test_a_tenth_of_the_points_beside_the_lines_is_no_edit(seen: float, are_two: bool) -> None:
+    lattice = of_lasers(16)
+    points = street_of(lattice)
+    angle = np.mod(np.arctan2(points[:, 1], points[:, 0]), 2.0 * np.pi)
+    points[angle < 2.0 * np.pi * seen, 2] += np.float32(0.05)
+    assert is_of_two_scanners(points, lattice.read(points)) is are_two
+
+
+def test_another_unit_of_a_model_was_not_moved() -> None:
+    """Its lasers look a little elsewhere; its own lattice tells where."""
+    known, random = kitti_lattice(), np.random.default_rng(1)
+    turn = np.sort(random.normal(0.0, 2.5e-3, 64))[::-1] + random.normal(0.0, 6e-4, 64)
+    other = replace(known, slope=known.slope + turn)
+    assert (np.diff(other.slope) < 0.0).all()
+    points = scans.scan(np.random.default_rng(5), other)
+    reading = known.read(points)
+    assert 0.004 < np.median(np.abs(reading.line_error)) < 0.02
+    found = identify_sensor(points)
+    assert (found.name, found.off_lattice, found.is_own) == ("HDL-64E", 0.0, True)
+    assert found.lattice is not None
+    np.testing.assert_allclose(found.lattice.slope, other.slope, atol=1e-4)
+
+
 @pytest.mark.parametrize(("lasers", "is_exact"), [(7, False), (8, True), (16, True)])
 def test_eight_lasers_are_the_fewest_of_an_exact_lattice(lasers: int, is_exact: bool) -> None:
     found = identify_sensor(exact_scan(hesai(lasers), labelled=True))

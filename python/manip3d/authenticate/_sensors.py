@@ -107,6 +107,10 @@ LARGEST_SLOPE_ERROR = 2e-4
 judges it. It is at most 9e-5 in whole frames of KITTI, and 2e-4 to 1e-3 in camera crops, whose
 lattices accuse clean points."""
 
+LEAST_OTHER_SLOPE = 3.0 * LARGEST_SLOPE_ERROR
+"""Least median difference of the slopes of two units of a model. Those of one unit differ by less
+in a cloud that was moved up or down."""
+
 FEWEST_LINES = 60
 """Fewest lines of an HDL-64E's 64 lasers; no other scanner's clouds that are not exact keep the
 steps of the encoder."""
@@ -291,6 +295,8 @@ def identify_and_read(
         on_lattice = _on_exact_lattice if known.is_exact else _on_lattice
         found = on_lattice(frame.points, known, reading)
         if found is not None:
+        if found is not None and found.off_lattice > 0.0 and (own := _other_unit(frame, known)):
+            return own, None
             return found, reading
     sensor = (
         _by_turned_axes(frame.points, threads)
@@ -516,6 +522,18 @@ def height_above_origin(sensor: Sensor, points: NDArray[np.float32]) -> float:
 
 
 def _common_part(heights: NDArray[np.float32], step: float) -> tuple[float, float]:
+def _other_unit(frame: LidarFrame, known: SensorLattice) -> Sensor | None:
+    """Another unit of a known model, whose lasers look elsewhere; None: a unit of the same slopes.
+
+    Points of such a unit are near the lines of the known one, as if they had been moved.
+    """
+    own = _by_own_lattice(frame)
+    if own is None or own.lattice is None:
+        return None
+    apart = np.abs(own.lattice.slope[:, None] - known.slope).min(axis=1)
+    return own if np.median(apart) > LEAST_OTHER_SLOPE else None
+
+
     """The common remainder, metres, of heights divided by a step, and the share of heights with it.
 
     Sums are over whole nanometres, so that they are the same on all machines.
