@@ -13,7 +13,7 @@ from exact_scans import exact_scan, hesai, in_polar_steps, ouster
 from manip3d import LidarFrame
 from manip3d.authenticate import SensorLattice, identify_sensor, kitti_lattice
 from manip3d.authenticate._lattice import COLUMNS
-from manip3d.authenticate._sensors import BEAM_WIDTH, BEAMS, _common_part
+from manip3d.authenticate._sensors import BEAM_WIDTH, BEAMS, _common_part, is_of_two_scanners
 
 COUNT = 8000
 

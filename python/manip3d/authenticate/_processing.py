@@ -21,7 +21,7 @@ from manip3d.authenticate._roundings import (
     processing_of_coordinates,
     processing_off_lattice,
 )
-from manip3d.authenticate._sensors import HDL64E, is_unit_of_kitti
+from manip3d.authenticate._sensors import HDL64E, is_of_two_scanners, is_unit_of_kitti
 from manip3d.authenticate._verdict import Processing
 
 if TYPE_CHECKING:
@@ -74,6 +74,11 @@ points share a cell of its grid, while at least FEWEST_SHARED, and TIMES_SHIFTED
 share a cell of a grid that is shifted by half a cell. With these edges a few means lie near the
 scanner, like an edit; coarser voxels leave means all around, finer voxels none."""
 
+OF_TWO_SCANNERS = (
+    "points in most directions, or a tenth of all, lie beside the lines of the scanner, "
+    "as those of another one do"
+)
+
 COORDINATES_KEPT = ("repeated", "reflectances", "padded", "regrouped")
 """Kinds of processing that move and remove no return."""
 
@@ -123,6 +128,8 @@ def find_processing(
         of_lattice = _processing_of_lattice(points, sensor, generic, reading)
         if sensor.name == HDL64E and not found and generic.contradicted & OF_PLACES:
             found += finely_rounded(points, sensor.lattice, reading)
+        if _holds_two_scanners(points, sensor, generic, reading):
+            found.append(Processing("fused", OF_TWO_SCANNERS))
         is_explained = any(step.kind in ("rounded", "float16", "scaled") for step in found)
         found += [step for step in of_lattice if not (is_explained and step.kind == "moved")]
         if sensor.name != HDL64E or not generic.evidence["order"].used:
@@ -132,6 +139,18 @@ def find_processing(
         if sensor.name == HDL64E and _holds_no_pasted_points(generic):
             found = _with_outliers(points, found)
     return tuple(found)
+
+
+def _holds_two_scanners(
+    points: NDArray[np.float32],
+    sensor: Sensor,
+    generic: GenericResult,
+    reading: LatticeReading | None,
+) -> bool:
+    """Whether a scan of another scanner seems to be fused with that of a known one."""
+    if sensor.is_own or sensor.lattice is None or generic.values_changed:
+        return False
+    return is_of_two_scanners(points, reading or sensor.lattice.read(points))
 
 
 def _holds_no_pasted_points(generic: GenericResult) -> bool:

@@ -128,9 +128,10 @@ points with errors between a quarter of the tolerance and the tolerance to the n
 beyond it. Objects that were moved by centimetres leave 0.05, and up to 0.25 if steps are short. In
 a cloud that was turned, deskewed or rounded by a little, the ratio exceeds 1."""
 
-MOST_EDITED = 0.1
-"""Largest share of a scan's points off an exact lattice; with more, a scan of another scanner was
-fused with it. A car 5 m from the tested scanners has 0.07."""
+MOST_EDITED, MOST_EDITED_OF_SECTOR = 0.1, 0.01
+"""MOST_EDITED: largest share of a scan's points off the lattice; with more, a scan of another
+scanner was fused with it. A car 5 m from the tested scanners has 0.07. MOST_EDITED_OF_SECTOR: the
+same for the median over the sectors of the horizon, in a scan that is not exact."""
 
 UNIT_TOLERANCE = 0.75
 """Largest difference, degrees, of the elevations of corresponding lasers of an HDL-64E and of
@@ -294,9 +295,9 @@ def identify_and_read(
         reading = known.read(frame.points, threads=threads)
         on_lattice = _on_exact_lattice if known.is_exact else _on_lattice
         found = on_lattice(frame.points, known, reading)
-        if found is not None:
         if found is not None and found.off_lattice > 0.0 and (own := _other_unit(frame, known)):
             return own, None
+        if found is not None:
             return found, reading
     sensor = (
         _by_turned_axes(frame.points, threads)
@@ -351,6 +352,28 @@ def _on_lattice(
     return Sensor(
         name, "lattice", "its points lie near the lines of the lattice", lattice, max(off, 1e-4)
     )
+
+
+def is_of_two_scanners(points: NDArray[np.float32], reading: LatticeReading) -> bool:
+    """Return whether points off the lines are too many, or in too many directions, for an edit.
+
+    Parameters
+    ----------
+    points : (N, 3) float32, metres
+        Points of a scan most of which lies on the lines of a lattice that is not exact.
+    reading : LatticeReading
+        Their places on it.
+    """
+    apart = np.hypot(points[:, 0], points[:, 1]) > LINES_APART
+    off = (reading.ring < 0) | (np.abs(reading.line_error) > LINE_TOLERANCE)
+    if not apart.any():
+        return False
+    there, beside = _by_sector(off[apart], reading.azimuth[apart])
+    some = there >= FEWEST_OF_SECTOR
+    in_most = np.count_nonzero(some) >= FEWEST_SECTORS and bool(
+        np.median(beside[some] / there[some]) > MOST_EDITED_OF_SECTOR
+    )
+    return in_most or bool(np.mean(off[apart]) > MOST_EDITED)
 
 
 def _on_exact_lattice(
@@ -467,12 +490,19 @@ def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) ->
 
     Every sector has the same weight, however many points were pasted into it.
     """
-    sector = (azimuth * (SECTORS / (2.0 * np.pi))).astype(np.intp).clip(0, SECTORS - 1)
-    points = np.bincount(sector, minlength=SECTORS)
+    points, holding = _by_sector(holds, azimuth)
     some = points >= FEWEST_OF_SECTOR
     if np.count_nonzero(some) < FEWEST_SECTORS:
         return float(np.mean(holds))
-    return float(np.mean(np.bincount(sector, holds, SECTORS)[some] / points[some]))
+    return float(np.mean(holding[some] / points[some]))
+
+
+def _by_sector(
+    holds: NDArray[np.bool_], azimuth: NDArray[np.float32]
+) -> tuple[NDArray[np.intp], Floats]:
+    """Number of points in each sector of the horizon, and of those for which ``holds`` is true."""
+    sector = (azimuth * (SECTORS / (2.0 * np.pi))).astype(np.intp).clip(0, SECTORS - 1)
+    return np.bincount(sector, minlength=SECTORS), np.bincount(sector, holds, SECTORS)
 
 
 def _by_own_lattice(frame: LidarFrame) -> Sensor | None:
@@ -490,6 +520,18 @@ def _by_own_lattice(frame: LidarFrame) -> Sensor | None:
     return Sensor(
         _name_of(lattice), "lattice", "its points tell the lattice themselves", lattice, is_own=True
     )
+
+
+def _other_unit(frame: LidarFrame, known: SensorLattice) -> Sensor | None:
+    """Another unit of a known model, whose lasers look elsewhere; None: a unit of the same slopes.
+
+    Points of such a unit are near the lines of the known one, as if they had been moved.
+    """
+    own = _by_own_lattice(frame)
+    if own is None or own.lattice is None:
+        return None
+    apart = np.abs(own.lattice.slope[:, None] - known.slope).min(axis=1)
+    return own if np.median(apart) > LEAST_OTHER_SLOPE else None
 
 
 def height_above_origin(sensor: Sensor, points: NDArray[np.float32]) -> float:
@@ -522,18 +564,6 @@ def height_above_origin(sensor: Sensor, points: NDArray[np.float32]) -> float:
 
 
 def _common_part(heights: NDArray[np.float32], step: float) -> tuple[float, float]:
-def _other_unit(frame: LidarFrame, known: SensorLattice) -> Sensor | None:
-    """Another unit of a known model, whose lasers look elsewhere; None: a unit of the same slopes.
-
-    Points of such a unit are near the lines of the known one, as if they had been moved.
-    """
-    own = _by_own_lattice(frame)
-    if own is None or own.lattice is None:
-        return None
-    apart = np.abs(own.lattice.slope[:, None] - known.slope).min(axis=1)
-    return own if np.median(apart) > LEAST_OTHER_SLOPE else None
-
-
     """The common remainder, metres, of heights divided by a step, and the share of heights with it.
 
     Sums are over whole nanometres, so that they are the same on all machines.
