@@ -532,6 +532,36 @@ def test_the_values_of_a_bin_tell_how_many_columns_it_has(
         read_scan(path)
 
 
+@pytest.mark.parametrize("columns", [3, 4, 7])
+@pytest.mark.parametrize("num_points", [20_000, 20_001])
+def test_shuffled_points_in_a_hall_tell_how_many_columns_they_have(
+    tmp_path: Path, columns: int, num_points: int
+) -> None:
+    """Heights are alike, x and y are not: columns differ little less from each other than from the
+    next ones. Columns beyond the fourth are normals."""
+    rng = np.random.default_rng(3)
+    angle, reach = rng.uniform(0.0, 2.0 * np.pi, num_points), rng.uniform(1.0, 6.0, num_points)
+    position = np.column_stack(
+        [reach * np.cos(angle), reach * np.sin(angle), rng.normal(size=num_points)]
+    )
+    rest = rng.normal(size=(num_points, 4)) / 2.0
+    rows = np.column_stack([position, rest])[:, :columns].astype(np.float32)
+    path = tmp_path / "scan.bin"
+    path.write_bytes(rows.tobytes())
+    frame = read_scan(path)
+    assert frame.format is not None
+    assert len(frame.format.columns) == columns
+    assert np.array_equal(frame.points, rows[:, :3])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_tells_no_columns(tmp_path: Path, seed: int) -> None:
+    path = tmp_path / "scan.bin"
+    rows = np.random.default_rng(seed).normal(size=(21_000, 4)).astype(np.float32)
+    path.write_bytes(rows.tobytes())
+    assert read_scan(path).num_points == len(rows)
+
+
 def test_few_or_equal_values_tell_no_columns(tmp_path: Path) -> None:
     path = tmp_path / "scan.bin"
     for rows in (rows_of_a_turn(5, 800), np.zeros((20_000, 5), np.float32)):
