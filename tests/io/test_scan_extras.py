@@ -580,3 +580,31 @@ def test_no_other_unit_is_named(tmp_path: Path, records: list[tuple[int, bytes]]
     scan = read_scan(_in_system(tmp_path / "a.las", *records))
     assert scan.format is not None
     assert "unit" not in scan.format.header
+
+
+def test_e57_states_the_echo_of_each_point(tmp_path: Path) -> None:
+    """pye57 writes no column of echoes; scanners with several returns a pulse do."""
+    pye57 = pytest.importorskip("pye57")
+    e57 = pye57.libe57
+    points, echo = np.arange(15.0).reshape(5, 3), np.array([0, 1, 0, 2, 1], np.uint16)
+    file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
+    image = file.image_file
+    prototype, empty = e57.StructureNode(image), e57.VectorNode(image, True)
+    columns = dict(zip(("cartesianX", "cartesianY", "cartesianZ"), points.T.copy(), strict=True))
+    for name in columns:
+        prototype.set(name, e57.FloatNode(image, 0.0, e57.E57_DOUBLE, -100.0, 100.0))
+    prototype.set("returnIndex", e57.IntegerNode(image, 0, 0, 3))
+    rows, scan = e57.CompressedVectorNode(image, prototype, empty), e57.StructureNode(image)
+    scan.set("guid", e57.StringNode(image, "{1}"))
+    scan.set("points", rows)
+    file.data3d.append(scan)
+    buffers = e57.VectorSourceDestBuffer()
+    for name, values in {**columns, "returnIndex": echo}.items():
+        buffers.append(e57.SourceDestBuffer(image, name, values, 5, True, True))
+    writer = rows.writer(buffers)
+    writer.write(5)
+    writer.close()
+    file.close()
+    frame = io.read_scan(tmp_path / "a.e57")
+    assert frame.points.tolist() == points.tolist()
+    assert frame.fields["returnIndex"].tolist() == echo.tolist()

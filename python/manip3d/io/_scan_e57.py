@@ -30,6 +30,9 @@ _BLOCK = 1 << 20  # bytes per write
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _STATES = ("cartesianInvalidState", "sphericalInvalidState")
+ECHO = "returnIndex"
+"""Column with the number of the echo of a pulse, from 0."""
+
 INTEGERS = {"rowIndex": np.uint16, "columnIndex": np.uint16, "colorRed": np.uint8,
              "colorGreen": np.uint8, "colorBlue": np.uint8}  # fmt: skip
 """Columns that are written in addition to coordinates and intensity, and their types."""
@@ -72,9 +75,26 @@ def _check_claims(file: Any, path: Path, limit: int) -> None:
     check_points(sum(each.point_count for each in headers), str(path))
 
 
+def _columns_of(file: Any, header: Any) -> dict[str, NDArray[Any]]:
+    """Columns that pye57 knows, and the numbers of echoes, which it leaves out."""
+    pye57 = _pye57()
+    names = [name for name in header.point_fields if name in pye57.e57.SUPPORTED_POINT_FIELDS]
+    data: dict[str, NDArray[Any]]
+    data, buffers = file.make_buffers(names, header.point_count)
+    if ECHO in header.point_fields:
+        data[ECHO] = np.empty(header.point_count, np.uint16)
+        buffers.append(
+            pye57.libe57.SourceDestBuffer(
+                file.image_file, ECHO, data[ECHO], header.point_count, True, True
+            )
+        )
+    header.points.reader(buffers).read()
+    return data
+
+
 def _read_one(file: Any, index: int, path: Path) -> LidarFrame:
     header = file.get_header(index)
-    data: dict[str, NDArray[Any]] = file.read_scan_raw(index, ignore_unsupported_fields=True)
+    data = _columns_of(file, header)
     keep = np.ones(header.point_count, np.bool_)
     for state in _STATES:
         if state in data:
