@@ -75,8 +75,7 @@ share a cell of a grid that is shifted by half a cell. With these edges a few me
 scanner, like an edit; coarser voxels leave means all around, finer voxels none."""
 
 OF_TWO_SCANNERS = (
-    "points in most directions, or a tenth of all, lie beside the lines of the scanner, "
-    "as those of another one do"
+    "points in most directions lie beside the lines of the scanner, as those of another one do"
 )
 
 COORDINATES_KEPT = ("repeated", "reflectances", "padded", "regrouped")

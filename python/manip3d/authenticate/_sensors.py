@@ -129,9 +129,10 @@ beyond it. Objects that were moved by centimetres leave 0.05, and up to 0.25 if 
 a cloud that was turned, deskewed or rounded by a little, the ratio exceeds 1."""
 
 MOST_EDITED, MOST_EDITED_OF_SECTOR = 0.1, 0.01
-"""MOST_EDITED: largest share of a scan's points off the lattice; with more, a scan of another
-scanner was fused with it. A car 5 m from the tested scanners has 0.07. MOST_EDITED_OF_SECTOR: the
-same for the median over the sectors of the horizon, in a scan that is not exact."""
+"""MOST_EDITED: largest share of a scan's points off an exact lattice; with more, a scan of another
+scanner was fused with it. A car 5 m from the tested scanners has 0.07. MOST_EDITED_OF_SECTOR:
+largest median, over the sectors of the horizon, of that share in a scan that is not exact. However
+many points were pasted into a few sectors, they are an edit there."""
 
 UNIT_TOLERANCE = 0.75
 """Largest difference, degrees, of the elevations of corresponding lasers of an HDL-64E and of
@@ -355,7 +356,7 @@ def _on_lattice(
 
 
 def is_of_two_scanners(points: NDArray[np.float32], reading: LatticeReading) -> bool:
-    """Return whether points off the lines are too many, or in too many directions, for an edit.
+    """Return whether points off the lines lie in too many directions for an edit.
 
     Parameters
     ----------
@@ -366,14 +367,11 @@ def is_of_two_scanners(points: NDArray[np.float32], reading: LatticeReading) -> 
     """
     apart = np.hypot(points[:, 0], points[:, 1]) > LINES_APART
     off = (reading.ring < 0) | (np.abs(reading.line_error) > LINE_TOLERANCE)
-    if not apart.any():
-        return False
     there, beside = _by_sector(off[apart], reading.azimuth[apart])
     some = there >= FEWEST_OF_SECTOR
-    in_most = np.count_nonzero(some) >= FEWEST_SECTORS and bool(
-        np.median(beside[some] / there[some]) > MOST_EDITED_OF_SECTOR
-    )
-    return in_most or bool(np.mean(off[apart]) > MOST_EDITED)
+    if np.count_nonzero(some) < FEWEST_SECTORS:
+        return False
+    return bool(np.median(beside[some] / there[some]) > MOST_EDITED_OF_SECTOR)
 
 
 def _on_exact_lattice(
