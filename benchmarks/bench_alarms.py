@@ -61,7 +61,7 @@ BEAMS_PER_DEGREE = 5
 """Number of azimuths per degree at which a simulated HDL-32E fires."""
 
 
-LEAST_SWAY, MOST_SWAY = 0.15, 1.5
+MIN_SWAY, MAX_SWAY = 0.15, 1.5
 """Smallest and largest amplitude of a weaving car's path, metres, with a wavelength of 60 m. At
 10 m/s the largest amplitude turns the car by 0.9 degrees between two turns of the scanner. For
 comparison, KITTI's drive 0005 has 0.7 degrees, `simulate.street` a median of 0.02 and a maximum of
@@ -84,7 +84,7 @@ def weaving_street(number: int) -> Street:
     """Return a street on which the car weaves."""
     from manip3d import simulate
 
-    sway = float(np.random.default_rng(number + 7).uniform(LEAST_SWAY, MOST_SWAY))
+    sway = float(np.random.default_rng(number + 7).uniform(MIN_SWAY, MAX_SWAY))
     return replace(simulate.street(number), sway=sway)
 
 

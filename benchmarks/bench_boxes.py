@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 NEAREST, FARTHEST = 0.5, 3.0
 """Smallest and largest movement of a car, metres."""
 
-LEAST, MOST = (2.5, 1.2, 1.0), (5.5, 2.6, 2.4)
+MIN, MAX = (2.5, 1.2, 1.0), (5.5, 2.6, 2.4)
 """Smallest and largest length, width and height of the points of a car seen from two sides,
 metres."""
 
@@ -115,7 +115,7 @@ def cars(scan: Points) -> Iterator[NDArray[np.int64]]:
         size = tight_box(scan[rows].astype(np.float64)).size
         sides = (max(size[:2]), min(size[:2]), size[2])
         rho = float(np.hypot(*scan[rows, :2].mean(axis=0)))
-        fits = all(a <= side <= b for a, side, b in zip(LEAST, sides, MOST, strict=True))
+        fits = all(a <= side <= b for a, side, b in zip(MIN, sides, MAX, strict=True))
         if fits and 5.0 <= rho <= 35.0 and len(rows) >= 100:
             yield np.asarray(rows, np.int64)
 

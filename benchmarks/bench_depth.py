@@ -27,8 +27,8 @@ SHARE = 0.05
 TIMEOUT_S = 300
 WITHIN = 0.01  # largest relative error of the number of vertices
 REPEATS = 5
-MOST_RUNS = 8  # runs to reach that number, because the target of peers is a number of faces
-MOST_SAMPLES = 1_000_000
+MAX_RUNS = 8  # runs to reach that number, because the target of peers is a number of faces
+MAX_SAMPLES = 1_000_000
 OURS: dict[str, dict[str, Any]] = {
     "CS3 (CIOS)": {"method": "cios"},
     "relief, fast": {"method": "relief", "effort": "fast"},
@@ -139,7 +139,7 @@ def reach(name: str, model: str, points: int, output: Path) -> tuple[int, dict[s
     if name in OURS:
         return points, call(name, model, points, output)
     target, low, high = 2 * points, 0, 16 * points
-    for _ in range(MOST_RUNS):
+    for _ in range(MAX_RUNS):
         said = call(name, model, target, output)
         if said["status"] != "ok" or abs(said["vertices"] / points - 1) <= WITHIN:
             break
@@ -155,7 +155,7 @@ def quality(model: str, output: Path) -> Row:
 
     mesh = pickle.loads(output.read_bytes())
     image = load(model)[0]
-    options = {"most_samples": MOST_SAMPLES, "seed": 0}
+    options = {"most_samples": MAX_SAMPLES, "seed": 0}
     return {"faces": mesh.num_faces} | _depth.measures(image, mesh, options)
 
 

@@ -26,7 +26,7 @@ from peers import PEERS
 from running import run_peer
 
 RATIOS = (0.5, 0.1, 0.02, 0.005)
-MOST_SAMPLES = 300_000  # largest number of area samples; 10 per face below 30 000 faces
+MAX_SAMPLES = 300_000  # largest number of area samples; 10 per face below 30 000 faces
 Row = dict[str, Any]
 
 
@@ -34,7 +34,7 @@ def errors(original: Mesh, simplified: Mesh, *, has_uv: bool) -> Row:
     """Return Metro of area samples in both directions, texture error and boundary gap."""
     if simplified.num_faces == 0:
         return {"faces": 0}
-    samples = min(10 * original.num_faces, MOST_SAMPLES)
+    samples = min(10 * original.num_faces, MAX_SAMPLES)
     metro = metrics.metro(original, simplified, sampling="area", samples=samples)
     measured: Row = {
         "faces": simplified.num_faces,

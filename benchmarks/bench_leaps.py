@@ -48,7 +48,7 @@ SCENES: tuple[dict[str, Any], ...] = (
 )
 JITTERS = (0.010, 0.020)  # standard deviations of joints, metres
 CORRELATIONS = (0.0, 0.9)
-LEAST_OFF = 0.05  # smallest distance from the true plane of a tested point, metres
+MIN_OFF = 0.05  # smallest distance from the true plane of a tested point, metres
 KNOWN = 15  # first frames without swaps; sides swapped from the start would define the patient
 
 
@@ -103,7 +103,7 @@ def offs(capture: BodyCapture, result: PhantomFrame, limb: Limb) -> list[tuple[f
     """Return signed distances from the true plane, metres: of phantom and true mirror image.
 
     The first pair is that of the drawn pixels, the second that of the joint at the limb's end, if
-    the tracker sees the intact limb's end. Pairs nearer to the plane than `LEAST_OFF` are left out.
+    the tracker sees the intact limb's end. Pairs nearer to the plane than `MIN_OFF` are left out.
     """
     from manip3d.modify import PixelKind
     from manip3d.rgbd import TRACKED
@@ -120,7 +120,7 @@ def offs(capture: BodyCapture, result: PhantomFrame, limb: Limb) -> list[tuple[f
     if capture.frame.skeletons[0].states[intact[3]] == TRACKED:
         end = result.skeleton.positions[mine[3]].astype(float)
         pairs.append((float((end - origin) @ normal), float(true[3])))
-    return [(off, wanted) for off, wanted in pairs if abs(wanted) >= LEAST_OFF]
+    return [(off, wanted) for off, wanted in pairs if abs(wanted) >= MIN_OFF]
 
 
 def run(captures: list[BodyCapture], limb: Limb, what: Disturbance, seed: int) -> Counter[str]:

@@ -35,7 +35,7 @@ from manip3d import Mesh, metrics, simplify
 
 RATIO = 0.1
 LIMITS = (1e-2, 1e-3, 1e-4)
-MOST_SAMPLES = 10_000_000  # largest number of samples; 100 per face below 100 000 faces
+MAX_SAMPLES = 10_000_000  # largest number of samples; 100 per face below 100 000 faces
 TOLERANCE = 1e-6
 PROVED: tuple[simplify.Mode, ...] = ("published", "quality")  # `fast` has no max_distance
 
@@ -61,7 +61,7 @@ def digests(mesh: Mesh, runs: int) -> dict[str, list[str]]:
 def points_of(mesh: Mesh, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return vertices, midpoints of edges, and random points of each face."""
     corners = mesh.vertices[mesh.faces]
-    per_face = max(1, min(100, MOST_SAMPLES // max(1, len(corners))))
+    per_face = max(1, min(100, MAX_SAMPLES // max(1, len(corners))))
     weights = rng.dirichlet([1, 1, 1], size=(len(corners), per_face))
     inside = np.einsum("fsk,fkd->fsd", weights, corners).reshape(-1, 3)
     middles = 0.5 * (corners + np.roll(corners, 1, axis=1)).reshape(-1, 3)

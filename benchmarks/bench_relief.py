@@ -47,7 +47,7 @@ from peers import PEERS, NotInstalledError
 
 EFFORTS = get_args(simplify.Effort)
 COLLAPSES = ("meshoptimizer subset", "meshoptimizer attributes", "meshoptimizer update")
-MOST_SAMPLES = 400_000
+MAX_SAMPLES = 400_000
 PARTS = ("buffers", "sequences", "missing", "cases")
 FLICKER = ("flicker_mm", "step_mm", "changed")
 PUBLISHED_SHARE = 0.05  # share of the points in the published tables
@@ -154,14 +154,14 @@ def faces_for(peer: Any, mesh: Mesh, points: int) -> int:
 
 def mean_of(dense: Mesh, mesh: Mesh) -> float:
     """Return the mean distance."""
-    samples = min(10 * dense.num_faces, MOST_SAMPLES)
+    samples = min(10 * dense.num_faces, MAX_SAMPLES)
     return metrics.metro(dense, mesh, sampling="area", samples=samples, threads=1).mean
 
 
 def error_of(dense: Mesh, mesh: Mesh) -> dict[str, float | None]:
     """Return the mean distance and the mean deviation of texture coordinates."""
     row: dict[str, float | None] = {"mean": mean_of(dense, mesh)}
-    samples = min(10 * dense.num_faces, MOST_SAMPLES)
+    samples = min(10 * dense.num_faces, MAX_SAMPLES)
     if mesh.texcoords is not None:
         row["texture"] = metrics.texture_error(dense, mesh, samples=samples, threads=1).mean
     return row

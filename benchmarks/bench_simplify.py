@@ -27,7 +27,7 @@ from peers import PEERS
 from running import run_peer
 
 TIMEOUT_S = 600
-MOST_SAMPLES = 1_000_000  # largest number of area samples; 10 per face below 100 000 faces
+MAX_SAMPLES = 1_000_000  # largest number of area samples; 10 per face below 100 000 faces
 COSTS = ("cpu_s", "wall_s", "base_bytes", "peak_bytes")
 Row = dict[str, Any]
 
@@ -39,7 +39,7 @@ def quality(original: Mesh, simplified: Mesh) -> dict[str, Any]:
         "vertices": simplified.num_vertices,
     }
     for sampling in ("vertex", "area"):
-        samples = min(10 * original.num_faces, MOST_SAMPLES) if sampling == "area" else None
+        samples = min(10 * original.num_faces, MAX_SAMPLES) if sampling == "area" else None
         metro = metrics.metro(original, simplified, sampling=sampling, samples=samples)
         measured[f"metro_{sampling}"] = {
             "mean": metro.mean,

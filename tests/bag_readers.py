@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 from typing import IO, Any
 
-MOST_BYTES = 1 << 16
+MAX_BYTES = 1 << 16
 
 
 class ForkedReader:
@@ -35,7 +35,7 @@ class ForkedReader:
         socket.send_fds(connection, [request], [in_read, out_write])
         os.close(in_read)
         os.close(out_write)
-        self.pid = json.loads(connection.recv(MOST_BYTES))
+        self.pid = json.loads(connection.recv(MAX_BYTES))
         self.stdout: IO[bytes] = os.fdopen(out_read, "rb")
         self.stdin: IO[bytes] | None = os.fdopen(in_write, "wb", buffering=0)
         if stdin == subprocess.DEVNULL:
@@ -67,7 +67,7 @@ def _connection(folder: str) -> socket.socket:
         process = subprocess.Popen(
             command, pass_fds=[theirs.fileno()], process_group=0, stdin=subprocess.DEVNULL
         )
-    assert ours.recv(MOST_BYTES) == b"ready"
+    assert ours.recv(MAX_BYTES) == b"ready"
 
     def end() -> None:
         ours.close()
@@ -92,7 +92,7 @@ def main() -> None:
     with socket.socket(fileno=int(sys.argv[1])) as connection:
         connection.send(b"ready")
         while True:
-            message, descriptors, _, _ = socket.recv_fds(connection, MOST_BYTES, 2)
+            message, descriptors, _, _ = socket.recv_fds(connection, MAX_BYTES, 2)
             if not message:
                 return
             child = os.fork()

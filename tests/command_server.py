@@ -17,7 +17,7 @@ import socket
 import sys
 from typing import Any
 
-MOST_BYTES = 1 << 20
+MAX_BYTES = 1 << 20
 
 
 def import_all() -> None:
@@ -31,7 +31,7 @@ def import_all() -> None:
 def next_request(connection: socket.socket) -> dict[str, Any]:
     """Serve requests; return in the child that is to run one, with its descriptors in place."""
     while True:
-        message, descriptors, _, _ = socket.recv_fds(connection, MOST_BYTES, 3)
+        message, descriptors, _, _ = socket.recv_fds(connection, MAX_BYTES, 3)
         if not message:
             sys.exit(0)
         request: dict[str, Any] = json.loads(message)

@@ -84,7 +84,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     others[i] = static_cast<std::uint8_t>(others[i] | ((data[i / 8] >> (i % 8)) & 1));
   }
   if (const auto record = record_or_nothing(others)) {
-    require(record->size() <= kMostCarried);
+    require(record->size() <= kMaxCarried);
     const std::size_t shared = std::min(size, record->size());
     require(std::equal(data, data + shared, record->begin()));
     require(!known.accepts(others, *record) || others == known.sent.picture);

@@ -51,7 +51,8 @@ TEST(FastPrices, AreThoseOfOneEdgeAtATime) {
       const auto [v, t] = mesh.edge_at(priced.slot);
       const EdgeQuadric<float> edge(mesh.vertices[v], mesh.vertices[t]);
       const float value = edge.value(edge.ux, edge.uy, edge.uz);
-      EXPECT_EQ(priced.key, value > limit * edge.weight ? kTooDear : key_of(edge.price(value)));
+      EXPECT_EQ(priced.key,
+                value > limit * edge.weight ? kTooExpensive : key_of(edge.price(value)));
     }
   }
 }

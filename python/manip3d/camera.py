@@ -403,7 +403,7 @@ CAMERA_PRESETS: Mapping[str, CameraPreset] = {
 }  # fmt: skip
 """Nominal depth cameras by name; cameras of the same type differ by a few pixels."""
 
-_MOST_CAMERA_BYTES = 1 << 20  # largest size of a calibration file; real ones have a few kB
+_MAX_CAMERA_BYTES = 1 << 20  # largest size of a calibration file; real ones have a few kB
 CAMERA_SUFFIXES = (".json", ".txt", ".xml", ".yaml", ".yml")
 """Suffixes of the files that `read_intrinsics` reads."""
 
@@ -525,8 +525,8 @@ class _StereoCalibration:
 
 def _text_of_camera(path: Path) -> str:
     with open_regular(path) as file:
-        data = file.read(_MOST_CAMERA_BYTES + 1)
-    if len(data) > _MOST_CAMERA_BYTES:
+        data = file.read(_MAX_CAMERA_BYTES + 1)
+    if len(data) > _MAX_CAMERA_BYTES:
         raise FormatError("expected a camera, got more than a mebibyte", file=str(path))
     try:
         return data.decode("utf-8-sig")

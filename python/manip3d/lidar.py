@@ -342,7 +342,7 @@ class LidarFrame(Showable):
 
 
 _FAR_M = 8192.0  # beyond it, float32 rounds by a quarter of a millimetre or more
-_MOST_ROUNDED_M = 0.001
+_MAX_ROUNDED_M = 0.001
 
 
 def _points(values: ArrayLike, name: str) -> NDArray[np.float32]:
@@ -355,7 +355,7 @@ def _near_points(values: ArrayLike, name: str) -> NDArray[np.float32]:
     if points is values or not points.size or not _FAR_M < np.abs(points).max() < math.inf:
         return points
     rounded = float(np.abs(np.asarray(values) - points.astype(np.float64)).max())
-    if rounded > _MOST_ROUNDED_M:
+    if rounded > _MAX_ROUNDED_M:
         warnings.warn(
             f"{name}: float32 rounds these coordinates by up to {rounded:.2g} m; subtract a place "
             "near them first, as readers of files do (`LidarFrame.exact` keeps float64)",

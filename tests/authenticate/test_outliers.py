@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from manip3d import InputError, _core, authenticate, simulate
-from manip3d.authenticate._outliers import MOST_CUT, lone_distances, sharpest_end
+from manip3d.authenticate._outliers import MAX_CUT, lone_distances, sharpest_end
 from manip3d.io import read_scan
 from manip3d.lidar import LidarFrame
 from real_data import RealData
@@ -110,7 +110,7 @@ def test_filters_of_outliers_are_named(
 ) -> None:
     pytest.importorskip("open3d")
     ends = map(sharpest_end, lone_distances(street().points))
-    for (ratio, _), most in zip(ends, MOST_CUT, strict=True):
+    for (ratio, _), most in zip(ends, MAX_CUT, strict=True):
         assert ratio < most
     assert authenticate.inspect(street(), power=False).verdict != "processed"
     kept = street().select(np.flatnonzero(keeps(street().points)))

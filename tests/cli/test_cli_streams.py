@@ -230,7 +230,7 @@ def test_forging_keeps_few_frames_however_long_the_recordings_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for place in (forge, _recorded):
-        monkeypatch.setattr(place, "MOST_KEPT", 10)
+        monkeypatch.setattr(place, "MAX_KEPT", 10)
     people, scenes, poses = _Counted(80), _Counted(40), _Counted(40)
     places = {"people": people, "scenes": scenes, "poses": poses}
     made = _forge_of(monkeypatch, tmp_path, places, kind=2, background="scenes", pose="poses")
@@ -267,7 +267,7 @@ def test_a_recording_of_unknown_length_is_judged_all_over_without_being_kept(
 def test_the_plate_is_learnt_from_frames_of_the_whole_recording(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(_recorded, "MOST_KEPT", 10)
+    monkeypatch.setattr(_recorded, "MAX_KEPT", 10)
     spread = _recorded._Spread()
     for each in _Counted(47):
         spread.add(each)

@@ -20,7 +20,7 @@ nbformat = pytest.importorskip("nbformat")
 NOTEBOOKS = {
     path.stem: path for path in sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 }
-FEWEST_VIEWS = {
+MIN_VIEWS = {
     "02_mesh_simplification": 2,
     "03_depth_simplification": 3,
     "04_phantom_limb": 2,
@@ -68,7 +68,7 @@ def test_committed_without_outputs(name: str) -> None:
 
 
 def test_every_notebook_is_looked_at() -> None:
-    assert set(NOTEBOOKS) == set(FEWEST_VIEWS) == set(OWN_FILES)
+    assert set(NOTEBOOKS) == set(MIN_VIEWS) == set(OWN_FILES)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_runs_in_quick_mode(name: str, tmp_path: Path, monkeypatch: pytest.Monke
     pictures = [output for output in outputs if "image/png" in output.get("data", {})]
     assert len(pictures) >= 3
     assert min(num_colors(pixels(output)) for output in pictures) > 1
-    assert sum(shows_3d(output) for output in outputs) >= FEWEST_VIEWS[name]
+    assert sum(shows_3d(output) for output in outputs) >= MIN_VIEWS[name]
     if name.startswith("06"):
         check_forensics(notebook, pictures)
 

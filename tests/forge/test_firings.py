@@ -92,7 +92,7 @@ def test_what_stands_behind_is_not_seen() -> None:
 
 def test_spoofing_injects_at_most_200_returns() -> None:
     forged = forge.spoof(FRAME, pillar(), lattice=LATTICE, turn=1.0)
-    assert len(forged.moved) == forge.MOST_SPOOFED == 200
+    assert len(forged.moved) == forge.MAX_SPOOFED == 200
     check_truth(forged)
     check_lattice(forged)
     whole = forge.lattice_insert(FRAME, pillar(), lattice=LATTICE, turn=1.0)

@@ -18,7 +18,7 @@ import tempfile
 from pathlib import Path
 
 ERRORS = (errno.ENOSPC, errno.EIO)
-MOST_CALLS = 400
+MAX_CALLS = 400
 TYPED, FOREIGN, DONE = 11, 12, 13
 """Exit codes of a writer."""
 
@@ -65,7 +65,7 @@ def findings(name: str, error: int, stays: bool) -> tuple[int, list[str]]:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place).resolve()
         WRITERS[name](folder, 0)
-        for call in range(1, MOST_CALLS):
+        for call in range(1, MAX_CALLS):
             code = outcome(name, folder, 1, call, error, stays)
             found = look(name, folder)
             case = f"{name}, call {call}, {os.strerror(error)}{' for good' if stays else ''}"
@@ -89,7 +89,7 @@ def findings(name: str, error: int, stays: bool) -> tuple[int, list[str]]:
             if code == DONE and not is_reached(name, folder, call):
                 return call, wrong
             assert counted == 0  # the parent's calls are not counted
-    return MOST_CALLS, wrong
+    return MAX_CALLS, wrong
 
 
 def is_reached(name: str, folder: Path, call: int) -> bool:

@@ -16,7 +16,7 @@ import kernels
 import long_kernels
 from manip3d import Intrinsics, Mesh, forge, metrics
 
-MOST_S = 0.5  # of processor time, which does not depend much on other work
+MAX_S = 0.5  # of processor time, which does not depend much on other work
 ATTEMPTS = 3
 HUNG_S = 300.0  # of a child; a bound on waiting, not on speed
 
@@ -55,7 +55,7 @@ def test_ctrl_c_is_heard(make: Callable[[], Callable[[], object]], after: float)
         taken = long_kernels.seconds_to_stop(work, after)
         assert taken is not None, "the work is too short to be interrupted"
         times.append(taken)
-        if taken < MOST_S:
+        if taken < MAX_S:
             return
     raise AssertionError(times)
 
@@ -84,7 +84,7 @@ def test_long_kernels_hear_ctrl_c(name: str) -> None:
         assert done.returncode == 0, done.stderr
         assert done.stdout != "finished\n", "the work is too short to be interrupted"
         taken.append(float(done.stdout))
-        if taken[-1] < MOST_S:
+        if taken[-1] < MAX_S:
             return
     raise AssertionError(taken)
 

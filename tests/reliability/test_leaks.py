@@ -24,9 +24,9 @@ sys.path.append(str(Path(__file__).parents[1] / "fuzz"))
 
 import hostile_files
 
-CALLS, FEWEST_CALLS = 500, 25  # at night CALLS, else as many of them as take WINDOW_S
+CALLS, MIN_CALLS = 500, 25  # at night CALLS, else as many of them as take WINDOW_S
 WINDOW_S = 0.2  # of processor time
-MOST_PER_CALL = 512  # bytes
+MAX_PER_CALL = 512  # bytes
 ATTEMPTS = 8  # memory that grows for other reasons does not grow each time
 
 Growth = Callable[[Callable[[], object]], float]
@@ -78,7 +78,7 @@ def least_growth(call: Callable[[], object], calls: int) -> float:
             for _ in range(calls):
                 call()
             least = np.minimum(least, (memory() - before) / calls)
-            if (least < MOST_PER_CALL).all():
+            if (least < MAX_PER_CALL).all():
                 break
     finally:
         gc.unfreeze()
@@ -95,7 +95,7 @@ def growth(request: pytest.FixtureRequest) -> Growth:
         started = time.process_time()
         call()
         seconds = max(time.process_time() - started, 1e-6)
-        calls = CALLS if nightly else int(np.clip(WINDOW_S / seconds, FEWEST_CALLS, CALLS))
+        calls = CALLS if nightly else int(np.clip(WINDOW_S / seconds, MIN_CALLS, CALLS))
         for _ in range(calls // 5):
             call()
         return least_growth(call, calls)
@@ -109,22 +109,22 @@ def two_cores() -> None:
         pytest.skip("needs two cores")
 
 
-@pytest.mark.parametrize("calls", [FEWEST_CALLS, CALLS])
+@pytest.mark.parametrize("calls", [MIN_CALLS, CALLS])
 def test_the_measure_sees_a_leak(calls: int) -> None:
     kept: list[bytes] = []
-    assert least_growth(lambda: kept.append(bytes(2 * MOST_PER_CALL)), calls) > MOST_PER_CALL
+    assert least_growth(lambda: kept.append(bytes(2 * MAX_PER_CALL)), calls) > MAX_PER_CALL
 
 
 def test_parallel_calls_do_not_leak(two_cores: None, growth: Growth) -> None:
     """Each call once made an arena of oneTBB of its own, of which 14 kB stayed."""
     call = lambda: simplify.dense_mesh(kernels.DEPTH, kernels.CAMERA, threads=2)  # noqa: E731
-    assert growth(call) < MOST_PER_CALL
+    assert growth(call) < MAX_PER_CALL
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", kernels.KERNELS)
 def test_no_kernel_leaks(name: str, two_cores: None, growth: Growth) -> None:
-    assert growth(lambda: kernels.KERNELS[name](2)) < MOST_PER_CALL
+    assert growth(lambda: kernels.KERNELS[name](2)) < MAX_PER_CALL
 
 
 def test_a_monitor_keeps_nothing_of_its_frames(tmp_path: Path, growth: Growth) -> None:
@@ -148,7 +148,7 @@ def test_a_monitor_keeps_nothing_of_its_frames(tmp_path: Path, growth: Growth) -
             )
             assert alert.witnesses["watermark"].verdict == "authentic"
 
-        assert growth(judge) < MOST_PER_CALL
+        assert growth(judge) < MAX_PER_CALL
         assert monitor.counts.skipped == {"forensics": monitor.counts.frames}
 
 
@@ -193,5 +193,5 @@ def test_no_reader_leaks(kind: str, tmp_path: Path, growth: Growth) -> None:
 
     read()
     before = descriptors()
-    assert growth(read) < MOST_PER_CALL
+    assert growth(read) < MAX_PER_CALL
     assert descriptors() == before

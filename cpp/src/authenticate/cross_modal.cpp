@@ -15,10 +15,10 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kMostMapCells = 1 << 22;
+constexpr std::int64_t kMaxMapCells = 1 << 22;
 constexpr std::int32_t kOutsideMap = -1;
-constexpr float kLeastDisparity = 1e-3F;  // pixels: as far as infinity
-constexpr int kEnoughNeighbours = 5;      // of the nine cells around, that the cameras measured
+constexpr float kMinDisparity = 1e-3F;  // pixels: as far as infinity
+constexpr int kEnoughNeighbours = 5;    // of the nine cells around, that the cameras measured
 
 void check_camera(const DisparityView& disparity, const StereoView& camera) {
   if (disparity.height < 1 || disparity.width < 1 ||
@@ -94,7 +94,7 @@ class FrontMap {
         elevation_scale_(static_cast<float>(1.0 / (options.elevation_step * kDegree))) {
     const double columns = std::ceil(2.0 * options.half_azimuth / options.azimuth_step);
     const double rows = std::ceil((options.highest - options.lowest) / options.elevation_step);
-    if (!(columns * rows <= kMostMapCells)) {
+    if (!(columns * rows <= kMaxMapCells)) {
       throw InputError("azimuth_step, elevation_step: expected at most 2^22 cells");
     }
     columns_ = static_cast<std::int64_t>(columns);
@@ -227,7 +227,7 @@ void project_disparity(const DisparityView& disparity, const StereoView& camera,
       size = 0;
     };
     for (std::int64_t u = 0; u < disparity.width; ++u) {
-      if (!(row[u] > kLeastDisparity && row[u] < std::numeric_limits<float>::infinity())) continue;
+      if (!(row[u] > kMinDisparity && row[u] < std::numeric_limits<float>::infinity())) continue;
       const double z = depth_of_pixel / row[u];
       const double across = (static_cast<double>(u) - camera.center_u) / camera.focal;
       for (int axis = 0; axis < 3; ++axis) {

@@ -18,7 +18,7 @@ constexpr double kUnit = 1e-6;  // metres: unit of the sum of distances, which i
 constexpr double kLongestGap = 1000.0;  // metres: larger nearest-neighbour distances are clipped
 constexpr double kLookup = 0.005;       // metres: resolution of the table from ranges to levels
 constexpr float kSteepest = 0.2F;  // smallest cosine of elevation by which distances are divided
-constexpr std::int64_t kMostCells = 1 << 26;
+constexpr std::int64_t kMaxCells = 1 << 26;
 
 // Finds the sector and level of a point.
 class LevelFinder {
@@ -32,7 +32,7 @@ class LevelFinder {
     edges_.push_back(options.max_range);
     columns_ = options.sector > 0 ? 360 / options.sector : 1;
     rows_ = options.sector > 0 ? 180 / options.sector : 1;
-    if (!(columns_ * rows_ * levels() <= kMostCells)) {
+    if (!(columns_ * rows_ * levels() <= kMaxCells)) {
       throw InputError("level_width: expected at most 2^26 cells of sectors and levels");
     }
     const auto steps = static_cast<std::int64_t>(options.max_range / kLookup) + 1;

@@ -125,8 +125,8 @@ void number_objects(std::vector<SilhouetteSpan>& spans, const std::vector<float>
   UnionFind sets(count);
   std::int32_t first = 0;
   for (std::int32_t i = 0; i < count; ++i) {
-    constexpr std::int32_t kMostRows = 2;
-    while (spans[first].row < spans[i].row - kMostRows) ++first;
+    constexpr std::int32_t kMaxRows = 2;
+    while (spans[first].row < spans[i].row - kMaxRows) ++first;
     for (std::int32_t j = first; j < i && spans[j].row < spans[i].row; ++j) {
       const std::int32_t common =
           std::min(spans[i].end, spans[j].end) - std::max(spans[i].begin, spans[j].begin);

@@ -13,8 +13,8 @@ namespace {
 // Windows reach this many rows of cells and columns to each side.
 constexpr int kDriftRows = 1;
 constexpr int kDriftColumns = 2;
-constexpr std::int32_t kFewestDrifting = 8;
-constexpr std::size_t kFewestDriftWindows = 1000;
+constexpr std::int32_t kMinDrifting = 8;
+constexpr std::size_t kMinDriftWindows = 1000;
 // 1 / sqrt(12): standard deviation of a uniform distribution of width 1
 constexpr double kRoundingShare = 0.2887;
 // standard deviation of a normal distribution over its median absolute value
@@ -92,13 +92,13 @@ std::vector<float> drift_deviations(const PointsView& points, const LatticeReadi
   for (std::size_t k = 0; k < voxels.size(); ++k) {
     if (tallies[k].points == 0) continue;
     const DriftTally sum = drift_window(tallies, voxels, voxels.voxels()[k]);
-    if (sum.points < kFewestDrifting) continue;
+    if (sum.points < kMinDrifting) continue;
     const double doubt = sum.doubt;
     const double spread = std::sqrt(sum.points * rounding * rounding + doubt * doubt);
     deviations[k] = static_cast<float>(sum.error / spread);
     sizes.push_back(std::abs(deviations[k]));
   }
-  const bool enough = sizes.size() >= kFewestDriftWindows;
+  const bool enough = sizes.size() >= kMinDriftWindows;
   const double common = enough ? std::max(1.0, kNormalMad * median(std::span(sizes))) : 0.0;
   for (float& deviation : deviations) {
     deviation = enough ? static_cast<float>(deviation / common) : 0.0F;

@@ -14,7 +14,7 @@ constexpr float kAzimuthRounding = 1e-3F;
 
 // Bins of azimuth in which the starts of rings are counted.
 constexpr int kStartBins = 360;
-constexpr std::size_t kFewestStarts = 8;
+constexpr std::size_t kMinStarts = 8;
 
 // Azimuth at which most rings of the file begin: 0 in KITTI's files, the angle of rotation if the
 // frame was rotated about the vertical, and 0 if most rings have no common start.
@@ -25,7 +25,7 @@ float first_azimuth(const LatticeReading& reading) {
       starts.push_back(reading.azimuth(i));
     }
   }
-  if (starts.size() < kFewestStarts) return 0.0F;
+  if (starts.size() < kMinStarts) return 0.0F;
   const auto bin_of = [](float azimuth) {
     return std::min(static_cast<int>(azimuth * (kStartBins / kFullTurnF)), kStartBins - 1);
   };

@@ -43,22 +43,22 @@ class HorizonSectors {
     const auto spoiled =
         std::count_if(shares.begin(), shares.end(), [least](double s) { return s > least; });
     return share(found) > most ||
-           (shares.size() >= kFewestSectors && 2 * spoiled > std::ssize(shares));
+           (shares.size() >= kMinSectors && 2 * spoiled > std::ssize(shares));
   }
 
  private:
-  static constexpr std::int64_t kFewestOfSector = 100;
-  static constexpr std::size_t kFewestSectors = 8;
+  static constexpr std::int64_t kMinOfSector = 100;
+  static constexpr std::size_t kMinSectors = 8;
 
   /// The share of each sector with enough points; one share of all points if there are few such
   /// sectors.
   [[nodiscard]] std::vector<double> shares_of_sectors(const Tally& found) const {
     std::vector<double> shares;
     for (std::size_t s = 0; s < kSectors; ++s) {
-      if (points_[s] < kFewestOfSector) continue;
+      if (points_[s] < kMinOfSector) continue;
       shares.push_back(static_cast<double>(found[s]) / static_cast<double>(points_[s]));
     }
-    if (shares.size() >= kFewestSectors) return shares;
+    if (shares.size() >= kMinSectors) return shares;
     const auto all = std::accumulate(found.begin(), found.end(), std::int64_t{0});
     return {static_cast<double>(all) / static_cast<double>(std::max<std::int64_t>(num_points_, 1))};
   }

@@ -24,7 +24,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kMostRays = 1 << 28;
+constexpr std::int64_t kMaxRays = 1 << 28;
 constexpr float kNothing = std::numeric_limits<float>::infinity();
 // rows around those with points: more than closing and median reach
 constexpr std::int64_t kEmptyRows = 4;
@@ -37,7 +37,7 @@ void check_options(const OcclusionOptions& options) {
         std::isfinite(grid.azimuth_phase) && std::isfinite(grid.elevation_phase))) {
     throw InputError("grid: expected steps above 0 and up to 45 degrees");
   }
-  if (!(2.0 * kPi / grid.azimuth_step * kPi / grid.elevation_step < kMostRays)) {
+  if (!(2.0 * kPi / grid.azimuth_step * kPi / grid.elevation_step < kMaxRays)) {
     throw InputError("grid: expected at most 2^28 cells");
   }
   if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");

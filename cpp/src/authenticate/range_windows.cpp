@@ -16,12 +16,12 @@ struct Extent {
 };
 constexpr std::array<Extent, 3> kWindows = {{{1, 1}, {2, 4}, {4, 9}}};
 
-// Half of forged ranges are incoherent. Windows with a share below kLeastShare, and larger ones
+// Half of forged ranges are incoherent. Windows with a share below kMinShare, and larger ones
 // around them, are skipped.
-constexpr double kLeastShare = 0.25;
+constexpr double kMinShare = 0.25;
 
 // Windows with fewer incoherent ranges cannot reach an exponent that counts.
-constexpr std::int32_t kFewestIncoherent = 6;
+constexpr std::int32_t kMinIncoherent = 6;
 
 // Chernoff exponent of a window: P(X >= x) <= exp(-chernoff) for the sum X of n independent 0-1
 // variables with mean p [Chernoff 1952].
@@ -97,8 +97,8 @@ std::vector<float> incoherent_windows(const RangeVoxels& voxels,
         sum.incoherent += tallies[k].incoherent;
       });
       // larger windows have an even smaller share
-      if (sum.incoherent < kLeastShare * sum.points) return;
-      if (sum.incoherent < kFewestIncoherent) continue;
+      if (sum.incoherent < kMinShare * sum.points) return;
+      if (sum.incoherent < kMinIncoherent) continue;
       const auto exponent = static_cast<float>(chernoff(sum, incoherence));
       if (exponent < threshold) continue;
       window.each([&](std::size_t k) { strongest[k] = std::max(strongest[k], exponent); });

@@ -28,12 +28,12 @@ constexpr int kFineColumns = 4000;
 // Points of another turn are searched within this many lasers and fine columns.
 constexpr int kLookRings = 2;
 constexpr int kLookColumns = 4;
-constexpr std::size_t kMostBeside = 3;     // points of another turn that are averaged
+constexpr std::size_t kMaxBeside = 3;      // points of another turn that are averaged
 constexpr double kBesideSoftening = 0.05;  // metres: weights are 1 / (distance + this)
 
 // Azimuth columns in which neighbouring lasers are compared: one firing in each.
 constexpr int kGainColumns = 2000;
-constexpr std::size_t kFewestGains = 50;  // pairs of returns for a difference of gains
+constexpr std::size_t kMinGains = 50;  // pairs of returns for a difference of gains
 
 // Voxels of the evidence: two lasers, 1.44 degrees, and a quarter of an octave of range.
 constexpr int kShareRings = 2;
@@ -45,29 +45,29 @@ constexpr int kShareColumns = 250;
 constexpr double kEditVariance = 1.5;
 constexpr double kApartVariance = 2.0;
 // The energy of a point is clipped, so that no single point decides.
-constexpr double kMostEnergy = 0.06;
+constexpr double kMaxEnergy = 0.06;
 // This is added to both energies of each point before their ratio is taken: reflectances come in
 // hundredths, and half of the points have less noise than 0.03, so that smaller energies mean
 // nothing.
-constexpr double kLeastEnergy = 0.0008;
+constexpr double kMinEnergy = 0.0008;
 // A window is evidence above this ratio. Few windows of clean frames exceed it, and fewer still if
 // any pair of lasers may be left out.
 constexpr double kEnergyRatio = 3.0;
 // The mean of E over a window is tested as well, because it alone shows surfaces that were scaled
 // or shifted by less than their noise. Its variance in clean frames is taken as this share of the
-// energy of a point (the points of a window are not independent), plus kLeastMean.
+// energy of a point (the points of a window are not independent), plus kMinMean.
 constexpr double kMeanShare = 0.25;
-constexpr double kLeastMean = 0.0004;
-constexpr double kMostExcess = 2.0;  // largest excess of a window over kEnergyRatio that counts
-constexpr int kFewestCompared = 20;  // points of a window
-constexpr int kFewestWithout = 10;   // points of a window without one pair of lasers
+constexpr double kMinMean = 0.0004;
+constexpr double kMaxExcess = 2.0;  // largest excess of a window over kEnergyRatio that counts
+constexpr int kMinCompared = 20;    // points of a window
+constexpr int kMinWithout = 10;     // points of a window without one pair of lasers
 
 // On a surface that was painted with one value, neighbours have the same reflectance with this
 // probability. For a clean one it is estimated for each laser, within the two limits below.
 constexpr double kEvenShare = 0.75;
-constexpr double kLeastEven = 0.08;
-constexpr double kMostEven = 0.7;
-constexpr double kLeastEvenGain = 0.05;  // least difference between painted and clean
+constexpr double kMinEven = 0.08;
+constexpr double kMaxEven = 0.7;
+constexpr double kMinEvenGain = 0.05;  // least difference between painted and clean
 // Prior counts of equal pairs and of all pairs of a laser: the shot noise of the scanner leaves
 // about one pair in eight with the same hundredth.
 constexpr double kPriorEqual = 5.0;
@@ -229,7 +229,7 @@ class ReflectanceView {
 
  private:
   static constexpr int kLookAround = 2 * kLookColumns + 1;
-  static_assert(kMostBeside == 3);
+  static_assert(kMaxBeside == 3);
 
   struct Beside {
     float squared = 0.0F;
@@ -241,14 +241,14 @@ class ReflectanceView {
 
   // The nearest points within reach.
   struct Nearest {
-    std::array<Beside, kMostBeside> best;
+    std::array<Beside, kMaxBeside> best;
     std::size_t count = 0;
   };
 
   static Nearest nearest(const NearestImage& image, const Eigen::RowVector3f& place, int ring,
                          int column, const Reach& reach) {
     Nearest found;
-    std::array<Beside, kMostBeside>& best = found.best;
+    std::array<Beside, kMaxBeside>& best = found.best;
     std::size_t worst = 0;
     float bound = reach.upper;  // points farther than this cannot be among the nearest
     for (int r = std::max(0, ring - kLookRings);
@@ -260,13 +260,13 @@ class ReflectanceView {
       for (int k = 0; k < kLookAround; ++k) {
         if (!(squared[k] <= bound)) continue;
         const Beside at{squared[k], rows[k]};
-        if (found.count < kMostBeside) {
+        if (found.count < kMaxBeside) {
           if (!(static_cast<double>(at.squared) < reach.squared)) continue;
           best[found.count++] = at;
         } else if (at < best[worst]) {
           best[worst] = at;
         }
-        if (found.count < kMostBeside) continue;
+        if (found.count < kMaxBeside) continue;
         worst = best[0] < best[1] ? 1 : 0;
         if (best[worst] < best[2]) worst = 2;
         bound = best[worst].squared;
@@ -433,8 +433,8 @@ class ReflectanceSearch {
     // Log likelihood ratios (painted over clean) of a pair that differs and of an equal pair.
     std::vector<std::array<double, 2>> ratios;
     for (std::size_t ring = 0; ring < same.size(); ++ring) {
-      const double clean = std::clamp(same[ring] / all[ring], kLeastEven, kMostEven);
-      const double even = std::max(kEvenShare, clean + kLeastEvenGain);
+      const double clean = std::clamp(same[ring] / all[ring], kMinEven, kMaxEven);
+      const double even = std::max(kEvenShare, clean + kMinEvenGain);
       ratios.push_back({natural_log((1.0 - even) / (1.0 - clean)), natural_log(even / clean)});
     }
     Tallies tallies(voxels_.size());
@@ -477,8 +477,8 @@ class ReflectanceSearch {
         const double apart = earlier - later;
         ReflectanceTally& tally = tally_of(tallies, i);
         ++tally.points;
-        tally.first += std::min(edit * edit / kEditVariance, kMostEnergy);
-        tally.second += std::min(apart * apart / kApartVariance, kMostEnergy);
+        tally.first += std::min(edit * edit / kEditVariance, kMaxEnergy);
+        tally.second += std::min(apart * apart / kApartVariance, kMaxEnergy);
         tally.metres += ranges_[i];
         tally.edit += edit;
         tally.apart += apart;
@@ -516,13 +516,13 @@ class ReflectanceSearch {
   // How much more the frame differs from both turns than these differ from each other: the ratio of
   // the energies of points or of the squares of means, whichever is larger.
   static double changed_ratio(const ReflectanceTally& sum) {
-    const double floor = kLeastEnergy * sum.points;
+    const double floor = kMinEnergy * sum.points;
     const double energies = (sum.first + floor) / (sum.second + floor);
     const double edit = sum.edit / sum.points;
     const double apart = sum.apart / sum.points;
     const double noise =
-        kMeanShare * sum.second / sum.points + apart * apart / kApartVariance + kLeastMean;
-    return std::max(energies, (edit * edit / kEditVariance + kLeastMean) / noise);
+        kMeanShare * sum.second / sum.points + apart * apart / kApartVariance + kMinMean;
+    return std::max(energies, (edit * edit / kEditVariance + kMinMean) / noise);
   }
 
   // The ratio of a window: the smallest of those with all lasers and without one of its three rows
@@ -530,11 +530,11 @@ class ReflectanceSearch {
   // the other side in both neighbouring turns.
   static double changed_ratio(const ReflectanceWindow& window) {
     const ReflectanceTally all = window[0] + window[1] + window[2];
-    if (all.points < kFewestCompared) return 0.0;
+    if (all.points < kMinCompared) return 0.0;
     double least = changed_ratio(all);
     for (const ReflectanceTally& without :
          {window[1] + window[2], window[0] + window[2], window[0] + window[1]}) {
-      if (without.points < kFewestWithout) return 0.0;
+      if (without.points < kMinWithout) return 0.0;
       least = std::min(least, changed_ratio(without));
     }
     return least;
@@ -552,7 +552,7 @@ class ReflectanceSearch {
   }
 
   static double changed_strength(const ReflectanceTally& own, const ReflectanceWindow& window) {
-    const double excess = std::min(changed_ratio(window) / kEnergyRatio - 1.0, kMostExcess);
+    const double excess = std::min(changed_ratio(window) / kEnergyRatio - 1.0, kMaxExcess);
     return excess > 0.0 ? own.metres * excess : 0.0;  // near surfaces have more points
   }
 
@@ -662,7 +662,7 @@ std::vector<double> laser_gains(const PointsView& points, const LatticeReading& 
       steps.push_back(points.intensity(below) - points.intensity(above));
     }
     const double step =
-        steps.size() > kFewestGains ? static_cast<double>(median(std::span(steps))) : 0.0;
+        steps.size() > kMinGains ? static_cast<double>(median(std::span(steps))) : 0.0;
     gains[ring] = gains[ring - 1] + step;
   }
   const double mean = std::accumulate(gains.begin(), gains.end(), 0.0) / std::max(num_rings, 1);

@@ -13,7 +13,7 @@ constexpr std::int64_t kApart = 2;  // rows from the first point of a pair to th
 constexpr float kWidth = 0.0125F;   // radians: largest difference of azimuth within a pair
 // one in this many pairs on surfaces is used, because there are plenty
 constexpr std::int64_t kEverySurface = 3;
-constexpr float kMostDifferent = 0.3F;
+constexpr float kMaxDifferent = 0.3F;
 
 // Limits of the range difference of a pair: metres plus a share of the nearer range. A smaller
 // difference is one surface, a larger one is an edge.
@@ -61,7 +61,7 @@ class ScaledReflectances {
     double sum = 0.0;
     for (const std::int64_t row : first) {
       const float apart = std::abs(slipped(row + slip) - slipped(row + kApart + slip));
-      const float clipped = std::min(apart, kMostDifferent);
+      const float clipped = std::min(apart, kMaxDifferent);
       sum += static_cast<double>(clipped * clipped);
     }
     return sum / static_cast<double>(first.size());

@@ -40,13 +40,13 @@ constexpr int kSolidPoints = 4;
 // A laser with returns in fewer directions than this was left out of the frame, so that missing
 // returns prove nothing. The lasers of KITTI's whole frames have returns in two fifths of the
 // directions or more.
-constexpr int kFewestAnswered = kTurnColumns / 50;
+constexpr int kMinAnswered = kTurnColumns / 50;
 
 // Regions consist of blocks of this many directions. Edges of objects, which cause false evidence,
 // are only one or two directions wide.
 constexpr int kTurnBlockRings = 2;
 constexpr int kTurnBlockColumns = 3;
-constexpr std::int64_t kFewestDirections = 6;
+constexpr std::int64_t kMinDirections = 6;
 
 // The largest motion of a passing object from turn to turn: directions (93 degrees per second, 26
 // m/s at a distance of 16 m) and lasers.
@@ -319,7 +319,7 @@ class TurnComparison {
   std::vector<TurnRegion> run() {
     std::array<RingImage<std::uint8_t>, kNumTurnEvidence> images{blank(), blank(), blank()};
     for (int ring = 0; ring < lattice_.num_rings(); ++ring) {
-      if (num_answered(ring) < kFewestAnswered) continue;
+      if (num_answered(ring) < kMinAnswered) continue;
       for (int column = 0; column < kTurnColumns; ++column) {
         const Told told = tell(ring, column);
         images[0](ring, column) = told.lost ? 1 : 0;
@@ -433,7 +433,7 @@ class TurnComparison {
     const std::size_t first = regions.size();
     RingImage<std::int32_t> region_of(image.rings(), image.columns(), -1);
     for (const auto& component : connected_components(opened_directions(image))) {
-      if (static_cast<std::int64_t>(component.size()) < kFewestDirections) continue;
+      if (static_cast<std::int64_t>(component.size()) < kMinDirections) continue;
       for (const auto& [ring, column] : component) {
         region_of(ring, column) = static_cast<std::int32_t>(regions.size());
       }

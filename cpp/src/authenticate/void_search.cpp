@@ -22,7 +22,7 @@ constexpr double kFiredShare = 0.6;
 constexpr double kSparseShare = 0.8;  // of all steps; KITTI's frames have firings at 0.54
 constexpr int kNeighbours = 2;
 // Fewer votes than this decide nothing: at the border of a cropped frame few lasers see the rest.
-constexpr int kFewestVotes = 16;
+constexpr int kMinVotes = 16;
 
 // Metres: points this near to the plane are ground. The plane is approximate, since roads are
 // crowned and climb.
@@ -334,7 +334,7 @@ FiringSchedule find_firings(const LatticeReading& reading, const ScanLattice& la
     for (int d = -kNeighbours; d <= kNeighbours; ++d) {
       busiest = std::max(busiest, votes[(k + d + steps) % steps]);
     }
-    schedule.judged[k] = busiest >= std::min(kFewestVotes, lattice.num_rings() / 2) ? 1 : 0;
+    schedule.judged[k] = busiest >= std::min(kMinVotes, lattice.num_rings() / 2) ? 1 : 0;
     if (votes[k] < kFiredShare * busiest) continue;
     schedule.order[k] = schedule.firings++;
   }

@@ -18,7 +18,7 @@ namespace {
 
 // Fewest carrier bits of a tile, with identical points counted once because they cannot be
 // distinguished. Random bits are correct for 80 identical points with a probability of 0.089.
-constexpr std::uint32_t kLeastEffective = 128;
+constexpr std::uint32_t kMinEffective = 128;
 
 // The number of slices is checked by SliceTable.
 void check_options(const WatermarkOptions& options) {
@@ -26,7 +26,7 @@ void check_options(const WatermarkOptions& options) {
     throw InputError("least_points: expected 1 or more, got " +
                      std::to_string(options.least_points));
   }
-  if (options.units_per_m < 1 || options.units_per_m > kMostUnitsPerMetre) {
+  if (options.units_per_m < 1 || options.units_per_m > kMaxUnitsPerMetre) {
     throw InputError("units_per_m: expected 1 to 1000000, got " +
                      std::to_string(options.units_per_m));
   }
@@ -132,7 +132,7 @@ struct WatermarkEmbedder::State {
     header.has_intensity = points.has_intensity();
   }
 
-  // Merges slices until each tile has at least kLeastEffective bits or there is only one tile.
+  // Merges slices until each tile has at least kMinEffective bits or there is only one tile.
   // Sorts the points into the tiles, as `tiled`.
   void make_tiles() {
     const std::vector<std::uint32_t> counts = count_slices(slice_of, slices.size());
@@ -149,7 +149,7 @@ struct WatermarkEmbedder::State {
                  order_of(header.embedding), tiled);
       bool enough = true;
       for (std::size_t t = 0; carries && t < header.num_tiles; ++t) {
-        enough = enough && effective_bits(tiled, t) >= kLeastEffective;
+        enough = enough && effective_bits(tiled, t) >= kMinEffective;
       }
       if (enough || header.num_tiles == 1) return;
     }
@@ -244,7 +244,7 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
   const ExactGrid grid{exact, header.units_per_m, frame.offset};
   s.sample(points, grid);
   s.make_tiles();
-  if (frame.picture && record_size(header.tile_of.size(), header.num_tiles) > kMostCarried) {
+  if (frame.picture && record_size(header.tile_of.size(), header.num_tiles) > kMaxCarried) {
     throw InputError("picture: expected a record of at most 2048 bytes, got " +
                      std::to_string(header.num_tiles) + " tiles of " +
                      std::to_string(header.tile_of.size()) + " slices");

@@ -57,7 +57,7 @@ WatermarkTag tag_of_picture(std::span<const std::uint8_t> key, const PictureView
 
 std::vector<std::uint8_t> with_record(const PictureView& picture,
                                       std::span<const std::uint8_t> record) {
-  if (record.size() > kMostCarried) {
+  if (record.size() > kMaxCarried) {
     throw InputError("record: expected at most 2048 bytes for a picture, got " +
                      std::to_string(record.size()));
   }
@@ -70,7 +70,7 @@ std::vector<std::uint8_t> with_record(const PictureView& picture,
 
 std::vector<std::uint8_t> record_in(const PictureView& picture) {
   check_picture(picture);
-  std::vector<std::uint8_t> bytes(kMostCarried, 0);
+  std::vector<std::uint8_t> bytes(kMaxCarried, 0);
   for (std::size_t i = 0; i < kCarrierSamples; ++i) {
     bytes[i / 8] =
         static_cast<std::uint8_t>(bytes[i / 8] | (picture.samples[i] & kLowestBit) << (i % 8));

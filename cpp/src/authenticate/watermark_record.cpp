@@ -67,7 +67,7 @@ void check_grid(const WatermarkHeader& header, const RecordReader& reader) {
   const bool fits = header.embedding == WatermarkEmbedding::kDetached ? units == 0
                     : header.embedding == WatermarkEmbedding::kQim
                         ? units == 1000
-                        : units >= 1 && units <= kMostUnitsPerMetre;
+                        : units >= 1 && units <= kMaxUnitsPerMetre;
   if (!fits) reader.fail("another lattice than the embedding has");
 }
 

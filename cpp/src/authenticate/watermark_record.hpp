@@ -9,7 +9,7 @@
 namespace manip3d {
 
 constexpr std::size_t kRecordEnd = 64;  ///< Bytes of the two tags at the end of a record.
-constexpr std::uint32_t kMostUnitsPerMetre = 1'000'000;
+constexpr std::uint32_t kMaxUnitsPerMetre = 1'000'000;
 /// Largest float64 coordinate, units: there, float64 has a resolution of 2^-15 units.
 constexpr std::int64_t kFarthestUnit = std::int64_t{1} << 37;
 constexpr std::size_t kSensorOffset = 12, kSessionOffset = 28;

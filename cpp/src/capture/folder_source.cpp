@@ -257,12 +257,12 @@ Calibration tum_calibration(const TumCamera& camera) {
 }
 
 ImageFrames::Listing tum_frames(const fs::path& folder) {
-  constexpr std::int64_t kMostApart = 20'000'000;  // associate.py of the benchmark: 0.02 s
+  constexpr std::int64_t kMaxApart = 20'000'000;  // associate.py of the benchmark: 0.02 s
   // The lock comes first, so that nobody replaces the recording while the lists are read.
   auto lock = std::make_shared<RecordingLock>(folder, RecordingLock::For::kReading);
   const std::vector<TimedFile> depth = parse_file(folder / "depth.txt", parse_tum_list);
   const std::vector<TimedFile> color = parse_file(folder / "rgb.txt", parse_tum_list);
-  const std::vector<std::int64_t> nearest = associate(depth, color, kMostApart);
+  const std::vector<std::int64_t> nearest = associate(depth, color, kMaxApart);
   const auto list = [folder, depth, color, nearest](std::int64_t index, FrameFiles& f) {
     const std::size_t i = index;
     f.time_ns = depth[i].time_ns;

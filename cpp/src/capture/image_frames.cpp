@@ -26,7 +26,7 @@ void check_crc(const Bytes& data, std::uint32_t expected) {
   throw FormatError("damaged: it is not what was recorded (CRC-32)", {});
 }
 
-constexpr std::int64_t kMostPixels = std::int64_t{1} << 24;  // limit for colour images of any size
+constexpr std::int64_t kMaxPixels = std::int64_t{1} << 24;  // limit for colour images of any size
 
 /// Reads the image of a file with `decode`. The file may be as large as `pixels` pixels can make
 /// it.
@@ -38,7 +38,7 @@ auto load_image(const ImageFile& file, std::int64_t pixels, const Decode& decode
       file.path, kBytesPerPixel * static_cast<std::uint64_t>(pixels) + kHeaderBytes);
   try {
     if (file.crc32) check_crc(data, *file.crc32);
-    return decode(data, std::max(pixels, kMostPixels));
+    return decode(data, std::max(pixels, kMaxPixels));
   } catch (const FormatError& error) {
     throw error.in_file(file.path.string());
   }
@@ -137,7 +137,7 @@ void ImageFrames::load(RgbdFrame& frame) try {
   if (!files_.color.path.empty()) {
     if (const auto& registration = stored_->registration) {
       set_color(frame, load_image(files_.color, registration->color, decode_rgb));
-    } else if (auto color = load_image(files_.color, kMostPixels, decode_rgb);
+    } else if (auto color = load_image(files_.color, kMaxPixels, decode_rgb);
                color.rows == depth_camera.height && color.cols == depth_camera.width) {
       set_color(frame, std::move(color));
     } else {

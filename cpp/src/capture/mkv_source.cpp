@@ -23,7 +23,7 @@ namespace fs = std::filesystem;
 
 // microseconds: duration of a packet, as the writer states it
 constexpr std::int64_t kLasting = 1000;
-constexpr int kMostTries = 3;  // tries to find a frame by the index; a valid index needs two
+constexpr int kMaxTries = 3;  // tries to find a frame by the index; a valid index needs two
 constexpr int kLastEntry = std::numeric_limits<int>::max();
 constexpr std::size_t kMaxRecordBytes = 1 << 20;  // bytes; 64 skeletons take 300 kB
 
@@ -231,7 +231,7 @@ class MkvSource final : public RgbdSource {
   /// entry.
   bool go_to_entry(std::int64_t index) {
     auto entry = static_cast<int>(std::min<std::int64_t>(index, kLastEntry));
-    for (int tries = 0; depth_ && tries < kMostTries; ++tries) {
+    for (int tries = 0; depth_ && tries < kMaxTries; ++tries) {
       const int entries = file_->seek(depth_->number(), entry);
       entry = std::min(entry, entries - 1);
       const std::optional<std::int64_t> found = entries == 0 ? std::nullopt : first_index();
@@ -297,10 +297,10 @@ class MkvSource final : public RgbdSource {
   }
 
   void fill(const JsonPlace& record, RgbdFrame& frame) {
-    constexpr std::int64_t kLeastInteger = std::numeric_limits<std::int64_t>::min();
-    constexpr std::int64_t kMostInteger = std::numeric_limits<std::int64_t>::max();
-    frame.number = record.member("number").integer(kLeastInteger, kMostInteger);
-    frame.time_ns = record.member("time").integer(kLeastInteger, kMostInteger);
+    constexpr std::int64_t kMinInteger = std::numeric_limits<std::int64_t>::min();
+    constexpr std::int64_t kMaxInteger = std::numeric_limits<std::int64_t>::max();
+    frame.number = record.member("number").integer(kMinInteger, kMaxInteger);
+    frame.time_ns = record.member("time").integer(kMinInteger, kMaxInteger);
     const JsonPlace packets = record.member("packets");
     if (!packets.has(mkv::kDepth)) packets.fail("expected a packet of depth");
     fill_image(packets, depth_, mkv::kDepth, 1, frame.depth);

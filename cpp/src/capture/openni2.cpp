@@ -252,11 +252,11 @@ class OpenNi2Camera final : public RgbdSource {
   }
 
   void add_color(std::int64_t time_us, RgbdFrame& frame) {
-    constexpr std::int64_t kMostApart = 40'000;  // microseconds; images come every 33 ms
+    constexpr std::int64_t kMaxApart = 40'000;  // microseconds; images come every 33 ms
     frame.color.clear();
     frame.color_rows = frame.color_cols = 0;
     if (!device_->has_color()) return;
-    if (std::abs(color_time_us_ - time_us) > kMostApart) {
+    if (std::abs(color_time_us_ - time_us) > kMaxApart) {
       ++without_color_;
       return;
     }

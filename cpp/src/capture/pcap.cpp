@@ -48,10 +48,10 @@ struct Network {
 
 Network network_at(ByteSpan frame, std::size_t header, std::size_t type_at) {
   constexpr std::uint32_t kIpv4 = 0x0800, kIpv6 = 0x86DD, kTag = 0x8100, kOuterTag = 0x88A8;
-  constexpr int kMostTags = 4;
+  constexpr int kMaxTags = 4;
   if (frame.size() < header) return {Layer::kCut, {}};
   std::uint32_t type = big16(frame, type_at);
-  for (int tags = 0; tags < kMostTags && (type == kTag || type == kOuterTag); ++tags) {
+  for (int tags = 0; tags < kMaxTags && (type == kTag || type == kOuterTag); ++tags) {
     if (frame.size() < header + 4) return {Layer::kCut, {}};
     type = big16(frame, header + 2);
     header += 4;
@@ -104,11 +104,11 @@ Found udp_of(ByteSpan segment, Datagram& datagram) {
 
 Found ipv4_of(ByteSpan packet, Datagram& datagram) {
   constexpr std::uint32_t kUdp = 17, kMoreFragments = 0x2000, kOffset = 0x1FFF;
-  constexpr std::size_t kLeastHeader = 20;
-  if (packet.size() < kLeastHeader) return Found::kCut;
+  constexpr std::size_t kMinHeader = 20;
+  if (packet.size() < kMinHeader) return Found::kCut;
   const std::size_t header = 4 * (std::to_integer<std::size_t>(packet[0]) & 0xF);
   const std::size_t total = big16(packet, 2);
-  if (header < kLeastHeader || total < header || total > packet.size()) return Found::kCut;
+  if (header < kMinHeader || total < header || total > packet.size()) return Found::kCut;
   if (std::to_integer<std::uint32_t>(packet[9]) != kUdp) return Found::kOther;
   if ((big16(packet, 6) & (kMoreFragments | kOffset)) != 0) return Found::kFragment;
   return udp_of(packet.subspan(header, total - header), datagram);
@@ -262,10 +262,10 @@ class PcapReader::Records {
   // Ticks per second by the option if_tsresol: a power of ten, or of two if its highest bit is set.
   // 0 if they exceed 64 bits.
   static std::uint64_t per_second_of(unsigned resolution) {
-    constexpr unsigned kBinary = 0x80, kMostTens = 19;
+    constexpr unsigned kBinary = 0x80, kMaxTens = 19;
     const unsigned exponent = resolution & ~kBinary;
     if ((resolution & kBinary) != 0) return exponent < 64 ? std::uint64_t{1} << exponent : 0;
-    std::uint64_t ticks = exponent <= kMostTens ? 1 : 0;
+    std::uint64_t ticks = exponent <= kMaxTens ? 1 : 0;
     for (unsigned i = 0; ticks != 0 && i < exponent; ++i) ticks *= 10;
     return ticks;
   }
@@ -284,10 +284,10 @@ class PcapReader::Records {
   }
 
   void add_interface(ByteSpan body, std::int64_t offset) {
-    constexpr std::size_t kMostInterfaces = 4096;
+    constexpr std::size_t kMaxInterfaces = 4096;
     constexpr std::uint32_t kTimeResolution = 9;
     if (body.size() < 8) fail_short(offset);
-    if (interfaces_.size() == kMostInterfaces) {
+    if (interfaces_.size() == kMaxInterfaces) {
       throw FormatError::at_byte(offset, "more than 4096 interfaces");
     }
     Interface added{u16(body, 0)};

@@ -145,9 +145,9 @@ class RealSense final : public SdkDevice {
              static_cast<unsigned>(timeout.count())) == 0) {
       return is_over() ? ReadStatus::kEnd : ReadStatus::kTimeout;
     }
-    constexpr unsigned kMostMs = 1000;
+    constexpr unsigned kMaxMs = 1000;
     call(rs2_process_frame, align_.get(), found);  // takes ownership of `found`
-    const Frame images(call(rs2_wait_for_frame, queue_.get(), kMostMs));
+    const Frame images(call(rs2_wait_for_frame, queue_.get(), kMaxMs));
     for (int i = 0; i < call(rs2_embedded_frames_count, images.get()); ++i) {
       Frame image(call(rs2_extract_frame, images.get(), i));
       rs2_format format{};

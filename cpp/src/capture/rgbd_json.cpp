@@ -108,8 +108,8 @@ Json skeleton_to_json(const Skeleton& skeleton) {
 
 Skeleton skeleton_from_json(const JsonPlace& place) {
   Skeleton skeleton;
-  constexpr std::int64_t kMostNumber = std::numeric_limits<std::int64_t>::max();
-  skeleton.id = place.member("id").integer(std::numeric_limits<std::int64_t>::min(), kMostNumber);
+  constexpr std::int64_t kMaxNumber = std::numeric_limits<std::int64_t>::max();
+  skeleton.id = place.member("id").integer(std::numeric_limits<std::int64_t>::min(), kMaxNumber);
   skeleton.body = static_cast<std::uint8_t>(place.member("body").integer(0, kNoBody));
   static_assert(sizeof(skeleton.positions) == 3 * kNumJoints * sizeof(float));
   static_assert(sizeof(skeleton.orientations) == 4 * kNumJoints * sizeof(float));

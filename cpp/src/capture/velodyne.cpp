@@ -133,7 +133,7 @@ std::uint32_t read32(std::span<const std::byte> bytes, std::size_t at) {
 }
 
 // Points for which memory is reserved: twice a turn of an HDL-64E with two returns.
-constexpr std::size_t kMostReserved = 500'000;
+constexpr std::size_t kMaxReserved = 500'000;
 
 // Calls `f(column, values per point)` for every column of points.
 template <typename F>
@@ -455,7 +455,7 @@ void VelodyneDecoder::end_frame(bool at_cut) {
   if (size < capacity_hint_ / 2) {
     for_each_column(frame_, [](auto& column, std::size_t) { column.shrink_to_fit(); });
   }
-  capacity_hint_ = std::min(size + size / 16, kMostReserved);
+  capacity_hint_ = std::min(size + size / 16, kMaxReserved);
   ++counters_.frames;
   ended_.push_back(std::move(frame_));
   frame_ = {};

@@ -17,7 +17,7 @@ namespace {
 using Eigen::Vector3d;
 using Order = std::vector<std::int32_t>;  // rows
 
-constexpr std::int64_t kMostPoints = std::int64_t{1} << 24;
+constexpr std::int64_t kMaxPoints = std::int64_t{1} << 24;
 constexpr double kTolerance = 0.03;  // accepted relative error of the spacing
 constexpr int kCorrections = 4;
 constexpr double kCandidatesPerDisk = 5.0;  // enough for a nearly full Poisson disk sampling
@@ -54,7 +54,7 @@ double spacing_over_radius(double gamma, bool on_faces) {
 }
 
 void check_count(double count) {
-  if (!(count <= static_cast<double>(kMostPoints))) {
+  if (!(count <= static_cast<double>(kMaxPoints))) {
     throw InputError(
         "spacing: expected one that 2^24 points of the object's surface can have, "
         "this wants " +

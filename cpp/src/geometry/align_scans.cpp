@@ -20,11 +20,11 @@ constexpr double kAlignFarthest = 50.0;
 constexpr double kAlignVoxel = 0.4;         // metres; one point per voxel is kept
 constexpr std::size_t kAlignSource = 2000;  // points that are matched
 constexpr std::size_t kPlanePoints = 8;     // points that a plane is fitted to
-constexpr std::size_t kFewestMatches = 100;
+constexpr std::size_t kMinMatches = 100;
 // Largest spread of a plane's points across it, relative to their smaller spread along it.
 constexpr double kFlatness = 0.3;
 constexpr int kAlignRounds = 25;
-constexpr int kFewestAlignRounds = 7;
+constexpr int kMinAlignRounds = 7;
 constexpr double kAlignShrink = 0.8;  // factor on reach and kernel from round to round
 constexpr double kFarReach = 1.5, kNearReach = 0.5;       // metres
 constexpr double kWideKernel = 0.3, kTightKernel = 0.05;  // metres
@@ -170,7 +170,7 @@ ScanMotion ScanAligner::align(const PointsView& source, const ScanMotion& start,
   motion.rotation = start.rotation;
   motion.translation = start.translation;
   const Eigen::Index fewest = std::min(from.rows(), target_->points.rows());
-  if (static_cast<std::size_t>(fewest) < kFewestMatches) return motion;
+  if (static_cast<std::size_t>(fewest) < kMinMatches) return motion;
   if (progress) progress(0.2);
   const auto stride =
       std::max<Eigen::Index>(1, from.rows() / static_cast<Eigen::Index>(kAlignSource));
@@ -200,14 +200,14 @@ ScanMotion ScanAligner::align(const PointsView& source, const ScanMotion& start,
       distances.push_back(std::abs(error));
     }
     motion.pairs = static_cast<std::int64_t>(distances.size());
-    if (distances.size() < kFewestMatches) return motion;
+    if (distances.size() < kMinMatches) return motion;
     motion.residual = median(std::span(distances));
     const Eigen::Matrix<double, 6, 1> step = solve_symmetric(normal, right);
     if (!step.allFinite()) return ScanMotion{};
     const Eigen::Matrix3d turn = turned_by(step.head<3>());
     motion.rotation = turn * motion.rotation;
     motion.translation = turn * motion.translation + step.tail<3>();
-    if (round >= kFewestAlignRounds && step.norm() < kAlignConverged) break;
+    if (round >= kMinAlignRounds && step.norm() < kAlignConverged) break;
     reach = std::max(kAlignShrink * reach, kNearReach);
     kernel = std::max(kAlignShrink * kernel, kTightKernel);
   }

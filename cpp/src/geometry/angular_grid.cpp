@@ -287,8 +287,8 @@ void AngularGrid::add_differences(const WindowedPhases& phases, GridAngle angle,
 }
 
 double AngularGrid::explained(GridAngle angle, const PhaseWindow& window) {
-  constexpr double kFewestPairs = 20.0;
-  constexpr std::size_t kFewestTiles = 10;
+  constexpr double kMinPairs = 20.0;
+  constexpr std::size_t kMinTiles = 10;
   const WindowedPhases& now = phases(angle, comb(angle).step, window);
   std::vector<std::int64_t> tile(now.num_windows());
   for (std::size_t i = 0; i < points_.size(); ++i) tile[now.window_of(i)] = tile_of(i);
@@ -300,10 +300,10 @@ double AngularGrid::explained(GridAngle angle, const PhaseWindow& window) {
   }
   std::vector<double> shares;
   for (std::size_t t = 0; t < pairs.size(); ++t) {
-    if (pairs[t] < kFewestPairs) continue;
+    if (pairs[t] < kMinPairs) continue;
     shares.push_back(std::sqrt(std::max(0.0, agreement[t] / pairs[t])));
   }
-  if (shares.size() < kFewestTiles) return 0.0;  // too small a view for a decision
+  if (shares.size() < kMinTiles) return 0.0;  // too small a view for a decision
   std::sort(shares.begin(), shares.end());
   const double usual = shares[shares.size() * 4 / 5];
   double sum = 0.0;

@@ -9,7 +9,7 @@ namespace manip3d {
 namespace {
 
 constexpr std::size_t kAlignment = 64;  // bytes of a cache line
-constexpr std::size_t kMostGaps = 1024;
+constexpr std::size_t kMaxGaps = 1024;
 
 std::size_t rounded_up(std::size_t bytes) {
   return (bytes + kAlignment - 1) / kAlignment * kAlignment;
@@ -20,7 +20,7 @@ std::size_t rounded_up(std::size_t bytes) {
 Arena::Arena(std::size_t bytes) {
   if (bytes == 0) return;
   memory_ = LargeArray<std::byte>(static_cast<std::int64_t>(bytes));
-  gaps_.reserve(kMostGaps);
+  gaps_.reserve(kMaxGaps);
   gaps_.push_back({0, bytes / kAlignment * kAlignment});
 }
 
@@ -64,7 +64,7 @@ void Arena::free(void* memory, std::size_t bytes) noexcept {
   } else if (joins_after) {
     after->begin = range.begin;
     // Otherwise the memory is not reused in this call, because freeing must not fail.
-  } else if (gaps_.size() < kMostGaps) {
+  } else if (gaps_.size() < kMaxGaps) {
     gaps_.insert(after, range);
   }
 }

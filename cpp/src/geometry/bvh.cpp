@@ -489,15 +489,15 @@ std::vector<std::int32_t> faces_near(const MeshView& mesh, const Eigen::Ref<cons
                                      double distance) {
   // With more faces, building a tree takes longer than its queries.
   constexpr Size kFacesPerPoint = 8;
-  constexpr double kLeastPart = 1e-12;
+  constexpr double kMinPart = 1e-12;
   if (points.rows() == 0 || mesh.num_faces() <= kFacesPerPoint * points.rows()) {
     return all_faces(mesh);
   }
   const double size = std::max(mesh.vertices.cwiseAbs().maxCoeff(), points.cwiseAbs().maxCoeff());
-  const bool has_cubes = distance > kLeastPart * size && distance < kInfinity;
+  const bool has_cubes = distance > kMinPart * size && distance < kInfinity;
   if (!has_cubes || !points.allFinite()) return all_faces(mesh);
   // The margin includes faces at exactly this distance despite rounding.
-  const MarkedCubes cubes(points, distance * (1.0 + 1e-6) + kLeastPart * size);
+  const MarkedCubes cubes(points, distance * (1.0 + 1e-6) + kMinPart * size);
   std::vector<std::int32_t> near;
   for (Size f = 0; f < mesh.faces.rows(); ++f) {
     const auto corner = [&](int k) {

@@ -22,7 +22,7 @@ using Eigen::Vector3d;
 
 constexpr double kMargin = 4.0 * kAngleError;  // added to every bound, for errors of the angles
 constexpr std::int64_t kFewPoints = 1000;      // for fewer points a k-d tree is as fast
-constexpr std::int64_t kMostCells = 1 << 28;
+constexpr std::int64_t kMaxCells = 1 << 28;
 // Mean number of points in a point's own cell, above which the grid is not used.
 constexpr double kCrowded = 32.0;
 // Cells to each side; for wider windows, blocks are searched.
@@ -57,7 +57,7 @@ class DirectionGrid {
       : view_(view), origin_(origin), threads_(threads) {
     if (!(resolution > 0.0)) resolution = resolution_of_sample();
     const double most = std::sqrt(static_cast<double>(
-        std::min(kMostCells, std::max<std::int64_t>(1024, 8 * view.num_points()))));
+        std::min(kMaxCells, std::max<std::int64_t>(1024, 8 * view.num_points()))));
     columns_ = static_cast<std::int64_t>(std::clamp(2.0 * kPi / resolution, 8.0, most));
     rows_ = std::max<std::int64_t>(4, columns_ / 2);
     azimuth_step_ = 2.0 * kPi / static_cast<double>(columns_);

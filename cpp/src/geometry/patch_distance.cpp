@@ -12,9 +12,9 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr int kMostOverlaid = 16;  // largest number of candidates that are cut against each other
+constexpr int kMaxOverlaid = 16;  // largest number of candidates that are cut against each other
 // Largest number of parts of a triangle; with more, it is halved instead.
-constexpr std::size_t kMostParts = 64;
+constexpr std::size_t kMaxParts = 64;
 constexpr int kMaxDepth = 24;            // largest number of successive halvings
 constexpr double kSmallestPart = 0.125;  // share of the limit; smaller parts are treated as points
 constexpr double kEdgeOn = 1e-12;  // squared sine; a triangle seen edge-on cannot be cut along
@@ -125,7 +125,7 @@ double PatchDistance::bound_within(const Triangle3& triangle, std::size_t begin,
   const std::size_t num_used = used_.size();
   used_.push_back(best.index);
   // A bound near the limit would leave no margin for later collapses.
-  if (result > 0.5 * limit_ && count > 1 && count <= kMostOverlaid) {
+  if (result > 0.5 * limit_ && count > 1 && count <= kMaxOverlaid) {
     used_.pop_back();
     const double overlaid = overlay(triangle, first);
     if (overlaid < result) {
@@ -251,7 +251,7 @@ double PatchDistance::overlay(const Triangle3& triangle, std::size_t begin) {
     }
     if (is_used) used_.push_back(candidates_[i].index);
     rest_.swap(next_);
-    if (rest_.size() > kMostParts) return kInfinity;
+    if (rest_.size() > kMaxParts) return kInfinity;
   }
   for (const Polygon& polygon : rest_) {  // parts outside the patch
     double least = kInfinity;

@@ -20,10 +20,10 @@ using Eigen::Vector3d;
 constexpr std::int64_t kSampled = 400'000;    // points for the density of surfaces
 constexpr std::int64_t kTilePoints = 40'000;  // points for the grid, in complete tiles
 constexpr std::int64_t kCombPoints = 8'000;   // points among these that rule out most steps
-constexpr std::int64_t kFewestPoints = 1000;
+constexpr std::int64_t kMinPoints = 1000;
 // Random streams: 0 draws the points, 1 the patches of even_position.
 constexpr std::uint64_t kTileDraw = 2, kCombDraw = 3;
-constexpr std::size_t kFewestPatches = 100;
+constexpr std::size_t kMinPatches = 100;
 constexpr PhaseWindow kWindows[] = {{8, 3}, {16, 2}, {32, 1}, {64, 0}, {128, -1}, {256, -2}};
 constexpr PhaseWindow kJudged = {16, 0};
 constexpr double kCoherent = 0.6;    // of one angle; two scanners with equal shares reach 0.25
@@ -143,7 +143,7 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, Start kind, int
   result.axis = axis;
   const double cell_area = grid.cell_area() * thinned;
   grid.keep_tiles(kTilePoints, kTileDraw);
-  if (grid.num_points() < kFewestPoints / 2) return result;
+  if (grid.num_points() < kMinPoints / 2) return result;
   const double range = grid.median_range();
   find_combs(grid);
   if (!improve_in_windows(grid, fixed, cell_area, range)) return result;
@@ -174,7 +174,7 @@ ScanOrigin estimate_scan_origin(const PointsView& view, const ScanOriginOptions&
   const std::optional<Vector3d>& known = options.known;
   if (known && !known->allFinite()) throw InputError("origin: expected finite numbers");
   const Points sample = sample_points(view);
-  if (sample.rows() < kFewestPoints) return {};
+  if (sample.rows() < kMinPoints) return {};
   const double thinned =
       std::min(1.0, static_cast<double>(kSampled) / static_cast<double>(view.num_points()));
   constexpr int kAxes[] = {2, 1, 0};
@@ -194,7 +194,7 @@ ScanOrigin estimate_scan_origin(const PointsView& view, const ScanOriginOptions&
   if (known) return {};
   tried = 3;
   const std::vector<SurfacePatch> patches = sample_patches(sample, part_of(progress, 0.5, 0.5));
-  if (patches.size() < kFewestPatches) return {};
+  if (patches.size() < kMinPatches) return {};
   for (const int axis : kAxes) {
     const Progress part = next();
     const Vector3d start = even_position(patches, axis, part);

@@ -13,14 +13,14 @@
 namespace manip3d {
 namespace {
 
-constexpr int kMostNeighbours = 8;
+constexpr int kMaxNeighbours = 8;
 constexpr std::int64_t kBesideInFile = 6;  // rows before and after, which are tested first
 constexpr int kReach = 5;                  // largest number of cells to each side in a search
 constexpr double kRounding = 1e-4;         // relative error of a distance in single precision
 // Cells; places are rounded, so a search reaches this much less than whole cells with certainty.
 constexpr double kRound = 0.01;
-constexpr double kMostReach = 1e3;  // metres
-constexpr float kFarthest = 1e6F;   // metres; keeps cell indices far below 2^63
+constexpr double kMaxReach = 1e3;  // metres
+constexpr float kFarthest = 1e6F;  // metres; keeps cell indices far below 2^63
 
 // The smallest few squared distances, ascending.
 class Smallest {
@@ -50,8 +50,8 @@ class Smallest {
  private:
   static constexpr double kNone = std::numeric_limits<double>::infinity();
 
-  std::array<double, kMostNeighbours> squared_;
-  std::array<std::int32_t, kMostNeighbours> items_;
+  std::array<double, kMaxNeighbours> squared_;
+  std::array<std::int32_t, kMaxNeighbours> items_;
   int count_;
 };
 
@@ -158,7 +158,7 @@ class SparseSearch {
 };
 
 void check_sparse(const SparseOptions& options) {
-  if (!(options.neighbours >= 1 && options.neighbours <= kMostNeighbours)) {
+  if (!(options.neighbours >= 1 && options.neighbours <= kMaxNeighbours)) {
     throw InputError("neighbours: expected 1 to 8, got " + std::to_string(options.neighbours));
   }
   if (!(options.angle >= 0.0 && options.angle < 1.0)) {
@@ -168,7 +168,7 @@ void check_sparse(const SparseOptions& options) {
     throw InputError("every: expected at least 1, got " + std::to_string(options.every));
   }
   if (!(options.nearest >= 0.001 && options.farthest > options.nearest &&
-        options.farthest < kMostReach)) {
+        options.farthest < kMaxReach)) {
     throw InputError("nearest: expected 0.001 <= nearest < farthest < 1000 metres");
   }
 }

@@ -14,7 +14,7 @@ constexpr std::int32_t kNone = -1;
 
 // Limit of colours that become materials. People give parts fewer colours than this; scans have
 // thousands.
-constexpr std::size_t kMostMaterials = 256;
+constexpr std::size_t kMaxMaterials = 256;
 
 using CornerColors = MeshView::Map<Faces>;
 
@@ -29,7 +29,7 @@ bool use_materials(const MeshView& mesh, std::int32_t num_materials, const Corne
   for (const std::int32_t color : colors.col(0)) {
     const auto next = num_materials + static_cast<std::int32_t>(material_of_color.size());
     if (color == kNone || !material_of_color.try_emplace(color, next).second) continue;
-    if (material_of_color.size() > kMostMaterials) return false;
+    if (material_of_color.size() > kMaxMaterials) return false;
     result.materials.push_back(material_of(color));
   }
   result.face_material.setConstant(mesh.num_faces(), kNone);
@@ -76,7 +76,7 @@ SurfaceColors surface_colors(const MeshView& mesh, std::int32_t num_materials,
   result = {};
   result.colors = mean_of_corners(mesh, corner_colors);
   if (is_flat) {
-    result.warning = "faces have more than " + std::to_string(kMostMaterials) +
+    result.warning = "faces have more than " + std::to_string(kMaxMaterials) +
                      " colors: each vertex takes the mean of its faces";
   }
   return result;

@@ -20,7 +20,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr double kMostSteps = 65535.0;
+constexpr double kMaxSteps = 65535.0;
 
 /// Faces whose corners have the same kinds of attributes.
 struct FaceGroup {
@@ -192,7 +192,7 @@ class PrimitiveWriter {
 
   /// Converts a value in [0, 1] to a normalised 16-bit integer.
   static std::uint16_t in_16_bits(double value) {
-    return static_cast<std::uint16_t>(std::clamp(value, 0.0, 1.0) * kMostSteps + 0.5);
+    return static_cast<std::uint16_t>(std::clamp(value, 0.0, 1.0) * kMaxSteps + 0.5);
   }
 
   // The integers are not marked as normalised, because trimesh 5 would not divide them.
@@ -204,7 +204,7 @@ class PrimitiveWriter {
     for (const SplitVertex& split : vertices_) {
       for (int axis = 0; axis < 3; ++axis) {
         const double offset = mesh_.vertices(split.vertex, axis) - frame_.origin[axis];
-        const std::uint16_t value = in_16_bits(offset / frame_.scale / kMostSteps);
+        const std::uint16_t value = in_16_bits(offset / frame_.scale / kMaxSteps);
         values.push_back(value);
         low[axis] = std::min(low[axis], value);
         high[axis] = std::max(high[axis], value);
@@ -428,7 +428,7 @@ PositionFrame quantized_frame(const std::vector<const MeshView*>& levels) {
   if (!(farthest <= double{std::numeric_limits<float>::max()})) {
     throw InputError("vertices: expected values that float32 can hold");
   }
-  return {all.min, side > 0.0 ? side / kMostSteps : 1.0};
+  return {all.min, side > 0.0 ? side / kMaxSteps : 1.0};
 }
 
 void PrimitiveOptions::check() const {

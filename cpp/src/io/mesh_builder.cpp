@@ -12,7 +12,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kMostFaces = std::numeric_limits<std::int32_t>::max() / 3;
+constexpr std::int64_t kMaxFaces = std::numeric_limits<std::int32_t>::max() / 3;
 
 std::string place(const FormatError::Position& position) {
   return position.line ? "line " + std::to_string(*position.line)
@@ -45,8 +45,8 @@ void MeshBuilder::add_polygon(std::span<const Corner> corners, std::int32_t mate
   const std::int64_t first = faces_.size();
   last_face_ = first;
   const auto num_corners = static_cast<std::int64_t>(corners.size());
-  if (first + num_corners - 2 > kMostFaces) {
-    throw FormatError("more than " + std::to_string(kMostFaces) + " triangles", position);
+  if (first + num_corners - 2 > kMaxFaces) {
+    throw FormatError("more than " + std::to_string(kMaxFaces) + " triangles", position);
   }
   bool known = true;
   for (const Corner& c : corners) {

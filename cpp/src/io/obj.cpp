@@ -186,8 +186,8 @@ class ObjReader {
   void load_library(std::string name) {
     std::replace(name.begin(), name.end(), '\\', '/');
     if (!libraries_named_.insert(name).second) return;
-    constexpr std::size_t kMostLibraries = 100;  // each library takes system calls
-    if (libraries_named_.size() > kMostLibraries) {
+    constexpr std::size_t kMaxLibraries = 100;  // each library takes system calls
+    if (libraries_named_.size() > kMaxLibraries) {
       throw FormatError::at_line(input_.line(), "more than 100 material libraries");
     }
     fs::path path;

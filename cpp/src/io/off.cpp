@@ -62,7 +62,7 @@ class OffReader {
       throw FormatError::at_line(cursor.line(), "expected OFF");
     }
     const FormatError::Position position{cursor.line(), std::nullopt};
-    constexpr std::int64_t kLeastVertex = 6, kLeastPolygon = 4;  // "0 0 0\n", "3 0 ..."
+    constexpr std::int64_t kMinVertex = 6, kMinPolygon = 4;  // "0 0 0\n", "3 0 ..."
     header_.num_vertices = cursor.integer("number of vertices");
     header_.num_polygons = cursor.integer("number of faces");
     if (!cursor.at_end()) cursor.integer("number of edges");  // the number of edges is not used
@@ -71,9 +71,9 @@ class OffReader {
       throw FormatError("more than 2147483647 vertices", position);
     }
     builder_.vertices.reserve(
-        input_.checked_claim(header_.num_vertices, kLeastVertex, "vertices", position));
+        input_.checked_claim(header_.num_vertices, kMinVertex, "vertices", position));
     builder_.reserve_faces(
-        input_.checked_claim(header_.num_polygons, kLeastPolygon, "faces", position));
+        input_.checked_claim(header_.num_polygons, kMinPolygon, "faces", position));
   }
 
   void parse_keyword(std::string_view prefix, LineCursor& cursor) {

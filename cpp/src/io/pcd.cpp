@@ -13,7 +13,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kMostFields = 1024;
+constexpr std::int64_t kMaxFields = 1024;
 constexpr std::int64_t kLongestRow = 1 << 20;
 
 struct PcdHeader {
@@ -84,7 +84,7 @@ class HeaderReader {
   template <typename F>
   void each_word(LineCursor& cursor, F f) {
     for (std::int64_t i = 0; !cursor.at_end(); ++i) {
-      if (i == kMostFields) input_.fail_at_line("more than 1024 fields");
+      if (i == kMaxFields) input_.fail_at_line("more than 1024 fields");
       f(cursor);
     }
   }
@@ -178,9 +178,9 @@ void read_compressed(InputBuffer& input, PointTable& table) {
   }
   // Scans are compressed to a tenth at best. A file of zeros would expand by a factor of 88, and
   // its points as floats take several times more.
-  constexpr std::int64_t kMostExpansion = 20;
+  constexpr std::int64_t kMaxExpansion = 20;
   const std::int64_t memory = std::max<std::int64_t>(expected, table.num_points * kPointMemory);
-  if (memory > static_cast<std::int64_t>(kFreeExpansion) && memory / kMostExpansion > stored) {
+  if (memory > static_cast<std::int64_t>(kFreeExpansion) && memory / kMaxExpansion > stored) {
     throw FormatError::at_byte(offset, std::to_string(stored) + " bytes of LZF make " +
                                            std::to_string(table.num_points) +
                                            " points: more than a scan can hold");

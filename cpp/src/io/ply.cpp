@@ -26,7 +26,7 @@ namespace {
 
 using namespace ply;  // NOLINT(google-build-using-namespace): the header's own words
 
-constexpr std::int32_t kMostMaterials = 1 << 16;
+constexpr std::int32_t kMaxMaterials = 1 << 16;
 
 // A value as a double; double is exact for all types of PLY.
 double load_scalar(const char* bytes, Type type, bool swap) {
@@ -206,7 +206,7 @@ class MaterialTable {
         mesh.face_material.rows() > 0 ? mesh.face_material.maxCoeff() : MeshBuilder::kNone;
     const std::int64_t named =
         has_index && !header_.material_names.empty()
-            ? std::min<std::int64_t>(header_.material_names.rbegin()->first, kMostMaterials)
+            ? std::min<std::int64_t>(header_.material_names.rbegin()->first, kMaxMaterials)
             : -1;
     const std::int64_t last = std::max<std::int64_t>(largest, named);
     for (auto i = static_cast<std::int64_t>(mesh.materials.size()); i <= last; ++i) {
@@ -434,7 +434,7 @@ class PlyReader {
     const double value = row.scalars[role];
     if (value < 0.0) return MeshBuilder::kNone;
     const std::int32_t index = row.index(value, role == kMaterial ? "material_index" : "texnumber");
-    if (index >= kMostMaterials) row.fail("more than 65536 materials");
+    if (index >= kMaxMaterials) row.fail("more than 65536 materials");
     return index;
   }
 

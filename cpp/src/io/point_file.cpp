@@ -50,11 +50,11 @@ const PointFileFormat& format_of(const fs::path& path) {
 
 // Checks the memory of points: rows of three bytes become points of sixteen.
 void check_memory(const PointTable& table, const ByteSource& source) {
-  constexpr std::uint64_t kMostExpansion = 100;
+  constexpr std::uint64_t kMaxExpansion = 100;
   const auto memory = static_cast<std::uint64_t>(table.num_points * kPointMemory);
   if (source.expansion_allowed() || memory <= kFreeExpansion) return;
-  if (memory / kMostExpansion <= source.stored_size()) return;
-  throw FormatError("compressed data make points more than " + std::to_string(kMostExpansion) +
+  if (memory / kMaxExpansion <= source.stored_size()) return;
+  throw FormatError("compressed data make points more than " + std::to_string(kMaxExpansion) +
                         " times as large; set max_bytes to read them",
                     {});
 }

@@ -17,7 +17,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::size_t kMostCells = 64;
+constexpr std::size_t kMaxCells = 64;
 constexpr double kMissing = std::numeric_limits<double>::quiet_NaN();
 
 std::string_view trimmed(std::string_view text) {
@@ -50,17 +50,17 @@ char separator_of(std::string_view line) {
 /// Splits a line into cells. Beyond the limit of cells, only a few more are returned, enough to
 /// detect the excess.
 void split(std::string_view line, char separator, std::vector<std::string_view>& cells) {
-  constexpr std::size_t kMostWanted = kMostCells + 2;
+  constexpr std::size_t kMaxWanted = kMaxCells + 2;
   cells.clear();
   if (separator == ' ') {
     LineCursor cursor(line, 0);
-    for (std::string_view word = cursor.word(); !word.empty() && cells.size() < kMostWanted;
+    for (std::string_view word = cursor.word(); !word.empty() && cells.size() < kMaxWanted;
          word = cursor.word()) {
       cells.push_back(trimmed(word));
     }
     return;
   }
-  for (std::size_t begin = 0; begin <= line.size() && cells.size() < kMostWanted;) {
+  for (std::size_t begin = 0; begin <= line.size() && cells.size() < kMaxWanted;) {
     const std::size_t end = std::min(line.find(separator, begin), line.size());
     cells.push_back(trimmed(line.substr(begin, end - begin)));
     begin = end + 1;
@@ -91,13 +91,13 @@ bool to_number(std::string_view text, double& value) {
 /// Parses a number between semicolons or blanks, in which a comma can only be a decimal comma.
 bool to_number(std::string_view text, char separator, double& value) {
   if (to_number(text, value)) return true;
-  constexpr std::size_t kMostDigits = 64;
+  constexpr std::size_t kMaxDigits = 64;
   const std::size_t comma = text.find(',');
-  if (separator == ',' || comma == std::string_view::npos || text.size() > kMostDigits ||
+  if (separator == ',' || comma == std::string_view::npos || text.size() > kMaxDigits ||
       text.find('.') != std::string_view::npos) {
     return false;
   }
-  std::array<char, kMostDigits> digits{};
+  std::array<char, kMaxDigits> digits{};
   std::copy(text.begin(), text.end(), digits.begin());
   digits[comma] = '.';
   return to_number({digits.data(), text.size()}, value);
@@ -244,7 +244,7 @@ class TextReader {
   bool take_names(std::string_view line) {
     names_ = column_names(line);
     if (names_.empty()) return false;
-    if (names_.size() > kMostCells) input_.fail_at_line("more than 64 columns");
+    if (names_.size() > kMaxCells) input_.fail_at_line("more than 64 columns");
     table_.header.emplace_back("names", line);
     return true;
   }
@@ -266,7 +266,7 @@ class TextReader {
         if (cells_.size() != names_.size()) forget_names();
       }
       drop_last(cells_, names_.empty() ? cells_.size() - 1 : names_.size());
-      if (cells_.size() > kMostCells) input_.fail_at_line("more than 64 numbers");
+      if (cells_.size() > kMaxCells) input_.fail_at_line("more than 64 numbers");
       set_columns(cells_.size());
     }
     drop_last(cells_, table_.fields.size());

@@ -10,7 +10,7 @@ namespace manip3d {
 // Reads a point per line: x, y, z, and further columns if the first point has them (reflectance,
 // ...).
 PointTable read_3dtk(ByteSource& source, const Progress& progress) {
-  constexpr std::size_t kMostColumns = 64;
+  constexpr std::size_t kMaxColumns = 64;
   InputBuffer input(source, progress);
   PointTable table;
   std::string_view line;
@@ -19,7 +19,7 @@ PointTable read_3dtk(ByteSource& source, const Progress& progress) {
     if (cursor.at_end()) continue;
     std::size_t columns = 0;
     for (; !cursor.at_end(); ++columns) {
-      if (columns == kMostColumns) input.fail_at_line("more than 64 numbers");
+      if (columns == kMaxColumns) input.fail_at_line("more than 64 numbers");
       const double value = cursor.number("a coordinate");
       const auto* raw = reinterpret_cast<const char*>(&value);
       table.rows.insert(table.rows.end(), raw, raw + sizeof(value));

@@ -78,9 +78,9 @@ double BodyPlane::deviation_across(const Skeleton& person) const {
 }
 
 bool BodyPlane::tells_legs_apart() const {
-  constexpr double kMostDeg = 10.0;  // then a knee is off by half of its width
+  constexpr double kMaxDeg = 10.0;  // then a knee is off by half of its width
   const bool is_asked = is_of_leg() && goes_by_skin() && follows_trunk();
-  return is_asked && frame_ && trunk_.deviation_deg() < kMostDeg;
+  return is_asked && frame_ && trunk_.deviation_deg() < kMaxDeg;
 }
 
 void BodyPlane::forget_person() {

@@ -12,8 +12,8 @@
 namespace manip3d {
 namespace {
 
-constexpr int kSteps = 16;         // samples along and across the trunk
-constexpr int kLeastSamples = 48;  // of 256; fewer may be of an arm or of an edge
+constexpr int kSteps = 16;       // samples along and across the trunk
+constexpr int kMinSamples = 48;  // of 256; fewer may be of an arm or of an edge
 // Metres; shares of the spine's length.
 constexpr float kHalfWidth = 0.11F, kLow = 0.2F, kHigh = 0.85F;
 // The front of a trunk lies between these distances, in metres, in front of and behind the spine.
@@ -117,7 +117,7 @@ ClothingColors clothing_colors(const Skeleton& person, const ColoredScene& scene
       ++count;
     }
   }
-  if (count < kLeastSamples) return {};
+  if (count < kMinSamples) return {};
   for (float& share : colors.shares) share /= static_cast<float>(count);
   return colors;
 }

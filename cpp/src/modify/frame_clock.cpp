@@ -26,7 +26,7 @@ FrameOrder FrameClock::add(std::int64_t time_ns, std::int64_t number) {
 
 /// @param is_later  Whether the frame has a higher number than the last one.
 FrameOrder FrameClock::place(std::int64_t time_ns, bool is_later) {
-  constexpr std::int64_t kMostLate = 10;
+  constexpr std::int64_t kMaxLate = 10;
   if (!has_time_) {
     start(time_ns);
     return FrameOrder::kNext;
@@ -52,8 +52,8 @@ FrameOrder FrameClock::place(std::int64_t time_ns, bool is_later) {
     start(time_ns);
     return FrameOrder::kNewRecording;
   }
-  if (++late_in_row_ <= kMostLate) return FrameOrder::kLate;
-  late_in_row_ = kMostLate;
+  if (++late_in_row_ <= kMaxLate) return FrameOrder::kLate;
+  late_in_row_ = kMaxLate;
   advance(time_ns, kNominalPeriod);
   return FrameOrder::kNext;
 }

@@ -26,15 +26,15 @@ bool belongs_to_trunk(std::uint8_t bone) {
 /// too few points.
 template <typename IsPart>
 std::optional<float> median_outside(const PersonPoints& points, const IsPart& is_part) {
-  constexpr std::int64_t kMostSamples = 1024;
-  constexpr std::size_t kLeastOutside = 50;
-  std::array<float, kMostSamples> outside;
+  constexpr std::int64_t kMaxSamples = 1024;
+  constexpr std::size_t kMinOutside = 50;
+  std::array<float, kMaxSamples> outside;
   std::size_t count = 0;
-  const std::int64_t stride = points.count / kMostSamples + 1;
+  const std::int64_t stride = points.count / kMaxSamples + 1;
   for (std::int64_t i = 0; i < points.count; i += stride) {
     if (is_part(points.label[i])) outside[count++] = points.skin_distance[i];
   }
-  if (count < kLeastOutside) return std::nullopt;
+  if (count < kMinOutside) return std::nullopt;
   return median(std::span(outside.data(), count));
 }
 

@@ -14,9 +14,9 @@ namespace {
 // Metres. Chosen on the tuning half of benchmarks/bench_people.py. The mean over the limbs of a
 // trial is at most 3.2 cm beside the bones while it runs; the points are 3 to 7 cm in front of the
 // bones.
-constexpr double kMostAcross = 0.045;
-constexpr double kMostBehind = 0.03;   // 0 for trackers whose joints are on the skin
-constexpr double kMostBefore = -0.16;  // stout people in thick clothes
+constexpr double kMaxAcross = 0.045;
+constexpr double kMaxBehind = 0.03;   // 0 for trackers whose joints are on the skin
+constexpr double kMaxBefore = -0.16;  // stout people in thick clothes
 constexpr double kFewFrames = 1.0;
 constexpr float kFarthestFlesh = 0.35F;  // metres; points farther from a bone do not belong to it
 
@@ -96,23 +96,23 @@ void JointOffset::learn(const Skeleton& person, Limb affected, const PersonPoint
 
 double JointOffset::metres() const {
   if (!(all_.frames > 0.0)) return 0.0;
-  const double along = std::max({0.0, all_.behind - kMostBehind, kMostBefore - all_.behind});
+  const double along = std::max({0.0, all_.behind - kMaxBehind, kMaxBefore - all_.behind});
   return std::sqrt(all_.across.squaredNorm() + along * along);
 }
 
 Eigen::Vector3d JointOffset::shared() const {
   // Points of an arm beside the trunk are assigned to the trunk, so an arm shows only a third of
   // its offset.
-  constexpr double kMostTimes = 3.0;
+  constexpr double kMaxTimes = 3.0;
   const double length = all_.across.norm();
   if (!(length > 0.0)) return Eigen::Vector3d::Zero();
   const Eigen::Vector3d direction = all_.across / length;
-  const double told = std::min(arms_.across.dot(direction), legs_.across.dot(direction));
-  return std::clamp(kMostTimes * told, 0.0, length) * direction;
+  const double common = std::min(arms_.across.dot(direction), legs_.across.dot(direction));
+  return std::clamp(kMaxTimes * common, 0.0, length) * direction;
 }
 
 double JointOffset::limit() const {
-  return kMostAcross * (1.0 + kFewFrames / std::max(1.0, all_.frames));
+  return kMaxAcross * (1.0 + kFewFrames / std::max(1.0, all_.frames));
 }
 
 }  // namespace manip3d

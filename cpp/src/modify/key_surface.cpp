@@ -8,7 +8,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::size_t kMostSurface = 500;  // points of a key frame; more make the pose no steadier
+constexpr std::size_t kMaxSurface = 500;  // points of a key frame; more make the pose no steadier
 // Metres, lower limit; the depth steps of a Kinect V1 are 2 cm.
 constexpr double kSurfaceNoise = 0.010;
 constexpr double kNewKeyTurn = 0.99;  // cosine of half the rotation after which points are renewed
@@ -53,8 +53,8 @@ std::optional<Eigen::Vector3d> SeenDepth::normal_at(std::int32_t pixel) const {
   const DepthView& depth = *depth_;
   const PixelRays& rays = *rays_;
   constexpr double kReach = 0.05;  // metres; large, because one depth step of a Kinect V1 is 2 cm
-  constexpr double kSameTrunk = 0.08;   // metres; larger differences of depth are another surface
-  constexpr double kLeastCosine = 0.3;  // of normal and ray; surfaces at a grazing angle are edges
+  constexpr double kSameTrunk = 0.08;  // metres; larger differences of depth are another surface
+  constexpr double kMinCosine = 0.3;   // of normal and ray; surfaces at a grazing angle are edges
   const std::int64_t u = pixel % depth.cols, v = pixel / depth.cols;
   if (u < 1 || v < 1 || u + 1 >= depth.cols || v + 1 >= depth.rows) return std::nullopt;
   const double z = depth.at(pixel);
@@ -83,11 +83,11 @@ std::optional<Eigen::Vector3d> SeenDepth::normal_at(std::int32_t pixel) const {
   if (4 * used < 3 * asked) return std::nullopt;
   const Eigen::Vector3d slope = solve_symmetric(moments, sums);
   const Eigen::Vector3d normal = Eigen::Vector3d(slope.x(), slope.y(), -1.0).normalized();
-  if (!(-normal.dot(p) > kLeastCosine * p.norm())) return std::nullopt;
+  if (!(-normal.dot(p) > kMinCosine * p.norm())) return std::nullopt;
   return normal;
 }
 
-KeySurface::KeySurface() { points_.reserve(kMostSurface); }
+KeySurface::KeySurface() { points_.reserve(kMaxSurface); }
 
 double KeySurface::noise() const { return std::max(kSurfaceNoise, kSharedNoise * residual_); }
 
@@ -111,14 +111,14 @@ bool KeySurface::renew(const PersonPoints& person, const SeenDepth& seen, const 
   const auto num_points = static_cast<std::size_t>(person.count);
   std::size_t count = 0;
   for (std::size_t i = 0; i < num_points; ++i) count += is_candidate(i);
-  if (count < kLeastSurface) return false;
-  const std::size_t stride = std::max<std::size_t>(1, (count + kMostSurface - 1) / kMostSurface);
+  if (count < kMinSurface) return false;
+  const std::size_t stride = std::max<std::size_t>(1, (count + kMaxSurface - 1) / kMaxSurface);
   points_.clear();
   std::size_t passed = 0;
   for (std::size_t i = 0; i < num_points; ++i) {
     if (!is_candidate(i) || passed++ % stride != 0) continue;
     const auto normal = seen.normal_at(person.pixel[i]);
-    if (!normal || points_.size() == kMostSurface) continue;
+    if (!normal || points_.size() == kMaxSurface) continue;
     const Eigen::Vector3d place = place_of(i);
     const double loins = (place.y() - extent.low) / std::max(extent.high - extent.low, 0.1);
     const double chest = std::clamp((loins - kLowLoins) / (kHighLoins - kLowLoins), 0.0, 1.0);
@@ -134,7 +134,7 @@ void KeySurface::learn(const Agreement& agreed) {
   share_ = points_.empty()
                ? 0.0
                : static_cast<double>(agreed.points) / static_cast<double>(points_.size());
-  if (agreed.points < kLeastSurface) return;
+  if (agreed.points < kMinSurface) return;
   constexpr double kMemory = 0.9;  // weight of the previous mean
   residual_ =
       kMemory * residual_ + (1.0 - kMemory) * agreed.off / static_cast<double>(agreed.points);

@@ -21,7 +21,7 @@
 namespace manip3d {
 
 /// With fewer points, a surface is not used.
-inline constexpr std::size_t kLeastSurface = 60;
+inline constexpr std::size_t kMinSurface = 60;
 inline constexpr double kSurfaceScale = 0.02;  ///< Scale of the Geman-McClure weight, metres.
 /// The noise of neighbouring points is correlated, so that 500 points are worth about thirty
 /// independent ones: the noise of a point is multiplied by four to get the right noise of all.
@@ -78,7 +78,7 @@ class KeySurface {
   KeySurface();
 
   [[nodiscard]] std::span<const Point> points() const { return points_; }
-  [[nodiscard]] bool is_known() const { return points_.size() >= kLeastSurface; }
+  [[nodiscard]] bool is_known() const { return points_.size() >= kMinSurface; }
   /// Noise of the distance of a pixel from the key frame, metres.
   [[nodiscard]] double noise() const;
 

@@ -15,11 +15,11 @@ namespace {
 constexpr double kWindow = 90.0;  // frames in the means
 // Weight of a frame in the errors of the means: they cover a third of a second.
 constexpr double kErrorGain = 0.1;
-constexpr double kLeastError = 0.0001;  // squared sine of half a degree
-constexpr std::size_t kNumParts = 2;    // thigh and shin; feet are short and half hidden
+constexpr double kMinError = 0.0001;  // squared sine of half a degree
+constexpr std::size_t kNumParts = 2;  // thigh and shin; feet are short and half hidden
 // A squared sine, of 33 degrees; not more, because trackers place the hips of seated people too
 // high.
-constexpr double kLeastSeated = 0.3;
+constexpr double kMinSeated = 0.3;
 
 /// The direction, made orthogonal to the spine and normalized.
 Eigen::Vector3d upright(const Eigen::Vector3d& direction, const BodyFrame& trunk) {
@@ -151,9 +151,9 @@ std::optional<LegPlane> plane_between(const SeenLeg& intact, const SeenLeg& affe
   // Standard deviations of turn, roll, shift and bend. A narrower prior would pull the plane of
   // turned legs to that of the trunk.
   const Eigen::Vector4d kDeviation(0.6, 0.1, 0.05, 0.5);
-  constexpr double kMostTurn = 0.6;    // tangent of 31 degrees, the most that a spine turns
-  constexpr double kMostShift = 0.10;  // metres
-  constexpr double kMostOff = 0.04;    // metres; the distance is larger for legs in different poses
+  constexpr double kMaxTurn = 0.6;    // tangent of 31 degrees, the most that a spine turns
+  constexpr double kMaxShift = 0.10;  // metres
+  constexpr double kMaxOff = 0.04;    // metres; the distance is larger for legs in different poses
   const Eigen::Vector4d prior = kDeviation.cwiseProduct(kDeviation).cwiseInverse();
   Eigen::Vector4d plane = Eigen::Vector4d::Zero();
   std::array<double, kNumParts> off{};
@@ -192,8 +192,8 @@ std::optional<LegPlane> plane_between(const SeenLeg& intact, const SeenLeg& affe
     }
     plane += solve_symmetric(information, gradient);
   }
-  const bool is_likely = std::abs(plane[0]) < kMostTurn && std::abs(plane[2]) < kMostShift;
-  const bool fits = std::ranges::all_of(off, [](double o) { return o < kMostOff; });
+  const bool is_likely = std::abs(plane[0]) < kMaxTurn && std::abs(plane[2]) < kMaxShift;
+  const bool fits = std::ranges::all_of(off, [](double o) { return o < kMaxOff; });
   if (!(is_likely && fits)) return std::nullopt;
   return LegPlane{plane[0], plane[1], plane[2]};
 }
@@ -204,17 +204,17 @@ void LegTurn::learn(const PersonPoints& points, const Skeleton& person, const Bo
   const Limb intact = opposite(affected_);
   trust_ = 1.0;
   seated_ = seated_share(person, intact, trunk);
-  if (!(std::min(seated_, seated_share(person, affected_, trunk)) > kLeastSeated)) return;
+  if (!(std::min(seated_, seated_share(person, affected_, trunk)) > kMinSeated)) return;
   if (!has_parts(person, affected_) || !has_parts(person, intact)) return;
   const SeenLeg mine = see(points, person, affected_), other = see(points, person, intact);
-  constexpr std::size_t kLeastPoints = 60;
-  const auto is_seen = [](const Part& part) { return part.count >= kLeastPoints; };
+  constexpr std::size_t kMinPoints = 60;
+  const auto is_seen = [](const Part& part) { return part.count >= kMinPoints; };
   if (!std::ranges::all_of(mine.parts, is_seen) || !std::ranges::all_of(other.parts, is_seen))
     return;
-  const auto told = plane_between(other, mine, trunk);
-  if (!told) return;
+  const auto measured = plane_between(other, mine, trunk);
+  if (!measured) return;
   const double gain = 1.0 / std::min(frames_ + 1.0, kWindow);
-  const Eigen::Vector3d normal = upright(trunk.n + told->turn * trunk.z, trunk);
+  const Eigen::Vector3d normal = upright(trunk.n + measured->turn * trunk.z, trunk);
   if (frames_ > 0.0) {
     const double with_seat = normal.cross(upright(normal_, trunk)).squaredNorm();
     const double with_trunk = normal.cross(upright(turned(trunk), trunk)).squaredNorm();
@@ -222,9 +222,9 @@ void LegTurn::learn(const PersonPoints& points, const Skeleton& person, const Bo
     trunk_error_ += kErrorGain * (with_trunk - trunk_error_);
   }
   normal_ += gain * (normal - normal_);
-  turn_ += gain * (told->turn - turn_);
-  roll_ += gain * (told->roll - roll_);
-  shift_ += gain * (told->shift - shift_);
+  turn_ += gain * (measured->turn - turn_);
+  roll_ += gain * (measured->roll - roll_);
+  shift_ += gain * (measured->shift - shift_);
   frames_ = std::min(frames_ + 1.0, kWindow);
 }
 
@@ -237,15 +237,15 @@ void LegTurn::forget() {
 
 BodyFrame LegTurn::of(const BodyFrame& trunk) const {
   if (frames_ == 0.0) return trunk;
-  const double seat = std::max(seat_error_, kLeastError),
-               with_trunk = std::max(trunk_error_, kLeastError);
-  const Eigen::Vector3d told = upright(with_trunk * with_trunk * upright(normal_, trunk) +
-                                           seat * seat * upright(turned(trunk), trunk),
-                                       trunk);
+  const double seat = std::max(seat_error_, kMinError),
+               with_trunk = std::max(trunk_error_, kMinError);
+  const Eigen::Vector3d normal = upright(with_trunk * with_trunk * upright(normal_, trunk) +
+                                             seat * seat * upright(turned(trunk), trunk),
+                                         trunk);
   // The whole turn is used from 33 degrees on, none below 23 degrees.
-  const double seated = trust_ * std::clamp(2.0 * seated_ / kLeastSeated - 1.0, 0.0, 1.0);
+  const double seated = trust_ * std::clamp(2.0 * seated_ / kMinSeated - 1.0, 0.0, 1.0);
   BodyFrame legs = trunk;
-  legs.n = legs.x = (trunk.n + seated * (told - trunk.n) + seated * roll_ * trunk.y).normalized();
+  legs.n = legs.x = (trunk.n + seated * (normal - trunk.n) + seated * roll_ * trunk.y).normalized();
   legs.y = (trunk.y - trunk.y.dot(legs.n) * legs.n).normalized();
   legs.z = legs.n.cross(legs.y);
   legs.origin += seated * shift_ * trunk.n;

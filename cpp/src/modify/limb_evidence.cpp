@@ -138,14 +138,14 @@ bool has_main_joints(const Skeleton& skeleton, Limb affected) {
 
 void LimbPresence::add(const Skeleton& skeleton, Limb affected, const PixelProjector& projector,
                        const PhantomImage& image) {
-  constexpr double kLeastVisible = 0.5;  // share of a limb's length
-  constexpr double kFrames = 20.0;       // frames in the mean
+  constexpr double kMinVisible = 0.5;  // share of a limb's length
+  constexpr double kFrames = 20.0;     // frames in the mean
   // The two arms, or legs, of a person differ by a smaller share.
   constexpr float kOtherLength = 0.3F;
   const auto visible = [&](Limb limb) { return visible_share(skeleton, limb, projector, image); };
   // If the joints of the intact limb are beside the person, those of the affected limb may lie on
   // it by chance.
-  if (!(visible(opposite(affected)) >= kLeastVisible)) return;
+  if (!(visible(opposite(affected)) >= kMinVisible)) return;
   const float length = limb_length(skeleton, affected);
   const float intact = limb_length(skeleton, opposite(affected));
   // The root is left out, because it is inferred whenever a seated person's thigh hides it.
@@ -153,7 +153,7 @@ void LimbPresence::add(const Skeleton& skeleton, Limb affected, const PixelProje
   const bool is_tracked = std::ranges::all_of(
       chain, [&](Joint j) { return skeleton.state(j) == TrackingState::kTracked; });
   const bool is_seen = is_tracked && std::abs(length - intact) < kOtherLength * intact &&
-                       visible(affected) >= kLeastVisible;
+                       visible(affected) >= kMinVisible;
   frames_ = std::min(frames_ + 1.0, kFrames);
   // At first, a frame that shows the limb has more weight than one that does not, because joints
   // may be wrong.

@@ -14,7 +14,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::size_t kMostSamples = 1024;
+constexpr std::size_t kMaxSamples = 1024;
 // Lengths are in metres.
 // Scale of the Geman-McClure weights in each step. Points farther than this from the skin hardly
 // count; it decreases as the skins come nearer to their points.
@@ -24,27 +24,26 @@ constexpr double kPointNoise = 0.015;  // standard error of a skin's radius, clo
 // The errors of points on one bone are not independent: together they weigh as much as this many
 // independent points.
 constexpr double kIndependentPoints = 25.0;
-constexpr double kJointNoise = 0.05;    // standard deviation of the prior: error of a tracked joint
-constexpr double kMostMoved = 0.12;     // largest distance of a fitted joint from the tracked one
-constexpr std::size_t kMostMoving = 4;  // joints of a limb beyond its root
-constexpr std::size_t kBlock = 32;      // samples with a common bounding box
+constexpr double kJointNoise = 0.05;   // standard deviation of the prior: error of a tracked joint
+constexpr double kMaxMoved = 0.12;     // largest distance of a fitted joint from the tracked one
+constexpr std::size_t kMaxMoving = 4;  // joints of a limb beyond its root
+constexpr std::size_t kBlock = 32;     // samples with a common bounding box
 constexpr std::uint8_t kNoBone = 0xff;
 
 /// A sample of the person's points, with the bone whose skin is nearest to each.
 struct Samples {
   std::size_t count = 0;
-  alignas(32) std::array<float, kMostSamples> x, y, z;
+  alignas(32) std::array<float, kMaxSamples> x, y, z;
   /// Distance from the nearest skin of a bone that is not fitted; at most kFarthest.
-  alignas(32) std::array<float, kMostSamples> other;
+  alignas(32) std::array<float, kMaxSamples> other;
+  alignas(32) std::array<float, kMaxSamples> skin;  ///< Distance from the nearest skin of any bone.
   alignas(
-      32) std::array<float, kMostSamples> skin;  ///< Distance from the nearest skin of any bone.
-  alignas(
-      32) std::array<std::int32_t, kMostSamples> bone;  ///< Fitted bone of that skin, or kNoBone.
-  std::array<Eigen::AlignedBox3f, kMostSamples / kBlock> boxes;  ///< Around each block.
+      32) std::array<std::int32_t, kMaxSamples> bone;  ///< Fitted bone of that skin, or kNoBone.
+  std::array<Eigen::AlignedBox3f, kMaxSamples / kBlock> boxes;  ///< Around each block.
 
   explicit Samples(const PersonPoints& points) {
     const std::size_t all = points.count;
-    const std::size_t stride = std::max<std::size_t>(1, (all + kMostSamples - 1) / kMostSamples);
+    const std::size_t stride = std::max<std::size_t>(1, (all + kMaxSamples - 1) / kMaxSamples);
     for (std::size_t i = stride / 2; i < all; i += stride) {
       x[count] = points.x[i], y[count] = points.y[i], z[count] = points.z[i];
       boxes[count / kBlock].extend(Eigen::Vector3f(x[count], y[count], z[count]));
@@ -55,7 +54,7 @@ struct Samples {
   /// Updates the least distances `to`, which are at most kFarthest, and `bone` by the distances
   /// from the skin of bone `number`.
   void measure(const Eigen::Vector3f& from, const Eigen::Vector3f& end, const BoneRadii& radii,
-               std::int32_t number, std::array<float, kMostSamples>& to) {
+               std::int32_t number, std::array<float, kMaxSamples>& to) {
     const Eigen::Vector3f b = end - from;
     const Eigen::Vector3f t = b / std::max(b.squaredNorm(), 1e-9F);
     const float taper = radii.end - radii.start;
@@ -71,7 +70,7 @@ struct Samples {
 
   void measure_block(std::size_t first, std::size_t last, const Eigen::Vector3f& from,
                      const Eigen::Vector3f& b, const Eigen::Vector3f& t, float radius, float taper,
-                     std::int32_t number, std::array<float, kMostSamples>& to) {
+                     std::int32_t number, std::array<float, kMaxSamples>& to) {
     for (std::size_t i = first; i < last; ++i) {
       const float dx = x[i] - from.x(), dy = y[i] - from.y(), dz = z[i] - from.z();
       const float along = std::clamp(dx * t.x() + dy * t.y() + dz * t.z(), 0.0F, 1.0F);
@@ -87,9 +86,9 @@ struct Samples {
 /// The joints of a limb from its root to the last usable one, with the radii of its bones.
 struct Chain {
   std::size_t count = 0;
-  std::array<Joint, kMostMoving + 1> joint;
-  std::array<Eigen::Vector3f, kMostMoving + 1> tracked, place;  ///< Tracked and fitted positions.
-  std::array<BoneRadii, kMostMoving + 1> radii;  ///< Radii of the bone that ends at the joint.
+  std::array<Joint, kMaxMoving + 1> joint;
+  std::array<Eigen::Vector3f, kMaxMoving + 1> tracked, place;  ///< Tracked and fitted positions.
+  std::array<BoneRadii, kMaxMoving + 1> radii;  ///< Radii of the bone that ends at the joint.
 
   Chain(const Skeleton& skeleton, Limb limb, const BoneSegments& bones) {
     for (const Joint next : limb_chain(limb)) {
@@ -128,8 +127,8 @@ class LimbFit {
   [[nodiscard]] const std::array<Chain, kNumLimbs>& chains() const { return chains_; }
 
  private:
-  using Matrix = Eigen::Matrix<double, 3 * kMostMoving, 3 * kMostMoving>;
-  using Vector = Eigen::Matrix<double, 3 * kMostMoving, 1>;
+  using Matrix = Eigen::Matrix<double, 3 * kMaxMoving, 3 * kMaxMoving>;
+  using Vector = Eigen::Matrix<double, 3 * kMaxMoving, 1>;
   static constexpr std::size_t kBonesOfLimb = 8;  // numbers of bones: limb * 8 + place in the chain
 
   [[nodiscard]] bool is_fitted(std::uint8_t bone) const {
@@ -181,7 +180,7 @@ class LimbFit {
     for (std::size_t k = 1; k < chain.count; ++k) {
       chain.place[k] += moved.segment<3>(static_cast<Eigen::Index>(3 * (k - 1))).cast<float>();
       const Eigen::Vector3f off = chain.place[k] - chain.tracked[k];
-      const float most = static_cast<float>(kMostMoved) / std::max(off.norm(), 1e-6F);
+      const float most = static_cast<float>(kMaxMoved) / std::max(off.norm(), 1e-6F);
       if (most < 1.0F) chain.place[k] = chain.tracked[k] + most * off;
     }
   }

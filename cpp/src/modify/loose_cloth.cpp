@@ -21,9 +21,9 @@ constexpr float kTrunkHalf = 0.10F;  // the sleeve of an arm hangs farther from 
 // Trunks of real people reach this far to either side of the plane.
 constexpr float kTrunkWidth = 0.16F;
 // Pixels; for small limbs, single pixels would be a large share.
-constexpr double kLeastIntact = 250.0;
-constexpr float kBeyond = 1.15F;          // longest cloth, relative to the length of the limb
-constexpr std::size_t kLeastPixels = 20;  // fewer pixels are noise of an edge
+constexpr double kMinIntact = 250.0;
+constexpr float kBeyond = 1.15F;        // longest cloth, relative to the length of the limb
+constexpr std::size_t kMinPixels = 20;  // fewer pixels are noise of an edge
 
 /// Tests whether a point violates the body's symmetry.
 class ClothTest {
@@ -170,7 +170,7 @@ std::int64_t remove_loose_cloth(PersonPoints& points, const ClothSearch& search,
   std::int64_t removed = 0;
   for (std::int64_t i = 0; i < points.count; ++i) {
     if (image.removal[points.pixel[i]] != Removal::kSurelyCloth) continue;
-    if (piece.start(points.pixel[i]) < kLeastPixels) continue;
+    if (piece.start(points.pixel[i]) < kMinPixels) continue;
     piece.grow(rings);
     removed += piece.take_all_out();
   }
@@ -200,7 +200,7 @@ double share_of_unseen_cloth(const PersonPoints& points, const ClothSearch& sear
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     unseen += test.is_in_reach(p) && may_be(label, p) && test.is_hidden(p);
   }
-  return static_cast<double>(unseen) / std::max(kLeastIntact, static_cast<double>(intact));
+  return static_cast<double>(unseen) / std::max(kMinIntact, static_cast<double>(intact));
 }
 
 }  // namespace manip3d

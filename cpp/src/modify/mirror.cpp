@@ -35,7 +35,7 @@ std::optional<BodyFrame> body_frame(const Skeleton& skeleton, Limb limb) {
   }
   constexpr float kNearest = 0.1F;
   if (!(skeleton[low].z() > kNearest)) return std::nullopt;
-  constexpr double kShortest = 0.05, kLeastSine = 0.1;
+  constexpr double kShortest = 0.05, kMinSine = 0.1;
   const Eigen::Vector3d across = (skeleton[left] - skeleton[right]).cast<double>();
   const Eigen::Vector3d up = (skeleton[high] - skeleton[low]).cast<double>();
   if (!(across.norm() > kShortest && up.norm() > kShortest)) return std::nullopt;
@@ -44,7 +44,7 @@ std::optional<BodyFrame> body_frame(const Skeleton& skeleton, Limb limb) {
   frame.x = across.normalized();
   frame.y = up.normalized();
   frame.z = frame.x.cross(frame.y);
-  if (!(frame.z.norm() > kLeastSine)) return std::nullopt;
+  if (!(frame.z.norm() > kMinSine)) return std::nullopt;
   frame.z.normalize();
   frame.n = frame.y.cross(frame.z);
   return frame;

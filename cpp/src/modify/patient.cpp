@@ -11,36 +11,36 @@ namespace {
 
 /// Whether all usable pairs of shoulders and hips point against the body's left. If one of the
 /// pairs is tracked, a pair with an inferred joint, as a seated hip often is, is ignored.
-bool has_sides_swapped(const Skeleton& told, const BodyFrame& frame) {
+bool has_sides_swapped(const Skeleton& reported, const BodyFrame& frame) {
   using enum Joint;
   constexpr std::array kPairs = {std::pair{kShoulderLeft, kShoulderRight},
                                  std::pair{kHipLeft, kHipRight}};
   // Cosine; well beyond 90 degrees, which a turning body passes slowly.
   constexpr double kAgainst = -0.5;
   const auto is_tracked = [&](const auto& pair) {
-    return told.state(pair.first) == TrackingState::kTracked &&
-           told.state(pair.second) == TrackingState::kTracked;
+    return reported.state(pair.first) == TrackingState::kTracked &&
+           reported.state(pair.second) == TrackingState::kTracked;
   };
   const bool any_tracked = std::ranges::any_of(kPairs, is_tracked);
-  bool is_told = false;
+  bool is_known = false;
   for (const auto& pair : kPairs) {
     const auto& [left, right] = pair;
-    if (!is_usable(told, left) || !is_usable(told, right)) continue;
+    if (!is_usable(reported, left) || !is_usable(reported, right)) continue;
     if (any_tracked && !is_tracked(pair)) continue;
-    const Eigen::Vector3d across = (told[left] - told[right]).cast<double>();
+    const Eigen::Vector3d across = (reported[left] - reported[right]).cast<double>();
     if (!(frame.n.dot(across) < kAgainst * across.norm())) return false;
-    is_told = true;
+    is_known = true;
   }
-  return is_told;
+  return is_known;
 }
 
-Skeleton with_sides_swapped(const Skeleton& told) {
-  Skeleton result = told;
+Skeleton with_sides_swapped(const Skeleton& reported) {
+  Skeleton result = reported;
   for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
     const std::size_t other = kMirroredJoints[joint];
-    result.positions[joint] = told.positions[other];
-    result.orientations[joint] = told.orientations[other];
-    result.states[joint] = told.states[other];
+    result.positions[joint] = reported.positions[other];
+    result.orientations[joint] = reported.orientations[other];
+    result.states[joint] = reported.states[other];
   }
   return result;
 }
@@ -102,24 +102,24 @@ void Patient::look_at_clothes(const PhantomInput& input, const PixelRays& rays) 
 }
 
 /// A tracker may exchange left and right for a moment, which does not move a limb to the other
-/// side. In that case they are exchanged back in `told`. If the tracker keeps to the exchanged
+/// side. In that case they are exchanged back in `reported`. If the tracker keeps to the exchanged
 /// sides for longer than patience_for_sides(), they are accepted and the person starts again.
 /// Returns whether that happened.
-bool Patient::keep_sides(Skeleton& told, const BodyFrame* frame, double time_s) {
+bool Patient::keep_sides(Skeleton& reported, const BodyFrame* frame, double time_s) {
   if (frame == nullptr) sides_known_since_ = time_s;
-  if (frame == nullptr || !has_sides_swapped(told, *frame)) {
+  if (frame == nullptr || !has_sides_swapped(reported, *frame)) {
     sides_kept_since_ = time_s;
-    feet_.learn(told, affected_);
+    feet_.learn(reported, affected_);
     return false;
   }
   if (time_s - sides_kept_since_ <= patience_for_sides()) {
-    told = with_sides_swapped(told);
-    feet_.learn(told, affected_);
+    reported = with_sides_swapped(reported);
+    feet_.learn(reported, affected_);
     return false;
   }
-  start(told.id);
+  start(reported.id);
   sides_kept_since_ = sides_known_since_ = time_s;
-  feet_.learn(told, affected_);
+  feet_.learn(reported, affected_);
   return true;
 }
 
@@ -135,19 +135,20 @@ double Patient::patience_for_sides() const {
 
 /// Whether the skeleton is at the last place of the patient; trackers may give the same person
 /// another id.
-bool Patient::is_at_same_place(const Skeleton& told) const {
+bool Patient::is_at_same_place(const Skeleton& reported) const {
   constexpr float kSamePlace = 0.3F;  // metres
-  const auto before = person_ ? spine_base(*person_) : std::nullopt, now = spine_base(told);
+  const auto before = person_ ? spine_base(*person_) : std::nullopt, now = spine_base(reported);
   return before && now && (*before - *now).norm() < kSamePlace;
 }
 
-/// Without smoothing, positions are those of `told`, and only the states come from the smoother.
-Skeleton Patient::smoothed(const Skeleton& told) {
-  Skeleton result = smoother_.add(told);
+/// Without smoothing, positions are those of `reported`, and only the states come from the
+/// smoother.
+Skeleton Patient::smoothed(const Skeleton& reported) {
+  Skeleton result = smoother_.add(reported);
   if (smooths_) return result;
   for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
     if (result.states[joint] != TrackingState::kNotTracked) {
-      result.positions[joint] = told.positions[joint];
+      result.positions[joint] = reported.positions[joint];
     }
   }
   return result;

@@ -46,10 +46,10 @@ class Patient {
  private:
   void look_at_clothes(const PhantomInput& input, const PixelRays& rays);
   void start(std::optional<std::int64_t> id);
-  bool keep_sides(Skeleton& told, const BodyFrame* frame, double time_s);
+  bool keep_sides(Skeleton& reported, const BodyFrame* frame, double time_s);
   [[nodiscard]] double patience_for_sides() const;
-  [[nodiscard]] bool is_at_same_place(const Skeleton& told) const;
-  [[nodiscard]] Skeleton smoothed(const Skeleton& told);
+  [[nodiscard]] bool is_at_same_place(const Skeleton& reported) const;
+  [[nodiscard]] Skeleton smoothed(const Skeleton& reported);
 
   Limb affected_;
   bool smooths_;

@@ -12,13 +12,13 @@ namespace {
 
 constexpr int kPelvisSteps = 4;  // steps are below 0.1 mm from the third on
 // kUsualTurn: standard deviation of the pelvis's turn, radians. kTurnChange: of its change in one
-// frame, radians. kMove: of a sideways movement, metres. kLeastTurn: smallest turn that is used,
+// frame, radians. kMove: of a sideways movement, metres. kMinTurn: smallest turn that is used,
 // radians. kSureTurn: smallest turn that is used, in standard deviations of its estimate. Chosen on
 // seed 5 of `bench_people.py --twist` and on seed 3 of `bench_steadiness.py`.
 constexpr double kUsualTurn = 0.2, kTurnChange = 0.04, kMove = 0.03;
-constexpr double kLeastTurn = 0.05, kSureTurn = 3.0;
+constexpr double kMinTurn = 0.05, kSureTurn = 3.0;
 constexpr double kPelvisFrame = 1.0 / 30.0;  // seconds that `kTurnChange` refers to
-constexpr double kMostKnee = 90.0;           // frames in the mean of the knee
+constexpr double kMaxKnee = 90.0;            // frames in the mean of the knee
 
 }  // namespace
 
@@ -37,29 +37,29 @@ void Pelvis::follow(const Skeleton* joints, const SeenDepth& seen, const KeySurf
   if (is_arm(affected_)) return;
   constexpr double kTurnWeight = 1.0 / (kUsualTurn * kUsualTurn),
                    kMoveWeight = 1.0 / (kMove * kMove);
-  const double foreseen = told_;
+  const double foreseen = estimated_turn_;
   const double changed = elapsed / kPelvisFrame * kTurnChange * kTurnChange;
   const Eigen::Vector4d prior(1.0 / (variance_ + changed), kMoveWeight, kMoveWeight, kMoveWeight);
   Eigen::Vector3d moved = Eigen::Vector3d::Zero();
   Equations equations;
   for (int iteration = 0; iteration < kPelvisSteps; ++iteration) {
     equations.information = prior.asDiagonal();
-    equations.gradient << prior[0] * (foreseen - told_), -kMoveWeight * moved;
+    equations.gradient << prior[0] * (foreseen - estimated_turn_), -kMoveWeight * moved;
     equations.information(0, 0) += kTurnWeight;
-    equations.gradient[0] -= kTurnWeight * told_;
+    equations.gradient[0] -= kTurnWeight * estimated_turn_;
     add_surface(moved, seen, surface, pose, equations);
     if (joints != nullptr) {
       add_joints(moved, *joints, means, pose, equations);
       add_knee(moved, *joints, means, pose, equations);
     }
     const Eigen::Vector4d step = solve_symmetric(equations.information, equations.gradient);
-    told_ += step[0];
+    estimated_turn_ += step[0];
     moved += step.tail<3>();
   }
   variance_ = equations.information.inverse()(0, 0);
   // Continuous: 0 at the smallest turn that is used, the whole turn from twice that on.
-  const double least = std::max(kLeastTurn, kSureTurn * std::sqrt(variance_));
-  turn_ = told_ * std::clamp(std::abs(told_) / least - 1.0, 0.0, 1.0);
+  const double least = std::max(kMinTurn, kSureTurn * std::sqrt(variance_));
+  turn_ = estimated_turn_ * std::clamp(std::abs(estimated_turn_) / least - 1.0, 0.0, 1.0);
 }
 
 void Pelvis::add_surface(const Eigen::Vector3d& moved, const SeenDepth& seen,
@@ -70,7 +70,7 @@ void Pelvis::add_surface(const Eigen::Vector3d& moved, const SeenDepth& seen,
   const Eigen::Vector3d centre = pose.translation, spine = rotation.col(1);
   for (const KeySurface::Point& point : surface.points()) {
     if (point.share == 0.0) continue;
-    const double turn = point.share * told_;
+    const double turn = point.share * estimated_turn_;
     const Eigen::Vector3d arm = rotation * about_spine(point.place, turn);
     const Eigen::Vector3d normal = rotation * about_spine(point.normal, turn);
     const auto found = seen.residual_at(arm + centre + point.share * moved, normal);
@@ -90,7 +90,7 @@ void Pelvis::add_joints(const Eigen::Vector3d& moved, const Skeleton& joints,
   const Eigen::Vector3d centre = pose.translation + moved, spine = rotation.col(1);
   for (const Joint joint : {Joint::kSpineBase, Joint::kHipLeft, Joint::kHipRight}) {
     if (!means.is_known(joint) || !is_usable(joints, joint)) continue;
-    const Eigen::Vector3d arm = rotation * means.place(joint, told_);
+    const Eigen::Vector3d arm = rotation * means.place(joint, estimated_turn_);
     const Eigen::Vector3d off =
         joints[joint].cast<double>() - arm - centre - rho * (rotation * means.last_error(joint));
     const Eigen::Vector3d turn = spine.cross(arm);
@@ -110,7 +110,7 @@ void Pelvis::add_knee(const Eigen::Vector3d& moved, const Skeleton& joints,
   const double rho = means.correlation();
   const Eigen::Matrix3d rotation = pose.rotation.toRotationMatrix();
   const Eigen::Vector3d centre = pose.translation + moved, spine = rotation.col(1);
-  const Eigen::Vector3d arm = rotation * about_spine(knee_, told_);
+  const Eigen::Vector3d arm = rotation * about_spine(knee_, estimated_turn_);
   const Eigen::Vector3d turn = spine.cross(arm), aside = turn.normalized();
   const double off = aside.dot(*knee - centre - arm);
   // The knee is measured as accurately as the hip, but its errors last over frames.
@@ -123,7 +123,7 @@ void Pelvis::add_knee(const Eigen::Vector3d& moved, const Skeleton& joints,
 /// The intact knee of a person on a seat, whose lap hides the pelvis; the thigh turns with the
 /// pelvis.
 std::optional<Eigen::Vector3d> Pelvis::lap(const Skeleton& joints, const TrunkPose& pose) const {
-  constexpr double kLeastAhead = 0.25;  // metres from the spine
+  constexpr double kMinAhead = 0.25;  // metres from the spine
   const Joint joint = limb_chain(opposite(affected_))[1];
   if (!is_usable(joints, joint) || joints.state(joint) != TrackingState::kTracked) {
     return std::nullopt;
@@ -131,7 +131,7 @@ std::optional<Eigen::Vector3d> Pelvis::lap(const Skeleton& joints, const TrunkPo
   const Eigen::Vector3d knee = joints[joint].cast<double>();
   const Eigen::Vector3d arm = knee - pose.translation,
                         spine = pose.rotation * Eigen::Vector3d::UnitY();
-  if (!((arm - spine.dot(arm) * spine).norm() > kLeastAhead)) return std::nullopt;
+  if (!((arm - spine.dot(arm) * spine).norm() > kMinAhead)) return std::nullopt;
   return knee;
 }
 
@@ -145,7 +145,7 @@ void Pelvis::learn_knee(const Skeleton& joints, const TrunkPose& pose) {
   }
   const Eigen::Vector3d place =
       about_spine(pose.rotation.conjugate() * (*knee - pose.translation), -turn_);
-  knee_frames_ = std::min(knee_frames_ + 1.0, kMostKnee);
+  knee_frames_ = std::min(knee_frames_ + 1.0, kMaxKnee);
   knee_ += (place - knee_) / knee_frames_;
 }
 

@@ -52,7 +52,7 @@ class Pelvis {
 
   Limb affected_;
   /// Radians: estimate, its variance, and the part of it that is used.
-  double told_ = 0.0, variance_ = 0.0, turn_ = 0.0;
+  double estimated_turn_ = 0.0, variance_ = 0.0, turn_ = 0.0;
   /// In coordinates of the pelvis, while the person is on a seat.
   Eigen::Vector3d knee_ = Eigen::Vector3d::Zero();
   double knee_frames_ = 0.0;

@@ -181,7 +181,7 @@ class PhantomPipeline::Workspace {
     }
   }
 
-  /// Forgets all that earlier frames told, except the camera.
+  /// Forgets everything about earlier frames, except the camera.
   void start_anew() {
     patient_.reset();
     plane_.forget_down();

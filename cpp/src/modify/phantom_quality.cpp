@@ -12,31 +12,31 @@ namespace manip3d {
 namespace {
 
 // The limits at which a frame is degraded. They were chosen on UTD-MHAD trials of both halves
-// (kMostLeft and both kMostLost: only on the tuning half of benchmarks/bench_people.py), so rates
+// (kMaxLeft and both kMaxLost: only on the tuning half of benchmarks/bench_people.py), so rates
 // that are measured on those trials do not hold for other people.
-constexpr double kMostPlane = 6.0;    // degrees; it displaces a hand 0.3 m from the plane by 6 cm
-constexpr double kMostAcross = 0.03;  // metres; an extended leg ends 0.8 m from the plane's origin
-constexpr double kMostLeap = 0.12;    // metres in one frame
-constexpr double kMostGapArm = 0.10,
-                 kMostGapLeg = 0.16;   // metres; a hip lies deeper in the body than a shoulder
-constexpr double kLeastLargest = 0.7;  // share of the phantom's pixels
+constexpr double kMaxPlane = 6.0;    // degrees; it displaces a hand 0.3 m from the plane by 6 cm
+constexpr double kMaxAcross = 0.03;  // metres; an extended leg ends 0.8 m from the plane's origin
+constexpr double kMaxLeap = 0.12;    // metres in one frame
+constexpr double kMaxGapArm = 0.10,
+                 kMaxGapLeg = 0.16;  // metres; a hip lies deeper in the body than a shoulder
+constexpr double kMinLargest = 0.7;  // share of the phantom's pixels
 // Legs: a loss of 15 % looks wrong; the limit is lower because the hips' place follows from joints,
 // which err.
-constexpr double kMostLostLegs = 0.14, kMostLostTrunk = 0.05;
-constexpr double kMostLeft = 0.10;  // share of the affected limb's pixels
+constexpr double kMaxLostLegs = 0.14, kMaxLostTrunk = 0.05;
+constexpr double kMaxLeft = 0.10;  // share of the affected limb's pixels
 // Chosen on simulated people with and without sleeves (seeds 0 and 1), and on the tuning half with
 // inferred joints of the affected limb.
-constexpr double kMostCloth = 0.05;  // share of the intact limb's pixels
+constexpr double kMaxCloth = 0.05;  // share of the intact limb's pixels
 // Pixels; for small limbs, single pixels would be a large share.
-constexpr double kLeastLimb = 250.0;
+constexpr double kMinLimb = 250.0;
 
 // Chosen on the tuning half.
-constexpr double kMostStray = 0.2;                         // share of the intact arm's pixels
+constexpr double kMaxStray = 0.2;                          // share of the intact arm's pixels
 constexpr float kBesideArm = 0.08F, kBesideTrunk = 0.15F;  // metres from the skin of every bone
 constexpr float kAside = 0.20F;                            // metres from the plane of symmetry
 constexpr float kAboveHips = 0.10F, kBehindBone = 0.05F;   // metres
 
-constexpr double kMostOutside = 0.5;  // share of the mirrored points
+constexpr double kMaxOutside = 0.5;  // share of the mirrored points
 
 constexpr float kAwayFromRoot = 0.10F;  // metres; nearer to the root, a stump may be visible
 // Metres; points this far behind all joints of a limb do not belong to it.
@@ -105,7 +105,7 @@ double stray_share(const PersonPoints& points, Limb affected, const Skeleton& pe
     const NearestSkin nearest = nearest_skin(p, bones, [](std::uint8_t) { return true; });
     stray += is_beside(p, nearest) && p.z() < nearest.depth + kBehindBone;
   }
-  return static_cast<double>(stray) / std::max(kLeastLimb, static_cast<double>(intact));
+  return static_cast<double>(stray) / std::max(kMinLimb, static_cast<double>(intact));
 }
 
 /// Whether the camera would see the trunk in the direction of p if nothing were in front of it.
@@ -171,7 +171,7 @@ JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth
                    const PixelProjector& projector, const PhantomImage& image) {
   // Pixels; joints of narrow parts such as wrists may lie just beside them.
   constexpr std::int32_t kMargin = 2;
-  constexpr int kLeastJoints = 5;
+  constexpr int kMinJoints = 5;
   // With a wrong focal length, joints of feet project to nearer parts of the floor, by the same
   // factor as they are displaced; up to this factor, a joint beside the person counts as displaced
   // and not as hidden.
@@ -198,7 +198,7 @@ JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth
     const float z = depth.at(pixel);
     hidden += !found && z > 0.0F && z < kMuchNearer * p.z();
   }
-  if (all < kLeastJoints) return {};
+  if (all < kMinJoints) return {};
   return {static_cast<double>(fits) / all, static_cast<double>(hidden) / all};
 }
 
@@ -250,7 +250,7 @@ void PictureJudge::measure(const PersonPoints& points, std::int64_t num_given,
                                               points.skin_distance[i] + unsure);
   }
   if (!options.keep_residual) {
-    quality.left = static_cast<double>(left) / std::max(kLeastLimb, static_cast<double>(limb));
+    quality.left = static_cast<double>(left) / std::max(kMinLimb, static_cast<double>(limb));
   }
 }
 
@@ -285,32 +285,32 @@ void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& b
 PhantomReason misfit(const PhantomQuality& quality, const Stature& stature,
                      const JointOffset& offset) {
   if (stature.misfit() > stature.limit() || offset.metres() > offset.limit() ||
-      quality.fit + quality.hidden < kLeastFit) {
+      quality.fit + quality.hidden < kMinFit) {
     return PhantomReason::kCalibration;
   }
-  return quality.fit < kLeastFit ? PhantomReason::kOccluded : PhantomReason::kNone;
+  return quality.fit < kMinFit ? PhantomReason::kOccluded : PhantomReason::kNone;
 }
 
 PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature,
                        const JointOffset& offset, PhantomQuality& quality) {
   constexpr double kOfTrunk = 0.5;  // roots lie at the border of the trunk
-  const double most_gap = (is_arm(affected) ? kMostGapArm : kMostGapLeg) +
+  const double most_gap = (is_arm(affected) ? kMaxGapArm : kMaxGapLeg) +
                           kOfTrunk * static_cast<double>(girth.around_trunk());
-  const double most_lost = is_arm(affected) ? kMostLostTrunk : kMostLostLegs;
+  const double most_lost = is_arm(affected) ? kMaxLostTrunk : kMaxLostLegs;
   const std::array<std::pair<PhantomReason, double>, 13> measures = {{
-      {PhantomReason::kCalibration, (1.0 - quality.fit) / (1.0 - kLeastFit)},
+      {PhantomReason::kCalibration, (1.0 - quality.fit) / (1.0 - kMinFit)},
       {PhantomReason::kCalibration, (stature.misfit() - 1.0) / (stature.limit() - 1.0)},
       {PhantomReason::kCalibration, offset.metres() / offset.limit()},
-      {PhantomReason::kShaky, quality.plane_deg / kMostPlane},
-      {PhantomReason::kShaky, quality.across / kMostAcross},
-      {PhantomReason::kLeap, quality.leap / kMostLeap},
+      {PhantomReason::kShaky, quality.plane_deg / kMaxPlane},
+      {PhantomReason::kShaky, quality.across / kMaxAcross},
+      {PhantomReason::kLeap, quality.leap / kMaxLeap},
       {PhantomReason::kDetached, quality.gap / most_gap},
-      {PhantomReason::kShredded, (1.0 - quality.largest) / (1.0 - kLeastLargest)},
+      {PhantomReason::kShredded, (1.0 - quality.largest) / (1.0 - kMinLargest)},
       {PhantomReason::kCut, quality.lost / most_lost},
-      {PhantomReason::kDoubled, quality.left / kMostLeft},
-      {PhantomReason::kCloth, quality.cloth / kMostCloth},
-      {PhantomReason::kInferred, quality.stray / kMostStray},
-      {PhantomReason::kOccluded, quality.outside / kMostOutside},
+      {PhantomReason::kDoubled, quality.left / kMaxLeft},
+      {PhantomReason::kCloth, quality.cloth / kMaxCloth},
+      {PhantomReason::kInferred, quality.stray / kMaxStray},
+      {PhantomReason::kOccluded, quality.outside / kMaxOutside},
   }};
   const auto worst =
       std::ranges::max_element(measures, {}, &decltype(measures)::value_type::second);
@@ -319,7 +319,7 @@ PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature
   // A wrong calibration explains all other faults.
   if (beside != PhantomReason::kNone) return beside;
   // The rest of a phantom that is cut off by the image's border is detached or in pieces as well.
-  if (quality.outside > kMostOutside) return PhantomReason::kOccluded;
+  if (quality.outside > kMaxOutside) return PhantomReason::kOccluded;
   return worst->second > 1.0 ? worst->first : PhantomReason::kNone;
 }
 

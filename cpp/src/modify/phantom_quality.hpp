@@ -32,7 +32,7 @@ JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth
 double bone_fit(const PersonPoints& points, const Girth& girth);
 
 /// Below this share of fitting joints, joints and depth image do not match.
-inline constexpr double kLeastFit = 0.7;
+inline constexpr double kMinFit = 0.7;
 
 /// Return kCalibration if joints and depth image do not match, if the person's heights in the two
 /// differ, or if the points are not around the bones; kOccluded if the joints that miss the person

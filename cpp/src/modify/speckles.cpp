@@ -28,13 +28,13 @@ PixelBox labelled_box(std::int64_t rows, std::int64_t cols, const std::uint8_t* 
 /// Fills the pixels of a box between their neighbours `step` before and after them.
 void fill_between(const PixelBox& inner, std::int64_t cols, std::int64_t step, std::uint16_t* depth,
                   std::uint8_t* labels) {
-  constexpr double kMostStep = 0.03;  // share of the depth
+  constexpr double kMaxStep = 0.03;  // share of the depth
   for (std::int64_t v = inner.v0; v < inner.v0 + inner.height; ++v) {
     for (std::int64_t i = v * cols + inner.u0; i < v * cols + inner.u0 + inner.width; ++i) {
       const std::uint8_t bone = labels[i - step];
       if (labels[i] != 0 || bone == 0 || bone != labels[i + step]) continue;
       const int before = depth[i - step], after = depth[i + step];
-      if (!(std::abs(before - after) < kMostStep * before)) continue;
+      if (!(std::abs(before - after) < kMaxStep * before)) continue;
       depth[i] = static_cast<std::uint16_t>((before + after) / 2);
       labels[i] = bone;
     }

@@ -14,7 +14,7 @@ namespace {
 // crown is farther from the head's joint than the head's radius, and the soles from a foot's joint
 // than the foot's.
 constexpr double kUsual = 1.01;
-constexpr double kMostOff = 0.06;  // allowed deviation of a mean over many frames
+constexpr double kMaxOff = 0.06;  // allowed deviation of a mean over many frames
 constexpr double kFewFrames = 3.0;
 
 /// The farthest of some points in one direction, except for two, which may be noise.
@@ -172,7 +172,7 @@ double Stature::misfit() const {
 }
 
 double Stature::limit() const {
-  return 1.0 + kMostOff * (1.0 + kFewFrames / std::max(1.0, frames_));
+  return 1.0 + kMaxOff * (1.0 + kFewFrames / std::max(1.0, frames_));
 }
 
 }  // namespace manip3d

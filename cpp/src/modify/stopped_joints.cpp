@@ -8,9 +8,9 @@ namespace manip3d {
 namespace {
 
 // Seconds; a tracker of 10 Hz repeats its joints in three frames at 30 Hz.
-constexpr double kLeastTime = 0.15;
+constexpr double kMinTime = 0.15;
 // Share of the points that must have moved. An arm has 6 to 8 % of them, a flickering border none.
-constexpr double kMostMoved = 0.01;
+constexpr double kMaxMoved = 0.01;
 constexpr float kSamePlace = 0.03F;  // metres; breathing moves a chest by as much
 constexpr std::int64_t kReach = 2;   // pixels: borders flicker
 constexpr std::int64_t kEvery = 5;   // one of this many points is tested
@@ -23,9 +23,9 @@ bool are_same(const Skeleton& a, const Skeleton& b) {
 
 void StoppedJoints::reset() { is_known_ = is_repeated_ = are_stopped_ = false; }
 
-void StoppedJoints::learn(const Skeleton& told, const PersonPoints& points, double time_s) {
-  if (!is_known_ || !are_same(told, told_)) {
-    told_ = told;
+void StoppedJoints::learn(const Skeleton& reported, const PersonPoints& points, double time_s) {
+  if (!is_known_ || !are_same(reported, reported_)) {
+    reported_ = reported;
     since_s_ = time_s;
     is_known_ = true;
     is_repeated_ = are_stopped_ = false;
@@ -34,8 +34,8 @@ void StoppedJoints::learn(const Skeleton& told, const PersonPoints& points, doub
   if (!is_repeated_) {
     remember(points);
     is_repeated_ = true;
-  } else if (!are_stopped_ && time_s - since_s_ > kLeastTime) {
-    are_stopped_ = moved_share(points) > kMostMoved;
+  } else if (!are_stopped_ && time_s - since_s_ > kMinTime) {
+    are_stopped_ = moved_share(points) > kMaxMoved;
   }
 }
 

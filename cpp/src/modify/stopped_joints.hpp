@@ -19,8 +19,8 @@ class StoppedJoints {
   void reserve(std::size_t num_pixels) { depth_.resize(num_pixels); }
 
   /// Updates the state with a frame in which the person was found.
-  /// @param told  Joints as received.
-  void learn(const Skeleton& told, const PersonPoints& points, double time_s);
+  /// @param reported  Joints as received.
+  void learn(const Skeleton& reported, const PersonPoints& points, double time_s);
   /// Whether the joints have stopped.
   [[nodiscard]] bool are_stopped() const { return are_stopped_; }
   void reset();
@@ -29,7 +29,7 @@ class StoppedJoints {
   void remember(const PersonPoints& points);
   [[nodiscard]] double moved_share(const PersonPoints& points) const;
 
-  Skeleton told_;
+  Skeleton reported_;
   bool is_known_ = false, is_repeated_ = false, are_stopped_ = false;
   double since_s_ = 0.0;  ///< Time of the first frame with these joints.
   /// Depths of the person when its joints were first repeated; 0 elsewhere.

@@ -13,8 +13,8 @@ namespace manip3d {
 namespace {
 
 // Lengths in metres.
-constexpr float kAtSkin = 0.05F;          // errors of girths and joints, and thin clothes
-constexpr float kMostBesideSkin = 0.15F;  // loose clothes, hair, and joints that jumped
+constexpr float kAtSkin = 0.05F;         // errors of girths and joints, and thin clothes
+constexpr float kMaxBesideSkin = 0.15F;  // loose clothes, hair, and joints that jumped
 
 enum Mark : std::uint8_t { kNothing, kPerhaps, kPerson };
 
@@ -88,7 +88,7 @@ void drop_surroundings(const DepthView& depth, const BoneSegments& bones, Limb a
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const float skin = points.skin_distance[i];
     const bool is_floor = floor && floor->normal.dot(p) > top;
-    const float reach = points.label[i] == limb_label(affected) ? clothes : kMostBesideSkin;
+    const float reach = points.label[i] == limb_label(affected) ? clothes : kMaxBesideSkin;
     marks[pixel] = !is_floor && skin < reach ? kPerhaps : kNothing;
     if (marks[pixel] == kPerhaps && skin < kAtSkin) add(pixel);
   }

@@ -9,7 +9,7 @@
 namespace manip3d {
 namespace {
 
-constexpr double kMostPlanes = 45.0;  // frames over which the plane is averaged
+constexpr double kMaxPlanes = 45.0;   // frames over which the plane is averaged
 constexpr double kFirstPlanes = 5.0;  // frames
 constexpr double kNoise = 0.02;       // metres; difference between left and right of a clothed body
 // Standard deviation of the trunk's offset from its joints, as a share of the offset of the limbs.
@@ -37,13 +37,13 @@ void SymmetryPlane::measure(const Prior& prior, const KeySurface& surface, const
   std::size_t agreed = 0;
   const Eigen::Vector3d origin = axes.origin + prior.aside * axes.n;
   Eigen::Vector3d n = axes.n, o = origin;
-  Eigen::Matrix3d told;  // information of the surface alone
+  Eigen::Matrix3d of_surface;  // information of the surface alone
   // The first frames use wider scales, because the plane of the joints may be far off; later ones
   // start near the mean.
   const int wider = frames_ < kFirstPlanes ? 4 : 0;
   for (int iteration = -wider; iteration < 2; ++iteration) {
     const double scale = kSurfaceScale * (iteration < 0 ? 1.0 - 0.5 * iteration : 1.0);
-    told.setZero();
+    of_surface.setZero();
     Eigen::Vector3d gradient = -information_of_joints.cwiseProduct(moved);
     agreed = 0;
     for (const KeySurface::Point& point : surface.points()) {
@@ -58,8 +58,8 @@ void SymmetryPlane::measure(const Prior& prior, const KeySurface& surface, const
         normal = rotation * about_spine(back * normal, turn);
       }
       // Cosine of the angle between normal and ray; the camera sees only surfaces above it.
-      constexpr double kLeastCosine = 0.3;
-      if (!(-normal.dot(p) > kLeastCosine * p.norm())) continue;
+      constexpr double kMinCosine = 0.3;
+      if (!(-normal.dot(p) > kMinCosine * p.norm())) continue;
       const auto found = seen.residual_at(p, normal, scale);
       if (!found) continue;
       if (found->agrees()) ++agreed;
@@ -67,19 +67,20 @@ void SymmetryPlane::measure(const Prior& prior, const KeySurface& surface, const
       const double across = -2.0 * normal.dot(n);
       const Eigen::Vector3d row(across * axes.y.dot(from) - 2.0 * s * normal.dot(axes.y),
                                 across * axes.z.dot(from) - 2.0 * s * normal.dot(axes.z), -across);
-      told += weight * row * row.transpose();
+      of_surface += weight * row * row.transpose();
       gradient += weight * found->off * row;
     }
-    const Eigen::Matrix3d information = told + Eigen::Matrix3d(information_of_joints.asDiagonal());
+    const Eigen::Matrix3d information =
+        of_surface + Eigen::Matrix3d(information_of_joints.asDiagonal());
     moved += solve_symmetric(information, gradient);
     n = (axes.n + moved[0] * axes.y + moved[1] * axes.z).normalized();
     o = origin + moved[2] * axes.n;
   }
   Eigen::Matrix3d known = information_of_joints.asDiagonal();
-  if (agreed >= kLeastSurface) known += told / (kSharedNoise * kSharedNoise);
+  if (agreed >= kMinSurface) known += of_surface / (kSharedNoise * kSharedNoise);
   covariance_ = known.inverse();
-  if (agreed < kLeastSurface) return;
-  frames_ = std::min(frames_ + 1.0, kMostPlanes);
+  if (agreed < kMinSurface) return;
+  frames_ = std::min(frames_ + 1.0, kMaxPlanes);
   const double gain = 1.0 / frames_;
   normal_ += gain * (pose.rotation.conjugate() * n - normal_);
   offset_ += gain * (n.dot(o - pose.translation) - offset_);

@@ -98,13 +98,13 @@ std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb, const 
   add(pair_of(skeleton, trust, kHipLeft, kHipRight, kSpineBase), arm ? kOtherPair : 1.0);
   // Metres from right to left; sine of the angle between x and the spine; metres in front of the
   // camera.
-  constexpr double kShortest = 0.05, kLeastSine = 0.1, kNearest = 0.1;
+  constexpr double kShortest = 0.05, kMinSine = 0.1, kNearest = 0.1;
   if (!(x.norm() > kShortest * std::min(weight, 1.0))) return std::nullopt;
   BodyFrame frame;
   frame.x = x.normalized();
   frame.y = line->direction;
   frame.z = frame.x.cross(frame.y);
-  if (!(frame.z.norm() > kLeastSine)) return std::nullopt;
+  if (!(frame.z.norm() > kMinSine)) return std::nullopt;
   frame.z.normalize();
   frame.n = frame.y.cross(frame.z);
   const Joint height = arm ? kSpineMid : kSpineBase;

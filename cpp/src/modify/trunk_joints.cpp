@@ -14,16 +14,16 @@ namespace {
 
 using enum Joint;
 
-constexpr double kMostFrames = 90.0;  // frames over which joints are averaged
+constexpr double kMaxFrames = 90.0;   // frames over which joints are averaged
 constexpr double kFirstErrors = 5.0;  // frames as which the initial correlation counts
 // Bounds of the measured jitter of a joint of the trunk, metres. Errors below 1 cm exist, but
 // change so slowly that they are not measured as jitter.
-constexpr double kLeastNoise = 0.01, kMostNoise = 0.08;
+constexpr double kMinNoise = 0.01, kMaxNoise = 0.08;
 constexpr double kFirstJitter = 0.005,
                  kGuessed = 5.0;  // metres, before it is measured; factor for inferred joints
 // Correlation of a joint's errors from frame to frame until it is measured. It is high, because
 // trackers filter.
-constexpr double kFirstCorrelation = 0.8, kMostCorrelation = 0.95;
+constexpr double kFirstCorrelation = 0.8, kMaxCorrelation = 0.95;
 // Metres; joints that are off by as much belong to another pose.
 constexpr double kContradiction = 0.15;
 // Standard deviation of the plane of the joints: roll and yaw in radians, offset in metres.
@@ -42,7 +42,7 @@ double level_variance(const Eigen::Vector3d& n, const Eigen::Matrix3d& down_cova
 }  // namespace
 
 double joint_weight(double variance, double squared_off, double scale) {
-  const double noise = std::clamp(std::sqrt(variance), kLeastNoise, kMostNoise);
+  const double noise = std::clamp(std::sqrt(variance), kMinNoise, kMaxNoise);
   return 1.0 / (noise * noise * (1.0 + squared_off / (scale * scale)));
 }
 
@@ -104,7 +104,7 @@ void TrunkJoints::average(const Skeleton& joints, const TrunkPose& pose, double 
         with_pelvis(back * (joints[joint].cast<double>() - pose.translation), joint, -pelvis_turn);
     // An inferred joint has a quarter of the weight of a tracked one.
     const double trust = joints.state(joint) == TrackingState::kTracked ? 1.0 : 0.25;
-    mean.weight = std::min(mean.weight + trust, kMostFrames);
+    mean.weight = std::min(mean.weight + trust, kMaxFrames);
     if (mean.weight <= trust) mean.place = place;  // first measurement
     const Eigen::Vector3d off = place - mean.place;
     const double distance = off.norm();
@@ -148,7 +148,7 @@ KeySurface::Extent TrunkJoints::extent() const {
 }
 
 double TrunkJoints::correlation() const {
-  return std::clamp(error_product_ / error_power_, 0.0, kMostCorrelation);
+  return std::clamp(error_product_ / error_power_, 0.0, kMaxCorrelation);
 }
 
 // Errors of variance s with correlation rho have second differences of variance 2 s (1 - rho) (3 -
@@ -164,7 +164,7 @@ double TrunkJoints::innovation(Joint joint) const {
 double TrunkJoints::mean_variance(Joint joint) const {
   constexpr double kUnsure = 8.0, kMost = 50.0;  // frames; the running sums remember kMost
   const double weight = of(joint).weight, doubt = kUnsure / std::clamp(weight, kUnsure, kMost);
-  const double rho = doubt * kMostCorrelation + (1.0 - doubt) * correlation();
+  const double rho = doubt * kMaxCorrelation + (1.0 - doubt) * correlation();
   const double frames = 1.0 + std::max(0.0, weight - 1.0) * (1.0 - rho) / (1.0 + rho);
   return innovation(joint) / ((1.0 - rho * rho) * frames);
 }
@@ -239,22 +239,22 @@ bool TrunkJoints::are_far(const Skeleton& joints, const TrunkPose& pose, double 
 }
 
 double TrunkJoints::off_as_a_whole(const Skeleton& joints, double pelvis_turn) const {
-  std::array<Eigen::Vector3d, kTrunkJoints.size()> places, told;
+  std::array<Eigen::Vector3d, kTrunkJoints.size()> places, measured;
   std::size_t count = 0;
-  Eigen::Vector3d place_sum = Eigen::Vector3d::Zero(), told_sum = Eigen::Vector3d::Zero();
+  Eigen::Vector3d place_sum = Eigen::Vector3d::Zero(), measured_sum = Eigen::Vector3d::Zero();
   for (const Joint joint : kTrunkJoints) {
     if (!is_known(joint) || !is_usable(joints, joint)) continue;
     if (joints.state(joint) != TrackingState::kTracked) continue;
     place_sum += places[count] = place(joint, pelvis_turn);
-    told_sum += told[count] = joints[joint].cast<double>();
+    measured_sum += measured[count] = joints[joint].cast<double>();
     ++count;
   }
   if (count == 0) return 0.0;
   const auto n = static_cast<double>(count);
-  const Eigen::Vector3d place_mean = place_sum / n, told_mean = told_sum / n;
+  const Eigen::Vector3d place_mean = place_sum / n, measured_mean = measured_sum / n;
   Eigen::Matrix3d products = Eigen::Matrix3d::Zero();
   for (std::size_t i = 0; i < count; ++i) {
-    products += (told[i] - told_mean) * (places[i] - place_mean).transpose();
+    products += (measured[i] - measured_mean) * (places[i] - place_mean).transpose();
   }
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(products, Eigen::ComputeFullU | Eigen::ComputeFullV);
   const Eigen::Matrix3d u = svd.matrixU(), v = svd.matrixV();
@@ -262,7 +262,7 @@ double TrunkJoints::off_as_a_whole(const Skeleton& joints, double pelvis_turn) c
   const Eigen::Matrix3d rotation = u * hand.asDiagonal() * v.transpose();
   double off = 0.0;
   for (std::size_t i = 0; i < count; ++i) {
-    off += (told[i] - told_mean - rotation * (places[i] - place_mean)).norm();
+    off += (measured[i] - measured_mean - rotation * (places[i] - place_mean)).norm();
   }
   return off / n;
 }

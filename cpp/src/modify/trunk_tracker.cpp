@@ -226,7 +226,7 @@ std::optional<BodyFrame> TrunkTracker::joint_axes(const TrunkPose& pose) const {
   return trunk_frame(joints_.skeleton(pose), affected_, joints_.trust(), down_);
 }
 
-/// The axes of the joints' means, with the plane that the surface has told.
+/// The axes of the joints' means, with the plane that the surface shows.
 std::optional<BodyFrame> TrunkTracker::frame_at(const TrunkPose& pose) const {
   const auto axes = joint_axes(pose);
   if (!axes) return std::nullopt;

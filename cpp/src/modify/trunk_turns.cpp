@@ -13,19 +13,19 @@ namespace {
 
 using enum Joint;
 
-// kAcrossTime: seconds over which the direction across the trunk is averaged. kMostDisagreement:
+// kAcrossTime: seconds over which the direction across the trunk is averaged. kMaxDisagreement:
 // its largest angle to the plane's normal, radians; a reaching arm moves its shoulder by up to 10
 // cm.
-constexpr double kAcrossTime = 0.1, kMostDisagreement = 0.26;
-// A direction across has jumped if it turns by more than kMostJump, radians, and more than
+constexpr double kAcrossTime = 0.1, kMaxDisagreement = 0.26;
+// A direction across has jumped if it turns by more than kMaxJump, radians, and more than
 // kSureJump standard deviations of its jitter from one frame to the next.
-constexpr double kMostJump = 0.21, kSureJump = 4.0;
+constexpr double kMaxJump = 0.21, kSureJump = 4.0;
 // kHipsTime: seconds over which the direction of the hips is averaged. kUsualTime: seconds over
-// which its angle to the plane is averaged. kMostTwist: largest deviation from that angle, radians,
+// which its angle to the plane is averaged. kMaxTwist: largest deviation from that angle, radians,
 // beyond one and a half standard deviations of its errors. kFirstUsual: seconds for which an angle
 // of 0 counts at the start. Chosen on seed 0 of `bench_people.py --twist` and on the tuning half of
 // the recorded people.
-constexpr double kHipsTime = 0.2, kUsualTime = 10.0, kMostTwist = 0.10, kFirstUsual = 3.0;
+constexpr double kHipsTime = 0.2, kUsualTime = 10.0, kMaxTwist = 0.10, kFirstUsual = 3.0;
 constexpr double kLongestStep = 0.25;      // seconds
 constexpr double kTurnFrame = 1.0 / 30.0;  // seconds
 
@@ -73,7 +73,7 @@ bool AcrossCheck::has_jumped(const Skeleton& joints, const TrunkJoints& means,
   const Eigen::Vector3d before = foreseen * across_;
   const double cosine = before.dot(across->direction);
   const double turn = std::atan2(before.cross(across->direction).norm(), cosine);
-  return turn > std::max(kMostJump, kSureJump * across->jitter) &&
+  return turn > std::max(kMaxJump, kSureJump * across->jitter) &&
          means.off_as_a_whole(joints, pose.pelvis_turn) < kJointScale;
 }
 
@@ -95,7 +95,7 @@ void AcrossCheck::compare(const Skeleton& joints, const TrunkJoints& means, cons
   // second: a / (2 - a) with a = 1 - e^(-1/3).
   constexpr double kLeft = 0.165;
   const double deviation = std::sqrt(kLeft) * across->jitter;
-  if (turn > kMostDisagreement + 2.0 * deviation) disagreement_ = turn;
+  if (turn > kMaxDisagreement + 2.0 * deviation) disagreement_ = turn;
 }
 
 void HipCheck::reset() {
@@ -128,7 +128,7 @@ void HipCheck::compare(const Skeleton& joints, const TrunkJoints& means, const T
       (means.innovation(kHipLeft) + means.innovation(kHipRight)) *
       ((1.0 - kept) / (1.0 + kept) * (1.0 + rho * kept) / (1.0 - rho * kept) / (1.0 - rho * rho));
   const double turn = std::abs(std::remainder(angle - usual_angle_, kFullTurn));
-  if (turn > kMostTwist + 1.5 * std::sqrt(variance) / std::hypot(z, n)) twist_ = turn;
+  if (turn > kMaxTwist + 1.5 * std::sqrt(variance) / std::hypot(z, n)) twist_ = turn;
 }
 
 }  // namespace manip3d

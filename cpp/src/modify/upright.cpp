@@ -16,14 +16,14 @@ constexpr double kRollStep = 2.0, kPitchStep = 5.0;  // degrees of the grid
 // others.
 constexpr double kLevelCameras = 0.95, kPlainCameras = 0.5;
 constexpr double kRolled = 12.0, kPitched = 15.0;  // degrees
-constexpr double kPose = 2.0;       // seconds that a pose lasts; one pose counts as one measurement
-constexpr double kMostPoses = 2.0;  // no more poses count, because errors of trackers last longer
+constexpr double kPose = 2.0;      // seconds that a pose lasts; one pose counts as one measurement
+constexpr double kMaxPoses = 2.0;  // no more poses count, because errors of trackers last longer
 // Seconds: of the mean, and between two frames that are used.
 constexpr double kMemory = 10.0, kEvery = 0.1;
 constexpr double kStraight = 0.94;  // cosine of 20 degrees at a knee; a straighter leg is one axis
 // Radians. The tilts of 95 % of the tuning half of benchmarks/bench_people.py, whose camera is
 // level, are smaller.
-constexpr double kLeastTilt = 2.5 * kDegree;
+constexpr double kMinTilt = 2.5 * kDegree;
 
 /// An axis of the body that is upright in most poses, and its usual deviation in degrees.
 struct Axis {
@@ -112,40 +112,40 @@ void Upright::learn(const Skeleton& person, Limb affected, double time_s) {
   seconds_ = std::min(seconds_ + step, kMemory);
   const double gain = step / seconds_;
   const auto& tilts = tilts_of_grid();
-  for (std::size_t cell = 0; cell < told_.size(); ++cell) {
-    double told = 0.0;
+  for (std::size_t cell = 0; cell < log_likelihood_.size(); ++cell) {
+    double log_likelihood = 0.0;
     for (const auto& axis : {spine, leg}) {
       if (!axis) continue;
       // Student's t distribution with three degrees of freedom, in two dimensions.
       const Eigen::Vector3d off = (axis->down - tilts[cell].down) / kDegree;
       const double x = off.dot(aside), y2 = std::max(0.0, off.squaredNorm() - x * x);
       const double q = x * x / (axis->aside * axis->aside) + y2 / (axis->ahead * axis->ahead);
-      told -= 2.5 * std::log1p(q / 3.0);
+      log_likelihood -= 2.5 * std::log1p(q / 3.0);
     }
-    told_[cell] += gain * (told - told_[cell]);
+    log_likelihood_[cell] += gain * (log_likelihood - log_likelihood_[cell]);
   }
   weigh();
 }
 
 /// Computes the mean and the covariance of the vertical over all rolls and pitches.
 void Upright::weigh() {
-  const double poses = std::min(seconds_ / kPose, kMostPoses);
-  const double most = *std::ranges::max_element(told_);
+  const double poses = std::min(seconds_ / kPose, kMaxPoses);
+  const double most = *std::ranges::max_element(log_likelihood_);
   const auto& tilts = tilts_of_grid();
   double sum = 0.0;
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   Eigen::Matrix3d squares = Eigen::Matrix3d::Zero();
-  for (std::size_t cell = 0; cell < told_.size(); ++cell) {
+  for (std::size_t cell = 0; cell < log_likelihood_.size(); ++cell) {
     const auto& [down, prior] = tilts[cell];
-    const double weight = prior * std::exp(poses * (told_[cell] - most));
+    const double weight = prior * std::exp(poses * (log_likelihood_[cell] - most));
     sum += weight;
     mean += weight * down;
     squares += weight * down * down.transpose();
   }
   mean /= sum;
   covariance_ = squares / sum - mean * mean.transpose();
-  // Continuous: no tilt up to kLeastTilt, the whole tilt from twice that on.
-  const double share = std::clamp(std::hypot(mean.x(), mean.z()) / kLeastTilt - 1.0, 0.0, 1.0);
+  // Continuous: no tilt up to kMinTilt, the whole tilt from twice that on.
+  const double share = std::clamp(std::hypot(mean.x(), mean.z()) / kMinTilt - 1.0, 0.0, 1.0);
   down_ = Eigen::Vector3d(share * mean.x(), mean.y(), share * mean.z()).normalized();
 }
 

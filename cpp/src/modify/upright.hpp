@@ -40,9 +40,9 @@ class Upright {
 
   void weigh();
 
-  Grid told_{};           ///< Mean logarithm of the likelihood of each roll and pitch.
-  double seconds_ = 0.0;  ///< Time over which `told_` is averaged; 0: no frame yet.
-  double time_s_ = 0.0;   ///< Time of the last frame that was used.
+  Grid log_likelihood_{};  ///< Mean logarithm of the likelihood of each roll and pitch.
+  double seconds_ = 0.0;   ///< Time over which `log_likelihood_` is averaged; 0: no frame yet.
+  double time_s_ = 0.0;    ///< Time of the last frame that was used.
   Eigen::Vector3d down_ = Eigen::Vector3d::UnitY();
   Eigen::Matrix3d covariance_ = Eigen::Matrix3d::Zero();
 };

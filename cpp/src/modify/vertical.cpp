@@ -13,9 +13,9 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kFloorReach = 8;    // pixels to either side; 10 cm at 3 m
-constexpr std::size_t kLeastNormals = 40;  // that agree, of some 1500 sampled pixels
-constexpr float kSpread = 0.14F;           // radians; scale of the Geman-McClure weight
+constexpr std::int64_t kFloorReach = 8;  // pixels to either side; 10 cm at 3 m
+constexpr std::size_t kMinNormals = 40;  // that agree, of some 1500 sampled pixels
+constexpr float kSpread = 0.14F;         // radians; scale of the Geman-McClure weight
 
 /// Whether three depths are on a plane: the inverse of the depth is linear in the pixel, whatever
 /// the slant.
@@ -66,7 +66,7 @@ std::optional<Eigen::Vector3f> shared(std::span<const Eigen::Vector3f> normals,
     if (!(sum.norm() > 0.0F)) return std::nullopt;
     guess = sum.normalized();
   }
-  if (agreeing < kLeastNormals) return std::nullopt;
+  if (agreeing < kMinNormals) return std::nullopt;
   return guess;
 }
 
@@ -79,7 +79,7 @@ std::optional<float> lowest_level(std::span<const Eigen::Vector3f> points,
   constexpr std::size_t kOneOf = 4;  // one of this many points at least must be on the floor
   for (std::size_t i = 0; i < points.size(); ++i) heights[i] = down.dot(points[i]);
   std::ranges::sort(heights, std::greater<>());
-  const std::size_t least = std::max(kLeastNormals / 2, heights.size() / kOneOf);
+  const std::size_t least = std::max(kMinNormals / 2, heights.size() / kOneOf);
   for (std::size_t first = 0; first + least <= heights.size(); ++first) {
     if (heights[first] - heights[first + least - 1] < 2.0F * kLevel) {
       return heights[first + least / 2];
@@ -92,7 +92,7 @@ std::optional<float> lowest_level(std::span<const Eigen::Vector3f> points,
 std::optional<FloorPlane> fitted_plane(std::span<const Eigen::Vector3f> points, FloorPlane plane) {
   constexpr int kSteps = 5;
   // Square metres; the tilt of a narrower strip is undetermined.
-  constexpr double kLeastAcross = 0.02;
+  constexpr double kMinAcross = 0.02;
   for (int step = 0; step < kSteps; ++step) {
     // Moments about the mean, which separate the plane's tilt from its height.
     double sum = 0.0, squares = 0.0;
@@ -108,10 +108,10 @@ std::optional<FloorPlane> fitted_plane(std::span<const Eigen::Vector3f> points, 
       moments += weight * p * p.transpose();
       squares += weight * static_cast<double>(off * off);
     }
-    if (!(sum > static_cast<double>(kLeastNormals) / 2.0)) return std::nullopt;
+    if (!(sum > static_cast<double>(kMinNormals) / 2.0)) return std::nullopt;
     mean /= sum;
     const PrincipalAxes axes = principal_axes(moments / sum - mean * mean.transpose());
-    if (!(axes.spreads[1] > kLeastAcross)) return std::nullopt;
+    if (!(axes.spreads[1] > kMinAcross)) return std::nullopt;
     Eigen::Vector3d normal = axes.directions.col(0);
     if (normal.dot(plane.normal.cast<double>()) < 0.0) normal = -normal;
     plane.normal = normal.cast<float>();
@@ -149,7 +149,7 @@ void Vertical::learn(const DepthView& depth, const std::uint8_t* body_index, con
       sum += *normal;
     }
   }
-  if (count < kLeastNormals) return;
+  if (count < kMinNormals) return;
   const auto now = shared({normals_.data(), count}, sum.normalized());
   if (!now) return;
   frames_ = std::min(frames_ + 1.0, kLongest);
@@ -170,7 +170,7 @@ void Vertical::find_floor(std::size_t count, const Eigen::Vector3f& now,
     if (is_near) std::swap(points_[near++], points_[level]);
     ++level;
   }
-  const std::size_t used = near >= kLeastNormals ? near : level;
+  const std::size_t used = near >= kMinNormals ? near : level;
   const std::span<const Eigen::Vector3f> points(points_.data(), used);
   const auto lowest = lowest_level(points, now, {heights_.data(), used});
   if (!lowest) return;

@@ -22,14 +22,14 @@ constexpr float kNewSurface = 4.0F;  // a pixel shows another surface, apart fro
 // The mean of a pair of pixels is on the same surface as the pixel between them.
 constexpr float kSameSurface = 4.0F;
 constexpr float kNearShown = 3.0F;  // the mesh that was shown last agrees with the depth
-constexpr double kMostNoise = 2.0;  // relative to a Kinect's
+constexpr double kMaxNoise = 2.0;   // relative to a Kinect's
 constexpr int kRadius = 2;          // pixels, of the neighbourhood of a pixel
 constexpr int kAround = (2 * kRadius + 1) * (2 * kRadius + 1);  // pixels, including itself
 constexpr std::int64_t kBlock = 8;  // pixels a side; three blocks are at least as wide as an arm
 constexpr float kPixelsAround = 9.0F * kBlock * kBlock;  // of a block and the blocks around it
-constexpr std::size_t kFewestSamples = 20;
+constexpr std::size_t kMinSamples = 20;
 constexpr std::int64_t kLargestSide = 16384;
-constexpr std::uint16_t kMostFrames = 60000;
+constexpr std::uint16_t kMaxFrames = 60000;
 
 bool is_measured(float depth) { return depth > 0.0F && depth < kInfinityF; }
 
@@ -252,7 +252,7 @@ void DepthSmoother::measure_noise() {
     }
   });
   if (number == 0) return;
-  const double now = std::min(kOfMean * sum / static_cast<double>(number), kMostNoise);
+  const double now = std::min(kOfMean * sum / static_cast<double>(number), kMaxNoise);
   renew(noise_, now, options_.newest_share);
 }
 
@@ -268,8 +268,8 @@ void DepthSmoother::measure_noise_of_means() {
       add_second_difference(v * cols_ + u);
     }
   }
-  if (samples_.size() < kFewestSamples) return;
-  renew(noise_of_means_, deviation_of(samples_, kMostNoise), options_.newest_share);
+  if (samples_.size() < kMinSamples) return;
+  renew(noise_of_means_, deviation_of(samples_, kMaxNoise), options_.newest_share);
 }
 
 void DepthSmoother::add_second_difference(std::int64_t pixel) {
@@ -314,8 +314,8 @@ void DepthSmoother::measure_noise_of_blocks() {
       if (mean < kInfinityF) samples_.push_back(mean);
     }
   }
-  if (samples_.size() < kFewestSamples) return;
-  renew(noise_of_blocks_, deviation_of(samples_, kMostNoise), options_.newest_share);
+  if (samples_.size() < kMinSamples) return;
+  renew(noise_of_blocks_, deviation_of(samples_, kMaxNoise), options_.newest_share);
 }
 
 void DepthSmoother::clear_block_sums() {
@@ -430,7 +430,7 @@ void DepthSmoother::update() {
       const float followed = drift + part_of_motion(own, limit * sigma) * own;
       const float rest = change_[i] - followed;
       const bool goes_on = goes_on_[i] != 0.0F && std::abs(rest) <= kNewSurface * noise * sigma;
-      count = goes_on ? static_cast<std::uint16_t>(std::min<int>(count + 1, kMostFrames))
+      count = goes_on ? static_cast<std::uint16_t>(std::min<int>(count + 1, kMaxFrames))
                       : std::uint16_t{1};
       if (!goes_on) moves_[i] = 1.0F;
       const float weight = std::max(share, 1.0F / static_cast<float>(count));

@@ -89,7 +89,7 @@ class FastSimplifier {
       collapser_.rules = Rules::kAnyEdges;
       return true;
     }
-    if (report.collapses > 0 && report.leaves_dear) return true;
+    if (report.collapses > 0 && report.leaves_expensive) return true;
     if (vanished > 0 || 4 * report.collapses >= report.wanted) {
       if (4 * report.collapses >= 3 * report.wanted) patience_ = std::max(1.0, 0.5 * patience_);
       return true;
@@ -102,7 +102,7 @@ class FastSimplifier {
     }
     // With fewer, another pass is not worthwhile.
     if (report.collapses > needed / 1000) return true;
-    num_too_dear_ += report.num_too_dear;
+    num_too_expensive_ += report.num_too_expensive;
     return takes_pieces_or_other_rules(report.collapses > 0) || report.collapses > 0;
   }
 
@@ -127,7 +127,7 @@ class FastSimplifier {
 
   /// Number of steps that were impossible only because of max_error.
   [[nodiscard]] std::int64_t num_above_limit() const {
-    return num_too_dear_ + pieces_.num_too_far();
+    return num_too_expensive_ + pieces_.num_too_far();
   }
 
   /// The price of a visible error; kNoPrice if the link condition must not be waived.
@@ -169,7 +169,7 @@ class FastSimplifier {
   FastPass passes_;
   double patience_ = 1.0;      // factor on the usual number of candidates
   double whole_weight_ = 0.0;  // sum over the quadrics of all vertices
-  std::int64_t num_too_dear_ = 0;
+  std::int64_t num_too_expensive_ = 0;
   QualityResult result_;
 };
 

@@ -13,10 +13,10 @@ namespace manip3d::fast_detail {
 namespace {
 
 /// cos^2 78 deg; at 90 degrees a face could turn over in two steps.
-constexpr float kLeastSquaredCosine = 0.04F;
+constexpr float kMinSquaredCosine = 0.04F;
 
 /// Squared sine below which a triangle has no area in single precision.
-constexpr float kLeastSquaredSine = 1e-9F;
+constexpr float kMinSquaredSine = 1e-9F;
 
 /// Largest distance of a new vertex from the middle of its edge: two edge lengths, squared.
 constexpr float kFarthest = 4.0F;
@@ -291,17 +291,17 @@ std::optional<Rejection> EdgeCollapser::check_faces(const Fan& fan, const Vector
     const Float4 la = ea.squared_norm(), lb = eb.squared_norm(), lc = (pb - pa).squared_norm();
     const Float4 longer = la < lb ? lb : la, longest = longer < lc ? lc : longer;
     const Float4 cosine = before.dot(after);
-    const unsigned degenerate = ~true_lanes(area > kLeastSquaredSine * longest * longest) & 15U;
+    const unsigned degenerate = ~true_lanes(area > kMinSquaredSine * longest * longest) & 15U;
     const unsigned flips =
         may_turn ? 0U
                  : true_lanes(area_before > 0.0F) &
                        ~(true_lanes(cosine > 0.0F) &
-                         true_lanes(cosine * cosine > kLeastSquaredCosine * area * area_before));
+                         true_lanes(cosine * cosine > kMinSquaredCosine * area * area_before));
     if ((degenerate | flips) == 0) continue;
     // A face that had no area can neither lose it nor flip.
     const Float4 ka = (pa - old).squared_norm(), kb = (pb - old).squared_norm();
     const Float4 wider = ka < kb ? kb : ka, widest = wider < lc ? lc : wider;
-    const unsigned had_area = true_lanes(area_before > kLeastSquaredSine * widest * widest);
+    const unsigned had_area = true_lanes(area_before > kMinSquaredSine * widest * widest);
     const unsigned broken = (degenerate | flips) & had_area;
     if (broken == 0) continue;
     const auto lane = std::countr_zero(broken);

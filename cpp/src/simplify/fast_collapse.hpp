@@ -39,9 +39,9 @@ struct Fan {
 };
 /// Buffers and counters of the collapses of one task.
 struct CollapseTask {
-  int level = 0;                  // of the block whose faces belong to the task
-  std::uint32_t most = kDearest;  // largest price that is allowed now
-  Fan first, second;              // around the two ends of the latest collapse
+  int level = 0;                   // of the block whose faces belong to the task
+  std::uint32_t most = kMaxPrice;  // largest price that is allowed now
+  Fan first, second;               // around the two ends of the latest collapse
   std::vector<std::int32_t> ends;
   std::vector<Side> sides, twins;
   std::vector<std::int32_t> doubling;  // vertices whose faces may have become duplicates

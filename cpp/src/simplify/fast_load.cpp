@@ -20,7 +20,7 @@ std::size_t bytes_of_arena(const MeshView& mesh) {
 }
 
 /// Up to this many faces are compared pairwise.
-constexpr std::size_t kMostCompared = 8;
+constexpr std::size_t kMaxCompared = 8;
 
 std::int32_t lowest(const Triple& f) { return std::min({f[0], f[1], f[2]}); }
 
@@ -28,8 +28,8 @@ std::int32_t lowest(const Triple& f) { return std::min({f[0], f[1], f[2]}); }
 /// test, because nearly always none do.
 bool may_be_copies(const Bulk<Triple>& faces, std::int32_t v,
                    const std::vector<std::int32_t>& here) {
-  if (here.size() > kMostCompared) return true;
-  std::array<std::uint64_t, kMostCompared> sides;  // NOLINT: filled below
+  if (here.size() > kMaxCompared) return true;
+  std::array<std::uint64_t, kMaxCompared> sides;  // NOLINT: filled below
   bool is_any = false;
   for (std::size_t i = 0; i < here.size(); ++i) {
     const Triple& face = faces[here[i]];
@@ -45,7 +45,7 @@ bool may_be_copies(const Bulk<Triple>& faces, std::int32_t v,
 template <typename Key>
 void append_copies(std::vector<std::int32_t>& here, const Key& key,
                    std::vector<std::int32_t>& copies) {
-  if (here.size() <= kMostCompared) {
+  if (here.size() <= kMaxCompared) {
     for (std::size_t i = 1; i < here.size(); ++i) {
       const auto own = key(here[i]);
       if (std::any_of(here.begin(), here.begin() + static_cast<std::ptrdiff_t>(i),

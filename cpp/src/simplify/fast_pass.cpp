@@ -86,7 +86,8 @@ PassReport FastPass::run(std::int64_t needed, double patience, std::uint32_t vis
   const std::int64_t quota =
       collapser_.rules == Rules::kFlips ? (needed + 1) / 2 : std::min(needed, 2 * report.wanted);
   report.collapses = collapse_candidates(quota);
-  report.leaves_dear = workers_.front().front().leaves_dear;  // a small pass has one block
+  report.leaves_expensive =
+      workers_.front().front().leaves_expensive;  // a small pass has one block
   for_each_worker([&](const Worker& worker) {
     report.meets_forbidden |= worker.meets_forbidden;
     if (worker.beyond_piece == 0) return;
@@ -111,7 +112,7 @@ void FastPass::prepare_workers() {
       worker.candidates.clear();
       worker.waiting.clear();
       worker.task.removed = worker.task.collapses = 0;
-      worker.leaves_dear = false;
+      worker.leaves_expensive = false;
       worker.forbids = kNoPrice;
       worker.meets_forbidden = false;
       worker.beyond_piece = 0;
@@ -139,9 +140,9 @@ void FastPass::find_limit(std::int64_t needed, double patience, PassReport& repo
   }
   if (collapser_.squared_limit() < std::numeric_limits<float>::infinity()) {
     for (const Worker& worker : workers_[0]) {
-      report.num_too_dear +=
+      report.num_too_expensive +=
           std::count_if(worker.candidates.begin(), worker.candidates.end(),
-                        [](const PricedEdge& edge) { return edge.key == kTooDear; });
+                        [](const PricedEdge& edge) { return edge.key == kTooExpensive; });
     }
   }
   const double share = (is_small() ? kShareOfSmallPass : kShareOfPass) *
@@ -152,10 +153,10 @@ void FastPass::find_limit(std::int64_t needed, double patience, PassReport& repo
       patience * (is_small() ? kSmallCandidates : kCandidates) * static_cast<double>(report.wanted);
   double sum = 0.0;
   report.is_everything = true;
-  limit_ = kDearest;
-  for (std::size_t bin = 0; bin <= (kDearest >> kShift); ++bin) {
+  limit_ = kMaxPrice;
+  for (std::size_t bin = 0; bin <= (kMaxPrice >> kShift); ++bin) {
     sum += histogram_[bin];
-    if (sum < most || bin == (kDearest >> kShift)) continue;
+    if (sum < most || bin == (kMaxPrice >> kShift)) continue;
     report.is_everything = false;
     limit_ = static_cast<std::uint32_t>(((bin + 1) << kShift) - 1);
     break;
@@ -286,7 +287,7 @@ void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& wor
     }
     if (is_hub(v) || is_hub(t)) continue;
     if (is_in_order && key > worker.task.most && worker.task.collapses > 0) {
-      worker.leaves_dear = true;
+      worker.leaves_expensive = true;
       break;
     }
     if (is_in_order && key > piece_) {

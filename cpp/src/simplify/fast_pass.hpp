@@ -15,11 +15,11 @@ namespace manip3d::fast_detail {
 /// The collapses of a pass, and the reasons why it stopped.
 struct PassReport {
   std::int64_t collapses = 0;
-  std::int64_t wanted = 1;        // number of collapses that the pass aims at
-  std::int64_t num_too_dear = 0;  // edges above max_error
-  float price_limit = 0.0F;       // of the candidates
-  bool is_everything = false;     // all edges were candidates
-  bool leaves_dear = false;       // left expensive candidates to the next pass
+  std::int64_t wanted = 1;             // number of collapses that the pass aims at
+  std::int64_t num_too_expensive = 0;  // edges above max_error
+  float price_limit = 0.0F;            // of the candidates
+  bool is_everything = false;          // all edges were candidates
+  bool leaves_expensive = false;       // left expensive candidates to the next pass
   // Left collapses that cost far more than some that the link condition refused.
   bool meets_forbidden = false;
   bool meets_piece = false;  // left collapses that cost far more than a whole piece:
@@ -65,7 +65,7 @@ class FastPass {
     Bulk<PricedEdge> waiting;
     std::array<std::int64_t, kNumRejections> rejected{};
     std::int64_t quota = 0;
-    bool leaves_dear = false;
+    bool leaves_expensive = false;
     bool meets_forbidden = false;
     // Price of a collapse that is replaced by the removal of a whole piece.
     std::uint32_t beyond_piece = 0;
@@ -103,9 +103,9 @@ class FastPass {
   std::vector<std::uint32_t> histogram_;
   std::vector<std::uint16_t> refusals_;  // by vertex
   std::vector<std::uint8_t> is_beside_;  // in a small pass, of a vertex: its faces changed
-  std::uint32_t limit_ = kDearest;       // price of the candidates
+  std::uint32_t limit_ = kMaxPrice;      // price of the candidates
   std::uint32_t visible_ = kNoPrice;
-  std::uint32_t piece_ = kDearest;  // from this price on, a whole piece is far cheaper
+  std::uint32_t piece_ = kMaxPrice;  // from this price on, a whole piece is far cheaper
 };
 
 }  // namespace manip3d::fast_detail

@@ -26,7 +26,7 @@ Int4 bits_of(std::uint32_t bits) {
 
 /// key_of() of four prices.
 Int4 keys_of(Float4 prices) {
-  const Int4 positive = prices > 0.0F, others = ~(prices <= 0.0F) & bits_of(kDearest);
+  const Int4 positive = prices > 0.0F, others = ~(prices <= 0.0F) & bits_of(kMaxPrice);
   return (positive & std::bit_cast<Int4>(prices)) | (~positive & others);
 }
 
@@ -47,8 +47,9 @@ void price_four(const FastMesh& mesh, float squared_limit, const EdgeWithEnds* f
   };
   const EdgeQuadric<Float4> edge(four(&EdgeWithEnds::v), four(&EdgeWithEnds::t));
   const Float4 value = edge.value(edge.ux, edge.uy, edge.uz);
-  const Int4 too_dear = value > squared_limit * edge.weight;
-  const Int4 keys = (too_dear & bits_of(kTooDear)) | (~too_dear & keys_of(edge.price(value)));
+  const Int4 too_expensive = value > squared_limit * edge.weight;
+  const Int4 keys =
+      (too_expensive & bits_of(kTooExpensive)) | (~too_expensive & keys_of(edge.price(value)));
   for (std::size_t i = 0; i < 4; ++i) {
     to[i] = {static_cast<std::uint32_t>(keys[i]), from[i].slot};
   }
@@ -101,10 +102,10 @@ void price_eight(const FastMesh& mesh, float squared_limit, const EdgeWithEnds* 
   transpose8(mesh, from, &EdgeWithEnds::t, t);
   const EdgeQuadric8<Float8> edge(v, t);
   const Float8 value = edge.value(edge.ux, edge.uy, edge.uz), price = edge.price(value);
-  const Int8 too_dear = value > squared_limit * edge.weight;
-  const Int8 positive = price > 0.0F, others = ~(price <= 0.0F) & bits8(kDearest);
+  const Int8 too_expensive = value > squared_limit * edge.weight;
+  const Int8 positive = price > 0.0F, others = ~(price <= 0.0F) & bits8(kMaxPrice);
   const Int8 known = (positive & reinterpret_cast<Int8>(price)) | (~positive & others);
-  const Int8 keys = (too_dear & bits8(kTooDear)) | (~too_dear & known);
+  const Int8 keys = (too_expensive & bits8(kTooExpensive)) | (~too_expensive & known);
   for (std::size_t i = 0; i < 8; ++i) {
     to[i] = {static_cast<std::uint32_t>(keys[i]), from[i].slot};
   }

@@ -12,12 +12,12 @@ namespace manip3d::fast_detail {
 
 // Prices are not negative, so their bits, as integers, have the same order.
 constexpr std::uint32_t kNoPrice = 0xFFFFFFFFU;
-constexpr std::uint32_t kTooDear = 0xFFFFFFFEU;  // above max_error
-constexpr std::uint32_t kDearest = 0x7F800000U;  // infinity
+constexpr std::uint32_t kTooExpensive = 0xFFFFFFFEU;  // above max_error
+constexpr std::uint32_t kMaxPrice = 0x7F800000U;      // infinity
 
 inline std::uint32_t key_of(float price) {
-  return price > 0.0F ? std::min(std::bit_cast<std::uint32_t>(price), kDearest)
-                      : (price <= 0.0F ? 0U : kDearest);
+  return price > 0.0F ? std::min(std::bit_cast<std::uint32_t>(price), kMaxPrice)
+                      : (price <= 0.0F ? 0U : kMaxPrice);
 }
 
 /// An edge of a face with its price; sorted by price, then by slot.

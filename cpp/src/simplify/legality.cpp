@@ -29,7 +29,7 @@ bool is_degenerate(const Eigen::Vector3d& area, const Eigen::Vector3d& p, const 
                    const Eigen::Vector3d& r) {
   const double longest =
       std::max({(q - p).squaredNorm(), (r - q).squaredNorm(), (p - r).squaredNorm()});
-  return !(area.norm() > kLeastSine * longest);
+  return !(area.norm() > kMinSine * longest);
 }
 
 }  // namespace
@@ -108,7 +108,7 @@ std::optional<Rejection> Legality::check_face(std::int32_t f, std::int32_t c, st
   const Eigen::Vector3d after = area_vector(mesh_.position(t), pa, pb);
   if (is_degenerate(after, mesh_.position(t), pa, pb)) return Rejection::kDegenerate;
   const bool had_area = before.squaredNorm() > 0.0;
-  if (had_area && !(before.dot(after) > kLeastNormalCosine * before.norm() * after.norm())) {
+  if (had_area && !(before.dot(after) > kMinNormalCosine * before.norm() * after.norm())) {
     return Rejection::kFlip;
   }
   const auto& wedges = mesh_.wedges(f);

@@ -10,10 +10,10 @@
 namespace manip3d {
 
 /// cos 78 deg; at 90 degrees a face could turn over in two steps.
-constexpr double kLeastNormalCosine = 0.2;
+constexpr double kMinNormalCosine = 0.2;
 
 /// Sine of an angle below which a face has no area, because its normal would be rounding noise.
-constexpr double kLeastSine = 1e-10;
+constexpr double kMinSine = 1e-10;
 
 /// Decides whether a collapse keeps the mesh valid: flips, degenerate and duplicate faces, link
 /// condition, boundary loops, texture coordinates.

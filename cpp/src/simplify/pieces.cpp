@@ -13,7 +13,7 @@ namespace manip3d {
 namespace {
 
 /// Samples per piece: enough for a mean distance, few enough for thousands of pieces.
-constexpr std::int64_t kLeastSamples = 6, kMostSamples = 24;
+constexpr std::int64_t kMinSamples = 6, kMaxSamples = 24;
 
 /// Samples of a mesh of one piece. There are more, because they alone decide which of its last
 /// faces stay.
@@ -55,7 +55,7 @@ Pieces::Pieces(const MeshView& mesh, double scale, const Progress& progress, boo
     const std::int32_t i = of_vertex_(mesh.faces(f, 0));
     Piece& piece = pieces_[i];
     const std::int64_t count =
-        is_one ? kSamplesOfOne : std::clamp(piece.faces, kLeastSamples, kMostSamples);
+        is_one ? kSamplesOfOne : std::clamp(piece.faces, kMinSamples, kMaxSamples);
     const double step = piece.area / static_cast<double>(count);
     passed[i] += area_of_face(f);
     for (auto k = static_cast<std::int64_t>(piece.samples.size());

@@ -309,8 +309,8 @@ class QemSimplifier {
                   kShortEdgePreference * quadrics_.area(v) * squared_length;
     if (options_.quality_threshold > 0.0) {
       // The divisor is at least this, so that needles are expensive, but still comparable.
-      constexpr double kLeastQuality = 1e-6;
-      cost /= std::max(kLeastQuality, std::min(worst_quality(v, t), options_.quality_threshold));
+      constexpr double kMinQuality = 1e-6;
+      cost /= std::max(kMinQuality, std::min(worst_quality(v, t), options_.quality_threshold));
     }
     return {cost, squared_length, v, t};
   }

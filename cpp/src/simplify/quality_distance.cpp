@@ -6,7 +6,7 @@ namespace manip3d::quality_detail {
 namespace {
 
 /// Largest number of edges with failed proofs that are remembered (50 MB); others are tried again.
-constexpr std::size_t kMostRefused = 1 << 20;
+constexpr std::size_t kMaxRefused = 1 << 20;
 
 void sort_out(std::vector<std::int32_t>& faces) {
   std::sort(faces.begin(), faces.end());
@@ -31,7 +31,7 @@ bool WithinDistance::allows_collapse(std::int32_t v, std::int32_t t, const Vecto
   if (!guard_) return true;
   if (refused_.contains({v, t})) return false;
   if (!allows({v, t}, p)) {
-    if (refused_.size() < kMostRefused) refused_.insert({v, t});
+    if (refused_.size() < kMaxRefused) refused_.insert({v, t});
     return false;
   }
   refused_.clear();

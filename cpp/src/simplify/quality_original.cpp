@@ -13,7 +13,7 @@ namespace {
 constexpr double kOneSided = 0.99;
 
 /// Lower limit of the textured share of the area, by which the price of a texture is divided.
-constexpr double kLeastTextured = 0.01;
+constexpr double kMinTextured = 0.01;
 
 /// A border needs no additional plane if the existing ones hold it with at least this share of its
 /// weight.
@@ -129,7 +129,7 @@ void Original::measure_texture(const CollapseMesh& mesh) {
   }
   if (!(in_texture > 0.0)) return;
   texture_length = std::sqrt(on_surface / in_texture);
-  texture_share = std::max(on_surface / whole, kLeastTextured);
+  texture_share = std::max(on_surface / whole, kMinTextured);
 }
 
 /// Adds a face to its vertices, each of which represents a third of it.

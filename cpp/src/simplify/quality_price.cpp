@@ -35,7 +35,7 @@ constexpr double kPieceFactor = 2.0;
 /// If the sum of the area vectors around an edge is shorter than this share of the sum of their
 /// lengths, it is rounding noise, as where front and back of a sheet cancel. The volume then gives
 /// no condition on the new vertex.
-constexpr double kLeastVolume = 1e-6;
+constexpr double kMinVolume = 1e-6;
 
 /// Weights of the corners, the midpoints of the edges and the centroid of a triangle in a
 /// quadrature that is exact for cubic polynomials.
@@ -246,7 +246,7 @@ Vector3d Prices::position(std::int32_t v, std::int32_t t, Place place, const Sta
   }
   const double pull =
       kTowardsMiddle * (original_.area[v] + original_.area[t]) + 1e-9 * length * length;
-  const bool has_volume = star.normal.norm() > kLeastVolume * star.area;
+  const bool has_volume = star.normal.norm() > kMinVolume * star.area;
   const Vector3d best =
       squares.solve(middle, pull, kOffPlanes * length,
                     has_volume ? star.normal : Vector3d(Vector3d::Zero()), star.offset);

@@ -93,14 +93,14 @@ std::optional<Rejection> CollapseCheck::check_face(std::int32_t from, std::int32
   const auto has_area = [&](const Vector3d& normal, const Vector3d& first) {
     const double longest =
         std::max({(pa - first).squaredNorm(), (pb - first).squaredNorm(), (pb - pa).squaredNorm()});
-    return normal.norm() > kLeastSine * longest;
+    return normal.norm() > kMinSine * longest;
   };
   const bool had_area = has_area(before, old);
   if (!has_area(after, p)) {
     return had_area ? std::optional(Rejection::kDegenerate) : std::nullopt;
   }
   if (may_turn_faces(rules) || !had_area) return std::nullopt;
-  if (!(before.dot(after) > kLeastNormalCosine * before.norm() * after.norm())) {
+  if (!(before.dot(after) > kMinNormalCosine * before.norm() * after.norm())) {
     return Rejection::kFlip;
   }
   return std::nullopt;

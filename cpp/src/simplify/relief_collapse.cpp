@@ -14,7 +14,7 @@ namespace {
 
 // Pixels without confidence are surface as well: losing them counts at least this share of losing
 // surface of mean confidence.
-constexpr float kLeastLoss = 0.05F;
+constexpr float kMinLoss = 0.05F;
 constexpr std::int32_t kNoRound = -2;
 constexpr float kStays = std::numeric_limits<float>::infinity();
 
@@ -116,7 +116,7 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
       if (kept != Keep::kFree) nodes_[v].factor = kept == Keep::kFixed ? kStays : keep_factor;
     }
   }
-  least_loss_ = kLeastLoss * surface.mean_confidence();
+  least_loss_ = kMinLoss * surface.mean_confidence();
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     const Triangle& corners = mesh.triangle(t);
     const Vec3 a = mesh.vertex(corners[0]).point;
@@ -306,11 +306,11 @@ void Collapser::find_moves(const Surface& surface, const Triangulation& mesh, fl
                            Ticker& ticker) {
   Fan fan;
   moves_.clear();
-  const auto is_dear = [&](std::int32_t v) { return most < kStays && known_[v] > most; };
+  const auto is_expensive = [&](std::int32_t v) { return most < kStays && known_[v] > most; };
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
     ticker.tick();
     const Triangulation::Vertex& vertex = mesh.vertex(v);
-    if (!vertex.alive() || (is_dear(v) && !vertex.on_boundary) || !mesh.fan(v, fan)) continue;
+    if (!vertex.alive() || (is_expensive(v) && !vertex.on_boundary) || !mesh.fan(v, fan)) continue;
     if (mesh.vertex(v).on_boundary) {
       if (mesh.is_alone(fan.faces[0])) {
         if (v != mesh.triangle(fan.faces[0])[0]) continue;
@@ -325,7 +325,7 @@ void Collapser::find_moves(const Surface& surface, const Triangulation& mesh, fl
         moves_.push_back({cover_factor_ * cover, v, kCloseHole});
       }
     }
-    if (is_fixed(v) || is_dear(v)) continue;
+    if (is_fixed(v) || is_expensive(v)) continue;
     Move move{0.0F, v, 0};
     const int i = cheapest(surface, mesh, v, fan, false, kNoRound, move.price);
     if (!known_.empty()) known_[v] = move.price;

@@ -18,7 +18,7 @@ namespace {
 
 /// A triangle spans a step if more than this share of the pixels with surface over it is a step off
 /// it. Must equal _MOST_OFF in _depth_steps.py.
-constexpr double kMostOff = 0.25;
+constexpr double kMaxOff = 0.25;
 
 /// Bits of a pixel: covered by a face on the surface, covered by a face off it.
 constexpr std::uint8_t kByOthers = 1, kByOff = 2;
@@ -196,7 +196,7 @@ bool lies_off(const Surface& surface, const Corners& t) {
   }
   const Over over = pixels_over(surface, t);
   return over.seen <= over.unseen ||
-         static_cast<double>(over.off) > kMostOff * static_cast<double>(over.seen);
+         static_cast<double>(over.off) > kMaxOff * static_cast<double>(over.seen);
 }
 
 Corners corners_at(const Surface& surface, const std::array<std::int32_t, 3>& pixels) {

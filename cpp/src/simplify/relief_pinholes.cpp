@@ -10,7 +10,7 @@ namespace {
 /// Least share of the pixels in pinholes for which filling pays. With fewer, treating them as ends
 /// of the surface costs less time than a second surface (on real images with 4 to 300 pinholes,
 /// filling took a fifth longer).
-constexpr double kLeastShare = 1e-3;
+constexpr double kMinShare = 1e-3;
 
 /// Share of the pixels in pinholes from which on pixels are missing at random. Images of real
 /// cameras have at most 0.001 here; a random loss of 3 % of the pixels gives 0.029.
@@ -52,7 +52,7 @@ bool PinholeFiller::fill(const PointGridView& grid, const DenseRule& rule,
   if (by_chance_) {
     find(steps, rule, surface, kChanceHole);
   }
-  const bool is_worth = static_cast<double>(num_filled_) >= kLeastShare * num_pixels;
+  const bool is_worth = static_cast<double>(num_filled_) >= kMinShare * num_pixels;
   if (is_worth && num_filled_ > 0) {
     fill_in(confidence);
   } else {

@@ -30,8 +30,8 @@ constexpr double kFarAway = 8.0;
 /// With half of the faces left, one sample per face (two per remaining face) would pull the
 /// vertices to positions where these samples are met, but the surface between them is not.
 constexpr std::int64_t kManyFaces = 30;
-constexpr int kMostPoints = 3;
-constexpr int kCentroid = kMostPoints;  // number of a sample that is the only one of its face
+constexpr int kMaxPoints = 3;
+constexpr int kCentroid = kMaxPoints;  // number of a sample that is the only one of its face
 
 /// In that case, distances above this many mean distances count linearly instead of squared. With
 /// few remaining faces this would increase the error by 1 to 5 %.
@@ -118,10 +118,10 @@ void SurfaceFit::place_samples(const CollapseMesh& mesh, bool has_many) {
   for (std::int64_t f = 0; f < original_.num_faces(); ++f) {
     if (!(areas[f] > 0.0)) continue;
     const bool one = has_many && areas[f] < large;
-    for (int k = one ? kCentroid : 0; k < (one ? kCentroid + 1 : kMostPoints); ++k) {
+    for (int k = one ? kCentroid : 0; k < (one ? kCentroid + 1 : kMaxPoints); ++k) {
       Sample& sample = samples_.emplace_back();
       sample.source = 4 * static_cast<std::uint32_t>(f) + static_cast<std::uint32_t>(k);
-      sample.area = static_cast<float>(one ? areas[f] : areas[f] / kMostPoints);
+      sample.area = static_cast<float>(one ? areas[f] : areas[f] / kMaxPoints);
     }
   }
 }

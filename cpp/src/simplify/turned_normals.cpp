@@ -11,10 +11,10 @@ namespace {
 using Eigen::Vector3d;
 
 // Chosen on eleven models, reported on others (benchmarks/results/meshes.md).
-constexpr double kMostFromMean = 0.9396926207859084;  // cos 20 deg: a normal and its faces' mean
-constexpr double kMostFromFace = 0.5;                 // cos 60 deg: a normal and its face
-constexpr double kSmooth = 0.766044443118978;         // cos 40 deg: faces that share a new normal
-constexpr std::ptrdiff_t kMostCorners = 512;  // of a fan, above which each face has its own normal
+constexpr double kMaxFromMean = 0.9396926207859084;  // cos 20 deg: a normal and its faces' mean
+constexpr double kMaxFromFace = 0.5;                 // cos 60 deg: a normal and its face
+constexpr double kSmooth = 0.766044443118978;        // cos 40 deg: faces that share a new normal
+constexpr std::ptrdiff_t kMaxCorners = 512;  // of a fan, above which each face has its own normal
 
 Vector3d unit_or_zero(const Vector3d& v) {
   const double squared = v.squaredNorm();
@@ -109,7 +109,7 @@ class TurnedNormals {
     if (is_inverted) face.direction = -face.direction;
     face.counts = !face.direction.isZero(0.0);
     for (const double cosine : cosines) {
-      const bool is_near = (is_inverted ? -cosine : cosine) >= kMostFromFace;
+      const bool is_near = (is_inverted ? -cosine : cosine) >= kMaxFromFace;
       if (!is_near && !direction.isZero(0.0)) face.counts = false;
     }
   }
@@ -126,7 +126,7 @@ class TurnedNormals {
     const auto is_changed = [&](std::int32_t corner) { return faces_[corner / 3].is_changed; };
     if (std::none_of(group_.begin(), group_.end(), is_changed)) return;
     const auto is_off_its_face = [&](std::int32_t corner) {
-      return normal.dot(faces_[corner / 3].direction) < kMostFromMean;
+      return normal.dot(faces_[corner / 3].direction) < kMaxFromMean;
     };
     // If the normal is near each face, it is near their mean as well.
     if (std::none_of(group_.begin(), group_.end(), is_off_its_face)) return;
@@ -134,18 +134,18 @@ class TurnedNormals {
     for (const std::int32_t corner : group_) {
       mean += weight_of(corner) * faces_[corner / 3].direction;
     }
-    const bool is_off = normal.dot(unit_or_zero(mean)) < kMostFromMean;
+    const bool is_off = normal.dot(unit_or_zero(mean)) < kMaxFromMean;
     const Eigen::Index first_row = num_given_ + std::ssize(added_);
     for (const std::int32_t corner : group_) {
       const Vector3d& direction = faces_[corner / 3].direction;
-      if (is_off || normal.dot(direction) < kMostFromFace)
+      if (is_off || normal.dot(direction) < kMaxFromFace)
         set(corner, mean_near(direction), first_row);
     }
   }
 
   /// The mean direction of the faces of group_ that join this one smoothly.
   [[nodiscard]] Vector3d mean_near(const Vector3d& direction) const {
-    if (std::ssize(group_) > kMostCorners) return direction;
+    if (std::ssize(group_) > kMaxCorners) return direction;
     Vector3d mean = Vector3d::Zero();
     for (const std::int32_t corner : group_) {
       const Vector3d& other = faces_[corner / 3].direction;
@@ -159,7 +159,7 @@ class TurnedNormals {
     if (normal.isZero(0.0)) return;
     const auto begin = added_.begin() + (first_row - num_given_);
     auto found = added_.end();
-    if (std::ssize(group_) <= kMostCorners) found = std::find(begin, added_.end(), normal);
+    if (std::ssize(group_) <= kMaxCorners) found = std::find(begin, added_.end(), normal);
     if (found == added_.end()) found = added_.insert(found, normal);
     mesh_.face_normals.data()[corner] =
         static_cast<std::int32_t>(num_given_ + (found - added_.begin()));

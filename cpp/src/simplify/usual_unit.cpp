@@ -10,7 +10,7 @@
 namespace manip3d {
 namespace {
 
-constexpr int kMostExponent = 200;
+constexpr int kMaxExponent = 200;
 
 /// The diagonal of a box, even if the squares of its sides overflow or underflow.
 double diagonal_of(const BoundingBox& box) { return (box.max - box.min).stableNorm(); }
@@ -25,7 +25,7 @@ UsualUnit::UsualUnit(const MeshView& mesh) : mesh_(mesh), box_(bounding_box(mesh
   }
   if (!(diagonal > 0.0)) return;
   const int exponent = std::ilogb(diagonal);
-  const int usual = std::clamp(exponent, -kMostExponent, kMostExponent);
+  const int usual = std::clamp(exponent, -kMaxExponent, kMaxExponent);
   if (exponent == usual) return;
   unit_ = std::ldexp(1.0, exponent - usual);
   vertices_ = mesh.vertices / unit_;

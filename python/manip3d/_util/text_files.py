@@ -16,10 +16,10 @@ from manip3d.errors import FormatError, MissingExtraError
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-MOST_BYTES = 16 << 20  # largest size of a text or XML file, bytes
+MAX_BYTES = 16 << 20  # largest size of a text or XML file, bytes
 # PyYAML takes about a second to parse a file of this size.
-_MOST_YAML_BYTES = 128 << 10
-_MOST_DEPTH = 64  # largest depth of nested XML elements
+_MAX_YAML_BYTES = 128 << 10
+_MAX_DEPTH = 64  # largest depth of nested XML elements
 
 
 def parse_xml(path: Path) -> Element:
@@ -31,7 +31,7 @@ def parse_xml(path: Path) -> Element:
         The file is not well-formed, is larger than 16 MiB, has more than 64 levels, or declares
         entities.
     """
-    return parse_xml_bytes(limited_bytes(path, MOST_BYTES), str(path))
+    return parse_xml_bytes(limited_bytes(path, MAX_BYTES), str(path))
 
 
 def parse_xml_bytes(
@@ -39,7 +39,7 @@ def parse_xml_bytes(
     file: str,
     look: Callable[[float], None] | None = None,
     *,
-    most_depth: int = _MOST_DEPTH,
+    most_depth: int = _MAX_DEPTH,
 ) -> Element:
     """Return the root element of XML bytes; errors name ``file``. See `parse_xml`.
 
@@ -124,7 +124,7 @@ def parse_yaml(path: Path, *, extra: str) -> Any:
 
     for name in ("matrix", "nd-matrix"):
         Loader.add_constructor(f"tag:yaml.org,2002:opencv-{name}", Loader.construct_yaml_map)
-    data = limited_bytes(path, _MOST_YAML_BYTES)
+    data = limited_bytes(path, _MAX_YAML_BYTES)
     # "%YAML:1.0", the first line of many OpenCV files, is no valid YAML directive. It becomes an
     # empty line, so that errors name the right line number.
     data = re.sub(rb"\A(\xef\xbb\xbf)?%YAML[^\r\n]*", b"", data)
@@ -147,4 +147,4 @@ def text_of(path: Path) -> str:
     FormatError
         The file is larger, or no regular file.
     """
-    return limited_bytes(path, MOST_BYTES).decode("utf-8", "surrogateescape")
+    return limited_bytes(path, MAX_BYTES).decode("utf-8", "surrogateescape")

@@ -163,7 +163,7 @@ class _Gravest:
         return verdict, f"{self._first} ({self.count} {noun})"
 
 
-LEAST_CHANCE = 0.01
+MIN_CHANCE = 0.01
 """Largest share of clean drives that may become undecidable because of the cameras alone."""
 
 
@@ -172,7 +172,7 @@ def _accused_by_cameras(accused: int, judged: int) -> tuple[bool, str]:
     if not accused:
         return True, ""
     of_clean, clean = CLEAN_ACCUSED
-    is_chance = binomial_tail(accused, judged, of_clean / clean) > LEAST_CHANCE
+    is_chance = binomial_tail(accused, judged, of_clean / clean) > MIN_CHANCE
     than = "not more than by chance" if is_chance else "more than by chance"
     return is_chance, (
         f"; cameras accuse {accused} of {judged} frames, {than} ({of_clean} of {clean} clean ones)"

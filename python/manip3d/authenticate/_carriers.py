@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     _Test = Callable[[NDArray[np.float64]], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
     """Maps points to two masks: which of them carry a bit, and their bits."""
 
-FEWEST_CARRIERS = 1000
+MIN_CARRIERS = 1000
 """Fewest points in which an embedding is recognised."""
 
-LEAST_CARRYING = 0.9
+MIN_CARRYING = 0.9
 """Least share of points that carry a bit. Without a watermark the lowest bits of x, y and z are
 equal for a quarter of the points, and a thousandth of the heights in whole millimetres lie at a
 quarter of a QIM cell."""
@@ -107,10 +107,10 @@ def find_carrier(points: Points, units_per_m: int = MILLIMETRES) -> str | None:
 def _holds(points: Points, carries: _Test) -> bool:
     """Whether nearly all points carry a bit, and zeros and ones are both frequent."""
     scaled = points[np.any(points != 0.0, axis=1)].astype(np.float64)
-    if len(scaled) < FEWEST_CARRIERS:
+    if len(scaled) < MIN_CARRIERS:
         return False
     does, bits = carries(scaled)
-    if np.mean(does) < LEAST_CARRYING:
+    if np.mean(does) < MIN_CARRYING:
         return False
     return bool(BALANCE[0] < np.mean(bits[does]) < BALANCE[1])
 

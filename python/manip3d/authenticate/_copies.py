@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 
-MOST_FIRED_TWICE = 0.02
+MAX_FIRED_TWICE = 0.02
 """Largest share of points that repeat the laser's previous firing in a clean scan. A VLP-16 close
 to its surroundings has 0.008, a VLP-32C 0.0006."""
 
@@ -89,7 +89,7 @@ def are_fired_twice(
     lattice : SensorLattice
     """
     rows = np.flatnonzero(copies)
-    if not lattice.is_exact or len(rows) > MOST_FIRED_TWICE * len(points):
+    if not lattice.is_exact or len(rows) > MAX_FIRED_TWICE * len(points):
         return False
     again = points[rows]
     found = np.zeros(len(rows), np.bool_)

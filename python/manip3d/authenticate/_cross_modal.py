@@ -20,7 +20,7 @@ from manip3d.lidar import Box, LidarFrame, ScanLike, placed, to_scan
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-LEAST_JUDGED = 0.05
+MIN_JUDGED = 0.05
 """Least share of the map's cells that must be judged; with less, as in darkness, in fog or with a
 covered lens, the result is undecidable."""
 
@@ -457,7 +457,7 @@ def cross_modal_consistency(
     cells = float(np.mean(judged))
     suspected = found["suspected"]
     component = found["suspected_component"]
-    if cells < LEAST_JUDGED:  # undecidable: no points are suspected
+    if cells < MIN_JUDGED:  # undecidable: no points are suspected
         suspected, component = suspected[:0], component[:0]
     regions = tuple(
         _region(values, chosen, disparity.step, heading, suspected[component == number])
@@ -466,7 +466,7 @@ def cross_modal_consistency(
     points = found["judged_points"] / max(len(scene.points), 1)
     verdict: Verdict = "no_trace"
     reason = f"no contradiction in the shared field of view ({points:.0%} of the points)"
-    if cells < LEAST_JUDGED:
+    if cells < MIN_JUDGED:
         verdict = "undecidable"
         reason = f"the cameras measured too little: {cells:.1%} of the map can be judged"
     elif regions:

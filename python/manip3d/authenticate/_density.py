@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-FEWEST_POINTS = 1000
+MIN_POINTS = 1000
 """With fewer points, a scan has too few levels to compare."""
 
-FEWEST_PEERS = 10
+MIN_PEERS = 10
 """Fewest sectors with enough points at a level for its median spacing: more than one object
 covers."""
 
@@ -240,8 +240,8 @@ def density_consistency(
     if parameters is None:
         few = len(scene.points) < FEW_POINTS
         parameters = SPARSE_DENSITY if few else CALIBRATED_DENSITY
-    if len(scene.points) < FEWEST_POINTS:
-        return _undecidable(f"fewer than {FEWEST_POINTS} points", parameters)
+    if len(scene.points) < MIN_POINTS:
+        return _undecidable(f"fewer than {MIN_POINTS} points", parameters)
     place = scanner_position(origin, scene, threads)
     if place is None:
         return _undecidable(NO_ORIGIN, parameters)
@@ -326,12 +326,12 @@ def _moving_average(values: Floats, window: int) -> Floats:
 
 
 def _typical(spacing: Floats) -> Floats:
-    """Median over the sectors at each level; NaN if fewer than FEWEST_PEERS sectors are known."""
+    """Median over the sectors at each level; NaN if fewer than MIN_PEERS sectors are known."""
     if len(spacing) == 1:
         signal: Floats = spacing[0]
         return signal
     reached = np.isfinite(spacing)
-    enough = np.count_nonzero(reached, axis=0) >= FEWEST_PEERS
+    enough = np.count_nonzero(reached, axis=0) >= MIN_PEERS
     signal = np.full(spacing.shape[1], np.nan)
     if enough.any():
         some = reached.any(axis=1)

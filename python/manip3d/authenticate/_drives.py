@@ -47,10 +47,10 @@ FRAMES_PER_HOUR = 3600.0 * FRAMES_PER_SECOND
 _OF_MANY_TURNS = {"turns", "reflectance"}
 """Detectors IV and V: a false accusation by them in one turn recurs in the next."""
 
-_MOST_NAMED = 10
+_MAX_NAMED = 10
 
-_FASTER_THAN_BACKING, _FEWEST_MOVING, _FARTHER_THAN_BACKING = 0.5, 3, 20.0
-"""A drive is ``backwards`` if it moves to the rear in all of at least _FEWEST_MOVING turns with
+_FASTER_THAN_BACKING, _MIN_MOVING, _FARTHER_THAN_BACKING = 0.5, 3, 20.0
+"""A drive is ``backwards`` if it moves to the rear in all of at least _MIN_MOVING turns with
 more than _FASTER_THAN_BACKING metres (18 km/h at ten turns per second), or in all turns that move
 and by more than _FARTHER_THAN_BACKING metres in total: cars that reverse are slower, or stop
 before."""
@@ -58,7 +58,7 @@ before."""
 _MOVING = 0.05
 """Metres per turn: smaller motions may be errors of the alignment."""
 
-_MOST_GAINED, _SAME_MOTION = 0.5, 0.2
+_MAX_GAINED, _SAME_MOTION = 0.5, 0.2
 """Metres per turn: a larger change of motion between neighbouring turns is a jump, since it takes
 five times the acceleration of gravity. Metres: largest difference between two alignments of the
 same two scans (forwards and backwards)."""
@@ -336,7 +336,7 @@ def _jumps(steps: Mapping[int, NDArray[np.float64]]) -> Processing | None:
     for k, step in steps.items():
         beside = [other for other in (k - 1, k + 1) if other in steps]
         gained = min((float(np.linalg.norm(step - steps[other])) for other in beside), default=0.0)
-        if gained > _MOST_GAINED and lengths[k] >= max(lengths[other] for other in beside):
+        if gained > _MAX_GAINED and lengths[k] >= max(lengths[other] for other in beside):
             jumps.append(k)
     if not jumps:
         return None
@@ -380,7 +380,7 @@ def _backwards(ahead: NDArray[np.float64]) -> Processing | None:
     """Remark on a scanner that moves backwards; ``ahead``: its steps forwards, metres per turn."""
     fast = ahead[np.abs(ahead) > _FASTER_THAN_BACKING]
     moving = ahead[np.abs(ahead) > _MOVING]
-    is_fast = len(fast) >= _FEWEST_MOVING and bool((fast < 0.0).all())
+    is_fast = len(fast) >= _MIN_MOVING and bool((fast < 0.0).all())
     is_far = bool((moving < 0.0).all()) and float(-moving.sum()) > _FARTHER_THAN_BACKING
     if not is_fast and not is_far:
         return None
@@ -510,8 +510,8 @@ def verdict_of_drive(
 
 
 def _listed(numbers: Sequence[int]) -> str:
-    named = ", ".join(str(number) for number in numbers[:_MOST_NAMED])
-    more = f" and {len(numbers) - _MOST_NAMED} more" if len(numbers) > _MOST_NAMED else ""
+    named = ", ".join(str(number) for number in numbers[:_MAX_NAMED])
+    more = f" and {len(numbers) - _MAX_NAMED} more" if len(numbers) > _MAX_NAMED else ""
     return f"number {named}{more}" if len(numbers) == 1 else f"numbers {named}{more}"
 
 

@@ -13,15 +13,15 @@ from manip3d._util.linear import line_fit
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._lattice_steps import (
     LATERALS,
-    LEAST_SPREAD,
-    MOST_SEARCHED,
+    MAX_SEARCHED,
+    MIN_SPREAD,
     RANGE_STEPS,
     best_encoder,
     find_range_step,
     first_encoders,
     off_the_steps,
 )
-from manip3d.authenticate._rings import FEWEST_LABELLED, FEWEST_POINTS, LEAST_EXACT
+from manip3d.authenticate._rings import MIN_EXACT, MIN_LABELLED, MIN_POINTS
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -38,26 +38,26 @@ EXACT_STEPS = (512, 1024, 1800, 2048, 3600, 4096, 9000, 18_000, 36_000)
 """Numbers of encoder counts per turn that are tried for exact clouds, the coarsest first: Ouster's
 columns per turn, and multiples of 0.01 degrees, in which Hesai's packets state azimuths."""
 
-MOST_STEPS_BESIDE = 4096
+MAX_STEPS_BESIDE = 4096
 """Up to this number of counts, beams may pass beside the axis. The lateral distances that are tried
 (`LATERALS`) are too coarse for finer encoders, whose scanners have beams through the axis."""
 
 EXACT_RANGE_STEPS = (*RANGE_STEPS, 1e-3)
 """Range steps, metres, that are tried for exact clouds; Ouster measures whole millimetres."""
 
-MOST_FITS = 40
+MAX_FITS = 40
 """Largest number of line fits, each to the points near the previous line. Most converge after five;
 eight were too few for a laser of an OS1-128, and left its points 0.1 mm off its steps."""
 
 TRIED_AGAIN = 16
 """Number of starting points, from `LATERALS`, for the fit of a laser if the likeliest one fails."""
 
-LEAST_SEEN, LEAST_SEEN_BETWEEN = 1.0 / 20.0, 1.0 / 10.0
+MIN_SEEN, MIN_SEEN_BETWEEN = 1.0 / 20.0, 1.0 / 10.0
 """Least number of whole degrees of azimuth with points on a line of a laser, as a share of that of
-the line with most: LEAST_SEEN of the highest and lowest lines, and LEAST_SEEN_BETWEEN of those
+the line with most: MIN_SEEN of the highest and lowest lines, and MIN_SEEN_BETWEEN of those
 between two lines that reach this share. An object of another scanner's cloud brings lines of its
 own, which are as wide as the object. In eight clean clouds of eight scanners the share is above a
-seventh between such lines, and below LEAST_SEEN for the outermost line of two scanners."""
+seventh between such lines, and below MIN_SEEN for the outermost line of two scanners."""
 
 
 def exact_lattice(
@@ -86,7 +86,7 @@ def exact_lattice(
     slope, offset, on = slope[kept], offset[kept], [on[k] for k in kept]
     seen = _seen_widely([angle[rows] for rows in on])
     slope, offset, on = slope[seen], offset[seen], [on[k] for k in seen]
-    if sum(map(len, on)) < LEAST_EXACT * len(rho):
+    if sum(map(len, on)) < MIN_EXACT * len(rho):
         return None
     steps, lateral, azimuth = _exact_steps(rho, angle, on)
     range_step, phase, incoherence = find_range_step(rho, z, on, slope, lateral, EXACT_RANGE_STEPS)
@@ -128,11 +128,11 @@ def _seen_widely(angles: Sequence[Floats]) -> list[int]:
     """Indices of the lines that see enough of the turn for a laser; given in descending order."""
     degrees = [len(np.unique(np.degrees(each).astype(np.intp))) for each in angles]
     most = max(degrees, default=0)
-    wide = [k for k, seen in enumerate(degrees) if seen >= LEAST_SEEN_BETWEEN * most]
+    wide = [k for k, seen in enumerate(degrees) if seen >= MIN_SEEN_BETWEEN * most]
     return [
         k
         for k, seen in enumerate(degrees)
-        if k in wide or (seen >= LEAST_SEEN * most and not wide[0] < k < wide[-1])
+        if k in wide or (seen >= MIN_SEEN * most and not wide[0] < k < wide[-1])
     ]
 
 
@@ -143,10 +143,10 @@ def _fit_exactly(x: Floats, y: Floats, slope: float, offset: float) -> tuple[flo
     """
     found = slope, offset
     before: NDArray[np.bool_] | None = None
-    for _ in range(MOST_FITS):
+    for _ in range(MAX_FITS):
         error = np.abs(y - found[0] * x - found[1])
         inside = error <= max(3.0 * _median(error), 1e-6)
-        if np.count_nonzero(inside) < FEWEST_LABELLED or np.ptp(x[inside]) <= LEAST_SPREAD:
+        if np.count_nonzero(inside) < MIN_LABELLED or np.ptp(x[inside]) <= MIN_SPREAD:
             break
         if before is not None and np.array_equal(inside, before):
             break
@@ -176,12 +176,12 @@ def _exact_steps(
     for steps in EXACT_STEPS:  # beams through the axis
         starts = [best_encoder(rho[rows], angle[rows], zero[:1], steps)[1] for rows in members]
         azimuth = np.array(starts)
-        if _share_on_steps(rho, angle, members, zero, azimuth, steps) >= LEAST_EXACT:
+        if _share_on_steps(rho, angle, members, zero, azimuth, steps) >= MIN_EXACT:
             return steps, *_fit_all_beside(rho, angle, members, zero, azimuth, steps)
-    for steps in (n for n in EXACT_STEPS if n <= MOST_STEPS_BESIDE):
+    for steps in (n for n in EXACT_STEPS if n <= MAX_STEPS_BESIDE):
         first = np.array(first_encoders(rho, angle, members, steps)).reshape(-1, 2)
         lateral, azimuth = _fit_all_beside(rho, angle, members, first[:, 0], first[:, 1], steps)
-        if _share_on_steps(rho, angle, members, lateral, azimuth, steps) >= LEAST_EXACT:
+        if _share_on_steps(rho, angle, members, lateral, azimuth, steps) >= MIN_EXACT:
             for k, rows in enumerate(members):
                 start = float(lateral[k]), float(azimuth[k])
                 lateral[k], azimuth[k] = _fit_again(rho[rows], angle[rows], steps, *start)
@@ -203,15 +203,15 @@ def _fit_again(
         return float(np.mean(np.abs(off) < EXACT_TOLERANCE))
 
     best = lateral, azimuth
-    if len(rho) < FEWEST_LABELLED or share_on_steps(best) >= LEAST_EXACT:
+    if len(rho) < MIN_LABELLED or share_on_steps(best) >= MIN_EXACT:
         return best
-    some = slice(None, None, max(1, len(rho) // MOST_SEARCHED))
+    some = slice(None, None, max(1, len(rho) // MAX_SEARCHED))
     waves = np.exp(1j * steps * (angle[some] - LATERALS[:, None] / rho[some])).mean(axis=1)
     for place in np.argsort(-np.abs(waves), kind="stable")[:TRIED_AGAIN]:
         start = float(LATERALS[place]), float(np.angle(waves[place])) / steps
         fit = _fit_beside(rho, angle, steps, *start)
         best = max(best, fit, key=share_on_steps)
-        if share_on_steps(best) >= LEAST_EXACT:
+        if share_on_steps(best) >= MIN_EXACT:
             break
     return best
 
@@ -237,11 +237,11 @@ def _fit_beside(
     rho: Floats, angle: Floats, steps: int, lateral: float, azimuth: float
 ) -> tuple[float, float]:
     """Lateral distance (m) and angle at count 0 (rad) that most points of a laser agree on."""
-    for _ in range(MOST_FITS):
+    for _ in range(MAX_FITS):
         error = off_the_steps(rho, angle, lateral, azimuth, steps)
         off = np.abs(error)
         inside = off <= max(3.0 * _median(off), 1e-6)
-        if np.count_nonzero(inside) < FEWEST_LABELLED or np.ptp(rho[inside]) <= LEAST_SPREAD:
+        if np.count_nonzero(inside) < MIN_LABELLED or np.ptp(rho[inside]) <= MIN_SPREAD:
             break
         turn, shift = line_fit(rho[inside], error[inside])
         lateral, azimuth = lateral + shift, azimuth + turn
@@ -265,7 +265,7 @@ def _share_on_steps(
         off = off_the_steps(rho[far], angle[far], lateral[k], azimuth[k], steps)
         on += int(np.count_nonzero(np.abs(off) < EXACT_TOLERANCE))
         apart += len(far)
-    return on / apart if apart >= FEWEST_POINTS else 0.0
+    return on / apart if apart >= MIN_POINTS else 0.0
 
 
 def _step_trust(

@@ -41,45 +41,45 @@ WIDEST_GAP = 0.5
 (nine drives) is 0.15, and at most 0.07 in all but one of them, because the lower lasers always meet
 the road or the scanner's own car."""
 
-NARROW_GAP, FEWEST_GAPS, AZIMUTH_CELL = 0.2, 3, 0.025
-"""Sectors were cut out if at least FEWEST_GAPS gaps in azimuth are NARROW_GAP degrees or wider,
+NARROW_GAP, MIN_GAPS, AZIMUTH_CELL = 0.2, 3, 0.025
+"""Sectors were cut out if at least MIN_GAPS gaps in azimuth are NARROW_GAP degrees or wider,
 even if none reaches `WIDEST_GAP`. Gaps are counted in cells of AZIMUTH_CELL degrees. Of 53 whole
 frames one has gaps of 0.1 to 0.15 degrees, in 16 places; all others have none of 0.08."""
 
-LEAST_RANGE = 78.5
+MIN_RANGE = 78.5
 """Metres: a turn that ends nearer may have been cut. 47 whole frames of nine drives of KITTI reach
 to 79.8 m or farther."""
 
-LAST_METRES, MOST_RANGE, FEWEST_CUT_OFF = 10.0, 80.0, 65
-"""A turn is cut at a distance only if at least FEWEST_CUT_OFF points would lie between the farthest
-point and MOST_RANGE metres, beyond which KITTI keeps no point, at the density of the last
+LAST_METRES, MAX_RANGE, MIN_CUT_OFF = 10.0, 80.0, 65
+"""A turn is cut at a distance only if at least MIN_CUT_OFF points would lie between the farthest
+point and MAX_RANGE metres, beyond which KITTI keeps no point, at the density of the last
 LAST_METRES metres. With fewer, the farthest point says little: the number is at most 52 in 12
 simulated streets that end between 77.4 and 78.5 m. In 13 frames of KITTI it is at least 72 if they
 are cut at 76 m or nearer, and at least 43 if they are cut at 77 m."""
 
-LAST_SHARE, FEWEST_AT_END = 0.98, 40
-"""A filter of outliers may be the reason of the cut if fewer than FEWEST_AT_END points lie beyond
+LAST_SHARE, MIN_AT_END = 0.98, 40
+"""A filter of outliers may be the reason of the cut if fewer than MIN_AT_END points lie beyond
 the share LAST_SHARE of the largest range. Frames that were cut at 20 to 55 m have at least 49 such
 points (24 frames of KITTI and of simulated streets); frames of which a filter of outliers left
 nothing beyond 60 m have at most 24 (14 frames)."""
 
-SAME_END, WIDEST_STRIP, STRIP_EDGE, POINTS_AT_ENDS, LEAST_SILENT_AT_ENDS = 0.03, 70.0, 0.5, 9, 0.3
+SAME_END, WIDEST_STRIP, STRIP_EDGE, POINTS_AT_ENDS, MIN_SILENT_AT_ENDS = 0.03, 70.0, 0.5, 9, 0.3
 """A strip was cut out if x or y ends on both sides at the same distance (to SAME_END metres),
 nearer than WIDEST_STRIP metres; if the POINTS_AT_ENDS outermost points of either side lie within
-STRIP_EDGE metres; and if at least the share LEAST_SILENT_AT_ENDS of them have a neighbour along the
+STRIP_EDGE metres; and if at least the share MIN_SILENT_AT_ENDS of them have a neighbour along the
 ring without a return, since it was cut off. In 227 whole frames (47 of KITTI) no two opposite sides
 end within 0.1 m of the same distance, nearer than 70 m."""
 
-NEAREST_RANGE, LEAST_OF_LOWEST = 2.5, 0.25
+NEAREST_RANGE, MIN_OF_LOWEST = 2.5, 0.25
 """The surroundings were cut off if no point is nearer than NEAREST_RANGE metres, and one of the
-lowest eighth of the lasers has returns in less than the share LEAST_OF_LOWEST of the firings. Whole
+lowest eighth of the lasers has returns in less than the share MIN_OF_LOWEST of the firings. Whole
 turns have returns from the scanner's own car (1.5 m in KITTI), or else from the road, which the
 lowest lasers meet 4 m away."""
 
-OWN_CAR, OF_OWN_CAR, FEWEST_OF_OWN_CAR = 2.0, (120.0, 140.0), 5
+OWN_CAR, OF_OWN_CAR, MIN_OF_OWN_CAR = 2.0, (120.0, 140.0), 5
 """The rack of KITTI's own car returns points of the lowest eighth of the lasers nearer than OWN_CAR
 metres, at azimuths of OF_OWN_CAR degrees to the left and to the right. Each whole frame has at
-least 28 of them; fewer than FEWEST_OF_OWN_CAR mean that the surroundings of the scanner were cut
+least 28 of them; fewer than MIN_OF_OWN_CAR mean that the surroundings of the scanner were cut
 off, in whatever shape. At other azimuths walls and other cars return points, too."""
 
 NEAREST_OF_OWN_CAR = 1.59
@@ -92,7 +92,7 @@ FIRST_AZIMUTH = 1.0
 """Degrees: largest azimuth, to either side of straight ahead, at which rings of whole frames
 begin."""
 
-MOST_OFF_FIRINGS = 0.1
+MAX_OFF_FIRINGS = 0.1
 """Largest share of points off lines, steps or the coordinate grid in a turn whose extent is judged.
 KITTI's turns have no such points; in rounded turns most points are."""
 
@@ -137,8 +137,8 @@ def left_out_of_turn(turn: LidarFrame, lattice: SensorLattice) -> Lacking | None
     reading = lattice.read(turn.points)
     is_off = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error)) > OFF_LATTICE
     some, step_m = turn.points[:: max(1, turn.num_points // SAMPLE)], lattice.coordinate_step
-    is_scaled = step_m > 0.0 and share_rounded(some, step_m) < 1.0 - MOST_OFF_FIRINGS
-    if np.mean(is_off) > MOST_OFF_FIRINGS or is_scaled:
+    is_scaled = step_m > 0.0 and share_rounded(some, step_m) < 1.0 - MAX_OFF_FIRINGS
+    if np.mean(is_off) > MAX_OFF_FIRINGS or is_scaled:
         for step in processing_of_coordinates(turn.points):
             return Lacking(f"{step.kind}: {step.detail}", is_in_place=True)
         return Lacking("moved to where the scanner does not measure", is_in_place=False)
@@ -210,7 +210,7 @@ def processing_of_extent(
     found += [Processing("cropped", cut) for _, cut in _cuts_far_away(wide, distance, firings)]
     if distance.min() > NEAREST_RANGE and _lowest_are_silent(reading, lattice):
         found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
-    if is_whole_turn and not thinned and narrow_gaps >= FEWEST_GAPS and is_unit_of_kitti(lattice):
+    if is_whole_turn and not thinned and narrow_gaps >= MIN_GAPS and is_unit_of_kitti(lattice):
         detail = f"no points in {narrow_gaps} sectors of {NARROW_GAP:g} degrees of azimuth and more"
         found.append(Processing("cropped", detail))
     top, bottom = (0, 0) if firings is None else silent_at_the_ends(firings, lattice)
@@ -234,12 +234,12 @@ def _cuts_far_away(
     """
     found = []
     x, y = points[:, 0], points[:, 1]
-    is_short = distance.max() < LEAST_RANGE and _cut_off_beyond(distance) >= FEWEST_CUT_OFF
+    is_short = distance.max() < MIN_RANGE and _cut_off_beyond(distance) >= MIN_CUT_OFF
     if is_short and any(ends_in_silence(end, firings) for end in (distance, x, -x, y, -y)):
         ends = np.abs(points).max(axis=0)[:2].min()  # a box or a strip ends nearer
         farthest = float(distance.max())
         detail = f"no points beyond {farthest:.1f} m"
-        if np.count_nonzero(distance > LAST_SHARE * farthest) < FEWEST_AT_END:
+        if np.count_nonzero(distance > LAST_SHARE * farthest) < MIN_AT_END:
             detail += ", and few near there: cut off, or left out by a filter of outliers"
         found.append((min(farthest, float(ends)), detail))
     for name, along in zip("xy", (x, y), strict=True):
@@ -282,16 +282,16 @@ def _is_cut_on_both_sides(along: NDArray[np.float64], firings: Firings | None) -
     edges = (order[:POINTS_AT_ENDS], order[-POINTS_AT_ENDS:])
     return all(
         np.ptp(along[edge]) < STRIP_EDGE
-        and np.mean(beside_silence(edge, firings, SIDES)) >= LEAST_SILENT_AT_ENDS
+        and np.mean(beside_silence(edge, firings, SIDES)) >= MIN_SILENT_AT_ENDS
         for edge in edges
     )
 
 
 def _cut_off_beyond(distance: NDArray[np.float64]) -> float:
-    """Number of points between the farthest one and MOST_RANGE if they went on equally densely."""
+    """Number of points between the farthest one and MAX_RANGE if they went on equally densely."""
     farthest = float(distance.max())
     last = np.count_nonzero(distance > farthest - LAST_METRES)
-    return last * (MOST_RANGE - farthest) / LAST_METRES
+    return last * (MAX_RANGE - farthest) / LAST_METRES
 
 
 def _lowest_are_silent(reading: LatticeReading, lattice: SensorLattice) -> bool:
@@ -300,7 +300,7 @@ def _lowest_are_silent(reading: LatticeReading, lattice: SensorLattice) -> bool:
     known = (reading.ring >= 0) & (reading.count >= 0)
     fired = np.count_nonzero(np.bincount(reading.count[known]))
     returns = np.bincount(reading.ring[known], minlength=rings)[rings - rings // 8 :]
-    return bool(returns.min(initial=fired) < LEAST_OF_LOWEST * fired)
+    return bool(returns.min(initial=fired) < MIN_OF_LOWEST * fired)
 
 
 def _silence_of_own_car(
@@ -314,7 +314,7 @@ def _silence_of_own_car(
     to_a_side = 180.0 - np.abs(180.0 - np.degrees(reading.azimuth[near]))
     least, most = OF_OWN_CAR
     of_car = distance[near[(to_a_side > least) & (to_a_side < most)]]
-    if len(of_car) < FEWEST_OF_OWN_CAR:
+    if len(of_car) < MIN_OF_OWN_CAR:
         return OWN_CAR_SILENT
     return OWN_CAR_CUT if of_car.min() > NEAREST_OF_OWN_CAR else ""
 

@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 OFF_LATTICE = 0.002
 """Metres: a point farther than this from its line or step belongs to no firing."""
 
-FARTHEST_POINTS, LEAST_SILENT_FAR = 500, 0.25
+FARTHEST_POINTS, MIN_SILENT_FAR = 500, 0.25
 """A frame was cut at a distance if, of its FARTHEST_POINTS farthest points, at least the share
-LEAST_SILENT_FAR has a neighbouring laser or firing without a return. In frames of KITTI that were
+MIN_SILENT_FAR has a neighbouring laser or firing without a return. In frames of KITTI that were
 cut at 12 to 78 m the share is at least 0.43, because their neighbours' returns were cut off. In
 frames of halls, garages and narrow courts it is at most 0.03, and in tunnels 0.12, because walls
 surround the farthest points."""
 
-FACE, MOST_ON_FACE = 0.05, 50
-"""A frame that was cut at a height has more than MOST_ON_FACE points within FACE metres of the cut;
+FACE, MAX_ON_FACE = 0.05, 50
+"""A frame that was cut at a height has more than MAX_ON_FACE points within FACE metres of the cut;
 the lowest and the highest 5 cm of KITTI's whole frames hold at most 42. A flat street has many
 points there as well, and one in 25 ends at a round height by chance."""
 
@@ -31,28 +31,28 @@ ROUND_HEIGHT, OFF_ROUND = 0.1, 0.002
 """Metres: people cut at multiples of ROUND_HEIGHT, and the point nearest to the cut is less than
 OFF_ROUND from it."""
 
-MOST_ANYWHERE = 200
+MAX_ANYWHERE = 200
 """Largest number of points on a face at a height that is not round, without a cut. Such a face
 counts only if firings are known."""
 
-CUT_EDGES, FEWEST_AT_EDGE, LEAST_SILENT = (0.005, 0.01, 0.02, FACE), 20, 0.4
-"""The edge of a cut is the narrowest of the bands CUT_EDGES, metres, with at least FEWEST_AT_EDGE
-points. At a cut at the top at least the share LEAST_SILENT of these points has a neighbouring laser
+CUT_EDGES, MIN_AT_EDGE, MIN_SILENT = (0.005, 0.01, 0.02, FACE), 20, 0.4
+"""The edge of a cut is the narrowest of the bands CUT_EDGES, metres, with at least MIN_AT_EDGE
+points. At a cut at the top at least the share MIN_SILENT of these points has a neighbouring laser
 or firing without a return, since it was cut off."""
 
-STEEP, BEYOND_OWN_CAR, LEAST_SILENT_BESIDE = 5.0, 8.0, 0.12
+STEEP, BEYOND_OWN_CAR, MIN_SILENT_BESIDE = 5.0, 8.0, 0.12
 """A cut through the ground is searched for among points more than STEEP degrees below the horizon
 and more than BEYOND_OWN_CAR metres away, beyond the scanner's own car: a road returns nearly every
-pulse there. The ground was cut if at least the share LEAST_SILENT_BESIDE of the lowest of these
+pulse there. The ground was cut if at least the share MIN_SILENT_BESIDE of the lowest of these
 points has a neighbouring firing without a return. At flatter angles a hollow of the road returns
 nothing, and neighbouring lasers are not used because dark cars on the road silence them. The share
 is at most 0.05 in 50 frames of five flat simulated streets, and at least 0.21 in KITTI's frames cut
 1 to 1.9 m below the scanner; it can be smaller if a cut removes only a few hollows."""
 
-LEAST_SILENT_LOWER, DEGREES, FEWEST_PLACES = 0.6, 5.0, 4
+MIN_SILENT_LOWER, DEGREES, MIN_PLACES = 0.6, 5.0, 4
 """A cut above the ground silences the lasers below the lowest points, at any distance: it is found
-if at least the share LEAST_SILENT_LOWER of these points has no return in the laser below, in at
-least FEWEST_PLACES sectors of DEGREES degrees of azimuth. In KITTI's frames cut 1.3 m below the
+if at least the share MIN_SILENT_LOWER of these points has no return in the laser below, in at
+least MIN_PLACES sectors of DEGREES degrees of azimuth. In KITTI's frames cut 1.3 m below the
 scanner to 0.3 m above it the share is 0.64 to 1, in at least five sectors. In flat simulated
 streets it is at most 0.43, except at the end of a road 35 m away, which spans two sectors."""
 
@@ -121,7 +121,7 @@ def is_cut_above(height: NDArray[np.float64], firings: Firings | None) -> bool:
     if firings is None:
         return True
     edge = _edge(height, firings.firing >= 0)
-    return len(edge) >= FEWEST_AT_EDGE and _share_beside_silence(edge, firings) >= LEAST_SILENT
+    return len(edge) >= MIN_AT_EDGE and _share_beside_silence(edge, firings) >= MIN_SILENT
 
 
 def is_cut_below(points: NDArray[np.float64], firings: Firings | None) -> bool:
@@ -143,16 +143,16 @@ def is_cut_below(points: NDArray[np.float64], firings: Firings | None) -> bool:
     fired = firings.firing >= 0
     steep = fired & (-z > math.tan(math.radians(STEEP)) * away) & (away > BEYOND_OWN_CAR)
     edge = _edge(-z, steep)
-    if len(edge) >= FEWEST_AT_EDGE:
+    if len(edge) >= MIN_AT_EDGE:
         share = float(np.mean(beside_silence(edge, firings, SIDES)))
-        if share >= LEAST_SILENT_BESIDE:
+        if share >= MIN_SILENT_BESIDE:
             return True
     edge = _edge(-z, fired)
     silent = edge[beside_silence(edge, firings, LOWER)]
-    if len(edge) < FEWEST_AT_EDGE or len(silent) < LEAST_SILENT_LOWER * len(edge):
+    if len(edge) < MIN_AT_EDGE or len(silent) < MIN_SILENT_LOWER * len(edge):
         return False
     sectors = np.floor(np.arctan2(y[silent], x[silent]) * (180.0 / (math.pi * DEGREES)))
-    return len(np.unique(sectors)) >= FEWEST_PLACES
+    return len(np.unique(sectors)) >= MIN_PLACES
 
 
 def _ends_in_a_face(height: NDArray[np.float64], firings: Firings | None) -> bool:
@@ -160,8 +160,8 @@ def _ends_in_a_face(height: NDArray[np.float64], firings: Firings | None) -> boo
     top = float(height.max())
     count = int(np.count_nonzero(height > top - FACE))
     if abs(top - ROUND_HEIGHT * round(top / ROUND_HEIGHT)) < OFF_ROUND:
-        return count > MOST_ON_FACE
-    return firings is not None and count > MOST_ANYWHERE
+        return count > MAX_ON_FACE
+    return firings is not None and count > MAX_ANYWHERE
 
 
 def _edge(height: NDArray[np.float64], among: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -170,7 +170,7 @@ def _edge(height: NDArray[np.float64], among: NDArray[np.bool_]) -> NDArray[np.i
     bands = (np.flatnonzero(among & (height > top - band)) for band in CUT_EDGES)
     rows = np.empty(0, np.intp)
     for rows in bands:
-        if len(rows) >= FEWEST_AT_EDGE:
+        if len(rows) >= MIN_AT_EDGE:
             break
     return rows
 
@@ -189,9 +189,9 @@ def ends_in_silence(distance: NDArray[np.float64], firings: Firings | None) -> b
         return True
     farthest = np.argpartition(distance, -FARTHEST_POINTS)[-FARTHEST_POINTS:]
     farthest = farthest[firings.firing[farthest] >= 0]
-    if len(farthest) < FEWEST_AT_EDGE:
+    if len(farthest) < MIN_AT_EDGE:
         return True
-    return _share_beside_silence(farthest, firings) >= LEAST_SILENT_FAR
+    return _share_beside_silence(farthest, firings) >= MIN_SILENT_FAR
 
 
 def _share_beside_silence(edge: NDArray[np.intp], firings: Firings) -> float:

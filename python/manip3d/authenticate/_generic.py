@@ -54,7 +54,7 @@ SCATTER = 1.5
 """Metres: stray points within this distance of one of them form a group, though they do not touch
 as points of a region do."""
 
-MOST_SCATTERED = 1000
+MAX_SCATTERED = 1000
 """Stray points outside of regions are tested only up to this number, since each is compared with
 all others. It is a fiftieth of the number at which they would form regions."""
 
@@ -68,24 +68,24 @@ WINDOWS = 1_000_000
 """Upper bound of the number of range windows tested in a frame of 64 lasers: three around each
 voxel. The p-value of a window is multiplied by it (Bonferroni)."""
 
-DRIFT_FEWEST, DRIFT_SCALE = 5.0, 0.84
+DRIFT_MIN, DRIFT_SCALE = 5.0, 0.84
 """The largest drift of a window in a clean frame exceeds ``s`` standard deviations with a
 probability of at most exp((5 - s) / 0.84). With seven kinds of evidence, 10.5 deviations are needed
 to accuse at 1 %. The tail is longer than that of the normal law, because rounding to whole
 millimetres is correlated along a ring on level ground. The scale was chosen on 41 frames of four
 KITTI drives: the largest drift is 8.3, and one more is above 8."""
 
-VOID_FEWEST, VOID_SCALE = 8.0, 55.0
+VOID_MIN, VOID_SCALE = 8.0, 55.0
 """The largest void of a clean frame has ``s`` firings or more with a probability of at most
 exp((8 - s) / 55). The scale was chosen on 40 simulated streets, whose dark cars return nothing at
 all: the median is 40, a tenth is above 140, the largest is 245. Of 21 real frames of three drives
 20 have no void, and one has 12: cars that absorb all light are rare there, but no forgeries."""
 
-TIME_FEWEST, TIME_SCALE = 8.0, 25.0
+TIME_MIN, TIME_SCALE = 8.0, 25.0
 """The same for voids that the previous frame answered. Of 36 simulated pairs of frames the median
 is 12 and the largest 80; of 21 real pairs 20 have none and one has 13."""
 
-BETWEEN_FEWEST, BETWEEN_SCALE = 10.0, 150.0
+BETWEEN_MIN, BETWEEN_SCALE = 10.0, 150.0
 """The same for voids that both the previous and the following frame answered, without holes that
 moved. The scale was chosen on 17 simulated frames with cars that return nothing at all, whose
 largest holes have 982, 338 and 109 firings. None of 44 other simulated frames (streets 1000 to 1021
@@ -93,10 +93,10 @@ and 2000 to 2021) is accused; their largest holes have 561, 297 and 199. Of 33 r
 none and one has 10. The long tail costs power: of 18 objects removed in drive 0005, 2 are found."""
 
 EXPONENTIAL_TAILS = {
-    "drift": (DRIFT_FEWEST, DRIFT_SCALE),
-    "void": (VOID_FEWEST, VOID_SCALE),
-    "time": (TIME_FEWEST, TIME_SCALE),
-    "between": (BETWEEN_FEWEST, BETWEEN_SCALE),
+    "drift": (DRIFT_MIN, DRIFT_SCALE),
+    "void": (VOID_MIN, VOID_SCALE),
+    "time": (TIME_MIN, TIME_SCALE),
+    "between": (BETWEEN_MIN, BETWEEN_SCALE),
 }
 """Kinds whose strength reaches ``s`` in a clean frame with a probability of at most
 exp((fewest - s) / scale), as (fewest, scale). ``between`` is the rule of `GenericResult.rules`."""
@@ -121,7 +121,7 @@ IN_WORDS: dict[Verdict, str] = {
 """Reason of each verdict in words."""
 
 UNTOLD = "{} points are on no line, where a laser without a line may look: they cannot be judged"
-"""Reason of an undecidable scan with `FEWEST_EXACT` or more such points. None of five clouds of
+"""Reason of an undecidable scan with `MIN_EXACT` or more such points. None of five clouds of
 Hesai and Ouster scanners and of packets of three Velodyne scanners has a single one by a lattice
 with all of its lasers."""
 
@@ -323,7 +323,7 @@ RANGE_INCOHERENCE, EXACT_INCOHERENCE = 0.12, 0.02
 """Share of clean points, at most, whose range is more than a quarter step off: whole millimetres
 leave 0.06 to 0.09 in KITTI, single precision leaves none."""
 
-FEWEST_DIRECTIONS = 1000
+MIN_DIRECTIONS = 1000
 """A frame is judged only if at least this many pairs of laser and encoder step have a return."""
 
 
@@ -476,7 +476,7 @@ def _consistency(
     reading = _ranges_as_lines(reading, limits.tolerance)
     found = _examined(told.points, lattice, None, None, limits, reading, threads)
     judged = _judged(found, told, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated)
-    if untold >= FEWEST_EXACT and judged.verdict != "tampered":
+    if untold >= MIN_EXACT and judged.verdict != "tampered":
         judged = replace(judged, verdict="undecidable", reason=UNTOLD.format(untold))
     return judged.with_rows(kept, scan)
 
@@ -613,7 +613,7 @@ def _judged(
     """
     points, fewest = scan.num_points, 2
     if lattice.is_exact:
-        found, fewest = _known_exactly(found), FEWEST_EXACT
+        found, fewest = _known_exactly(found), MIN_EXACT
     rules = {"time": "between"} if found["turns"] > 1 else {}
     evidence = _evidence_reports(found, rules, points)
     tests = math.log10(1 + sum(report.used for report in evidence.values()))
@@ -673,7 +673,7 @@ def _known_exactly(found: Mapping[str, Any]) -> Mapping[str, Any]:
 
     Dual-return scanners have two returns per firing, and each model writes its points in an order
     of its own, so that `firing`, `duplicate` and `order` prove nothing. Regions of fewer than
-    `FEWEST_EXACT` points are dropped as well: a laser with one or two returns has no line.
+    `MIN_EXACT` points are dropped as well: a laser with one or two returns has no line.
     """
     known = [kind in KNOWN_EXACTLY for kind in EVIDENCE]
     evidence = [
@@ -684,7 +684,7 @@ def _known_exactly(found: Mapping[str, Any]) -> Mapping[str, Any]:
     of_point = np.where(flags != 0, found["region_of_point"], -1)
     size = np.bincount(of_point[of_point >= 0], minlength=len(found["regions"]))
     regions = [
-        (np.where(known, strengths, 0.0) if many >= FEWEST_EXACT else np.zeros(len(known)), *place)
+        (np.where(known, strengths, 0.0) if many >= MIN_EXACT else np.zeros(len(known)), *place)
         for many, (strengths, *place) in zip(size, found["regions"], strict=True)
     ]
     return {
@@ -704,7 +704,7 @@ def _quiet_verdict(
     Contradictions show processing only if the lattice was stated. A lattice that was estimated from
     the frame itself may be wrong, for example about the order of points in the scanner's files.
     """
-    if not evidence["line"].used or directions < FEWEST_DIRECTIONS:
+    if not evidence["line"].used or directions < MIN_DIRECTIONS:
         return "undecidable"
     contradicted = any(said.reason == REASONS["contradicted"] for said in evidence.values())
     return "processed" if contradicted and is_stated else "no_trace"
@@ -714,7 +714,7 @@ OFF_LATTICE = sum(1 << EVIDENCE.index(kind) for kind in ("grid", "line", "step",
 """Bits of the kinds of evidence by which a point itself is forged. With the other kinds, clean
 points are suspected as well: one of two returns of a firing, or the rest of a range window."""
 
-KNOWN_EXACTLY, FEWEST_EXACT = ("line", "step", "range"), 5
+KNOWN_EXACTLY, MIN_EXACT = ("line", "step", "range"), 5
 """Kinds of evidence that an exact lattice supports; smallest number of points of its regions."""
 
 STRAYING = ("grid", "line", "step")
@@ -739,7 +739,7 @@ def _scattered(
     """
     bits = sum(1 << EVIDENCE.index(kind) for kind in STRAYING)
     rows = np.setdiff1d(np.flatnonzero(flags & bits), known)
-    if not fewest <= len(rows) <= MOST_SCATTERED:
+    if not fewest <= len(rows) <= MAX_SCATTERED:
         return 0.0, rows[:0]
     away = points[rows, None].astype(np.float64) - points[None, rows]
     near = (away * away).sum(axis=2) <= SCATTER**2
@@ -767,7 +767,7 @@ def _strewn(
     """
     bits = sum(1 << EVIDENCE.index(kind) for kind in STRAYING)
     rows = np.setdiff1d(np.flatnonzero(flags & bits), known)
-    if not 0 < len(rows) <= MOST_SCATTERED:
+    if not 0 < len(rows) <= MAX_SCATTERED:
         return 0.0, rows[:0]
     reading = lattice.read(np.ascontiguousarray(points[rows]))
     off = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error))

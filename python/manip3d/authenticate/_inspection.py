@@ -14,7 +14,7 @@ from manip3d._util.showing import Showable
 from manip3d.authenticate._density import DensityResult
 from manip3d.authenticate._generic import GenericResult
 from manip3d.authenticate._occlusion import OcclusionResult
-from manip3d.authenticate._power import BLIND, FARTHEST, FEWEST_POINTS, NEAREST, known_power
+from manip3d.authenticate._power import BLIND, FARTHEST, MIN_POINTS, NEAREST, known_power
 from manip3d.authenticate._reflectance import ReflectanceResult
 from manip3d.authenticate._sensors import Sensor
 from manip3d.authenticate._turns import TurnResult
@@ -222,7 +222,7 @@ class Inspection(Showable):
         if self.generic is None or self.sensor is None or not power:
             return ()
         notes = [
-            f"Planted edits are of one object of at least {FEWEST_POINTS} returns, {NEAREST:.0f} "
+            f"Planted edits are of one object of at least {MIN_POINTS} returns, {NEAREST:.0f} "
             f"to {FARTHEST:.0f} m from the scanner; nothing was measured of smaller and farther "
             "objects."
         ]

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
         NDArray[np.float32],
     ]
 
-_MOST_BYTES = 1 << 20  # a file with 128 lasers has 20000
+_MAX_BYTES = 1 << 20  # a file with 128 lasers has 20000
 
 LINE_TOLERANCE = 2e-3
 """Metres: largest distance of clean points from their line. Rounding to whole millimetres causes
@@ -53,7 +53,7 @@ FIVE_DIGITS_TO = 10.0
 significant digits (MATLAB's ``dlmwrite``). These files round farther coordinates to whole
 millimetres, which no driver computes."""
 
-FEWEST_WHOLE = 5
+MIN_WHOLE = 5
 """Fewest coordinates that show such rounding: one in 50 is a whole millimetre by chance."""
 
 WIDE_GAP = 1.4
@@ -64,12 +64,12 @@ LINES_APART = 1.5
 """Metres from the axis. The lines of KITTI's HDL-64E are 7 to 20 mm apart there; nearer to the
 scanner, many points lie within `LINE_TOLERANCE` of a line by chance."""
 
-FEWEST_TOLD = 30
+MIN_TOLD = 30
 """Fewest points of a laser at similar distances that confirm its line and steps there. It was
 chosen, with `LINES_APART` and the share of a half, on crops of one frame of an OS-0-128 and one of
 an OS-1-128. None of 34 other crops of these frames that have a lattice is accused."""
 
-MOST_STEPS = 10_000_000
+MAX_STEPS = 10_000_000
 """Largest number of encoder counts of a lattice that is read from a file."""
 
 COLUMNS = ("slope", "offset", "lateral", "azimuth", "range_phase", "center", "slope_error")
@@ -223,7 +223,7 @@ class SensorLattice:
             False for points nearer to the axis than `LINES_APART`; for points above or below all
             lines by more than half of the distance between the two outermost lines; and for points
             of a laser if, of its points in the same interval of distance (each interval ends at 4/3
-            of its begin), fewer than `FEWEST_TOLD` or fewer than half are on the lattice.
+            of its begin), fewer than `MIN_TOLD` or fewer than half are on the lattice.
         """
         reading = self.read(points) if reading is None else reading
         told = self._is_between_lines(points) & (reading.ring >= 0)
@@ -236,7 +236,7 @@ class SensorLattice:
         size = len(self.slope) * bins
         there = np.bincount(cell[told], minlength=size)
         good = np.bincount(cell[told & on], minlength=size)
-        told &= ((good >= FEWEST_TOLD) & (2 * good >= there))[cell]
+        told &= ((good >= MIN_TOLD) & (2 * good >= there))[cell]
         return told
 
     def is_told_exactly(
@@ -376,7 +376,7 @@ class SensorLattice:
         FormatError
             The file is not a lattice that `save` wrote, or is damaged.
         """
-        data = limited_bytes(path_of(path), _MOST_BYTES)
+        data = limited_bytes(path_of(path), _MAX_BYTES)
         try:
             values = json.loads(data)["sensor_lattice"]
             column = _columns_of(values)
@@ -420,8 +420,8 @@ def _columns_of(values: Mapping[str, Any]) -> dict[str, Floats]:
 
 def _length_of(values: Mapping[str, Any], name: str) -> float:
     value = float(values[name])
-    if not 0.0 <= value <= MOST_STEPS:
-        raise ValueError(f"{name}: expected a number in [0, {MOST_STEPS}], got {value}")
+    if not 0.0 <= value <= MAX_STEPS:
+        raise ValueError(f"{name}: expected a number in [0, {MAX_STEPS}], got {value}")
     return value
 
 
@@ -489,4 +489,4 @@ def has_whole_millimetres(points: NDArray[np.float32], beyond: float) -> bool:
     lengths = np.abs(points)
     some = points[(lengths >= beyond) & (lengths < EXACT_REACH)].astype(np.float64)
     off = np.abs(1000.0 * some - np.round(1000.0 * some))
-    return len(some) >= FEWEST_WHOLE and float(np.mean(off < 0.01)) > 0.9
+    return len(some) >= MIN_WHOLE and float(np.mean(off < 0.01)) > 0.9

@@ -22,7 +22,7 @@ from manip3d.authenticate._lattice_steps import (
     fit_encoder,
     stands_on_steps,
 )
-from manip3d.authenticate._rings import LEAST_EXACT, Cloud
+from manip3d.authenticate._rings import MIN_EXACT, Cloud
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 
@@ -194,7 +194,7 @@ def _unless_rounded(
     for step in steps if off.any() else ():
         turns = value / step
         is_whole = np.abs(turns - np.round(turns)) < ON_ROUNDED
-        if np.mean(is_whole) >= LEAST_EXACT:  # finer steps would excuse more errors by chance
+        if np.mean(is_whole) >= MIN_EXACT:  # finer steps would excuse more errors by chance
             explained = off & is_whole & (np.abs(error) <= ROUNDED_APART * step * arm)
             return np.where(explained, np.float32(0.0), error)
     return error

@@ -10,7 +10,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.linear import line_fit
 from manip3d.authenticate._lattice import COLUMNS, LINE_TOLERANCE
-from manip3d.authenticate._rings import FEWEST_LABELLED, FEWEST_POINTS, Cloud
+from manip3d.authenticate._rings import MIN_LABELLED, MIN_POINTS, Cloud
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-LEAST_LINES, MOST_LINES = 4, 128
+MIN_LINES, MAX_LINES = 4, 128
 """Smallest and largest number of lines of a scanner: no scanner has more lasers. Clouds with
 rounded elevations lie on hundreds of lines; they are refused, because points between such lines are
 no evidence."""
@@ -29,10 +29,10 @@ NARROW = 0.05
 """Metres: if the distances of most of a ring's points from the axis differ by less (the scanner's
 own car, or a wall around it), they do not determine the slope of its line."""
 
-MOST_OF_A_RING = (0.05, 0.95)
+MAX_OF_A_RING = (0.05, 0.95)
 """Quantiles of the distances; the few points beyond them may be forged."""
 
-MOST_PAIRED = 250
+MAX_PAIRED = 250
 """Number of points of a ring (at most twice as many) from which lines are proposed, each through
 one point of the nearer half and one of the farther half."""
 
@@ -61,31 +61,31 @@ def find_lines(clouds: Sequence[Cloud]) -> tuple[Floats, Floats]:
     members = [np.flatnonzero(ring == k) for k in range(len(slope))]
     fits = [
         line_fit(rho[rows], z[rows])
-        if len(rows) >= FEWEST_POINTS and _is_wide(rho[rows])
+        if len(rows) >= MIN_POINTS and _is_wide(rho[rows])
         else (slope[k], offset[k])
         for k, rows in enumerate(members)
-        if len(rows) >= FEWEST_LABELLED
+        if len(rows) >= MIN_LABELLED
     ]
     _check_lines(len(fits))  # rounded or noisy rings may agree on lines with few points
     return np.array(fits)[:, 0], np.array(fits)[:, 1]
 
 
 def _is_wide(rho: Floats) -> bool:
-    low, high = np.quantile(rho, MOST_OF_A_RING)
+    low, high = np.quantile(rho, MAX_OF_A_RING)
     return bool(high - low > NARROW)
 
 
 def _check_lines(found: int) -> None:
-    if not LEAST_LINES <= found <= MOST_LINES:
+    if not MIN_LINES <= found <= MAX_LINES:
         raise InputError(
-            f"frames: expected the rings of a spinning scanner ({LEAST_LINES} to {MOST_LINES}), "
+            f"frames: expected the rings of a spinning scanner ({MIN_LINES} to {MAX_LINES}), "
             f"ring after ring and each by azimuth, or `ring`; found {found} lines"
         )
 
 
 def _fit_wide_ring(cloud: Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
     """Slope, offset and number of points of the best line through two points; None: none fits."""
-    some = ring[:: max(1, len(ring) // MOST_PAIRED)]
+    some = ring[:: max(1, len(ring) // MAX_PAIRED)]
     rho, z = cloud.rho[some], cloud.points[some, 2]
     order = np.argsort(rho, kind="stable")
     half = len(order) // 2

@@ -10,7 +10,7 @@ import numpy as np
 
 from manip3d._util.linear import line_fit
 from manip3d.authenticate._lattice import LINE_TOLERANCE
-from manip3d.authenticate._rings import FEWEST_LABELLED, FEWEST_POINTS
+from manip3d.authenticate._rings import MIN_LABELLED, MIN_POINTS
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -25,25 +25,25 @@ RANGE_STEPS = (1e-2, 5e-3, 4e-3, 2e-3)
 """Range steps that are tried, metres; the coarsest first, since finer steps fit coarse data,
 too."""
 
-LEAST_SPREAD = 1e-3
+MIN_SPREAD = 1e-3
 """Metres: least difference between the nearest and the farthest point of a line fit in an exact
 cloud; ``slope_error`` states how accurate the line is."""
 
-FEWEST_PAIRS = 30
+MIN_PAIRS = 30
 """Fewest pairs of points at a given number of firings apart for estimating the encoder's counts."""
 
-MOST_SEARCHED = 300
+MAX_SEARCHED = 300
 """Number of points of a ring for the search over the grid `LATERALS`; of longer rings a subset of
 this many to twice as many is used."""
 
 LIKELY = 4
 """Number of lateral distances that are kept after that search."""
 
-MOST_POINTS = 1000
+MAX_POINTS = 1000
 """Number of points of a ring (at most twice as many) that choose the best of these. A ring that
 mostly meets the road has almost a single distance, so that only few points distinguish them."""
 
-MOST_COMBED = 16_000
+MAX_COMBED = 16_000
 """Number (at most twice as many are used) of pairs of points per number of firings apart, and of
 points, on which steps are tested. With this many, the best coherence of 36 000 numbers of counts is
 at most 0.04 by chance, while 0.5 is required."""
@@ -77,8 +77,8 @@ def find_steps(rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]]) 
         # Equal parallax: for a beam 0.1 m beside the axis it differs by less than 2e-5 radians.
         alike &= np.abs(1.0 / rho[first] - 1.0 / rho[second]) < 2e-4
         pairs = np.flatnonzero(alike)
-        pairs = pairs[:: max(1, len(pairs) // MOST_COMBED)]
-        if len(pairs) < FEWEST_PAIRS:
+        pairs = pairs[:: max(1, len(pairs) // MAX_COMBED)]
+        if len(pairs) < MIN_PAIRS:
             return 0
         turn = np.mod(angle[second[pairs]] - angle[first[pairs]], 2.0 * math.pi)
         bins = np.minimum((turn * (size / (2.0 * math.pi))).astype(np.int64), size - 1)
@@ -97,7 +97,7 @@ def first_encoders(
     They maximise the absolute mean of ``exp(i steps (angle - lateral / rho))`` over the laser's
     points. Since the grid is evenly spaced, one product per point leads to its next value.
     """
-    some = [rows[:: max(1, len(rows) // MOST_SEARCHED)] for rows in members]
+    some = [rows[:: max(1, len(rows) // MAX_SEARCHED)] for rows in members]
     rows = np.concatenate(some)
     ends = np.cumsum([0, *map(len, some)])
     wave = np.exp(1j * steps * (angle[rows] - LATERALS[0] / rho[rows]))
@@ -117,7 +117,7 @@ def best_encoder(rho: Floats, angle: Floats, laterals: Floats, steps: int) -> tu
     """The most coherent lateral distance for a laser's points, and the angle at count 0."""
     if len(rho) == 0:
         return 0.0, 0.0
-    some = slice(None, None, max(1, len(rho) // MOST_POINTS))
+    some = slice(None, None, max(1, len(rho) // MAX_POINTS))
     turns = steps * (angle[some] - laterals[:, None] / rho[some])
     waves = np.exp(1j * turns).mean(axis=1)
     best = np.abs(waves).argmax()
@@ -128,12 +128,12 @@ def fit_encoder(
     rho: Floats, angle: Floats, steps: int, lateral: float, azimuth: float
 ) -> tuple[float, float]:
     """Lateral distance (m) and angle at count 0 (rad, within one step) of one laser."""
-    if len(rho) < FEWEST_POINTS:
+    if len(rho) < MIN_POINTS:
         return 0.0, 0.0
     for _ in range(5):
         error = off_the_steps(rho, angle, lateral, azimuth, steps)
         near = np.abs(error) < LINE_TOLERANCE
-        if near.sum() < 2 or np.ptp(rho[near]) <= LEAST_SPREAD:
+        if near.sum() < 2 or np.ptp(rho[near]) <= MIN_SPREAD:
             break
         turn, shift = line_fit(rho[near], error[near])
         lateral, azimuth = lateral + shift, azimuth + turn
@@ -160,7 +160,7 @@ def stands_on_steps(
         off = np.abs(error) > LINE_TOLERANCE
         sector = (angle[rows] * (SECTORS / (2.0 * math.pi))).astype(np.intp).clip(0, SECTORS - 1)
         points = np.bincount(sector, minlength=SECTORS)
-        enough = points >= FEWEST_LABELLED
+        enough = points >= MIN_LABELLED
         shares.append(np.bincount(sector, off, SECTORS)[enough] / points[enough])
     return bool(np.quantile(np.concatenate(shares), 0.75) < 0.01)
 
@@ -230,7 +230,7 @@ def find_range_step(
         + z[rows] * slope[k] * cosine[k]
         for k, rows in enumerate(members)
     ]
-    thinned = max(1, sum(len(r) for r in ranges) // MOST_COMBED)
+    thinned = max(1, sum(len(r) for r in ranges) // MAX_COMBED)
     few = [r[::thinned] for r in ranges]
     for step in steps:
         if np.median(np.abs(_range_waves(few, step))) < 0.4:

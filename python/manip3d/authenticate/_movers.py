@@ -17,11 +17,11 @@ FARTHEST_MOVE = 4.0
 NEAREST_MOVE = 0.5
 """Metres: an object that moved less still covers its place in the neighbouring turns."""
 
-LEAST_MET = 0.9
+MIN_MET = 0.9
 """Least share of the points that must meet the moved object in both turns."""
 
 _CELL = 0.25  # metres
-_MOST_POINTS = 200
+_MAX_POINTS = 200
 _MARGIN = 2  # cells around the reachable volume
 
 
@@ -58,10 +58,10 @@ def passes_by(points: Points, previous: Points, following: Points) -> bool:
         _spread(_occupied(each[~other[tuple(each.T)]], shape))
         for each, other in zip(cells, seen[::-1], strict=True)
     ]
-    some = _cells(points[:: -(-len(points) // _MOST_POINTS)], low)
+    some = _cells(points[:: -(-len(points) // _MAX_POINTS)], low)
     back = _met(moved[0], some, -1)
     on = _met(moved[1], some, 1)
-    return bool(np.minimum(back, on).max() >= LEAST_MET)
+    return bool(np.minimum(back, on).max() >= MIN_MET)
 
 
 def _cells(points: Points, low: Points) -> NDArray[np.int64]:

@@ -15,22 +15,22 @@ if TYPE_CHECKING:
     from manip3d.authenticate._lattice import LatticeReading, SensorLattice
     from manip3d.lidar import LidarFrame
 
-LARGEST_COUNT, MOST_CORRECTED = 2**16 - 1, 2.0
+LARGEST_COUNT, MAX_CORRECTED = 2**16 - 1, 2.0
 """LARGEST_COUNT: largest range in packets, in range steps, which stands for no return (131.07 m for
-an HDL-64E, which is specified for 120 m). MOST_CORRECTED: largest correction of a range by the
+an HDL-64E, which is specified for 120 m). MAX_CORRECTED: largest correction of a range by the
 calibration of a laser, metres (1.6 for an HDL-64E)."""
 
 HOUSING = 0.1
 """Metres from the scanner's origin: nearer points lie inside the scanner itself."""
 
-LAST_RANGES, FEWEST_FILLED = 4.0, 60
+LAST_RANGES, MIN_FILLED = 4.0, 60
 """Fill values are searched for within LAST_RANGES metres of the farthest point, which is more than
-calibrations of lasers differ by. At least FEWEST_FILLED rows must have one."""
+calibrations of lasers differ by. At least MIN_FILLED rows must have one."""
 
-SAME_RANGE, FEWEST_OF_LASER, FEWEST_LASERS = 0.003, 5, 4
-"""Firings without a return were filled with one range if at least FEWEST_OF_LASER rows of a laser
+SAME_RANGE, MIN_OF_LASER, MIN_LASERS = 0.003, 5, 4
+"""Firings without a return were filled with one range if at least MIN_OF_LASER rows of a laser
 are at the laser's farthest range (to SAME_RANGE metres, because of rounding to millimetres), and at
-least FEWEST_LASERS lasers have such rows."""
+least MIN_LASERS lasers have such rows."""
 
 NOISE = 0.1
 """Metres over which noise spreads the returns of a wall. Scanners with range steps of 8 mm measure
@@ -49,7 +49,7 @@ def farthest_range(lattice: SensorLattice) -> float:
     """
     if lattice.is_exact or not lattice.range_step:
         return math.inf
-    return LARGEST_COUNT * lattice.range_step - MOST_CORRECTED
+    return LARGEST_COUNT * lattice.range_step - MAX_CORRECTED
 
 
 def returns_of(
@@ -110,7 +110,7 @@ def _filled(
     filled = np.zeros(len(points), np.bool_)
     begin = max(0.0, math.sqrt(squared.max(initial=0.0)) - LAST_RANGES)
     last = np.flatnonzero(squared > begin * begin)
-    if len(last) < FEWEST_FILLED:
+    if len(last) < MIN_FILLED:
         return filled
     ring = lattice.read(points[last]).ring if reading is None else reading.ring[last]
     laser = ring + 1  # 0: none
@@ -122,8 +122,8 @@ def _filled(
     of_laser, of_wall = (
         np.bincount(laser[rows], minlength=len(farthest)) for rows in (same, before)
     )
-    is_filled = (of_laser >= FEWEST_OF_LASER) & (of_laser > of_wall)
+    is_filled = (of_laser >= MIN_OF_LASER) & (of_laser > of_wall)
     is_filled[0] = False
-    if np.count_nonzero(is_filled) >= FEWEST_LASERS and of_laser[is_filled].sum() >= FEWEST_FILLED:
+    if np.count_nonzero(is_filled) >= MIN_LASERS and of_laser[is_filled].sum() >= MIN_FILLED:
         filled[last[same & (laser > 0)]] = True
     return filled

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-FEWEST_POINTS = 1000
+MIN_POINTS = 1000
 """A scan with fewer points covers too little of the sphere."""
 
-FEWEST_CELLS = 500
+MIN_CELLS = 500
 """Fewest cells with points of a scan that can be judged; copies of a few points cannot."""
 
 
@@ -322,8 +322,8 @@ def occlusion_consistency(
     ('tampered', '1 region in which something is seen behind something else')
     """
     scene = to_scan(scan)
-    if len(scene.points) < FEWEST_POINTS:
-        return _undecidable(f"fewer than {FEWEST_POINTS} points", grid, parameters)
+    if len(scene.points) < MIN_POINTS:
+        return _undecidable(f"fewer than {MIN_POINTS} points", grid, parameters)
     place = scanner_position(origin, scene, threads)
     if place is None:
         return _undecidable(NO_ORIGIN, grid, parameters)
@@ -428,7 +428,7 @@ def _judged(
     num_regions: int, occupied: int, share: float, parameters: OcclusionParameters
 ) -> tuple[Verdict, str]:
     """Verdict and reason; ``share`` of the ``occupied`` cells has a gap."""
-    if occupied < FEWEST_CELLS:
+    if occupied < MIN_CELLS:
         return "undecidable", f"all points lie in {occupied} directions"
     if share > parameters.fused:
         reason = f"{share:.0%} of the directions hold several ranges: no single position"

@@ -45,7 +45,7 @@ from manip3d.authenticate._turns import (
     FARTHEST,
     FARTHEST_MOTION,
     FOREIGN,
-    MOST_APART_NS,
+    MAX_APART_NS,
     TurnResult,
     apart_ns,
     no_turn,
@@ -414,7 +414,7 @@ def _usable(scan: LidarFrame, beside: Beside) -> tuple[Beside, list[str], list[s
         apart = apart_ns(scan, other)
         if same := in_common(own, sketch):
             repeats.append(f"the turn {name} has {same}")
-        elif apart > MOST_APART_NS:
+        elif apart > MAX_APART_NS:
             why.append(no_turn(name, apart))
         else:
             kept[-1] = other

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from manip3d._util.options import Progress
     from manip3d.lidar import Scan
 
-LEAST_EXPLAINED = 0.94
+MIN_EXPLAINED = 0.94
 """Least share of a scan that one grid explains; with less, scans of several positions were fused.
 In the scenes ``calibration-indoor-03``, ``-05``, ``-outdoor-03`` and ``-05`` of
 `manip3d.simulate.scenes` it is at least 0.99 for a single position, with or without a pasted
 object, and at most 0.92 with a fifth of a second scan; with all of the second scan, no grid is
 found. It is 0.966 in a forest scanned by a Riegl VZ-400i."""
 
-LEAST_OF_SOURCE = 0.01
+MIN_OF_SOURCE = 0.01
 """A flight line or position counts if it has at least this share of the points."""
 
 NO_ORIGIN = "no single position explains the scan; give it (origin, --origin) if it is known"
@@ -123,7 +123,7 @@ def estimate_origin(
             scene.points, around, is_own, threads_of(threads), report
         )
         reason = "the angular grid"
-        fused = found and explained < LEAST_EXPLAINED
+        fused = found and explained < MIN_EXPLAINED
         if is_own and (fused or not found) and _stands_on_lattice(scene, threads):
             found, position, explained = True, (0.0, 0.0, 0.0), 1.0
             reason = "the lattice of a spinning scanner"
@@ -187,7 +187,7 @@ def several_sources(frame: LidarFrame) -> str | None:
     if source is None or source.ndim != 1 or not len(source):
         return None
     shares = np.unique(source, return_counts=True)[1] / len(source)
-    number = int(np.count_nonzero(shares >= LEAST_OF_SOURCE))
+    number = int(np.count_nonzero(shares >= MIN_OF_SOURCE))
     if number < 2:
         return None
     return (

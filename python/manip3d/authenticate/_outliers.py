@@ -21,27 +21,27 @@ this many points is searched for."""
 _FAR = 1000.0
 """Metres: points with larger coordinates are no returns."""
 
-CUT_BELOW, CUT_ABOVE, LEAST_ABOVE, MOST_CUT = 0.8, 1.25, 40, (8.0, 7.0, 7.0, 5.5)
+CUT_BELOW, CUT_ABOVE, MIN_ABOVE, MAX_CUT = 0.8, 1.25, 40, (8.0, 7.0, 7.0, 5.5)
 """Filters of outliers remove points whose neighbours are farther than some distance d, so that
 hardly any points remain beyond it. The test compares the number of isolated points whose neighbour
-is farther than CUT_BELOW d (at least LEAST_ABOVE points) with the number of those whose neighbour
-is farther than CUT_ABOVE d, for the first to the fourth neighbour; a ratio above MOST_CUT shows a
+is farther than CUT_BELOW d (at least MIN_ABOVE points) with the number of those whose neighbour
+is farther than CUT_ABOVE d, for the first to the fourth neighbour; a ratio above MAX_CUT shows a
 filter. For the fourth neighbour and any d, the ratio is at most 3.7 in 53 clean frames of KITTI,
 and at least 6 after most filters. For the first to the third neighbour, which reveal filters that
 require one or two neighbours, it is at most 4.6, 3.6 and 3.9. This holds for whole frames of an
 HDL-64E only: the ratio is 10 in the clean court of a Hesai QT64, up to 7.8 in frames cropped at 40
 m, and 6.2 in three quarters of a turn."""
 
-SOFT_CUT, MOST_SOFT = (0.26, 0.5), 3.5
+SOFT_CUT, MAX_SOFT = (0.26, 0.5), 3.5
 """Filters that compare distances with their mean, or count neighbours, leave some isolated points,
 but fewer the more isolated they are. The test compares the number of points that are farther from
 their first to fourth neighbour than SOFT_CUT[0] metres with that of points farther than
-SOFT_CUT[1]; a ratio above MOST_SOFT shows a filter. The ratio is at most 2.7 in 8 clean frames of
+SOFT_CUT[1]; a ratio above MAX_SOFT shows a filter. The ratio is at most 2.7 in 8 clean frames of
 KITTI and in 38 of simulated streets, which chose the limit, and at least 4 after most filters."""
 
-FAR_CUT, MOST_SOFT_FAR, MOST_CUT_FAR = 60.0, 5.0, 2.0
-"""If no points lie beyond FAR_CUT metres or a larger distance, the limits are MOST_SOFT_FAR and
-MOST_CUT_FAR times `MOST_CUT`: a filter may be the reason, too. The eight frames, cut at 60 m, reach
+FAR_CUT, MAX_SOFT_FAR, MAX_CUT_FAR = 60.0, 5.0, 2.0
+"""If no points lie beyond FAR_CUT metres or a larger distance, the limits are MAX_SOFT_FAR and
+MAX_CUT_FAR times `MAX_CUT`: a filter may be the reason, too. The eight frames, cut at 60 m, reach
 a ratio of 2.9 and a multiple of 1; cut to a box of 51 m to each side, a ratio of 3.8."""
 
 
@@ -64,11 +64,11 @@ def why_filtered(points: NDArray[np.float32], *, is_short: bool) -> str | None:
         return None
     distances = lone_distances(points)
     soft = max(_softness(each) for each in distances)
-    cuts = zip(map(sharpest_end, distances), MOST_CUT, strict=True)
+    cuts = zip(map(sharpest_end, distances), MAX_CUT, strict=True)
     excess, beyond = max((ratio / most, beyond) for (ratio, beyond), most in cuts)
-    if excess > (MOST_CUT_FAR if is_short else 1.0):
+    if excess > (MAX_CUT_FAR if is_short else 1.0):
         return f"hardly any point is farther than {beyond:.1f} m from its neighbours"
-    if soft > (MOST_SOFT_FAR if is_short else MOST_SOFT):
+    if soft > (MAX_SOFT_FAR if is_short else MAX_SOFT):
         return f"few points are farther than {SOFT_CUT[1]:g} m from their neighbours"
     return None
 
@@ -109,7 +109,7 @@ def sharpest_end(distances: NDArray[np.float32]) -> tuple[float, float]:
     at = np.geomspace(SPARSE[1] / CUT_BELOW, SPARSE[3] / CUT_ABOVE, 60)
     above = len(distances) - np.searchsorted(distances, CUT_BELOW * at)
     beyond = len(distances) - np.searchsorted(distances, CUT_ABOVE * at)
-    ratio = np.where(above >= LEAST_ABOVE, above / (beyond + 2.0), 0.0)
+    ratio = np.where(above >= MIN_ABOVE, above / (beyond + 2.0), 0.0)
     sharpest = int(ratio.argmax())
     return float(ratio[sharpest]), float(at[sharpest])
 
@@ -117,4 +117,4 @@ def sharpest_end(distances: NDArray[np.float32]) -> tuple[float, float]:
 def _softness(distances: NDArray[np.float32]) -> float:
     """Ratio of the number of distances above SOFT_CUT[0] to the number above SOFT_CUT[1]."""
     first, second = (len(distances) - np.searchsorted(distances, end) for end in SOFT_CUT)
-    return float(first / (second + 5.0)) if first >= LEAST_ABOVE else 0.0
+    return float(first / (second + 5.0)) if first >= MIN_ABOVE else 0.0

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _RGB = 0, 2
-_MOST_PIXELS = 1 << 26
+_MAX_PIXELS = 1 << 26
 _REFUSED = {
     b"tRNS": "transparency",
     b"acTL": "an animation",
@@ -178,8 +178,8 @@ def _check_header(body: bytes) -> None:
         raise FormatError(f"expected 8 bits of grey or RGB, got {bits} bits of colour type {color}")
     if compression or filters or interlace:
         raise FormatError("expected a picture without interlace")
-    if not 0 < width * height <= _MOST_PIXELS:
-        raise FormatError(f"expected 1 to {_MOST_PIXELS} pixels, got {width} x {height}")
+    if not 0 < width * height <= _MAX_PIXELS:
+        raise FormatError(f"expected 1 to {_MAX_PIXELS} pixels, got {width} x {height}")
 
 
 def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:

@@ -64,7 +64,7 @@ BLIND_TERRESTRIAL = "points removed, cropped or moved together: only what was ad
 NEAREST, FARTHEST = 5.0, 25.0
 """Metres: range of distances at which edits are planted."""
 
-FEWEST_POINTS = 100
+MIN_POINTS = 100
 """Fewest returns of an object that is edited."""
 
 
@@ -406,7 +406,7 @@ def _can_be_planted(name: str, cloud: Cloud, lattice: SensorLattice) -> bool:
     return name not in WHITE_BOX or bool(lattice.steps)
 
 
-FEWEST_CALIBRATED = 4
+MIN_CALIBRATED = 4
 """Fewest scans for `calibrate_lattice`; the lattice is estimated from every second one."""
 
 CHANCE = 0.01
@@ -480,12 +480,12 @@ def calibrate_lattice(
     >>> calibrate_lattice(walls, planted=1).power["moved"].share
     1.0
     """
-    if most is not None and most < FEWEST_CALIBRATED:
-        raise InputError(f"most: expected at least {FEWEST_CALIBRATED}, got {most}")
+    if most is not None and most < MIN_CALIBRATED:
+        raise InputError(f"most: expected at least {MIN_CALIBRATED}, got {most}")
     given = list(frames)
     chosen = _spread([scan for each in given for scan in _scans_of(each)], most)
-    if len(chosen) < FEWEST_CALIBRATED:
-        raise InputError(f"frames: expected at least {FEWEST_CALIBRATED} scans, got {len(chosen)}")
+    if len(chosen) < MIN_CALIBRATED:
+        raise InputError(f"frames: expected at least {MIN_CALIBRATED} scans, got {len(chosen)}")
     listed = [scan if isinstance(scan, LidarFrame) else read_scan(scan) for scan in chosen]
     lattice = estimate_lattice(listed[::2])
     others = [frame.replace(intensity=None) for frame in listed[1::2]]
@@ -620,7 +620,7 @@ def _some_object(points: Points, random: np.random.Generator) -> Rows | None:
         seed = points[seeds[random.integers(len(seeds))]]
         near = np.hypot(points[:, 0] - seed[0], points[:, 1] - seed[1]) < 1.2
         rows = np.flatnonzero(near & (points[:, 2] > -1.5) & (points[:, 2] < 1.5))
-        if FEWEST_POINTS <= len(rows) <= 3000:
+        if MIN_POINTS <= len(rows) <= 3000:
             return rows
     return None
 

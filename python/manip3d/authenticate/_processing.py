@@ -44,33 +44,33 @@ CUT_OFF = (
     "rounded twice, or all ranges were changed"
 )
 
-MOST_OF_TURN = 150_000
+MAX_OF_TURN = 150_000
 """Largest number of points of one turn of an HDL-64E: 64 lasers fire 2083 times, or up to a tenth
 more often."""
 
-DARK, MOST_DARK = 0.05, 0.002
-"""If more than the share MOST_DARK of the reflectances is below DARK, some must be 0. In KITTI's
+DARK, MAX_DARK = 0.05, 0.002
+"""If more than the share MAX_DARK of the reflectances is below DARK, some must be 0. In KITTI's
 whole frames the share of 0 is 0.09, and that of values between 0 and DARK is 0.01 to 0.03."""
 
-BRIGHT, LAST_REFLECTANCES, FEWEST_NEAR_END = 0.975, 0.1, 60
+BRIGHT, LAST_REFLECTANCES, MIN_NEAR_END = 0.975, 0.1, 60
 """Bright points were left out if the largest reflectance is below BRIGHT and at least
-FEWEST_NEAR_END points are within LAST_REFLECTANCES of it. KITTI's scanner saturates at 0.99, which
+MIN_NEAR_END points are within LAST_REFLECTANCES of it. KITTI's scanner saturates at 0.99, which
 at least 22 points of each of 53 whole frames reach. In a scene without bright surfaces few points
 would be near the largest value: each frame has at least 17 points from 0.9 to 0.99, and 21 to 336
 from 0.8 to 0.9."""
 
-MOST_TWICE = 0.3
+MAX_TWICE = 0.3
 """Largest share of a laser's points in a sector that share a firing with another point, if the scan
 is one turn."""
 
-SECTORS, LEAST_SEEN_TWICE, FEWEST_SEEN_TWICE = 72, 30.0, 500
+SECTORS, MIN_DEGREES_SEEN_TWICE, MIN_POINTS_SEEN_TWICE = 72, 30.0, 500
 """SECTORS: number of sectors of the horizon. A scan holds more than one turn if most lasers have
-two returns per firing in at least LEAST_SEEN_TWICE degrees of azimuth, and if there are more than
-FEWEST_SEEN_TWICE such points. Pasted objects are met by few lasers, or are narrower."""
+two returns per firing in at least MIN_DEGREES_SEEN_TWICE degrees of azimuth, and if there are more
+than MIN_POINTS_SEEN_TWICE such points. Pasted objects are met by few lasers, or are narrower."""
 
-VOXELS, FEWEST_SHARED, TIMES_SHIFTED = (0.008, 0.01, 0.012, 0.015, 0.02), 40, 4
+VOXELS, MIN_SHARED, TIMES_SHIFTED = (0.008, 0.01, 0.012, 0.015, 0.02), 40, 4
 """A voxel filter left one point per voxel with one of the edges VOXELS (metres) if hardly any two
-points share a cell of its grid, while at least FEWEST_SHARED, and TIMES_SHIFTED times as many,
+points share a cell of its grid, while at least MIN_SHARED, and TIMES_SHIFTED times as many,
 share a cell of a grid that is shifted by half a cell. With these edges a few means lie near the
 scanner, like an edit; coarser voxels leave means all around, finer voxels none."""
 
@@ -118,7 +118,7 @@ def find_processing(
     if sensor.turned:
         found.append(Processing("turned", sensor.turned))
     is_edited = generic is not None and generic.verdict == "tampered"
-    if sensor.name == HDL64E and len(points) > MOST_OF_TURN and not is_edited:
+    if sensor.name == HDL64E and len(points) > MAX_OF_TURN and not is_edited:
         found.append(Processing("fused", f"{len(points)} points are more than a turn has"))
     if sensor.off_lattice > 0.0:
         if not (is_float16 and sensor.off_lattice <= OF_FLOAT16):
@@ -186,7 +186,7 @@ def _processing_of_reflectance(
         why = why_of_other_points(values, points, reading or lattice.read(points))
     if why is not None:
         found.append(Processing("reflectances", why))
-    elif in_hundredths and values.min() > 0.0 and np.mean(values < DARK) > MOST_DARK:
+    elif in_hundredths and values.min() > 0.0 and np.mean(values < DARK) > MAX_DARK:
         found.append(Processing("filtered", "no point has a reflectance of 0, as many have"))
     elif in_hundredths and is_unit_of_kitti(lattice) and (why := _why_none_is_bright(values)):
         found.append(Processing("filtered", why))
@@ -197,7 +197,7 @@ def _why_none_is_bright(values: NDArray[np.float32]) -> str | None:
     """Return in words why brighter points seem to be left out; None if they do not."""
     largest = float(values.max())
     near = int(np.count_nonzero(values > largest - LAST_REFLECTANCES))
-    if largest >= BRIGHT or near < FEWEST_NEAR_END:
+    if largest >= BRIGHT or near < MIN_NEAR_END:
         return None
     return f"no point has a reflectance above {largest:.2f}, which {near} points come near"
 
@@ -264,7 +264,7 @@ def _processing_of_lattice(
         )
     if "duplicate" in contradicted:
         found.append(Processing("fused", "most directions hold several returns"))
-    elif (twice := _degrees_seen_twice(points, sensor, generic, reading)) >= LEAST_SEEN_TWICE:
+    elif (twice := _degrees_seen_twice(points, sensor, generic, reading)) >= MIN_DEGREES_SEEN_TWICE:
         found.append(Processing("fused", f"{twice:.0f} degrees of azimuth were seen twice"))
     if contradicted & {"grid", "step"}:  # no point is on its firing: silence is unknown
         return found
@@ -286,7 +286,7 @@ def edge_of_voxels(points: NDArray[np.float32]) -> float:
         for start in (np.zeros(3), points.min(axis=0).astype(np.float64) - 0.5 * edge):
             shared = _number_sharing_cells(points, edge, start)
             shifted = _number_sharing_cells(points, edge, start + 0.5 * edge)
-            if shifted >= FEWEST_SHARED and TIMES_SHIFTED * shared < shifted:
+            if shifted >= MIN_SHARED and TIMES_SHIFTED * shared < shifted:
                 return edge
     return 0.0
 
@@ -304,11 +304,11 @@ def _number_sharing_cells(
     return len(points) - len(np.unique(numbers))
 
 
-FAR_ENOUGH, LEAST_ALIKE, LEAST_TURN = 10.0, 0.5, 0.01
+FAR_ENOUGH, MIN_ALIKE, MIN_TURN = 10.0, 0.5, 0.01
 """A scan was turned about the vertical if points farther than FAR_ENOUGH metres, whose azimuths
 rounding does not affect, are all off the scanner's steps by the same part of a step: the mean of
-the parts, as directions on a circle, has at least the length LEAST_ALIKE and is more than
-LEAST_TURN of a step. That part is at most 0.001 if scans were scaled, cut, converted to 16 bits or
+the parts, as directions on a circle, has at least the length MIN_ALIKE and is more than
+MIN_TURN of a step. That part is at most 0.001 if scans were scaled, cut, converted to 16 bits or
 made noisy by a millimetre."""
 
 
@@ -328,7 +328,7 @@ def _is_turned_by_part_of_step(
     angles = 2.0 * math.pi * steps.astype(np.float64)
     cosine, sine = float(np.mean(np.cos(angles))), float(np.mean(np.sin(angles)))
     turn = abs(math.atan2(sine, cosine)) / (2.0 * math.pi)
-    return math.hypot(cosine, sine) > LEAST_ALIKE and turn > LEAST_TURN
+    return math.hypot(cosine, sine) > MIN_ALIKE and turn > MIN_TURN
 
 
 REARRANGED = (
@@ -362,7 +362,7 @@ def _degrees_seen_twice(
     lattice = sensor.lattice
     if lattice is None or not lattice.steps:
         return 0.0
-    if not generic.evidence["duplicate"].strength > FEWEST_SEEN_TWICE:
+    if not generic.evidence["duplicate"].strength > MIN_POINTS_SEEN_TWICE:
         return 0.0
     reading = lattice.read(points) if reading is None else reading
     known = (reading.ring >= 0) & (reading.count >= 0)
@@ -372,6 +372,6 @@ def _degrees_seen_twice(
     place = sector.clip(0, SECTORS - 1) * len(lattice.slope) + reading.ring[known]
     size = SECTORS * len(lattice.slope)
     several = np.bincount(place[returns > 1], minlength=size)
-    is_double = several > MOST_TWICE * np.bincount(place, minlength=size)
+    is_double = several > MAX_TWICE * np.bincount(place, minlength=size)
     lasers = is_double.reshape(SECTORS, -1).mean(axis=1)
     return float(np.count_nonzero(lasers > 0.5) * 360.0 / SECTORS)

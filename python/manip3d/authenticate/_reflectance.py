@@ -35,10 +35,10 @@ REFLECTANCE_EVIDENCE = ("grid", "even", "changed")
 STEP = 0.01
 """Step of the reflectances of KITTI's scanner."""
 
-MOST_OFF_STEP = 0.2
+MAX_OFF_STEP = 0.2
 """Largest share of values off the hundredths if the scanner writes hundredths."""
 
-FEWEST_VALUES = 16
+MIN_VALUES = 16
 """Fewest different reflectances of a frame; with fewer, no noise is visible."""
 
 OTHER_STEPS = (1.0, 1.0 / 255.0)
@@ -48,48 +48,48 @@ divided by 255."""
 FULL_OF_16_BITS = 65535.0
 """Value of a reflectance of 1 in files with 16-bit integers, such as LAS."""
 
-UNITS_OF_ONE, LEAST_OF_ONE, MOST_FOREIGN = (100.0, 255.0, FULL_OF_16_BITS), 0.9, 0.01
-"""UNITS_OF_ONE: values of a reflectance of 1 in files with integers. LEAST_OF_ONE: least value of
-the brightest point, as a share of one of these. MOST_FOREIGN: largest share of values that are no
+UNITS_OF_ONE, MIN_OF_ONE, MAX_FOREIGN = (100.0, 255.0, FULL_OF_16_BITS), 0.9, 0.01
+"""UNITS_OF_ONE: values of a reflectance of 1 in files with integers. MIN_OF_ONE: least value of
+the brightest point, as a share of one of these. MAX_FOREIGN: largest share of values that are no
 hundredths; in a file in the scanner's own unit of 0 to 255 it is 0.6."""
 
 SAMPLE = 7
 """One pair of rows in this many is tested for rewritten reflectances. It is a prime, because values
 in files may repeat with a power of two (in one file of KITTI every eighth row has none)."""
 
-MOST_UNUSED = 0.15
+MAX_UNUSED = 0.15
 """Largest share of hundredths between the 5th and the 95th percentile that no point has. All of
 them occur in 47 whole frames of KITTI; a third is missing if square roots of reflectances were
 rounded."""
 
-MOST_ALIKE = 0.2
+MAX_ALIKE = 0.2
 """Largest share of points with the same reflectance as the next point in the file. It is 0.08 to
 0.14 in whole frames of KITTI, 0.3 after a mean over five points, 0.5 after a median over five
 points, and 0.35 after rounding to 20 levels."""
 
-SATURATED, FEWEST_CLIPPED, TIMES_BEFORE = 0.985, 20, 2
+SATURATED, MIN_CLIPPED, TIMES_BEFORE = 0.985, 20, 2
 """KITTI's scanner saturates at 0.99, which each of 53 whole frames reaches. Reflectances were
-clipped if the largest is below SATURATED, if at least FEWEST_CLIPPED points have it, and if these
+clipped if the largest is below SATURATED, if at least MIN_CLIPPED points have it, and if these
 are more than TIMES_BEFORE times the points with the hundredth below it. Without clipping, larger
 values are rarer."""
 
-MOST_AT_LARGEST = 0.025
+MAX_AT_LARGEST = 0.025
 """Reflectances were inverted if more than this share of the points has the largest value, and more
 than have the smallest. Dark surfaces have 0: 0.12 to 0.17 of the points in 17 frames of KITTI, 0.05
 to 0.09 in 16 frames of simulated streets, while at most 0.004 have the largest value."""
 
-MOST_UNLIKE, FEWEST_PAIRS = 0.9, 1000
+MAX_UNLIKE, MIN_PAIRS = 0.9, 1000
 """Reflectances were permuted if half the mean squared difference of rows two apart, divided by the
-variance of all, exceeds MOST_UNLIKE; reflectances that are the smallest or the largest are
-excluded, and FEWEST_PAIRS pairs are needed. The ratio is 1 for permuted reflectances. Adjacent rows
+variance of all, exceeds MAX_UNLIKE; reflectances that are the smallest or the largest are
+excluded, and MIN_PAIRS pairs are needed. The ratio is 1 for permuted reflectances. Adjacent rows
 are not used, because odd and even firings of KITTI's scanner differ: their ratio is 0.85 in a clean
 crop in which that of rows two apart is 0.63."""
 
-FEWEST_EDGES, FEWEST_ON_SURFACE = 1000, 10_000
+MIN_EDGES, MIN_ON_SURFACE = 1000, 10_000
 """Fewest pairs of rows across an edge, and fewest on a surface, for the contrast of
 reflectances."""
 
-LEAST_CONTRAST = 2.6
+MIN_CONTRAST = 2.6
 """Least contrast: mean squared difference of reflectances across edges, divided by that on
 surfaces. It is at least 4.0 in 26 frames of KITTI's drives 0005 and a, and at most 1.8 with
 reflectances of other points: of points at least 200 rows away, or permuted within each laser."""
@@ -105,12 +105,12 @@ rows away. One row away (next row, previous row) it is at most 1.01 and 0.83 in 
 1.20 and 0.99. The limits lie between. In 16 frames of other drives it is at most 1.06 and 0.83, and
 at least 1.20 and 0.94."""
 
-FEWEST_EDGES_OF_ROW = 1500
+MIN_EDGES_OF_ROW = 1500
 """Fewest pairs across an edge for detecting a shift by one row: the multiple reaches 1.01 in camera
 crops with fewer."""
 
-LEVELS, MOST_SHIFTED = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), 0.0125
-"""LEVELS: quantiles of the reflectances, of all points and of those above 0. MOST_SHIFTED: largest
+LEVELS, MAX_SHIFTED = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), 0.0125
+"""LEVELS: quantiles of the reflectances, of all points and of those above 0. MAX_SHIFTED: largest
 difference of a frame's quantiles from those of a neighbouring turn, as a median over the quantiles;
 if it is larger for both neighbours, all reflectances were changed. None of 157 clean frames, and
 none of 375 frames with one edited object, differs from the more similar neighbour by more than
@@ -387,9 +387,9 @@ def _in_hundredths(frame: LidarFrame) -> LidarFrame:
     largest = float(values.max())
     some = values[::SAMPLE].astype(np.float64)
     for one in UNITS_OF_ONE:
-        if not LEAST_OF_ONE * one <= largest <= one or _share_foreign(some, one) > MOST_FOREIGN:
+        if not MIN_OF_ONE * one <= largest <= one or _share_foreign(some, one) > MAX_FOREIGN:
             continue
-        if _share_foreign(values.astype(np.float64), one) <= MOST_FOREIGN:
+        if _share_foreign(values.astype(np.float64), one) <= MAX_FOREIGN:
             hundredths = np.rint(values.astype(np.float64) * (100.0 / one)).astype(np.intp)
             whole = (np.arange(101) / 100.0).astype(np.float32)
             return frame.replace(intensity=whole[hundredths.clip(0, 100)], format=None)
@@ -412,7 +412,7 @@ def reflectance_p_value(strength: float) -> float:
 def _shifted_as_a_whole(frame: LidarFrame, previous: LidarFrame, following: LidarFrame) -> str:
     """Return in words how all reflectances differ from both neighbours; empty: they do not."""
     own, before, after = (_levels(each) for each in (frame, previous, following))
-    if min(_apart(own, before), _apart(own, after)) <= MOST_SHIFTED:
+    if min(_apart(own, before), _apart(own, after)) <= MAX_SHIFTED:
         return ""
     shifts = np.median(own - (before + after) / 2.0, axis=1)
     shift = float(shifts[np.argmax(np.abs(shifts))])
@@ -447,14 +447,14 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
         values = np.clip(values, 0.0, 1.0)
     first, second = values[:-1:SAMPLE], values[1::SAMPLE]
     some = first.astype(np.float64)
-    if len(some) < FEWEST_VALUES:
+    if len(some) < MIN_VALUES:
         return None
     noisy = (first > first.min()) & (first < first.max())
     if not noisy.any():
         return None  # no reflectances are present
     unit = 1.0
     if not in_hundredths:
-        steps = [step for step in OTHER_STEPS if _share_off(some, step, most=255) < MOST_OFF_STEP]
+        steps = [step for step in OTHER_STEPS if _share_off(some, step, most=255) < MAX_OFF_STEP]
         if are_hundredths_of_16_bits(some):
             unit = FULL_OF_16_BITS
         elif steps:
@@ -464,10 +464,10 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
     elif (why := _why_clipped(values)) is not None:
         return why
     unused = _share_unused(some / unit)
-    if unused > MOST_UNUSED:
+    if unused > MAX_UNUSED:
         return f"{unused:.0%} of the hundredths of reflectance do not occur"
     alike = float(np.mean(first[noisy] == second[noisy]))
-    if alike > MOST_ALIKE:
+    if alike > MAX_ALIKE:
         return f"{alike:.0%} of the points have the reflectance of the next one"
     return None
 
@@ -484,15 +484,15 @@ def why_of_no_scene(values: NDArray[np.float32]) -> str | None:
     if smallest == largest:
         return f"all reflectances are {largest:.3g}"
     at_end = float(np.mean(values == largest))
-    if at_end > max(MOST_AT_LARGEST, float(np.mean(values == smallest))):
+    if at_end > max(MAX_AT_LARGEST, float(np.mean(values == smallest))):
         return f"reflectances were inverted: {at_end:.0%} of the points have the largest"
     first, second = values[:-2:SAMPLE].astype(np.float64), values[2::SAMPLE].astype(np.float64)
     noisy = (np.minimum(first, second) > smallest) & (np.maximum(first, second) < largest)
-    if np.count_nonzero(noisy) < FEWEST_PAIRS:
+    if np.count_nonzero(noisy) < MIN_PAIRS:
         return None
     first, second = first[noisy], second[noisy]
     variance = float(first.var() + second.var())
-    if float(np.mean((first - second) ** 2)) <= MOST_UNLIKE * variance:
+    if float(np.mean((first - second) ** 2)) <= MAX_UNLIKE * variance:
         return None
     return "reflectances of neighbouring points have nothing in common: they were permuted"
 
@@ -517,14 +517,14 @@ def why_of_other_points(
     edges, surfaces, contrast = _core.reflectance_contrast(
         points, np.ascontiguousarray(values, np.float32), reading.ring, reading.azimuth, [0, *SLIPS]
     )
-    if edges < FEWEST_EDGES or surfaces < FEWEST_ON_SURFACE:
+    if edges < MIN_EDGES or surfaces < MIN_ON_SURFACE:
         return None
     here = contrast[0]
     for (rows, times), beside in zip(SLIPS.items(), contrast[1:], strict=True):
-        is_told = abs(rows) > 1 or edges >= FEWEST_EDGES_OF_ROW
-        if is_told and beside > max(times * here, LEAST_CONTRAST):
+        is_told = abs(rows) > 1 or edges >= MIN_EDGES_OF_ROW
+        if is_told and beside > max(times * here, MIN_CONTRAST):
             return "reflectances stand some rows before or behind their points in the file"
-    if here < LEAST_CONTRAST:
+    if here < MIN_CONTRAST:
         return "reflectances do not change where the distance does: they are those of other points"
     return None
 
@@ -534,7 +534,7 @@ def _why_clipped(values: NDArray[np.float32]) -> str | None:
     largest = float(values.max())
     at_end = int(np.count_nonzero(values == largest))
     before = int(np.count_nonzero(values > largest - 1.005 * STEP)) - at_end
-    if largest < SATURATED and at_end >= FEWEST_CLIPPED and at_end > TIMES_BEFORE * before:
+    if largest < SATURATED and at_end >= MIN_CLIPPED and at_end > TIMES_BEFORE * before:
         return f"reflectances end at {largest:.3g}, which {at_end} points have: they were clipped"
     return None
 
@@ -559,7 +559,7 @@ def is_in_hundredths(values: NDArray[np.float32]) -> bool:
         Reflectances.
     """
     some = values[::SAMPLE].astype(np.float64)
-    return len(some) > 0 and _share_off(some, STEP, most=100) < MOST_OFF_STEP
+    return len(some) > 0 and _share_off(some, STEP, most=100) < MAX_OFF_STEP
 
 
 def are_hundredths_of_16_bits(values: NDArray[np.float64]) -> bool:
@@ -575,7 +575,7 @@ def are_hundredths_of_16_bits(values: NDArray[np.float64]) -> bool:
     is_off = np.abs(values - hundredths * hundredth) > 1.0
     is_off |= (values != np.round(values)) | (hundredths < 0.0) | (hundredths > 100.0)
     # In smaller units, such as 0 to 255, all values are near 0 or the first hundredth.
-    return values.max(initial=0.0) > 255.0 and float(np.mean(is_off)) < MOST_OFF_STEP
+    return values.max(initial=0.0) > 255.0 and float(np.mean(is_off)) < MAX_OFF_STEP
 
 
 def _share_off(values: NDArray[np.float64], step: float, most: int) -> float:
@@ -595,11 +595,11 @@ def why_not_judged(frame: LidarFrame) -> str | None:
         return "the frame has no reflectances"
     if not np.isfinite(values).all():
         raise InputError("frame: expected finite reflectances")
-    if np.mean((values < 0.0) | (values > 1.0)) > MOST_OFF_STEP:
+    if np.mean((values < 0.0) | (values > 1.0)) > MAX_OFF_STEP:
         return "reflectances are not in [0, 1]"
     some = values[::SAMPLE]
-    if len(np.unique(some)) < FEWEST_VALUES and len(np.unique(values)) < FEWEST_VALUES:
-        return f"reflectances have fewer than {FEWEST_VALUES} different values"
+    if len(np.unique(some)) < MIN_VALUES and len(np.unique(values)) < MIN_VALUES:
+        return f"reflectances have fewer than {MIN_VALUES} different values"
     return why_rewritten(values)
 
 
@@ -622,7 +622,7 @@ def _between_steps(reflectance: NDArray[np.float32]) -> NDArray[np.int64]:
     steps = reflectance.astype(np.float64) / STEP
     nearest = np.round(steps)
     between = _is_off(steps, most=100)
-    if np.mean(between) > MOST_OFF_STEP:
+    if np.mean(between) > MAX_OFF_STEP:
         return np.empty(0, np.int64)
     hundredth = np.where(between, 0.0, nearest).astype(np.int64)
     inexact = (reflectance != (nearest / 100.0).astype(np.float32)) & ~between

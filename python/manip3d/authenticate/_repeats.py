@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-LEAST_SHARED = 0.9
+MIN_SHARED = 0.9
 """Scans that have at least this share of points in common, bit for bit, are copies. Different turns
 never do: noise moves most points to another range step even if nothing in the scene moves."""
 
-SKETCH, LOOKED_UP, FEWEST_COMPARED = 128, 16, 16
+SKETCH, LOOKED_UP, MIN_COMPARED = 128, 16, 16
 """SKETCH: number of hashes that represent a scan. LOOKED_UP: number of these by which earlier scans
-are looked up. FEWEST_COMPARED: fewest hashes from which a share is estimated. An hour at ten scans
+are looked up. MIN_COMPARED: fewest hashes from which a share is estimated. An hour at ten scans
 per second takes 100 MB."""
 
 _MIXERS = tuple(np.uint32(value) for value in (0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D, 0x27D4EB2F))
@@ -48,9 +48,9 @@ class Sketch(NamedTuple):
     smallest: NDArray[np.uint64]
 
 
-GROUPS, GROUP_BITS, FEWEST_SAME_GROUPS = 8, 16, 6
+GROUPS, GROUP_BITS, MIN_SAME_GROUPS = 8, 16, 6
 """GROUPS: number of groups of points in an id. GROUP_BITS: bits of each group's sum.
-FEWEST_SAME_GROUPS: fewest equal sums of scans that have the same points except for one, which
+MIN_SAME_GROUPS: fewest equal sums of scans that have the same points except for one, which
 changes at most two groups."""
 
 
@@ -134,7 +134,7 @@ def are_same_points(one: str, other: str) -> bool:
         return False
     starts = range(0, GROUPS * digits, digits)
     same = sum(one[k : k + digits] == other[k : k + digits] for k in starts)
-    return same >= FEWEST_SAME_GROUPS
+    return same >= MIN_SAME_GROUPS
 
 
 def first_copies(ids: Sequence[str]) -> list[int | None]:
@@ -146,8 +146,8 @@ def first_copies(ids: Sequence[str]) -> list[int | None]:
         Ids from `points_id`.
     """
     digits = GROUP_BITS // 4
-    # If FEWEST_SAME_GROUPS of all groups are equal, at least one of these is.
-    starts = range(0, (GROUPS - FEWEST_SAME_GROUPS + 1) * digits, digits)
+    # If MIN_SAME_GROUPS of all groups are equal, at least one of these is.
+    starts = range(0, (GROUPS - MIN_SAME_GROUPS + 1) * digits, digits)
     places: defaultdict[tuple[int, str], list[int]] = defaultdict(list)
     found: list[int | None] = []
     for place, own in enumerate(ids):
@@ -225,7 +225,7 @@ def share_in_common(one: Sketch, other: Sketch) -> float:
     few, many = sorted((one, other), key=lambda each: each.num_points)
     known = [each.smallest[-1] for each in (few, many) if len(each.smallest) == SKETCH]
     compared = few.smallest[few.smallest <= min(known)] if known else few.smallest
-    if len(compared) < FEWEST_COMPARED:
+    if len(compared) < MIN_COMPARED:
         return 0.0
     return float(np.isin(compared, many.smallest, assume_unique=True).mean())
 
@@ -238,7 +238,7 @@ def in_common(one: Sketch, other: Sketch) -> str:
     one, other : Sketch
     """
     share = share_in_common(one, other)
-    if share < LEAST_SHARED:
+    if share < MIN_SHARED:
         return ""
     if (one.num_points, one.everything) != (other.num_points, other.everything):
         of = "" if one.num_points == other.num_points else " of the smaller of the two"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d.authenticate._stream_frames import LEAST_PAIRS, whole_pairs
+from manip3d.authenticate._stream_frames import MIN_PAIRS, whole_pairs
 from manip3d.authenticate._stream_verdict import StreamReport
 from manip3d.rgbd import RgbdFrame
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
 
 _REGION = 32  # pixels
-_LEAST_VALID = 200  # measured pixels of a region that is judged
-_LEAST_REGIONS = 4  # of 1024 pixels, that are judged, and that never change
+_MIN_VALID = 200  # measured pixels of a region that is judged
+_MIN_REGIONS = 4  # of 1024 pixels, that are judged, and that never change
 
 
 def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
@@ -26,7 +26,7 @@ def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
     shape = frames[0].depth.shape
     nothing = np.zeros((0, *shape), np.bool_)
     pairs = whole_pairs(frames)
-    if len(pairs) < LEAST_PAIRS:
+    if len(pairs) < MIN_PAIRS:
         return StreamReport(
             "repetition", "undecidable", "too few frames follow each other"
         ), nothing
@@ -35,17 +35,17 @@ def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
     for a, b in pairs:
         changes += _by_region(a.depth != b.depth)
         valid = np.minimum(valid, _by_region((a.depth > 0) & (b.depth > 0)))
-    looked_at = valid >= _LEAST_VALID
-    if looked_at.sum() < _LEAST_REGIONS:
+    looked_at = valid >= _MIN_VALID
+    if looked_at.sum() < _MIN_REGIONS:
         return StreamReport(
             "repetition", "undecidable", "too few pixels are measured in all frames"
         ), nothing
     frozen = looked_at & (changes == 0)
     moving = (changes > 0).sum()
     share = float(frozen.sum() / max(1, looked_at.sum()))
-    if frozen.sum() >= _LEAST_REGIONS and share >= 0.05 and moving == 0:
+    if frozen.sum() >= _MIN_REGIONS and share >= 0.05 and moving == 0:
         return StreamReport("repetition", "processed", "all frames are the same", share), nothing
-    if frozen.sum() < _LEAST_REGIONS or share < 0.05:
+    if frozen.sum() < _MIN_REGIONS or share < 0.05:
         return StreamReport("repetition", "no_trace", "depth changes everywhere", share), nothing
     # No evidence of an edit by itself: codecs and temporal filters repeat depths that hardly
     # change.

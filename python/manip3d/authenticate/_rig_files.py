@@ -19,7 +19,7 @@ RIGS_FILE = "rigs.json"
 """Name of the file in a drive's folder."""
 
 _FORMAT = "manip3d stereo rigs 1"
-_MOST_BYTES = 1 << 20
+_MAX_BYTES = 1 << 20
 _LAST_CAMERA = 99
 
 
@@ -121,9 +121,9 @@ def read_rigs(path: str | os.PathLike[str]) -> dict[str, CameraPair]:
     """
     name = str(path_of(path))
     with open_regular(path_of(path)) as file:
-        raw = file.read(_MOST_BYTES + 1)
-    if len(raw) > _MOST_BYTES:
-        raise FormatError(f"expected at most {_MOST_BYTES} bytes", file=name)
+        raw = file.read(_MAX_BYTES + 1)
+    if len(raw) > _MAX_BYTES:
+        raise FormatError(f"expected at most {_MAX_BYTES} bytes", file=name)
     try:
         values = json.loads(raw)
         if values["format"] != _FORMAT or not values["pairs"]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-LEAST_EXACT = 0.8
+MIN_EXACT = 0.8
 """Least share of the points of an exact cloud that are on lines, steps and ranges; a few may be
 edited."""
 
@@ -27,20 +27,20 @@ SAME_ELEVATION = 4e-7
 """Radians: largest difference between successive sorted elevations of one laser in an exact cloud;
 single precision causes 1e-7."""
 
-FEWEST_ALIKE = 3
+MIN_ALIKE = 3
 """Fewest points at one elevation that make a laser: two may be that close by chance."""
 
-MOST_RINGS = 256
+MAX_RINGS = 256
 """Largest number of lasers of a spinning scanner."""
 
 BEGIN_OF_TURN = math.radians(2.0)
 """Radians: if azimuths descend, rings may begin up to this before the azimuth of the first
 point."""
 
-FEWEST_POINTS = 100
+MIN_POINTS = 100
 """Fewest points of a ring that is found from the order of points."""
 
-FEWEST_LABELLED = 8
+MIN_LABELLED = 8
 """Fewest points of a ring that the frame itself labels: enough to distinguish a line from an
 object."""
 
@@ -88,7 +88,7 @@ class Cloud:
         order = np.argsort(self.labels, kind="stable")
         ends = np.flatnonzero(np.diff(self.labels[order])) + 1
         rings = np.split(order, ends)
-        fewest = FEWEST_POINTS if self.is_by_order else FEWEST_LABELLED
+        fewest = MIN_POINTS if self.is_by_order else MIN_LABELLED
         return [r for r in rings if len(r) >= fewest and self.labels[r[0]] >= 0]
 
 
@@ -98,9 +98,9 @@ def _by_exact_elevation(rho: Floats, z: Floats) -> NDArray[np.int64] | None:
     order = np.argsort(elevation, kind="stable")
     run = np.cumsum(np.r_[False, np.diff(elevation[order]) > SAME_ELEVATION])
     size = np.bincount(run)
-    is_ring = size >= FEWEST_ALIKE
-    several = np.count_nonzero(size >= FEWEST_LABELLED)
-    if size[is_ring].sum() < LEAST_EXACT * len(rho) or several > MOST_RINGS:
+    is_ring = size >= MIN_ALIKE
+    several = np.count_nonzero(size >= MIN_LABELLED)
+    if size[is_ring].sum() < MIN_EXACT * len(rho) or several > MAX_RINGS:
         return None
     labels = np.empty(len(rho), np.int64)
     labels[order] = np.where(is_ring, np.cumsum(is_ring), -1)[run]

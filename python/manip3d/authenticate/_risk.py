@@ -32,7 +32,7 @@ ATTACK_TYPES: Mapping[str, float] = ReadOnlyMapping(
 )
 """Types of attack and their factor f_alpha, as in the authors' tool."""
 
-_FEWEST_FRAMES, _MOST_FRAMES = 5, 720
+_MIN_FRAMES, _MAX_FRAMES = 5, 720
 _FARTHEST_M = 1e6  # largest motion per frame: metres, and radians
 _OBSERVED_M = 100.0  # metres: the past counts over this way (section 7.3.3)
 
@@ -167,9 +167,9 @@ class RiskParameters:
         100
         """
         _check_speed(speed_mps)
-        if speed_mps * _MOST_FRAMES <= self.fps * _OBSERVED_M:
-            return _MOST_FRAMES
-        return max(math.ceil(self.fps * _OBSERVED_M / speed_mps), _FEWEST_FRAMES)
+        if speed_mps * _MAX_FRAMES <= self.fps * _OBSERVED_M:
+            return _MAX_FRAMES
+        return max(math.ceil(self.fps * _OBSERVED_M / speed_mps), _MIN_FRAMES)
 
 
 @checked
@@ -312,7 +312,7 @@ class RiskTracker:
         with self._lock:
             # One more than X_n, because the oldest frame of the window is compared with its
             # predecessor.
-            self._past: deque[_Past] = deque(maxlen=_MOST_FRAMES + 1)
+            self._past: deque[_Past] = deque(maxlen=_MAX_FRAMES + 1)
             self._pose = (0.0, 0.0, 0.0)
 
     @checked

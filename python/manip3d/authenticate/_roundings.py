@@ -33,10 +33,10 @@ OWN_ROUNDING = 0.0005
 """Metres: largest median distance from the lines that is due to the rounding of the scanner's own
 files (0.25 mm in KITTI)."""
 
-NEAR_STEPS, LEAST_STEP, MOST_STEP, FEWEST_STEPS, MOST_STEPS_APART = 32.0, 2e-5, 0.1, 50, 32
+NEAR_STEPS, MIN_STEP, MAX_STEP, MIN_STEPS, MAX_STEPS_APART = 32.0, 2e-5, 0.1, 50, 32
 """Search for the step of coordinates. NEAR_STEPS, metres: only smaller coordinates are used, for
-which single precision distinguishes steps. LEAST_STEP and MOST_STEP, metres: limits of the step.
-FEWEST_STEPS: fewest different coordinates. MOST_STEPS_APART: largest number of steps between
+which single precision distinguishes steps. MIN_STEP and MAX_STEP, metres: limits of the step.
+MIN_STEPS: fewest different coordinates. MAX_STEPS_APART: largest number of steps between
 successive different coordinates; rounding to whole millimetres before leaves most of finer steps
 unused."""
 
@@ -46,14 +46,14 @@ SAME_STEP = 1e-5
 SINGLE = 2.0**-23
 """Relative error of the difference of two coordinates in single precision."""
 
-NEAR_SCALED, FEWEST_SCALED, LEAST_SCALED, OFF_SCALED = (8.0, 25.0), 1000, 0.002, 0.001
+NEAR_SCALED, MIN_SCALED, MIN_SCALE_CHANGE, OFF_SCALED = (8.0, 25.0), 1000, 0.002, 0.001
 """Coordinates were scaled if the lines of the scanner fit after scaling their offsets, too: at
-least FEWEST_SCALED points at distances within NEAR_SCALED (metres), where lines are far apart, have
-a median error of at most OFF_SCALED metres. The factor differs from 1 by at least LEAST_SCALED."""
+least MIN_SCALED points at distances within NEAR_SCALED (metres), where lines are far apart, have a
+median error of at most OFF_SCALED metres. The factor differs from 1 by MIN_SCALE_CHANGE or more."""
 
-FAR_DIGITS, FEWEST_FAR_DIGITS = 10.0, 1000
+FAR_DIGITS, MIN_FAR_DIGITS = 10.0, 1000
 """Coordinates with few significant digits are multiples of a tenth or a hundredth of a metre if
-they are at least FAR_DIGITS metres, but smaller ones are not. At least FEWEST_FAR_DIGITS such
+they are at least FAR_DIGITS metres, but smaller ones are not. At least MIN_FAR_DIGITS such
 coordinates are needed."""
 
 SAMPLE, FEW = 5000, 20
@@ -105,12 +105,12 @@ def _factor_of(
     reading = lattice.read(points) if reading is None else reading
     away = np.hypot(points[:, 0], points[:, 1])
     some = (reading.ring >= 0) & (away > NEAR_SCALED[0]) & (away < NEAR_SCALED[1])
-    if np.count_nonzero(some) < FEWEST_SCALED:
+    if np.count_nonzero(some) < MIN_SCALED:
         return None
     offset = lattice.offset[reading.ring[some]]
     error = reading.line_error[some].astype(np.float64)
     change = float(np.median(error / offset))
-    if abs(change) < LEAST_SCALED or np.median(np.abs(error - change * offset)) > OFF_SCALED:
+    if abs(change) < MIN_SCALE_CHANGE or np.median(np.abs(error - change * offset)) > OFF_SCALED:
         return None
     return 1.0 + change
 
@@ -199,13 +199,13 @@ def _step_of(coordinates: NDArray[np.float32]) -> float | None:
     to the next, and fitting a line, gives the exact step.
     """
     values = np.unique(coordinates[np.abs(coordinates) < NEAR_STEPS]).astype(np.float64)
-    if len(values) < FEWEST_STEPS:
+    if len(values) < MIN_STEPS:
         return None
     apart = np.diff(values)
     smallest = float(np.percentile(apart, 0.1))
     smallest = float(np.median(apart[apart < 1.01 * smallest + SINGLE * NEAR_STEPS]))
-    for number in range(1, MOST_STEPS_APART + 1):
-        if not LEAST_STEP <= smallest / number <= MOST_STEP:
+    for number in range(1, MAX_STEPS_APART + 1):
+        if not MIN_STEP <= smallest / number <= MAX_STEP:
             continue
         count = np.cumsum(np.round(np.diff(values, prepend=values[0]) * (number / smallest)))
         step, start = np.polyfit(count, values, 1)
@@ -242,7 +242,7 @@ def _rounded_to_digits(points: NDArray[np.float32], some: NDArray[np.float32]) -
         if not _are_rounded((_far_of(few), _far_of(some)), step):
             continue
         far, near = _far_of(points), some[np.abs(some) < FAR_DIGITS]
-        if len(far) < FEWEST_FAR_DIGITS or not len(near) or share_rounded(near, step) > 0.5:
+        if len(far) < MIN_FAR_DIGITS or not len(near) or share_rounded(near, step) > 0.5:
             continue
         if _are_rounded((far,), step):
             return Processing("rounded", f"coordinates have {words} significant digits")

@@ -16,7 +16,7 @@ from manip3d._util.checked import checked
 from manip3d.authenticate._lattice import LINE_TOLERANCE, LINES_APART, LatticeReading, SensorLattice
 from manip3d.authenticate._lattice_estimate import estimate_lattice
 from manip3d.authenticate._occlusion import estimate_grid
-from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
+from manip3d.authenticate._origin import MIN_EXPLAINED, estimate_origin
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame, ScanLike, to_scan
 
@@ -52,27 +52,27 @@ BEAM_WIDTH = 0.12
 """Largest deviation from a nominal elevation, degrees: calibrations of single units differ by
 less."""
 
-FEWEST_POINTS, FEWEST_RINGS = 1000, 16
+MIN_POINTS, MIN_RINGS = 1000, 16
 """Fewest points and rings of a scan on a lattice."""
 
-LEAST_OF_FEW_RINGS = 0.8
+MIN_OF_FEW_RINGS = 0.8
 """A scan with fewer rings, as a part of a file, is recognised as one of an HDL-64E if more than
 this share of its points lies on the lines and on the steps of azimuth. The share is 1.00 in 940
 pieces of 1200 to 20 000 rows of KITTI's frames, and at most 0.28 in 916 such pieces of 19 clouds of
 other scanners."""
 
-FEWEST_OF_RING, MOST_OF_RINGS = 50, 0.8
-"""FEWEST_OF_RING: fewest points of a ring for its median elevation. MOST_OF_RINGS: least share of
+MIN_OF_RING, MAX_OF_RINGS = 50, 0.8
+"""MIN_OF_RING: fewest points of a ring for its median elevation. MAX_OF_RINGS: least share of
 rings at the nominal elevations of a model; the motion of a car moves rings that mostly see one
 direction."""
 
 FAR = 2.0
 """Metres: nearer points are ignored, because offsets of the lasers blur their elevations."""
 
-FEWEST_DISTINCT = 500
+MIN_DISTINCT = 500
 """Fewest distinct points among 20 000; copies of fewer points are no scan."""
 
-SECTORS, FEWEST_OF_SECTOR, FEWEST_SECTORS = 72, 100, 8
+SECTORS, MIN_OF_SECTOR, MIN_SECTORS = 72, 100, 8
 """Number of sectors of the horizon, fewest points of a sector that counts, and fewest such
 sectors."""
 
@@ -86,9 +86,9 @@ share IN_ROWS of its points. A spinning scanner has at most 128 lasers, and a fe
 of rain, in rows without a laser. Simulated terrestrial scans of 0.34 degrees need at least 190
 rows."""
 
-LEAST_FILLED, MOST_AGAIN = 0.3, 0.25
-"""LEAST_FILLED: least share of occupied cells of a terrestrial scanner's grid below another
-occupied cell. MOST_AGAIN: largest mean number of further points per cell, divided by that share; it
+MIN_FILLED, MAX_AGAIN = 0.3, 0.25
+"""MIN_FILLED: least share of occupied cells of a terrestrial scanner's grid below another
+occupied cell. MAX_AGAIN: largest mean number of further points per cell, divided by that share; it
 exceeds 0.5 for random directions. The share is 0.99 in a pump room and 0.5 in a random half of it,
 both almost without further points. With directions rounded to steps of 0.05 to 0.2 degrees it is at
 most 0.11 for an Ouster, an HDL-32E and a Pandar64, and 0.33 for a Livox, as by chance."""
@@ -96,41 +96,41 @@ most 0.11 for an Ouster, an HDL-32E and a Pandar64, and 0.33 for a Livox, as by 
 TERRESTRIAL_STEP = 0.35
 """Largest spacing of rows, degrees; detectors I and II are calibrated for finer grids."""
 
-MOST_MEDIAN = 200.0
+MAX_MEDIAN = 200.0
 """Largest median distance from the scanner of points in metres. In millimetres, points of a room
 are farther away, and any two points would have a gap for detector II."""
 
-MOST_LASERS = 128
+MAX_LASERS = 128
 
 LARGEST_SLOPE_ERROR = 2e-4
 """Largest standard error of a line's slope in a lattice that is estimated from a single scan and
 judges it. It is at most 9e-5 in whole frames of KITTI, and 2e-4 to 1e-3 in camera crops, whose
 lattices accuse clean points."""
 
-LEAST_OTHER_SLOPE = 3.0 * LARGEST_SLOPE_ERROR
+MIN_OTHER_SLOPE = 3.0 * LARGEST_SLOPE_ERROR
 """Least median difference of the slopes of two units of a model. Those of one unit differ by less
 in a cloud that was moved up or down."""
 
-FEWEST_LINES = 60
+MIN_LINES = 60
 """Fewest lines of an HDL-64E's 64 lasers; no other scanner's clouds that are not exact keep the
 steps of the encoder."""
 
-FEWEST_EXACT_RINGS, MOST_OFF_EXACT = 8, 0.001
-"""FEWEST_EXACT_RINGS: number of lasers of the smallest scanners. MOST_OFF_EXACT: largest share of
+MIN_EXACT_RINGS, MAX_OFF_EXACT = 8, 0.001
+"""MIN_EXACT_RINGS: number of lasers of the smallest scanners. MAX_OFF_EXACT: largest share of
 points of a sector off an exact lattice, as a median over the sectors. No point is off in five
 clouds of five scanners by Hesai and Ouster, or in Velodyne's packets of three scanners, whose
 azimuths have no steps."""
 
-SURELY_EXACT, MOST_BETWEEN = 40.0, 0.5
+SURELY_EXACT, MAX_BETWEEN = 40.0, 0.5
 """SURELY_EXACT: coordinates below this, metres, have an error of less than a quarter of the
-tolerance of an exact lattice in single precision. MOST_BETWEEN: largest ratio of the number of
+tolerance of an exact lattice in single precision. MAX_BETWEEN: largest ratio of the number of
 points with errors between a quarter of the tolerance and the tolerance to the number of points
 beyond it. Objects that were moved by centimetres leave 0.05, and up to 0.25 if steps are short. In
 a cloud that was turned, deskewed or rounded by a little, the ratio exceeds 1."""
 
-MOST_EDITED, MOST_EDITED_OF_SECTOR = 0.1, 0.01
-"""MOST_EDITED: largest share of a scan's points off an exact lattice; with more, a scan of another
-scanner was fused with it. A car 5 m from the tested scanners has 0.07. MOST_EDITED_OF_SECTOR:
+MAX_EDITED, MAX_EDITED_OF_SECTOR = 0.1, 0.01
+"""MAX_EDITED: largest share of a scan's points off an exact lattice; with more, a scan of another
+scanner was fused with it. A car 5 m from the tested scanners has 0.07. MAX_EDITED_OF_SECTOR:
 largest median, over the sectors of the horizon, of that share in a scan that is not exact. However
 many points were pasted into a few sectors, they are an edit there."""
 
@@ -181,9 +181,9 @@ class Sensor:
     is_own: bool = False
 
 
-SAME_HEIGHT, LEAST_LIFTED, LEAST_IN_STEP = 0.01, 0.8, 0.9
-"""A cloud was moved up or down if at least the share LEAST_LIFTED of the lasers has the same change
-of offset, to SAME_HEIGHT metres, and if the heights of at least the share LEAST_IN_STEP of the
+SAME_HEIGHT, MIN_LIFTED, MIN_IN_STEP = 0.01, 0.8, 0.9
+"""A cloud was moved up or down if at least the share MIN_LIFTED of the lasers has the same change
+of offset, to SAME_HEIGHT metres, and if the heights of at least the share MIN_IN_STEP of the
 points are whole millimetres plus the same part of one."""
 
 FARTHEST_HEIGHT = 1e6
@@ -216,7 +216,7 @@ def is_hdl64e(lattice: SensorLattice) -> bool:
     same_steps = lattice.steps == known.steps and math.isclose(
         lattice.range_step, known.range_step, rel_tol=1e-6
     )
-    if not same_steps or not FEWEST_LINES <= len(lattice.slope) <= len(known.slope):
+    if not same_steps or not MIN_LINES <= len(lattice.slope) <= len(known.slope):
         return False
     expected = np.degrees(np.arctan(known.slope)).tolist()
     laser = 0
@@ -312,10 +312,10 @@ def identify_and_read(
 
 def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
     """Return why points cannot identify a scanner: too few, or copies; None if they may."""
-    if len(points) < FEWEST_POINTS:
-        return f"fewer than {FEWEST_POINTS} points"
+    if len(points) < MIN_POINTS:
+        return f"fewer than {MIN_POINTS} points"
     some = points[:: max(1, len(points) // 20_000)]
-    if len(np.unique(some @ np.array([1.0, math.sqrt(2.0), math.pi]))) < FEWEST_DISTINCT:
+    if len(np.unique(some @ np.array([1.0, math.sqrt(2.0), math.pi]))) < MIN_DISTINCT:
         return "nearly all points are copies of a few"
     return None
 
@@ -326,23 +326,23 @@ def _on_lattice(
     """The scanner of the lattice, if most points lie on its lines or near them; else None."""
     rho = np.hypot(points[:, 0], points[:, 1])
     apart = rho > LINES_APART
-    if np.count_nonzero(apart) < FEWEST_POINTS:
+    if np.count_nonzero(apart) < MIN_POINTS:
         return None
     error = np.abs(reading.line_error)
     on = (reading.ring >= 0) & (error < LINE_TOLERANCE)
     rings = int(np.count_nonzero(np.bincount(reading.ring[on], minlength=1) >= 20))
     name = _name_of(lattice)
-    if rings >= FEWEST_RINGS:
+    if rings >= MIN_RINGS:
         if _share_of_horizon(on[apart], reading.azimuth[apart]) > 0.5:
             return Sensor(name, "lattice", "its points lie on the lines of the lattice", lattice)
     elif rings and is_hdl64e(lattice):
         on_steps = on & (np.abs(reading.step_error) < LINE_TOLERANCE)
-        if np.mean(on_steps[apart]) > LEAST_OF_FEW_RINGS:
+        if np.mean(on_steps[apart]) > MIN_OF_FEW_RINGS:
             lasers = "laser" if rings == 1 else "lasers"
             reason = f"its points lie where {rings} {lasers} of the lattice measure"
             return Sensor(name, "lattice", reason, lattice)
     middle = (rho > 8.0) & (rho < 25.0)  # where the distance of lines exceeds their blur
-    if np.count_nonzero(middle) < FEWEST_POINTS:
+    if np.count_nonzero(middle) < MIN_POINTS:
         return None
     near = error[middle] < NEAR_LINES
     if _share_of_horizon(near, reading.azimuth[middle]) < 0.7:
@@ -368,10 +368,10 @@ def is_of_two_scanners(points: NDArray[np.float32], reading: LatticeReading) -> 
     apart = np.hypot(points[:, 0], points[:, 1]) > LINES_APART
     off = (reading.ring < 0) | (np.abs(reading.line_error) > LINE_TOLERANCE)
     there, beside = _by_sector(off[apart], reading.azimuth[apart])
-    some = there >= FEWEST_OF_SECTOR
-    if np.count_nonzero(some) < FEWEST_SECTORS:
+    some = there >= MIN_OF_SECTOR
+    if np.count_nonzero(some) < MIN_SECTORS:
         return False
-    return bool(np.median(beside[some] / there[some]) > MOST_EDITED_OF_SECTOR)
+    return bool(np.median(beside[some] / there[some]) > MAX_EDITED_OF_SECTOR)
 
 
 def _on_exact_lattice(
@@ -382,10 +382,10 @@ def _on_exact_lattice(
     An edit moves points of some sectors off the lattice; a second scanner that was fused with this
     one adds points off the lattice to most sectors, or many to some.
     """
-    if not lattice.range_step or len(lattice.slope) < FEWEST_EXACT_RINGS:
+    if not lattice.range_step or len(lattice.slope) < MIN_EXACT_RINGS:
         return None
     told = (np.hypot(points[:, 0], points[:, 1]) > LINES_APART) & (reading.ring >= 0)
-    if np.count_nonzero(told) < FEWEST_POINTS:
+    if np.count_nonzero(told) < MIN_POINTS:
         return None
     off = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error)) > lattice.tolerance
     off |= np.abs(reading.range_error) > lattice.range_step / 4.0
@@ -393,10 +393,10 @@ def _on_exact_lattice(
     sector = sector.clip(0, SECTORS - 1)
     there = np.bincount(sector, minlength=SECTORS)
     share = np.bincount(sector, off[told], SECTORS) / np.maximum(there, 1)
-    some = there >= FEWEST_OF_SECTOR
-    if np.count_nonzero(some) < FEWEST_SECTORS or np.median(share[some]) > MOST_OFF_EXACT:
+    some = there >= MIN_OF_SECTOR
+    if np.count_nonzero(some) < MIN_SECTORS or np.median(share[some]) > MAX_OFF_EXACT:
         return None
-    if np.mean(off[told]) > MOST_EDITED or _errors_go_on(points, lattice, reading, told):
+    if np.mean(off[told]) > MAX_EDITED or _errors_go_on(points, lattice, reading, told):
         return None
     steps = f", {lattice.steps} steps of azimuth" if lattice.steps else ""
     ranges = f"{1000.0 * lattice.range_step:g} mm"
@@ -421,7 +421,7 @@ def _errors_go_on(
     off = np.count_nonzero(error > lattice.tolerance)
     near = np.abs(points[told]).max(axis=1) < SURELY_EXACT
     between = (error > lattice.tolerance / 4.0) & (error <= lattice.tolerance) & near
-    return bool(np.count_nonzero(between) > MOST_BETWEEN * off)
+    return bool(np.count_nonzero(between) > MAX_BETWEEN * off)
 
 
 TURNED_AXES: Mapping[str, tuple[tuple[int, int], ...]] = MappingProxyType(
@@ -437,18 +437,18 @@ TURNED_AXES: Mapping[str, tuple[tuple[int, int], ...]] = MappingProxyType(
 scanner's x, y and z. A whole turn does not show which direction is forward, so that one of four
 rotations about each vertical is enough."""
 
-MOST_TURNED = 15_000
+MAX_TURNED = 15_000
 """Number of points on which other axes and units are tested."""
 
 
-LEAST_MEDIAN = 4.0
+MIN_MEDIAN = 4.0
 """Metres: least median distance of points for tests of other axes and units. Nearer to the scanner
 its lines are so close to each other that any point lies on one."""
 
 
 def _by_turned_axes(points: NDArray[np.float32], threads: int) -> Sensor | None:
     """KITTI's scanner in other axes, if points lie on its lines in the usual ones; else None."""
-    some = points[:: -(-len(points) // MOST_TURNED)]
+    some = points[:: -(-len(points) // MAX_TURNED)]
     for axes, columns in TURNED_AXES.items():
         upright = np.column_stack([sign * some[:, column] for column, sign in columns])
         if (found := _far_and_on_lattice(upright, threads)) is not None:
@@ -465,7 +465,7 @@ UNITS: Mapping[str, float] = MappingProxyType(
 
 def _by_other_unit(points: NDArray[np.float32], threads: int) -> Sensor | None:
     """KITTI's scanner in another unit, if points lie on its lines after conversion; else None."""
-    some = points[:: -(-len(points) // MOST_TURNED)]
+    some = points[:: -(-len(points) // MAX_TURNED)]
     for unit, a_metre in UNITS.items():
         if (found := _far_and_on_lattice(some / np.float32(a_metre), threads)) is not None:
             reason = f"its points lie on the lines of the lattice if they are in {unit}"
@@ -475,7 +475,7 @@ def _by_other_unit(points: NDArray[np.float32], threads: int) -> Sensor | None:
 
 def _far_and_on_lattice(points: NDArray[np.float32], threads: int) -> Sensor | None:
     """KITTI's scanner, if points lie on its lines and most are far enough away; else None."""
-    if not np.median(np.hypot(points[:, 0], points[:, 1])) > LEAST_MEDIAN:
+    if not np.median(np.hypot(points[:, 0], points[:, 1])) > MIN_MEDIAN:
         return None
     known = kitti_lattice()
     upright = np.ascontiguousarray(points, np.float32)
@@ -489,8 +489,8 @@ def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) ->
     Every sector has the same weight, however many points were pasted into it.
     """
     points, holding = _by_sector(holds, azimuth)
-    some = points >= FEWEST_OF_SECTOR
-    if np.count_nonzero(some) < FEWEST_SECTORS:
+    some = points >= MIN_OF_SECTOR
+    if np.count_nonzero(some) < MIN_SECTORS:
         return float(np.mean(holds))
     return float(np.mean(holding[some] / points[some]))
 
@@ -511,7 +511,7 @@ def _by_own_lattice(frame: LidarFrame) -> Sensor | None:
         return None
     if lattice.is_exact:
         return _on_exact_lattice(frame.points, lattice, lattice.read(frame.points))
-    if len(lattice.slope) < FEWEST_LINES or not lattice.steps or not lattice.range_step:
+    if len(lattice.slope) < MIN_LINES or not lattice.steps or not lattice.range_step:
         return None
     if lattice.slope_error.max() > LARGEST_SLOPE_ERROR:
         return None
@@ -529,7 +529,7 @@ def _other_unit(frame: LidarFrame, known: SensorLattice) -> Sensor | None:
     if own is None or own.lattice is None:
         return None
     apart = np.abs(own.lattice.slope[:, None] - known.slope).min(axis=1)
-    return own if np.median(apart) > LEAST_OTHER_SLOPE else None
+    return own if np.median(apart) > MIN_OTHER_SLOPE else None
 
 
 def height_above_origin(sensor: Sensor, points: NDArray[np.float32]) -> float:
@@ -555,7 +555,7 @@ def height_above_origin(sensor: Sensor, points: NDArray[np.float32]) -> float:
     height = float(np.median(lifted))
     alike = float(np.mean(np.abs(lifted - height) < SAME_HEIGHT))
     beside, in_step = _common_part(points[:, 2], known.coordinate_step)
-    if alike < LEAST_LIFTED or in_step < LEAST_IN_STEP:
+    if alike < MIN_LIFTED or in_step < MIN_IN_STEP:
         return 0.0
     step = known.coordinate_step
     return round(beside + step * round((height - beside) / step), 6)
@@ -591,7 +591,7 @@ def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
     if not _is_scanned(row, column):
         return None
     around = estimate_origin(frame, known=(0.0, 0.0, 0.0), threads=threads)
-    if around.position is None or around.axis != "z" or around.explained < LEAST_EXPLAINED:
+    if around.position is None or around.axis != "z" or around.explained < MIN_EXPLAINED:
         return None  # a tilted scanner, or rows that are due to rounding
     if not is_in_metres(frame.points):
         return Sensor("terrestrial scanner", "unknown", NOT_IN_METRES)
@@ -610,10 +610,10 @@ def is_in_metres(points: NDArray[np.float32]) -> bool:
     points : (N, 3) float32
     """
     distance = np.linalg.norm(points.astype(np.float64), axis=1)
-    return len(points) == 0 or bool(np.median(distance) <= MOST_MEDIAN)
+    return len(points) == 0 or bool(np.median(distance) <= MAX_MEDIAN)
 
 
-NOT_IN_METRES = f"half of its points are farther than {MOST_MEDIAN:g}: they are not in metres"
+NOT_IN_METRES = f"half of its points are farther than {MAX_MEDIAN:g}: they are not in metres"
 
 
 def _is_scanned(row: Floats, column: Floats) -> bool:
@@ -627,13 +627,13 @@ def _is_scanned(row: Floats, column: Floats) -> bool:
     cells = np.unique((along * height + up).astype(np.int64))
     beside = float(np.mean(np.diff(cells) == 1))  # the cell above is occupied, too
     again = len(row) / len(cells) - 1.0
-    return beside >= LEAST_FILLED and again < MOST_AGAIN * beside
+    return beside >= MIN_FILLED and again < MAX_AGAIN * beside
 
 
 def _by_beams(points: NDArray[np.float32]) -> Sensor:
     """A spinning scanner by the elevations of its lasers, or a scanner without rings."""
     elevation = _elevations(points)
-    if elevation.size < FEWEST_POINTS:
+    if elevation.size < MIN_POINTS:
         return UNKNOWN
     best, share = max(
         ((name, _share_on(elevation, beams)) for name, beams in BEAMS.items()),
@@ -642,7 +642,7 @@ def _by_beams(points: NDArray[np.float32]) -> Sensor:
     if share > 0.9:
         return Sensor(best, "spinning", f"{share:.0%} of the points at its lasers' elevations")
     peaks = _peaks(elevation)
-    if len(peaks) and len(peaks) <= MOST_LASERS:
+    if len(peaks) and len(peaks) <= MAX_LASERS:
         where = "one elevation" if len(peaks) == 1 else f"{len(peaks)} elevations"
         return Sensor("spinning scanner", "spinning", f"the points stand on {where}")
     azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
@@ -661,15 +661,15 @@ def _by_rings(frame: LidarFrame) -> Sensor | None:
     far = distance > FAR
     elevation = np.degrees(np.arcsin(frame.points[far, 2] / distance[far]))
     ring = np.asarray(frame.ring)[far]
-    crowded = np.flatnonzero(np.bincount(ring, minlength=1) >= FEWEST_OF_RING)
+    crowded = np.flatnonzero(np.bincount(ring, minlength=1) >= MIN_OF_RING)
     medians = np.sort([np.median(elevation[ring == each]) for each in crowded])
-    if len(medians) < FEWEST_RINGS:
+    if len(medians) < MIN_RINGS:
         return None
     for model, beams in BEAMS.items():
         order = np.sort(beams)
         nearest = np.abs(medians[:, None] - order).argmin(axis=1)
         off = np.abs(medians - order[nearest])
-        if len(np.unique(nearest)) == len(medians) and (off < BEAM_WIDTH).mean() > MOST_OF_RINGS:
+        if len(np.unique(nearest)) == len(medians) and (off < BEAM_WIDTH).mean() > MAX_OF_RINGS:
             return Sensor(
                 model, "spinning", f"its {len(medians)} rings have the elevations of its lasers"
             )

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from manip3d.authenticate._firings import Firings
     from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 
-LEAST_FILL = 0.6
+MIN_FILL = 0.6
 """Least share of firings with a return, in the lower half of the lasers. It is 0.77 to 0.95 in
 whole frames of KITTI, and 0.48 in every second point of a frame."""
 
 FEW_RETURNS = "fewer returns from the ground than a whole frame has"
 
-MOST_SINGLE_HOLES, SAME_RANGE, NEAR_HOLES = 0.0034, 0.005, 15.0
-"""Points were left out at random if more than the share MOST_SINGLE_HOLES of the firings of the
+MAX_SINGLE_HOLES, SAME_RANGE, NEAR_HOLES = 0.0034, 0.005, 15.0
+"""Points were left out at random if more than the share MAX_SINGLE_HOLES of the firings of the
 lower half of the lasers has no return, of those whose two neighbours along the ring have returns
 nearer than NEAR_HOLES metres at ranges that differ by less than the share SAME_RANGE: on a smooth
 road, which always returns the pulse. Only the half of the sectors with the fewest missing returns
@@ -35,13 +35,13 @@ in all. The share is at most 0.0002 in whole frames of KITTI, at least 0.0036 wi
 streets. The limit is close to the thinned frames, because a wet or worn road may lose more returns
 than those of nine drives."""
 
-HOLE_SECTORS, FEWEST_ON_ROAD = 16, 4000
+HOLE_SECTORS, MIN_ON_ROAD = 16, 4000
 """HOLE_SECTORS: number of sectors of the firings, of which the half with the fewest missing returns
-counts. FEWEST_ON_ROAD: fewest firings between two returns of a smooth surface in that half."""
+counts. MIN_ON_ROAD: fewest firings between two returns of a smooth surface in that half."""
 
-FAR_HOLES, MOST_FAR_HOLES, FEWEST_FAR = (25.0, 60.0), 0.05, 400
-"""The same for all lasers and ranges within FAR_HOLES metres: MOST_FAR_HOLES is the largest share,
-FEWEST_FAR the fewest firings. The share is at most 0.007 in 47 frames of KITTI, and 0.019 in ten
+FAR_HOLES, MAX_FAR_HOLES, MIN_FAR = (25.0, 60.0), 0.05, 400
+"""The same for all lasers and ranges within FAR_HOLES metres: MAX_FAR_HOLES is the largest share,
+MIN_FAR the fewest firings. The share is at most 0.007 in 47 frames of KITTI, and 0.019 in ten
 simulated streets. If returns are left out with a probability that rises from 20 m to 1 at 100 m, it
 is at least 0.1 in the 36 frames with enough firings. Distant wet roads also lose single returns."""
 
@@ -49,17 +49,17 @@ WIDEST_HOLE = 8
 """Largest number of firings from a return to the next one on the same surface. Only 1 of 256 holes
 is longer if every second return is missing at random; dark objects leave longer holes."""
 
-MOST_SILENT_ALONE = 190
+MAX_SILENT_ALONE = 190
 """Largest number of successive firings in which a laser has no return while both neighbouring
 lasers have one. It is at most 119 in 47 whole frames of KITTI and 69 in 12 frames of four simulated
 streets. A page of a file that was lost, or filled with zeros, removes 256 rows of a laser."""
 
-LEAST_ANSWERED, ANSWERED_BESIDE = 0.02, 0.3
-"""A laser was left out if its share of firings with a return is below LEAST_ANSWERED, and that of
+MIN_ANSWERED, ANSWERED_BESIDE = 0.02, 0.3
+"""A laser was left out if its share of firings with a return is below MIN_ANSWERED, and that of
 the lasers above and below exceeds ANSWERED_BESIDE. Lasers of KITTI's whole frames have at least
 0.4."""
 
-LEAST_OF_HIGHEST = 0.01
+MIN_OF_HIGHEST = 0.01
 """Least share of firings with a return in the highest eighth of the lasers, which look at the
 horizon and above; with less, all upright objects were removed. In KITTI's whole frames it is
 0.8."""
@@ -83,19 +83,19 @@ def thinned_out(
     rings, reach = len(firings.answered), _reach(firings, distance)
     lower, lowest = (slice(first, (7 * rings) // 8) for first in ((3 * rings) // 8, rings // 2))
     below = firings.answered[lower]
-    if whole and np.count_nonzero(below) < LEAST_FILL * below.size:
+    if whole and np.count_nonzero(below) < MIN_FILL * below.size:
         found.append(Processing("thinned", FEW_RETURNS))
-    elif _single_holes(firings, reach, lowest) > MOST_SINGLE_HOLES:
+    elif _single_holes(firings, reach, lowest) > MAX_SINGLE_HOLES:
         lost = _share_left_out(reach[lowest])
         found.append(
             Processing("thinned", f"{lost:.1%} of the returns are missing one by one everywhere")
         )
-    elif _single_holes(firings, reach, slice(None), FAR_HOLES, FEWEST_FAR) > MOST_FAR_HOLES:
+    elif _single_holes(firings, reach, slice(None), FAR_HOLES, MIN_FAR) > MAX_FAR_HOLES:
         detail = f"returns farther than {FAR_HOLES[0]:g} m are missing one by one everywhere"
         found.append(Processing("thinned", detail))
     if silent := len(_silent_between(firings)):
         found.append(Processing("lasers", f"{silent} of the {rings} lasers have no returns"))
-    elif not found and (lost := _longest_silence_alone(firings)) > MOST_SILENT_ALONE:
+    elif not found and (lost := _longest_silence_alone(firings)) > MAX_SILENT_ALONE:
         detail = f"a laser between two that answer has no return in {lost} firings in a row"
         found.append(Processing("thinned", detail))
     return found
@@ -118,7 +118,7 @@ def _silent_between(firings: Firings) -> NDArray[np.intp]:
     """Lasers with hardly any returns between two lasers with many."""
     answered = firings.answered.mean(axis=1)
     beside = np.minimum(answered[:-2], answered[2:])
-    return 1 + np.flatnonzero((answered[1:-1] < LEAST_ANSWERED) & (beside > ANSWERED_BESIDE))
+    return 1 + np.flatnonzero((answered[1:-1] < MIN_ANSWERED) & (beside > ANSWERED_BESIDE))
 
 
 def silent_lasers(
@@ -149,7 +149,7 @@ def _single_holes(
     reach: NDArray[np.float64],
     lasers: slice,
     metres: tuple[float, float] = (0.0, NEAR_HOLES),
-    fewest: int = FEWEST_ON_ROAD,
+    fewest: int = MIN_ON_ROAD,
 ) -> float:
     """Share of firings without a return, of those between two returns of a smooth surface.
 
@@ -202,13 +202,13 @@ def highest_are_silent(firings: Firings) -> bool:
     firings : Firings
     """
     highest = firings.answered[: max(1, len(firings.answered) // 8)]
-    return bool(np.count_nonzero(highest) < LEAST_OF_HIGHEST * highest.size)
+    return bool(np.count_nonzero(highest) < MIN_OF_HIGHEST * highest.size)
 
 
 def silent_at_the_ends(firings: Firings, lattice: SensorLattice) -> tuple[int, int]:
     """Count lasers without returns at the top and bottom, as in a file that ends too early.
 
-    The next laser must have many returns. LEAST_ANSWERED was chosen for KITTI's scanner; the lowest
+    The next laser must have many returns. MIN_ANSWERED was chosen for KITTI's scanner; the lowest
     lasers of another HDL-64E may mostly meet its own carrier, so that only lasers without any
     return count there, and those of other scanners may always do, so that none are counted. If the
     highest eighth of the lasers is silent, upright objects were removed, not lasers.
@@ -227,7 +227,7 @@ def silent_at_the_ends(firings: Firings, lattice: SensorLattice) -> tuple[int, i
     if not is_hdl64e(lattice):
         return 0, 0
     answered = firings.answered.mean(axis=1)
-    is_heard = answered >= LEAST_ANSWERED if is_unit_of_kitti(lattice) else answered > 0.0
+    is_heard = answered >= MIN_ANSWERED if is_unit_of_kitti(lattice) else answered > 0.0
     heard = np.flatnonzero(is_heard)
     if not len(heard):
         return 0, 0

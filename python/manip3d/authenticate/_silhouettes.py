@@ -33,15 +33,15 @@ or more."""
 
 _NO_GAP = 1  # pixels; one pixel may be missing by chance
 _RUN = 5  # frames; a single sharp silhouette may be chance
-_LEAST_ROWS = 40  # rows of a silhouette that is judged
-_LEAST_NOISE = 0.5  # mm at 1 m: rendered images have less
-_LEAST_SPECKLES = 2e-4  # share of pixels; cameras lose 3e-4 and more, renderings 1.4e-4 at most
+_MIN_ROWS = 40  # rows of a silhouette that is judged
+_MIN_NOISE = 0.5  # mm at 1 m: rendered images have less
+_MIN_SPECKLES = 2e-4  # share of pixels; cameras lose 3e-4 and more, renderings 1.4e-4 at most
 _RIM = 3  # pixels of one surface on each side of a sharp step
 _KEPT = 0.5  # share of sharp rims; filters that fill in old depths have 0.65 to 0.69
 _KEPT_MORE = 1.7  # times the middle's share; these filters have 2.1 or more, cut-outs 1.45
 _ALIKE = 0.05  # largest difference of the shares of rims and middles in repeated images
 _WIDE = 18  # pixels; least width of a row whose middle does not overlap its rims
-_LEAST_WIDE = 0.2  # least share of wide rows; with fewer the object is narrow
+_MIN_WIDE = 0.2  # least share of wide rows; with fewer the object is narrow
 # depth step as a share of the depth, at which a camera's shadow is several pixels wide
 _RELIEF = 0.25
 
@@ -50,7 +50,7 @@ _TIME_OF_FLIGHT = {(512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024)}
 beside such silhouettes does not make them sharp."""
 
 _WIDE_GAP = 0.02  # share of the longer side: 12 of 640 pixels
-_LEAST_WIDE_GAPS = 0.02  # share of the gaps; at least 0.11 for cameras, almost 0 in filled images
+_MIN_WIDE_GAPS = 0.02  # share of the gaps; at least 0.11 for cameras, almost 0 in filled images
 
 
 def judge_silhouettes(
@@ -98,7 +98,7 @@ def judge_silhouettes(
         if _KEPT_MORE * middle > 1.0 and 1.0 - middle > _KEPT_MORE * (1.0 - rim) + _ALIKE:
             why += f", too many to tell a filter from pictures that are shown again: {cannot}"
             return StreamReport("silhouettes", "undecidable", why), (), nothing
-    if (wide := _wide_gaps(frames)) is not None and wide < _LEAST_WIDE_GAPS:
+    if (wide := _wide_gaps(frames)) is not None and wide < _MIN_WIDE_GAPS:
         why = f"silhouettes are sharp, but {wide:.1%} of the gaps within rows are wide: large ones"
         why += " were filled, and whether somebody was cut out cannot be told"
         return StreamReport("silhouettes", "processed", why, score), (), nothing
@@ -189,7 +189,7 @@ def _cut_out(frame: RgbdFrame) -> list[_Cut]:
     blended = np.bincount(which, weights=mixes) / rows
     return [
         _Cut(float(share[i]), float(blended[i]), spans[which == i])
-        for i in np.flatnonzero(rows >= _LEAST_ROWS)
+        for i in np.flatnonzero(rows >= _MIN_ROWS)
     ]
 
 
@@ -221,18 +221,16 @@ def _repeated_rims(
                 rims[place] += len(is_same)
                 repeated[place] += np.count_nonzero(is_same)
     left, right, middle = repeated / np.maximum(rims, 1)
-    return float(max(left, right)), float(middle) if rims[2] > _LEAST_WIDE * rims[
-        :2
-    ].max() else None
+    return float(max(left, right)), float(middle) if rims[2] > _MIN_WIDE * rims[:2].max() else None
 
 
 def _rendered(frames: Sequence[RgbdFrame]) -> str | None:
     """Reason why images are not from a camera; None: they may be."""
     speckles = float(np.mean([_speckles(frame.depth) for frame in frames]))
-    if speckles < _LEAST_SPECKLES:
+    if speckles < _MIN_SPECKLES:
         return "hardly a pixel within a surface is missing: rendered, or filled afterwards"
     noise = float(np.mean([_roughness(frame.depth) for frame in frames]))
-    if noise < _LEAST_NOISE:
+    if noise < _MIN_NOISE:
         return "depth has no noise: rendered or smoothed"
     return None
 

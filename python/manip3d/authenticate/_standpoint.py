@@ -8,7 +8,7 @@ import numpy as np
 
 from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 from manip3d.authenticate._origin import (
-    LEAST_EXPLAINED,
+    MIN_EXPLAINED,
     estimate_origin,
     is_on_map,
     several_sources,
@@ -91,7 +91,7 @@ def _stated(scan: LidarFrame, sensor: str, threads: int) -> Sensor:
         return Sensor("unknown", "unknown", NOT_IN_METRES)
     if sensor == "terrestrial":
         found = estimate_origin(scan, known=(0.0, 0.0, 0.0), threads=threads)
-        if found.position is not None and found.explained >= LEAST_EXPLAINED:
+        if found.position is not None and found.explained >= MIN_EXPLAINED:
             return Sensor("terrestrial scanner", "terrestrial", "stated by the caller")
         return Sensor(
             "unknown", "unknown", "the scan does not stand on the grid of a terrestrial scanner"

@@ -11,10 +11,10 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d.rgbd import RgbdFrame, check_frames, numbered
 
-MOST_FRAMES = 60
+MAX_FRAMES = 60
 """Largest number of frames of a stream that are judged, in runs of six spread over it."""
 
-LEAST_PAIRS = 5
+MIN_PAIRS = 5
 """Fewest pairs of successive frames for judging changes."""
 
 
@@ -22,7 +22,7 @@ LEAST_PAIRS = 5
 def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
     """Return the frames of a stream that `inspect_stream` judges.
 
-    These are all frames if there are at most `MOST_FRAMES`. Of longer sequences and recordings,
+    These are all frames if there are at most `MAX_FRAMES`. Of longer sequences and recordings,
     runs of six frames spread over the whole are returned, and no others are kept in memory; of
     other iterables, the first frames. A recording whose file does not state its length is read once
     before to count its frames.
@@ -77,16 +77,16 @@ def frames_to_judge(frames: Iterable[RgbdFrame]) -> tuple[list[RgbdFrame], bool]
     """
     length = _length_of(frames)
     has_more = False
-    places: Sequence[int] = range(MOST_FRAMES)
+    places: Sequence[int] = range(MAX_FRAMES)
     if length is None:
         iterator = iter(frames)
-        some = list(islice(iterator, MOST_FRAMES))
-        has_more = len(some) == MOST_FRAMES and next(iterator, None) is not None
-    elif length <= MOST_FRAMES:
+        some = list(islice(iterator, MAX_FRAMES))
+        has_more = len(some) == MAX_FRAMES and next(iterator, None) is not None
+    elif length <= MAX_FRAMES:
         some = list(frames)
     else:
         run = 6
-        starts = np.linspace(0, length - run, MOST_FRAMES // run).astype(int)
+        starts = np.linspace(0, length - run, MAX_FRAMES // run).astype(int)
         places = sorted({int(start) + i for start in starts for i in range(run)})
         wanted = frozenset(places)
         some = [frame for number, frame in enumerate(frames) if number in wanted]
@@ -98,7 +98,7 @@ def following(frames: Sequence[RgbdFrame]) -> list[tuple[RgbdFrame, RgbdFrame]]:
     """Pairs of frames with successive numbers; if there are too few, all pairs of neighbours."""
     pairs = list(pairwise(frames))
     numbered = [(a, b) for a, b in pairs if b.number == a.number + 1]
-    return numbered if len(numbered) >= LEAST_PAIRS else pairs
+    return numbered if len(numbered) >= MIN_PAIRS else pairs
 
 
 def changed_shares(before: RgbdFrame, after: RgbdFrame) -> tuple[float, float]:
@@ -112,7 +112,7 @@ def whole_pairs(frames: Sequence[RgbdFrame]) -> list[tuple[RgbdFrame, RgbdFrame]
 
     Cameras give such frames when they start or fail.
     """
-    return [(a, b) for a, b in following(frames) if max(changed_shares(a, b)) < _MOST_EMPTIED]
+    return [(a, b) for a, b in following(frames) if max(changed_shares(a, b)) < _MAX_EMPTIED]
 
 
-_MOST_EMPTIED = 0.1  # share of the pixels; at most 0.04 for a hand-held camera, 0.06 for a filter
+_MAX_EMPTIED = 0.1  # share of the pixels; at most 0.04 for a hand-held camera, 0.06 for a filter

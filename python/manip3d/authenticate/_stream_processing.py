@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d.authenticate._stream_frames import LEAST_PAIRS, changed_shares, following, whole_pairs
+from manip3d.authenticate._stream_frames import MIN_PAIRS, changed_shares, following, whole_pairs
 from manip3d.authenticate._verdict import Processing
 from manip3d.rgbd import RgbdFrame
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
     Depth = NDArray[np.uint16]
 
-_MOST_TINY = 5e-4  # largest share of pixels nearer than any camera measures
+_MAX_TINY = 5e-4  # largest share of pixels nearer than any camera measures
 # largest distance of the optical axis from the middle, as a share of the image's side
-_MOST_OFF_CENTRE = 0.1
+_MAX_OFF_CENTRE = 0.1
 
 _AZURE_NARROW = {(640, 576), (320, 288)}
 """Image sizes of the Azure Kinect's narrow field of view, which is not centred on the sensor."""
 
-_MOST_OFF_CENTRE_AZURE = 0.15  # the recorded device has 0.11
-_LEAST_VIEW_DEG = 50.0  # along the longer side; the narrowest recorded camera has 57
+_MAX_OFF_CENTRE_AZURE = 0.15  # the recorded device has 0.11
+_MIN_VIEW_DEG = 50.0  # along the longer side; the narrowest recorded camera has 57
 _SIZES = {
     (160, 120), (320, 240), (640, 480), (512, 424), (1280, 720), (848, 480), (640, 360),
     (480, 270), (424, 240), (1280, 800), (640, 400), (640, 576), (320, 288), (512, 512),
@@ -45,11 +45,11 @@ def processing_of(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
     camera = frames[0].calibration.depth
     off = max(abs(camera.cx / width - 0.5), abs(camera.cy / height - 0.5))
     is_azure = not _AZURE_NARROW.isdisjoint({(width, height), (height, width)})
-    if not found and off > (_MOST_OFF_CENTRE_AZURE if is_azure else _MOST_OFF_CENTRE):
+    if not found and off > (_MAX_OFF_CENTRE_AZURE if is_azure else _MAX_OFF_CENTRE):
         detail = f"the optical axis meets the image {off:.0%} of its side beside the middle"
         found.append(Processing("cropped", detail))
     view = _field_of_view(camera)
-    if not found and view < _LEAST_VIEW_DEG:
+    if not found and view < _MIN_VIEW_DEG:
         detail = f"it shows {view:.0f} degrees of the scene, less than any known depth camera"
         found.append(Processing("cropped", detail))
     some = frames[:: max(1, len(frames) // 6)]
@@ -58,21 +58,21 @@ def processing_of(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
     step = int(np.gcd.reduce(values)) if len(values) > 2 else 1
     if step > 1:
         found.append(Processing("rounded", f"all depths are multiples of {step} mm"))
-    tiny = np.mean([np.mean((f.depth > 0) & (f.depth < _LEAST_DEPTH)) for f in some])
-    if tiny > _MOST_TINY:
-        detail = f"{tiny:.2%} of the pixels are nearer than {_LEAST_DEPTH} mm: holes were smeared"
+    tiny = np.mean([np.mean((f.depth > 0) & (f.depth < _MIN_DEPTH)) for f in some])
+    if tiny > _MAX_TINY:
+        detail = f"{tiny:.2%} of the pixels are nearer than {_MIN_DEPTH} mm: holes were smeared"
         found.append(Processing("lossily coded", detail))
     if _is_held(frames):
         detail = f"no pixel changes by less than {_SMALL} mm from frame to frame, and many by more"
         found.append(Processing("filtered", detail))
     lost, gained, num_pairs = _lost_and_gained(frames)
-    if num_pairs >= LEAST_PAIRS and gained > _LEAST_GAINED and lost < _LEAST_LOST * gained:
+    if num_pairs >= MIN_PAIRS and gained > _MIN_GAINED and lost < _MIN_LOST * gained:
         detail = f"{gained:.2%} of the pixels appear from frame to frame, {lost:.2%} disappear"
         found.append(Processing("filtered", f"{detail}: missing ones kept their depth"))
     doubled = max(float(np.mean([_doubled(image) for image in pair])) for pair in zip(
         *((f.depth, f.depth.T) for f in some), strict=True
     ))  # fmt: skip
-    if doubled > _MOST_DOUBLED:
+    if doubled > _MAX_DOUBLED:
         found.append(Processing("resampled", f"{doubled:.0%} of neighbouring lines are the same"))
     return tuple(found)
 
@@ -96,7 +96,7 @@ def _is_held(frames: Sequence[RgbdFrame]) -> bool:
     if not len(over_time):
         return False
     (small, all_), (small_beside, all_beside) = over_time.sum(axis=0), in_space.sum(axis=0)
-    is_much = all_ >= _LEAST_CHANGED * over_time.shape[0] * frames[0].depth.size
+    is_much = all_ >= _MIN_CHANGED * over_time.shape[0] * frames[0].depth.size
     return bool(is_much and small < 0.02 * all_ and small_beside > 0.2 * all_beside)
 
 
@@ -118,12 +118,12 @@ def _lost_and_gained(frames: Sequence[RgbdFrame]) -> tuple[float, float, int]:
 
 
 # of the gained share; clean recordings with at least five pairs have 0.65 or more
-_LEAST_LOST = 0.2
-_LEAST_GAINED = 2e-4  # share of the pixels
+_MIN_LOST = 0.2
+_MIN_GAINED = 2e-4  # share of the pixels
 _SMALL = 15  # mm
-_LEAST_CHANGED = 0.001  # share of the pixels that change from frame to frame
-_LEAST_DEPTH = 150  # mm; no depth camera measures nearer
-_MOST_DOUBLED = 0.2
+_MIN_CHANGED = 0.001  # share of the pixels that change from frame to frame
+_MIN_DEPTH = 150  # mm; no depth camera measures nearer
+_MAX_DOUBLED = 0.2
 
 
 def _doubled(image: Depth) -> float:

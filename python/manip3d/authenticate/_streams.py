@@ -13,7 +13,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d.authenticate._repetition import judge_repetition
 from manip3d.authenticate._silhouettes import SHARP, judge_silhouettes
-from manip3d.authenticate._stream_frames import MOST_FRAMES, frames_to_judge
+from manip3d.authenticate._stream_frames import MAX_FRAMES, frames_to_judge
 from manip3d.authenticate._stream_processing import processing_of
 from manip3d.authenticate._stream_verdict import (
     StreamInspection,
@@ -193,7 +193,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     found = _concluded(some, noise, processing, (frozen, frozen_masks), edges)
     if not has_more:
         return found
-    return replace(found, reason=f"{found.reason}; of the first {MOST_FRAMES} frames, not the rest")
+    return replace(found, reason=f"{found.reason}; of the first {MAX_FRAMES} frames, not the rest")
 
 
 def _concluded(

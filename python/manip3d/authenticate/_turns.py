@@ -40,7 +40,7 @@ FARTHEST_MOTION = 1.4
 3 to 13 m/s, up to 1.3 m per turn of 0.1 s; another 0.1 m allows for the alignment. At higher
 speeds, or if turns are missing, clean frames have more evidence than `TAIL`."""
 
-MOST_APART_NS = 150_000_000
+MAX_APART_NS = 150_000_000
 """Nanoseconds: largest time between neighbours, 1.5 turns of 0.1 s; thresholds were chosen for
 turns of 0.1 s. In shorter turns, of scanners that turn 20 times a second, everything moves less."""
 
@@ -134,7 +134,7 @@ class TurnResult(BesideTurns):
     ----------
     verdict : 'no_trace', 'tampered' or 'undecidable'
         ``undecidable``: the turns could not be aligned with the frame, the scanner moved farther
-        between them than `FARTHEST_MOTION`, their times are farther apart than `MOST_APART_NS`, or
+        between them than `FARTHEST_MOTION`, their times are farther apart than `MAX_APART_NS`, or
         no ground was found.
     reason : str
         Reason of the verdict in words.
@@ -250,7 +250,7 @@ def turn_consistency(
     'undecidable'
     """
     for other, name in ((previous, "before"), (following, "after")):
-        if (apart := apart_ns(frame, other)) > MOST_APART_NS:
+        if (apart := apart_ns(frame, other)) > MAX_APART_NS:
             return _undecidable(no_turn(name, apart), false_alarm_rate)
     return turns_read(
         None, frame, previous, following, lattice, false_alarm_rate=false_alarm_rate,

@@ -19,8 +19,8 @@ _MAGIC = b"m3d-vj01"
 _HEADER = struct.Struct("<8sI")  # magic number, length of the checkpoint
 _HEAD, _TAG = 66, 32  # bytes of a state before and after its list of past sessions
 _ENTRY = _HEAD + _TAG
-_MOST_SESSIONS = 4096  # largest number of sessions that a verifier remembers
-_MOST_BYTES = _HEADER.size + _ENTRY + 16 * _MOST_SESSIONS + CHECKPOINT_FRAMES * _ENTRY
+_MAX_SESSIONS = 4096  # largest number of sessions that a verifier remembers
+_MAX_BYTES = _HEADER.size + _ENTRY + 16 * _MAX_SESSIONS + CHECKPOINT_FRAMES * _ENTRY
 
 
 class VerifiedFrames:
@@ -77,7 +77,7 @@ class VerifiedFrames:
 
     def _restore(self, path: Path) -> None:
         with open_regular(self._path) as file:
-            content = file.read(_MOST_BYTES + 1)
+            content = file.read(_MAX_BYTES + 1)
         try:
             self._verifier.restore(_last_state(content))
         except FormatError as error:
@@ -171,7 +171,7 @@ def _last_state(content: bytes) -> bytes:
     An incomplete last entry is ignored, because no verdict was returned for its frame. Files
     without a header are checkpoints without a journal, as early versions wrote them.
     """
-    if len(content) > _MOST_BYTES:
+    if len(content) > _MAX_BYTES:
         raise FormatError("the file is larger than the state of a verifier can be")
     if not content.startswith(_MAGIC) or len(content) < _HEADER.size:
         return content

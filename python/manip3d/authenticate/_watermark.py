@@ -722,14 +722,14 @@ class Watermarker(Closing):
         )
 
 
-_MOST_UNITS = 1_000_000  # grid steps per metre
+_MAX_UNITS = 1_000_000  # grid steps per metre
 _SAME_M = 1e-10  # metres: rounding of decimals that are computed as steps times scale plus offset
 _FARTHEST_STEP = 2.0**37  # of the origin; float64 still resolves 2^-13 steps beyond it
 
 
 def _check_units(units_per_m: int) -> None:
-    if not 1 <= units_per_m <= _MOST_UNITS:
-        raise InputError(f"units_per_m: expected 1 to {_MOST_UNITS}, got {units_per_m}")
+    if not 1 <= units_per_m <= _MAX_UNITS:
+        raise InputError(f"units_per_m: expected 1 to {_MAX_UNITS}, got {units_per_m}")
 
 
 def _in_float32(frame: LidarFrame, exact: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -13,7 +13,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.authenticate._picture_files import carrier_bytes, picture_path
-from manip3d.authenticate._turns import MOST_APART_NS
+from manip3d.authenticate._turns import MAX_APART_NS
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
 from manip3d.errors import InputError
 from manip3d.io import read_scan, write_scan
@@ -554,7 +554,7 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     times = _times_of(root, numbers)
     num_gaps, numbers_with_gaps = 0, numbers[:1]
     for k in range(1, len(numbers)):
-        if times and abs(times[k] - times[k - 1]) > MOST_APART_NS:
+        if times and abs(times[k] - times[k - 1]) > MAX_APART_NS:
             num_gaps += 1
         numbers_with_gaps.append(numbers[k] + num_gaps)
     return numbers_with_gaps

@@ -20,7 +20,7 @@ _STAMPS = (
     "updated", "modify", "modified", "modificationTime", "mtime", "ctime", "created", "date_time",
 )  # fmt: skip
 """Names that file systems of fsspec give to times and hashes that change with the content."""
-_MOST_COMPANIONS = 256
+_MAX_COMPANIONS = 256
 BESIDE = (".wm", ".truth.json", ".truth.npz")
 """Suffixes of what verbs write beside an output: records of watermarks, and truths of forgeries."""
 
@@ -163,7 +163,7 @@ def _is_within(name: str, places: Iterable[str]) -> bool:
 def _named_by(path: Path) -> Iterator[Path]:
     """The files that a file names, and those that they name."""
     waiting, seen = [path], {path}
-    while waiting and len(seen) <= _MOST_COMPANIONS:
+    while waiting and len(seen) <= _MAX_COMPANIONS:
         one = waiting.pop()
         try:
             found = [path.parent / name for name in companions(one)]

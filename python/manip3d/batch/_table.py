@@ -14,7 +14,7 @@ from manip3d.io._files import atomic_write
 from manip3d.io._remote import local_output
 
 TABLE_SUFFIXES = (".csv", ".parquet")
-_MOST_ITEMS = 16
+_MAX_ITEMS = 16
 
 
 @checked
@@ -85,7 +85,7 @@ def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     elif isinstance(value, list | tuple):
         if any(isinstance(item, Mapping) for item in value):
             yield printable(name), len(value)
-        elif len(value) <= _MOST_ITEMS:
+        elif len(value) <= _MAX_ITEMS:
             for number, item in enumerate(value):
                 yield from _flat(item, f"{name}.{number}")
     else:

@@ -32,7 +32,7 @@ _MEMORY = 4 << 30
 few hundred megabytes fits."""
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Type codes of sensor_msgs/PointField, as NumPy's type names."""
-_MOST_POINTS = 1 << 28  # largest number of points in a message
+_MAX_POINTS = 1 << 28  # largest number of points in a message
 _FIXED_FRAMES = ("base", "map", "odom", "world", "earth", "utm")
 """Parts of the names of coordinate frames whose origin is not the scanner (REP 105)."""
 
@@ -65,10 +65,10 @@ _IMAGE = b"type=sensor_msgs/Image"
 _PACKED = b"type=sensor_msgs/CompressedImage"
 _IMAGES = "sensor_msgs/msg/Image"
 _HEAD = 4096  # bytes; the header record of a ROS 1 bag is padded to this length
-_MOST_INDEX = 1 << 24  # bytes of the index that are searched for message types
+_MAX_INDEX = 1 << 24  # bytes of the index that are searched for message types
 _MCAP = b"\x89MCAP0\r\n"
 _MCAP_FOOTER = 9 + 20 + len(_MCAP)  # record header; two offsets and a checksum; the magic bytes
-_MOST_METADATA = 1 << 22  # bytes of metadata.yaml that are searched for message types
+_MAX_METADATA = 1 << 22  # bytes of metadata.yaml that are searched for message types
 _IMAGES_2 = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 
 
@@ -129,7 +129,7 @@ def _connections_of_ros1(file: BufferedReader, head: bytes, path: str | os.PathL
     connections = b""
     if 0 < index < 1 << 62:
         file.seek(index)
-        connections = file.read(_MOST_INDEX)
+        connections = file.read(_MAX_INDEX)
         if not connections and file.seek(0, os.SEEK_END) == index:
             raise FormatError("a ROS 1 bag without a message", file=str(path))
     if not connections:
@@ -162,7 +162,7 @@ def _in_ros2(kind: str) -> str:
 
 def _types_of_folder(folder: Path) -> bytes:
     with open_regular(folder / "metadata.yaml") as file:
-        return file.read(_MOST_METADATA)
+        return file.read(_MAX_METADATA)
 
 
 def _types_of_database(path: Path) -> bytes:
@@ -185,7 +185,7 @@ def _types_of_mcap(file: BufferedReader) -> bytes:
     if not footer.endswith(_MCAP) or not 0 < start < end:
         return b""
     file.seek(start)
-    return file.read(_MOST_INDEX)
+    return file.read(_MAX_INDEX)
 
 
 def _without_end(path: Path) -> Path | None:
@@ -355,8 +355,8 @@ class BagRecording:
         where = f"{self._uri}, message {self._counters['frames']}"
         rows, columns = header["height"], header["width"]
         step, row_step = header["point_step"], header["row_step"]
-        if rows * columns > _MOST_POINTS:
-            raise self._refuse(f"{where}: {rows} x {columns} points; at most {_MOST_POINTS}")
+        if rows * columns > _MAX_POINTS:
+            raise self._refuse(f"{where}: {rows} x {columns} points; at most {_MAX_POINTS}")
         # Some drivers leave row_step at 0 in clouds of one row.
         if rows <= 1 and row_step < columns * step:
             row_step = columns * step

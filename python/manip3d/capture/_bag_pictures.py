@@ -24,7 +24,7 @@ images converted from OpenCV, whose order is blue, green, red."""
 _BAYER = {"bayer_rggb8": "BG", "bayer_bggr8": "RG", "bayer_gbrg8": "GR", "bayer_grbg8": "GB"}
 """Bayer patterns of ROS and OpenCV's name of each: ROS names the first pixels of the first two
 rows, OpenCV the second and third pixel of the second row."""
-_MOST_PIXELS = 1 << 26  # largest number of pixels in a picture
+_MAX_PIXELS = 1 << 26  # largest number of pixels in a picture
 
 
 def decoded(picture: BagPicture) -> NDArray[np.uint8]:
@@ -72,7 +72,7 @@ def rows_of(picture: BagPicture, pixel_bytes: int) -> NDArray[np.uint8]:
     header = picture.header
     height, width, step = header["height"], header["width"], header["step"]
     row = width * pixel_bytes
-    if not 0 < height * width <= _MOST_PIXELS or step < row or height * step > len(picture.data):
+    if not 0 < height * width <= _MAX_PIXELS or step < row or height * step > len(picture.data):
         raise FormatError(
             f"{header['picture']}: {height} rows of {width} pixels do not fit "
             f"{len(picture.data)} bytes with rows of {step}"

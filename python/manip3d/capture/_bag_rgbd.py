@@ -21,7 +21,7 @@ from manip3d.camera import Intrinsics, Registration
 from manip3d.capture._bag import BagPicture, BagRecording
 from manip3d.capture._bag_pictures import decoded, pose_of, rigid, rows_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._depth_files import MOST_PIXELS
+from manip3d.io._depth_files import MAX_PIXELS
 from manip3d.io._depth_formats import decode_depth
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
@@ -39,8 +39,8 @@ _NO_COLORS = ("16UC1", "mono16", "32FC1", "8UC1")
 _NEAR_NS = 200_000_000
 """A colour image belongs to a depth image only if their stamps differ by less than 0.2 s."""
 _WAIT_NS = 1_000_000_000
-_MOST_WAITING = 200
-_MOST_WAITING_BYTES = 1 << 28
+_MAX_WAITING = 200
+_MAX_WAITING_BYTES = 1 << 28
 """Images of one camera wait for images of the other for at most 1 s; at most 200 images and
 256 MiB wait at a time."""
 _PNG_HEADER = struct.Struct("<iff")
@@ -391,7 +391,7 @@ def _is_too_much(pictures: deque[BagPicture]) -> bool:
         return False
     waited = pictures[-1].header["stamp_ns"] - pictures[0].header["stamp_ns"]
     size = sum(len(picture.data) for picture in pictures)
-    return waited > _WAIT_NS or len(pictures) > _MOST_WAITING or size > _MOST_WAITING_BYTES
+    return waited > _WAIT_NS or len(pictures) > _MAX_WAITING or size > _MAX_WAITING_BYTES
 
 
 def _stored_depth(picture: BagPicture) -> NDArray[np.uint16] | NDArray[np.float32]:
@@ -421,7 +421,7 @@ def _unpacked_depth(picture: BagPicture) -> NDArray[np.uint16] | NDArray[np.floa
         )
     _, a, b = _PNG_HEADER.unpack_from(data)
     try:
-        stored = decode_depth(data[12:], MOST_PIXELS)
+        stored = decode_depth(data[12:], MAX_PIXELS)
     except FormatError as error:
         raise FormatError(f"{header['picture']}: {error.reason}") from error
     if not header["format"].startswith(_METRES):

@@ -28,13 +28,13 @@ _Item = TypeVar("_Item")
 
 _SAME_NS = 1_000_000
 """Left and right pictures form a pair if their stamps differ by at most a millisecond."""
-_MOST_WAITING = 10
+_MAX_WAITING = 10
 """Largest number of scans that wait for pictures recorded after them."""
-_MOST_KEPT = 1 << 29
+_MAX_KEPT = 1 << 29
 """Largest number of bytes of pictures that wait for the other camera, or for their scan."""
-_MOST_WAITING_PICTURES = 1 << 10
+_MAX_WAITING_PICTURES = 1 << 10
 """Largest number of pictures, or of pairs, that wait."""
-_MOST_ASKEW = 0.01
+_MAX_ASKEW = 0.01
 """Largest vertical offset between the two cameras, as a share of the baseline; KITTI's have
 0.005."""
 
@@ -192,7 +192,7 @@ def _rig_of(found: Mapping[str, Any], left: str, right: str) -> StereoRig | str:
         infos.append((*matrices, info["frame_id"]))
     (p, rotation, frame), (other, _, _) = infos
     shift = p[:, 3] - other[:, 3]
-    if not np.allclose(p[:, :3], other[:, :3]) or abs(shift[1]) > _MOST_ASKEW * abs(shift[0]):
+    if not np.allclose(p[:, :3], other[:, :3]) or abs(shift[1]) > _MAX_ASKEW * abs(shift[0]):
         return f"{left} and {right} are not a rectified pair: their P differ"
     lidar = found["lidar"]
     pose = pose_of(found["transforms"], lidar, frame)
@@ -241,7 +241,7 @@ class _Waiting(Generic[_Item]):
     def add(self, stamp_ns: int, size: int, item: _Item) -> None:
         self.items.append((stamp_ns, size, item))
         self._bytes += size
-        while self._bytes > _MOST_KEPT or len(self.items) > _MOST_WAITING_PICTURES:
+        while self._bytes > _MAX_KEPT or len(self.items) > _MAX_WAITING_PICTURES:
             self._bytes -= self.items.popleft()[1]
 
     def take(self, stamp_ns: int) -> _Item | None:
@@ -304,7 +304,7 @@ def matched(
     """Yield each scan with the pair of the nearest stamp, see `_Pairs.take_nearest`.
 
     A scan waits for the following scan and for a pair that is not older than itself, but for at
-    most `_MOST_WAITING` further scans; without ``topics`` it does not wait. If ``messages`` raises,
+    most `_MAX_WAITING` further scans; without ``topics`` it does not wait. If ``messages`` raises,
     the scans before the error are yielded first.
     """
     scans: deque[LidarFrame] = deque()
@@ -319,7 +319,7 @@ def matched(
             message is None
             or isinstance(message, Exception)
             or not topics
-            or len(scans) > _MOST_WAITING
+            or len(scans) > _MAX_WAITING
             or (len(scans) > 1 and pairs.is_past(scans[0]))
         ):
             scan = scans.popleft()

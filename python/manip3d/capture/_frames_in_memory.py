@@ -12,7 +12,7 @@ from manip3d.errors import InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
 _LATE_S = 0.05  # seconds of wall-clock time; a frame that is later is left out
-_MOST_SEARCH_S = 0.1  # longest time that read() looks for a frame that is not late
+_MAX_SEARCH_S = 0.1  # longest time that read() looks for a frame that is not late
 
 
 class FrameClock:
@@ -130,10 +130,10 @@ class IteratedFrames:
     def _in_time(self, frame: RgbdFrame) -> RgbdFrame:
         """Return the frame, or if it is late the first following frame that is not, or the last.
 
-        The search ends after `_MOST_SEARCH_S` with the frame it has reached, even if that is late:
+        The search ends after `_MAX_SEARCH_S` with the frame it has reached, even if that is late:
         if frames are made hardly faster than they are played, it would not end soon otherwise.
         """
-        until = time.monotonic() + _MOST_SEARCH_S
+        until = time.monotonic() + _MAX_SEARCH_S
         late = self._clock.late_s(frame.time_ns)
         while (
             late > self._late_s and time.monotonic() < until and (after := self._made()) is not None

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _TO_BVH = np.array([100.0, -100.0, -100.0])  # metres, y down, z ahead -> centimetres, y up
 _SHORTEST_STEP = 1e-3  # seconds between two poses of a motion
-_MOST_IDS = 10  # largest number of ids listed in an error message
+_MAX_IDS = 10  # largest number of ids listed in an error message
 _LONGEST_GAP = 3600.0  # longest time in seconds between two frames of a motion
 _SPINE = [JOINTS.index(name) for name in ("SpineMid", "SpineShoulder", "Neck", "Head")]
 _CHILDREN = [[j for j in range(1, 25) if PARENTS[j] == parent] for parent in range(25)]
@@ -165,7 +165,7 @@ def export_joints(
     if not found:
         who = "a skeleton" if person is None else f"a skeleton with id {person}"
         if ids:
-            others = ", ".join(map(str, sorted(ids)[:_MOST_IDS]))
+            others = ", ".join(map(str, sorted(ids)[:_MAX_IDS]))
             raise InputError(f"person: expected {who} in some frame, found only ids {others}")
         cure = "" if pose else " (--pose, or pose=True in Python, looks for them in colour images)"
         raise InputError(f"source: expected {who} in some frame, found none{cure}")

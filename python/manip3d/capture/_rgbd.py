@@ -18,7 +18,7 @@ from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics
 from manip3d.capture._bag import place_and_topic
 from manip3d.capture._bag_rgbd import BagImages
-from manip3d.capture._forged import MOST_KEPT, SwitchedForgery, motion_of, read_plan
+from manip3d.capture._forged import MAX_KEPT, SwitchedForgery, motion_of, read_plan
 from manip3d.capture._rgbd_source import ForgedSource, RgbdSource, source_of
 from manip3d.errors import InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
@@ -241,7 +241,7 @@ def _open_forged(uri: str, speed: float) -> ForgedSource:
 
     def kept(place: str) -> list[RgbdFrame]:
         with open_rgbd(place) as source:
-            frames = list(islice(source, MOST_KEPT))
+            frames = list(islice(source, MAX_KEPT))
         if not frames:
             raise InputError(f"{place}: expected a frame, found none")
         return frames

@@ -16,7 +16,7 @@ from manip3d.capture._past_errors import past_errors
 from manip3d.errors import FormatError, InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 
-_MOST_ERRORS = 1000  # largest number of unreadable frames if the number of frames is unknown
+_MAX_ERRORS = 1000  # largest number of unreadable frames if the number of frames is unknown
 
 
 @checked
@@ -236,7 +236,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
         """
         self.errors.clear()
         frames = cast("Iterator[RgbdFrame]", iter(self.read, None))
-        most = self.num_frames or _MOST_ERRORS
+        most = self.num_frames or _MAX_ERRORS
         yield from past_errors(frames, self.errors, (FormatError, OSError), most=most)
 
     def _rewind(self) -> None:

@@ -20,7 +20,7 @@ from manip3d.errors import FormatError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_MOST_LASERS = 128  # largest number of lasers in a calibration
+_MAX_LASERS = 128  # largest number of lasers in a calibration
 
 # Names of the attributes, in db.xml and in YAML. db.xml has degrees and centimetres, YAML radians
 # and metres. Both define rotCorrection with the opposite sign of `azimuth_offset`: it is subtracted
@@ -189,10 +189,10 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 
 
 def _by_id(items: list[tuple[float, Any]], path: Path) -> dict[int, Any]:
-    by_id = {int(number): item for number, item in items if 0 <= number < _MOST_LASERS}
-    if not items or len(items) > _MOST_LASERS or sorted(by_id) != list(range(len(items))):
+    by_id = {int(number): item for number, item in items if 0 <= number < _MAX_LASERS}
+    if not items or len(items) > _MAX_LASERS or sorted(by_id) != list(range(len(items))):
         raise FormatError(
-            f"expected lasers numbered 0, 1, 2, ... (at most {_MOST_LASERS}), got {len(items)}",
+            f"expected lasers numbered 0, 1, 2, ... (at most {_MAX_LASERS}), got {len(items)}",
             file=str(path),
         )
     return by_id

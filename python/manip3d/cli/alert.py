@@ -16,7 +16,7 @@ from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, MostFrames, OptionalOutput, Quiet
 from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options, table
 from manip3d.cli.watermark import (
-    MOST_POINTS,
+    MAX_POINTS,
     MaxAge,
     MaxPoints,
     OnlyEmbedding,
@@ -105,7 +105,7 @@ def run(
     sensor: OnlySensor = "",
     session: OnlySession = "",
     max_age: MaxAge = None,
-    max_points: MaxPoints = MOST_POINTS,
+    max_points: MaxPoints = MAX_POINTS,
     state: State = None,
     picture: Picture = "",
     output: OptionalOutput = None,
@@ -184,7 +184,7 @@ def run(
     if not key:
         _refuse_without_key(
             {"embedding": embedding, "sensor": sensor, "session": session, "max-age": max_age,
-             "max-points": None if max_points == MOST_POINTS else max_points,
+             "max-points": None if max_points == MAX_POINTS else max_points,
              "state": state, "picture": picture}
         )  # fmt: skip
     for name, value in {"speed": speed, "every": every}.items():

@@ -511,7 +511,7 @@ def forge_frames(
             terminal.say("background: the scene behind the person, from the source's own frames")
             behind: RgbdFrame | Sequence[RgbdFrame] = given.plate
         else:
-            most = 1 if still else min(frames or forge.MOST_KEPT, forge.MOST_KEPT)
+            most = 1 if still else min(frames or forge.MAX_KEPT, forge.MAX_KEPT)
             with _open_bounded(background, frames, terminal, intrinsics) as opened:
                 scenes = _first(opened, most)
             behind = scenes[0] if still else forge.at_pace(scenes, given.step_ns)

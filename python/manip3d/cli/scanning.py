@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-_MOST_TOLD = 8
+_MAX_TOLD = 8
 """Largest number of column names in a message."""
 
 
@@ -185,9 +185,9 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
 
 def _tell_left_out(names: list[str], output: Path, terminal: Terminal) -> None:
     told = list(dict.fromkeys(names))
-    more = f" and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
+    more = f" and {len(told) - _MAX_TOLD} more" if len(told) > _MAX_TOLD else ""
     if told:
-        terminal.say(f"{output}: {', '.join(told[:_MOST_TOLD])}{more} left out")
+        terminal.say(f"{output}: {', '.join(told[:_MAX_TOLD])}{more} left out")
 
 
 def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:

@@ -39,7 +39,7 @@ class Choice:
 
 
 _OPTIONS = ("frame", "unit", "color", "color-by")
-MOST_BESIDE = 9  # largest number of sources on one page; more get a page each in a folder
+MAX_BESIDE = 9  # largest number of sources on one page; more get a page each in a folder
 
 
 _USES: Mapping[str, tuple[Any, Sequence[str]]] = {
@@ -83,7 +83,7 @@ def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
     output = given["output"]
     one_place = output is None or (Path(output).suffix.lower() in SUFFIXES and not is_url(output))
     named = all(source != "-" and not is_pattern(source) for source in sources)
-    if not 1 < len(sources) <= MOST_BESIDE or not one_place or not named or given["shared"]:
+    if not 1 < len(sources) <= MAX_BESIDE or not one_place or not named or given["shared"]:
         return False
     if any(is_url(source) or kinds.kind_of(source) == "folder" for source in sources):
         return False

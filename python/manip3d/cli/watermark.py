@@ -71,7 +71,7 @@ State = Annotated[
     Path | None,
     typer.Option(help="File that remembers the frames seen, so that replays are noticed."),
 ]
-MOST_POINTS = 10_000_000
+MAX_POINTS = 10_000_000
 """Default of the largest number of points of a scan that is verified."""
 
 
@@ -344,7 +344,7 @@ def verify(
     sensor: OnlySensor = "",
     session: OnlySession = "",
     max_age: MaxAge = None,
-    max_points: MaxPoints = MOST_POINTS,
+    max_points: MaxPoints = MAX_POINTS,
     state: State = None,
     report: Annotated[
         Path | None,

@@ -27,7 +27,7 @@ Pictures = Sequence[tuple[float, bytes]]
 
 _MARK = b"M3CL\x01\0\0\0"
 _PICTURE = struct.Struct("<dI")
-MOST_BYTES = 64_000_000
+MAX_BYTES = 64_000_000
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ def pack(pictures: Pictures) -> bytes:
         before = seconds
         parts += [_PICTURE.pack(seconds, len(content)), content]
     packed = b"".join(parts)
-    if len(packed) > MOST_BYTES:
-        raise InputError(f"clips: expected at most {MOST_BYTES} bytes, got {len(packed)}")
+    if len(packed) > MAX_BYTES:
+        raise InputError(f"clips: expected at most {MAX_BYTES} bytes, got {len(packed)}")
     return packed
 
 

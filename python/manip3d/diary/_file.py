@@ -25,7 +25,7 @@ _STUDY = "meta study"  # purpose to which the encryption of the study's identifi
 _CHAIN = "meta audit key"
 _WITHOUT_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)
 """Errors of a file system without hard links, on which a diary is made directly in its place."""
-_LEAST_BYTES = 1 << 16  # size of two pages of the write-ahead log's index, bytes
+_MIN_BYTES = 1 << 16  # size of two pages of the write-ahead log's index, bytes
 _BUSY_S = 5.0  # longest wait for another program that writes, seconds
 
 
@@ -270,7 +270,7 @@ def _words_of(error: sqlite3.DatabaseError, path: Path) -> str:
     if code == sqlite3.SQLITE_IOERR:
         with contextlib.suppress(OSError):
             disk = os.statvfs(path.parent)
-            if disk.f_bavail * disk.f_frsize < _LEAST_BYTES:
+            if disk.f_bavail * disk.f_frsize < _MIN_BYTES:
                 return f"{error}: the disk is full, and a diary needs some room even to be read"
     return str(error)
 

@@ -20,9 +20,9 @@ from manip3d.io._files import limited_bytes, write_new
 
 Method = Literal["sum", "mean", "count"]
 
-_MOST_BYTES = 1 << 20
-_MOST_ITEMS, _MOST_CHOICES, _MOST_NUMBER = 500, 101, 1000
-_MOST_NAME, _MOST_TEXT = 200, 1000
+_MAX_BYTES = 1 << 20
+_MAX_ITEMS, _MAX_CHOICES, _MAX_NUMBER = 500, 101, 1000
+_MAX_NAME, _MAX_TEXT = 200, 1000
 
 
 @dataclass(frozen=True)
@@ -91,10 +91,10 @@ class Questionnaire:
     scales: tuple[QuestionnaireScale, ...] = ()
 
     def __post_init__(self) -> None:
-        _check_text(self.name, "name", _MOST_NAME)
-        if not 1 <= len(self.items) <= _MOST_ITEMS or len(self.scales) > _MOST_ITEMS:
+        _check_text(self.name, "name", _MAX_NAME)
+        if not 1 <= len(self.items) <= _MAX_ITEMS or len(self.scales) > _MAX_ITEMS:
             raise InputError(
-                f"items, scales: expected 1 to {_MOST_ITEMS} items and at most {_MOST_ITEMS} "
+                f"items, scales: expected 1 to {_MAX_ITEMS} items and at most {_MAX_ITEMS} "
                 f"scales, got {len(self.items)} and {len(self.scales)}"
             )
         for number, item in enumerate(self.items, 1):
@@ -197,26 +197,26 @@ def _is_whole(value: object) -> bool:
 
 
 def _check_item(item: QuestionnaireItem, name: str) -> None:
-    _check_text(item.text, f"{name}.text", _MOST_TEXT)
+    _check_text(item.text, f"{name}.text", _MAX_TEXT)
     ends = (item.low, item.high)
-    whole = all(_is_whole(end) and abs(end) <= _MOST_NUMBER for end in ends)
+    whole = all(_is_whole(end) and abs(end) <= _MAX_NUMBER for end in ends)
     if not whole or not item.low < item.high:
         raise InputError(
-            f"{name}: expected whole numbers low < high within -{_MOST_NUMBER} to {_MOST_NUMBER}, "
+            f"{name}: expected whole numbers low < high within -{_MAX_NUMBER} to {_MAX_NUMBER}, "
             f"got {_shown(item.low)} and {_shown(item.high)}"
         )
     answers = item.high - item.low + 1
-    if item.choices and (len(item.choices) != answers or answers > _MOST_CHOICES):
+    if item.choices and (len(item.choices) != answers or answers > _MAX_CHOICES):
         raise InputError(
             f"{name}.choices: expected a text for each of the {answers} answers, at most "
-            f"{_MOST_CHOICES}, got {len(item.choices)}"
+            f"{_MAX_CHOICES}, got {len(item.choices)}"
         )
     for choice in item.choices:
-        _check_text(choice, f"{name}.choices", _MOST_TEXT)
+        _check_text(choice, f"{name}.choices", _MAX_TEXT)
 
 
 def _check_scale(scale: QuestionnaireScale, name: str, items: int) -> None:
-    _check_text(scale.name, f"{name}.name", _MOST_NAME)
+    _check_text(scale.name, f"{name}.name", _MAX_NAME)
     for numbers, told in ((scale.items, "items"), (scale.reverse, "reverse")):
         good = all(_is_whole(one) and 1 <= one <= items for one in numbers)
         if not good or len(set(numbers)) != len(numbers):
@@ -271,7 +271,7 @@ def load_questionnaire(path: str | os.PathLike[str]) -> Questionnaire:
     {'mood': 6}
     """
     file = path_of(path)
-    content = limited_bytes(file, _MOST_BYTES)
+    content = limited_bytes(file, _MAX_BYTES)
     try:
         found = json.loads(
             content.decode("utf-8"), object_pairs_hook=_unique, parse_constant=_no_constant

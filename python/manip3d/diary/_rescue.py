@@ -22,7 +22,7 @@ from manip3d.io._files import atomic_path, open_regular
 
 _FIRST, _LAST = -(2**63), 2**63 - 1  # bounds of row numbers in SQLite
 _HEAD_BYTES = 100  # size of the header of an SQLite file
-_MOST_MISSING = 1 << 36  # largest number of missing bytes; more means that the header is damaged
+_MAX_MISSING = 1 << 36  # largest number of missing bytes; more means that the header is damaged
 _HALVINGS = 12  # of the range of row numbers between two damaged pages; numbers may be random
 
 
@@ -143,7 +143,7 @@ def _whole(source: Path, made: Path) -> Iterator[Path]:
     page = int.from_bytes(head[16:18], "big")
     page = 65536 if page == 1 else page
     size, there = page * int.from_bytes(head[28:32], "big"), source.stat().st_size
-    if not head.startswith(b"SQLite format 3\0") or not there < size <= there + _MOST_MISSING:
+    if not head.startswith(b"SQLite format 3\0") or not there < size <= there + _MAX_MISSING:
         yield source
         return
     with tempfile.TemporaryDirectory(dir=made.parent, prefix=f".{made.name}.") as folder:

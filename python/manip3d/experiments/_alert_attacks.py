@@ -19,7 +19,7 @@ HALF_VIEW = math.radians(33.0)
 """Largest azimuth of an object's centre, radians. KITTI's cameras see 40 degrees to each side, but
 the left edge of the left image has no match in the right image."""
 NEAREST, FARTHEST = 6.0, 30.0
-FEWEST_POINTS = 50
+MIN_POINTS = 50
 _PEDESTAL = 0.15  # metres above the ground; lower points do not belong to the object
 
 
@@ -33,7 +33,7 @@ def targets(frame: LidarFrame, boxes: Sequence[Box]) -> list[Box]:
             continue
         length, width, height = box.size
         raised = Box((x, y, z + _PEDESTAL / 2), (length, width, height - _PEDESTAL), box.yaw)
-        if height > _PEDESTAL and np.count_nonzero(raised.contains(frame.points)) >= FEWEST_POINTS:
+        if height > _PEDESTAL and np.count_nonzero(raised.contains(frame.points)) >= MIN_POINTS:
             found.append(raised)
     return sorted(found, key=lambda box: math.hypot(*box.center[:2]))
 

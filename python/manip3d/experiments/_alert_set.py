@@ -30,10 +30,10 @@ ATTACKS = {
 }
 """Name of each attack in the table, by this package's name."""
 
-FEWEST_POINTS = 20
+MIN_POINTS = 20
 """Smallest number of points of an object that is attacked."""
 
-_MOST_TURNS = 100
+_MAX_TURNS = 100
 """Largest number of frames of one street; further frames come from the next street."""
 
 _TURNS_DEG = (180.0, 150.0, 210.0, 120.0, 240.0, 90.0, 270.0, 60.0, 300.0, 30.0, 330.0)
@@ -74,7 +74,7 @@ def frames(seed: int, first: int, count: int) -> Iterator[tuple[int, LidarFrame,
     number, wanted = 0, range(first, first + count)
     while number < wanted.stop:
         place = street(seed)
-        turns = min(_MOST_TURNS, int(min(place.duration, 1e3) / TURN_PERIOD))
+        turns = min(_MAX_TURNS, int(min(place.duration, 1e3) / TURN_PERIOD))
         inside = range(max(wanted.start - number, 0), min(wanted.stop - number, turns))
         if inside:
             source = drive(
@@ -126,7 +126,7 @@ def _forged(frame: LidarFrame, target: Box, attack: str, turn: float) -> Forgery
 
 
 def _targets(frame: LidarFrame, boxes: Sequence[Box]) -> Iterator[Box]:
-    """Yield the objects with at least `FEWEST_POINTS` points, nearest first."""
+    """Yield the objects with at least `MIN_POINTS` points, nearest first."""
     for box in sorted(boxes, key=lambda box: float(np.hypot(*box.center[:2]))):
-        if np.count_nonzero(box.contains(frame.points)) >= FEWEST_POINTS:
+        if np.count_nonzero(box.contains(frame.points)) >= MIN_POINTS:
             yield box

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _CELLS = 160
 """Rows and columns of a view."""
 
-_MOST_DOTS = 4000
+_MAX_DOTS = 4000
 
 _SCENES = {"outdoor": "outdoor-01", "indoor": "indoor-00"}
 
@@ -101,7 +101,7 @@ def _views(points: Points, target: NDArray[np.float64], size: float) -> dict[str
     image = np.full((_CELLS, _CELLS), np.inf)
     ranges = np.linalg.norm(points[inside].astype(np.float64), axis=1)
     np.minimum.at(image, (row.clip(0, _CELLS - 1), column.clip(0, _CELLS - 1)), ranges)
-    step = max(1, len(near) // _MOST_DOTS)
+    step = max(1, len(near) // _MAX_DOTS)
     spacing = metrics.nearest_distances(near.astype(np.float32), origin=None)[::step]
     return {
         "half_deg": half,

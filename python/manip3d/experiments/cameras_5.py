@@ -36,7 +36,7 @@ _CAMERAS = {
     "wall_realsense": "RealSense D435",
 }
 _PEOPLE = "people_utd_mhad"
-_MOST = 60
+_MAX = 60
 
 
 def _cases(plan: Plan) -> list[Case]:
@@ -68,7 +68,7 @@ def judge_camera(case: Case) -> Row:
     if ":" in name:
         frames = list(datasets.open_people(name)[:10])
     elif name.startswith("person"):
-        frames = list(datasets.open_people(f"people:{name}"))[:_MOST]
+        frames = list(datasets.open_people(f"people:{name}"))[:_MAX]
     else:
         frames = _streams.scene(name)
     row: Row = {"frames": len(frames), "camera": case.options["camera"]}

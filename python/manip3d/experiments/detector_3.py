@@ -36,7 +36,7 @@ DRIVE_5 = RAW + "2011_09_26/2011_09_26_drive_0005_sync/velodyne_points/data"
 
 ALARM_RATE = 0.01
 WITH_TIME = "with the frame before"
-FEWEST_FORGERIES = 20
+MIN_FORGERIES = 20
 """Smallest number of forgeries from which an area under a ROC curve is judged; quick runs have
 fewer."""
 RANGES = (5.0, 35.0)
@@ -422,7 +422,7 @@ def _time_helps(rows: Sequence[Row]) -> Iterator[Finding]:
         clean = row["clean_verdicts"]
         yield Finding(
             row["attack"],
-            area >= before if len(row["scores"]) >= FEWEST_FORGERIES else None,
+            area >= before if len(row["scores"]) >= MIN_FORGERIES else None,
             f"AUC {area:.3f}, alone {before:.3f}; {row['found']:.1%} found at the stated 1 %, "
             f"alone {row['alone_found']:.1%}; {row['frames']} forgeries of {len(clean)} frames; "
             f"{clean.count('tampered')} of the clean ones accused",

@@ -21,7 +21,7 @@ _DRIVES = (1, 2, 3)
 _FRAMES = {"quick": 2, "full": 40}
 _PUBLISHED = {"lbm": 0.001732, "qim-printed": 0.00125}
 """Average Hausdorff distances of section 7.6, metres."""
-_MOST = {
+_MAX = {
     "lbm": 3.0**0.5 / 1000.0, "qim-printed": 0.00125,
     "keyed lbm": 3.0**0.5 / 1000.0, "keyed qim": 0.001875, "keyed detached": 0.0,
 }  # fmt: skip
@@ -44,7 +44,7 @@ def _cases(plan: Plan) -> list[Case]:
             },
         )
         for drive in _DRIVES
-        for method in _MOST
+        for method in _MAX
     ]
 
 
@@ -97,7 +97,7 @@ def _complete(row: Row) -> Row:
 
 def _imperceptible(rows: Sequence[Row]) -> Iterator[Finding]:
     for row in rows:
-        most = 1e3 * (_MOST[row["method"]] + (_FLOAT if row["method"] != "keyed detached" else 0.0))
+        most = 1e3 * (_MAX[row["method"]] + (_FLOAT if row["method"] != "keyed detached" else 0.0))
         numbers = f"{row['hausdorff_mm']:.4f} mm on average, {row['largest_mm']:.4f} mm at most"
         yield Finding(f"{row['model']}, {row['method']}", row["largest_mm"] <= most, numbers)
 

@@ -14,7 +14,7 @@ from manip3d import authenticate
 from manip3d.experiments import _roc
 from manip3d.experiments._lidar_attacks import Target, appended, as_written, on_firings
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
-from manip3d.forge import MOST_SPOOFED
+from manip3d.forge import MAX_SPOOFED
 from manip3d.lidar import Box
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ FIRST_STREET, DONORS = 91_000, 92_000
 """First streets of the scans, and of the cars whose returns are replayed. No threshold was chosen
 on them."""
 STREETS, STREETS_PER_CASE = {"full": 60, "quick": 2}, {"full": 10, "quick": 2}
-FEWEST_RETURNS = 20
+MIN_RETURNS = 20
 """Smallest number of returns of a genuine or replayed car."""
 GENUINE_RANGES, SPOOFED_RANGES = (5.0, 40.0), (5.0, 8.0)
 """Distances of the centre of a car, metres. Spoofed cars appear directly in front of the victim
@@ -189,7 +189,7 @@ def _turns(number: int) -> _Turns:
         for box in frames[1].boxes
         if box.label == "Car"
         and GENUINE_RANGES[0] < math.hypot(*box.center[:2]) < GENUINE_RANGES[1]
-        and np.count_nonzero(_wider(box).contains(scan)) >= FEWEST_RETURNS
+        and np.count_nonzero(_wider(box).contains(scan)) >= MIN_RETURNS
     )
     return _Turns(before, scan, after, cars)
 
@@ -208,7 +208,7 @@ def _trace(number: int) -> tuple[Points, Box] | None:
     random = np.random.default_rng(number)
     for box in donor.cars:
         returns = donor.scan[_wider(box).contains(donor.scan)]
-        if len(returns) > MOST_SPOOFED:
+        if len(returns) > MAX_SPOOFED:
             continue
         return returns[np.sort(random.permutation(len(returns)))], box
     return None

@@ -19,11 +19,11 @@ from manip3d.forge._attacks import (
     snap_to_lattice,
     subtract,
 )
-from manip3d.forge._firings import MOST_SPOOFED, lattice_insert, lattice_remove, spoof
+from manip3d.forge._firings import MAX_SPOOFED, lattice_insert, lattice_remove, spoof
 from manip3d.forge._objects import Segmentation, nearest_object, segment
 from manip3d.forge._plates import background_plate, without_people
 from manip3d.forge._recorded import (
-    MOST_KEPT,
+    MAX_KEPT,
     RecordedPeople,
     at_pace,
     recorded_people,
@@ -35,8 +35,8 @@ from manip3d.forge._truth import Forgery, Lattice
 
 __all__ = [
     "ALERT_ATTACKS",
-    "MOST_KEPT",
-    "MOST_SPOOFED",
+    "MAX_KEPT",
+    "MAX_SPOOFED",
     "ForgedFrame",
     "ForgedStream",
     "Forgery",

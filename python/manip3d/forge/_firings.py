@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Rows = NDArray[np.intp]
 
-MOST_SPOOFED = 200
+MAX_SPOOFED = 200
 """Largest number of returns that an attacker with one laser beside the road can inject into a turn
 (Sun et al., USENIX Security 2020)."""
 
 ROUNDING = 1e-3
 """Radians: largest change of azimuth by rounding to whole millimetres, for near points."""
 
-FEWEST_LASERS = 8
+MIN_LASERS = 8
 """Fewest lasers with a return at an encoder count at which the scanner fired."""
 
 
@@ -161,7 +161,7 @@ def spoof(
     *,
     lattice: FiringLattice,
     turn: float = 0.0,
-    most: int = MOST_SPOOFED,
+    most: int = MAX_SPOOFED,
     rng: Rng = 0,
     threads: int = 0,
 ) -> Forgery:
@@ -373,7 +373,7 @@ def _neighbours_on_ring(
 def _nearest_fired(count: NDArray[Any], here: Readings, steps: int) -> NDArray[np.int64]:
     """Return for each count the nearest one at which the scanner fired."""
     votes = np.bincount(here.count[here.count >= 0], minlength=steps)
-    fired = np.flatnonzero(votes >= FEWEST_LASERS)
+    fired = np.flatnonzero(votes >= MIN_LASERS)
     if not len(fired):
         return np.asarray(count, np.int64)
     around = np.concatenate([fired[-1:] - steps, fired, fired[:1] + steps])

@@ -16,10 +16,10 @@ from manip3d.errors import InputError
 from manip3d.forge._plates import background_plate
 from manip3d.rgbd import RgbdFrame, check_frames
 
-MOST_KEPT = 300
+MAX_KEPT = 300
 """Largest number of frames of a background in memory, and for estimating a background plate."""
 
-_MOST_POSES = 30 * MOST_KEPT  # skeletons are small: five minutes at 30 frames per second
+_MAX_POSES = 30 * MAX_KEPT  # skeletons are small: five minutes at 30 frames per second
 _TIMED = 60  # number of first frames whose times determine the frame rate
 
 
@@ -139,9 +139,7 @@ def recorded_poses(
     (1, 0)
     """
     _check_frames_wanted(num_frames)
-    found = [
-        _skeletons_only(f) for f in islice(source, min(num_frames or _MOST_POSES, _MOST_POSES))
-    ]
+    found = [_skeletons_only(f) for f in islice(source, min(num_frames or _MAX_POSES, _MAX_POSES))]
     if not found:
         raise InputError(f"{getattr(source, 'uri', 'source')}: expected a frame, found none")
     return found
@@ -201,7 +199,7 @@ class _First:
 
 
 class _Spread:
-    """Keeps at most `MOST_KEPT` frames, evenly spread over all that are added."""
+    """Keeps at most `MAX_KEPT` frames, evenly spread over all that are added."""
 
     def __init__(self) -> None:
         self.kept: list[RgbdFrame] = []
@@ -209,7 +207,7 @@ class _Spread:
 
     def add(self, frame: RgbdFrame) -> None:
         if self._seen % self._every == 0:
-            if len(self.kept) == MOST_KEPT:
+            if len(self.kept) == MAX_KEPT:
                 self.kept = self.kept[::2]
                 self._every *= 2
             if self._seen % self._every == 0:

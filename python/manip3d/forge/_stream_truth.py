@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-_MOST_BYTES = 160 << 20
-_MOST_PIXELS_OF_A_BYTE = 2048  # 200 to 500 for masks with a person, 8000 for empty masks
-_MOST_PIXELS = 2**38  # of all frames: eight hours of 640 x 480 pixels at 30 Hz
+_MAX_BYTES = 160 << 20
+_MAX_PIXELS_OF_A_BYTE = 2048  # 200 to 500 for masks with a person, 8000 for empty masks
+_MAX_PIXELS = 2**38  # of all frames: eight hours of 640 x 480 pixels at 30 Hz
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +67,8 @@ class StreamTruth:
 
 
 def check_size(pixels: int) -> None:
-    if pixels > _MOST_PIXELS:
-        raise InputError(f"masks: expected at most {_MOST_PIXELS} pixels in all, got {pixels}")
+    if pixels > _MAX_PIXELS:
+        raise InputError(f"masks: expected at most {_MAX_PIXELS} pixels in all, got {pixels}")
 
 
 def write_truth(
@@ -126,13 +126,13 @@ def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int | None = N
     """
     content = regular_bytes(path_of(path))
     if max_bytes is None:
-        max_bytes = max(_MOST_BYTES, _MOST_PIXELS_OF_A_BYTE * len(content))
+        max_bytes = max(_MAX_BYTES, _MAX_PIXELS_OF_A_BYTE * len(content))
     try:
         claimed_numbers = _check_claims(content, max_bytes)
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             frames, height, width = (int(side) for side in archive["shape"])
             size = frames * height * width
-            if size > min(_MOST_PIXELS, max_bytes):
+            if size > min(_MAX_PIXELS, max_bytes):
                 raise ValueError(f"{size} pixels are more than max_bytes = {max_bytes}")
             if claimed_numbers != (frames,) or (frames and not size):
                 raise ValueError("numbers do not agree with the masks")

@@ -18,13 +18,13 @@ from manip3d.io._limits import byte_limit, check_points, clock
 
 Floats = NDArray[np.float64]
 
-MOST_BYTES = 1 << 26
+MAX_BYTES = 1 << 26
 """Largest size of a motion file, in bytes."""
 
-MOST_JOINTS = 1024
+MAX_JOINTS = 1024
 """Largest number of joints of a skeleton; motion capture of bodies with hands has about 100."""
 
-_MOST_FRAMES = 1 << 24  # largest number of frames of a motion
+_MAX_FRAMES = 1 << 24  # largest number of frames of a motion
 _FARTHEST = 1e9  # largest offset or channel value; sums of larger ones lose their decimals
 _CHANNELS = {
     f"{axis}{kind}".lower(): (number, kind == "rotation")
@@ -136,8 +136,8 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
     size, limit = os.stat(path_of(path)).st_size, byte_limit(None)
     if limit and size > limit:
         raise FormatError(f"more than max_bytes = {limit}", file=name)
-    if size > MOST_BYTES:
-        raise FormatError(f"expected at most {MOST_BYTES} bytes, got {size}", file=name)
+    if size > MAX_BYTES:
+        raise FormatError(f"expected at most {MAX_BYTES} bytes, got {size}", file=name)
     with clock(name) as look:
         reader = _Reader(regular_bytes(path_of(path)).splitlines(), name, look)
         joints = _hierarchy(reader)
@@ -254,8 +254,8 @@ def _begin(reader: _Reader, joints: list[_Joint], open_: list[int]) -> None:
             raise reader.fail("expected { behind a joint's name")
     if words[0] == "{":
         raise reader.fail("expected a joint's name, got '{'")
-    if len(joints) >= MOST_JOINTS:
-        raise reader.fail(f"expected at most {MOST_JOINTS} joints")
+    if len(joints) >= MAX_JOINTS:
+        raise reader.fail(f"expected at most {MAX_JOINTS} joints")
     joints.append(_Joint(" ".join(words), open_[-1] if open_ else -1))
     open_.append(len(joints) - 1)
 
@@ -277,7 +277,7 @@ def _header(reader: _Reader) -> tuple[int, float]:
     if word.lower() != "motion":
         raise reader.fail(f"expected MOTION, got {word!r}")
     reader.expect("Frames:")
-    count = reader.whole("the number of frames", 1, _MOST_FRAMES)
+    count = reader.whole("the number of frames", 1, _MAX_FRAMES)
     reader.expect("Frame", "Time:")
     frame_s = reader.number("the time of a frame")
     if not 1e-6 <= frame_s <= 3600.0:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 SUFFIX = ".dae"
 
-_MOST_BYTES, _MOST_RATIO = 64 << 20, 100
+_MAX_BYTES, _MAX_RATIO = 64 << 20, 100
 """Limits of the memory of a scene, which may instance a geometry many times: bytes, and ratio to
 the file's size; the larger one holds, as for glTF."""
 _BYTES_A_CORNER, _BYTES_A_VERTEX, _BYTES_A_PLACE = 25, 24, 2048
@@ -90,7 +90,7 @@ def read(
     geometries: dict[int, _Geometry] = {}
     pieces, num_polygons = [], 0
     with np.errstate(over="ignore", invalid="ignore"):  # join() refuses values that are not finite
-        for each in _Scene(document, limit or max(_MOST_BYTES, _MOST_RATIO * len(data))).placed():
+        for each in _Scene(document, limit or max(_MAX_BYTES, _MAX_RATIO * len(data))).placed():
             geometry = geometries.get(id(each.geometry))
             if geometry is None:
                 geometry = _Geometry(document, each.geometry)

@@ -25,7 +25,7 @@ DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".pfm", ".exr", ".npy", ".npz
 """Suffixes of the formats that `read_depth` reads."""
 
 MILLIMETRES = 1000.0  # units per metre
-MOST_PIXELS = 1 << 25  # default of the largest image, 33.5 million pixels
+MAX_PIXELS = 1 << 25  # default of the largest image, 33.5 million pixels
 
 
 @checked
@@ -33,7 +33,7 @@ def read_depth(
     path: str | os.PathLike[str],
     *,
     units_per_metre: float = MILLIMETRES,
-    max_pixels: int = MOST_PIXELS,
+    max_pixels: int = MAX_PIXELS,
 ) -> NDArray[np.uint16] | NDArray[np.float32]:
     """Read a depth image; 0 and NaN mean no measurement.
 
@@ -82,7 +82,7 @@ def read_depth(
 
 
 def read_stored_depth(
-    path: str | os.PathLike[str], *, max_pixels: int = MOST_PIXELS, may_be_narrow: bool = False
+    path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS, may_be_narrow: bool = False
 ) -> NDArray[Any]:
     """Read the stored numbers of a depth image, without conversion of units; see `read_depth`.
 
@@ -116,7 +116,7 @@ def _read(
 
 @checked
 def read_pixel_map(
-    path: str | os.PathLike[str], *, max_pixels: int = MOST_PIXELS
+    path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS
 ) -> NDArray[np.bool_ | np.uint8 | np.uint16 | np.float32 | np.float64]:
     """Read one number per pixel of a depth image, such as a mask or confidences.
 

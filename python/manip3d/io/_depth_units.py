@@ -12,7 +12,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
-from manip3d.io._depth_files import MILLIMETRES, MOST_PIXELS, read_stored_depth
+from manip3d.io._depth_files import MAX_PIXELS, MILLIMETRES, read_stored_depth
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -206,7 +206,7 @@ def describe_unit(unit: str) -> str:
 
 @checked
 def read_depth_guessing(
-    path: str | os.PathLike[str], *, unit: str | float = "guess", max_pixels: int = MOST_PIXELS
+    path: str | os.PathLike[str], *, unit: str | float = "guess", max_pixels: int = MAX_PIXELS
 ) -> DepthReading:
     """Read a depth image whose unit is not known for certain.
 

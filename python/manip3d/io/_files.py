@@ -24,7 +24,7 @@ def check_regular(path: str | os.PathLike[str]) -> None:
 
 
 _POINTER = b"version https://git-lfs.github.com/spec/"
-_MOST_POINTER = 1024  # a pointer file has fewer bytes, by the specification of Git LFS
+_MAX_POINTER = 1024  # a pointer file has fewer bytes, by the specification of Git LFS
 
 
 def refuse_pointer(path: str | os.PathLike[str]) -> None:
@@ -41,7 +41,7 @@ def refuse_pointer(path: str | os.PathLike[str]) -> None:
         about = os.stat(path)
     except OSError:  # the caller's reader reports it, after it has checked the name
         return
-    if not stat.S_ISREG(about.st_mode) or about.st_size >= _MOST_POINTER:
+    if not stat.S_ISREG(about.st_mode) or about.st_size >= _MAX_POINTER:
         return
     with open_regular(path) as file:
         is_pointer = file.read(len(_POINTER)) == _POINTER

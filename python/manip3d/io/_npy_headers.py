@@ -9,7 +9,7 @@ import numpy as np
 
 from manip3d.errors import FormatError
 
-MOST_HEADER = 1 << 16
+MAX_HEADER = 1 << 16
 """Largest size of a header, in bytes."""
 
 
@@ -21,14 +21,14 @@ def read_npy_header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], 
     FormatError
         The header is missing or damaged, or describes Python objects.
     """
-    stream = io.BytesIO(data[:MOST_HEADER])
+    stream = io.BytesIO(data[:MAX_HEADER])
     try:
         version = np.lib.format.read_magic(stream)
         read_header = {
             (1, 0): np.lib.format.read_array_header_1_0,
             (2, 0): np.lib.format.read_array_header_2_0,
         }[version]
-        shape, is_fortran, dtype = read_header(stream, max_header_size=MOST_HEADER)
+        shape, is_fortran, dtype = read_header(stream, max_header_size=MAX_HEADER)
     except Exception as error:  # the header is a Python literal, so errors have various types
         raise FormatError("expected a header of a .npy file", byte_offset=0) from error
     if any(type(side) is not int for side in shape) or dtype.hasobject:

@@ -35,10 +35,10 @@ _OBJECT_STORES = frozenset(
     {"abfs", "abfss", "adl", "az", "gcs", "gs", "memory", "oss", "r2", "s3", "s3a"}
 )
 _BLOCK = 1 << 20  # bytes per read
-_MOST_COMPANIONS = 256  # largest number of files that are downloaded with a file
-_MOST_TEXT = 64 << 20  # bytes of a compressed or remote file that are searched for names
-_MOST_GLTF = 1 << 30  # bytes of a .gltf file that are searched for names
-_MOST_WORDS = 32  # largest number of words in an .mtl statement at which a name may begin
+_MAX_COMPANIONS = 256  # largest number of files that are downloaded with a file
+_MAX_TEXT = 64 << 20  # bytes of a compressed or remote file that are searched for names
+_MAX_GLTF = 1 << 30  # bytes of a .gltf file that are searched for names
+_MAX_WORDS = 32  # largest number of words in an .mtl statement at which a name may begin
 _CONTINUED = re.compile(rb"\\\r?\n")
 _TAILS = re.compile(r"(?=\s(\S.*))")
 _END_OF_HEADER = re.compile(rb"^end_header", re.MULTILINE)
@@ -271,7 +271,7 @@ def _fetch_companions(
     while waiting:
         for name in companions(waiting.pop()):
             local = copy.parent / name
-            if local in seen or len(seen) > _MOST_COMPANIONS:
+            if local in seen or len(seen) > _MAX_COMPANIONS:
                 continue
             seen.add(local)
             local.parent.mkdir(parents=True, exist_ok=True)
@@ -303,7 +303,7 @@ def named_beside(source: str) -> Iterator[str]:
                 system, remote = filesystem(source)
                 path = folder / PurePosixPath(remote).name
                 with naming_remote(source):
-                    _fetch(system, remote, path, _MOST_TEXT, source)
+                    _fetch(system, remote, path, _MAX_TEXT, source)
             for name in companions(path):
                 yield f"{place}/{name}" if place else str(name)
     except (OSError, Error):
@@ -333,7 +333,7 @@ def _files_below(text: str, suffix: str) -> Iterator[PurePosixPath]:
     if suffix == ".obj":  # a name with spaces, or several names
         parts = whole.split()
     elif suffix == ".mtl" and whole.startswith("-"):  # options before a name: -bm 0.5 my image.png
-        parts = [match[1] for match in islice(_TAILS.finditer(whole), _MOST_WORDS)]
+        parts = [match[1] for match in islice(_TAILS.finditer(whole), _MAX_WORDS)]
     for name in dict.fromkeys([whole, *parts]):
         plain_name = urllib.parse.unquote(name) if suffix == ".gltf" else name
         relative = PurePosixPath(plain_name)
@@ -350,19 +350,19 @@ def _plain_suffix(path: PurePosixPath | Path) -> str:
 def _texts_of(path: Path, suffix: str) -> Iterator[bytes]:
     """Yield the content of a file in blocks of whole lines, to save memory.
 
-    A compressed file is read up to `_MOST_TEXT` bytes, so that a hostile one cannot expand without
+    A compressed file is read up to `_MAX_TEXT` bytes, so that a hostile one cannot expand without
     limit; a PLY file, up to the end of its header. A glTF file is yielded as one block, because an
     entry may span several lines.
     """
     packing = path.suffix.lower()
     opened: Any = {".gz": gzip.open, ".xz": lzma.open}.get(packing, open)
-    most = _MOST_TEXT if packing in (".gz", ".xz") else sys.maxsize
+    most = _MAX_TEXT if packing in (".gz", ".xz") else sys.maxsize
     try:
         with opened(path, "rb") as stream:
             if suffix == ".ply":
                 yield _END_OF_HEADER.split(stream.read(_BLOCK), maxsplit=1)[0]
             elif suffix == ".gltf":
-                yield stream.read(min(most, _MOST_GLTF))
+                yield stream.read(min(most, _MAX_GLTF))
             else:
                 yield from _lines_of(stream, most)
     except (

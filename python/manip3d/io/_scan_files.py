@@ -44,7 +44,7 @@ EXPORTED_SUFFIXES: tuple[str, ...] = tuple(s for s in SCAN_SUFFIXES if s not in 
 """Suffixes that count only in a folder without other scans: exports of other programs."""
 
 _PLY_HEADER_BYTES = 1 << 16  # bytes of a PLY file in which the header must end
-_HEAD_BYTES, _HEAD_LINES, _MOST_COLUMNS = 4096, 8, 24
+_HEAD_BYTES, _HEAD_LINES, _MAX_COLUMNS = 4096, 8, 24
 """A text file is recognised as points by its first 4096 bytes or 8 lines, with at most 24 columns;
 files with poses or navigation data of a car have more columns, or other names."""
 
@@ -393,7 +393,7 @@ def holds_points(path: Path) -> bool:
         head = file.read(_HEAD_BYTES).decode("utf-8", "replace")
     for line in head.splitlines()[:_HEAD_LINES]:
         cells = [cell.strip('"').lower() for cell in re.split(r"[;,\s]+", line.strip("\ufeff#/ "))]
-        if len(cells) > _MOST_COLUMNS:
+        if len(cells) > _MAX_COLUMNS:
             return False
         if {"x", "y", "z"} <= set(cells) or any(cell.startswith("points") for cell in cells):
             return True

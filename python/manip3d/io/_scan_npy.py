@@ -14,7 +14,7 @@ from manip3d._util.callers import caller_level
 from manip3d.errors import FormatError
 from manip3d.io._files import atomic_path, open_regular
 from manip3d.io._limits import check_points
-from manip3d.io._npy_headers import MOST_HEADER, read_npy_header
+from manip3d.io._npy_headers import MAX_HEADER, read_npy_header
 from manip3d.io._scan_tables import (
     Column,
     Table,
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-_FEWEST, _MOST = 3, 8
+_MIN, _MAX = 3, 8
 """Number of values per point; no depth image is that narrow."""
-_LEAST_SIDE = 2
+_MIN_SIDE = 2
 """Smallest number of rows and of columns of an organised cloud."""
 _NAMES = ("x", "y", "z", "intensity")
 
@@ -45,7 +45,7 @@ def is_npy_scan(path: str | os.PathLike[str]) -> bool:
         The file cannot be read.
     """
     with open_regular(path) as file:
-        return is_scan(file.read(MOST_HEADER))
+        return is_scan(file.read(MAX_HEADER))
 
 
 def is_scan(head: bytes) -> bool:
@@ -54,9 +54,9 @@ def is_scan(head: bytes) -> bool:
         shape, _, dtype, _ = read_npy_header(head)
     except FormatError:
         return False
-    is_list = len(shape) == 2 and shape[0] > _MOST
-    is_image = len(shape) == 3 and min(shape[:2]) >= _LEAST_SIDE
-    is_narrow = (is_list or is_image) and _FEWEST <= shape[-1] <= _MOST
+    is_list = len(shape) == 2 and shape[0] > _MAX
+    is_image = len(shape) == 3 and min(shape[:2]) >= _MIN_SIDE
+    is_narrow = (is_list or is_image) and _MIN <= shape[-1] <= _MAX
     return dtype.names is not None or (is_narrow and dtype.kind == "f")
 
 
@@ -167,12 +167,12 @@ def _layout(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Column, ...]:
         assert dtype.fields is not None
         found = [(name, *_kind(dtype.fields[name][0])) for name in dtype.names]
         return tuple(column for column in found if column[2] > 0)
-    if len(shape) not in (2, 3) or not _FEWEST <= shape[-1] <= _MOST or dtype.kind not in "iuf":
+    if len(shape) not in (2, 3) or not _MIN <= shape[-1] <= _MAX or dtype.kind not in "iuf":
         raise FormatError(
-            f"expected (N, {_FEWEST}) to (N, {_MOST}) numbers, (H, W, {_FEWEST}) and more of the "
+            f"expected (N, {_MIN}) to (N, {_MAX}) numbers, (H, W, {_MIN}) and more of the "
             f"pixels of an image, or a structured array, got {dtype} {shape}"
         )
-    names = [*_NAMES, *(f"column_{i}" for i in range(5, _MOST + 1))]
+    names = [*_NAMES, *(f"column_{i}" for i in range(5, _MAX + 1))]
     return tuple((name, _kind(dtype)[0], 1) for name in names[: shape[-1]])
 
 

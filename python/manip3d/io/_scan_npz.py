@@ -16,7 +16,7 @@ from manip3d.errors import Error, FormatError
 from manip3d.io import _scan_npy
 from manip3d.io._files import atomic_path, open_regular
 from manip3d.io._limits import check_points
-from manip3d.io._npy_headers import MOST_HEADER, read_npy_header
+from manip3d.io._npy_headers import MAX_HEADER, read_npy_header
 from manip3d.io._scan_tables import (
     Table,
     frame_of_table,
@@ -56,7 +56,7 @@ def is_npz_scan(path: str | os.PathLike[str]) -> bool:
             if len(arrays) != 1:
                 return False
             with archive.open(next(iter(arrays.values()))) as member:
-                return _scan_npy.is_scan(member.read(MOST_HEADER))
+                return _scan_npy.is_scan(member.read(MAX_HEADER))
     except OSError:
         raise
     except Exception:  # zipfile and zlib raise various types for damaged files

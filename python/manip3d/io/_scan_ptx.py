@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
     Doubles = NDArray[np.float64]
 
-_LEAST_ROW = 6
+_MIN_ROW = 6
 """Size of the shortest point in bytes: ``0 0 0`` and the end of the line."""
 _LONGEST_LINE = 1000  # bytes of a line that are parsed; points have about 60
-_MOST_DIGITS = 9  # largest number of digits in the number of columns or rows
+_MAX_DIGITS = 9  # largest number of digits in the number of columns or rows
 _COLORS = ("red", "green", "blue")
 _NO_INTENSITY = 0.5
 """Leica's programs write this value for an unknown intensity."""
@@ -93,7 +93,7 @@ class _Lines:
     def whole(self) -> int:
         """Read a line with a single integer of at most nine digits."""
         line = next(iter(self), b"").strip()
-        if not line.isdigit() or len(line) > _MOST_DIGITS:
+        if not line.isdigit() or len(line) > _MAX_DIGITS:
             raise self.error(f"expected the number of columns or rows, got {_shown(line)}")
         return int(line)
 
@@ -109,7 +109,7 @@ def _read_one(lines: _Lines, size: int, index: int) -> LidarFrame:
     """Read one scan: numbers of columns and rows, scanner position and axes, matrix, points."""
     shape = lines.whole(), lines.whole()
     count = shape[0] * shape[1]
-    if count * _LEAST_ROW > size:
+    if count * _MIN_ROW > size:
         raise lines.error(f"{shape[0]} x {shape[1]} points are more than the file holds")
     check_points(count, lines.name)
     position = lines.numbers(3)

@@ -46,7 +46,7 @@ _LARGEST = 1e9
 are larger."""
 _FAR = 8192.0
 """Metres; beyond this distance from 0, the spacing of float32 is about 1 mm (2**-10 m) or more."""
-_MOST_OF = (0.1, 0.5, 0.9)
+_MAX_OF = (0.1, 0.5, 0.9)
 """Quantiles of coordinates: the range of 80 % of the points, and its middle."""
 _INTENSITY = ("intensity", "reflectance", "reflectivity", "remission", "i")
 _RING = ("ring", "channel", "laser_id")
@@ -382,7 +382,7 @@ def near_zero(stored: NDArray[Any]) -> NDArray[np.float64]:
     farthest = np.abs(stored).max(axis=1)
     if np.median(farthest) > _FAR and farthest.max() <= np.finfo(np.float32).max:
         wide = stored.astype(np.float64, copy=False)
-        low, middle, high = np.quantile(wide, _MOST_OF, axis=0, method="nearest")
+        low, middle, high = np.quantile(wide, _MAX_OF, axis=0, method="nearest")
         if np.abs(middle).max() > (high - low).max():
             matrix[:3, 3] = np.round(middle)
     return matrix

@@ -33,7 +33,7 @@ START = b"PK\x03\x04"
 
 _RELATIONS = "_rels/.rels"
 _MODEL = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
-_MOST_BYTES, _MOST_RATIO = 64 << 20, 100
+_MAX_BYTES, _MAX_RATIO = 64 << 20, 100
 """Limits of the memory of a build, which may use a mesh many times: bytes, and ratio to the file's
 size; the larger one holds, as for glTF."""
 _BYTES_A_FACE, _BYTES_A_VERTEX = 50, 24
@@ -96,7 +96,7 @@ def read(data: bytes, limit: int, look: _Look = None) -> tuple[Mesh, list[str]]:
                 sum(entry.file_size for entry in archive.infolist()), len(data), limit, ""
             )
             model = _read_parts(archive, look)
-            most = limit or max(_MOST_BYTES, _MOST_RATIO * len(data))
+            most = limit or max(_MAX_BYTES, _MAX_RATIO * len(data))
             return _Assembly(model, archive, most).mesh(), model.warnings
     except (Error, MemoryError):
         raise

@@ -24,9 +24,9 @@ DEPTH_ENDING = "_depth.mat"
 _SIZE = (240, 320)  # rows and columns of the depth images
 _JOINTS = 20  # joints of a Kinect V1 skeleton
 _FARTHEST_M = 1000.0  # largest plausible coordinate of a joint; others are errors of unit
-_MOST_BYTES = 1 << 28  # a trial of 4 s has 0.2 MB, so that one of an hour would have 200 MB
+_MAX_BYTES = 1 << 28  # a trial of 4 s has 0.2 MB, so that one of an hour would have 200 MB
 _UNCOMPRESSED = 1 << 26  # up to this number of bytes, a variable may have any compression ratio
-_MOST_RATIO = 200  # largest compression ratio of a larger variable; the data set's trials have 60
+_MAX_RATIO = 200  # largest compression ratio of a larger variable; the data set's trials have 60
 _TABLE = "joints.csv"
 # Codes of the MATLAB 5 format: types of data elements, of numbers, and classes of numeric arrays.
 _MATRIX, _COMPRESSED = 14, 15
@@ -126,7 +126,7 @@ def _skeleton_beside(trial: Path) -> Path:
 
 def _variable(path: Path, name: str, shape: tuple[int, int]) -> NDArray[Any]:
     """Read a variable of a MATLAB 5 file, and move its last axis, time, to the front."""
-    content = limited_bytes(path, _MOST_BYTES)
+    content = limited_bytes(path, _MAX_BYTES)
     try:
         found = _matlab_arrays(content)
     except (ValueError, struct.error, zlib.error, LookupError) as error:
@@ -141,14 +141,14 @@ def _variable(path: Path, name: str, shape: tuple[int, int]) -> NDArray[Any]:
 def _matlab_arrays(content: bytes) -> dict[str, NDArray[Any]]:
     """Return the real numeric arrays of a MATLAB 5 file (MathWorks, "MAT-File Format")."""
     order = {b"IM": "<", b"MI": ">"}[content[126:128]]
-    most = max(_UNCOMPRESSED, _MOST_RATIO * len(content))
+    most = max(_UNCOMPRESSED, _MAX_RATIO * len(content))
     arrays = {}
     for kind, data in _elements(content[128:], order):
         if kind == _COMPRESSED:
             unpacking = zlib.decompressobj()
             unpacked = unpacking.decompress(data, most)
             if unpacking.unconsumed_tail:
-                raise ValueError(f"expected a compression by at most {_MOST_RATIO}, got more")
+                raise ValueError(f"expected a compression by at most {_MAX_RATIO}, got more")
             kind, data = next(_elements(unpacked, order), (0, b""))
         if kind != _MATRIX:
             continue
@@ -196,7 +196,7 @@ def _png_trial(
             told = f"expected {_SIZE[1]} x {_SIZE[0]} pixels, as UTD-MHAD has, got "
             raise FormatError(told + f"{image.shape[1]} x {image.shape[0]}", file=str(path))
     table = folder / _TABLE
-    lines = limited_bytes(table, _MOST_BYTES).decode("utf-8", "replace").splitlines()
+    lines = limited_bytes(table, _MAX_BYTES).decode("utf-8", "replace").splitlines()
     numbers = [number for number, line in enumerate(lines, 1) if number > 1 and line.strip()]
     text = [lines[number - 1] for number in numbers]
     options: dict[str, Any] = {"delimiter": ",", "usecols": (0, 1, 3, 4, 5), "ndmin": 2}

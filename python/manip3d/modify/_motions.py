@@ -32,7 +32,7 @@ _LEG = 0.85
 _OPTIONAL = {"HandLeft", "HandRight", "FootLeft", "FootRight", "Spine"}
 """Joints that a file may lack."""
 _AWAY = 2.5  # metres from the camera to the base of the spine in the first frame
-_MOST_SKELETONS = 1 << 20
+_MAX_SKELETONS = 1 << 20
 """Largest number of skeletons, which bounds the memory that a wrong rate can ask for."""
 
 
@@ -106,8 +106,8 @@ def _frames_at(count: int, frame_s: float, rate: float | None) -> NDArray[np.int
     if rate is None:
         return np.arange(count)
     wanted = int((count - 1) * frame_s * rate + 1e-6) + 1
-    if wanted > _MOST_SKELETONS:
-        raise InputError(f"rate: expected at most {_MOST_SKELETONS} skeletons, got {wanted}")
+    if wanted > _MAX_SKELETONS:
+        raise InputError(f"rate: expected at most {_MAX_SKELETONS} skeletons, got {wanted}")
     nearest = np.rint(np.arange(wanted) / (rate * frame_s)).astype(np.intp)
     return np.asarray(np.minimum(nearest, count - 1))
 

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 __all__ = ["LiveReport", "run_live", "simulated_patient"]
 
 _ENDLESS = 1 << 31  # number of frames of a simulated person, more than any session has
-_MOST_UNREAD = 100  # number of consecutive unreadable frames after which a recording is given up
+_MAX_UNREAD = 100  # number of consecutive unreadable frames after which a recording is given up
 _AGAIN_S = 1.0  # seconds between attempts to open a camera that was disconnected
 
 
@@ -491,7 +491,7 @@ def _until_the_end(source: RgbdSource, end: float) -> Iterator[RgbdFrame | str]:
             continue
         except (FormatError, OSError):
             unread += 1
-            if unread > _MOST_UNREAD:
+            if unread > _MAX_UNREAD:
                 raise
             is_there = not source.is_live
             yield "A frame of the recording cannot be read."

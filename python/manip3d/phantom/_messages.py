@@ -15,7 +15,7 @@ from manip3d.phantom._touch import MODES, STATEMENTS
 from manip3d.phantom.games import GAMES
 from manip3d.serve import Kind
 
-MOST_GAIN = 2.0
+MAX_GAIN = 2.0
 """Largest gain of virtual enhancement."""
 
 LIMBS: Sequence[Limb] = ("left_arm", "right_arm", "left_leg", "right_leg")
@@ -45,7 +45,7 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "limb": {"limb": Kind(str, choices=LIMBS)},
     "patient": {"which": Kind(int, 1, 2**31)},
     "calibrate": {},
-    "gain": {"value": Kind(float, 1, MOST_GAIN)},
+    "gain": {"value": Kind(float, 1, MAX_GAIN)},
     "touch": {"mode": Kind(str, choices=(*MODES, "off"))},
     "ownership": {"mode": Kind(str, choices=MODES)}
     | {f"q{number}": Kind(int, -3, 3) for number in range(1, len(STATEMENTS) + 1)}

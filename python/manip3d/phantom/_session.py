@@ -14,7 +14,7 @@ from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState, repose
 from manip3d.phantom._felt import LIMITS, FeltLimb, felt_places
-from manip3d.phantom._messages import MESSAGES, MOST_GAIN, NOT_LOST, Inbox
+from manip3d.phantom._messages import MAX_GAIN, MESSAGES, NOT_LOST, Inbox
 from manip3d.phantom._play import Play, rounded
 from manip3d.phantom._recorder import GameSummary, Recorder
 from manip3d.phantom._setup import PlacementCalibration, placement_checks
@@ -89,7 +89,7 @@ class LiveSession:
             ("difficulty", difficulty, 1, 3),
             ("seed", seed, 0, 2**62),
             ("jpeg_quality", jpeg_quality, 1, 100),
-            ("gain", gain, 1, MOST_GAIN),
+            ("gain", gain, 1, MAX_GAIN),
         ):
             if not low <= value <= high:
                 raise InputError(f"{name}: expected {low:g} to {high:g}, got {value}")

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from manip3d.modify import PhantomFrame
 
 NEAREST_M, FARTHEST_M = 1.4, 3.6
-MOST_TURN = 25.0
+MAX_TURN = 25.0
 """Largest turn of the shoulders away from the camera, degrees. Beyond it, too much of the mirrored
 surface faces away from the camera."""
-LEAST_VISIBLE = 0.9
-LEAST_RATE = 20.0
+MIN_VISIBLE = 0.9
+MIN_RATE = 20.0
 MARGIN = 0.01
 """Width of the image's border, as a share of its sides, in which joints count as outside."""
 
@@ -78,15 +78,15 @@ def placement_checks(
         _facing(skeleton),
         Check(
             "Intact limb seen",
-            shown.visible >= LEAST_VISIBLE,
-            "" if shown.visible >= LEAST_VISIBLE else "Nothing may be before the intact limb.",
+            shown.visible >= MIN_VISIBLE,
+            "" if shown.visible >= MIN_VISIBLE else "Nothing may be before the intact limb.",
         ),
     ]
     if people > 1:
         advice = "" if is_chosen else "Say below who the patient is, or ask the others to step out."
         checks.append(Check("One patient", is_chosen, advice))
     if rate > 0.0:
-        is_met = rate >= LEAST_RATE
+        is_met = rate >= MIN_RATE
         advice = "" if is_met else f"Only {rate:.0f} pictures a second: close other programs."
         checks.append(Check("Pictures in time", is_met, advice))
     return checks
@@ -126,7 +126,7 @@ def _facing(skeleton: Skeleton) -> Check:
         return Check(name, False, "Turn both shoulders to the camera.")
     # The right shoulder of a person who faces the camera has a smaller x than the left one.
     turn = math.degrees(math.acos(min(1.0, max(-1.0, -float(across[0])))))
-    if turn <= MOST_TURN:
+    if turn <= MAX_TURN:
         return Check(name, True)
     return Check(name, False, f"Turn to the camera: {turn:.0f} degrees away now.")
 

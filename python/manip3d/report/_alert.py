@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     )
     from manip3d.lidar import LidarFrame
 
-_MOST_SCENES = 12  # largest number of frames with pictures
-_MOST_ROWS = 200  # largest number of rows in the table of frames
+_MAX_SCENES = 12  # largest number of frames with pictures
+_MAX_ROWS = 200  # largest number of rows in the table of frames
 _DOTS = 2500  # largest number of points in a view from above
 _REACH = 45.0  # metres ahead of the car in the view from above
 _SIDE = 22.0  # metres to each side of the car
@@ -135,7 +135,7 @@ class AlertTimeline:
             return
         # The first frame of an attack is graver by 1, so that its pictures are kept.
         gravity = _gravity(record) + (is_new and alert.verdict == "tampered")
-        if len(self._scenes) == _MOST_SCENES:
+        if len(self._scenes) == _MAX_SCENES:
             least = min(self._scenes, key=lambda scene: (scene.gravity, -scene.number))
             if least.gravity >= gravity:
                 return
@@ -228,7 +228,7 @@ class AlertTimeline:
             + "<h2>Timeline</h2>"
             + _timeline(strip, self._levels)
             + (f"<h2>What was seen</h2>{_legend(self._scenes)}{scenes}" if scenes else "")
-            + _table(*self.gravest(_MOST_ROWS))
+            + _table(*self.gravest(_MAX_ROWS))
             + "<p class=fine>A watermark protects a scan from where it is embedded to where it is "
             "verified. Cameras judge only what both they and the LiDAR see; where they contradict "
             f"each other, either may be wrong. manip3d {html.escape(__version__)}</p></html>\n"

@@ -45,7 +45,7 @@ DEEPEST = 12.0
 P_VALUES = (("generic", "#0072B2", 2.5), ("turns", "#D55E00", 4.0), ("reflectance", "#009E73", 5.5))
 """Detectors whose p-values are drawn, with the colour and radius (pixels) of their circles."""
 
-MOST_ROWS = 500
+MAX_ROWS = 500
 """Largest number of rows in the table; further rows are counted."""
 
 
@@ -353,8 +353,8 @@ def _table(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
     if not rows:
         return ""
     header = "<tr><th>scan<th>verdict<th>why<th>p at most<th>regions</tr>"
-    more = "" if len(rows) <= MOST_ROWS else f"<p>and {len(rows) - MOST_ROWS} more</p>"
+    more = "" if len(rows) <= MAX_ROWS else f"<p>and {len(rows) - MAX_ROWS} more</p>"
     return (
         "<h2>Scans of which something is said</h2>"
-        f"<div class=wide><table>{header}{''.join(rows[:MOST_ROWS])}</table></div>{more}"
+        f"<div class=wide><table>{header}{''.join(rows[:MAX_ROWS])}</table></div>{more}"
     )

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
         Region,
     )
 
-_MOST_ROWS, _MOST_COLUMNS = 600, 1600  # largest size of the occlusion map, pixels
-_MOST_REGIONS = 24  # largest number of regions that are drawn
+_MAX_ROWS, _MAX_COLUMNS = 600, 1600  # largest size of the occlusion map, pixels
+_MAX_REGIONS = 24  # largest number of regions that are drawn
 
 
 @checked
@@ -139,7 +139,7 @@ def _shrunk(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the mask reduced to at most 1600 columns and 600 rows, by the maximum of blocks."""
     down, across = (
         max(1, -(-size // most))
-        for size, most in zip(mask.shape, (_MOST_ROWS, _MOST_COLUMNS), strict=True)
+        for size, most in zip(mask.shape, (_MAX_ROWS, _MAX_COLUMNS), strict=True)
     )
     rows, columns = (
         -(-size // step) for size, step in zip(mask.shape, (down, across), strict=True)
@@ -180,15 +180,15 @@ def _insignificance(region: Region) -> tuple[float, float]:
 def _how_many(inspection: Inspection) -> str:
     """Return a phrase with the number of drawn regions; empty if all are drawn."""
     count = len(_drawn_regions(inspection))
-    if count <= _MOST_REGIONS:
+    if count <= _MAX_REGIONS:
         return ""
-    return f"; the {_MOST_REGIONS} most significant of {count}, the table has all"
+    return f"; the {_MAX_REGIONS} most significant of {count}, the table has all"
 
 
 def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure | None:
     """Return crops of the range image around the regions of the accusing detector."""
     scan = inspection.scan
-    shown = _drawn_regions(inspection)[:_MOST_REGIONS]
+    shown = _drawn_regions(inspection)[:_MAX_REGIONS]
     if scan is None or not shown:
         return None
     figure = figure_type(figsize=(8, 2.6 * len(shown)), layout="constrained")

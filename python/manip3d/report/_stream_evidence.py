@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from manip3d.authenticate import StreamInspection
 
-_MOST_FRAMES = 6  # largest number of frames that are shown
+_MAX_FRAMES = 6  # largest number of frames that are shown
 _MARK = np.array([230.0, 94.0, 0.0])  # red, green and blue of inserted pixels
 _WIDTH, _HEIGHT = 720, 180  # size of a curve in SVG user units
 
@@ -145,7 +145,7 @@ def _facts(inspection: StreamInspection, source: str) -> str:
 def _frames(inspection: StreamInspection, frames: Sequence[RgbdFrame]) -> str:
     """Return pictures of up to six frames, evenly spread over the stream."""
     masks = dict(zip(inspection.numbers.tolist(), inspection.masks, strict=False))
-    places = np.linspace(0, len(frames) - 1, min(_MOST_FRAMES, len(frames))).round().astype(int)
+    places = np.linspace(0, len(frames) - 1, min(_MAX_FRAMES, len(frames))).round().astype(int)
     shown = []
     for place in places.tolist():
         frame = frames[place]

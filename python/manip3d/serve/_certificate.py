@@ -16,7 +16,7 @@ from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io._files import limited_bytes, write_new
 
-_MOST_BYTES = 65536  # a key and a certificate take 2000
+_MAX_BYTES = 65536  # a key and a certificate take 2000
 
 DAYS = 397
 """For which a new certificate is valid; browsers refuse some that are valid for longer."""
@@ -151,7 +151,7 @@ def kept_certificate(path: str | os.PathLike[str], host: str) -> Certificate:
     """
     target = path_of(path)
     with contextlib.suppress(FileNotFoundError):
-        found = _certificate(limited_bytes(target, _MOST_BYTES), str(target))
+        found = _certificate(limited_bytes(target, _MAX_BYTES), str(target))
         if found.host != str(address_of(host)):
             raise InputError(f"{target}: expected a certificate for {host}, got {found.host}")
         if found.until <= datetime.now(UTC):

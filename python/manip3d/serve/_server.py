@@ -43,12 +43,12 @@ START_SECONDS = 10.0
 GOODBYE_SECONDS = 0.5
 """Seconds for which a closing encrypted connection waits for the client's closing message."""
 _HISTORY = 1000  # latencies kept per client: half a minute at 30 frames a second
-_MOST_REASONS = 64  # different reasons in `LocalServer.refused`; further ones are "other reasons"
-_MOST_REASON_BYTES = 200
+_MAX_REASONS = 64  # different reasons in `LocalServer.refused`; further ones are "other reasons"
+_MAX_REASON_BYTES = 200
 CODE_SECONDS = 120.0
 """Seconds for which a code of `LocalServer.new_code` is valid."""
 _CODE_ATTEMPTS = 5  # wrong codes, from all strangers together, after which a code is void
-_MOST_CLOCK_SKEW_MS = 60_000.0  # a page whose clock is farther off is on another machine
+_MAX_CLOCK_SKEW_MS = 60_000.0  # a page whose clock is farther off is on another machine
 
 
 class _RequestLog(logging.Handler):
@@ -246,7 +246,7 @@ class StreamClient:
             raise FormatError(f"sequence: expected a frame in flight, got {sequence}")
         self.acknowledged += 1
         self._round_trips.append((time.time_ns() - captured_ns) / 1e6)
-        if decoded_ms is not None and abs(decoded_ms - captured_ns / 1e6) < _MOST_CLOCK_SKEW_MS:
+        if decoded_ms is not None and abs(decoded_ms - captured_ns / 1e6) < _MAX_CLOCK_SKEW_MS:
             self._latencies.append(decoded_ms - captured_ns / 1e6)
         self._changed.set()
 
@@ -615,8 +615,8 @@ class LocalServer:
             transport.abort()
 
     def _refuse(self, reason: str) -> None:
-        counted = _cut(reason, _MOST_REASON_BYTES).decode()
-        if counted not in self.refused and len(self.refused) >= _MOST_REASONS:
+        counted = _cut(reason, _MAX_REASON_BYTES).decode()
+        if counted not in self.refused and len(self.refused) >= _MAX_REASONS:
             counted = "other reasons"  # some reasons quote clients, who could fill the memory
         self.refused[counted] += 1
         LOG.warning("refused: %s", counted)

@@ -15,9 +15,9 @@ from manip3d.errors import InputError
 Item = TypeVar("Item")
 
 SECOND_NS = 1_000_000_000
-LEAST_POINTS = 3
+MIN_POINTS = 3
 _AIM = 0.97  # share of the allowed bytes to aim at, because a size is only predicted
-_MOST_TRIES = 8
+_MAX_TRIES = 8
 
 
 @dataclass(frozen=True)
@@ -109,10 +109,10 @@ def fit_bytes(
     fits: tuple[Item, int, int] | None = None
     too_large: tuple[int, int] | None = None
     most = 0  # points of the best item that fits
-    points = _clamp(guess, LEAST_POINTS, most_points)
+    points = _clamp(guess, MIN_POINTS, most_points)
     slope = bytes_per_point
     before: tuple[int, int] | None = None
-    for number in range(_MOST_TRIES):
+    for number in range(_MAX_TRIES):
         item, count, size = make(points)
         if (
             before is not None
@@ -125,20 +125,20 @@ def fit_bytes(
             is_all = points == most_points or (count < points and 0 < count <= most)
             best = item if fits is None or count > most else fits[0]
             fits, most = (best, points, size), max(count, most)
-            if is_all or size >= least_share * allowance or number == _MOST_TRIES - 1:
+            if is_all or size >= least_share * allowance or number == _MAX_TRIES - 1:
                 return best
         else:
             too_large = points, size
-            if points == LEAST_POINTS:
+            if points == MIN_POINTS:
                 return None
-        low = LEAST_POINTS if fits is None else fits[1] + 1
+        low = MIN_POINTS if fits is None else fits[1] + 1
         high = most_points if too_large is None else too_large[0] - 1
         if low > high:
             break
         points = _clamp(points + (_AIM * allowance - size) / max(slope, 1e-3), low, high)
     if fits is not None:
         return fits[0]
-    item, _, size = make(LEAST_POINTS)
+    item, _, size = make(MIN_POINTS)
     return item if size <= allowance else None
 
 

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
     from manip3d._util.options import Progress
 
-_MOST_TRIES = 4
+_MAX_TRIES = 4
 _READ, _PREPARED, _JOINED = 0.1, 0.5, 0.9  # shares of the work after three of its stages
 _BYTES_PER_PIXEL = 130  # memory of a view for each measured pixel
 
@@ -279,15 +279,15 @@ def _valid_pixels(view: CameraView) -> NDArray[np.bool_]:
 def _filled(join: Join, points: int, report: Report) -> JointSimplification:
     """Join views to at most ``points`` vertices and, if possible, only a few less.
 
-    Joining drops points of surfaces that several views share. Each further try, up to `_MOST_TRIES`
+    Joining drops points of surfaces that several views share. Each further try, up to `_MAX_TRIES`
     in all, asks for as many additional points as were dropped.
     """
-    best = join(points, report=_part(report, 0.0, 1 / _MOST_TRIES))
+    best = join(points, report=_part(report, 0.0, 1 / _MAX_TRIES))
     asked = points + (missing := points - _num_used(best))
-    for number in range(1, _MOST_TRIES):
+    for number in range(1, _MAX_TRIES):
         if not 0.01 * points < missing or asked > best.num_measured:
             break
-        part = _part(report, number / _MOST_TRIES, (number + 1) / _MOST_TRIES)
+        part = _part(report, number / _MAX_TRIES, (number + 1) / _MAX_TRIES)
         found = join(asked, report=part)
         if _num_used(best) < _num_used(found) <= points:
             best, missing = found, points - _num_used(found)

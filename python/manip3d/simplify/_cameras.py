@@ -22,7 +22,7 @@ from manip3d.errors import InputError
 from manip3d.io._images import png_bytes
 from manip3d.mesh import Material, Mesh, Texture
 from manip3d.simplify._arguments import checked_color, count_of, limit_of
-from manip3d.simplify._bandwidth import LEAST_POINTS
+from manip3d.simplify._bandwidth import MIN_POINTS
 from manip3d.simplify._depth import (
     Cs3Result,
     DenseGrid,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 _PLACES = 20_000  # sampled points of `bridges`: a standard error of at most 0.004
-_MOST_COMPARED = 20_000  # pixels of a view; a share of 1 % is known to within 0.1 %
+_MAX_COMPARED = 20_000  # pixels of a view; a share of 1 % is known to within 0.1 %
 
 __all__ = ["CameraView", "JointSimplification", "cs3_cameras", "relief_cameras"]
 
@@ -816,7 +816,7 @@ def relief_cameras(
     >>> 90 < joint.num_vertices <= 100
     True
     """
-    if count_of(target_points, "target_points") < LEAST_POINTS:
+    if count_of(target_points, "target_points") < MIN_POINTS:
         raise InputError(f"target_points: expected at least 3, got {target_points}")
     return relief_joiner(
         views,
@@ -841,11 +841,11 @@ def relief_joiner(
     """Prepare views for `relief_cameras`, once for several numbers of points."""
 
     def choose(view: _View, open_pixels: NDArray[np.bool_], share: int) -> Relief:
-        enough = share >= LEAST_POINTS
+        enough = share >= MIN_POINTS
         return _relief_of_view(
             view,
             open_pixels if enough else np.zeros_like(open_pixels),
-            max(share, LEAST_POINTS),
+            max(share, MIN_POINTS),
             effort,
             max_edge,
             depth_step,
@@ -920,10 +920,10 @@ def _evenly(count: int, most: int) -> NDArray[np.int64]:
 def _num_owned(seen: Sequence[_Seen], threads: int, report: Report) -> list[float]:
     """Estimate for each view how many of its pixels lie on the dense mesh of no earlier view.
 
-    Each view is compared with at most `_MOST_COMPARED` pixels of each later view.
+    Each view is compared with at most `_MAX_COMPARED` pixels of each later view.
     """
     # These arrays hold the compared pixels that lie on no view before `each`.
-    compared = [_evenly(len(each.view.world), _MOST_COMPARED) for each in seen]
+    compared = [_evenly(len(each.view.world), _MAX_COMPARED) for each in seen]
     points = np.concatenate([e.view.world[s] for e, s in zip(seen, compared, strict=True)])
     facing = np.concatenate(
         [e.normals[e.view.valid][s] for e, s in zip(seen, compared, strict=True)]
@@ -1008,8 +1008,8 @@ def _join(
         # The view that shows most gets at least a triangle, for which the views before it leave
         # points.
         if i == largest:
-            share = max(share, LEAST_POINTS)
-        share = max(0, min(share, remaining - (LEAST_POINTS if i < largest else 0)))
+            share = max(share, MIN_POINTS)
+        share = max(0, min(share, remaining - (MIN_POINTS if i < largest else 0)))
         chosen = choose(view, open_pixels, share)
         border = joint.border_in(each.surface.mesh, each.dense_pixels, each.tolerance, threads)
         before = len(joint.vertices)

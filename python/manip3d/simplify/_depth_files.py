@@ -37,7 +37,7 @@ from manip3d.io import (
 )
 from manip3d.io._depth_units import depth_reading
 from manip3d.io._images import read_color
-from manip3d.simplify._bandwidth import LEAST_POINTS, Bandwidth, fit_bytes
+from manip3d.simplify._bandwidth import MIN_POINTS, Bandwidth, fit_bytes
 from manip3d.simplify._depth import DenseImage, DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._organised import (
@@ -71,7 +71,7 @@ SPARSE_WORDS = (
     "here makes a surface of them; in Python, simplify.grid_delaunay joins pixels at any distance"
 )
 """Advice about an image whose result `is_sparse`."""
-_FEWEST_PROJECTED = 50  # fewer lone pixels are noise, not a projected scan
+_MIN_PROJECTED = 50  # fewer lone pixels are noise, not a projected scan
 _NO_CAMERA = (
     "an organised cloud whose points are not those of a camera's pixels: faces across depth steps "
     "stay without a max_edge"
@@ -83,7 +83,7 @@ def is_sparse(lone: int, measured: int) -> bool:
 
     `Measured` defines lone pixels.
     """
-    return 2 * lone > measured and lone >= _FEWEST_PROJECTED
+    return 2 * lone > measured and lone >= _MIN_PROJECTED
 
 
 @dataclass(frozen=True)
@@ -169,8 +169,8 @@ class DepthOptions:
             raise InputError(f"effort: expected one of {', '.join(_EFFORTS)}, got {self.effort!r}")
         if self.method != "relief" and self.effort != "balanced":
             raise InputError(f"effort: can only be given with method relief, got {self.method}")
-        if self.points is not None and not LEAST_POINTS <= self.points < 2**63:
-            raise InputError(f"points: expected {LEAST_POINTS} to 2^63 - 1, got {self.points}")
+        if self.points is not None and not MIN_POINTS <= self.points < 2**63:
+            raise InputError(f"points: expected {MIN_POINTS} to 2^63 - 1, got {self.points}")
         if not 0 <= self.depth_step <= float(np.finfo(np.float32).max):
             raise InputError(f"depth_step: expected >= 0 and finite, got {self.depth_step}")
         for name in ("min_coverage", "max_bridges"):
@@ -198,7 +198,7 @@ class DepthOptions:
         """
         if self.ratio is None:
             return self
-        return replace(self, points=max(LEAST_POINTS, int(self.ratio * measured)), ratio=None)
+        return replace(self, points=max(MIN_POINTS, int(self.ratio * measured)), ratio=None)
 
 
 @dataclass(frozen=True)
@@ -702,7 +702,7 @@ def _write(
 
         fitting = fit_bytes(
             written,
-            most_points=max(LEAST_POINTS, min(options.points or measured.pixels, measured.pixels)),
+            most_points=max(MIN_POINTS, min(options.points or measured.pixels, measured.pixels)),
             allowance=allowance,
             guess=allowance / _BYTES_PER_POINT,
             bytes_per_point=_BYTES_PER_POINT,

@@ -30,7 +30,7 @@ f = 525 pixels a single surface would need a slope of 87.8 degrees (arctan 0.05 
 
 _TAN_78 = math.tan(math.radians(78))
 _NOISE_AT_1_M = 1.425e-3  # metres, standard deviation; the same as in DepthStepOptions
-_MOST_OFF = 0.25  # share of a face's pixels; the same as kMostOff in relief_coverage.cpp
+_MAX_OFF = 0.25  # share of a face's pixels; the same as kMostOff in relief_coverage.cpp
 _BLOCK = 1 << 21  # samples that are processed together
 
 
@@ -201,7 +201,7 @@ def across_steps(
         surface.depth_step,
         surface.focal,
     )
-    crosses[crosses] = (off < 0) | (off > _MOST_OFF)
+    crosses[crosses] = (off < 0) | (off > _MAX_OFF)
     return np.asarray(crosses)
 
 

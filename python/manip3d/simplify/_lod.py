@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from manip3d._util.options import Progress
     from manip3d.mesh import Mesh
 
-_FEWEST = 4  # number of faces below which no model is simplified for a shared budget
+_MIN = 4  # number of faces below which no model is simplified for a shared budget
 
 # Limits of the search for the common error: largest number of runs of each model, ratio of errors
 # below which numbers of faces are interpolated, share of the budget by which the result may miss
 # it, and share of the largest error that counts as zero.
-_MOST_ERRORS = 7
+_MAX_ERRORS = 7
 _ALIKE = 1.2
 _NEAR = 0.01
-_LEAST_ERROR = 1e-6
+_MIN_ERROR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -438,7 +438,7 @@ def _share_by_runs(
     limit = given.pop("max_error", None)
     share = faces / sum(mesh.num_faces for mesh in meshes)
 
-    rounds = iter(shares([1.0] * (_MOST_ERRORS + 2)))
+    rounds = iter(shares([1.0] * (_MAX_ERRORS + 2)))
     parts = shares([mesh.num_faces for mesh in meshes])
 
     def runs(targets: Sequence[int], error: float | None) -> list[QualityResult]:
@@ -447,7 +447,7 @@ def _share_by_runs(
         return [
             run(
                 mesh,
-                target_faces=max(min(_FEWEST, mesh.num_faces), target),
+                target_faces=max(min(_MIN, mesh.num_faces), target),
                 max_error=min(errors, default=None),
                 progress=part(begin + (end - begin) * low, begin + (end - begin) * high),
                 **given,
@@ -457,10 +457,10 @@ def _share_by_runs(
 
     alike = runs([int(share * mesh.num_faces) for mesh in meshes], None)
     most = max(result.max_error for result in alike)
-    least = max(min(result.max_error for result in alike), _LEAST_ERROR * most)
+    least = max(min(result.max_error for result in alike), _MIN_ERROR * most)
     many = np.array([mesh.num_faces for mesh in meshes])
-    few = np.array([min(_FEWEST, mesh.num_faces) for mesh in meshes])
-    for _ in range(_MOST_ERRORS):
+    few = np.array([min(_MIN, mesh.num_faces) for mesh in meshes])
+    for _ in range(_MAX_ERRORS):
         if most <= _ALIKE * least or few.sum() >= (1.0 - _NEAR) * faces:
             break
         error = math.sqrt(least * most)
@@ -492,7 +492,7 @@ def _share_by_records(
     """Apply the collapses of all records in the order of their errors."""
     parts = shares([mesh.num_faces for mesh in meshes])
     results = [
-        _run(mesh, _FEWEST, method, options, part(*own))
+        _run(mesh, _MIN, method, options, part(*own))
         for mesh, own in zip(meshes, parts, strict=True)
     ]
     left = [_faces_left(mesh, r) for mesh, r in zip(meshes, results, strict=True)]

@@ -69,7 +69,7 @@ _CONSTANT = 16 << 20
 _OF_ONE_RUN = frozenset({"max_distance", "importance", "locked"})
 
 _SLACK = 1.25  # least number of faces that the chosen mode starts with, per face of the target
-_FEWEST = 20_000  # least faces of a part; in smaller parts too many faces lie at the borders
+_MIN = 20_000  # least faces of a part; in smaller parts too many faces lie at the borders
 _DEEPEST = 12
 _PART_EXCESS = 1.25  # size of the largest part over the mean, because parts are not equally large
 _CUTS = (0.5, 0.35, 0.6)  # share below the cut in each round; borders move, so that none remains
@@ -149,11 +149,11 @@ def _plan(mesh: Mesh, mode: str, memory: int, target: int) -> _Plan:
         return _Plan(direct=False, faces=left, depth=0)
     for depth in range(1, _DEEPEST + 1):
         size = _PART_EXCESS * num_faces / 2**depth
-        if size < _FEWEST:
+        if size < _MIN:
             break
         if left >= fewest and first_stage(left, size) <= free:
             return _Plan(direct=False, faces=left, depth=depth)
-    needed = sure + max(maps + (mode_bytes + stored) * fewest, first_stage(fewest, 2 * _FEWEST))
+    needed = sure + max(maps + (mode_bytes + stored) * fewest, first_stage(fewest, 2 * _MIN))
     raise InputError(
         f"memory: expected at least {written_size(math.ceil(needed))} to bring {num_faces} faces "
         f"to {target} with mode={mode!r}, got {written_size(memory)}; the process holds "

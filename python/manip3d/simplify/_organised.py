@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 
     from manip3d.io import RangeGrid
 
-_MOST_PIXELS = 20_000
+_MAX_PIXELS = 20_000
 """Largest number of pixels that the camera is fitted to; far more than its parameters need."""
 
-_MOST_OFF = 0.05
+_MAX_OFF = 0.05
 """Largest deviation of a pixel from a pinhole camera, as a share of the image's size; lens
 distortion is smaller."""
 
 
-_MOST_SKEW = 0.02
+_MAX_SKEW = 0.02
 """Largest skew as a share of the focal length; the pixel axes of a camera are perpendicular."""
 
 
-_MOST_ASIDE = 10.0
+_MAX_ASIDE = 10.0
 """Largest distance of the principal point from the image's centre, in sizes of the image. A plane
 in coordinates of a map seems to be seen from their origin, far aside; rays in 32 bits, with which
 cropped images are no problem, would then shift points by decimetres."""
@@ -129,7 +129,7 @@ def _pose(
     rows, cols = np.nonzero(valid)
     if len(rows) < 6:
         return None
-    some = slice(None, None, -(-len(rows) // _MOST_PIXELS))
+    some = slice(None, None, -(-len(rows) // _MAX_PIXELS))
     rows, cols = rows[some], cols[some]
     seen = points[rows, cols]
     middle = seen.mean(axis=0)
@@ -150,7 +150,7 @@ def _pose(
     lens, rotation = r.T[::-1, ::-1], q.T[::-1]
     signs = np.sign(np.diag(lens))
     lens, rotation = lens * signs, signs[:, None] * rotation
-    if not abs(lens[0, 1]) <= _MOST_SKEW * lens[0, 0]:
+    if not abs(lens[0, 1]) <= _MAX_SKEW * lens[0, 0]:
         return None
     centre = -np.linalg.solve(camera[:, :3], camera[:, 3])
     return rotation, middle + scale * centre
@@ -176,7 +176,7 @@ def camera_of_cloud(points: NDArray[np.float64], valid: NDArray[np.bool_]) -> In
     rows, cols = np.nonzero(valid)
     if len(rows) < 3 or not (points[..., 2][valid] > 0.0).all():
         return None
-    some = slice(None, None, -(-len(rows) // _MOST_PIXELS))
+    some = slice(None, None, -(-len(rows) // _MAX_PIXELS))
     seen = points[rows[some], cols[some]]
     across = _line(seen[:, 0] / seen[:, 2], cols[some], valid.shape[1])
     down = _line(seen[:, 1] / seen[:, 2], rows[some], valid.shape[0])
@@ -197,8 +197,8 @@ def _line(
     design = np.column_stack([slopes, np.ones(len(slopes))])
     (focal, centre), _, rank, _ = np.linalg.lstsq(design, pixels.astype(np.float64), rcond=None)
     off = np.abs(design @ (focal, centre) - pixels)
-    if rank < 2 or focal == 0.0 or np.percentile(off, 99) > _MOST_OFF * size:
+    if rank < 2 or focal == 0.0 or np.percentile(off, 99) > _MAX_OFF * size:
         return None
-    if abs(centre - size / 2) > _MOST_ASIDE * size:
+    if abs(centre - size / 2) > _MAX_ASIDE * size:
         return None
     return float(focal), float(centre)

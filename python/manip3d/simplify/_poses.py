@@ -19,7 +19,7 @@ from manip3d.io._poses import matrix_pose, poses_by_file, poses_of_log, trajecto
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_MOST_SECONDS_APART = 0.02  # tolerance of TUM's own tool, which matches depth images and poses
+_MAX_SECONDS_APART = 0.02  # tolerance of TUM's own tool, which matches depth images and poses
 
 
 @checked
@@ -119,14 +119,14 @@ def _by_time(
     """Return the pose nearest in time to each file; in order where the names are only numbers."""
     off = np.nan_to_num(np.abs(asked[:, None] - times), nan=np.inf)
     nearest, apart = off.argmin(axis=1), off.min(axis=1)
-    is_near = apart <= _MOST_SECONDS_APART
+    is_near = apart <= _MAX_SECONDS_APART
     if is_near.all():
         return [found[i] for i in nearest]
     are_numbered = 2 * np.count_nonzero(is_near) < len(files)
     if are_numbered and len(found) == len(files) and _ascend(asked) and _ascend(times):
         return found
     worst = int(apart.argmax())
-    asks = f"poses: expected a pose within {_MOST_SECONDS_APART} s of {files[worst]}"
+    asks = f"poses: expected a pose within {_MAX_SECONDS_APART} s of {files[worst]}"
     if np.isinf(apart[worst]):
         raise InputError(f"{asks}, whose name is not a time")
     raise InputError(f"{asks}, the nearest is {apart[worst]:.3f} s away")

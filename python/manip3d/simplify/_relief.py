@@ -16,7 +16,7 @@ from manip3d.camera import Intrinsics, Registration, checked_depth
 from manip3d.errors import InputError
 from manip3d.simplify._arguments import checked_color, limit_of
 from manip3d.simplify._bandwidth import (
-    LEAST_POINTS,
+    MIN_POINTS,
     SECOND_NS,
     Bandwidth,
     SlidingSecond,
@@ -168,7 +168,7 @@ def relief_options(
     return options
 
 
-_MOST_KEPT = 1 << 19
+_MAX_KEPT = 1 << 19
 """Pixels up to which memory stays with the thread: 123 bytes for each pixel where the target is 5 %
 of them, 333 bytes at 30 %."""
 
@@ -189,7 +189,7 @@ def _solver(pixels: int, effort: str) -> _core.ReliefSolver:
     A sixth to a quarter of the time went into that. The result does not depend on what a solver did
     before; other efforts, which take far more memory, and large images get one of their own.
     """
-    return _KEPT.solver if effort == "live" and pixels <= _MOST_KEPT else _core.ReliefSolver()
+    return _KEPT.solver if effort == "live" and pixels <= _MAX_KEPT else _core.ReliefSolver()
 
 
 def run_relief(
@@ -623,7 +623,7 @@ class ReliefStream:
         """Make the mesh of a frame, and let the next one stay near to it."""
         if self._budget is None:
             return make(self._most_points)
-        most_points = min(self._most_points, max(measured, LEAST_POINTS))
+        most_points = min(self._most_points, max(measured, MIN_POINTS))
         found = self._within_bytes(self._budget, make, most_points, time_ns)
         self._show(found)  # which need not be the last that was made
         return found
@@ -715,7 +715,7 @@ class ReliefStream:
             least_share=least_share,
         )
         if found is None:
-            found = replace(_without_points(make(LEAST_POINTS)), stop="bandwidth", encoded=b"")
+            found = replace(_without_points(make(MIN_POINTS)), stop="bandwidth", encoded=b"")
         assert found.encoded is not None
         budget.spend(time_ns, len(found.encoded))
         return found

@@ -41,7 +41,7 @@ _Result = SimplifyResult | QualityResult
 
 # `_search` makes at most this many runs to meet a number of drawn faces, and stops earlier when it
 # is below the target by no more than this share.
-_MOST_RUNS = 6
+_MAX_RUNS = 6
 _NEAR = 0.01
 
 # A mesh drawn smaller than this share of the scene's diagonal counts as hidden: its faces would be
@@ -810,7 +810,7 @@ def _search(
     at: Callable[[int | None, Progress], _Result],
     part: Callable[[float, float], Progress],
 ) -> _Result:
-    """Search for the number of stored faces: interpolate for `_MOST_RUNS` runs, then bisect.
+    """Search for the number of stored faces: interpolate for `_MAX_RUNS` runs, then bisect.
 
     Bisection goes on only while no run is within the target.
     """
@@ -819,17 +819,17 @@ def _search(
     if wanted >= above[1]:
         return at(above[0], part(0.0, 1.0))
     best: _Result | None = None
-    parts = shares([1.0] * _MOST_RUNS)
+    parts = shares([1.0] * _MAX_RUNS)
     for number in itertools.count():
         low, high = max(met[0], 0), above[0]
-        if number < _MOST_RUNS:
+        if number < _MAX_RUNS:
             share = (wanted - met[1]) / max(1, above[1] - met[1])
             # Rounded down, because one more stored face can exceed the target.
             stored = low + math.floor(share * (high - low))
         else:
             stored = (low + high) // 2
         stored = min(max(stored, met[0] + 1), high - 1)
-        result = at(stored, part(*parts[min(number, _MOST_RUNS - 1)]))
+        result = at(stored, part(*parts[min(number, _MAX_RUNS - 1)]))
         if result.stop == StopReason.REFUSED:
             return result
         left = result.mesh.num_faces
@@ -849,7 +849,7 @@ def _search(
                 return result
             met = (max(stored, left), drawn)
         del result  # frees its memory before the next run, unless it is the best
-        if above[0] - met[0] <= 1 or (best is not None and number + 1 >= _MOST_RUNS):
+        if above[0] - met[0] <= 1 or (best is not None and number + 1 >= _MAX_RUNS):
             break
     assert best is not None  # 0 stored faces are within every target
     return best

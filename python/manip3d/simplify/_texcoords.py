@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _EDGES = ((0, 1), (1, 2), (2, 0))
-_MOST_CUTS = 6  # times that a chart with a seam to itself is halved, to at most 64 parts
+_MAX_CUTS = 6  # times that a chart with a seam to itself is halved, to at most 64 parts
 
 
 def charts(mesh: Mesh, values: NDArray[np.float32]) -> NDArray[np.int64]:
@@ -42,7 +42,7 @@ def charts(mesh: Mesh, values: NDArray[np.float32]) -> NDArray[np.int64]:
     first, second = _seams(places[mesh.faces], points[mesh.faces])
     middles = values[mesh.faces].astype(np.float64).mean(axis=1).reshape(mesh.num_faces, -1)
     middles = np.where(np.isfinite(middles), middles, 0.0)
-    for _ in range(_MOST_CUTS):
+    for _ in range(_MAX_CUTS):
         within = of_faces[first] == of_faces[second]
         first, second = first[within], second[within]
         if len(first) == 0:

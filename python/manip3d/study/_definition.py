@@ -15,7 +15,7 @@ from manip3d.errors import FormatError
 from manip3d.io._files import limited_bytes
 from manip3d.study._steps import NAME, Field
 
-MOST_BYTES = 1 << 20
+MAX_BYTES = 1 << 20
 """Largest size of a definition, bytes."""
 
 
@@ -232,12 +232,12 @@ def read_table(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises
     ------
     FormatError
-        The file is neither TOML nor JSON, or larger than `MOST_BYTES`.
+        The file is neither TOML nor JSON, or larger than `MAX_BYTES`.
     OSError
         The file cannot be read.
     """
     file = path_of(path)
-    content = limited_bytes(file, MOST_BYTES)
+    content = limited_bytes(file, MAX_BYTES)
     try:
         text = content.decode("utf-8")
         found = json.loads(text) if file.suffix.lower() == ".json" else tomllib.loads(text)

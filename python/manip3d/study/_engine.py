@@ -27,8 +27,8 @@ from manip3d.study._store import SIMULATED, Answer, Session, StudyFolder
 
 LOG = logging.getLogger("manip3d.study")
 
-MOST_MESSAGE = 150_000
-"""Largest number of characters of a message: 30 texts of `MOST_TEXT` characters, each of which may
+MAX_MESSAGE = 150_000
+"""Largest number of characters of a message: 30 texts of `MAX_TEXT` characters, each of which may
 be escaped, and the other fields."""
 
 _TYPES = {
@@ -232,7 +232,7 @@ def study_server(
     MissingExtraError
         aiohttp is not installed.
     """
-    limits = Limits(message_bytes=4 * MOST_MESSAGE)  # UTF-8 has up to four bytes per character
+    limits = Limits(message_bytes=4 * MAX_MESSAGE)  # UTF-8 has up to four bytes per character
     conductor = Conductor(study, folder, participant)
     return LocalServer(study_pages(study), conductor.hear, port=port, limits=limits)
 
@@ -271,7 +271,7 @@ class Conductor:
         }
         if step is not None:
             types["answer"] = _answer_kinds(step)
-        name, values = read_message(text, types, max_length=MOST_MESSAGE)
+        name, values = read_message(text, types, max_length=MAX_MESSAGE)
         if name == "hello":
             code = self.participant
             if code is None:

@@ -587,7 +587,7 @@ def paired_power(
     return float(shifted.sf(critical)) + (0.0 if math.isnan(other_side) else other_side)
 
 
-_MOST_PARTICIPANTS = 1 << 16  # the last power of two that `paired_power` accepts
+_MAX_PARTICIPANTS = 1 << 16  # the last power of two that `paired_power` accepts
 
 
 @checked
@@ -637,9 +637,9 @@ def required_participants(
     # Power grows with the number of participants: double it until it is enough, then bisect.
     low, high = 2, 4
     while not is_enough(high):
-        if high >= _MOST_PARTICIPANTS:
+        if high >= _MAX_PARTICIPANTS:
             raise InputError(
-                f"effect: expected an effect that {_MOST_PARTICIPANTS} participants can show, "
+                f"effect: expected an effect that {_MAX_PARTICIPANTS} participants can show, "
                 f"got {effect:g}"
             )
         low, high = high, 2 * high

@@ -25,7 +25,7 @@ NAME = re.compile(r"[a-z][a-z0-9_]{0,25}")
 CARD_MM = 85.60
 """Width of a bank card, millimetres [ISO/IEC 7810, ID-1]."""
 
-MOST_TEXT = 2000
+MAX_TEXT = 2000
 """Largest number of characters of a free text."""
 
 
@@ -66,7 +66,7 @@ class Field:
     def kind(self) -> Kind:
         """Accepted values of an answer in a message."""
         if self.type == "text":
-            return Kind(str, length=MOST_TEXT)
+            return Kind(str, length=MAX_TEXT)
         if self.type == "choice":
             values = [value for value, _ in self.choices]
             return Kind(str, choices=[*values, ""] if self.optional else values)

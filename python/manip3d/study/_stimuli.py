@@ -254,8 +254,8 @@ def _write_manifest(folder: Path, items: Sequence[Item]) -> None:
 
 
 _EXAMPLE, _LOW = "example", "low"
-_MOST_STIMULI = 10_000
-_MOST_BYTES = 1 << 28  # largest size of a stimulus
+_MAX_STIMULI = 10_000
+_MAX_BYTES = 1 << 28  # largest size of a stimulus
 
 
 @checked
@@ -323,8 +323,8 @@ def copy_rating_stimuli(
         for path in source.rglob("*")
         if path.is_file() and not any(p.startswith(".") for p in path.relative_to(source).parts)
     )
-    if not 1 <= len(files) <= _MOST_STIMULI:
-        raise InputError(f"images: expected 1 to {_MOST_STIMULI} files, found {len(files)}")
+    if not 1 <= len(files) <= _MAX_STIMULI:
+        raise InputError(f"images: expected 1 to {_MAX_STIMULI} files, found {len(files)}")
     names = np.random.default_rng(seed).choice(16**6, size=len(files), replace=False)
     made = [
         _own_item(path.relative_to(source), f"{name:06x}")
@@ -332,8 +332,8 @@ def copy_rating_stimuli(
     ]
     with atomic_folder(target) as folder:
         for path, item in zip(files, made, strict=True):
-            if path.stat().st_size > _MOST_BYTES:
-                raise InputError(f"images: {path}: expected at most {_MOST_BYTES} bytes")
+            if path.stat().st_size > _MAX_BYTES:
+                raise InputError(f"images: {path}: expected at most {_MAX_BYTES} bytes")
             (folder / item.file).write_bytes(regular_bytes(path))
         made.sort(key=lambda item: item.file)
         _write_manifest(folder, made)

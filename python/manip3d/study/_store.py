@@ -34,7 +34,7 @@ CHECKSUMS = "sha256"
 
 _DEFINITION = "study.json"
 _PARTICIPANTS = "participants"
-_MOST_BYTES = 16 << 20  # largest size of a stored definition with the checksums of its stimuli
+_MAX_BYTES = 16 << 20  # largest size of a stored definition with the checksums of its stimuli
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class StudyFolder(Closing):
         file = self.path / _DEFINITION
         if file.exists():
             try:
-                stored = json.loads(limited_bytes(file, _MOST_BYTES))
+                stored = json.loads(limited_bytes(file, _MAX_BYTES))
             except (ValueError, RecursionError) as error:
                 raise FormatError(f"expected JSON: {error}", file=str(file)) from None
             if not isinstance(stored, dict) or not isinstance(stored.get(CHECKSUMS, {}), dict):

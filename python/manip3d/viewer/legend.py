@@ -18,13 +18,13 @@ BAR = (130, 9)  # width and height of the colour bar
 SWATCH = 9
 EDGE = 10  # distance from the picture's border
 INSET = 8  # distance from the panel's border
-LEAST_SIZE = (240, 180)  # smaller pictures get no legend
+MIN_SIZE = (240, 180)  # smaller pictures get no legend
 
 
 def with_legend(image: Image, points: DrawnPoints, background: Rgb) -> Image:
     """Draw the legend into the lower left corner of a picture, unless the picture is too small."""
     rows = _rows(points)
-    if not rows or image.shape[1] < LEAST_SIZE[0] or image.shape[0] < LEAST_SIZE[1]:
+    if not rows or image.shape[1] < MIN_SIZE[0] or image.shape[0] < MIN_SIZE[1]:
         return image
     panel = _panel(rows, background)
     height = min(panel.shape[0], image.shape[0] - 2 * EDGE)

@@ -57,7 +57,7 @@ DOUBT: Rgb = (200, 140, 0)
 """Colour of points whose verdict is undecidable."""
 
 SCAN_SPREAD = 4e-3  # ratio of a point's width to its distance from the scanner; about 0.2 degrees
-LEAST_SHARE = 5e-4  # smallest width of a point as a share of the scene's extent
+MIN_SHARE = 5e-4  # smallest width of a point as a share of the scene's extent
 EMPHASIS = 2.5  # ratio of the widths of emphasised and other points
 
 
@@ -582,7 +582,7 @@ def least_width(points: NDArray[Any]) -> float:
     if not len(points):
         return 0.0
     low, high = np.percentile(points, [1.0, 99.0], axis=0)
-    return LEAST_SHARE * float(np.linalg.norm(high - low))
+    return MIN_SHARE * float(np.linalg.norm(high - low))
 
 
 _EDGES = np.array(

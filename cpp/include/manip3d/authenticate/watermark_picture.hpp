@@ -22,7 +22,7 @@ struct PictureView {
 /// lowest bit of each byte comes first, and zeros follow the record.
 constexpr std::size_t kCarrierSamples = 16384;
 /// Bytes of the longest record in a picture.
-constexpr std::size_t kMostCarried = kCarrierSamples / 8;
+constexpr std::size_t kMaxCarried = kCarrierSamples / 8;
 
 /// Checks that a picture can carry a record. Every function here that takes a picture calls it.
 /// @throws InputError  neither one nor three channels, a number of samples that contradicts the
@@ -35,7 +35,7 @@ void check_picture(const PictureView& picture);
 std::vector<std::uint8_t> without_record(const PictureView& picture);
 
 /// Returns the samples with a record in the carrier bits.
-/// @throws InputError  as `check_picture`; the record has more than `kMostCarried` bytes.
+/// @throws InputError  as `check_picture`; the record has more than `kMaxCarried` bytes.
 std::vector<std::uint8_t> with_record(const PictureView& picture,
                                       std::span<const std::uint8_t> record);
 
