@@ -233,7 +233,7 @@ def interpolated(drift: float) -> np.ndarray:
 
 
 def test_rings_that_say_little_are_learnt_too() -> None:
-    frame = named_rings(interpolated(0.013), 12)
+    frame = named_rings(interpolated(0.013), 120)  # less than a twentieth of the turn is too little
     found = generic_consistency(frame)
     assert found.lattice is not None
     np.testing.assert_allclose(
