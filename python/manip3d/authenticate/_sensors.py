@@ -497,10 +497,10 @@ def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) ->
 
 def _by_sector(
     holds: NDArray[np.bool_], azimuth: NDArray[np.float32]
-) -> tuple[NDArray[np.intp], Floats]:
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Number of points in each sector of the horizon, and of those for which ``holds`` is true."""
     sector = (azimuth * (SECTORS / (2.0 * np.pi))).astype(np.intp).clip(0, SECTORS - 1)
-    return np.bincount(sector, minlength=SECTORS), np.bincount(sector, holds, SECTORS)
+    return np.bincount(sector, minlength=SECTORS), np.bincount(sector[holds], minlength=SECTORS)
 
 
 def _by_own_lattice(frame: LidarFrame) -> Sensor | None:

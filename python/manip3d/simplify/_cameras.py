@@ -190,7 +190,9 @@ class JointSimplification(Showable):
 
         Faces with a corner that the view's colour camera cannot see have no texture.
         """
-        textured = np.isfinite(self.corner_texcoords[..., 0]).all(axis=1)
+        textured: NDArray[np.bool_] = np.asarray(
+            np.isfinite(self.corner_texcoords[..., 0]).all(axis=1)
+        )
         # Equal texture coordinates at a vertex are stored once: formats that store a vertex for
         # each pair (such as glTF) would be several times as large otherwise.
         wedges = np.column_stack(

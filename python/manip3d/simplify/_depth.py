@@ -172,7 +172,7 @@ class DepthMesh(Showable):
             There is a colour image and Pillow is not installed.
         """
         seen = np.isfinite(self.texcoords[:, 0])
-        textured = seen[self.faces].all(axis=1)
+        textured: NDArray[np.bool_] = np.asarray(seen[self.faces].all(axis=1))
         mesh = Mesh(
             self.vertices,
             self.faces,

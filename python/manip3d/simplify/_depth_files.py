@@ -546,7 +546,7 @@ def _y_points_up(camera: Intrinsics) -> bool:
     if camera.rays is None:
         return camera.fy < 0
     steps = np.diff(camera.rays[..., 1], axis=0)
-    return np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0)
+    return bool(np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0))
 
 
 _Take = Callable[
