@@ -64,8 +64,8 @@ struct AttributeQuadricOf {
     return weight > 0.0 ? q(p) - (g * p + d).squaredNorm() / weight : 0.0;
   }
 };
-using AttributeQuadric = AttributeQuadricOf<2>;  ///< Of texture coordinates.
-using ColorQuadric = AttributeQuadricOf<3>;      ///< Of colours, 0 to 1.
+using AttributeQuadric = AttributeQuadricOf<2>;  ///< Texture coordinates.
+using ColorQuadric = AttributeQuadricOf<3>;      ///< Colours, 0 to 1.
 
 /// Squared gradient of the colours, summed over the channels and the weights of the faces.
 inline double squared_gradient(const ColorQuadric& colors) {
