@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from manip3d import Material, Mesh, simplify
+from manip3d import InputError, Material, Mesh, simplify
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -217,3 +217,10 @@ def test_regions_that_are_shaded_keep_their_borders_and_shades() -> None:
         inner = points - np.where(points[:, :1] > 1.0, [1.0, 0.0, 0.0], 0.0)
         wanted = np.where(points[:, :1] > 1.0, 255.0 - halves(inner), halves(inner))
         assert np.abs(colors - wanted).max() <= 3.0
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_colored_points_without_faces_are_no_surface(mode: str) -> None:
+    points = Mesh(np.zeros((2, 3)), np.zeros((0, 3), np.int32), colors=[[0, 0, 0], [9, 9, 9]])
+    with pytest.raises(InputError, match="at least one face"):
+        run(mode, points, ratio=0.5)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d.mesh import Material, Mesh
-from manip3d.simplify._texcoords import bits_of, charts, parted, texcoords_of
+from manip3d.simplify._texcoords import bits_of, charts, numbered, parted, texcoords_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,16 +43,17 @@ class ColorSeams:
         pairs = np.column_stack(
             [np.full(original.num_faces, -1) if materials is None else materials, self._charts]
         )
-        self._pairs, rows = np.unique(pairs, axis=0, return_inverse=True)
+        rows = numbered(pairs)
+        self._pairs = np.empty((rows.max() + 1, 2), dtype=np.int64)
+        self._pairs[rows] = pairs
         self.mesh = original.replace(
-            face_material=rows.reshape(-1).astype(np.int32),
-            materials=[Material()] * len(self._pairs),
+            face_material=rows.astype(np.int32), materials=[Material()] * len(self._pairs)
         )
         order = np.argsort(self._charts, kind="stable")
-        first = np.r_[True, np.diff(self._charts[order]) != 0]
-        owners = order[np.flatnonzero(first)[np.cumsum(first) - 1]]
-        corners = colors[original.faces]
-        self.is_flat = bool((corners[order] == corners[owners][:, :1]).all())
+        corners = colors[original.faces][order]
+        is_same_chart = self._charts[order[1:]] == self._charts[order[:-1]]
+        changes = (corners[1:, 0] != corners[:-1, 0]).any(axis=1) & is_same_chart
+        self.is_flat = bool((corners == corners[:, :1]).all() and not changes.any())
 
     def restored(self, result: QualityResult) -> QualityResult:
         """Return a result for `mesh` with the original's materials, and the colours of each chart.
@@ -95,7 +96,7 @@ class ColorSeams:
 
 def color_seams(mesh: Mesh) -> ColorSeams | None:
     """Return the abrupt changes of a mesh's colours; None if no place has two colours."""
-    if mesh.colors is None:
+    if mesh.colors is None or mesh.num_faces == 0:
         return None
     with np.errstate(over="ignore"):
         places = (bits_of(mesh.vertices).view(np.uint64) * _HASH).sum(axis=1, dtype=np.uint64)

@@ -36,8 +36,8 @@ def charts(mesh: Mesh, values: NDArray[np.float32]) -> NDArray[np.int64]:
         ends share a chart. A chart with a seam to itself, such as that of an unrolled pipe, is cut
         until the seam lies between two charts.
     """
-    places = _numbered(bits_of(mesh.vertices))
-    points = _numbered(np.column_stack([places, bits_of(values.reshape(len(values), -1))]))
+    places = numbered(bits_of(mesh.vertices))
+    points = numbered(np.column_stack([places, bits_of(values.reshape(len(values), -1))]))
     of_faces = _joined(points[mesh.faces], len(points))
     first, second = _seams(places[mesh.faces], points[mesh.faces])
     middles = values[mesh.faces].astype(np.float64).mean(axis=1).reshape(mesh.num_faces, -1)
@@ -113,10 +113,13 @@ def bits_of(rows: NDArray[Any]) -> NDArray[np.int64]:
     return np.ascontiguousarray(positive).view(bits).astype(np.int64)
 
 
-def _numbered(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number the rows; equal rows have the same number."""
-    _, numbers = np.unique(rows, axis=0, return_inverse=True)
-    return numbers.reshape(-1).astype(np.int64)
+def numbered(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number the rows in their lexicographic order; equal rows have the same number."""
+    order = np.lexsort(rows.T[::-1])  # np.unique of rows takes three times as long
+    is_new = np.r_[False, (rows[order[1:]] != rows[order[:-1]]).any(axis=1)][: len(rows)]
+    numbers = np.empty(len(rows), dtype=np.int64)
+    numbers[order] = np.cumsum(is_new)
+    return numbers
 
 
 def _rows_by_number(numbers: NDArray[np.int64]) -> dict[int, NDArray[np.int64]]:
@@ -170,4 +173,4 @@ def _halved(
         cut = np.median(0.5 * (sides[0][:, axis] + sides[1][:, axis]))
         chosen = faces_of[number]
         halves[chosen] += middles[chosen, axis] > cut
-    return _numbered(halves[:, None])
+    return numbered(halves[:, None])
