@@ -49,7 +49,7 @@ inline bool is_on_image(float s, float t) {
   return s >= 0.0F && s <= 1.0F && t >= 0.0F && t <= 1.0F;
 }
 
-/// As grid_texcoord(), for a place that may lie beside the image or be NaN; NaN then.
+/// grid_texcoord() of a place that may lie beside the image or be NaN; the result is then NaN.
 inline std::array<float, 2> seen_texcoord(double u, double v, double width, double height) {
   constexpr float kUnseen = std::numeric_limits<float>::quiet_NaN();
   const auto uv = grid_texcoord(u, v, width, height);
