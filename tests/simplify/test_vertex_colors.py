@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from manip3d import InputError, Material, Mesh, simplify
+from manip3d.simplify._color_seams import color_seams
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -224,3 +225,12 @@ def test_colored_points_without_faces_are_no_surface(mode: str) -> None:
     points = Mesh(np.zeros((2, 3)), np.zeros((0, 3), np.int32), colors=[[0, 0, 0], [9, 9, 9]])
     with pytest.raises(InputError, match="at least one face"):
         run(mode, points, ratio=0.5)
+
+
+def test_places_that_mirror_each_other_are_not_one() -> None:
+    corners = np.array([[1.0, 2.0, 3.0], [-1.0, -2.0, 3.0], [1.0, -2.0, -3.0], [-1.0, 2.0, -3.0]])
+    colors = 60 * np.arange(12, dtype=np.uint8).reshape(4, 3) % 251
+    assert color_seams(Mesh(corners, [[0, 1, 2], [0, 2, 3]], colors=colors)) is None
+    twice, same = np.repeat(corners, 2, axis=0), np.repeat(colors, 2, axis=0)
+    assert color_seams(Mesh(twice, [[0, 2, 4]], colors=same)) is None
+    assert color_seams(Mesh(twice, [[0, 2, 4]], colors=np.roll(same, 1, axis=0))) is not None

@@ -102,7 +102,7 @@ struct Original {
   [[nodiscard]] double wrong_side(std::int32_t v, std::int32_t t, const Vector3d& p) const;
 
   /// Price of the colours of the merged vertex if it is at p: the integral of the difference from
-  /// the linear continuation of the original colours. No difference is larger than 1.
+  /// the linear continuation of the original colours, at most that of a difference of 1.
   [[nodiscard]] double wrong_color(std::int32_t v, std::int32_t t, const Vector3d& p) const;
 
   /// The colours around the vertex into which v and t are merged.

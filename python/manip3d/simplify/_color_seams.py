@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d.mesh import Material, Mesh
-from manip3d.simplify._texcoords import bits_of, charts, numbered, parted, texcoords_of
+from manip3d.simplify._texcoords import charts, numbered, parted, texcoords_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -98,8 +98,11 @@ def color_seams(mesh: Mesh) -> ColorSeams | None:
     """Return the abrupt changes of a mesh's colours; None if no place has two colours."""
     if mesh.colors is None or mesh.num_faces == 0:
         return None
-    with np.errstate(over="ignore"):
-        places = (bits_of(mesh.vertices).view(np.uint64) * _HASH).sum(axis=1, dtype=np.uint64)
+    # Equal places have equal hashes (0.0 turns -0.0 into 0.0), and others hardly ever: without the
+    # shift, the signs of two coordinates would cancel.
+    bits = (mesh.vertices + 0.0).view(np.uint64)
+    bits ^= bits >> np.uint64(32)
+    places = bits @ _HASH
     order = np.argsort(places, kind="stable")
     is_same = places[order[1:]] == places[order[:-1]]
     is_other = (mesh.colors[order[1:]] != mesh.colors[order[:-1]]).any(axis=1)

@@ -54,11 +54,11 @@ class _Items(NamedTuple):
 _BYTES = {
     "fast": _Items(
         face=125, face_in_pieces=215, vertex=12, excess_vertex=300, textured_face=20, texcoord=45,
-        face_with_normals=25, normal=10, colored_vertex=15,
+        face_with_normals=25, normal=10, colored_vertex=50,
     ),
     "quality": _Items(
         face=474, face_in_pieces=200, vertex=12, excess_vertex=528, textured_face=30, texcoord=245,
-        face_with_normals=30, normal=50, colored_vertex=30,
+        face_with_normals=30, normal=50, colored_vertex=225,
     ),
 }  # fmt: skip
 _BYTES_LEFT = {"fast": 60, "quality": 210}  # additional bytes for each face of the result
