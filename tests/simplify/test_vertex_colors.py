@@ -156,7 +156,8 @@ def side_of(mesh: Mesh) -> NDArray[np.int64]:
     # plate() is rolled: its z axis becomes the axis (2 + number) % 3.
     axes = [(2 + axis) % 3 for axis in range(3)]
     order = [2 * axes.index(axis) + far for axis in range(3) for far in range(2)]
-    return np.array(order)[distances.argmin(axis=1)]
+    sides: NDArray[np.int64] = np.array(order)[distances.argmin(axis=1)]
+    return sides
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -185,7 +186,7 @@ def test_meshes_of_different_colors_that_touch_keep_them_and_their_materials(mod
         np.concatenate([left.vertices, right.vertices + ASIDE]),
         np.concatenate([left.faces, right.faces + left.num_vertices]),
         colors=np.concatenate([left.colors, right.colors]),
-        face_material=np.repeat(np.int32([1, 0]), left.num_faces),
+        face_material=np.repeat(np.array([1, 0], np.int32), left.num_faces),
         materials=[Material("right"), Material("left")],
     )
     simplified = run(mode, mesh, ratio=0.1).mesh
