@@ -43,6 +43,7 @@ GRID = _core.unproject(DEPTH, CAMERA, 1)[0].reshape(72, 96, 3)
 hill = models.hill(13)
 coarse = hill.replace(faces=hill.faces // 2 * 2)
 pipe = models.pipe(16, 6)
+paint = np.arange(3 * hill.num_vertices).reshape(-1, 3) % 256
 
 hill_scene = scene_of(models.hill(13))
 coarse_pipe = pipe.replace(faces=pipe.faces // 2 * 2)
@@ -286,6 +287,9 @@ KERNELS: dict[str, Kernel] = {
     ),
     "metrics.texture_error": lambda t: metrics.texture_error(
         pipe, coarse_pipe, samples=500, threads=t
+    ),
+    "metrics.color_error": lambda t: metrics.color_error(
+        hill.replace(colors=paint), hill.replace(colors=paint[::-1]), samples=500, threads=t
     ),
     "metrics.boundary_gap": lambda t: metrics.boundary_gap(pipe, coarse_pipe, threads=t),
     "metrics.closest_points": lambda t: metrics.closest_points(hill, cloud, threads=t),

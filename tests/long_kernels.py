@@ -209,7 +209,8 @@ OF_A_SECOND = {
     "forge.without_people", "forge.stream",
     "forge.recorded_people", "forge.recorded_poses", "forge.at_pace",
     "modify.animation_mesh", "modify.animate",
-    "metrics.range_image_error_grid", "metrics.texture_error", "metrics.fmpd",
+    "metrics.range_image_error_grid", "metrics.texture_error", "metrics.color_error",
+    "metrics.fmpd",
 }  # fmt: skip
 """Done in about a second with two million points or pixels, or the same code as one above."""
 

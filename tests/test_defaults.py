@@ -59,6 +59,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "BoundaryGapOptions": [metrics.boundary_gap],
     "CleanOptions": [simplify.clean],
     "ColliderOptions": [modify.ColliderTracker],
+    "ColorErrorOptions": [metrics.color_error],
     "CompositeOptions": [forge.stream],
     "Cs3Options": [simplify.cs3, simplify.cs3_grid, simplify.Cs3Stream],
     "DeformOptions": [forge.deform],

@@ -3,6 +3,7 @@
 #include "interruptible.hpp"
 #include "manip3d/geometry/bvh.hpp"
 #include "manip3d/metrics/boundary_gap.hpp"
+#include "manip3d/metrics/color_error.hpp"
 #include "manip3d/metrics/fmpd.hpp"
 #include "manip3d/metrics/hausdorff.hpp"
 #include "manip3d/metrics/metro.hpp"
@@ -95,6 +96,23 @@ void bind_metrics(py::module_& m) {
         }
         return py::make_tuple(e.mean, e.rms, e.mse, e.max, e.samples, e.skipped,
                               e.material_mismatch_rate);
+      },
+      py::arg("original"), py::arg("simplified"), py::arg("samples"), py::arg("seed"),
+      py::arg("epsilon"), py::arg("threads"), py::arg("progress"));
+  m.def(
+      "color_error",
+      [](const PyMesh& original, const PyMesh& simplified, std::int64_t samples, std::uint64_t seed,
+         double epsilon, int threads, const PyProgress& progress) {
+        const BorrowedMesh a(original);
+        const BorrowedMesh b(simplified);
+        const ColorErrorOptions options{samples, seed, epsilon, threads};
+        const Progress report = interruptible(progress);
+        ColorError e;
+        {
+          const py::gil_scoped_release nogil;
+          e = color_error(a.view(), b.view(), options, report);
+        }
+        return py::make_tuple(e.mean, e.rms, e.max, e.samples);
       },
       py::arg("original"), py::arg("simplified"), py::arg("samples"), py::arg("seed"),
       py::arg("epsilon"), py::arg("threads"), py::arg("progress"));

@@ -96,6 +96,7 @@ __all__: list[str] = [
     "clean",
     "closest_points",
     "clothing_colors",
+    "color_error",
     "compare_cross_modal",
     "compare_paper_watermark",
     "compare_reflectance",
@@ -2040,6 +2041,15 @@ def clothing_colors(
     color: numpy.typing.NDArray[numpy.uint8],
     people: collections.abc.Iterable[manip3d.rgbd.Skeleton],
 ) -> numpy.typing.NDArray[numpy.float32]: ...
+def color_error(
+    original: manip3d.mesh.Mesh,
+    simplified: manip3d.mesh.Mesh,
+    samples: typing.SupportsInt | typing.SupportsIndex,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+    epsilon: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+    progress: collections.abc.Callable[[float], object] | None,
+) -> tuple[float, float, float, int]: ...
 def compare_cross_modal(
     points: numpy.typing.NDArray[numpy.float32],
     disparity: numpy.typing.NDArray[numpy.float32],

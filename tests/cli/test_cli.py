@@ -309,6 +309,53 @@ def test_tiles_whose_boundaries_are_locked_still_meet(
     assert "--lock-boundary: expected --mode quality or fast" in error_line(refused)
 
 
+@pytest.mark.parametrize("mode", ["quality", "fast"])
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_a_price_of_colors_keeps_a_painted_picture(tmp_path: Path, mode: str, suffix: str) -> None:
+    flat = simulate.models.floor(columns=40, rows=40)
+    middle = flat.vertices.mean(axis=0)
+    inside = np.linalg.norm(flat.vertices - middle, axis=1) < 0.3 * np.ptp(flat.vertices[:, 0])
+    painted = Mesh(
+        flat.vertices,
+        flat.faces,
+        colors=np.where(inside[:, None], [220, 30, 30], 240).astype(np.uint8),
+    )
+    source, light = tmp_path / f"painted{suffix}", tmp_path / f"light{suffix}"
+    painted.write(source)
+    base = ("simplify", source, "-o", light, "--force", "--ratio", "0.05")
+    errors = {}
+    for weight in ("0", "0.2"):
+        done = manip3d(*base, "--mode", mode, "--color-weight", weight, "--json")
+        assert done.returncode == 0, done.stderr
+        compared = manip3d("compare", source, light, "--json")
+        errors[weight] = json.loads(compared.stdout)["color_error"]["mean"]
+    assert errors["0.2"] < 0.5 * errors["0"]
+    assert "colour error, mean, levels of 255" in manip3d("compare", source, light).stdout
+    done = manip3d("lod", source, "-o", tmp_path / "lods.glb", "--levels", "2", "--mode", mode,
+                   "--color-weight", "0.2")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("verb", [("simplify", "--ratio", "0.5"), ("lod",)])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--mode", "published", "--color-weight", "1"), "expected --mode quality or fast"),
+        (("--color-weight", "-1"), "expected a finite number >= 0"),
+        (("--color-weight", "nan"), "expected a finite number >= 0"),
+    ],
+)
+def test_a_wrong_price_of_colors_is_refused(
+    tmp_path: Path, verb: tuple[str, ...], options: tuple[str, ...], message: str
+) -> None:
+    simulate.models.floor(columns=3, rows=3).write(tmp_path / "floor.ply")
+    command, *more = verb
+    refused = manip3d(command, tmp_path / "floor.ply", "-o", tmp_path / "out.glb", *more, *options)
+    assert refused.returncode != 0
+    assert f"--color-weight: {message}" in error_line(refused)
+    assert not (tmp_path / "out.glb").exists()
+
+
 @pytest.mark.parametrize("suffix", [".ply", ".glb"])
 def test_each_level_of_a_tile_keeps_its_boundary(tmp_path: Path, suffix: str) -> None:
     simulate.models.floor(columns=24, rows=20).write(tmp_path / f"tile{suffix}")

@@ -4,9 +4,8 @@
 #include <optional>
 #include <vector>
 
-#include "manip3d/geometry/bvh.hpp"
-#include "manip3d/metrics/sampling.hpp"
 #include "metrics/common.hpp"
+#include "metrics/matched_samples.hpp"
 
 namespace manip3d {
 namespace {
@@ -48,8 +47,10 @@ struct Counts {
   Moments differences;
   std::int64_t skipped = 0;
   std::int64_t mismatches = 0;
+  std::int64_t drawn = 0;
 
   void add(const Match& match, bool has_uv) {
+    ++drawn;
     if (!match.same_material) ++mismatches;
     if (!has_uv || (match.same_material && !match.distance)) ++skipped;
     if (match.distance) differences.add(*match.distance);
@@ -58,6 +59,7 @@ struct Counts {
     differences.add(other.differences);
     skipped += other.skipped;
     mismatches += other.mismatches;
+    drawn += other.drawn;
   }
 };
 
@@ -65,45 +67,25 @@ struct Counts {
 
 TextureError texture_error(const MeshView& original, const MeshView& simplified,
                            const TextureErrorOptions& options, const Progress& progress) {
-  if (!(options.epsilon >= 0.0 && std::isfinite(options.epsilon))) {
-    throw InputError("epsilon: expected >= 0, got " + std::to_string(options.epsilon));
-  }
   const NormalizedPair pair(original, simplified);
   const MeshView& from = pair.original();
   const MeshView& to = pair.simplified();
-  const double reach = options.epsilon * pair.diagonal();
-  const SurfaceSampler sampler(
-      from, options.samples == 0 ? std::max(from.num_faces(), to.num_faces()) : options.samples,
-      options.seed);
-  const TriangleBvh bvh(to, part_of(progress, 0.0, 0.3));
-
-  const auto measure = [&](std::int64_t begin, std::int64_t end) {
-    Counts counts;
-    std::vector<SurfacePoint> met;
-    std::int32_t near_face = 0;
-    for (std::int64_t i = begin; i < end; ++i) {
-      const SurfaceSample sample = sampler[i];
-      const SurfacePoint nearest = bvh.closest_point(sample.point, near_face);
-      near_face = nearest.face;
-      // The margin includes the closest face at its own distance despite rounding.
-      bvh.faces_within(sample.point, nearest.distance * (1.0 + 1e-12) + reach, met);
-      std::optional<Eigen::RowVector2d> uv;
-      if (from.face_has_texcoords(sample.face)) {
-        uv = interpolated_texcoord(from, sample.face, sample.barycentric);
-      }
-      counts.add(best_match(to, met, material_of(from, sample.face), uv), uv.has_value());
-    }
-    return counts;
-  };
-  const auto counts = accumulate_in_order<Counts>(sampler.size(), options.num_threads,
-                                                  part_of(progress, 0.3, 1.0), measure);
+  const auto counts = over_matched_samples<Counts>(
+      pair, {options.samples, options.seed, options.epsilon, options.num_threads}, progress,
+      [&](Counts& sums, const SurfaceSample& sample, const std::vector<SurfacePoint>& met) {
+        std::optional<Eigen::RowVector2d> uv;
+        if (from.face_has_texcoords(sample.face)) {
+          uv = interpolated_texcoord(from, sample.face, sample.barycentric);
+        }
+        sums.add(best_match(to, met, material_of(from, sample.face), uv), uv.has_value());
+      });
 
   TextureError error;
   error.samples = counts.differences.count;
   error.skipped = counts.skipped;
   error.material_mismatches = counts.mismatches;
   error.material_mismatch_rate =
-      static_cast<double>(counts.mismatches) / static_cast<double>(sampler.size());
+      static_cast<double>(counts.mismatches) / static_cast<double>(counts.drawn);
   if (error.samples == 0) return error;
   error.mean = counts.differences.mean();
   error.mse = counts.differences.mean_square();

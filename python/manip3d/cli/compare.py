@@ -71,8 +71,8 @@ def compare(
 ) -> None:
     """Measure how far a mesh is from its original.
 
-    Prints Metro (distances, in both directions), texture error, FMPD (perceptual) and boundary
-    gaps. Several meshes make a table: printed, or written with --table.
+    Prints Metro (distances, in both directions), texture error, colour error (of vertices), FMPD
+    (perceptual) and boundary gaps. Several meshes make a table: printed, or written with --table.
 
     Example: manip3d compare head.obj light.glb
     """
@@ -98,6 +98,8 @@ def _record(found: Comparison) -> dict[str, Any]:
     }
     if found.texture_error is not None:
         record["texture_error"] = asdict(found.texture_error)
+    if found.color_error is not None:
+        record["color_error"] = asdict(found.color_error)
     record["fmpd"] = asdict(found.fmpd)
     record["boundary_gap"] = asdict(found.boundary_gap)
     return record
@@ -139,6 +141,12 @@ def show(console: Console, found: Comparison) -> None:
             for name in ("mean", "rms", "max")
         ]
         values.append(("material mismatches", f"{texture.material_mismatch_rate:.2%}"))
+    color = found.color_error
+    if color is not None:
+        values += [
+            (f"colour error, {name}, levels of 255", f"{getattr(color, name):.2f}")
+            for name in ("mean", "rms", "max")
+        ]
     console.print()
     table(console, values)
     console.print(

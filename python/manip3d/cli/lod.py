@@ -12,11 +12,13 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, Output, Quiet, Strict
 from manip3d.cli.simplify import (
+    ColorWeight,
     LockBoundary,
     LockBox,
     Method,
     Mode,
     NoClean,
+    color_options,
     expect_cleaning,
     expect_locks,
     expect_surface,
@@ -79,6 +81,7 @@ def lod(
     ] = None,
     lock_box: LockBox = None,
     lock_boundary: LockBoundary = False,
+    color_weight: ColorWeight = None,
     no_clean: NoClean = False,
     force: Force = False,
     strict: Strict = False,
@@ -105,6 +108,7 @@ def lod(
     chosen = str(method or (Method.qem4vr if mode == Mode.published else mode or Mode.quality))
     expect_cleaning(chosen, no_clean)
     expect_locks(chosen, lock_box, lock_boundary)
+    options = color_options(chosen, color_weight)
     scene = open_scene(source, output, shell)
     chain: simplify.SceneLods | simplify.LodChain
     if scene is not None:
@@ -117,16 +121,17 @@ def lod(
                 lock_box=None if lock_box is None else np.reshape(lock_box, (2, 3)),
                 lock_boundary=lock_boundary,
                 cleaned=not no_clean,
+                options=options,
                 progress=progress,
             )
     else:
         mesh = open_mesh(source, shell)
         cleaned = mesh if no_clean else simplify.clean(mesh).mesh
         expect_surface(source, mesh, cleaned)
-        held = locks(cleaned, lock_box, lock_boundary, shell)
+        options |= locks(cleaned, lock_box, lock_boundary, shell)
         with shell.progress("lod") as progress, naming_options("ratio"):
             chain = simplify.lod_chain(
-                cleaned, levels, ratio=ratio, method=chosen, options=held, progress=progress
+                cleaned, levels, ratio=ratio, method=chosen, options=options, progress=progress
             )
     chain.write(output, max_vertices=max_vertices, quantize=quantize)
     record = _record(source, output, chain)

@@ -63,6 +63,15 @@ LockBoundary = Annotated[
     ),
 ]
 
+ColorWeight = Annotated[
+    float | None,
+    typer.Option(
+        "--color-weight",
+        help="Price of wrong colours of vertices, relative to a shifted surface (--mode quality or "
+        "fast); 0.01 by default: the shape comes first.",
+    ),
+]
+
 NoClean = Annotated[
     bool,
     typer.Option(
@@ -216,6 +225,7 @@ def _run(
 
     if order.memory is not None:
         mode: Any = order.method
+        limits |= order.options
         return simplify.simplify(mesh, mode, memory=order.memory, progress=progress, **limits)
     own: dict[str, Callable[..., QualityResult | SimplifyResult]] = {
         "quality": simplify.quality,
@@ -350,6 +360,17 @@ def expect_locks(method: str, box: Box | None, boundary: bool) -> None:
         )
 
 
+def color_options(method: str, weight: float | None) -> dict[str, Any]:
+    """Return the method's argument ``color_weight``, or nothing if none is given."""
+    if weight is None:
+        return {}
+    if method not in (Mode.quality, Mode.fast):
+        raise InputError(f"--color-weight: expected --mode quality or fast, got {method}")
+    if not 0 <= weight < math.inf:
+        raise InputError(f"--color-weight: expected a finite number >= 0, got {weight}")
+    return {"color_weight": weight}
+
+
 def locks(mesh: Mesh, box: Box | None, boundary: bool, terminal: Terminal) -> dict[str, Any]:
     """Return the method's argument ``locked``, (V,) bool, or nothing if no vertex is locked."""
     from manip3d import simplify
@@ -461,6 +482,7 @@ def simplify(
             "0 for each vertex as read (those of a scene's meshes one after the other).",
         ),
     ] = None,
+    color_weight: ColorWeight = None,
     memory: Annotated[
         str | None,
         typer.Option(
@@ -499,6 +521,7 @@ def simplify(
         if name != Method.qem4vr:
             raise InputError(f"--seam-mode: expected --method qem4vr, got {name}")
         options["seam_mode"] = str(seam_mode)
+    options |= color_options(name, color_weight)
     expect_cleaning(name, no_clean)
     if importance is not None and name != Mode.quality:
         raise InputError(f"--importance: expected --mode quality, got {name}")

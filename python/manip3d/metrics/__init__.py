@@ -1,8 +1,9 @@
-"""Differences of a mesh from its original: geometry, texture, roughness, boundaries, depth."""
+"""Differences of a mesh from its original: shape, texture, colour, roughness, boundaries, depth."""
 
 from __future__ import annotations
 
 from manip3d.metrics._boundary_gap import BoundaryGap, boundary_gap
+from manip3d.metrics._color_error import ColorError, color_error
 from manip3d.metrics._compare import Comparison, compare
 from manip3d.metrics._distances import (
     ClosestPoints,
@@ -31,6 +32,7 @@ __all__ = [
     "BoundaryGap",
     "BoundaryNoise",
     "ClosestPoints",
+    "ColorError",
     "Comparison",
     "Deviation",
     "Flicker",
@@ -42,6 +44,7 @@ __all__ = [
     "boundary_gap",
     "boundary_noise",
     "closest_points",
+    "color_error",
     "compare",
     "flicker",
     "fmpd",

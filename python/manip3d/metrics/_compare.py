@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d.metrics._boundary_gap import BoundaryGap, boundary_gap
+from manip3d.metrics._color_error import ColorError, color_error
 from manip3d.metrics._distances import MetroResult, metro
 from manip3d.metrics._fmpd import FmpdResult, fmpd
 from manip3d.metrics._texture_error import TextureError, texture_error
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from manip3d.mesh import Mesh
 
 _Found = TypeVar("_Found")
-_STAGES = 5
+_STAGES = 6
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,8 @@ class Comparison:
         Distances in both directions, sampled at the vertices and uniformly by area.
     texture_error : TextureError or None
         Differences of texture coordinates; None: one of the meshes has none.
+    color_error : ColorError or None
+        Differences of the colours of vertices; None: one of the meshes has none.
     fmpd : FmpdResult
         Perceptual distance.
     boundary_gap : BoundaryGap
@@ -43,6 +46,7 @@ class Comparison:
     metro_vertex: MetroResult
     metro_area: MetroResult
     texture_error: TextureError | None
+    color_error: ColorError | None
     fmpd: FmpdResult
     boundary_gap: BoundaryGap
 
@@ -103,6 +107,7 @@ def compare(
             return found
 
         has_uv = original.face_texcoords is not None and simplified.face_texcoords is not None
+        has_colors = original.colors is not None and simplified.colors is not None
         return Comparison(
             faces=(original.num_faces, simplified.num_faces),
             metro_vertex=measured(
@@ -117,6 +122,13 @@ def compare(
                 lambda told: (
                     texture_error(original, simplified, rng=rng, threads=threads, progress=told)
                     if has_uv
+                    else None
+                )
+            ),
+            color_error=measured(
+                lambda told: (
+                    color_error(original, simplified, rng=rng, threads=threads, progress=told)
+                    if has_colors
                     else None
                 )
             ),

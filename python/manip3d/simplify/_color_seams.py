@@ -96,8 +96,15 @@ class ColorSeams:
 
 def color_seams(mesh: Mesh) -> ColorSeams | None:
     """Return the abrupt changes of a mesh's colours; None if no place has two colours."""
-    if mesh.colors is None or mesh.num_faces == 0:
+    if mesh.colors is None or not has_color_seams(mesh):
         return None
+    return ColorSeams(mesh, mesh.colors)
+
+
+def has_color_seams(mesh: Mesh) -> bool:
+    """Whether vertices at one place have different colours."""
+    if mesh.colors is None or mesh.num_faces == 0:
+        return False
     # Equal places have equal hashes (0.0 turns -0.0 into 0.0), and others hardly ever: without the
     # shift, the signs of two coordinates would cancel.
     bits = (mesh.vertices + 0.0).view(np.uint64)
@@ -106,4 +113,4 @@ def color_seams(mesh: Mesh) -> ColorSeams | None:
     order = np.argsort(places, kind="stable")
     is_same = places[order[1:]] == places[order[:-1]]
     is_other = (mesh.colors[order[1:]] != mesh.colors[order[:-1]]).any(axis=1)
-    return ColorSeams(mesh, mesh.colors) if (is_same & is_other).any() else None
+    return bool((is_same & is_other).any())

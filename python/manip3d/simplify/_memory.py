@@ -15,6 +15,7 @@ from manip3d._util.memory import release_unused, resident_bytes, written_size
 from manip3d._util.options import reporting, sharing
 from manip3d.errors import InputError
 from manip3d.simplify._collapse import expect_surface, has_surface, stopping_rules
+from manip3d.simplify._color_seams import has_color_seams
 from manip3d.simplify._parts import (
     CROSSING,
     blocks,
@@ -47,6 +48,7 @@ class _Items(NamedTuple):
     face_with_normals: float
     normal: float
     colored_vertex: float
+    face_with_color_seams: float  # a face of a mesh with several colours at one place
 
 
 # Bytes, measured on lattices with all tables, welded and not, in one piece and with each face a
@@ -55,10 +57,12 @@ _BYTES = {
     "fast": _Items(
         face=125, face_in_pieces=215, vertex=12, excess_vertex=300, textured_face=20, texcoord=45,
         face_with_normals=25, normal=10, colored_vertex=50,
+        face_with_color_seams=290,
     ),
     "quality": _Items(
         face=474, face_in_pieces=200, vertex=12, excess_vertex=528, textured_face=30, texcoord=245,
         face_with_normals=30, normal=50, colored_vertex=225,
+        face_with_color_seams=0,
     ),
 }  # fmt: skip
 _BYTES_LEFT = {"fast": 60, "quality": 210}  # additional bytes for each face of the result
@@ -110,6 +114,7 @@ def bytes_per_face(mesh: Mesh, mode: str) -> float:
         face_with_normals=faces if normals else 0,
         normal=normals,
         colored_vertex=0 if mesh.colors is None else mesh.num_vertices,
+        face_with_color_seams=faces if has_color_seams(mesh) else 0,
     )
     return _MARGIN * sum(a * b for a, b in zip(_BYTES[mode], counts, strict=True)) / faces
 
