@@ -523,3 +523,63 @@ def test_a_sheet_with_two_sides_keeps_its_rim_while_there_are_faces_to_spare(col
     sheet = corners[(corners[:, :, 0] < 1.5).all(axis=1)]
     areas = np.linalg.norm(np.cross(sheet[:, 1] - sheet[:, 0], sheet[:, 2] - sheet[:, 0]), axis=1)
     assert areas.sum() / 2 == pytest.approx(2.0, rel=1e-3)
+
+
+def plate(columns: int) -> Mesh:
+    """A square of side 1 in the plane z = 0."""
+    vertices, faces = grid(columns, columns)
+    return Mesh(vertices / columns, faces)
+
+
+def tessellated_boxes(columns: int) -> Mesh:
+    """Boxes that stand beside and upon each other, with rows of equal faces on each side."""
+    side = plate(columns)
+    sides = []
+    for axis in range(3):
+        for end in (0.0, 1.0):
+            points = np.full_like(side.vertices, end)
+            points[:, (axis + 1) % 3], points[:, (axis + 2) % 3] = side.vertices[:, :2].T
+            sides.append((points, side.faces if end else side.faces[:, ::-1]))
+    boxes = [([0.5, 0.5, 0.5], [0.0, 2.0, 2.0]), ([1.5, 0.5, 0.5], [0.5, 1.0, 1.5]),
+             ([1.0, 1.0, 0.5], [1.5, 1.5, 0.0]), ([0.5, 1.0, 1.0], [2.0, 1.0, 1.0]),
+             ([1.0, 1.5, 1.5], [0.0, 1.5, 1.5]), ([2.0, 2.0, 1.0], [0.5, 1.5, 1.5])]  # fmt: skip
+    vertices, faces = [], []
+    for size, place in boxes:
+        for points, corners in sides:
+            faces.append(corners + sum(map(len, vertices)))
+            vertices.append(points * size + place)
+    return Mesh(np.concatenate(vertices), np.concatenate(faces))
+
+
+@pytest.mark.parametrize(("columns", "ratio"), [(8, 0.1), (8, 0.05), (70, 0.05)])
+def test_boxes_keep_their_corners_where_the_best_positions_are_refused(
+    columns: int, ratio: float
+) -> None:
+    """An end of an edge that costs a corner is no cheap collapse because its best position was."""
+    boxes = tessellated_boxes(columns)
+    light = simplify.fast(boxes, ratio=ratio).mesh
+    assert metrics.metro(boxes, light).max < 0.01
+    assert metrics.metro(light, boxes).max < 0.01
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("options", [{"max_error": 0.0}, {"ratio": 0.1}, {"ratio": 0.02}])
+def test_faces_without_area_along_a_boundary_do_not_free_it(
+    turned: bool, options: dict[str, float]
+) -> None:
+    """Exporters close T-junctions with them; their short edges are the boundary then."""
+    square = plate(20)
+    x = np.arange(20) / 20
+    fillers = [
+        np.stack([np.stack([at, np.full_like(x, y), 0 * x], -1) for at in (x, x + 0.015, x + 0.05)])
+        for y in (0.0, 1.0)
+    ]
+    added = np.concatenate([np.swapaxes(each, 0, 1).reshape(-1, 3) for each in fillers])
+    vertices = np.concatenate([square.vertices, added])
+    if turned:
+        vertices = vertices @ np.array([[0.8, 0.6, 0], [-0.36, 0.48, 0.8], [0.48, -0.64, 0.6]])
+    faces = np.arange(len(added)).reshape(-1, 3) + square.num_vertices
+    mesh = Mesh(vertices, np.concatenate([square.faces, faces]))
+    light = simplify.fast(mesh, **options).mesh
+    assert light.num_faces < 90
+    assert metrics.metro(mesh, light).max < 1e-3

@@ -15,9 +15,6 @@ namespace {
 /// cos^2 78 deg; at 90 degrees a face could turn over in two steps.
 constexpr float kMinSquaredCosine = 0.04F;
 
-/// Squared sine below which a triangle has no area in single precision.
-constexpr float kMinSquaredSine = 1e-9F;
-
 /// Largest distance of a new vertex from the middle of its edge: two edge lengths, squared.
 constexpr float kFarthest = 4.0F;
 
@@ -219,11 +216,11 @@ std::optional<Rejection> EdgeCollapser::check_links(std::int32_t v, std::int32_t
 }
 
 /// Finds the position of the new vertex, as an offset from v: the minimum of the quadric, or else
-/// the cheaper end of the edge, or else the other end. A locked end does not move.
+/// the cheaper end of the edge, or else the other end. A legal end that costs more than is allowed
+/// at once is noted in `task.end_price`. A locked end does not move.
 std::optional<Rejection> EdgeCollapser::find_place(std::int32_t v, std::int32_t t,
                                                    const EdgeQuadric<float>& edge,
-                                                   const CollapseTask& task,
-                                                   Vector3f& offset) const {
+                                                   CollapseTask& task, Vector3f& offset) const {
   const Fan &first = task.first, &second = task.second;
   offset = {edge.ux, edge.uy, edge.uz};
   const bool is_first_fixed = mesh_.is_locked(v), is_second_fixed = mesh_.is_locked(t);
@@ -243,12 +240,15 @@ std::optional<Rejection> EdgeCollapser::find_place(std::int32_t v, std::int32_t 
       std::swap(other, third);
     }
     for (const Vector3f& place : {other, third}) {
-      if (!reason || key_of(edge.price(edge.value(place.x(), place.y(), place.z()))) > task.most ||
-          check_place(v, t, place, edge, first, second)) {
-        continue;
+      const std::uint32_t price = key_of(edge.price(edge.value(place.x(), place.y(), place.z())));
+      if (price > task.most || check_place(v, t, place, edge, first, second)) continue;
+      if (price > task.most_at_end) {
+        task.end_price = price;
+      } else {
+        offset = place;
+        reason.reset();
       }
-      offset = place;
-      reason.reset();
+      break;
     }
   }
   return reason;

@@ -41,7 +41,11 @@ struct Fan {
 struct CollapseTask {
   int level = 0;                   // of the block whose faces belong to the task
   std::uint32_t most = kMaxPrice;  // largest price that is allowed now
-  Fan first, second;               // around the two ends of the latest collapse
+  // Largest price of an end of the edge that is allowed at once, and the price of a legal end that
+  // was left for that; kNoPrice: none.
+  std::uint32_t most_at_end = kMaxPrice;
+  std::uint32_t end_price = kNoPrice;
+  Fan first, second;  // around the two ends of the latest collapse
   std::vector<std::int32_t> ends;
   std::vector<Side> sides, twins;
   std::vector<std::int32_t> doubling;  // vertices whose faces may have become duplicates
@@ -79,8 +83,7 @@ class EdgeCollapser {
                                                      const Fan& first, const Fan& second) const;
   [[nodiscard]] std::optional<Rejection> find_place(std::int32_t v, std::int32_t t,
                                                     const EdgeQuadric<float>& edge,
-                                                    const CollapseTask& task,
-                                                    Vector3f& offset) const;
+                                                    CollapseTask& task, Vector3f& offset) const;
   [[nodiscard]] std::optional<Rejection> check_place(std::int32_t v, std::int32_t t,
                                                      const Vector3f& offset,
                                                      const EdgeQuadric<float>& edge,

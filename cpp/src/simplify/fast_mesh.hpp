@@ -36,6 +36,9 @@ constexpr std::int64_t kBlock = std::int64_t{1} << kBlockBits;
 /// across blocks wait for the level at which they are inside one.
 constexpr int kLevelBits = 3;
 
+/// Squared sine below which a triangle has no area in single precision.
+constexpr float kMinSquaredSine = 1e-9F;
+
 /// The corners (0..2) after and before a corner. A table in a number avoids a branch, which a
 /// processor mispredicts every third time.
 constexpr std::uint32_t after(std::uint32_t c) { return (0b00'10'01U >> (2 * c)) & 3U; }

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstdint>
 #include <limits>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -116,6 +117,7 @@ void FastPass::prepare_workers() {
       worker.forbids = kNoPrice;
       worker.meets_forbidden = false;
       worker.beyond_piece = 0;
+      worker.task.most_at_end = kMaxPrice;
     }
   }
 }
@@ -268,18 +270,32 @@ void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& wor
     if (std::exchange(has_waiting, true)) return;
     worker.task.most = std::min(limit_, key_of(kOvertakes * std::bit_cast<float>(candidate.key)));
   };
-  std::vector<EdgeInReach>& near = worker.in_reach;
+  std::vector<EdgeInReach>&near = worker.in_reach, &at_ends = worker.at_ends;
   near.clear();
+  at_ends.clear();
+  const auto is_dearer = [](const EdgeInReach& a, const EdgeInReach& b) {
+    return std::tie(a.key, a.v, a.t) > std::tie(b.key, b.v, b.t);
+  };
   std::size_t next = 0, i = 0;
   while (worker.task.removed < quota) {
-    if (i == near.size()) {
-      if (next == candidates.size()) break;
+    if (i == near.size() && next < candidates.size()) {
       next = find_in_reach(candidates, next, near);
       i = 0;
       continue;
     }
-    prefetch(near, i);
-    const EdgeInReach candidate = near[i++];
+    EdgeInReach candidate;  // NOLINT: filled below
+    const bool is_at_end =
+        !at_ends.empty() && (i == near.size() || at_ends.front().key < near[i].key);
+    if (is_at_end) {
+      std::pop_heap(at_ends.begin(), at_ends.end(), is_dearer);
+      candidate = at_ends.back();
+      at_ends.pop_back();
+    } else if (i < near.size()) {
+      prefetch(near, i);
+      candidate = near[i++];
+    } else {
+      break;
+    }
     const auto [key, v, t] = candidate;
     if (mesh_.is_taken[v] != 0 || mesh_.is_taken[t] != 0) {
       wait(candidate);
@@ -294,13 +310,20 @@ void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& wor
       worker.beyond_piece = key;
       break;
     }
-    if (key > worker.forbids) {
+    if (key > worker.forbids && (is_in_order || !is_at_end)) {
       worker.meets_forbidden = true;
       break;
     }
     const std::int64_t left =
         may_exceed ? std::numeric_limits<std::int64_t>::max() : quota - worker.task.removed;
+    worker.task.most_at_end = key;
+    worker.task.end_price = kNoPrice;
     if (const auto reason = collapser_.collapse(v, t, worker.task, left)) {
+      if (worker.task.end_price != kNoPrice) {
+        at_ends.push_back({worker.task.end_price, v, t});
+        std::push_heap(at_ends.begin(), at_ends.end(), is_dearer);
+        continue;
+      }
       note_refusal(candidate, *reason, worker);
       if (is_in_order && (is_beside_[v] != 0 || is_beside_[t] != 0)) wait(candidate);
     } else if (is_in_order && mesh_.is_taken[v] != 0) {

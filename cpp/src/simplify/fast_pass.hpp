@@ -61,6 +61,9 @@ class FastPass {
     Bulk<PricedEdge> candidates;  // at first all edges of this block
     Bulk<PricedEdge> sorted;
     std::vector<EdgeInReach> in_reach;
+    // In a small pass: collapses whose best position was refused, at the price of an end of the
+    // edge; a heap with the cheapest on top.
+    std::vector<EdgeInReach> at_ends;
     // Edges of this block that touch others; they wait for the next level.
     Bulk<PricedEdge> waiting;
     std::array<std::int64_t, kNumRejections> rejected{};

@@ -100,11 +100,40 @@ bool add_faces(FastMesh& mesh, std::int32_t v) {
   return around.size() <= Ring::kMost && is_closed(ring) && has_one_wedge(mesh, v);
 }
 
+/// Another face at the edge v t than f; f itself if there is none.
+std::uint32_t face_beyond(const FastMesh& mesh, std::uint32_t f, std::int32_t v, std::int32_t t) {
+  std::uint32_t beyond = f;
+  mesh.for_each_face(v, [&](std::uint32_t g, std::uint32_t, std::int32_t a, std::int32_t b) {
+    if (g != f && (a == t || b == t)) beyond = g;
+  });
+  return beyond;
+}
+
+/// The area vector (twice) of the surface at a face: its own or, if it has no area, that of the
+/// face beyond its longest edge. Exporters close T-junctions with such faces, whose other edges are
+/// the boundary then.
+Vector3f area_vector_at(const FastMesh& mesh, std::uint32_t f) {
+  constexpr int kLongestChain = 8;  // of faces without area, one beyond the other
+  for (int step = 0;; ++step) {
+    const Triple& face = mesh.faces[f];
+    std::array<Vector3f, 3> p;
+    for (std::size_t c = 0; c < 3; ++c) p[c] = position_of(mesh.vertices[face[c]]);
+    const Vector3f area = (p[1] - p[0]).cross(p[2] - p[0]);
+    std::size_t longest = 0;
+    float square = -1.0F;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const float length = (p[after(c)] - p[c]).squaredNorm();
+      if (length > square) longest = c, square = length;
+    }
+    if (area.squaredNorm() > kMinSquaredSine * square * square) return area;
+    const std::uint32_t beyond = face_beyond(mesh, f, face[longest], face[after(longest)]);
+    if (beyond == f || step == kLongestChain) return area;
+    f = beyond;
+  }
+}
+
 void add_border(FastMesh& mesh, std::int32_t v, std::int32_t t, std::uint32_t f, double weight) {
-  const Triple& face = mesh.faces[f];
-  const Vector3f p = position_of(mesh.vertices[face[0]]);
-  const Vector3f normal =
-      (position_of(mesh.vertices[face[1]]) - p).cross(position_of(mesh.vertices[face[2]]) - p);
+  const Vector3f normal = area_vector_at(mesh, f);
   const Vector3f along = position_of(mesh.vertices[t]) - position_of(mesh.vertices[v]);
   const Vector3f across = along.cross(normal);
   const float length = across.norm();
