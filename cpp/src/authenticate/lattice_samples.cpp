@@ -70,7 +70,7 @@ struct Unit {
 // Units: largest distance of a coordinate from the grid. A coordinate is the float64 nearest to a
 // point of the grid, or was computed with the scale and offset of a file format, which adds an
 // error of a few times 2^-15 units at the largest allowed coordinate.
-constexpr double kOfGrid = 1.0 / 8192.0;
+constexpr double kMaxOffGrid = 1.0 / 8192.0;
 constexpr std::int64_t kExactReach = std::int64_t{1} << 30;
 
 Unit unit_of(double metres, double units, std::int64_t offset) {
@@ -78,7 +78,7 @@ Unit unit_of(double metres, double units, std::int64_t offset) {
   if (!(std::abs(scaled) < static_cast<double>(kFarthestUnit))) return {0, false, false};
   const std::int64_t whole = nearest(scaled), from_offset = whole - offset;
   const bool fits = from_offset > -kExactReach && from_offset < kExactReach;
-  const bool is_on_grid = std::abs(scaled - static_cast<double>(whole)) <= kOfGrid;
+  const bool is_on_grid = std::abs(scaled - static_cast<double>(whole)) <= kMaxOffGrid;
   return {fits ? from_offset : 0, is_on_grid, fits};
 }
 

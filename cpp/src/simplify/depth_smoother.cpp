@@ -53,10 +53,10 @@ void renew(double& noise, double now, double share) {
 /// time.
 double deviation_of(std::vector<float>& differences, double most) {
   // Standard deviation over median absolute value of a normal distribution.
-  constexpr double kOfMedian = 1.4826;
+  constexpr double kDeviationOverMedian = 1.4826;
   const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
   std::ranges::nth_element(differences, middle);
-  return std::min(kOfMedian / std::sqrt(6.0) * *middle, most);
+  return std::min(kDeviationOverMedian / std::sqrt(6.0) * *middle, most);
 }
 
 /// Adds to each number of a row its neighbours up to kRadius before and after it.
@@ -234,7 +234,7 @@ void DepthSmoother::measure_noise() {
   // Limit of a pixel's ratio, because moving pixels are not all recognized.
   constexpr float kMost = 3.0F;
   // Standard deviation over mean absolute value of a normal distribution.
-  constexpr double kOfMean = 1.25;
+  constexpr double kDeviationOverMean = 1.25;
   const auto share = static_cast<float>(options_.newest_share);
   const std::int64_t width = box_.end_u - box_.u;
   double sum = 0.0;
@@ -252,7 +252,7 @@ void DepthSmoother::measure_noise() {
     }
   });
   if (number == 0) return;
-  const double now = std::min(kOfMean * sum / static_cast<double>(number), kMaxNoise);
+  const double now = std::min(kDeviationOverMean * sum / static_cast<double>(number), kMaxNoise);
   renew(noise_, now, options_.newest_share);
 }
 

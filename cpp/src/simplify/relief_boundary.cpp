@@ -15,8 +15,9 @@ namespace {
 
 using PixelPlace = std::array<std::int32_t, 2>;
 
-// False surface costs ten times as much as missing surface, as for collapses.
-constexpr int kFalseFactor = 10;
+// Price of false surface, relative to missing surface: that of collapses, except that collapses
+// lower it to kChanceFalse where pixels are missing at random, and the boundary does not.
+constexpr int kFalsePixels = static_cast<int>(kFalseFactor);
 constexpr int kTileShift = 4;  // tiles of 16 pixels
 
 /// Price of the pixels of a sliver of missing surface, divided by their area times their width. A
@@ -64,7 +65,7 @@ bool meet(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p, const P
 /// Change of the covered surface, in pixels, when a boundary vertex moves by a pixel, at one of its
 /// two boundary edges. `end` is the other end of the edge; the mesh lies to the left of the edge,
 /// which starts at the vertex if `starts` is true. A covered pixel without surface counts
-/// -kFalseFactor.
+/// -kFalsePixels.
 int worth(const Surface& surface, const PixelPlace& from, const PixelStep& step,
           const PixelPlace& end, bool starts) {
   const std::int32_t turn = (end[0] - from[0]) * step.dv - (end[1] - from[1]) * step.du;
@@ -76,12 +77,12 @@ int worth(const Surface& surface, const PixelPlace& from, const PixelStep& step,
     visit_sliver(
         surface.cols(), from, {step.du, step.dv}, end, [&](std::int32_t pixel, bool is_old, bool) {
           if (is_old) return;
-          sum += surface.is_used(pixel) && step.is_linked(surface, pixel) ? 1 : -kFalseFactor;
+          sum += surface.is_used(pixel) && step.is_linked(surface, pixel) ? 1 : -kFalsePixels;
         });
   } else {
     visit_sliver(surface.cols(), from, {step.du, step.dv}, end,
                  [&](std::int32_t pixel, bool, bool is_new) {
-                   if (!is_new) sum -= surface.is_used(pixel) ? 1 : -kFalseFactor;
+                   if (!is_new) sum -= surface.is_used(pixel) ? 1 : -kFalsePixels;
                  });
   }
   return sum;
@@ -185,8 +186,8 @@ bool BoundaryMover::meets_other(const Triangulation& mesh, std::int32_t v, std::
         if ((p == first && q == last) || (p == last && q == first)) {
           met = sign(doubled_area(at_p, at_q, to)) !=
                 sign(doubled_area(at_p, at_q, place_of(mesh, v)));
-          // They start at the same vertex; neither may lie on the other.
         } else if (p == end || q == end) {
+          // They start at the same vertex; neither may lie on the other.
           met = is_on(p == end ? at_q : at_p, a, to) || is_on(to, at_p, at_q);
         } else {
           met = meet(a, to, at_p, at_q);

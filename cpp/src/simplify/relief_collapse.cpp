@@ -37,7 +37,7 @@ float confidence_of(const Surface& surface, const Triangulation& mesh, const Tri
              &c = mesh.vertex(corners[2]);
   const auto [first_u, last_u] = std::minmax({a.u, b.u, c.u});
   const auto [first_v, last_v] = std::minmax({a.v, b.v, c.v});
-  if (surface.is_believed(first_u, first_v, last_u, last_v)) return 1.0F;
+  if (surface.has_full_confidence(first_u, first_v, last_u, last_v)) return 1.0F;
   float sum = 0.0F;
   int count = 0;
   visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, SidePixels::kClosed,
@@ -564,7 +564,7 @@ void Collapser::remember_few(const Surface& surface, const Triangulation& mesh,
   few_below_ = mesh.num_vertices() - std::max<std::int64_t>(1, mesh.num_vertices() / 4);
   FewFaces faces = few_faces(surface, mesh, target);
   if (!few_.corners.empty() && faces.covered <= few_.covered) return;
-  few_left_out_ = left_out_ + doubled_pixels(mesh);
+  few_total_ = left_out_ + doubled_pixels(mesh);
   few_ = std::move(faces);
 }
 
@@ -602,6 +602,8 @@ std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::in
     }
     const bool stuck = !made && all;
     if (stuck && !leave_out_least(mesh)) {  // other pieces may block collapses, as in a hole
+      // For a target of 3, being forced is no way out: from four vertices, refuses_now() refuses
+      // even then, and the loop would not end.
       if (!refuses_off_ || off == OffFaces::kNever || target == 3) break;
       forced = true;
       continue;
@@ -615,7 +617,7 @@ std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::in
   few_below_ = mesh.num_vertices();
   remember_few(surface, mesh, target);
   mesh.assign(surface, few_.corners);
-  return (few_left_out_ - doubled_pixels(mesh) + 1) / 2;
+  return (few_total_ - doubled_pixels(mesh) + 1) / 2;
 }
 
 }  // namespace manip3d::relief_detail

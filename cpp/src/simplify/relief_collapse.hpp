@@ -161,10 +161,11 @@ class Collapser {
   bool has_fixed_ = false;
   bool refuses_off_ = false;  ///< Moves must not make a triangle that lies a step off the surface.
   float boundary_weight_ = 0.0F, cover_factor_ = 0.0F;
-  float least_loss_ = 0.0F;        ///< Smallest confidence by which lost surface is priced.
-  FewFaces few_;                   ///< The few faces that cover most pixels so far.
-  std::int64_t few_left_out_ = 0;  ///< Twice the number of pixels that they leave out.
-  std::int64_t few_below_ = 0;     ///< Number of vertices at which few_faces() is called next.
+  float least_loss_ = 0.0F;  ///< Smallest confidence by which lost surface is priced.
+  FewFaces few_;             ///< The few faces that cover most pixels so far.
+  /// Twice the pixels that were left out when `few_` was found, plus those of the whole mesh then.
+  std::int64_t few_total_ = 0;
+  std::int64_t few_below_ = 0;  ///< Number of vertices at which few_faces() is called next.
   std::vector<Move> moves_;
   std::vector<float> prices_;
   std::vector<std::int32_t> stack_;

@@ -28,17 +28,19 @@ inline float distance_from_line(const Vec3& p, const Vec3& a, const Vec3& b) {
   return length > 0.0F ? std::sqrt((p - a).cross(along).squaredNorm() / length) : 0.0F;
 }
 
-// Coordinates of vertices are counted in steps. If one is odd and the other even, the vertex is a
-// "side": it halves a side of a square of two steps. If both are odd, it is a "diagonal": it halves
-// the diagonal of such a square.
 bool is_kept(std::span<const Keep> keep, std::int32_t pixel) {
   return !keep.empty() && keep[pixel] != Keep::kFree;
 }
 
 bool is_odd(int i) { return (i & 1) != 0; }
 
-/// Direction of the diagonal of the square of two steps around (u, v). Its ends are the corner that
-/// is even in both coordinates and the one that is odd in both, counted in sides of the square.
+// Coordinates of vertices are counted in steps. If one is odd and the other even, the vertex is a
+// "side": it halves a side of a square of two steps. If both are odd, it is a "diagonal": it halves
+// the diagonal of such a square.
+
+/// Direction of the diagonal of the square of two steps around (u, v). With corners numbered in
+/// units of the square's side, the diagonal joins the corner with two even numbers to the one with
+/// two odd numbers.
 int diagonal_direction(int u, int v, int step) {
   const int i = (u - step) / (2 * step), j = (v - step) / (2 * step);
   return is_odd(i) == is_odd(j) ? 1 : -1;  // v grows with u along it, or decreases

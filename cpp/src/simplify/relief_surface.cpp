@@ -741,18 +741,19 @@ void Surface::weigh(const PointGridView& grid, std::span<const float> confidence
     sum += used_[p] != 0 ? double{confidence_[p]} : 0.0;
   }
   if (sum > 0.0) mean_confidence_ = static_cast<float>(sum / static_cast<double>(num_used_));
-  find_doubted();
+  find_unsure_tiles();
 }
 
-void Surface::find_doubted() {
+void Surface::find_unsure_tiles() {
   if (!has_confidence()) return;
-  const int across = cols_ / kDoubtTile + 1;
-  doubted_.assign(std::size_t{1} * across * (rows_ / kDoubtTile + 1), 0);
+  const int across = cols_ / kConfidenceTile + 1;
+  unsure_tiles_.assign(std::size_t{1} * across * (rows_ / kConfidenceTile + 1), 0);
   for (int v = 0; v < used_rows_; ++v) {
     const float* const row = confidence_.data() + std::ptrdiff_t{v} * cols_;
-    std::uint8_t* const doubted = doubted_.data() + std::ptrdiff_t{v / kDoubtTile} * across;
+    std::uint8_t* const unsure =
+        unsure_tiles_.data() + std::ptrdiff_t{v / kConfidenceTile} * across;
     for (int u = 0; u < used_cols_; ++u) {
-      if (row[u] < 1.0F) doubted[u / kDoubtTile] = 1;
+      if (row[u] < 1.0F) unsure[u / kConfidenceTile] = 1;
     }
   }
 }
@@ -878,7 +879,7 @@ void Surface::assign_half(const Surface& whole) {
   add_areas();
   if (has_confidence()) mean_area_ = mean_weight();
   for (std::size_t p = 0; p < confidence_.size(); ++p) samples_[p].weight *= confidence_[p];
-  find_doubted();
+  find_unsure_tiles();
 }
 
 std::int32_t Surface::pixel_at(std::int64_t input_u, std::int64_t input_v) const {

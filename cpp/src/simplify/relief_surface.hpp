@@ -129,11 +129,11 @@ class Surface {
   }
   /// Whether all pixels of a box (last pixels included) have a confidence of 1. The result may be
   /// false even then, because whole tiles are looked up.
-  [[nodiscard]] bool is_believed(int first_u, int first_v, int last_u, int last_v) const {
-    const int across = cols_ / kDoubtTile + 1;
-    for (int v = first_v / kDoubtTile; v <= last_v / kDoubtTile; ++v) {
-      for (int u = first_u / kDoubtTile; u <= last_u / kDoubtTile; ++u) {
-        if (doubted_[std::ptrdiff_t{v} * across + u] != 0) return false;
+  [[nodiscard]] bool has_full_confidence(int first_u, int first_v, int last_u, int last_v) const {
+    const int across = cols_ / kConfidenceTile + 1;
+    for (int v = first_v / kConfidenceTile; v <= last_v / kConfidenceTile; ++v) {
+      for (int u = first_u / kConfidenceTile; u <= last_u / kConfidenceTile; ++u) {
+        if (unsure_tiles_[std::ptrdiff_t{v} * across + u] != 0) return false;
       }
     }
     return true;
@@ -179,7 +179,7 @@ class Surface {
              valid_[std::ptrdiff_t{p[1]} * cols_ + p[0]] != 0;
     });
   }
-  /// The normalised sum of area times normal over the dense triangles; (0, 0, 1) if that is 0.
+  /// The normalised sum of area times normal over the complete cells; (0, 0, 1) if that is 0.
   [[nodiscard]] Vec3 mean_normal() const;
   /// The columns and rows by which a small move (in input units) from a pixel's point goes along
   /// the surface: least squares in the tangents that central differences give.
@@ -205,7 +205,7 @@ class Surface {
   void build_around(const PointGridView& grid, const DenseRule& rule, int u, int v);
   void add_areas();
   [[nodiscard]] float mean_weight() const;
-  void find_doubted();
+  void find_unsure_tiles();
   void weigh(const PointGridView& grid, std::span<const float> confidence);
 
   int cols_ = 0, rows_ = 0;            ///< Padded.
@@ -216,10 +216,11 @@ class Surface {
   Eigen::Vector3d center_ = Eigen::Vector3d::Zero();
   std::vector<Sample> samples_;
   std::vector<std::uint8_t> valid_, used_;
-  std::vector<float> confidence_;       ///< By pixel; or empty.
-  static constexpr int kDoubtTile = 4;  ///< Pixels.
-  /// By tile of kDoubtTile x kDoubtTile pixels: whether one of them has a confidence below 1.
-  std::vector<std::uint8_t> doubted_;
+  std::vector<float> confidence_;            ///< By pixel; or empty.
+  static constexpr int kConfidenceTile = 4;  ///< Pixels.
+  /// By tile of kConfidenceTile x kConfidenceTile pixels: whether one of them has a confidence
+  /// below 1.
+  std::vector<std::uint8_t> unsure_tiles_;
   std::vector<std::uint8_t> cells_;
   std::vector<float> row_floats_;  ///< Scratch memory of loops over rows, like the next two.
   std::vector<std::uint8_t> row_cells_;

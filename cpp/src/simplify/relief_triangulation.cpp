@@ -305,7 +305,9 @@ void Triangulation::relink(std::int32_t t, std::int32_t from, std::int32_t to) {
 }
 
 void Triangulation::find_first(std::int32_t v, std::int32_t t) {
-  if (!vertices_[v].on_boundary) {  // any triangle of the fan
+  // Without a boundary, any triangle of the fan may be its first. The order of the fan follows from
+  // the choice, and with it the last bits of sums over the fan.
+  if (!vertices_[v].on_boundary) {
     vertices_[v].triangle = faces_[t].neighbors[next_corner(corner(faces_[t].corners, v))];
     return;
   }
