@@ -4,8 +4,9 @@
 
 namespace manip3d {
 
-void BodyPlane::look_for_floor(const Skeleton& person, const PhantomInput& input,
+void BodyPlane::learn_vertical(const Skeleton& person, const PhantomInput& input,
                                const PixelRays& rays, double time_s) {
+  // Without a body index, the floor separates the person from what is around the person.
   const bool is_asked = input.body_index == nullptr || (follows_trunk() && is_of_leg());
   if (!is_asked || !is_usable(person, Joint::kSpineBase)) return;
   vertical_.learn(input.depth, input.body_index, rays, person[Joint::kSpineBase]);

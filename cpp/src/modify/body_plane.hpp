@@ -34,10 +34,10 @@ class BodyPlane {
     return options_.plane == PlaneRule::kTrunk && options_.mode == MirrorMode::kReflection;
   }
 
-  /// Looks for a floor around the person, or for an upright person, if the options need the
-  /// vertical.
+  /// Learns the vertical from a floor around the person, or from an upright person, if the options
+  /// or the removal of what surrounds the person need it.
   /// @param person  Joints as measured by the tracker.
-  void look_for_floor(const Skeleton& person, const PhantomInput& input, const PixelRays& rays,
+  void learn_vertical(const Skeleton& person, const PhantomInput& input, const PixelRays& rays,
                       double time_s);
   /// The floor; no value if a tracked foot is well below it, because it is a table or a bed then.
   [[nodiscard]] std::optional<FloorPlane> floor_under(const Skeleton& person) const;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cstddef>
 #include <optional>
 
@@ -8,6 +9,14 @@
 #include "manip3d/modify/joint_smoother.hpp"
 
 namespace manip3d {
+
+/// Squared length of a bone, square metres, as a divisor: above 0 also for a bone whose joints
+/// coincide.
+template <typename Vector>
+typename Vector::Scalar squared_length(const Vector& bone) {
+  constexpr auto kPoint = static_cast<typename Vector::Scalar>(1e-9);
+  return std::max(bone.squaredNorm(), kPoint);
+}
 
 /// Unit vector from the parent joint of a bone to its own joint; no value if one of them is not
 /// usable or the bone has no length.

@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "manip3d/modify/joint_smoother.hpp"
+#include "modify/bone_direction.hpp"
 
 namespace manip3d {
 namespace {
@@ -44,7 +45,7 @@ struct LimbBones {
   [[nodiscard]] Eigen::Vector3f off(std::size_t bone, const Eigen::Vector3f& p) const {
     const Eigen::Vector3f& b = along[bone];
     const Eigen::Vector3f from_start = p - start[bone];
-    const float t = from_start.dot(b) / std::max(b.squaredNorm(), 1e-9F);
+    const float t = from_start.dot(b) / squared_length(b);
     return from_start - std::clamp(t, 0.0F, 1.0F) * b;
   }
 };

@@ -8,6 +8,7 @@
 
 #include "geometry/small_solvers.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
+#include "modify/bone_direction.hpp"
 
 namespace manip3d {
 namespace {
@@ -48,8 +49,7 @@ void for_each_part(const PersonPoints& points, const Skeleton& person, Limb leg,
     std::size_t part = 0;
     for (std::size_t k = 0; k <= kNumParts; ++k) {
       const Eigen::Vector3f from = person[chain[k]], bone = person[chain[k + 1]] - from;
-      const float along =
-          std::clamp((p - from).dot(bone) / std::max(bone.squaredNorm(), 1e-9F), 0.0F, 1.0F);
+      const float along = std::clamp((p - from).dot(bone) / squared_length(bone), 0.0F, 1.0F);
       const float off = (p - from - along * bone).squaredNorm();
       if (!(off < nearest)) continue;
       nearest = off;
@@ -76,7 +76,7 @@ Parts parts_of(const PersonPoints& points, const Skeleton& person, Limb leg) {
 class Skin {
  public:
   Skin(const Eigen::Vector3d& from, const Eigen::Vector3d& to, const Part& part)
-      : from_(from), bone_(to - from), length2_(std::max(bone_.squaredNorm(), 1e-9)) {
+      : from_(from), bone_(to - from), length2_(squared_length(bone_)) {
     double sum = 0.0;
     for (std::size_t i = 0; i < part.count; ++i) sum += from_bone(part.points[i] - from).norm();
     radius_ = sum / static_cast<double>(std::max<std::size_t>(part.count, 1));
@@ -122,7 +122,7 @@ double seated_share(const Skeleton& person, Limb leg, const BodyFrame& trunk) {
   if (!is_usable(person, chain[0]) || !is_usable(person, chain[1])) return 0.0;
   const Eigen::Vector3d thigh = (person[chain[1]] - person[chain[0]]).cast<double>();
   const double along = trunk.y.dot(thigh);
-  return 1.0 - along * along / std::max(thigh.squaredNorm(), 1e-9);
+  return 1.0 - along * along / squared_length(thigh);
 }
 
 /// The plane at which one leg is mirrored onto the other, relative to the plane of the trunk.

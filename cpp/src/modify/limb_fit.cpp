@@ -10,6 +10,7 @@
 #include "manip3d/modify/body_bones.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 #include "manip3d/modify/limb.hpp"
+#include "modify/bone_direction.hpp"
 
 namespace manip3d {
 namespace {
@@ -56,7 +57,7 @@ struct Samples {
   void measure(const Eigen::Vector3f& from, const Eigen::Vector3f& end, const BoneRadii& radii,
                std::int32_t number, std::array<float, kMaxSamples>& to) {
     const Eigen::Vector3f b = end - from;
-    const Eigen::Vector3f t = b / std::max(b.squaredNorm(), 1e-9F);
+    const Eigen::Vector3f t = b / squared_length(b);
     const float taper = radii.end - radii.start;
     constexpr float kRounding = 1e-3F;  // metres: far above the rounding of these floats
     const float reach = kFarthest + std::max(radii.start, radii.end) + kRounding;
@@ -194,7 +195,7 @@ class LimbFit {
     const Chain& chain = chains_[limb];
     const Eigen::Vector3f p(samples_.x[i], samples_.y[i], samples_.z[i]);
     const Eigen::Vector3f a = chain.place[k - 1], b = chain.place[k] - a;
-    const float along = b.dot(p - a) / std::max(b.squaredNorm(), 1e-9F);
+    const float along = b.dot(p - a) / squared_length(b);
     const bool is_past_the_end = along >= 1.0F && k + 1 == chain.count;
     if (is_past_the_end || along < 0.0F) return;  // beyond the ends u is not across the bone
     const float t = std::min(along, 1.0F);

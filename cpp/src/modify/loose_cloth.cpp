@@ -13,9 +13,9 @@ namespace {
 constexpr float kSeenThrough = 0.08F;
 constexpr float kMargin = 0.03F;  // error of the plane and of the symmetry of bodies
 // A point farther from the skin of a limb is not certainly that limb's.
-constexpr float kOfOther = 0.03F;
+constexpr float kOffSkin = 0.03F;
 // The same for an arm; larger, because fingers reach beyond the joints.
-constexpr float kOfHand = 0.10F;
+constexpr float kOffArmSkin = 0.10F;
 constexpr float kAbove = 0.05F;      // cloth hangs below the root
 constexpr float kTrunkHalf = 0.10F;  // the sleeve of an arm hangs farther from the plane than this
 // Trunks of real people reach this far to either side of the plane.
@@ -93,7 +93,7 @@ class ClothTest {
 bool is_far_from_skin(std::uint8_t label, float skin_distance) {
   const bool is_of_arm =
       is_limb_bone(Limb::kLeftArm, label) || is_limb_bone(Limb::kRightArm, label);
-  return skin_distance > (is_of_arm ? kOfHand : kOfOther);
+  return skin_distance > (is_of_arm ? kOffArmSkin : kOffSkin);
 }
 
 /// Marks the points that pass the weak or the strong test.
@@ -142,7 +142,7 @@ class ClothPiece {
 
  private:
   void add(std::int32_t pixel) {
-    image_.removal[pixel] = Removal::kPassedOver;
+    image_.removal[pixel] = Removal::kExamined;
     stack_[count_++] = pixel;
   }
   void spread(std::int32_t pixel, Removal to) {

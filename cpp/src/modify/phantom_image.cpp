@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <limits>
 
+#include "modify/nearest_skin.hpp"
 #include "modify/pixel_bounds.hpp"
 #include "modify/ray_at.hpp"
 
@@ -199,7 +200,7 @@ std::int64_t remove_rest(const PersonPoints& points, Limb limb, const PhantomIma
     std::size_t count = 0;
     bool hangs_on_body = false, hangs_on_removed = false;
     const auto add = [&](std::int32_t pixel) {
-      image.removal[pixel] = Removal::kPassedOver;
+      image.removal[pixel] = Removal::kExamined;
       stack[count++] = pixel;
     };
     add(first);
@@ -228,32 +229,6 @@ std::int64_t remove_rest(const PersonPoints& points, Limb limb, const PhantomIma
 }
 
 namespace {
-
-struct NearestSkin {
-  float distance = std::numeric_limits<float>::max();  ///< Metres; below 0 inside of the capsule.
-  std::uint8_t label = 0;                              ///< Bone of the skin; 0: there is none.
-  Eigen::Vector3f on_bone = Eigen::Vector3f::Zero();   ///< Nearest point of the bone.
-  float radius = 0.0F;                                 ///< Radius of the bone there.
-};
-
-/// The skin nearest to p among the bones for whose label counts(label) holds.
-template <typename Counts>
-NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
-                         const Counts& counts) {
-  NearestSkin nearest;
-  for (std::size_t k = 0; k < bones.count; ++k) {
-    if (!counts(bones.label[k])) continue;
-    const Eigen::Vector3f bone = bones.end[k] - bones.start[k], from = p - bones.start[k];
-    constexpr float kPoint = 1e-9F;  // square metres
-    const float t = std::clamp(from.dot(bone) / std::max(bone.squaredNorm(), kPoint), 0.0F, 1.0F);
-    const BoneRadii& r = bones.radii[k];
-    const float radius = r.start + t * (r.end - r.start), skin = (from - t * bone).norm() - radius;
-    if (skin < nearest.distance) {
-      nearest = {skin, bones.label[k], bones.start[k] + t * bone, radius};
-    }
-  }
-  return nearest;
-}
 
 NearestSkin nearest_other_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
                                std::uint8_t left_out) {
@@ -334,7 +309,7 @@ std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSe
     std::size_t count = 0;
     std::int64_t beside_body = 0, beside_others = 0;
     const auto add = [&](std::int32_t pixel) {
-      image.removal[pixel] = Removal::kPassedOver;
+      image.removal[pixel] = Removal::kExamined;
       stack[count++] = pixel;
     };
     add(points.pixel[i]);
@@ -345,7 +320,7 @@ std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSe
         } else if (beside >= 0 && image.kind[beside] == PixelKind::kBody) {
           ++beside_body;
         } else if (beside < 0 || image.kind[beside] != PixelKind::kNone ||
-                   image.removal[beside] != Removal::kPassedOver) {
+                   image.removal[beside] != Removal::kExamined) {
           ++beside_others;
         }
       });

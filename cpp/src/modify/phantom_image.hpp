@@ -25,7 +25,7 @@ bool is_trunk(std::uint8_t bone);
 enum class Removal : std::uint8_t {
   kNone,
   kRemoved,       ///< Removed as part of the limb.
-  kPassedOver,    ///< Examined and kept.
+  kExamined,      ///< Examined; it is kept unless its kind is kNone.
   kPerhapsCloth,  ///< Passes the weak test of loose cloth.
   kSurelyCloth    ///< Passes the strong test as well.
 };
@@ -127,7 +127,8 @@ struct MirroredPoint {
 };
 
 /// Mirrors the points of the intact limb that are within `radius` of its bones and `flesh` of their
-/// skins. Their normals come from the depths around them in `image`.
+/// skins. Their normals come from the depths around them in `image`. `mirror` must be its own
+/// inverse, because `mirror.offset` is taken as the place that is mirrored to the camera.
 void mirror_limb(const PersonPoints& points, Limb intact, double radius, double flesh,
                  const PixelRays& rays, const Mirror& mirror, const PhantomImage& image,
                  std::vector<MirroredPoint>& mirrored);

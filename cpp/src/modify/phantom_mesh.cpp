@@ -177,13 +177,12 @@ class MeshWriter {
   PhantomMeshSize size_;
 };
 
-/// Texture coordinates of the first `num_points` vertices.
-void write_texcoords(const PhantomImage& image, const PixelRays& rays, std::int64_t num_points,
-                     const Registration* registration, Texturing texturing,
-                     const DepthMeshBuffers& out) {
+/// Writes texture coordinates of the first `num_points` vertices (in [0, 1] within the image, v up)
+/// for a colour image with the pixels of the depth image.
+void write_image_texcoords(const PhantomImage& image, std::int64_t num_points, bool by_source,
+                           const DepthMeshBuffers& out) {
   const auto width = static_cast<double>(image.cols), height = static_cast<double>(image.rows);
-  const bool by_source = texturing == Texturing::kSource;
-  for (std::int64_t i = 0; i < num_points && registration == nullptr; ++i) {
+  for (std::int64_t i = 0; i < num_points; ++i) {
     std::int64_t u = out.pixels[2 * i], v = out.pixels[2 * i + 1];
     if (by_source) {
       const std::int32_t* source = image.source + 2 * (v * image.cols + u);
@@ -193,8 +192,14 @@ void write_texcoords(const PhantomImage& image, const PixelRays& rays, std::int6
     const auto uv = grid_texcoord(static_cast<double>(u), static_cast<double>(v), width, height);
     std::copy_n(uv.begin(), 2, out.texcoords + 2 * i);
   }
-  if (registration == nullptr) return;
-  const ColorCamera camera(*registration);
+}
+
+/// Writes texture coordinates of the first `num_points` vertices (in [0, 1] within the image, v up)
+/// for the image of a colour camera; NaN where the camera cannot see the vertex.
+void write_color_texcoords(const PhantomImage& image, const PixelRays& rays,
+                           std::int64_t num_points, const Registration& registration,
+                           bool by_source, const DepthMeshBuffers& out) {
+  const ColorCamera camera(registration);
   for (std::int64_t i = 0; i < num_points; ++i) {
     const float* p = out.vertices + 3 * i;
     std::array<float, 3> point = {p[0], p[1], p[2]};
@@ -236,7 +241,12 @@ PhantomMeshSize write_mesh(const PhantomImage& image, const PixelBox& box, const
                            std::int64_t num_points, const std::vector<std::int32_t>& vertex_of,
                            const Registration* registration, const PhantomMeshOptions& options,
                            const DepthMeshBuffers& out) {
-  write_texcoords(image, rays, num_points, registration, options.texturing, out);
+  const bool by_source = options.texturing == Texturing::kSource;
+  if (registration == nullptr) {
+    write_image_texcoords(image, num_points, by_source, out);
+  } else {
+    write_color_texcoords(image, rays, num_points, *registration, by_source, out);
+  }
   MeshWriter writer(image, vertex_of, num_points, options, out, rays.flips());
   for (std::int64_t v = box.v0; v + 1 < box.v0 + box.height; ++v) {
     const std::int64_t first = v * image.cols + box.u0;

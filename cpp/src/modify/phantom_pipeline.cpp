@@ -143,10 +143,10 @@ class PhantomPipeline::Workspace {
     report.skeleton = phantom_skeleton(*now.person, report.state);
     judge_picture(*now.person, taken, shown.drawn.num_outside, time_s, all, image, report);
     stages.end(PhantomStage::kSkeleton);
-    report.num_points = write_points(image, all, rays_, out.mesh, vertex_of_);
+    report.num_points = write_points(image, all, rays_, out.mesh, pixel_scratch_);
     stages.end(PhantomStage::kPointCloud);
-    report.mesh = write_mesh(image, all, rays_, report.num_points, vertex_of_, input.registration,
-                             options_.mesh, out.mesh);
+    report.mesh = write_mesh(image, all, rays_, report.num_points, pixel_scratch_,
+                             input.registration, options_.mesh, out.mesh);
     stages.end(PhantomStage::kMesh);
     return report;
   }
@@ -213,7 +213,7 @@ class PhantomPipeline::Workspace {
     rays_ = PixelRays(camera);
     points_.resize(camera.height, camera.width);
     const auto size = static_cast<std::size_t>(camera.width * camera.height);
-    vertex_of_.resize(size);
+    pixel_scratch_.resize(size);
     source_depth_.resize(size);
     removal_.resize(size);
     held_.reserve(size);
@@ -303,7 +303,7 @@ class PhantomPipeline::Workspace {
     const Skeleton& person = *now.person;
     const Skeleton believed = goes_by_skin() ? without_unseen_limb(person, input) : person;
     find_person(input.depth, input.body_index, believed, rays_, options_.mask, points_);
-    if (now.is_here) plane_.look_for_floor(person, input, rays_, clock_.seconds());
+    if (now.is_here) plane_.learn_vertical(person, input, rays_, clock_.seconds());
     if (input.body_index == nullptr && goes_by_skin()) leave_surroundings(believed, input);
     return goes_by_skin() ? fit_limbs(believed, points_, girth_.trunk()) : believed;
   }
@@ -313,7 +313,7 @@ class PhantomPipeline::Workspace {
   void leave_surroundings(const Skeleton& person, const PhantomInput& input) {
     const bool has_points = points_.count > 0;
     drop_surroundings(input.depth, bones_of(person), options_.affected, static_cast<float>(flesh()),
-                      plane_.floor_under(person), points_, vertex_of_);
+                      plane_.floor_under(person), points_, pixel_scratch_);
     is_beside_all_ = has_points && points_.count == 0;
   }
 
@@ -446,16 +446,17 @@ class PhantomPipeline::Workspace {
     if (plane_.tells_legs_apart()) {
       const bool is_there = presence_.is_there();
       const std::int64_t num_given =
-          keep_to_side(affected, is_there, bones_, *plane_.frame(), points_, image, vertex_of_);
+          keep_to_side(affected, is_there, bones_, *plane_.frame(), points_, image, pixel_scratch_);
       if (is_there) taken.num_given = num_given;
     }
     report.num_removed = remove_limb(points_, affected, removal_radius(), flesh(), image);
     if (!goes_by_skin()) return taken;
-    report.num_removed += remove_rest(points_, affected, image, vertex_of_);
+    report.num_removed += remove_rest(points_, affected, image, pixel_scratch_);
     taken.cloth = cloth_search(fitted);
     if (taken.cloth) {
-      report.num_removed += remove_loose_cloth(points_, *taken.cloth, input.depth,
-                                               PixelProjector(*camera_, rays_), image, vertex_of_);
+      report.num_removed +=
+          remove_loose_cloth(points_, *taken.cloth, input.depth, PixelProjector(*camera_, rays_),
+                             image, pixel_scratch_);
     }
     return taken;
   }
@@ -583,7 +584,8 @@ class PhantomPipeline::Workspace {
     PixelBounds phantom;
     phantom.add(shown.drawn.box);
     if (!is_lost) {
-      phantom.add(bridge_gaps(shown.points.limb, options_.affected, projector, image, vertex_of_));
+      phantom.add(
+          bridge_gaps(shown.points.limb, options_.affected, projector, image, pixel_scratch_));
     }
     report.num_filled = fill_holes(phantom.box(), rays_, image, fills_);
     PixelBounds all = phantom;
@@ -607,7 +609,7 @@ class PhantomPipeline::Workspace {
     constexpr double kSeam = 0.05;  // metres: farthest restored pixel from the skin of other bones
     if (options_.keep_residual || !goes_by_skin() || is_arm(options_.affected)) return;
     give_back(points_, options_.affected, bones_, kSeam, image);
-    give_back_holes(points_, options_.affected, bones_, rays_, image, vertex_of_);
+    give_back_holes(points_, options_.affected, bones_, rays_, image, pixel_scratch_);
   }
 
   /// Fills holes of the mirrored leg with points of the affected leg that are within flesh() of the
@@ -650,7 +652,8 @@ class PhantomPipeline::Workspace {
   BoneSegments bones_;
   PersonPoints points_;
   std::vector<HoleFill> fills_;
-  std::vector<std::int32_t> vertex_of_;
+  /// One number per pixel: scratch memory of several steps, at last the vertex of each pixel.
+  std::vector<std::int32_t> pixel_scratch_;
   std::vector<float> source_depth_;
   std::vector<Removal> removal_;
   PictureJudge picture_;

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 #include "manip3d/modify/joint_smoother.hpp"
+#include "modify/nearest_skin.hpp"
 #include "modify/ray_at.hpp"
 
 namespace manip3d {
@@ -51,29 +51,6 @@ bool is_trunk_bone(std::uint8_t bone) {
          bone == static_cast<std::uint8_t>(Joint::kSpineShoulder);
 }
 
-struct NearestSkin {
-  float distance = std::numeric_limits<float>::max();  ///< Metres.
-  std::uint8_t label = 0;
-  float depth = 0.0F;  ///< Depth of the bone's nearest point, metres.
-};
-
-/// The nearest skin of the bones whose label counts.
-template <typename Counts>
-NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
-                         const Counts& counts) {
-  NearestSkin nearest;
-  for (std::size_t k = 0; k < bones.count; ++k) {
-    if (!counts(bones.label[k])) continue;
-    const Eigen::Vector3f off = p - bones.start[k], bone = bones.end[k] - bones.start[k];
-    const float t = std::clamp(off.dot(bone) / std::max(bone.squaredNorm(), 1e-9F), 0.0F, 1.0F);
-    const float radius = bones.radii[k].start + t * (bones.radii[k].end - bones.radii[k].start);
-    const float distance = (off - t * bone).norm() - radius;
-    if (distance >= nearest.distance) continue;
-    nearest = {distance, bones.label[k], bones.start[k].z() + t * bone.z()};
-  }
-  return nearest;
-}
-
 /// Pixels of the body above the hips that lie too far from every bone to belong to it, as those of
 /// an arm whose joints are elsewhere, relative to the pixels of the intact arm. Pixels nearest to a
 /// leg do not count, because the thighs of seated people rise above their joints. The limit is
@@ -103,7 +80,7 @@ double stray_share(const PersonPoints& points, Limb affected, const Skeleton& pe
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     if (!is_above(p)) continue;
     const NearestSkin nearest = nearest_skin(p, bones, [](std::uint8_t) { return true; });
-    stray += is_beside(p, nearest) && p.z() < nearest.depth + kBehindBone;
+    stray += is_beside(p, nearest) && p.z() < nearest.on_bone.z() + kBehindBone;
   }
   return static_cast<double>(stray) / std::max(kMinLimb, static_cast<double>(intact));
 }
@@ -119,7 +96,7 @@ bool shows_trunk(const Eigen::Vector3f& p, const BoneSegments& bones) {
   for (std::size_t k = 0; k < bones.count; ++k) {
     if (!is_trunk_bone(bones.label[k])) continue;
     const Eigen::Vector3f from = across(bones.start[k]), bone = across(bones.end[k]) - from;
-    const float t = std::clamp(-from.dot(bone) / std::max(bone.squaredNorm(), 1e-9F), 0.0F, 1.0F);
+    const float t = std::clamp(-from.dot(bone) / squared_length(bone), 0.0F, 1.0F);
     const float radius = bones.radii[k].start + t * (bones.radii[k].end - bones.radii[k].start);
     if ((from + t * bone).squaredNorm() < kWithin * radius * radius) return true;
   }
@@ -152,7 +129,8 @@ double lost_below(const PersonPoints& points, const Skeleton& person, const Body
   for (std::int64_t i = 0; i < points.count; ++i) {
     const bool is_lost = image.kind[points.pixel[i]] == PixelKind::kNone;
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
-    const bool below = up.dot(p - origin)<0.0F, below_upright = p.y()> hips;
+    const bool below = up.dot(p - origin) < 0.0F;
+    const bool below_upright = p.y() > hips;
     all += below;
     lost += below && is_lost;
     all_upright += below_upright;
@@ -262,12 +240,14 @@ void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& b
     std::uint8_t* cells = cells_.data() + row * box.width;
     for (std::int64_t i = 0; i < box.width; ++i) cells[i] = is_drawn_limb(kinds[i]) ? 1 : 0;
   }
+  constexpr float kFarAway = 1e6F;  // square metres; farther than any pixel
   sizes_.clear();
   std::int64_t all = 0;
   for (const MarkedRun& run : pieces_.find(cells_.data(), box.height, box.width, false)) {
     const std::int64_t v = box.v0 + run.row;
     const std::size_t piece = run.component;
-    if (piece == sizes_.size()) sizes_.push_back({0, 1e6F});
+    // Components are numbered in the order of their first run.
+    if (piece == sizes_.size()) sizes_.push_back({0, kFarAway});
     for (std::int64_t u = box.u0 + run.first; u <= box.u0 + run.last; ++u) {
       const float z = image.depth[v * image.cols + u];
       const float off = (lift(rays, u, v, z) - root).squaredNorm();
@@ -293,9 +273,9 @@ PhantomReason misfit(const PhantomQuality& quality, const Stature& stature,
 
 PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature,
                        const JointOffset& offset, PhantomQuality& quality) {
-  constexpr double kOfTrunk = 0.5;  // roots lie at the border of the trunk
+  constexpr double kTrunkShare = 0.5;  // roots lie at the border of the trunk
   const double most_gap = (is_arm(affected) ? kMaxGapArm : kMaxGapLeg) +
-                          kOfTrunk * static_cast<double>(girth.around_trunk());
+                          kTrunkShare * static_cast<double>(girth.around_trunk());
   const double most_lost = is_arm(affected) ? kMaxLostTrunk : kMaxLostLegs;
   const std::array<std::pair<PhantomReason, double>, 13> measures = {{
       {PhantomReason::kCalibration, (1.0 - quality.fit) / (1.0 - kMinFit)},

@@ -24,7 +24,7 @@ void SymmetryPlane::measure(const Prior& prior, const KeySurface& surface, const
                             double pelvis_turn, const SeenDepth& seen) {
   const BodyFrame& axes = prior.axes;
   if (!surface.is_known()) {
-    covariance_ = Eigen::Matrix3d(prior.variance.cwiseInverse().asDiagonal()).inverse();
+    covariance_ = Eigen::Matrix3d(prior.variance.asDiagonal());
     return;
   }
   const Eigen::Matrix3d rotation = pose.rotation.toRotationMatrix();

@@ -27,11 +27,11 @@ class SymmetryPlane {
                double pelvis_turn, const SeenDepth& seen);
 
   [[nodiscard]] bool is_measured() const { return frames_ > 0.0; }
-  /// Return the axes of the joints, turned and moved to the plane. `pose` is the pose of the
-  /// trunk's end.
+  /// Return the axes of the joints, turned and moved to the plane. `pose` is the pose of the end of
+  /// the trunk (chest or pelvis) to which the limb belongs.
   [[nodiscard]] BodyFrame move(const BodyFrame& axes, const TrunkPose& pose) const;
-  /// Covariance of the plane's place within the trunk: roll and yaw of its normal, radians, and its
-  /// offset, metres. No value before the first frame.
+  /// Covariance of the plane's place within the trunk: roll and yaw of its normal (square radians)
+  /// and its offset (square metres). No value before the first frame.
   [[nodiscard]] const std::optional<Eigen::Matrix3d>& covariance() const { return covariance_; }
   void forget_covariance() { covariance_.reset(); }
 
