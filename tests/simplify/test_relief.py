@@ -325,6 +325,25 @@ def test_a_vertex_that_cannot_leave_its_pinhole_leaves_all_levels() -> None:
         check_surface(result.prefix(count), valid)
 
 
+def test_dropped_pixels_are_those_of_the_level_that_is_the_result() -> None:
+    """They were those of a larger mesh that was rejected."""
+    rows = (
+        "####",
+        "..#.",
+        "####",
+        ".#..",
+    )
+    valid = np.array([[cell == "#" for cell in row] for row in rows])
+    points = np.zeros((4, 4, 3), np.float32)
+    points[..., 1], points[..., 0] = np.mgrid[0:4, 0:4]
+    small = simplify.relief_grid(points, valid, 4)
+    assert (small.stop, small.dropped_pixels) == ("small_pieces", 1)
+    result = simplify.relief_grid(points, valid, 5, levels=[4])
+    assert result.stop == "smaller_level"
+    assert np.array_equal(result.pixels[result.faces], small.pixels[small.faces])
+    assert result.dropped_pixels == small.dropped_pixels
+
+
 def test_a_plane_needs_its_corners_only() -> None:
     camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
     v, u = np.mgrid[0:48, 0:64]

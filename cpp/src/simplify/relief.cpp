@@ -33,9 +33,9 @@ using relief_detail::Vec3;
 // "Pixels per vertex" below are the used pixels of the surface (those that a dense triangle uses)
 // divided by the vertices of the target.
 
-/// From this many pixels per vertex on, the first triangulation needs no vertices between every
-/// second pixel: at 1 % of the points three of four images and scans gave the same result, and the
-/// fourth 1.01 times the error.
+/// From this many pixels per vertex on, the first triangulation needs inner vertices at every
+/// second pixel only (Budget::finest): at 1 % of the points three of four images and scans gave the
+/// same result, and the fourth 1.01 times the error.
 constexpr std::int64_t kSparse = 32;
 
 /// From this many pixels per vertex on, kLive triangulates every second pixel in both directions,
@@ -593,7 +593,8 @@ bool Relief::Memory::is_written(const Triangulation& of, std::int32_t t) const {
     pixels[i] = of.vertex(of.triangle(t)[i]).pixel;
     if (is_pinhole(pixels[i])) return false;
     pixels[i] = seen().pixel_at(surface.input_u(pixels[i]), surface.input_v(pixels[i]));
-    if (pixels[i] < 0) return true;  // nothing else was measured there
+    // The vertex lies outside the measured surface, so no step can be tested.
+    if (pixels[i] < 0) return true;
   }
   return !lies_off(seen(), pixels);
 }
@@ -699,12 +700,14 @@ void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions
     choose_surface(options.effort, target);
     recall(grid, options);
     if (!levels.empty()) fix_vertices();
+    const std::int64_t dropped_before = result.dropped_pixels;
     make_best_mesh(options, target, result);
     if (levels.empty()) keep_a_face(result);
     // The vertices of the next smaller level are fixed. If this size is hardly larger, they may
     // leave no legal collapse that reaches it; the result is then that smaller level again.
     if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {
       mesh = levels.back();
+      result.dropped_pixels = dropped_before;
       if (mesh.num_vertices() < target) result.stop = ReliefStop::kSmallerLevel;
     }
     if (last) return;
@@ -819,7 +822,9 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
   }
   const Eigen::Index num_vertices = number_vertices(mesh, written.back());
   if (result.stop == ReliefStop::kTarget && num_vertices < options.target_points) {
-    result.stop = ReliefStop::kSmallPieces;  // triangles at pinholes were left out
+    // Vertices left pinholes by merging, triangles at pinholes were left out, or a smaller size
+    // covered more.
+    result.stop = ReliefStop::kSmallPieces;
   }
   DepthMesh& out = result.mesh;
   previous.clear();

@@ -66,14 +66,17 @@ class Relief(DepthSimplification):
     Attributes
     ----------
     stop : 'target', 'all_points', 'small_pieces', 'smaller_level' or 'bandwidth'
-        Reduced to the target; the surface has no more points than that; pieces were left out:
-        small separate ones, whose points serve better elsewhere, triangles at an unmeasured pixel
-        that no collapse could leave, or all but few triangles where no collapse is left; or the
-        vertices of a smaller level left no way to more, so that its mesh is the result.
+        Reduced to the target; the surface has no more points than that; see below; or the vertices
+        of a smaller level left no way to more, so that its mesh is the result.
+        ``small_pieces``: small separate pieces were left out, because their points serve better
+        elsewhere (`dropped_pixels`), or there are fewer points than the target: a smaller number
+        covered more, a vertex could leave an unmeasured pixel only by merging, or could not leave
+        it, so that its triangles were left out. Where no collapse is left, all but few triangles
+        are left out.
         ``bandwidth`` (`ReliefStream`): not even three points fit into the bytes that are left, and
         the mesh is empty.
     dropped_pixels : int
-        Pixels of the pieces left out.
+        Pixels of the pieces left out; triangles at unmeasured pixels do not count.
     filled_pixels : int
         Unmeasured pixels, in holes of at most four amid a surface, and single measurements with
         steps all around them, that the surface was continued over; 0 if they are fewer than one of

@@ -43,8 +43,10 @@ struct ReliefOptions {
 enum class ReliefStop : std::uint8_t {
   kTarget,     ///< The mesh was reduced to the target.
   kAllPoints,  ///< The surface has at most target_points points.
-  /// Pieces were left out: small ones, triangles at a pinhole whose vertex could not be removed,
-  /// or, if nothing else was possible, all but a few triangles.
+  /// Pieces were left out (dropped_pixels), or there are fewer points than the target: a smaller
+  /// number of points covered more, a vertex could leave a pinhole only by merging, or could not
+  /// leave it, so that its triangles were left out. If nothing else was possible, all but a few
+  /// triangles were left out.
   kSmallPieces,
   /// No legal collapse kept the vertices of a smaller level; the result is its mesh.
   kSmallerLevel
@@ -60,7 +62,7 @@ struct ReliefResult {
   DepthMesh mesh;
   std::vector<ReliefLevel> levels;  ///< Sizes as in ReliefOptions::levels, or less.
   ReliefStop stop = ReliefStop::kTarget;
-  std::int64_t dropped_pixels = 0;  ///< For kSmallPieces: pixels of the pieces left out.
+  std::int64_t dropped_pixels = 0;  ///< Pixels of the pieces left out, triangles at pinholes aside.
   std::int64_t filled_pixels = 0;   ///< Pixels of pinholes over which the surface was continued.
   /// Coverage of the mesh before points move; 0 if it was not measured.
   DepthCoverage cover;
