@@ -398,6 +398,8 @@ std::int32_t Refiner::best_beside(const Surface& surface, const Triangulation& m
          ++column) {
       const std::int32_t other = row * surface.cols() + column;
       if (!surface.is_used(other) || is_left(other)) continue;
+      // An island over a closed hole attracts vertices, as in move_vertices().
+      if (!are_linked(surface, pixel, column - u, row - v)) continue;
       const float error = error_at(surface, mesh, fan, other, least, errors);
       if (error < least) least = error, best = other;
     }

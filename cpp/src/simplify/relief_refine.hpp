@@ -41,7 +41,7 @@ class Refiner {
   /// @param keep  By pixel, may be empty: vertices there stay, or move only to a far better pixel.
   int move_vertices(const Surface& surface, Triangulation& mesh, int radius,
                     std::span<const Keep> keep, const Progress& progress);
-  /// Removes the vertices from some pixels. An interior vertex moves to the used pixel, among the
+  /// Removes the vertices from some pixels. An interior vertex moves to the linked pixel, among the
   /// 24 around it, with the least error. If there is none, or the vertex is on the boundary, it
   /// merges into a neighbour if that is legal; if not, a boundary vertex moves to the nearest used
   /// pixel within its triangles.
