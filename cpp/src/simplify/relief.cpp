@@ -3,7 +3,6 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
-#include <compare>
 #include <string>
 #include <utility>
 
@@ -16,6 +15,7 @@
 #include "simplify/relief_start.hpp"
 #include "simplify/relief_surface.hpp"
 #include "simplify/relief_triangulation.hpp"
+#include "simplify/relief_writer.hpp"
 
 namespace manip3d {
 namespace {
@@ -283,26 +283,10 @@ struct Relief::Memory {
   Triangulation best;  ///< make_best_mesh(): the best mesh so far.
   relief_detail::Collapser collapser;
   relief_detail::Refiner refiner;
-  std::vector<Vec3> sight;            ///< By vertex: unit direction in which it may slide.
-  std::vector<std::int32_t> order;    ///< Vertices sorted by pixel.
-  std::vector<std::int32_t> sorting;  ///< Scratch memory of Triangulation::sorted_vertices().
-  std::vector<std::int32_t> number;   ///< Vertex -> output vertex; kNone: left out.
-  /// How a vertex is written to the result.
-  enum class Written : std::uint8_t {
-    kNot,
-    kAsOwn,     ///< Becomes an output vertex of its own.
-    kWithLast,  ///< Shares that of the previous vertex in `order`, at the same pixel.
-  };
-  /// By mesh (the levels, smallest first, then the mesh) and vertex. An empty list stands for
-  /// kAsOwn everywhere.
-  std::vector<std::vector<Written>> written;
-  std::vector<std::uint8_t> may_write;       ///< Scratch memory of find_written(), by vertex.
-  std::vector<std::int32_t> written_pixels;  ///< Pixels of the vertices that are written, sorted.
-  struct Placed {
-    std::int32_t pixel, number;
-    auto operator<=>(const Placed&) const = default;
-  };
-  std::vector<Placed> placed;          ///< Output vertices sorted by pixel.
+  relief_detail::ReliefWriter writer;
+  std::vector<Vec3> sight;  ///< By vertex: unit direction in which it may slide.
+  /// Scratch memory of holds().
+  std::vector<std::int32_t> smaller_order, larger_order, sorting;
   std::vector<std::int64_t> previous;  ///< Input pixels of the vertices of the previous frame.
   EdgeMemory before;                   ///< Edges of the previous frame.
   relief_detail::CoverageScratch coverage;
@@ -364,13 +348,6 @@ struct Relief::Memory {
   void fix_vertices();
   [[nodiscard]] bool holds(const Triangulation& smaller);
   void find_sight(const ReliefOptions& options);
-  /// Fills `written`. A vertex that could not leave a pinhole is not written, nor are its triangles
-  /// and the vertices that lose all their triangles by this. Goes from the largest mesh to the
-  /// smallest, because each mesh holds the vertices of the next smaller one: where a larger mesh
-  /// has one vertex at a pixel and a smaller one has two (of fans that touch only there), the two
-  /// share it.
-  /// @param once  the largest mesh, too, has one output vertex per pixel.
-  void find_written(bool once);
   [[nodiscard]] bool has_many_pixels() const {
     return static_cast<std::int64_t>(surface.num_pixels()) > relief_detail::kManyPixels;
   }
@@ -380,14 +357,7 @@ struct Relief::Memory {
   void check_cancelled() const {
     if (progress) progress(0.0);
   }
-  /// Does that for one mesh. `written_pixels` are those of the next larger mesh before the call,
-  /// and those of this mesh after it.
-  void find_written(const Triangulation& of, std::vector<Written>& how);
-  /// Fills `number`: first the vertices that smaller meshes have in `placed`, then new ones.
-  /// @return  the number of output vertices so far.
-  std::int32_t number_vertices(const Triangulation& of, std::span<const Written> how);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
-  void write_faces(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
   void leave_bridges(const ReliefOptions& options, ReliefResult& result);
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 };
@@ -563,13 +533,13 @@ void Relief::Memory::fix_vertices() {
 /// have several vertices at a pixel, of fans that touch only there; if the larger mesh has one
 /// vertex there, they are written as one.
 bool Relief::Memory::holds(const Triangulation& smaller) {
-  smaller.sorted_vertices(order, sorting);
-  mesh.sorted_vertices(number, sorting);
-  auto larger = number.cbegin();
-  return std::ranges::all_of(order, [&](std::int32_t v) {
+  smaller.sorted_vertices(smaller_order, sorting);
+  mesh.sorted_vertices(larger_order, sorting);
+  auto larger = larger_order.cbegin();
+  return std::ranges::all_of(smaller_order, [&](std::int32_t v) {
     const std::int32_t pixel = smaller.vertex(v).pixel;
-    while (larger != number.cend() && mesh.vertex(*larger).pixel < pixel) ++larger;
-    return larger != number.cend() && mesh.vertex(*larger).pixel == pixel;
+    while (larger != larger_order.cend() && mesh.vertex(*larger).pixel < pixel) ++larger;
+    return larger != larger_order.cend() && mesh.vertex(*larger).pixel == pixel;
   });
 }
 
@@ -728,120 +698,34 @@ void Relief::Memory::find_sight(const ReliefOptions& options) {
 void Relief::Memory::release_meshes() {
   refiner = {};
   for (Triangulation* triangulation : {&mesh, &best}) *triangulation = {};
-  for (auto* vertices : {&order, &sorting, &number, &written_pixels})
+  for (auto* vertices : {&smaller_order, &larger_order, &sorting})
     relief_detail::release(*vertices);
-  relief_detail::release(placed);
+  writer = {};
   half = {};
   if (pinholes.num_filled() > 0) surface = {};
 }
 
-void Relief::Memory::find_written(bool once) {
-  written.resize(levels.size() + 1);
-  for (std::vector<Written>& none : written) none.clear();
-  if (pinholes.num_filled() == 0 && levels.empty() && !once) return;
-  mesh.sorted_vertices(order, sorting);
-  written_pixels.clear();
-  for (const std::int32_t v : order) {
-    const std::int32_t pixel = mesh.vertex(v).pixel;
-    if (!once || written_pixels.empty() || written_pixels.back() != pixel) {
-      written_pixels.push_back(pixel);
-    }
-  }
-  find_written(mesh, written.back());
-  for (std::size_t i = levels.size(); i-- > 0;) find_written(levels[i], written[i]);
-}
-
-void Relief::Memory::find_written(const Triangulation& of, std::vector<Written>& how) {
-  may_write.assign(of.num_slots(), 0);
-  of.sorted_vertices(order, sorting);
-  auto larger = written_pixels.cbegin();
-  const auto find = [&](std::int32_t pixel) {
-    while (larger != written_pixels.cend() && *larger < pixel) ++larger;
-    return larger != written_pixels.cend() && *larger == pixel;
-  };
-  for (const std::int32_t v : order) {
-    const std::int32_t pixel = of.vertex(v).pixel;
-    may_write[v] = find(pixel) && !is_pinhole(pixel) ? 1 : 0;
-  }
-  how.assign(of.num_slots(), Written::kNot);
-  for (std::int32_t t = 0; t < of.num_face_slots(); ++t) {
-    if (!of.is_face(t)) continue;
-    const Triangle& corners = of.triangle(t);
-    if (!std::ranges::all_of(corners, [&](std::int32_t v) { return may_write[v] != 0; })) continue;
-    for (const std::int32_t v : corners) how[v] = Written::kWithLast;
-  }
-  larger = written_pixels.cbegin();
-  std::vector<std::int32_t> own;
-  for (const std::int32_t v : order) {
-    const std::int32_t pixel = of.vertex(v).pixel;
-    if (how[v] == Written::kNot || !find(pixel)) continue;
-    how[v] = Written::kAsOwn;
-    own.push_back(pixel);
-    ++larger;
-  }
-  written_pixels.swap(own);
-}
-
-std::int32_t Relief::Memory::number_vertices(const Triangulation& of,
-                                             std::span<const Written> how) {
-  of.sorted_vertices(order, sorting);
-  relief_detail::make_room(number, of.num_slots());
-  number.resize(of.num_slots());
-  const auto num_before = static_cast<std::int32_t>(placed.size());
-  std::int32_t i = 0, latest = Triangulation::kNone;
-  for (const std::int32_t v : order) {
-    const std::int32_t pixel = of.vertex(v).pixel;
-    const Written as = how.empty() ? Written::kAsOwn : how[v];
-    if (as == Written::kNot) {
-      number[v] = Triangulation::kNone;
-      continue;
-    }
-    if (as == Written::kWithLast) {
-      number[v] = number[latest];
-    } else if (i < num_before && placed[i].pixel == pixel) {
-      number[v] = placed[i++].number;
-    } else {
-      number[v] = static_cast<std::int32_t>(placed.size());
-      placed.push_back({pixel, number[v]});
-    }
-    latest = v;
-  }
-  if (num_before > 0) std::sort(placed.begin(), placed.end());
-  return static_cast<std::int32_t>(placed.size());
-}
-
 void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& options,
                            ReliefResult& result) {
-  placed.clear();
-  find_written(takes_all(options));
-  result.levels.resize(levels.size());
-  for (std::size_t i = 0; i < levels.size(); ++i) {
-    ReliefLevel& level = result.levels[levels.size() - 1 - i];
-    level.num_vertices = number_vertices(levels[i], written[i]);
-    write_faces(levels[i], grid.rows_up, level.faces);
+  relief_detail::ReliefWriter::Meshes meshes{.surface = surface,
+                                             .mesh = mesh,
+                                             .levels = levels,
+                                             .is_pinhole = {},
+                                             .once = takes_all(options)};
+  if (pinholes.num_filled() > 0) {
+    meshes.is_pinhole = [this](std::int32_t pixel) { return is_pinhole(pixel); };
   }
-  const Eigen::Index num_vertices = number_vertices(mesh, written.back());
-  if (result.stop == ReliefStop::kTarget && num_vertices < options.target_points) {
+  writer.write(meshes, grid, result);
+  const Rows<std::int32_t, 2>& pixels = result.mesh.pixels;
+  if (result.stop == ReliefStop::kTarget && pixels.rows() < options.target_points) {
     // Vertices left pinholes by merging, triangles at pinholes were left out, or a smaller size
     // covered more.
     result.stop = ReliefStop::kSmallPieces;
   }
-  DepthMesh& out = result.mesh;
   previous.clear();
-  const auto width = static_cast<double>(grid.cols), height = static_cast<double>(grid.rows);
-  out.vertices.resize(num_vertices, 3);
-  out.pixels.resize(num_vertices, 2);
-  out.texcoords.resize(num_vertices, 2);
-  for (const auto& [pixel, i] : placed) {
-    const std::int64_t u_in = surface.input_u(pixel), v_in = surface.input_v(pixel);
-    previous.push_back(v_in * grid.cols + u_in);
-    const float* point = grid.points + 3 * previous.back();
-    out.vertices.row(i) << point[0], point[1], point[2];
-    out.pixels.row(i) << static_cast<std::int32_t>(u_in), static_cast<std::int32_t>(v_in);
-    out.texcoords.row(i) << static_cast<float>((static_cast<double>(u_in) + 0.5) / width),
-        static_cast<float>(1.0 - (static_cast<double>(v_in) + 0.5) / height);
+  for (Eigen::Index i = 0; i < pixels.rows(); ++i) {
+    previous.push_back(std::int64_t{pixels(i, 1)} * grid.cols + pixels(i, 0));
   }
-  write_faces(mesh, grid.rows_up, out.faces);
   leave_bridges(options, result);
   result.mean_move = result.max_move = 0.0;
   if (options.move_points) move_points(grid, options, result);
@@ -860,25 +744,6 @@ void Relief::Memory::leave_bridges(const ReliefOptions& options, ReliefResult& r
   }
 }
 
-void Relief::Memory::write_faces(const Triangulation& from, bool rows_up,
-                                 Rows<std::int32_t, 3>& to) {
-  const auto is_kept = [&](std::int32_t t) {
-    return from.is_face(t) && std::ranges::none_of(from.triangle(t), [this](std::int32_t v) {
-             return number[v] == Triangulation::kNone;
-           });
-  };
-  Eigen::Index num_faces = 0;
-  for (std::int32_t t = 0; t < from.num_face_slots(); ++t) num_faces += is_kept(t) ? 1 : 0;
-  to.resize(num_faces, 3);
-  Eigen::Index row = 0;
-  for (std::int32_t t = 0; t < from.num_face_slots(); ++t) {
-    if (!is_kept(t)) continue;
-    auto [a, b, c] = from.triangle(t);
-    if (!rows_up) std::swap(b, c);
-    to.row(row++) << number[a], number[b], number[c];
-  }
-}
-
 void Relief::Memory::move_points(const PointGridView& grid, const ReliefOptions& options,
                                  ReliefResult& result) {
   find_sight(options);
@@ -886,8 +751,9 @@ void Relief::Memory::move_points(const PointGridView& grid, const ReliefOptions&
   DepthMesh& out = result.mesh;
   double sum = 0.0;
   std::int32_t next = 0;
-  for (const std::int32_t v : order) {  // without levels the output is numbered in this order
-    const std::int32_t i = number[v];
+  // Without levels, the output is numbered in this order.
+  for (const std::int32_t v : writer.order()) {
+    const std::int32_t i = writer.number(v);
     if (i != next) continue;  // not written, or written with the vertex before it
     ++next;
     const Vec3 move = static_cast<float>(surface.unit()) * refiner.offset(v) * sight[v];
