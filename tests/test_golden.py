@@ -46,6 +46,7 @@ _LATER = {
     "hidden": 0.0,
     "stray": 0.0,
     "outside": 0.0,
+    "chose": True,
 }
 """Fields that came after the hashes were made, left out where nothing asked for them."""
 

@@ -16,6 +16,7 @@ from exact_scans import Unit, exact_scan, hesai, in_polar_steps, ouster, velodyn
 from manip3d import FormatError, InputError, LidarFrame, capture, io
 from manip3d.authenticate import (
     Inspection,
+    Power,
     SensorLattice,
     calibrate_lattice,
     estimate_lattice,
@@ -31,6 +32,7 @@ from manip3d.authenticate._exact_lattice import (
 )
 from manip3d.authenticate._lattice_steps import first_encoders, off_the_steps
 from manip3d.authenticate._power import BLIND_WHOLE_STEPS, BLIND_WITHOUT_STEPS
+from manip3d.report import write_evidence
 from real_data import RealData
 
 UNITS = {"hesai": hesai(), "ouster": ouster()}
@@ -295,6 +297,38 @@ def test_edits_planted_in_it_are_all_that_is_known_of_its_power(unit: Unit) -> N
     assert found.power["white-box added"].found == 0
     elsewhere = exact_scan(unit).points + np.float32(0.5)
     assert said(without_labels(elsewhere), plant=2).verdict == "undecidable"
+
+
+def test_few_found_edits_are_the_reason_of_an_undecidable_scan(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def few(*_: object, **__: object) -> dict[str, Power]:
+        return {"added": Power(9, 20), "moved": Power(0, 20)}
+
+    monkeypatch.setattr("manip3d.authenticate._inspect.measure_power", few)
+    found = said(exact_scan(hesai()), plant=20)
+    assert found.verdict == "undecidable"
+    assert found.power["added"].found == 9
+    assert found.reason == (
+        "detector III finds fewer than half of the edits of each class that were planted in this "
+        "scan"
+    )
+    assert not any("was not measured" in each.reason for each in found.detectors)
+    write_evidence(found, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert "edits planted in this scan" in page
+    assert "planted in clean scans" not in page
+
+
+def test_thresholds_that_no_scan_chose_are_told_as_such(tmp_path: Path) -> None:
+    found = said(exact_scan(hesai()))
+    calibration = found.detectors[2].calibration
+    assert calibration is not None
+    assert not calibration.chose
+    write_evidence(found, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert f"tested on {calibration.scenes}: 0 of 1020 clean scans alarm" in page
+    assert "were chosen on these" not in page
 
 
 def test_planted_edits_do_not_give_themselves_away_by_rounding() -> None:

@@ -118,6 +118,22 @@ def test_what_was_moved_after_embedding_is_the_watermarks_to_find(
     assert "Keyed watermark" in (tmp_path / "found.html").read_text()
 
 
+def test_regions_of_a_detector_are_shown_also_where_the_watermark_accuses(
+    key: KeyFile, tmp_path: Path
+) -> None:
+    """The regions of the watermark have no rows, so that nothing could be drawn of them."""
+    pytest.importorskip("matplotlib")
+    sent = Watermarker(key, embedding="detached").embed(street())
+    forged = with_moved_object(sent.frame, (1.3, 0.7, 0.0))
+    found = inspect(forged, lattice=LATTICE, watermark=sent.record, key=key)
+    accused = [each.name for each in found.detectors if each.verdict == "tampered"]
+    assert accused == ["generic", "watermark"]
+    assert found.accusing is not None
+    assert found.accusing.name == "generic"
+    report.write_evidence(found, tmp_path / "found.html", source="scan")
+    assert "Regions of the accusing detector" in (tmp_path / "found.html").read_text()
+
+
 def test_only_a_record_that_holds_is_allowed_for(key: KeyFile, tmp_path: Path) -> None:
     sent = Watermarker(key).embed(street())
     with KeyFile(key_file(tmp_path / "other", bytes(32))) as other:

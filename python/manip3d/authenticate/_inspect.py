@@ -20,7 +20,6 @@ from manip3d.authenticate._carriers import (
 )
 from manip3d.authenticate._density import PAPER_DENSITY, density_consistency
 from manip3d.authenticate._extent import left_out_of_turn
-from manip3d.authenticate._generic import IN_WORDS
 from manip3d.authenticate._inspection import DetectorReport, Inspection, combined_verdict
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import SensorLattice
@@ -33,6 +32,7 @@ from manip3d.authenticate._reports import (
     FORENSIC,
     angles_report,
     combined,
+    not_applicable,
     reason_of,
     without_position,
 )
@@ -260,28 +260,35 @@ def _planted(
 
 def _is_unmeasured(result: Inspection) -> bool:
     """Whether detector III found no trace on an exact lattice, and its power is unknown."""
-    sensor, generic = result.sensor, result.generic
-    if result.verdict != "undecidable" or result.processing or generic is None or sensor is None:
+    sensor = result.sensor
+    if result.verdict != "undecidable" or result.processing or sensor is None:
         return False
     is_exact = sensor.lattice is not None and sensor.lattice.is_exact
-    return is_exact and generic.verdict == "no_trace"
+    judged = (r for r in result.detectors if r.name == "generic" and r.verdict == "no_trace")
+    return is_exact and any(judged)
 
 
 def _measured_here(result: Inspection, here: Mapping[str, Power]) -> Inspection:
     """The result of a scan whose power is only known from the edits that were planted in it."""
+    if not here or result.sensor is None:
+        return result
     power = ReadOnlyMapping(
         {name: replace(each, source="edits planted in this scan") for name, each in here.items()}
     )
+    anew = {report.name: report for report in not_applicable(result.sensor, power)}
     reports = tuple(
-        replace(report, verdict="no_trace", reason=IN_WORDS["no_trace"], power=power)
-        if report.name == "generic"
-        else report
+        replace(report, power=power) if report.name == "generic" else anew.get(report.name, report)
         for report in result.detectors
     )
     verdict = combined_verdict(reports)
-    return replace(
-        result, verdict=verdict, reason=reason_of(verdict, reports, ()), detectors=reports
-    )
+    if verdict == "undecidable":
+        reason = (
+            "detector III finds fewer than half of the edits of each class that were planted in "
+            "this scan"
+        )
+    else:
+        reason = reason_of(verdict, reports, ())
+    return replace(result, verdict=verdict, reason=reason, detectors=reports)
 
 
 class _Asked(NamedTuple):

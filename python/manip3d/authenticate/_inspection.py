@@ -165,8 +165,8 @@ class Inspection(Showable):
 
     @property
     def accusing(self) -> DetectorReport | None:
-        """Report of the last detector whose verdict is ``tampered``; None: there is none."""
-        return next((r for r in reversed(self.detectors) if r.verdict == "tampered"), None)
+        """Report of the last ``tampered`` detector, else of a ``tampered`` watermark, else None."""
+        return accusing_of(self.detectors)
 
     @property
     def score(self) -> float | None:
@@ -293,6 +293,20 @@ class Inspection(Showable):
         if report.name == "reflectance" and self.reflectance is not None:
             values["false_alarm_rate"] = self.reflectance.false_alarm_rate
         return values
+
+
+def accusing_of(reports: Sequence[DetectorReport]) -> DetectorReport | None:
+    """Return the last tampered report, that of the watermark only if no other is tampered.
+
+    The regions of the watermark have no rows, so that a detector shows more.
+
+    Parameters
+    ----------
+    reports : sequence of DetectorReport
+    """
+    tampered = [report for report in reports if report.verdict == "tampered"]
+    detectors = [report for report in tampered if report.name != "watermark"]
+    return next(reversed(detectors or tampered), None)
 
 
 @checked

@@ -21,6 +21,7 @@ from manip3d.authenticate._power import (
     BLIND_WHOLE_STEPS,
     BLIND_WITHOUT_REFLECTANCES,
     BLIND_WITHOUT_STEPS,
+    known_power,
 )
 from manip3d.authenticate._processing import (
     COORDINATES_KEPT,
@@ -156,7 +157,7 @@ def _returns_by_lattice(case: Case, beside: Beside, padded: tuple[Processing, ..
         compared = _compared(case, centred, neighbours, why_not, processing)
         processing += compared.processing
     reports = (
-        *not_applicable(sensor, embedding),
+        *not_applicable(sensor, known_power("generic", sensor, embedding)),
         generic_report(generic, position, sensor, embedding),
         *turns_report(compared.turns, beside, compared.why_not, position, sensor, embedding),
         *reflectance_report(compared.reflectance, position, sensor, embedding),

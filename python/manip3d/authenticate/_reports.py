@@ -10,7 +10,12 @@ import numpy as np
 
 from manip3d.authenticate._density import DensityResult
 from manip3d.authenticate._generic import GenericResult
-from manip3d.authenticate._inspection import DetectorReport, Inspection, combined_verdict
+from manip3d.authenticate._inspection import (
+    DetectorReport,
+    Inspection,
+    accusing_of,
+    combined_verdict,
+)
 from manip3d.authenticate._occlusion import OcclusionResult
 from manip3d.authenticate._power import known_power
 from manip3d.authenticate._reflectance import ReflectanceResult
@@ -27,22 +32,23 @@ FORENSIC = ("density", "occlusion", "generic")
 """Detectors I, II and III, which judge the scan alone."""
 
 LATTICE_CALIBRATION = Calibration(
-    "simulated streets 80000 to 80050, ten frames each, which fixed no threshold: those stand on "
-    "how KITTI's scanner measures",
+    "simulated streets 80000 to 80050, ten frames each",
     510,
     0,
-    "Below a p-value of 1 / 511 the rate of false alarms was not measured; it is what points that "
-    "strayed alone would have.",
+    "Below a p-value of 1 / 511 the rate of false alarms was not measured; there the p-value "
+    "assumes that clean scans have no outliers except independent stray points.",
+    chose=False,
 )
 """Clean frames on which detector III was tested. Smaller p-values than 1 / 511 would rest on a
 model alone, and `inspect` does not state them."""
 
 EXACT_CALIBRATION = Calibration(
     "simulated streets 90000 to 91019, one turn each of a Hesai Pandar40P, a PandarXT-32 or an "
-    "Ouster OS1-32, which fixed no threshold: single precision does",
+    "Ouster OS1-32",
     1020,
     0,
     "Of five real clouds of five such scanners no point is off its own lattice.",
+    chose=False,
 )
 """Clean frames with exact lattices on which detector III was tested."""
 
@@ -74,7 +80,8 @@ def reason_of(
         last = reports[-1]  # a score: it judged the scan, without known power
         has_said = last.score is not None and last.verdict == "undecidable"
         return last.reason if has_said else reports[0].reason
-    deciding = next(r for r in reports if r.verdict == verdict)
+    accusing = accusing_of(reports) if verdict == "tampered" else None
+    deciding = accusing or next(r for r in reports if r.verdict == verdict)
     return f"detector {deciding.title.split(':')[0]}: {deciding.reason}"
 
 
@@ -86,10 +93,17 @@ def without_position(frame: LidarFrame, why: str) -> Inspection:
     )
 
 
-def not_applicable(sensor: Sensor, embedding: str) -> tuple[DetectorReport, ...]:
-    """Reports of detectors I and II, which do not judge scans on a lattice."""
+def not_applicable(sensor: Sensor, power: Mapping[str, Power]) -> tuple[DetectorReport, ...]:
+    """Reports of detectors I and II, which do not judge scans on a lattice.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    power : mapping of str to Power
+        Power of detector III on scans of this scanner; empty: not measured.
+    """
     why = f"detector III judges the {sensor.name}"
-    if sensor.name != HDL64E and not known_power("generic", sensor, embedding):
+    if sensor.name != HDL64E and not power:
         why += ", and what share of edits it finds was not measured for this scanner"
     return tuple(DetectorReport(name, "undecidable", why) for name in ("density", "occlusion"))
 

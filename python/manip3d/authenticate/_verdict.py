@@ -56,24 +56,29 @@ def rate_of(detector: str, false_alarm_rate: float = FALSE_ALARM_RATE) -> float:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Source of a detector's thresholds.
+    """Clean scans on which the thresholds of a detector were chosen or tested.
 
     Attributes
     ----------
     scenes : str
-        Clean scans on which the thresholds were chosen; reported rates are measured on others.
+        Clean scans on which the thresholds were chosen, if ``chose``, else on which they were
+        tested. Reported rates are measured on other scans than those that chose thresholds.
     num_scans : int
         Number of these scans.
     false_alarms : int
-        Number of these scans that are called tampered with the chosen thresholds.
+        Number of these scans that are called tampered with the thresholds.
     note : str
         Limits of the calibration: scanners and scenes that it does not cover.
+    chose : bool
+        Whether the thresholds were chosen on these scans. False: they follow from how the scanner
+        measures.
     """
 
     scenes: str
     num_scans: int
     false_alarms: int
     note: str = ""
+    chose: bool = True
 
 
 @dataclass(frozen=True)

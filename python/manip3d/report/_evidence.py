@@ -16,7 +16,7 @@ import numpy as np
 from manip3d import __version__, viewer
 from manip3d._util.checked import checked
 from manip3d.authenticate._power import EDIT_MEANINGS
-from manip3d.authenticate._verdict import FALSE_ALARM_RATE
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE, Calibration
 from manip3d.datasets import file_sha256
 from manip3d.report._evidence_files import write_page_or_record
 from manip3d.report._suspected import place_sentence
@@ -414,7 +414,7 @@ def _power(inspection: Inspection) -> str:
     notes = "".join(f"<p>{html.escape(note)}</p>" for note in inspection.power_notes)
     return (
         "<h2>What would have been found</h2><div class=wide><table><tr><th>edits of this class"
-        f"<th>found<th>planted in clean scans</tr>{rows}</table></div>{notes}"
+        f"<th>found<th>edits found and planted</tr>{rows}</table></div>{notes}"
         f"<p>{html.escape('; '.join(sorted(sources)))}</p>"
     )
 
@@ -425,11 +425,24 @@ def _small(text: str) -> str:
 
 def _calibrations(inspection: Inspection) -> str:
     items = "".join(
-        f"<li>{html.escape(report.title)}: {html.escape(report.calibration.scenes)}; the "
-        f"thresholds were chosen on these {report.calibration.num_scans} clean scans so that "
-        f"{report.calibration.false_alarms} of them alarm, which says nothing about how often "
-        f"other clean scans do. {html.escape(report.calibration.note)}</li>"
+        f"<li>{html.escape(f'{report.title}: {_calibration(report.calibration)}')}</li>"
         for report in inspection.detectors
         if report.calibration is not None
     )
     return f"<h2>Where the thresholds come from</h2><ul>{items}</ul>" if items else ""
+
+
+def _calibration(known: Calibration) -> str:
+    if known.chose:
+        sentence = (
+            f"{known.scenes}; the thresholds were chosen on these {known.num_scans} clean scans so "
+            f"that {known.false_alarms} of them alarm, which says nothing about how often other "
+            "clean scans do."
+        )
+    else:
+        sentence = (
+            f"tested on {known.scenes}: {known.false_alarms} of {known.num_scans} clean scans "
+            "alarm. The thresholds were not chosen on these scans; they follow from how the "
+            "scanner measures."
+        )
+    return f"{sentence} {known.note}"
