@@ -391,7 +391,11 @@ def test_many_bridges_are_exit_4_under_strict(frame: Path, tmp_path: Path) -> No
     assert done.returncode == 4
     assert record["bridges_missed"]
     assert record["bridges"] + record["left_area"] > 0.1
-    assert "gaps, more than 10 %" in done.stderr
+    together = 100 * (record["bridges"] + record["left_area"])
+    assert (
+        f"{100 * record['bridges']:.2f} % of its area bridges gaps ({together:.2f} % with faces "
+        "across depth steps, more than 10 %)" in done.stderr
+    )
     assert f"{100 * record['left_area']:.2f} % of the area, stayed, as --depth-step" in done.stderr
     done = manip3d(*base, "--depth-step", "0", "--max-bridges", "1")
     assert done.returncode == (4 if json.loads(done.stdout)["target_missed"] else 0)
@@ -548,6 +552,9 @@ def test_it_says_of_which_pixels_too_few_are_covered(tmp_path: Path) -> None:
         "covers 100.0 % of the surface's pixels, 18.4 % of the measured pixels lie on no "
         "surface (less than 90 % of them are covered)" in done.stderr
     )
+    done = manip3d("depth", image, "--points", "99", "--intrinsics", FOCAL, "--force",
+                   "--min-coverage", "0.995", "-o", tmp_path / "x.ply")  # fmt: skip
+    assert "(less than 99.5 % of them are covered)" in done.stderr
 
 
 def test_masks_of_many_frames(frames: Path, tmp_path: Path) -> None:

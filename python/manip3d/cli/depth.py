@@ -308,8 +308,8 @@ def _recording_sentence(made: RecordingResult, output: Path) -> str:
 
 def _joint_sentence(result: JointFileResult) -> str:
     options = result.options
-    low = f", less than {100 * options.min_coverage:.0f} %" if result.coverage_missed else ""
-    many = f", more than {100 * options.max_bridges:.2g} %" if result.bridges_missed else ""
+    low = f", less than {100 * options.min_coverage:.4g} %" if result.coverage_missed else ""
+    many = f", more than {100 * options.max_bridges:.4g} %" if result.bridges_missed else ""
     few = f"; target of {counted(options.points or 0, 'point')} missed"
     return (
         f"{options.method}: {counted(result.points_before, 'point')} of "
@@ -610,12 +610,15 @@ def _made(result: DepthFileResult) -> str:
 def _covered(result: DepthFileResult) -> str:
     """Return words on what the mesh covers and bridges, beside what was asked for."""
     options = result.options
-    limit = f"less than {100 * options.min_coverage:.0f} %"
+    limit = f"less than {100 * options.min_coverage:.4g} %"
     # The limit is one on the measured pixels, of which some may lie on no surface.
     is_low = result.coverage < options.min_coverage
     low = f", {limit}" if is_low else ""
     outside = f" ({limit} of them are covered)" if result.coverage_missed and not is_low else ""
-    many = f", more than {100 * options.max_bridges:.2g} %" if result.bridges_missed else ""
+    many = f", more than {100 * options.max_bridges:.4g} %" if result.bridges_missed else ""
+    if many and result.left_area:
+        together = 100 * (result.bridges + result.left_area)
+        many = f" ({together:.2f} % with faces across depth steps{many})"
     return (
         f"covers {100 * result.coverage:.1f} % of the surface's pixels{low}"
         f"{_not_covered(result, outside)}, "
