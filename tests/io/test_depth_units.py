@@ -82,6 +82,17 @@ def test_fractions_in_the_hundreds_are_millimetres() -> None:
     assert "beyond" in reason
 
 
+@pytest.mark.parametrize("dtype", ["int16", "int32", "uint32", "int64", "uint64"])
+def test_whole_numbers_of_any_type_are_judged_alike(dtype: str) -> None:
+    for unit, metres in (("mm", ramp(0.9, 5.0)), ("tum", ramp(0.9, 5.0)), ("mm", 0.0 * ramp(1, 2))):
+        image = stored(unit, metres)
+        wide = np.where(image == 0, -1, image).astype(dtype) if dtype[0] == "i" else image
+        assert guess_depth_unit(wide.astype(dtype)) == guess_depth_unit(image)
+    if "16" not in dtype:
+        with pytest.raises(InputError, match="at most 65535, got 65536"):
+            guess_depth_unit(np.full((2, 3), 65536, dtype))
+
+
 def test_images_without_a_measurement_have_the_unit_of_their_type() -> None:
     assert guess_depth_unit(np.zeros((2, 3), np.uint16))[0] == "mm"
     assert guess_depth_unit(np.full((2, 3), np.nan, np.float32))[0] == "m"

@@ -338,8 +338,8 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
 
     Parameters
     ----------
-    stored : (H, W) uint16, float32 or float64
-        0 or NaN = no measurement; the value 65535 of uint16 is ignored.
+    stored : (H, W) whole numbers up to 65535, or float16, float32 or float64
+        0, negative numbers and NaN = no measurement; the whole number 65535 is ignored.
 
     Returns
     -------
@@ -347,6 +347,11 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
         One of `DEPTH_UNITS`.
     reason : str
         The reason in words.
+
+    Raises
+    ------
+    InputError
+        ``stored`` holds a whole number above 65535.
 
     Notes
     -----
@@ -361,6 +366,12 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
     >>> io.guess_depth_unit(np.full((480, 640), 2.5, np.float32))[0]
     'm'
     """
+    if stored.dtype.kind in "iu" and stored.dtype != np.uint16:
+        if stored.size and stored.max() > _NO_MEASUREMENT:
+            raise InputError(
+                f"stored: expected whole numbers of at most {_NO_MEASUREMENT}, got {stored.max()}"
+            )
+        stored = np.maximum(stored, 0).astype(np.uint16)
     with np.errstate(invalid="ignore"):
         measured = stored[np.isfinite(stored) & (stored > 0)]
     if not len(measured):
