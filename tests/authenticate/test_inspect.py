@@ -1025,6 +1025,15 @@ def test_only_a_turn_is_called_one(name: str) -> None:
     assert {step.kind for step in street_with(change).processing} == {kind}
 
 
+def test_lines_through_the_origin_tell_no_scale() -> None:
+    """Division by their offsets of 0 would make any change fit."""
+    lattice = replace(LATTICE, offset=np.zeros_like(LATTICE.offset))
+    points = scans.scan(np.random.default_rng(5), lattice)
+    noise = np.random.default_rng(0).normal(0.0, 0.006, points.shape)
+    found = authenticate.inspect(np.float32(points + noise), origin=(0, 0, 0), lattice=lattice)
+    assert [step.kind for step in found.processing] == ["moved"]
+
+
 def in_digits(points: np.ndarray, digits: int) -> np.ndarray:
     return np.array([float(f"{value:.{digits}g}") for value in points.ravel()], "f4").reshape(-1, 3)
 

@@ -104,13 +104,16 @@ def _factor_of(
         return None
     reading = lattice.read(points) if reading is None else reading
     away = np.hypot(points[:, 0], points[:, 1])
-    some = (reading.ring >= 0) & (away > NEAR_SCALED[0]) & (away < NEAR_SCALED[1])
-    if np.count_nonzero(some) < MIN_SCALED:
+    near = (away > NEAR_SCALED[0]) & (away < NEAR_SCALED[1])
+    some = np.flatnonzero((reading.ring >= 0) & near)
+    some = some[lattice.offset[reading.ring[some]] != 0]  # scaling does not change an offset of 0
+    if len(some) < MIN_SCALED:
         return None
     offset = lattice.offset[reading.ring[some]]
     error = reading.line_error[some].astype(np.float64)
     change = float(np.median(error / offset))
-    if abs(change) < MIN_SCALE_CHANGE or np.median(np.abs(error - change * offset)) > OFF_SCALED:
+    left = np.median(np.abs(error - change * offset))
+    if not (abs(change) >= MIN_SCALE_CHANGE and left <= OFF_SCALED):
         return None
     return 1.0 + change
 
