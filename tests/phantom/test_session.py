@@ -551,7 +551,7 @@ def test_without_a_diary_ratings_are_not_kept() -> None:
         ({"affected": "tail"}, "affected: expected 'left_arm'"),
         ({"game": "chess"}, "game: expected one of bubbles"),
         ({"difficulty": 4}, "difficulty: expected 1 to 3, got 4"),
-        ({"seed": -1}, "seed: expected 0 to"),
+        ({"seed": -1}, f"seed: expected 0 to {2**62}, got -1"),
         ({"jpeg_quality": 0}, "jpeg_quality: expected 1 to 100"),
         ({"gain": 2.5}, r"gain: expected 1 to 2, got 2\.5"),
         ({"gain": float("nan")}, "gain: expected 1 to 2, got nan"),

@@ -172,7 +172,7 @@ CALIBRATION = Calibration(
     "564 simulated streets from 70000 to 89137, ten frames each, with their neighbours",
     TAIL_FRAMES,
     38,
-    "Simulated cars swallow pulses, but nothing in them grows or sways in the wind.",
+    "In the simulated streets cars absorb pulses, but no plants move in the wind.",
 )
 
 FOREIGN = "the turns before and after show one place, and the frame another"

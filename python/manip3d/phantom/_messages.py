@@ -15,7 +15,7 @@ from manip3d.phantom._touch import MODES, STATEMENTS
 from manip3d.phantom.games import GAMES
 from manip3d.serve import Kind
 
-MAX_GAIN = 2.0
+MAX_GAIN = 2
 """Largest gain of virtual enhancement."""
 
 LIMBS: Sequence[Limb] = ("left_arm", "right_arm", "left_leg", "right_leg")

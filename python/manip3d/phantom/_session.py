@@ -92,7 +92,7 @@ class LiveSession:
             ("gain", gain, 1, MAX_GAIN),
         ):
             if not low <= value <= high:
-                raise InputError(f"{name}: expected {low:g} to {high:g}, got {value}")
+                raise InputError(f"{name}: expected {low} to {high}, got {value}")
         self._pipeline = PhantomPipeline(affected)
         self.affected = str(affected)
         self.state = "lost"
