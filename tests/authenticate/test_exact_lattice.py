@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import exact_scans
 from exact_scans import Unit, exact_scan, hesai, in_polar_steps, ouster, velodyne
 from manip3d import FormatError, InputError, LidarFrame, capture, io
 from manip3d.authenticate import (
@@ -406,6 +407,23 @@ def test_points_above_all_lasers_are_not_passed_over(unit: Unit) -> None:
     moved = points.copy()
     moved[on_post(points)] += np.float32([0.5, 0.3, 0.0])
     assert said(without_labels(moved)).verdict == "tampered"
+
+
+@pytest.mark.parametrize("height", [0.5, 1.7, 3.0])
+def test_edits_are_planted_in_objects_however_high_the_scanner_stands(
+    height: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not in the ground, which is no object."""
+    monkeypatch.setattr(exact_scans, "GROUND", -height)
+    monkeypatch.setattr(exact_scans, "WALLS", (60.0, 60.0))
+    planted = []
+    for post in ((6.0, 3.0, 0.8), (50.0, 50.0, 0.8)):  # the second one is too far away
+        monkeypatch.setattr(exact_scans, "POST", post)
+        clean = exact_scan(hesai(), labelled=True)
+        lattice = estimate_lattice(clean)
+        found = measure_power([clean], lattice, planted=3, classes=["moved"])
+        planted.append([(each.found, each.planted) for each in found.values()])
+    assert planted == [[(3, 3)], []]
 
 
 @pytest.mark.parametrize("edit", ["moved", "turned", "along rays", "bump", "added"])

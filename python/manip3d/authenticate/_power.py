@@ -351,6 +351,13 @@ def measure_power(
     InputError
         ``planted`` is not positive; an embedding or a class is unknown.
 
+    Notes
+    -----
+    Edits are planted in an object: the points within 1.2 m of a random point that is 0.4 to 2.7 m
+    above the ground and 5 to 25 m from the scanner. The ground is the median height of what
+    `manip3d.forge.segment` calls ground at these distances. It is taken to be 1.7 m below the
+    scanner if it is 1.4 to 2 m below it, or if fewer than 1000 points are ground.
+
     Examples
     --------
     >>> import numpy as np
@@ -609,20 +616,50 @@ def _marked(points: Points, embedding: str, random: np.random.Generator) -> Poin
     return without_bits(sent, embedding)
 
 
+SEED_HEIGHTS, OBJECT_HEIGHTS = (0.4, 2.7), (0.2, 3.2)
+"""Metres above the ground: heights of the point at which an object is looked for, and of the points
+of the object."""
+
+OBJECT_RADIUS, MAX_POINTS, TRIES = 1.2, 3000, 50
+"""Metres on the ground around that point, most returns of an object, and number of points that are
+tried in a scan."""
+
+USUAL_GROUND, NEAR_USUAL, MIN_GROUND = -1.7, 0.3, 1000
+"""Height of the ground below a scanner on the roof of a car, metres. It is used if the estimate
+differs from it by less than NEAR_USUAL, so that slopes do not change which objects are edited, and
+if fewer than MIN_GROUND points are ground, which is too few for an estimate."""
+
+
 def _some_object(points: Points, random: np.random.Generator) -> Rows | None:
-    """Rows of the points within 1.2 m of a random point above the ground; None: no object."""
-    rho = np.hypot(points[:, 0], points[:, 1])
-    above = (points[:, 2] > -1.3) & (points[:, 2] < 1.0)
+    """Rows of the points near a random point above the ground; None: no object."""
+    ground = _ground_height(points)
+    z, rho = points[:, 2], np.hypot(points[:, 0], points[:, 1])
+    above = (z > ground + SEED_HEIGHTS[0]) & (z < ground + SEED_HEIGHTS[1])
     seeds = np.flatnonzero(above & (rho > NEAREST) & (rho < FARTHEST))
-    for _ in range(50):
+    for _ in range(TRIES):
         if not len(seeds):
             break
         seed = points[seeds[random.integers(len(seeds))]]
-        near = np.hypot(points[:, 0] - seed[0], points[:, 1] - seed[1]) < 1.2
-        rows = np.flatnonzero(near & (points[:, 2] > -1.5) & (points[:, 2] < 1.5))
-        if MIN_POINTS <= len(rows) <= 3000:
+        near = np.hypot(points[:, 0] - seed[0], points[:, 1] - seed[1]) < OBJECT_RADIUS
+        of_object = (z > ground + OBJECT_HEIGHTS[0]) & (z < ground + OBJECT_HEIGHTS[1])
+        rows = np.flatnonzero(near & of_object)
+        if MIN_POINTS <= len(rows) <= MAX_POINTS:
             return rows
     return None
+
+
+def _ground_height(points: Points) -> float:
+    """Height of the ground around the scanner, metres, relative to the scanner."""
+    from manip3d import forge
+
+    rho = np.hypot(points[:, 0], points[:, 1])
+    around = (rho > NEAREST) & (rho < FARTHEST)
+    is_ground = forge.segment(points).label == -1
+    heights = points[around & is_ground, 2]
+    if len(heights) < MIN_GROUND:
+        return USUAL_GROUND
+    found = float(np.median(heights))
+    return USUAL_GROUND if abs(found - USUAL_GROUND) < NEAR_USUAL else found
 
 
 def _measured(source: str, **found: tuple[int, int]) -> Mapping[str, Power]:
