@@ -113,6 +113,11 @@ class RgbdCalibration:
         Intrinsics of the depth camera.
     registration : Registration, optional
         Registration of the colour camera; default: the colour image has the depth image's pixels.
+
+    Raises
+    ------
+    InputError
+        ``depth`` or ``registration`` has another type, or a camera is mirrored.
     """
 
     depth: Intrinsics

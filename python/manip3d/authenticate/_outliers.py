@@ -24,20 +24,24 @@ _FAR = 1000.0
 CUT_BELOW, CUT_ABOVE, MIN_ABOVE, MAX_CUT = 0.8, 1.25, 40, (8.0, 7.0, 7.0, 5.5)
 """Filters of outliers remove points whose neighbours are farther than some distance d, so that
 hardly any points remain beyond it. The test compares the number of isolated points whose neighbour
-is farther than CUT_BELOW d (at least MIN_ABOVE points) with the number of those whose neighbour
-is farther than CUT_ABOVE d, for the first to the fourth neighbour; a ratio above MAX_CUT shows a
-filter. For the fourth neighbour and any d, the ratio is at most 3.7 in 53 clean frames of KITTI,
-and at least 6 after most filters. For the first to the third neighbour, which reveal filters that
-require one or two neighbours, it is at most 4.6, 3.6 and 3.9. This holds for whole frames of an
-HDL-64E only: the ratio is 10 in the clean court of a Hesai QT64, up to 7.8 in frames cropped at 40
-m, and 6.2 in three quarters of a turn."""
+is farther than CUT_BELOW d (at least MIN_ABOVE points) with the number of those whose neighbour is
+farther than CUT_ABOVE d plus `PRIOR_CUT`, for the first to the fourth neighbour; a ratio above
+MAX_CUT shows a filter. For the fourth neighbour and any d, the ratio is at most 3.7 in 53 clean
+frames of KITTI, and at least 6 after most filters. For the first to the third neighbour, which
+reveal filters that require one or two neighbours, it is at most 4.6, 3.6 and 3.9. This holds for
+whole frames of an HDL-64E only: the ratio is 10 in the clean court of a Hesai QT64, up to 7.8 in
+frames cropped at 40 m, and 6.2 in three quarters of a turn."""
 
 SOFT_CUT, MAX_SOFT = (0.26, 0.5), 3.5
 """Filters that compare distances with their mean, or count neighbours, leave some isolated points,
 but fewer the more isolated they are. The test compares the number of points that are farther from
-their first to fourth neighbour than SOFT_CUT[0] metres with that of points farther than
-SOFT_CUT[1]; a ratio above MAX_SOFT shows a filter. The ratio is at most 2.7 in 8 clean frames of
-KITTI and in 38 of simulated streets, which chose the limit, and at least 4 after most filters."""
+their first to fourth neighbour than SOFT_CUT[0] metres with that of points farther than SOFT_CUT[1]
+plus `PRIOR_SOFT`; a ratio above MAX_SOFT shows a filter. The ratio is at most 2.7 in 8 clean frames
+of KITTI and in 38 of simulated streets, which chose the limit, and at least 4 after most
+filters."""
+
+PRIOR_CUT, PRIOR_SOFT = 2.0, 5.0
+"""Added to the second number of each test, so that a few points do not make a large ratio."""
 
 FAR_CUT, MAX_SOFT_FAR, MAX_CUT_FAR = 60.0, 5.0, 2.0
 """If no points lie beyond FAR_CUT metres or a larger distance, the limits are MAX_SOFT_FAR and
@@ -103,18 +107,18 @@ def sharpest_end(distances: NDArray[np.float32]) -> tuple[float, float]:
     -------
     ratio, distance : float
         The largest ratio, over all distances, of the number of points farther than 0.8 of the
-        distance to the number farther than 1.25 of it (0 if there are too few points), and that
-        distance in metres.
+        distance to the number farther than 1.25 of it plus `PRIOR_CUT` (0 if there are too few
+        points), and that distance in metres.
     """
     at = np.geomspace(SPARSE[1] / CUT_BELOW, SPARSE[3] / CUT_ABOVE, 60)
     above = len(distances) - np.searchsorted(distances, CUT_BELOW * at)
     beyond = len(distances) - np.searchsorted(distances, CUT_ABOVE * at)
-    ratio = np.where(above >= MIN_ABOVE, above / (beyond + 2.0), 0.0)
+    ratio = np.where(above >= MIN_ABOVE, above / (beyond + PRIOR_CUT), 0.0)
     sharpest = int(ratio.argmax())
     return float(ratio[sharpest]), float(at[sharpest])
 
 
 def _softness(distances: NDArray[np.float32]) -> float:
-    """Ratio of the number of distances above SOFT_CUT[0] to the number above SOFT_CUT[1]."""
+    """Ratio of the number above SOFT_CUT[0] to that above SOFT_CUT[1] with `PRIOR_SOFT` added."""
     first, second = (len(distances) - np.searchsorted(distances, end) for end in SOFT_CUT)
-    return float(first / (second + 5.0)) if first >= MIN_ABOVE else 0.0
+    return float(first / (second + PRIOR_SOFT)) if first >= MIN_ABOVE else 0.0

@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d.authenticate._firings import (
-    firings_of,
-)
+from manip3d.authenticate._firings import firings_of
 from manip3d.authenticate._sensors import is_hdl64e, is_unit_of_kitti
 from manip3d.authenticate._verdict import Processing
 
@@ -19,21 +17,21 @@ if TYPE_CHECKING:
     from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 
 MIN_FILL = 0.6
-"""Least share of firings with a return, in the lower half of the lasers. It is 0.77 to 0.95 in
-whole frames of KITTI, and 0.48 in every second point of a frame."""
+"""Least share of firings with a return, in the lasers from three to seven eighths of the way down.
+It is 0.77 to 0.95 in whole frames of KITTI, and 0.48 in every second point of a frame."""
 
 FEW_RETURNS = "fewer returns from the ground than a whole frame has"
 
 MAX_SINGLE_HOLES, SAME_RANGE, NEAR_HOLES = 0.0034, 0.005, 15.0
 """Points were left out at random if more than the share MAX_SINGLE_HOLES of the firings of the
-lower half of the lasers has no return, of those whose two neighbours along the ring have returns
-nearer than NEAR_HOLES metres at ranges that differ by less than the share SAME_RANGE: on a smooth
-road, which always returns the pulse. Only the half of the sectors with the fewest missing returns
-counts, because dark cars lose returns in some sectors, while points left out at random are missing
-in all. The share is at most 0.0002 in whole frames of KITTI, at least 0.0036 without one point of
-200 (24 frames of nine drives, each thinned twice), and at most 0.0004 in frames of 8 simulated
-streets. The limit is close to the thinned frames, because a wet or worn road may lose more returns
-than those of nine drives."""
+lower half of the lasers, without the lowest eighth, has no return, of those whose two neighbours
+along the ring have returns nearer than NEAR_HOLES metres at ranges that differ by less than the
+share SAME_RANGE: on a smooth road, which always returns the pulse. Only the half of the sectors
+with the fewest missing returns counts, because dark cars lose returns in some sectors, while points
+left out at random are missing in all. The share is at most 0.0002 in whole frames of KITTI, at
+least 0.0036 without one point of 200 (24 frames of nine drives, each thinned twice), and at most
+0.0004 in frames of 8 simulated streets. The limit is close to the thinned frames, because a wet or
+worn road may lose more returns than those of nine drives."""
 
 HOLE_SECTORS, MIN_ON_ROAD = 16, 4000
 """HOLE_SECTORS: number of sectors of the firings, of which the half with the fewest missing returns
@@ -81,12 +79,12 @@ def thinned_out(
     """
     found: list[Processing] = []
     rings, reach = len(firings.answered), _reach(firings, distance)
-    lower, lowest = (slice(first, (7 * rings) // 8) for first in ((3 * rings) // 8, rings // 2))
-    below = firings.answered[lower]
+    middle, lower = (slice(first, (7 * rings) // 8) for first in ((3 * rings) // 8, rings // 2))
+    below = firings.answered[middle]
     if whole and np.count_nonzero(below) < MIN_FILL * below.size:
         found.append(Processing("thinned", FEW_RETURNS))
-    elif _single_holes(firings, reach, lowest) > MAX_SINGLE_HOLES:
-        lost = _share_left_out(reach[lowest])
+    elif _single_holes(firings, reach, lower) > MAX_SINGLE_HOLES:
+        lost = _share_left_out(reach[lower])
         found.append(
             Processing("thinned", f"{lost:.1%} of the returns are missing one by one everywhere")
         )

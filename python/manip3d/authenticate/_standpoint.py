@@ -55,7 +55,7 @@ def scanner_of(
             found = estimate_origin(frame, threads=threads)
             return found.position, found.reason, None
         identified = identify_and_read(frame, lattice=lattice, threads=threads)
-        if frame.num_points and _tells_position(identified[0]):
+        if _tells_position(identified[0]):
             return (0.0, 0.0, 0.0), ON_LATTICE, identified
         found = estimate_origin(frame, threads=threads)
         stands_there = found.position is not None and not any(found.position)

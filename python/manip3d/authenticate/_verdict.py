@@ -150,7 +150,8 @@ class Region:
 
 
 NO_POWER: Mapping[str, Power] = ReadOnlyMapping({})
-"""Power of a detector's own result, which does not depend on the scanner; `inspect` looks it up."""
+"""No power: a detector's own result states none, because it depends on the scanner; `inspect` looks
+it up."""
 
 
 @runtime_checkable

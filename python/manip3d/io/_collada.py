@@ -642,7 +642,9 @@ def _opaque_mode(shader: Element) -> str:
 def _alpha(shader: Element) -> float:
     """Return the opacity of a shader, 0 to 1 (COLLADA 1.4.1, "Determining Transparency").
 
-    An opacity of 0 becomes 1, since exporters that write it do not mean an invisible surface.
+    Without ``transparent`` the shader is opaque, since exporters disagree on what ``transparency``
+    alone means. An opacity of 0 becomes 1, since exporters that write it do not mean an invisible
+    surface.
     """
     transparent = shader.find("transparent")
     color = None if transparent is None else _color(transparent.find("color"))

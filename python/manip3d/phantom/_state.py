@@ -18,9 +18,12 @@ SIDES = ("left", "right")
 Phase = Literal["playing", "over"]
 Rules = Literal["bubbles", "pedal", "piano"]
 Point = tuple[float, float, float]
+"""Position in the camera frame, metres: x right, y down, z forward."""
+
 Touch = Callable[[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]], NDArray[np.int8]]
 """Function that returns the bone that touched each target, (N,), or -1. Its arguments are the
-targets' centres in the previous and in the current frame, (N, 3), and radii, (N,)."""
+targets' centres in the previous and in the current frame, (N, 3), and radii, (N,); metres in the
+camera frame."""
 
 _HANDS = ("Wrist", "Hand", "HandTip", "Thumb")
 _FEET = ("Ankle", "Foot")
@@ -84,7 +87,7 @@ class Target:
     side : str
         ``left`` or ``right``.
     place : (float, float, float)
-        Centre, metres.
+        Centre in the camera frame (x right, y down, z forward), metres.
     key : int
         Key of the piano, counted from the player's left to their right.
     age : float, seconds
