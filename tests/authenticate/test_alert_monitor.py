@@ -613,6 +613,13 @@ def test_the_page_shows_a_late_attack_and_lists_it_first(tmp_path: Path) -> None
     assert [record["frame"] for record in timeline.records] == list(range(400))
 
 
+def test_the_page_of_a_drive_without_frames_says_so(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    counts = AlertMonitor().counts
+    AlertTimeline("drive").write(page, verdict="undecidable", reason="r", counts=counts)
+    assert "<span>no frames; lines at" in page.read_text()
+
+
 def test_a_long_drive_keeps_few_bytes_of_a_frame(tmp_path: Path) -> None:
     """Where its record ends in the file; kept alerts took 3.3 kB, with records in memory 9 kB."""
     tally, timeline = AlertTally(), AlertTimeline("drive")

@@ -271,18 +271,18 @@ _MEANING = {
     "skipped": "skipped: no time, or not due",
     "absent": "no such witness",
 }
-_OF_MAPS = (
+_MAP_LEGEND = (
     "<li><b style='background:#c62828'></b>added: only the LiDAR sees it"
     "<li><b style='background:#1565c0'></b>missing: only the cameras see it"
     "<li><b style='background:#b7e1b7'></b>judged, no contradiction"
 )
-_OF_SECTORS = "<li><b style='background:#f0b8b8'></b>sectors that the watermark finds tampered"
+_SECTOR_LEGEND = "<li><b style='background:#f0b8b8'></b>sectors that the watermark finds tampered"
 
 
 def _legend(scenes: Sequence[_Scene]) -> str:
     """Return the legend of the colours that occur in the pictures."""
-    items = _OF_MAPS if any(scene.maps for scene in scenes) else ""
-    items += _OF_SECTORS if any(_SECTOR in scene.above for scene in scenes) else ""
+    items = _MAP_LEGEND if any(scene.maps for scene in scenes) else ""
+    items += _SECTOR_LEGEND if any(_SECTOR in scene.above for scene in scenes) else ""
     return f"<ul class=legend>{items}</ul>" if items else ""
 
 
@@ -325,10 +325,10 @@ def _timeline(strip: Strip, levels: tuple[float, float]) -> str:
         for name, meaning in _MEANING.items()
         if name in used
     )
-    return drawn(strip, levels) + f"<ul class=legend>{legend}</ul>"
+    return timeline_html(strip, levels) + f"<ul class=legend>{legend}</ul>"
 
 
-def drawn(strip: Strip, levels: tuple[float, float]) -> str:
+def timeline_html(strip: Strip, levels: tuple[float, float]) -> str:
     """Return a row of cells for each name, and the risk below with its levels medium and high."""
     count = max(len(strip.scores), 1)
     parts = ["<div class=time>"]
@@ -343,11 +343,12 @@ def drawn(strip: Strip, levels: tuple[float, float]) -> str:
         "vector-effect=non-scaling-stroke></path>"
         for level in levels
     )
+    frames = f"frame 0 to {len(strip.scores) - 1}" if strip.scores else "no frames"
     parts.append(
         f"<span>risk<br>0 to 1</span><svg viewBox='0 0 {count} 1' height=80 "
         "preserveAspectRatio=none role=img aria-label='risk score'>"
         f"<path d='M0 1{_steps(strip.scores)}L{count} 1Z' fill='#c6282855'></path>{lines}</svg>"
-        f"<span></span><span>frame 0 to {len(strip.scores) - 1}; lines at {levels[0]:g} (medium) "
+        f"<span></span><span>{frames}; lines at {levels[0]:g} (medium) "
         f"and {levels[1]:g} (high)</span></div>"
     )
     return "".join(parts)

@@ -15,7 +15,7 @@ from manip3d._util.paths import path_of
 from manip3d.authenticate import RiskParameters
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
-from manip3d.report._alert import QUIET, STYLE, drawn, strip_of
+from manip3d.report._alert import QUIET, STYLE, strip_of, timeline_html
 
 _GRAVEST_FIRST = ("failed", "tampered", "undecidable", "no_trace", "authentic")
 
@@ -107,7 +107,7 @@ def _vehicle(drive: Mapping[str, Any]) -> str:
     lines = "".join(f"<li>{html.escape(fact)}" for fact in facts)
     return (
         f"<section>{shown}<p>{html.escape(str(drive['reason']))}</p>"
-        f"{drawn(strip_of(frames), levels)}<ul>{lines}</ul></section>"
+        f"{timeline_html(strip_of(frames), levels)}<ul>{lines}</ul></section>"
     )
 
 
