@@ -91,8 +91,8 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
     from manip3d import simplify
 
     with naming_options("unit"):
-        takes_8_bits = fits_8_bits(options["unit"])
-    names = [file.name for file in files if takes_8_bits or not _is_picture(file.name)]
+        may_be_8_bits = fits_8_bits(options["unit"])
+    names = [file.name for file in files if may_be_8_bits or not _is_color_png(file.name)]
     _expect_camera(names, options["intrinsics"])
     each: dict[str, dict[str, str]] = {file.name: {"color": ""} for file in files}
     with naming_options("color", "mask", "confidence", "unit"):
@@ -113,7 +113,7 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
 
 
 def _expect_camera(names: list[str], intrinsics: str) -> None:
-    """Tell once that images have no camera, where there are no scans, which need none."""
+    """Raise InputError if no camera is given, unless a file is a scan, which needs none."""
     from manip3d.simplify._depth_files import expect_camera
 
     if names and not any(scan_suffix(name) in _SCANS for name in names):
@@ -121,7 +121,7 @@ def _expect_camera(names: list[str], intrinsics: str) -> None:
             expect_camera(intrinsics, Path(names[0]))
 
 
-def _is_picture(name: str) -> bool:
+def _is_color_png(name: str) -> bool:
     from manip3d.io import is_color_png, is_url
 
     try:
@@ -175,7 +175,7 @@ def _through(sequence: DepthSequence) -> Iterator[None]:
 
 
 def _in_order(given: Mapping[str, Any]) -> AbstractContextManager[None] | None:
-    """With ``--stable``: each mesh depends on those of the files before."""
+    """With ``--stable``, return a context in which each mesh depends on those before; else None."""
     if not given["stable"]:
         return None
     from manip3d.simplify import DepthSequence
@@ -191,7 +191,7 @@ _NOT_JOINED = ("mask", "confidence", "confidence_max", "bandwidth", "rate", "by_
 
 
 def _join(sources: list[str], given: dict[str, Any]) -> bool:
-    """With ``--poses``: one mesh of all files."""
+    """With ``--poses``, write one mesh of all files and return True; else return False."""
     if not given["poses"]:
         return False
     from manip3d import simplify
@@ -201,8 +201,9 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
     output: Path = given["output"]
     shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
     with naming_options(*_OPTIONS, "poses", *given["shared"]):
-        for name in (*given["shared"], *(n for n in _NOT_JOINED if given[n])):
-            raise InputError(f"{name}: cannot be given with poses")
+        refused = [*given["shared"], *(name for name in _NOT_JOINED if given[name])]
+        if refused:
+            raise InputError(f"{refused[0]}: cannot be given with poses")
         check_output(output, WRITABLE, force=given["force"])
         files = [file.name for file in find_files(sources, suffixes=(*DEPTH_SUFFIXES, *_SCANS))]
         colors = simplify.colors_of_frames(files, given["color"]) if given["color"] else {}
@@ -225,12 +226,12 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
     return True
 
 
-_OF_FRAMES = ("unit", "color", "mask", "confidence", "confidence_max", "bandwidth", "rate")
-"""Options that say of images what the frames of a recording say themselves."""
+_NOT_FOR_RECORDINGS = ("unit", "color", "mask", "confidence", "confidence_max", "bandwidth", "rate")
+"""Options that are refused for a recording, because its frames state them."""
 
 
 def _recording(sources: list[str], given: dict[str, Any]) -> bool:
-    """An RGB-D recording, or an address of one: a mesh of each frame, in a folder."""
+    """Write a mesh of each frame of an RGB-D recording and return True; else return False."""
     if len(sources) != 1 or not _is_recording(sources[0]):
         if given["frames"] is not None:
             raise InputError("--frames: can only be given with an RGB-D recording or --poses")
@@ -241,10 +242,11 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     _expect_budget(given["points"], given["ratio"], wanted="--points or --ratio")
     output: Path = given["output"]
     shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
-    with naming_options(*_OPTIONS, "poses", *given["shared"]):
-        asked = [name for name in _OF_FRAMES if given[name] not in (None, "", "guess")]
-        for name in (*given["shared"], *asked):
-            raise InputError(f"{name}: cannot be given with an RGB-D recording")
+    with naming_options(*_OPTIONS, *given["shared"]):
+        asked = [name for name in _NOT_FOR_RECORDINGS if given[name] not in (None, "", "guess")]
+        refused = [*given["shared"], *asked]
+        if refused:
+            raise InputError(f"{refused[0]}: cannot be given with an RGB-D recording")
         check_output(output, (), force=given["force"], folder=True)
         options = _options_of({**given, "intrinsics": ""})
         if given["stable"] and given["method"] != DepthMethod.relief:
@@ -271,7 +273,7 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     return True
 
 
-_OF_CAMERAS = ("calibration.json", "depth.txt", "metadata.yaml")
+_CAMERA_FILES = ("calibration.json", "depth.txt", "metadata.yaml")
 """Files of recordings that know their camera; the last is that of a ROS 2 bag."""
 
 
@@ -286,7 +288,7 @@ def _is_recording(source: str) -> bool:
         return False
     if kind != "stream":
         path = Path(source)
-        knows_camera = any((path / name).is_file() for name in _OF_CAMERAS)
+        knows_camera = any((path / name).is_file() for name in _CAMERA_FILES)
         return kind == "recording" and (knows_camera or path.is_file())
     from manip3d.capture import rgbd_address
 
@@ -534,28 +536,28 @@ def depth(
     shell = Terminal(as_json=as_json, quiet=quiet)
     with naming_options(*_OPTIONS):
         options = simplify.DepthOptions(
-            points,
-            method.value,
-            variant.value,
-            intrinsics,
-            unit,
-            max_edge,
-            depth_step,
-            by_distance,
-            move_points,
-            seed,
-            jobs,
-            min_coverage,
-            bandwidth,
-            rate,
-            max_bridges,
-            effort.value,
-            ratio,
+            points=points,
+            method=method.value,
+            variant=variant.value,
+            intrinsics=intrinsics,
+            unit=unit,
+            max_edge=max_edge,
+            depth_step=depth_step,
+            by_distance=by_distance,
+            move_points=move_points,
+            seed=seed,
+            threads=jobs,
+            min_coverage=min_coverage,
+            bandwidth=bandwidth,
+            rate=rate,
+            max_bridges=max_bridges,
+            effort=effort.value,
+            ratio=ratio,
         )
         # Whether a cloud is an organised one is decided by its reader.
         clouds = ("scan",) if scan_suffix(source) in (".pcd", ".npy", ".npz") else ()
-        narrow = ("picture",) if fits_8_bits(unit) else ()
-        expect_kind(source, "depth", "range grid", *clouds, *narrow, verb="depth")
+        pictures = ("picture",) if fits_8_bits(unit) else ()
+        expect_kind(source, "depth", "range grid", *clouds, *pictures, verb="depth")
         check_output(output, WRITABLE, force=force)
         sequence = _sequence.get()
         if stable and sequence is None:
