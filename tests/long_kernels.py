@@ -177,7 +177,7 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
 }
 """Makers of work in one thread; what is made before is not part of it."""
 
-OF_A_SECOND = {
+SHORT = {
     "authenticate.attack_type",
     "authenticate.cross_modal_consistency",
     "authenticate.drive_evidence",

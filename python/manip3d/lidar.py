@@ -448,7 +448,7 @@ def placed(scan: Scan, origin: NDArray[np.float64]) -> LidarFrame:
     return frame.replace(origin=tuple(origin.tolist()))
 
 
-def place(values: ArrayLike, name: str) -> NDArray[np.float64]:
+def position_of(values: ArrayLike, name: str) -> NDArray[np.float64]:
     """Convert to three finite numbers; raise InputError for others."""
     return vector(values, 3, name)
 
@@ -456,5 +456,5 @@ def place(values: ArrayLike, name: str) -> NDArray[np.float64]:
 def origin_of(origin: ArrayLike | None, scan: Scan) -> NDArray[np.float64]:
     """Return the position of the scanner: ``origin``, else that of the frame, else (0, 0, 0)."""
     if origin is None and scan.frame is not None and scan.frame.origin is not None:
-        return place(scan.frame.origin, "origin")
-    return np.zeros(3) if origin is None else place(origin, "origin")
+        return position_of(scan.frame.origin, "origin")
+    return np.zeros(3) if origin is None else position_of(origin, "origin")

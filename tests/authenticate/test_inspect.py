@@ -906,7 +906,7 @@ def test_reflectances_that_were_rewritten_everywhere_are_no_edit(name: str) -> N
     assert found.detectors[-1].verdict == "undecidable"
 
 
-OF_NO_SCENE: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
+NO_SCENE: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "permuted": (np.random.default_rng(0).permutation, "nothing in common: they were permuted"),
     "inverted": (lambda v: 1.0 - v, "inverted"),
     "inverted, from the largest": (lambda v: v.max() - v, "inverted"),
@@ -917,9 +917,9 @@ OF_NO_SCENE: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", OF_NO_SCENE)
+@pytest.mark.parametrize("name", NO_SCENE)
 def test_reflectances_that_are_not_those_of_the_points_are_named(name: str) -> None:
-    change, said = OF_NO_SCENE[name]
+    change, said = NO_SCENE[name]
     points = street()
     values = reflectances(points)
     values[np.linspace(0, len(values) - 1, 500).astype(int)] = 0.99  # as all frames of KITTI have

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from manip3d.phantom import MESSAGES, LiveSession
 from manip3d.phantom._live import hear
-from manip3d.phantom._messages import OF_THE_CONNECTION
+from manip3d.phantom._messages import CONNECTION_MESSAGES
 from manip3d.phantom._page import live_pages
 from manip3d.phantom._recorder import Recorder
 from manip3d.rgbd import RgbdFrame
@@ -47,7 +47,7 @@ class Stage:
     def _hear(self, client: StreamClient, text: str) -> None:
         hear(self.session, client, text, self.server.new_code)
         name = read_message(text, MESSAGES)[0]
-        if name not in OF_THE_CONNECTION:
+        if name not in CONNECTION_MESSAGES:
             self.heard.append(name)
 
     def disconnect(self) -> None:

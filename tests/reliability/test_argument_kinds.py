@@ -50,7 +50,7 @@ WRONG: dict[str, object] = {
 }
 
 
-OF_NO_USE = ("object", "class", "set", "complex", "ragged", "objects", "complex array", "dates")
+USELESS = ("object", "class", "set", "complex", "ragged", "objects", "complex array", "dates")
 """What no argument accepts."""
 
 CHOICES = {
@@ -121,12 +121,12 @@ def drive(function: Callable[..., Any], arguments: dict[str, Any]) -> None:
             try:
                 call_with(function, arguments | {name: wrong})
             except manip3d.Error as error:
-                if kind in OF_NO_USE and name not in str(error):
+                if kind in USELESS and name not in str(error):
                     problems.append(f"{name}={kind}: does not name it: {error}")
             except Exception as error:
                 problems.append(f"{name}={kind}: {type(error).__name__}: {str(error)[:80]!r}")
             else:
-                if kind in OF_NO_USE or (kind == "word" and takes_a_choice(function, name)):
+                if kind in USELESS or (kind == "word" and takes_a_choice(function, name)):
                     problems.append(f"{name}={kind}: accepted")
     assert not problems, "\n".join(problems)
 
@@ -244,7 +244,7 @@ def test_other_functions(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
             except Exception as error:
                 problems.append(f"{argument}={kind}: {type(error).__name__}: {str(error)[:80]!r}")
             else:
-                if kind in OF_NO_USE:
+                if kind in USELESS:
                     problems.append(f"{argument}={kind}: accepted")
     assert not problems, "\n".join(problems)
 

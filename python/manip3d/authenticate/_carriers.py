@@ -34,7 +34,7 @@ BALANCE = (0.25, 0.75)
 """Limits of the share of ones among the bits. Clouds in whole centimetres also have equal lowest
 bits, but all of them are zeros."""
 
-OF_CELL = 1600.0
+QUARTERS_PER_M = 1600.0
 """Quarters of a QIM cell (2.5 mm) per metre."""
 
 
@@ -97,7 +97,7 @@ def find_carrier(points: Points, units_per_m: int = MILLIMETRES) -> str | None:
     prints it, to a whole or half cell.
     """
     some = points[:: max(1, len(points) // 5000)]
-    tests: Mapping[str, _Test] = _OF_CELLS | {"lbm": functools.partial(_carries_lbm, units_per_m)}
+    tests: Mapping[str, _Test] = _CELL_TESTS | {"lbm": functools.partial(_carries_lbm, units_per_m)}
     for name, carries in tests.items():
         if _holds(some, carries) and _holds(points, carries):
             return name
@@ -121,9 +121,9 @@ def _whole(
     """Values rounded to whole units, and which of them are whole to the precision of float32."""
     scaled = values * units
     nearest = np.round(scaled)
-    wide: NDArray[np.bool_] = np.abs(scaled - nearest) < 0.01 + 1e-7 * np.abs(scaled)
-    wide &= np.abs(nearest) < 2.0**53
-    return np.where(wide, nearest, 0.0).astype(np.int64), wide
+    is_whole: NDArray[np.bool_] = np.abs(scaled - nearest) < 0.01 + 1e-7 * np.abs(scaled)
+    is_whole &= np.abs(nearest) < 2.0**53
+    return np.where(is_whole, nearest, 0.0).astype(np.int64), is_whole
 
 
 def _carries_lbm(
@@ -136,16 +136,16 @@ def _carries_lbm(
 
 
 def _carries_qim(points: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    quarters, whole = _whole(points[:, 2], OF_CELL)
+    quarters, whole = _whole(points[:, 2], QUARTERS_PER_M)
     return whole & (quarters % 2 == 1), quarters % 4 == 3
 
 
 def _carries_printed(points: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    quarters, whole = _whole(points[:, 2], OF_CELL)
+    quarters, whole = _whole(points[:, 2], QUARTERS_PER_M)
     return whole & (quarters % 2 == 0), quarters % 4 == 0
 
 
-_OF_CELLS: dict[str, _Test] = {
+_CELL_TESTS: dict[str, _Test] = {
     "qim": _carries_qim,
     "qim-printed": _carries_printed,
 }
@@ -181,7 +181,7 @@ def without_bits(points: Points, embedding: str, units_per_m: int = MILLIMETRES)
         middle = (2.0 * np.floor(units / 2.0) + 0.5) / units_per_m
         return np.ascontiguousarray(middle, np.float32)
     if embedding == "qim":
-        cells = np.floor(np.round(points[:, 2].astype(np.float64) * OF_CELL) / 4.0)
+        cells = np.floor(np.round(points[:, 2].astype(np.float64) * QUARTERS_PER_M) / 4.0)
         restored = points.copy()
         restored[:, 2] = (cells + 0.5) * 0.0025
         return restored

@@ -44,7 +44,7 @@ accused scans, or by their number of alarms of `drive_evidence`."""
 
 FRAMES_PER_HOUR = 3600.0 * FRAMES_PER_SECOND
 
-_OF_MANY_TURNS = {"turns", "reflectance"}
+_RECURRING_DETECTORS = {"turns", "reflectance"}
 """Detectors IV and V: a false accusation by them in one turn recurs in the next."""
 
 _MAX_NAMED = 10
@@ -540,7 +540,7 @@ def _why_no_chance(
     episodes = sum(
         number - 1 not in accused
         or places[number] != places[number - 1] + 1
-        or not _accusers(each) <= _OF_MANY_TURNS
+        or not _accusers(each) <= _RECURRING_DETECTORS
         for number, each in accused.items()
     )
     if binomial_tail(episodes, judged, FALSE_ALARM_RATE) <= DRIVE_RATE * (1.0 + 1e-9):

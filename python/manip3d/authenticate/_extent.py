@@ -76,10 +76,10 @@ lowest eighth of the lasers has returns in less than the share MIN_OF_LOWEST of 
 turns have returns from the scanner's own car (1.5 m in KITTI), or else from the road, which the
 lowest lasers meet 4 m away."""
 
-OWN_CAR, OF_OWN_CAR, MIN_OF_OWN_CAR = 2.0, (120.0, 140.0), 5
+OWN_CAR, OWN_CAR_AZIMUTHS, MIN_OF_OWN_CAR = 2.0, (120.0, 140.0), 5
 """The rack of KITTI's own car returns points of the lowest eighth of the lasers nearer than OWN_CAR
-metres, at azimuths of OF_OWN_CAR degrees to the left and to the right. Each whole frame has at
-least 28 of them; fewer than MIN_OF_OWN_CAR mean that the surroundings of the scanner were cut
+metres, at azimuths of OWN_CAR_AZIMUTHS degrees to the left and to the right. Each whole frame has
+at least 28 of them; fewer than MIN_OF_OWN_CAR mean that the surroundings of the scanner were cut
 off, in whatever shape. At other azimuths walls and other cars return points, too."""
 
 NEAREST_OF_OWN_CAR = 1.59
@@ -139,8 +139,8 @@ def left_out_of_turn(turn: LidarFrame, lattice: SensorLattice) -> Lacking | None
     some, step_m = turn.points[:: max(1, turn.num_points // SAMPLE)], lattice.coordinate_step
     is_scaled = step_m > 0.0 and share_rounded(some, step_m) < 1.0 - MAX_OFF_FIRINGS
     if np.mean(is_off) > MAX_OFF_FIRINGS or is_scaled:
-        for step in processing_of_coordinates(turn.points):
-            return Lacking(f"{step.kind}: {step.detail}", is_in_place=True)
+        if found := processing_of_coordinates(turn.points):
+            return Lacking(f"{found[0].kind}: {found[0].detail}", is_in_place=True)
         return Lacking("moved to where the scanner does not measure", is_in_place=False)
     steps = processing_of_extent(turn.points, lattice, reading, is_in_order=False)
     if not (steps := [step for step in steps if step.kind != "lasers"]):
@@ -312,7 +312,7 @@ def _silence_of_own_car(
     lowest = reading.ring >= len(lattice.slope) - len(lattice.slope) // 8
     near = np.flatnonzero(lowest & (distance < OWN_CAR))
     to_a_side = 180.0 - np.abs(180.0 - np.degrees(reading.azimuth[near]))
-    least, most = OF_OWN_CAR
+    least, most = OWN_CAR_AZIMUTHS
     of_car = distance[near[(to_a_side > least) & (to_a_side < most)]]
     if len(of_car) < MIN_OF_OWN_CAR:
         return OWN_CAR_SILENT
@@ -327,11 +327,12 @@ def first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> floa
     straight ahead: the laser had no return there, as from a dark car.
     """
     rings = int(ring.max(initial=-1)) + 1
-    first = np.full(rings + 1, -1)
+    first = np.full(rings + 1, -1)  # the last item is that of ring -1: points of no laser
     first[ring[::-1]] = np.arange(len(ring) - 1, -1, -1)  # in reverse order: the first row remains
     least = _least_of_rings(ring, azimuth, rings)
+    # Ring 0 is left out, because rows that are cut off the start of a file take its beginning.
     numbers = 1 + np.flatnonzero(first[1:rings] >= 0)
-    if len(numbers) < 8:
+    if len(numbers) < 8:  # too few rings for a median
         return 0.0
     starts = azimuth[first[numbers]]
     begins = 180.0 - np.mod(180.0 - np.degrees(starts), 360.0)

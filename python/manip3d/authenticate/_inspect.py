@@ -36,13 +36,12 @@ from manip3d.authenticate._reports import (
     reason_of,
     without_position,
 )
-from manip3d.authenticate._sensors import Sensor
+from manip3d.authenticate._sensors import MIN_POINTS, Sensor
 from manip3d.authenticate._standpoint import ON_LATTICE, at_origin, identify, lifted, scanner_of
 from manip3d.authenticate._verdict import NO_POWER, Power, Processing, Region, Verdict
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
-from manip3d.lidar import LidarFrame, ScanLike, as_frame
-from manip3d.lidar import place as position_of
+from manip3d.lidar import LidarFrame, ScanLike, as_frame, position_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -487,7 +486,7 @@ def _not_judged(
         why = f"{sensor.name}: the printed thresholds are those of terrestrial scanners"
     reports = tuple(DetectorReport(name, "undecidable", why) for name in FORENSIC)
     points = at_origin(scan, position).points
-    processing = () if scan.num_points < 1000 else find_processing(points, sensor, None)
+    processing = () if scan.num_points < MIN_POINTS else find_processing(points, sensor, None)
     if sensor.kind == "unknown":
         processing = ()
     return combined(scan, position, source, sensor, reports, processing)

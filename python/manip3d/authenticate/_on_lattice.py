@@ -25,8 +25,8 @@ from manip3d.authenticate._power import (
 )
 from manip3d.authenticate._processing import (
     COORDINATES_KEPT,
-    OF_TWO_SCANNERS,
     STILL_COMPARED,
+    TWO_SCANNERS,
     find_processing,
     padding,
 )
@@ -450,9 +450,7 @@ def _lacking(
 
 def _spoiled(generic: GenericResult, processing: Sequence[Processing]) -> Sequence[str]:
     """Kinds of evidence that are invalid for a scan that was processed as a whole."""
-    is_blurred = any(
-        step.kind == "averaged" or step.detail == OF_TWO_SCANNERS for step in processing
-    )
+    is_blurred = any(step.kind == "averaged" or step.detail == TWO_SCANNERS for step in processing)
     if generic.values_changed or is_blurred:
         return EVIDENCE
     is_fused = any(step.kind == "fused" for step in processing)

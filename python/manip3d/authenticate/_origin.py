@@ -12,7 +12,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
 from manip3d.authenticate._generic import generic_consistency
-from manip3d.lidar import LidarFrame, ScanLike, place, to_scan
+from manip3d.lidar import LidarFrame, ScanLike, position_of, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -115,7 +115,7 @@ def estimate_origin(
     ((10.0, 20.0, 0.0), 1.0, 'the angular grid')
     """
     scene = to_scan(scan)
-    around = None if known is None else place(known, "known")
+    around = None if known is None else position_of(known, "known")
     # If coordinates of a map were moved near 0, the scanner is not at 0.
     is_own = around is None and not is_on_map(scene.frame)
     with reporting(progress, "origin") as report:
@@ -155,11 +155,11 @@ def scanner_position(
     None: no single position explains the scan. For an array of points it is (0, 0, 0).
     """
     if origin is not None:
-        return place(origin, "origin")
+        return position_of(origin, "origin")
     if scan.frame is None:
         return np.zeros(3)
     if scan.frame.origin is not None:
-        return place(scan.frame.origin, "origin")
+        return position_of(scan.frame.origin, "origin")
     if several_sources(scan.frame) is not None:
         return None
     found = estimate_origin(scan.frame, threads=threads).position

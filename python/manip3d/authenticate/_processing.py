@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from manip3d.authenticate._sensors import Sensor
     from manip3d.lidar import LidarFrame
 
-OF_FLOAT16 = 0.01
+MAX_OFF_FLOAT16 = 0.01
 """Metres: largest median distance from the lines that is due to 16-bit floats. Their steps are 4 mm
 from 4 to 8 m, and 31 mm from 32 to 64 m."""
 
-OF_PLACES = {"grid", "step", "range"}
+PLACE_EVIDENCE = {"grid", "step", "range"}
 """Kinds of evidence that all points contradict if all coordinates change by a millimetre."""
 
 CUT_OFF = (
@@ -74,7 +74,7 @@ points share a cell of its grid, while at least MIN_SHARED, and TIMES_SHIFTED ti
 share a cell of a grid that is shifted by half a cell. With these edges a few means lie near the
 scanner, like an edit; coarser voxels leave means all around, finer voxels none."""
 
-OF_TWO_SCANNERS = (
+TWO_SCANNERS = (
     "points in most directions lie beside the lines of the scanner, as those of another one do"
 )
 
@@ -121,14 +121,14 @@ def find_processing(
     if sensor.name == HDL64E and len(points) > MAX_OF_TURN and not is_edited:
         found.append(Processing("fused", f"{len(points)} points are more than a turn has"))
     if sensor.off_lattice > 0.0:
-        if not (is_float16 and sensor.off_lattice <= OF_FLOAT16):
+        if not (is_float16 and sensor.off_lattice <= MAX_OFF_FLOAT16):
             found += processing_off_lattice(points, sensor, reading)
     elif generic is not None and generic.lattice is not None:
         of_lattice = _processing_of_lattice(points, sensor, generic, reading)
-        if sensor.name == HDL64E and not found and generic.contradicted & OF_PLACES:
+        if sensor.name == HDL64E and not found and generic.contradicted & PLACE_EVIDENCE:
             found += finely_rounded(points, sensor.lattice, reading)
         if _holds_two_scanners(points, sensor, generic, reading):
-            found.append(Processing("fused", OF_TWO_SCANNERS))
+            found.append(Processing("fused", TWO_SCANNERS))
         is_explained = any(step.kind in ("rounded", "float16", "scaled") for step in found)
         found += [step for step in of_lattice if not (is_explained and step.kind == "moved")]
         if sensor.name != HDL64E or not generic.evidence["order"].used:
@@ -246,8 +246,8 @@ def _processing_of_lattice(
         if generic.verdict == "tampered" and (edge := edge_of_voxels(points)):
             detail = f"points that shared a voxel of {1000.0 * edge:g} mm became their mean"
             found.append(Processing("averaged", detail))
-    if contradicted & OF_PLACES:
-        names = ", ".join(sorted(contradicted & OF_PLACES))
+    if contradicted & PLACE_EVIDENCE:
+        names = ", ".join(sorted(contradicted & PLACE_EVIDENCE))
         kind = "turned" if _is_turned_by_part_of_step(points, sensor, reading) else "moved"
         detail = f"coordinates were changed everywhere (contradicted: {names})"
         is_on_grid = lattice is not None and lattice.coordinate_step > 0.0

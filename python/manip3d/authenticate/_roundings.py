@@ -26,7 +26,7 @@ FINE_ROUNDINGS = (0.002, 0.001)
 """Further steps, metres, for scans of an HDL-64E that contradict the scanner's own steps: its
 ranges are multiples of 2 mm, and its coordinates whole millimetres."""
 
-OF_ROUNDING = 0.5
+MAX_OFF_ROUNDING = 0.5
 """Largest median distance from the lines that a rounding explains, in its steps."""
 
 OWN_ROUNDING = 0.0005
@@ -76,12 +76,12 @@ def processing_off_lattice(
         Places of the points on the sensor's lattice; None: they are computed here.
     """
     rounding = _rounding(points, sample_of(points), ROUNDINGS)
-    if rounding is not None and sensor.off_lattice <= OF_ROUNDING * rounding[0]:
+    if rounding is not None and sensor.off_lattice <= MAX_OFF_ROUNDING * rounding[0]:
         return []
     if (factor := _factor_of(points, sensor, reading)) is not None:
         return [Processing("scaled", f"coordinates are metres times {factor:.4g}")]
     steps = _steps_of_axes(points)
-    if steps and sensor.off_lattice <= OF_ROUNDING * max(steps):
+    if steps and sensor.off_lattice <= MAX_OFF_ROUNDING * max(steps):
         return [_rounded_to_steps(steps)]
     return [
         Processing(
@@ -160,7 +160,7 @@ def finely_rounded(
         return []
     steps = _steps_of_axes(points) if rounding is None else [rounding[0]]
     off = np.abs((lattice.read(points) if reading is None else reading).line_error)
-    if not steps or np.median(off) > OF_ROUNDING * max(steps) + OWN_ROUNDING:
+    if not steps or np.median(off) > MAX_OFF_ROUNDING * max(steps) + OWN_ROUNDING:
         return []
     if rounding is not None:
         return [Processing("rounded", rounding[1])]

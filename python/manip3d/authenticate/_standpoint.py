@@ -21,8 +21,7 @@ from manip3d.authenticate._sensors import (
     is_in_metres,
     nothing_to_tell,
 )
-from manip3d.lidar import LidarFrame
-from manip3d.lidar import place as position_of
+from manip3d.lidar import LidarFrame, position_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

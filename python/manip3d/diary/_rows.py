@@ -22,7 +22,7 @@ from manip3d.diary._clips import Pictures, seal_pictures, unseal_pictures
 from manip3d.diary._sealing import new_key, seal, seal_fields, unseal, unseal_fields
 from manip3d.errors import FormatError, InputError
 
-_OF_PARTICIPANTS = (
+_PARTICIPANT_TABLES = (
     schema.SESSIONS,
     schema.GAMES,
     schema.ANOMALIES,
@@ -219,7 +219,7 @@ class Rows:
         if self.connection.exec_driver_sql("PRAGMA foreign_key_check").first() is not None:
             raise FormatError("the diary has rows without a participant", file=str(self._path))
         for participant in self.everybody():
-            for table in _OF_PARTICIPANTS:
+            for table in _PARTICIPANT_TABLES:
                 self.read(table, participant)
             for _ in self.read_clips(participant):
                 pass

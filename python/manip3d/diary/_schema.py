@@ -92,7 +92,7 @@ _SESSION = f"session INTEGER REFERENCES sessions {_GONE_TOO}"
 _GAME = f"game INTEGER REFERENCES games {_GONE_TOO}"
 _ANOMALY = f"anomaly INTEGER REFERENCES anomalies {_GONE_TOO}"
 _PAYLOAD = "payload BLOB NOT NULL"
-_OF_PARTICIPANT = (
+_WITH_PARTICIPANT = (
     "sessions", "games", "anomalies", "ratings", "questionnaires", "events", "audit",
 )  # fmt: skip
 
@@ -113,7 +113,8 @@ MIGRATIONS: Sequence[Sequence[str]] = (
         f"CREATE TABLE events ({_ROW}, {_SESSION}, {_PAYLOAD})",
     ),
     tuple(  # 2 to 3: indices, so that deleting and listing read only a participant's own rows
-        f"CREATE INDEX {table}_of_participant ON {table} (participant)" for table in _OF_PARTICIPANT
+        f"CREATE INDEX {table}_of_participant ON {table} (participant)"
+        for table in _WITH_PARTICIPANT
     ),
     (  # 3 to 4: clips of anomalies
         f"CREATE TABLE clips ({_ROW}, {_ANOMALY}, {_PAYLOAD})",

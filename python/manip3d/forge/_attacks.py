@@ -23,7 +23,7 @@ from manip3d.forge._truth import (
     to_forgery,
     to_hoax,
 )
-from manip3d.lidar import Box, Scan, ScanLike, origin_of, place, to_scan
+from manip3d.lidar import Box, Scan, ScanLike, origin_of, position_of, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -148,7 +148,7 @@ def crtp(
     """
     scene = to_scan(scan)
     paper = translation == "paper"
-    where = place(position, "position")
+    where = position_of(position, "position")
     workers = threads_of(threads)
     if spacing is None:
         spacing = _core.local_spacing(scene.points, where, NEIGHBOURHOOD, workers)
@@ -427,7 +427,7 @@ def insert_occluding(
     """
     scene = to_scan(scan)
     whole = to_hoax(hoax, 0.0, scene)
-    where = place(position, "position")
+    where = position_of(position, "position")
     parts = _core.insert_occluding(
         scene.points,
         scene.intensity,
@@ -540,7 +540,7 @@ def _paste(
     paper: bool,
     threads: int,
 ) -> Forgery:
-    where = place(position, "position")
+    where = position_of(position, "position")
     _check_scale(scale)
     parts = _core.copy_transform_paste(
         scene.points,

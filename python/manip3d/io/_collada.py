@@ -86,7 +86,7 @@ def read(
         does not name the file.
     """
     document = _Document(parse_xml_bytes(data, "", look, most_depth=_DEEPEST_ELEMENT))
-    looks = _Looks(document, folder, allow_outside=allow_outside)
+    looks = _Materials(document, folder, allow_outside=allow_outside)
     geometries: dict[int, _Geometry] = {}
     pieces, num_polygons = [], 0
     with np.errstate(over="ignore", invalid="ignore"):  # join() refuses values that are not finite
@@ -523,7 +523,7 @@ def _triangles_of(kind: str, strip: NDArray[np.int64]) -> NDArray[np.int64]:
 # --- Materials --------------------------------------------------------------------------------
 
 
-class _Looks:
+class _Materials:
     """Materials of the faces, in the order of their first use."""
 
     def __init__(self, document: _Document, folder: Path | None, *, allow_outside: bool) -> None:
@@ -634,7 +634,10 @@ def _color(element: Element | None) -> tuple[float, float, float, float] | None:
 
 
 def _opaque_mode(shader: Element) -> str:
-    """Return the mode by which the transparency is opacity: its alpha or luminance, or inverted."""
+    """Return how opacity follows from the ``transparent`` colour.
+
+    A_ONE: alpha; RGB_ZERO: 1 - luminance; A_ZERO: 1 - alpha; RGB_ONE: luminance.
+    """
     transparent = shader.find("transparent")
     return "A_ONE" if transparent is None else transparent.get("opaque", "A_ONE")
 

@@ -32,7 +32,7 @@ _NAMES = {
     "e57": ("colorRed", "colorGreen", "colorBlue"),
     **dict.fromkeys(("ply", "las", "csv", "pts", "ptx", "npz", "xyzrgb"), ("red", "green", "blue")),
 }
-_OF_CLOUDCOMPARE = "scalar_"
+_CLOUDCOMPARE_PREFIX = "scalar_"
 """Prefix of column names that CloudCompare writes."""
 _WIDE = ("las", "csv")
 """Formats whose colours may have 16 bits."""
@@ -42,7 +42,7 @@ _LAS_STEP = 256
 
 def plain_name(name: str) -> str:
     """Return a column name in lower case without CloudCompare's prefix: ``intensity``."""
-    return name.lower().removeprefix(_OF_CLOUDCOMPARE)
+    return name.lower().removeprefix(_CLOUDCOMPARE_PREFIX)
 
 
 def renamed(frame: LidarFrame, name: str) -> LidarFrame:

@@ -36,7 +36,7 @@ _NAMED_BY_SUFFIX = {"xyzn": ("nx", "ny", "nz"), "xyzrgb": ("red", "green", "blue
 """Columns after x, y and z in a text file without column names, as Open3D writes them."""
 _UNSTATED = (*_TEXT, "npy", "npz")
 """Formats that state neither the scanner's position nor which columns are integers."""
-_OF_DOUBLES = (*_UNSTATED, "ply", "pcd", "las", "ptx")
+_WITH_DOUBLES = (*_UNSTATED, "ply", "pcd", "las", "ptx")
 """Formats that can hold map coordinates to the millimetre."""
 _POSED = ("e57", "ptx")
 """Formats that hold the pose of the scanner."""
@@ -226,7 +226,7 @@ def _stored_to_file(kind: str, stored: NDArray[Any]) -> NDArray[np.float64]:
     64-bit coordinates, such as those of a national grid, are shifted near zero, so that float32
     can hold them. 32-bit coordinates need no shift.
     """
-    is_wide = kind in _UNSTATED or (kind in _OF_DOUBLES and stored.dtype != np.float32)
+    is_wide = kind in _UNSTATED or (kind in _WITH_DOUBLES and stored.dtype != np.float32)
     return near_zero(stored) if is_wide else _to_file(kind)
 
 
@@ -393,7 +393,7 @@ def map_coordinates(frame: LidarFrame, name: str) -> NDArray[np.float64] | None:
 
     None if the scan was not read from map coordinates, or if the format cannot hold them.
     """
-    if frame.format is None or name not in _OF_DOUBLES:
+    if frame.format is None or name not in _WITH_DOUBLES:
         return None
     to_file = frame.format.to_file
     if not np.array_equal(to_file[:3, :3], np.eye(3)):
@@ -418,7 +418,7 @@ def stored_coordinates(frame: LidarFrame, name: str) -> NDArray[Any]:
 def loses_map_coordinates(frame: LidarFrame, suffix: str) -> bool:
     """Return whether map coordinates are lost in a file of this suffix, which gets shifted ones."""
     name = suffix.lstrip(".").replace("laz", "las")
-    if frame.format is None or frame.format.name == name or name in (*_OF_DOUBLES, "e57"):
+    if frame.format is None or frame.format.name == name or name in (*_WITH_DOUBLES, "e57"):
         return False
     return bool(frame.format.to_file[:3, 3].any())
 

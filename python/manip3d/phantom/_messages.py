@@ -57,7 +57,7 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
 NOT_LOST = tuple(name for name, fields in MESSAGES.items() if "number" in fields)
 """Messages that are handled even if the session ends before the next frame."""
 
-OF_THE_CONNECTION = ("ack", "bad", "clock", "screen")
+CONNECTION_MESSAGES = ("ack", "bad", "clock", "screen")
 """Messages that `hear` handles itself; all others go to the session."""
 
 Command = tuple[str, dict[str, Any], Callable[[], object] | None]
@@ -81,8 +81,8 @@ class Inbox:
         self, name: str, fields: Mapping[str, Any] | None, done: Callable[[], object] | None
     ) -> None:
         """Queue a message, from any thread; see `LiveSession.command`."""
-        if name not in MESSAGES or name in OF_THE_CONNECTION:
-            expected = ", ".join(known for known in MESSAGES if known not in OF_THE_CONNECTION)
+        if name not in MESSAGES or name in CONNECTION_MESSAGES:
+            expected = ", ".join(known for known in MESSAGES if known not in CONNECTION_MESSAGES)
             raise InputError(f"name: expected one of {expected}, got {name!r}")
         found = dict(fields or {})
         page, number = found.pop("page", 0), found.pop("number", None)

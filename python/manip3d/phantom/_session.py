@@ -82,8 +82,8 @@ class LiveSession:
         gain: float = 1.0,
         recorder: Recorder | None = None,
     ) -> None:
-        chosen = game or _game_for(affected)
-        if chosen not in GAMES:
+        game_key = game or _game_for(affected)
+        if game_key not in GAMES:
             raise InputError(f"game: expected one of {', '.join(GAMES)}, got {game!r}")
         for name, value, low, high in (
             ("difficulty", difficulty, 1, 3),
@@ -99,16 +99,18 @@ class LiveSession:
         self._recorder = recorder
         self._inbox = Inbox()
         self._sitting = Sitting(recorder)
-        self._play = Play((chosen, int(difficulty)), seed, self.affected, float(gain), recorder)
+        self._play = Play((game_key, int(difficulty)), seed, self.affected, float(gain), recorder)
         self._people: list[Skeleton] = []
         self._numbers: dict[int, int] = {}  # number of each person, by the tracker's id
-        self._chosen: int | None = None
+        self._chosen: int | None = None  # the tracker's id of the person that a page chose
         self._calibration: PlacementCalibration | None = None
-        self._measured: Skeleton | None = None
+        self._measured: Skeleton | None = None  # the person as the calibration measured them
         self._body = ColliderTracker()
         self._cue: TouchCue | None = None
-        self._seed = seed
-        self._cues = self._ticks = 0
+        self._seed = seed  # of the first touch cue; each further one adds 1
+        self._cues = 0  # touch cues that began
+        self._ticks = 0  # touches that were due in them
+        # The patient's last description of the felt phantom limb.
         self._felt = None if recorder is None else recorder.last_felt(self.affected)
         self._quality = jpeg_quality
         self._sequence = 0

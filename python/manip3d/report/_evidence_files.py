@@ -31,7 +31,7 @@ def write_page_or_record(
     atomic_write(path, text.encode())
 
 
-_OF_SCANS = ("pcap", "ouster", "kitti", "bag")
+_SCAN_SCHEMES = ("pcap", "ouster", "kitti", "bag")
 
 
 def sha256_of_source(source: str) -> tuple[str, str]:
@@ -45,7 +45,7 @@ def sha256_of_source(source: str) -> tuple[str, str]:
 
     place = Path(source)
     scheme, _, rest = source.partition(":")
-    if scheme in ("folder", "mkv", "tum", *_OF_SCANS) and not place.exists():
+    if scheme in ("folder", "mkv", "tum", *_SCAN_SCHEMES) and not place.exists():
         place = Path(place_and_topic(source)[0] if scheme == "bag" else rest)
     if place.is_file():
         return file_sha256(place), "the file"

@@ -14,7 +14,7 @@ from manip3d.mesh import Mesh
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_OF_TARGETS = 0.1  # weight of each morph target in sway()
+_TARGET_WEIGHT = 0.1  # weight of each morph target in sway()
 
 
 def deformation_of(deformation: Deformation, original: Mesh, simplified: Mesh) -> Deformation:
@@ -75,7 +75,8 @@ def sway(deformation: Deformation, size: float) -> NDArray[np.float64]:
         weight = size * deformation.weights[:, influence, None].astype(np.float64)
         moved += weight * directions[deformation.joints[:, influence]]
     for number, target in enumerate(deformation.targets):
-        moved += (_OF_TARGETS if number % 2 == 0 else -_OF_TARGETS) * target.astype(np.float64)
+        weight = _TARGET_WEIGHT if number % 2 == 0 else -_TARGET_WEIGHT
+        moved += weight * target.astype(np.float64)
     return moved
 
 

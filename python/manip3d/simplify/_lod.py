@@ -178,7 +178,7 @@ _MEASURES: Mapping[str, str] = {
     "fast": "largest root mean square distance of a vertex to the planes of the original faces, "
     "boundaries and seams that it stands for; no bound of the Hausdorff distance",
 }
-_OF_SURFACES = (
+_SURFACE_MEASURE = (
     "largest surface quadric error of a collapse, in which boundaries, seams and vertices that "
     "move within a plane do not count; no bound of the Hausdorff distance"
 )
@@ -186,7 +186,7 @@ _OF_SURFACES = (
 
 def measure_of(method: str) -> str:
     """Return the name of the error that a method measures."""
-    return _MEASURES.get(method, _OF_SURFACES)
+    return _MEASURES.get(method, _SURFACE_MEASURE)
 
 
 _OWN_RUNS: Mapping[str, Callable[..., QualityResult]] = {"quality": quality, "fast": fast}

@@ -70,7 +70,7 @@ _MARGIN = 1.1
 _CONSTANT = 16 << 20
 
 # Options that are passed on unchanged only if the whole mesh is simplified in one run.
-_OF_ONE_RUN = frozenset({"max_distance", "importance", "locked"})
+_ONE_RUN_OPTIONS = frozenset({"max_distance", "importance", "locked"})
 
 _SLACK = 1.25  # least number of faces that the chosen mode starts with, per face of the target
 _MIN = 20_000  # least faces of a part; in smaller parts too many faces lie at the borders
@@ -380,7 +380,7 @@ def simplify_within(
             max_error=max(0.0, error_limit - stage.max_error),
             locked=_locked_now(stage, locked),
             progress=part(0.5, 1.0),
-            **{name: value for name, value in options.items() if name not in _OF_ONE_RUN},
+            **{name: value for name, value in options.items() if name not in _ONE_RUN_OPTIONS},
         )
     stage.count(done)
     stage.follow(done.vertex_map, done.face_map)
