@@ -78,6 +78,22 @@ def test_node_transforms(nodes: list[dict[str, Any]], corner: list[float]) -> No
     np.testing.assert_array_equal(mesh.faces, FACES)
 
 
+def test_what_exporters_write_beside_the_standard() -> None:
+    """Bytes behind the asset, rounded matrices, normalized floats, and null for nothing."""
+    plain = read(square())
+    matrix = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0.9999999]
+    content = document(nodes=[{"mesh": 0, "matrix": matrix, "name": None}])
+    content["accessors"][0]["normalized"] = True
+    for file in (
+        square() + b"\0\0\0\0",
+        square(nodes=[{"mesh": 0, "matrix": matrix, "name": None, "camera": None}]),
+        square(accessors=content["accessors"]),
+    ):
+        mesh = read(file)
+        np.testing.assert_array_equal(mesh.vertices, plain.vertices)
+        np.testing.assert_array_equal(mesh.faces, plain.faces)
+
+
 @pytest.mark.parametrize("mirrored", [[-1, 1, 1], [1, 1, -1], [-1, -1, -1]])
 def test_a_mirror_turns_the_faces_around(mirrored: list[int]) -> None:
     mesh = read(square(nodes=[{"mesh": 0, "scale": mirrored}]))

@@ -800,6 +800,12 @@ def test_off_syntax(text: str) -> None:
         ("CNOFF", "0 0 1 255 0 10 128"),
         ("STCNOFF", "0 0 1 255 0 10 128 0.5 0.25"),
         ("STCNOFF", "0 0 1 255 0 10 0.5 0.25"),
+        ("NCOFF", "255 0 10 128 0 0 1"),  # MeshLab's order
+        ("NCOFF", "255 0 10 0 0 1"),
+        ("CSTOFF", "255 0 10 128 0.5 0.25"),
+        ("NSTOFF", "0 0 1 0.5 0.25"),
+        ("NCSTOFF", "255 0 10 128 0 0 1 0.5 0.25"),
+        ("NCSTOFF", "255 0 10 0 0 1 0.5 0.25"),
     ],
 )
 def test_off_variants(keyword: str, tail: str) -> None:
@@ -825,7 +831,8 @@ OFF_BODY = "0 0 0\n1 0 0\n0 1 0\n"
     ("text", "line", "message"),
     [
         ("FOO\n", 1, "expected OFF"),
-        ("4OFF\n", 1, "OFF of another dimension"),
+        ("4OFF\n", 1, "expected [ST][C][N]OFF or"),
+        ("CSTCOFF\n", 1, "expected [ST][C][N]OFF or [N][C]"),
         ("nOFF 4\n", 1, "dimension: expected 3"),
         ("nOFF\n2\n", 2, "dimension: expected 3"),
         ("OFF BINARY\n", 1, "binary OFF"),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from manip3d import InputError, Material, Mesh, simplify
+from manip3d.metrics import color_error
 from manip3d.simplify._color_seams import color_seams
 
 if TYPE_CHECKING:
@@ -235,3 +236,38 @@ def test_places_that_mirror_each_other_are_not_one() -> None:
     twice, same = np.repeat(corners, 2, axis=0), np.repeat(colors, 2, axis=0)
     assert color_seams(Mesh(twice, [[0, 2, 4]], colors=same)) is None
     assert color_seams(Mesh(twice, [[0, 2, 4]], colors=np.roll(same, 1, axis=0))) is not None
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_colors_at_one_place_that_hardly_differ_are_one_color(mode: str) -> None:
+    """Scans whose faces were coloured one by one: each has three vertices of its own."""
+    mesh = plate(30, slope)
+    assert mesh.colors is not None
+    rng = np.random.default_rng(0)
+    rows = mesh.faces.reshape(-1)
+    noise = rng.integers(-1, 2, (len(rows), 3))
+    soup = Mesh(
+        mesh.vertices[rows],
+        np.arange(len(rows), dtype=np.int32).reshape(-1, 3),
+        colors=np.clip(mesh.colors[rows].astype(int) + noise, 0, 255).astype(np.uint8),
+    )
+    light = run(mode, soup, ratio=0.1).mesh
+    assert light.num_vertices < 0.8 * light.num_faces  # connected, not face by face
+    assert color_error(soup, light).mean < 4
+
+
+def test_hardly_different_colors_do_not_cut_beside_real_borders() -> None:
+    """Two squares side by side, red and white, each with colours of its own at every corner."""
+    square = plate(8, lambda points: np.full((len(points), 3), 100.0))
+    rows = square.faces.reshape(-1)
+    rng = np.random.default_rng(0)
+    near = rng.integers(-2, 3, (2, len(rows), 3))
+    both = Mesh(
+        np.concatenate([square.vertices[rows], square.vertices[rows] + ASIDE]),
+        np.arange(2 * len(rows), dtype=np.int32).reshape(-1, 3),
+        colors=np.concatenate([near[0] + RED, near[1] + WHITE]).astype(np.uint8),
+    )
+    seams = color_seams(both)
+    assert seams is not None
+    assert seams.mesh.face_material is not None
+    assert len(np.unique(seams.mesh.face_material)) < 10  # not each of the 256 faces

@@ -222,15 +222,17 @@ GltfDocument::GltfDocument(ByteSpan file, const GltfResource& resource, GltfBudg
 }
 
 void GltfDocument::split_chunks(ByteSpan file) {
-  const auto size = static_cast<std::int64_t>(file.size());
+  auto size = static_cast<std::int64_t>(file.size());
   if (size < kHeaderBytes) throw FormatError::at_byte(size, "GLB: the header is cut off");
   if (const auto version = load<std::uint32_t>(file.data() + 4); version != 2) {
     throw FormatError::at_byte(4, "GLB: expected version 2, got " + std::to_string(version));
   }
-  if (const std::int64_t length = load<std::uint32_t>(file.data() + 8); length != size) {
-    throw FormatError::at_byte(8, "GLB: the header says " + std::to_string(length) +
+  const std::int64_t whole = load<std::uint32_t>(file.data() + 8);
+  if (whole > size || whole < kHeaderBytes) {
+    throw FormatError::at_byte(8, "GLB: the header says " + std::to_string(whole) +
                                       " bytes, the file has " + std::to_string(size));
   }
+  size = whole;  // what follows is no part of the asset
   ByteSpan text;
   for (std::int64_t at = kHeaderBytes; at < size;) {
     if (size - at < kChunkHeaderBytes) throw FormatError::at_byte(at, "GLB: a chunk is cut off");
@@ -368,6 +370,8 @@ GltfAccessor GltfDocument::read_accessor(const JsonPlace& place) {
   accessor.count = place.member("count").integer(0, kMaxCount);
   accessor.num_components = components_of(place.member("type"));
   if (const auto normalized = place.find("normalized")) accessor.normalized = normalized->boolean();
+  // Some exporters say so of floating-point numbers, which stand for themselves.
+  if (type == GltfType::kFloat) accessor.normalized = false;
   if (accessor.normalized && component_bytes(type) == 4) {
     place.fail("expected 8 or 16 bit integers to be normalized");
   }

@@ -13,7 +13,10 @@ namespace {
 GltfTransform matrix_transform(const JsonPlace& place) {
   const auto columns = vector_of<16>(place);
   const Eigen::Matrix4d m = Eigen::Map<const Eigen::Matrix4d>(columns.data());
-  if (m.row(3) != Eigen::RowVector4d(0, 0, 0, 1)) place.fail("expected 0 0 0 1 as the last row");
+  constexpr double kRounding = 1e-5;  // of exporters that compute with single precision
+  if (!((m.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).cwiseAbs().maxCoeff() <= kRounding)) {
+    place.fail("expected 0 0 0 1 as the last row");
+  }
   return {m.topLeftCorner<3, 3>(), m.topRightCorner<3, 1>()};
 }
 

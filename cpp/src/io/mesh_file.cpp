@@ -210,7 +210,8 @@ std::optional<MeshFormat> format_of_content(std::string_view head,
     if (*size == kStlHeader + kStlTriangle * count) return MeshFormat::kStl;
   }
   if (starts_with_in_any_case(head, "solid")) return MeshFormat::kStl;
-  for (const char* start : {"OFF", "COFF", "NOFF", "CNOFF", "nOFF", "STOFF", "STCOFF", "STNOFF"}) {
+  for (const char* start : {"OFF", "COFF", "NOFF", "CNOFF", "nOFF", "STOFF", "STCOFF", "STNOFF",
+                            "CSTOFF", "NCOFF", "NSTOFF", "NCSTOFF"}) {
     if (head.starts_with(start)) return MeshFormat::kOff;
   }
   if (head.starts_with("ply\n") || head.starts_with("ply\r")) return MeshFormat::kPly;

@@ -18,9 +18,10 @@ namespace manip3d {
 namespace {
 
 // Header of Geomview's OFF: [ST][C][N][4][n]OFF [BINARY], the dimension after n, then counts,
-// vertices, polygons.
+// vertices, polygons. MeshLab writes [N][C][ST]OFF, and colours before normals.
 struct OffHeader {
   bool has_texcoords = false, has_colors = false, has_normals = false;
+  bool has_colors_first = false;
   std::int64_t num_vertices = 0, num_polygons = 0;
 };
 
@@ -82,12 +83,21 @@ class OffReader {
       prefix.remove_prefix(part.size());
       return true;
     };
+    const std::string whole(prefix);
     header_.has_texcoords = take("ST");
     header_.has_colors = take("C");
     header_.has_normals = take("N");
+    if (!header_.has_texcoords) {
+      header_.has_colors_first = header_.has_normals && !header_.has_colors && take("C");
+      header_.has_colors |= header_.has_colors_first;
+      header_.has_texcoords = (header_.has_colors || header_.has_normals) && take("ST");
+    }
     const bool has_dimension = take("n");
     if (!prefix.empty()) {
-      throw FormatError::at_line(cursor.line(), "OFF of another dimension is not supported");
+      throw FormatError::at_line(cursor.line(),
+                                 "expected [ST][C][N]OFF or [N][C][ST]OFF of three "
+                                 "dimensions, got " +
+                                     whole + "OFF");
     }
     const char* start = cursor.position();
     if (cursor.word() == "BINARY") {
@@ -99,14 +109,15 @@ class OffReader {
     if (cursor.integer("dimension") != 3) cursor.fail("dimension", "3");
   }
 
-  // x y z [nx ny nz] [r g b a] [s t]
+  // x y z [nx ny nz] [r g b a] [s t], or the colour before the normal
   void read_vertex() {
     LineCursor cursor = next_line("the vertices");
     read_numbers(cursor, builder_.vertices.append(input_), 3, "vertex");
+    if (header_.has_colors_first) read_vertex_color(cursor);
     if (header_.has_normals) {
       read_numbers(cursor, builder_.normals.append(input_), 3, "normal");
     }
-    if (header_.has_colors) read_vertex_color(cursor);
+    if (header_.has_colors && !header_.has_colors_first) read_vertex_color(cursor);
     if (header_.has_texcoords) {
       read_numbers(cursor, builder_.texcoords.append(input_), 2, "texture coordinate");
     }
@@ -140,8 +151,9 @@ class OffReader {
     const std::int64_t vertex = builder_.vertices.size() - 1;
     builder_.colors.fill(vertex, std::numeric_limits<float>::quiet_NaN(), input_);
     read_color(cursor, builder_.colors.append(input_));
-    // Skips the alpha value, unless the rest are the two texture coordinates.
-    if (words_left(cursor) == (header_.has_texcoords ? 3 : 1)) cursor.number("color");
+    // Skips the alpha value, unless the rest are the normal and the two texture coordinates.
+    const int rest = (header_.has_colors_first ? 3 : 0) + (header_.has_texcoords ? 2 : 0);
+    if (words_left(cursor) == rest + 1) cursor.number("color");
   }
 
   // n i1 ... in [color: 0, 1, 3 or 4 numbers]

@@ -28,7 +28,8 @@ class JsonPlace {
   [[nodiscard]] std::optional<JsonPlace> find(const char* key) const {
     if (!value_->is_object()) fail(std::string("expected an object, got ") + value_->type_name());
     const auto member = value_->find(key);
-    if (member == value_->end()) return std::nullopt;
+    // Some exporters write null where they have nothing.
+    if (member == value_->end() || member->is_null()) return std::nullopt;
     return JsonPlace(*member, pointer_ + "/" + key, text_offset_);
   }
 

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
     from manip3d.simplify._quality import QualityResult
 
+# Levels by which colours at one place may differ and be one colour: hardly seen, and usual where
+# each face of a scan was coloured by itself.
+SAME_COLOR = 4
+
 _HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 
 
@@ -96,21 +100,34 @@ class ColorSeams:
 
 def color_seams(mesh: Mesh) -> ColorSeams | None:
     """Return the abrupt changes of a mesh's colours; None if no place has two colours."""
-    if mesh.colors is None or not has_color_seams(mesh):
-        return None
-    return ColorSeams(mesh, mesh.colors)
+    colors, has_seams = _colors_at_places(mesh)
+    return ColorSeams(mesh, colors) if colors is not None and has_seams else None
 
 
 def has_color_seams(mesh: Mesh) -> bool:
     """Whether vertices at one place have different colours."""
+    return _colors_at_places(mesh)[1]
+
+
+def _colors_at_places(mesh: Mesh) -> tuple[NDArray[np.uint8] | None, bool]:
+    """Return the colours, one where those at a place hardly differ, and whether others differ."""
     if mesh.colors is None or mesh.num_faces == 0:
-        return False
+        return None, False
     # Equal places have equal hashes (0.0 turns -0.0 into 0.0), and others hardly ever: without the
     # shift, the signs of two coordinates would cancel.
     bits = (mesh.vertices + 0.0).view(np.uint64)
     bits ^= bits >> np.uint64(32)
     places = bits @ _HASH
     order = np.argsort(places, kind="stable")
-    is_same = places[order[1:]] == places[order[:-1]]
-    is_other = (mesh.colors[order[1:]] != mesh.colors[order[:-1]]).any(axis=1)
-    return bool((is_same & is_other).any())
+    colors, rest = mesh.colors[order].astype(np.int16), order
+    place = np.cumsum(np.append(False, places[order[1:]] != places[order[:-1]]))
+    result = mesh.colors.copy()
+    num_rounds = 0
+    while len(rest) > 0:  # in each round, one colour of each place that is left
+        starts = np.flatnonzero(np.append(True, place[1:] != place[:-1]))
+        first = np.repeat(colors[starts], np.diff(np.append(starts, len(rest))), axis=0)
+        is_that = (np.abs(colors - first) <= SAME_COLOR).all(axis=1)
+        result[rest[is_that]] = first[is_that]
+        rest, colors, place = rest[~is_that], colors[~is_that], place[~is_that]
+        num_rounds += 1
+    return result, num_rounds > 1
