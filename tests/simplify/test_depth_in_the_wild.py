@@ -390,6 +390,79 @@ def test_a_part_of_the_frames_has_its_pictures_by_name(tmp_path: Path) -> None:
         simplify.colors_of_frames(["d/7.png", "d/30.png"], tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("depth", "color", "mask", "confidence"),
+    [
+        ("frame-0{}.depth.png", "frame-0{}.color.png", "frame-0{}.mask.png", "frame-0{}.conf.png"),
+        ("0{}_depth.png", "0{}.jpg", "0{}_mask.jpg", "0{}_confidence.png"),
+        ("depth_{}.png", "rgb_{}.png", "mask_{}.png", "confidence_{}.png"),
+        ("Depth{}.tif", "Color{}.png", "Mask{}.png", "Conf{}.tif"),
+    ],
+)
+def test_one_folder_holds_all_images(
+    tmp_path: Path, depth: str, color: str, mask: str, confidence: str
+) -> None:
+    kinds = {"color": color, "mask": mask, "confidence": confidence}
+    for i in range(4):
+        for name in (depth, *kinds.values()):
+            (tmp_path / name.format(i)).touch()
+    some = [str(tmp_path / depth.format(i)) for i in (1, 3)]  # and through another path
+    for frames in (some, [str(tmp_path / "." / ".." / tmp_path.name / Path(f).name) for f in some]):
+        for kind, name in kinds.items():
+            pairs = simplify.colors_of_frames(frames, tmp_path, name=kind)
+            assert [Path(pairs[f]).name for f in frames] == [name.format(i) for i in (1, 3)], kind
+
+
+def test_depth_images_are_not_their_own_colors_and_masks(tmp_path: Path) -> None:
+    for i in range(2):
+        (tmp_path / f"{i}_depth.png").touch()
+        (tmp_path / f"{i}.jpg").touch()
+    frames = [tmp_path / f"{i}_depth.png" for i in range(2)]
+    expected = r"mask: expected 2 images in .*, found 0 beside the depth images, not one of each"
+    with pytest.raises(InputError, match=expected):  # the colour images are no masks
+        simplify.colors_of_frames(frames, tmp_path, name="mask")
+    with pytest.raises(InputError, match=r"color: expected 1 images in .*, found 0 beside"):
+        simplify.colors_of_frames([tmp_path / "0.jpg"], tmp_path)
+    (tmp_path / "linked").mkdir()
+    (tmp_path / "linked" / "7.png").symlink_to(tmp_path / "0_depth.png")
+    with pytest.raises(InputError, match=r"color: expected 1 images in .*, found 0 beside"):
+        simplify.colors_of_frames([tmp_path / "linked" / "7.png"], tmp_path)
+
+
+def test_a_copy_of_a_depth_image_is_not_its_color(tmp_path: Path) -> None:
+    for name in ("0.depth.png", "0.color.jpg"):
+        (tmp_path / name).touch()
+    pairs = simplify.colors_of_frames(["elsewhere/0.depth.png"], tmp_path)
+    assert Path(pairs["elsewhere/0.depth.png"]).name == "0.color.jpg"
+
+
+def test_colors_of_other_times_are_matched_in_order(tmp_path: Path) -> None:
+    for name in ("1.05.depth.png", "1.06.rgb.png", "1.09.depth.png", "1.10.rgb.png", "sheet.png"):
+        (tmp_path / name).touch()
+    frames = [str(tmp_path / f"1.{i}.depth.png") for i in ("05", "09")]
+    pairs = simplify.colors_of_frames(frames, tmp_path)
+    assert [Path(pairs[frame]).name for frame in frames] == ["1.06.rgb.png", "1.10.rgb.png"]
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    ("place", "kind", "depth", "other"),
+    [
+        ("scene_7scenes_redkitchen", "color", ".depth.png", ".color.jpg"),
+        ("person_turning_uva", "color", "_depth.png", ".jpg"),
+        ("person_turning_uva", "mask", "_depth.png", "_mask.jpg"),
+        ("scene_tum_fr2_desk", "color", "_depth.png", "_color.png"),
+    ],
+)
+def test_folders_of_data_sets_give_each_image_its_own(
+    realdata: RealData, place: str, kind: str, depth: str, other: str
+) -> None:
+    folder = realdata(f"rgbd/{place}")
+    frames = [str(path) for path in folder.glob(f"*{depth}")]
+    pairs = simplify.colors_of_frames(frames, folder, name=kind)
+    assert pairs == {frame: frame.removesuffix(depth) + other for frame in frames} != {}
+
+
 def test_the_largest_number_is_no_measurement(tmp_path: Path) -> None:
     image = pytest.importorskip("PIL.Image")
     depth = waves()

@@ -433,7 +433,8 @@ def depth(
         str,
         typer.Option(
             help="Colour image of the same size, which becomes the texture; for several depth "
-            "images, a folder with one for each, of the same name or in the order of their names."
+            "images, a folder with one for each, of the same name or in the order of their names. "
+            "It may be the folder of the depth images: 1.depth.png and 1.color.png."
         ),
     ] = "",
     mask: Annotated[

@@ -5,10 +5,11 @@ from __future__ import annotations
 import functools
 import math
 import os
+import re
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -916,9 +917,13 @@ def colors_of_frames(
     """Return the colour image of each depth image.
 
     If each depth image has a colour image of the same name (without suffix), they are matched by
-    name, and other colour images are ignored. Otherwise both are sorted by name (numbers in names
-    by their value) and matched in order. Hidden files and files whose suffix is not that of an
-    image are ignored.
+    name, and other colour images are ignored. Names are also the same if they differ only in the
+    words depth and color: ``1.depth.png``, ``1.color.png``; ``depth_1.png``, ``rgb_1.png``;
+    ``1_depth.png``, ``1.jpg``. Otherwise both are sorted by name (numbers in names by their value)
+    and matched in order. Hidden files and files whose suffix is not that of an image are ignored.
+
+    If ``colors`` also holds the depth images, these are left out, and only images with such a word
+    in their names are matched in order. Masks and confidences then need their word in any case.
 
     Parameters
     ----------
@@ -926,7 +931,8 @@ def colors_of_frames(
     colors : path-like
         Folder of the colour images; or masks, or confidences.
     name : str
-        Name of the argument in errors.
+        What the images are, and the argument's name in errors: ``color`` (words in names: color,
+        colour, rgb), ``mask`` (mask) or ``confidence`` (confidence, conf).
 
     Returns
     -------
@@ -948,22 +954,57 @@ def colors_of_frames(
     >>> simplify.colors_of_frames(["d1.png", "d2.png"], "colors")
     {'d1.png': 'colors/a.jpg', 'd2.png': 'colors/b.jpg'}
     """
-    images = [path for path in path_of(colors, name).iterdir() if _is_image(path)]
-    images.sort(key=lambda path: by_number(path.name))
-    for frame in frames:
-        path_of(frame, "frames")
+    found = [path for path in path_of(colors, name).iterdir() if _is_image(path)]
+    found.sort(key=lambda path: by_number(path.name))
+    own = {os.path.realpath(path_of(frame, "frames")) for frame in frames}
+    images = [path for path in found if os.path.realpath(path) not in own]
+    shares_folder = len(images) < len(found)
+    named = [path for path in images if _without(path.stem, name) != _words(path.stem)]
     names = sorted((os.fspath(frame) for frame in frames), key=by_number)
-    stems = [Path(frame).stem for frame in names]
-    named = Counter(path.stem for path in images)
-    if len(set(stems)) == len(stems) and all(named[stem] == 1 for stem in stems):
-        image_of = {path.stem: str(path) for path in images}
-        return {frame: image_of[stem] for frame, stem in zip(names, stems, strict=True)}
-    if len(images) != len(frames):
+    keys = [_without(Path(frame).stem, "depth") for frame in names]
+    chosen = _by_key(keys, named, [_without(path.stem, name) for path in named])
+    if chosen is None and (name == "color" or not shares_folder):
+        # Beside the depth images, a file without the word for a mask would be a colour image.
+        chosen = _by_key([Path(frame).stem for frame in names], images, [p.stem for p in images])
+        chosen = chosen or _by_key(keys, images, [_words(path.stem) for path in images])
+    if chosen is None:
+        chosen = named if shares_folder else images
+    if len(chosen) != len(frames):
         raise InputError(
-            f"{name}: expected {len(frames)} images in {os.fspath(colors)}, found {len(images)}, "
+            f"{name}: expected {len(frames)} images in {os.fspath(colors)}, found {len(chosen)}"
+            f"{' beside the depth images' if shares_folder else ''}, "
             "not one of each depth image's name"
         )
-    return dict(zip(names, map(str, images), strict=True))
+    return dict(zip(names, map(str, chosen), strict=True))
+
+
+_WORDS = {
+    "depth": {"depth"},
+    "color": {"color", "colour", "rgb"},
+    "mask": {"mask"},
+    "confidence": {"confidence", "conf"},
+}
+"""Words by which names of files say what an image holds."""
+
+
+def _words(stem: str) -> tuple[str, ...]:
+    return tuple(re.findall(r"[^\W\d_]+|\d+", stem.lower()))
+
+
+def _without(stem: str, kind: str) -> tuple[str, ...]:
+    """Return the words of a name without the last one that says what kind the image is of."""
+    words = _words(stem)
+    places = [i for i, word in enumerate(words) if word in _WORDS.get(kind, ())]
+    return words[: places[-1]] + words[places[-1] + 1 :] if places else words
+
+
+def _by_key(
+    wanted: Sequence[Hashable], images: Sequence[Path], keys: Sequence[Hashable]
+) -> list[Path] | None:
+    """Return the image of each key, or None unless each key is wanted once and has one image."""
+    image_of, times = dict(zip(keys, images, strict=True)), Counter(keys)
+    is_clear = len(set(wanted)) == len(wanted) and all(times[key] == 1 for key in wanted)
+    return [image_of[key] for key in wanted] if is_clear else None
 
 
 def _is_image(path: Path) -> bool:
