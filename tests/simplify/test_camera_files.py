@@ -443,3 +443,25 @@ def test_the_budget_of_a_joint_mesh_is_points(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "give --points" in done.stderr
     assert "--bandwidth" not in done.stderr
+
+
+def test_colors_beside_the_depth_images_are_no_views(tmp_path: Path) -> None:
+    """7-Scenes has the colour images as PNG in the folder of the depth images and the poses."""
+    image = pytest.importorskip("PIL.Image")
+    for i in range(2):
+        depth = np.full((48, 64), 2000, np.uint16)
+        image.fromarray(depth).save(tmp_path / f"frame-{i}.depth.png")
+        image.fromarray(np.full((48, 64, 3), 90 * i, np.uint8)).save(
+            tmp_path / f"frame-{i}.color.png"
+        )
+        np.savetxt(tmp_path / f"frame-{i}.pose.txt", np.eye(4) + np.eye(4, k=3) * i)
+    options = ("--poses", tmp_path, "--intrinsics", "60,60,31.5,23.5", "--points", "50")
+    options += ("--color", tmp_path, "-o", tmp_path / "a.glb")
+    done = manip3d("depth", tmp_path, *options, "--json")
+    assert done.returncode == 0, done.stderr
+    assert "2 files skipped, of another kind (picture)" in done.stderr
+    views = [Path(name).name for name in json.loads(done.stdout)["inputs"]]
+    assert views == ["frame-0.depth.png", "frame-1.depth.png"]
+    named = manip3d("depth", f"{tmp_path}/*.png", *options, "--force")
+    assert "frame-0.color.png" in error_line(named)
+    assert "picture" in error_line(named)

@@ -205,7 +205,14 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         if refused:
             raise InputError(f"{refused[0]}: cannot be given with poses")
         check_output(output, WRITABLE, force=given["force"])
-        files = [file.name for file in find_files(sources, suffixes=(*DEPTH_SUFFIXES, *_SCANS))]
+        found = find_files(sources, suffixes=(*DEPTH_SUFFIXES, *_SCANS))
+        pictures = [] if fits_8_bits(given["unit"]) else [f for f in found if _is_picture(f.name)]
+        for file in pictures:
+            if file.is_named or len(pictures) == len(found):
+                expect_kind(file.name, "depth", "range grid", verb="depth")
+        files = [file.name for file in found if file not in pictures]
+        if pictures:
+            shell.say(f"{counted(len(pictures), 'file')} skipped, of another kind (picture)")
         colors = simplify.colors_of_frames(files, given["color"]) if given["color"] else {}
         options = _options_of(given)
         with shell.progress("join") as progress:
