@@ -465,3 +465,34 @@ def test_colors_beside_the_depth_images_are_no_views(tmp_path: Path) -> None:
     named = manip3d("depth", f"{tmp_path}/*.png", *options, "--force")
     assert "frame-0.color.png" in error_line(named)
     assert "picture" in error_line(named)
+
+
+def test_views_of_a_lost_camera_are_left_out(tmp_path: Path) -> None:
+    """ScanNet has infinite numbers for these frames."""
+    files = []
+    for i in range(4):
+        files.append(tmp_path / f"{i}.npy")
+        np.save(files[-1], np.full((48, 64), 2000, np.uint16))
+        np.savetxt(tmp_path / f"{i}.txt", np.eye(4) + np.eye(4, k=3) * 4 * i)
+    for lost in (0, 2):
+        (tmp_path / f"{lost}.txt").write_text("-inf -inf -inf -inf\n" * 4)
+    options = simplify.DepthOptions(50, intrinsics="60,60,31.5,23.5")
+    given = (files, tmp_path, tmp_path / "a.ply", options)
+    with pytest.warns(
+        UserWarning, match=r"left out 2 of 4 views, .* lost camera: .*0\.txt, \.\.\."
+    ):
+        found = simplify.simplify_camera_files(*given)
+    assert found.sources == (files[1], files[3])
+    across = np.asarray(io.read_mesh(tmp_path / "a.ply").vertices)[:, 0]
+    assert across.min() == pytest.approx(4 - 31.5 / 30)
+    assert across.max() == pytest.approx(12 + 31.5 / 30)
+    with pytest.warns(UserWarning, match="left out 2 of 4 views"):
+        found = simplify.simplify_camera_files(*given, num_frames=1)
+    assert found.sources == (files[1],)
+    (tmp_path / "0.txt").write_text("-inf -inf -inf\n" * 4)  # no matrix
+    with pytest.raises(FormatError, match="expected finite numbers"):
+        simplify.simplify_camera_files(*given)
+    for lost in range(4):
+        (tmp_path / f"{lost}.txt").write_text("1 0 0 nan\n" * 4)
+    with pytest.raises(FormatError, match="expected finite numbers"):
+        simplify.simplify_camera_files(*given)

@@ -56,9 +56,26 @@ def rigid(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return pose
 
 
+class LostPoseError(FormatError):
+    """Raised for a matrix with numbers that are not finite, as ScanNet has it for lost frames."""
+
+
 def matrix_pose(place: Path) -> NDArray[np.float64]:
-    """Read a pose from a file of four lines of four numbers."""
-    lines = _numbers_of_lines(place)
+    """Read a pose from a file of four lines of four numbers.
+
+    Raises
+    ------
+    LostPoseError
+        There are sixteen numbers, of which one or more are infinite or NaN.
+    FormatError
+        The file holds anything else.
+    """
+    try:
+        lines = _numbers_of_lines(place)
+    except FormatError as error:
+        if _is_lost(place):
+            raise LostPoseError(error.reason, file=error.file, line=error.line) from None
+        raise
     return _checked_matrix([values for _, values in lines], place, 1)
 
 
@@ -125,6 +142,14 @@ def _numbers_of_lines(place: Path) -> list[tuple[int, NDArray[np.float64]]]:
             raise FormatError("expected finite numbers", file=str(place), line=number)
         found.append((number, values))
     return found
+
+
+def _is_lost(place: Path) -> bool:
+    try:
+        numbers = [[float(word) for word in line.split()] for line in text_of(place).splitlines()]
+    except ValueError:
+        return False
+    return [len(row) for row in numbers if row] == [4, 4, 4, 4]
 
 
 def _checked_matrix(

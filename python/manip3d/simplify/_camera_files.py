@@ -42,7 +42,7 @@ from manip3d.simplify._depth_files import (
 )
 from manip3d.simplify._organised import far_origin, find_camera, is_cloud_file, rows_go_up
 from manip3d.simplify._parts import with_used_vertices
-from manip3d.simplify._poses import plain_name, poses_of_files
+from manip3d.simplify._poses import plain_name, tracked_files
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -61,6 +61,7 @@ class JointFileResult:
     Attributes
     ----------
     sources : tuple of Path
+        Files that were joined.
     output : Path
     options : DepthOptions
     points_before : int
@@ -134,7 +135,8 @@ def simplify_camera_files(
         Depth images or range scans, as for `simplify_depth_file`, but not both. Where several see
         the same surface, the earlier ones are preferred.
     poses : path-like
-        File with the pose of each source, as for `poses_of_files`.
+        File or folder with the pose of each source, as for `poses_of_files`. Sources whose matrix
+        in a folder is not finite, as ScanNet has it for lost frames, are left out with a warning.
     output : path-like
         Mesh file to write. Its vertices are in the coordinate frame of the poses, except that a
         glTF file of depth images is rotated by half a turn about x, because y points up there; or
@@ -185,8 +187,9 @@ def simplify_camera_files(
     if num_frames is not None and num_frames < 1:
         raise InputError(f"num_frames: expected at least 1, got {num_frames}")
     pictures = [path_of(color, "colors") for color in colors] if colors else [None] * len(files)
-    placed = poses_of_files(files, place)[:num_frames]
-    files, pictures = files[:num_frames], pictures[:num_frames]
+    known, placed = tracked_files(files, place)
+    known, placed = known[:num_frames], placed[:num_frames]
+    files, pictures = tuple(files[i] for i in known), [pictures[i] for i in known]
     are_images = _are_images(files)
     if are_images:  # one unit for all, because guesses for single images could differ
         options = replace(options, unit=common_depth_unit(files, options.unit, options.intrinsics))

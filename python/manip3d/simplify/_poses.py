@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 import os
 import re
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
-from manip3d.io._poses import matrix_pose, poses_by_file, poses_of_log, trajectory
+from manip3d.io._poses import LostPoseError, matrix_pose, poses_by_file, poses_of_log, trajectory
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -52,7 +54,8 @@ def poses_of_files(
     InputError
         A file has no pose.
     FormatError, OSError
-        ``poses`` cannot be read.
+        ``poses`` cannot be read, or a matrix is not finite (`simplify_camera_files` leaves out
+        such files).
 
     Notes
     -----
@@ -97,6 +100,34 @@ def poses_of_files(
     if times is None or np.isnan(asked).all():
         return _in_order(files, found, place)
     return _by_time(files, asked, times, found)
+
+
+def tracked_files(
+    files: Sequence[Path], place: Path
+) -> tuple[list[int], list[NDArray[np.float64]]]:
+    """Return the indices of the files whose pose is known, and their poses.
+
+    In a folder of matrices, ScanNet has infinite numbers for frames whose camera was lost. These
+    are left out with a warning. For errors and other formats see `poses_of_files`.
+    """
+    if not place.is_dir():
+        return list(range(len(files))), poses_of_files(files, place)
+    found: dict[int, NDArray[np.float64]] = {}
+    lost: list[LostPoseError] = []
+    for i, file in enumerate(files):
+        try:
+            found[i] = _matrix_of(file, place)
+        except LostPoseError as error:
+            lost.append(error)
+    if lost and not found:
+        raise lost[0]
+    if lost:
+        warnings.warn(
+            f"poses: left out {len(lost)} of {len(files)} views, whose matrix is not finite, as "
+            f"that of a lost camera: {lost[0].file}{', ...' if len(lost) > 1 else ''}",
+            stacklevel=caller_level(),
+        )
+    return list(found), list(found.values())
 
 
 def _matrix_of(file: Path, folder: Path) -> NDArray[np.float64]:
