@@ -402,6 +402,49 @@ def test_clouds_of_scanners_face_the_scanner(tmp_path: Path, rows: slice) -> Non
     assert facing(tmp_path / "out.ply") > 0.95
 
 
+def write_scan(path: Path, points: NDArray[Any]) -> Path:
+    """Write a PLY file with a range grid, which says nothing about its sensor."""
+    rows, cols = points.shape[:2]
+    valid = ~np.isnan(points).any(axis=2)
+    vertex = np.where(valid.ravel(), np.cumsum(valid) - 1, -1)
+    lines = ["ply", "format ascii 1.0", f"obj_info num_cols {cols}", f"obj_info num_rows {rows}"]
+    lines += [f"element vertex {valid.sum()}", *(f"property float {axis}" for axis in "xyz")]
+    lines += [f"element range_grid {rows * cols}", "property list uchar int vertex_indices"]
+    lines += ["end_header", *(" ".join(map(str, point)) for point in points[valid])]
+    lines += ["0" if i < 0 else f"1 {i}" for i in vertex]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("method", ["relief", "cs3", "uniform"])
+@pytest.mark.parametrize("order", ["rows down", "rows up", "columns left", "transposed"])
+def test_range_grids_of_cameras_face_the_camera(tmp_path: Path, method: str, order: str) -> None:
+    points = points_of(scene()) * np.array([1.0, -1.0, -1.0])  # y up, it looks along -z
+    ordered = {
+        "rows down": points,
+        "rows up": points[::-1],
+        "columns left": points[:, ::-1],
+        "transposed": points.transpose(1, 0, 2),
+    }[order]
+    scan = write_scan(tmp_path / "scan.ply", ordered)
+    made(scan, tmp_path / "out.ply", method=method, max_edge=0.2)
+    assert facing(tmp_path / "out.ply") > 0.99
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 1\n")
+    options = simplify.DepthOptions(300, max_edge=0.2)
+    simplify.simplify_camera_files([scan], tmp_path / "poses.txt", tmp_path / "joined.ply", options)
+    assert facing(tmp_path / "joined.ply") > 0.99
+
+
+@pytest.mark.parametrize("bulge", [0.0, 0.02, 1.0])
+def test_rows_of_other_scans_go_up(tmp_path: Path, bulge: float) -> None:
+    """A scanner from above with parallel rays, the origin behind the surface as in Stanford's."""
+    v, u = np.mgrid[:ROWS, :COLS]
+    relief = 1.0 + bulge * np.sin(u / 9.0) * np.cos(v / 7.0) / 3
+    points = np.stack([0.01 * u - 0.4, 0.01 * v - 0.3, relief], axis=-1)
+    made(write_scan(tmp_path / "scan.ply", points), tmp_path / "out.ply")
+    assert facing(tmp_path / "out.ply", np.array([0.0, 0.0, 50.0])) > 0.99
+
+
 def court(rows: slice = slice(None)) -> NDArray[np.float64]:
     """The points of a scanner that turns."""
     elevation, azimuth = np.meshgrid(np.linspace(0.3, -0.3, 32), np.linspace(3.0, -3.0, 256),

@@ -40,7 +40,13 @@ from manip3d.simplify._depth_files import (
     with_y_up,
     writes_y_up,
 )
-from manip3d.simplify._organised import far_origin, find_camera, is_cloud_file, rows_go_up
+from manip3d.simplify._organised import (
+    far_origin,
+    find_camera,
+    is_cloud_file,
+    rows_go_up,
+    scan_rows_go_up,
+)
 from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._poses import plain_name, tracked_files
 
@@ -336,8 +342,10 @@ def _scan_view(
     expect_options_of_scan(options)
     grid = read_range_grid(file)
     color = grid.color if picture is None else read_color(picture)
-    rows_up, origin = True, far_origin(grid)
-    if is_cloud_file(file):
+    origin = far_origin(grid)
+    if not is_cloud_file(file):
+        rows_up = scan_rows_go_up(grid)
+    else:
         camera = find_camera(grid)
         rows_up = rows_go_up(grid, origin if camera is None else camera.centre)
     placed = pose.copy()

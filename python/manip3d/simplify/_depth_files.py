@@ -47,6 +47,7 @@ from manip3d.simplify._organised import (
     find_camera,
     is_cloud_file,
     rows_go_up,
+    scan_rows_go_up,
 )
 from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
@@ -418,7 +419,8 @@ def simplify_depth_file(
         A depth image (``manip3d.io.DEPTH_SUFFIXES``), or a range scan or an organised cloud, as
         `manip3d.io.read_range_grid` reads them. An organised cloud of a depth camera is treated as
         its depth image: the camera is estimated from the points, and the colours are the texture.
-        If the cloud was transformed to another frame, the mesh is in that frame.
+        If the cloud was transformed to another frame, the mesh is in that frame. The rows of a
+        range scan go upwards, as Stanford's do, unless its points are those of a camera's pixels.
     output : path-like
         A mesh file. The mesh of a depth image is in metres, with +y up in glTF and in the camera's
         axes in other formats. Scans keep their unit and axes.
@@ -799,7 +801,7 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> D
     options = options.for_pixels(measured.pixels)
     asked: dict[str, Any] = {"max_edge": options.max_edge, "color": maps.color}
     origin = far_origin(grid)
-    asked |= {"rows_up": not is_cloud or rows_go_up(grid, origin)}
+    asked |= {"rows_up": rows_go_up(grid, origin) if is_cloud else scan_rows_go_up(grid)}
     function: Callable[..., DepthSimplification]
     if options.method == "cs3":
         function = cs3_grid

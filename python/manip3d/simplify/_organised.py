@@ -122,6 +122,34 @@ def rows_go_up(grid: RangeGrid, place: ArrayLike = (0.0, 0.0, 0.0)) -> bool:
     return bool(np.count_nonzero(towards > 0) >= np.count_nonzero(towards < 0))
 
 
+_MIN_PERSPECTIVE = 0.5
+"""Pixels: a parallel projection that is nearer to the pixels may be the true one."""
+
+
+def scan_rows_go_up(grid: RangeGrid) -> bool:
+    """Return whether the rows of a range scan, whose sensor's position is not stored, go up.
+
+    Those of Stanford's scans do, and their origin is not the sensor. Only for points that a camera
+    fits much better than a parallel projection, as those of a converted depth image, the camera's
+    side of the surface is known.
+    """
+    camera = find_camera(grid)
+    if camera is None:
+        return True
+    rows, cols = np.nonzero(grid.valid)
+    some = slice(None, None, -(-len(rows) // _MAX_PIXELS))
+    pixels = np.column_stack([cols[some], rows[some]]).astype(np.float64)
+    seen = grid.points[rows[some], cols[some]]
+    placed = (seen - camera.centre) @ (np.eye(3) if camera.rotation is None else camera.rotation.T)
+    lens = camera.intrinsics
+    by_camera = placed[:, :2] / placed[:, 2:] * (lens.fx, lens.fy) + (lens.cx, lens.cy) - pixels
+    design = np.column_stack([seen - seen.mean(axis=0), np.ones(len(seen))])
+    parallel = design @ np.linalg.lstsq(design, pixels, rcond=None)[0] - pixels
+    off, off_parallel = (float(np.sqrt((each**2).mean())) for each in (by_camera, parallel))
+    is_camera = off_parallel > max(_MIN_PERSPECTIVE, 2 * off)
+    return rows_go_up(grid, camera.centre) if is_camera else True
+
+
 def _pose(
     points: NDArray[np.float64], valid: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
