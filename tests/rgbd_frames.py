@@ -43,7 +43,9 @@ def frames(
     seen = calibration.registration.color if calibration.registration else camera
     for i in range(count):
         yield RgbdFrame(
-            rng.integers(0, 65536, (camera.height, camera.width), dtype=np.uint16),
+            np.minimum(  # 65535 is no measurement
+                rng.integers(0, 65536, (camera.height, camera.width), dtype=np.uint16), 65_534
+            ),
             calibration,
             color=rng.integers(0, 256, (seen.height, seen.width, 3), dtype=np.uint8)
             if color

@@ -179,6 +179,17 @@ def test_metres_are_rounded_to_millimetres(tmp_path: Path) -> None:
         assert (frame.depth[1:] == 1235).all()
 
 
+@pytest.mark.parametrize("units", [1000.0, 5000.0])
+def test_the_largest_number_is_no_measurement(tmp_path: Path, units: float) -> None:
+    depth = millimetres(0)
+    depth[0, :6] = 65_535
+    uri = bag_of(tmp_path, [*cameras(), depth_at(1.0, depth)])
+    (frame,) = capture.open_rgbd(uri, units_per_metre=units)
+    expected = np.rint(millimetres(0) * (1000.0 / units))
+    expected[0, :6] = 0
+    assert np.array_equal(frame.depth, expected)
+
+
 def test_the_unit_can_be_given(tmp_path: Path) -> None:
     uri = bag_of(tmp_path, [*cameras(), depth_at(1.0, millimetres(0))])
     (frame,) = capture.open_rgbd(uri, units_per_metre=5000)

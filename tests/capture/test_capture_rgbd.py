@@ -565,6 +565,18 @@ def test_plain_folders_are_sorted_as_in_python(tmp_path: Path) -> None:
     assert order == sorted(NAMES, key=by_number)
 
 
+@pytest.mark.parametrize("units", [1000.0, 5000.0, 100.0])
+def test_the_largest_number_is_no_measurement(tmp_path: Path, units: float) -> None:
+    """7-Scenes and many cameras store it; in 100 units per metre it would be refused."""
+    depth = np.full_like(DEPTH, 500)
+    depth[0, :3] = 65_535, 65_534 if units > 100.0 else 500, 0
+    images(tmp_path, "depth", 1, depth)
+    (frame,) = opened(tmp_path, camera=CAMERA, units_per_metre=units)
+    expected = np.floor(depth * (1000.0 / units) + 0.5)
+    expected[0, 0] = 0
+    np.testing.assert_array_equal(frame.depth, expected)
+
+
 def test_units_of_plain_folders(tmp_path: Path) -> None:
     images(tmp_path, "depth", 1, DEPTH)
     (frame,) = opened(tmp_path, camera=CAMERA, units_per_metre=5000.0)

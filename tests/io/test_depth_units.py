@@ -137,6 +137,19 @@ def test_the_largest_number_of_16_bits_is_no_measurement(tmp_path: Path) -> None
     assert disparities.num_marked == 0
 
 
+def test_the_largest_number_of_16_bits_is_no_measurement_in_floats_either(tmp_path: Path) -> None:
+    stored = np.full((48, 64), 2000.25, np.float32)
+    stored[:5] = 65_535
+    stored[5] = np.nan, np.inf, -1.0, 0.0, *[65_534.5] * 60
+    np.save(tmp_path / "image.npy", stored)
+    for unit in ("guess", "mm"):
+        found = read_depth_guessing(tmp_path / "image.npy", unit=unit)
+        assert found.range_m == pytest.approx((2.00025, 65.5345))
+        assert (found.unit, found.num_marked) == ("mm", 320)
+    np.save(tmp_path / "image.npy", stored / 10)  # no number is 65535
+    assert read_depth_guessing(tmp_path / "image.npy", unit="100").num_marked == 0
+
+
 def truth(path: Path) -> str:
     """The unit that the publishers of the recordings state."""
     known = {

@@ -66,8 +66,11 @@ void set_color(RgbdFrame& frame, DecodedImage<std::uint8_t> color) {
   frame.color_cols = color.cols;
 }
 
+constexpr std::uint16_t kNoMeasurement = 65535;  // of many cameras, and of 7-Scenes
+
 void to_millimetres(std::vector<std::uint16_t>& depth, double units_per_metre,
                     const std::filesystem::path& path) {
+  std::replace(depth.begin(), depth.end(), kNoMeasurement, std::uint16_t{0});
   if (units_per_metre == 1000.0) return;
   const double scale = 1000.0 / units_per_metre;
   for (std::uint16_t& value : depth) {

@@ -17,7 +17,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kUnitsPerMillimetre = 5;  // the unit is 1/5000 m
-constexpr int kFarthest = std::numeric_limits<std::uint16_t>::max() / kUnitsPerMillimetre;
+// 65535 means no measurement, see image_frames.cpp.
+constexpr int kFarthest = (std::numeric_limits<std::uint16_t>::max() - 1) / kUnitsPerMillimetre;
 constexpr std::int64_t kNanoseconds = 1'000'000'000;
 // the latest time that open_tum() reads
 constexpr std::int64_t kLatest = 9'000'000'000 * kNanoseconds;
@@ -104,8 +105,8 @@ class TumRecorder final : public RgbdRecorder {
     return list;
   }
 
-  /// Converts depths to units_; returns the number of pixels whose depth exceeds 16 bits and
-  /// becomes 0.
+  /// Converts depths to units_; returns the number of pixels that are beyond kFarthest and
+  /// become 0.
   std::int64_t to_units(const std::vector<std::uint16_t>& depth) {
     std::int64_t too_far = 0;
     units_.resize(depth.size());

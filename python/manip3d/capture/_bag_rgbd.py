@@ -153,10 +153,15 @@ class BagImages:
         return RgbdCalibration(intrinsics), ""
 
     def _millimetres(self, picture: BagPicture) -> NDArray[np.uint16]:
-        """Return the depth in millimetres; 0 if it is not measured or more than 65.535 m."""
+        """Return the depth in millimetres; 0 if it is not measured or more than 65.535 m.
+
+        Integers of 65535 are no measurement, as in depth images.
+        """
         stored = _stored_depth(picture)
-        if stored.dtype == np.uint16 and self._units == 1000.0:
-            return np.asarray(stored, np.uint16)
+        if stored.dtype == np.uint16:
+            stored = np.where(stored == 65_535, 0, stored).astype(np.uint16)
+            if self._units == 1000.0:
+                return stored
         units = self._units if stored.dtype == np.uint16 else 1.0  # float32 is in metres (REP 118)
         with np.errstate(invalid="ignore"):
             depth = np.rint(stored.astype(np.float64) * (1000.0 / units))

@@ -126,7 +126,7 @@ def record(
     16-bit depth with 5000 units per metre, colour as PNG, ``associations.txt`` with the pairs, and
     ``calibration.json``, from which `open` reads the camera; times are exact. The layout has a
     single camera, so that colour of a separate colour camera is resampled to the depth pixels.
-    Skeletons, body indices and frame numbers are left out; depths beyond 13.107 m become 0 and are
+    Skeletons, body indices and frame numbers are left out; depths beyond 13.106 m become 0 and are
     counted as ``too_far``. There is no ``groundtruth.txt``, because frames do not state the pose of
     their camera.
 

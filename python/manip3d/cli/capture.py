@@ -221,7 +221,7 @@ def write_recording(
         terminal.say(f"skeletons of {number} left out: a TUM sequence has no place for them")
     if done.counters.get("too_far"):
         number = counted(done.counters["too_far"], "pixel")
-        terminal.say(f"{number} left out: beyond 13.107 m, which a TUM sequence cannot hold")
+        terminal.say(f"{number} left out: beyond 13.106 m, which a TUM sequence cannot hold")
     for line in left_out(done.source_counters):
         terminal.say(line)
     if "forged" in done.source_counters:

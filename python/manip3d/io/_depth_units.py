@@ -64,7 +64,8 @@ class DepthReading:
         Reason to doubt a unit that was given; empty if there is none.
     num_marked : int
         Number of pixels that stored 65535, the largest 16-bit number; they are 0 in ``depth``. Many
-        cameras store it for "no measurement", or for any depth beyond their range.
+        cameras store it for "no measurement", or for any depth beyond their range. Floats of
+        exactly this number are treated alike, unless the unit is the metre.
     """
 
     depth: NDArray[np.uint16] | NDArray[np.float32] = field(repr=False)
@@ -274,7 +275,7 @@ def _converted(stored: NDArray[Any], unit: str) -> tuple[Depth, int]:
     depth = _conversion(unit)(stored)
     is_code = unit in _WHOLE_ONLY or unit.startswith(_DISPARITY)  # not a multiple of the depth
     numbers = depth if is_code else stored
-    if numbers.dtype != np.uint16:
+    if numbers.dtype != np.uint16 and (is_code or unit == "m"):
         return depth, 0
     marked = numbers == _NO_MEASUREMENT
     depth[marked] = 0  # safe, because a conversion always returns a new array

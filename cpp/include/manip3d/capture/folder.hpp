@@ -54,7 +54,7 @@ std::unique_ptr<RgbdRecorder> record_folder(const std::filesystem::path& folder,
 /// Starts a sequence that open_tum() and the benchmark's own tools can read: depth/ and rgb/ with
 /// an image per time, named after it; depth.txt, rgb.txt, and associations.txt (one line per frame
 /// with colour: time and file of both images); and calibration.json. Colour is PNG. Skeletons, body
-/// indices and frame numbers are not stored. Depths beyond 13.107 m are written as 0 and counted as
+/// indices and frame numbers are not stored. Depths beyond 13.106 m are written as 0 and counted as
 /// `too_far`.
 /// @throws  see open_recorder(); also InputError for a calibration with a registration.
 std::unique_ptr<RgbdRecorder> record_tum(const std::filesystem::path& folder,
