@@ -206,7 +206,7 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
             raise InputError(f"{refused[0]}: cannot be given with poses")
         check_output(output, WRITABLE, force=given["force"])
         found = find_files(sources, suffixes=(*DEPTH_SUFFIXES, *_SCANS))
-        pictures = [] if fits_8_bits(given["unit"]) else [f for f in found if _is_picture(f.name)]
+        pictures = [] if fits_8_bits(given["unit"]) else [f for f in found if _is_color_png(f.name)]
         for file in pictures:
             if file.is_named or len(pictures) == len(found):
                 expect_kind(file.name, "depth", "range grid", verb="depth")
