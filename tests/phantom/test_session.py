@@ -92,6 +92,17 @@ def test_a_frame_that_is_not_newer_is_not_shown() -> None:
     assert session.process(frame) is None
 
 
+def test_a_source_without_a_clock_is_played_at_30_frames_a_second() -> None:
+    session = LiveSession("right_arm")
+    session.command("ready")
+    session.command("calibrate")
+    shown = play(session, [replace(frame, time_ns=0) for frame in patient()])
+    began = next(i for i, frame in enumerate(shown) if frame.status["game"]["phase"] == "playing")
+    left = [frame.status["game"]["left_s"] for frame in shown[began:]]
+    assert left[0] - left[-1] == pytest.approx((len(left) - 1) / 30, abs=0.02)
+    assert max(frame.status["calibrated"] or 0.0 for frame in shown) > 0.0
+
+
 def test_a_recording_may_begin_again() -> None:
     session = LiveSession()
     frame = capsule_body.painted(1)

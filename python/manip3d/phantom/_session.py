@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _ENHANCED = {"arm": ("Shoulder", "Elbow"), "leg": ("Hip", "Knee", "Ankle")}
 _LONGEST_STEP_S = 0.25  # seconds; longer gaps between frames do not count as time of play
+_NOMINAL_PERIOD_NS = 33_333_333  # between frames of a source without a clock
 _PEOPLE = 64  # number of people whose numbers are remembered
 _FRAMES = 90  # number of frames over which times of stages are averaged
 
@@ -114,6 +115,7 @@ class LiveSession:
         self._felt = None if recorder is None else recorder.last_felt(self.affected)
         self._quality = jpeg_quality
         self._sequence = 0
+        self._frame_time: int | None = None  # of the last frame, and as the session counts it
         self._last_time: int | None = None
         self._times: deque[int] = deque(maxlen=_FRAMES)
         self._stages: dict[str, deque[float]] = {
@@ -168,7 +170,7 @@ class LiveSession:
         self._body.reset()
         self._play.forget_person()
         self._times.clear()
-        self._last_time = None
+        self._frame_time = self._last_time = None
 
     def halt(self, reason: str) -> None:
         """Prevent further games; the page shows the reason.
@@ -236,17 +238,18 @@ class LiveSession:
             return None
         self.state = shown.state.value
         self._obey()
-        seconds = self._seconds_since_last(frame.time_ns)
+        now = self._time_of(frame)
+        seconds = self._seconds_since_last(now)
         self._people = sorted(frame.skeletons, key=lambda one: float(one.positions[0][0]))
-        self._times.append(frame.time_ns)
+        self._times.append(now)
         if self._calibration is not None and shown.state == PhantomState.TRACKING:
-            measured = self._calibration.add(shown.skeleton, frame.time_ns)
+            measured = self._calibration.add(shown.skeleton, now)
             if measured is not None:
                 self._measured, self._calibration = measured, None
         colliders = self._body.update(shown.skeleton)
         if self._play.is_wanted and shown.state == PhantomState.TRACKING:
             self._cue = None
-        playing = self._play.go_on(shown, seconds, frame.time_ns, self._measured)
+        playing = self._play.go_on(shown, seconds, now, self._measured)
         self._play.tell()
         if playing:
             self._play.film(shown, frame.calibration.depth)
@@ -277,6 +280,12 @@ class LiveSession:
         return replace(shown, vertices=found.vertices, skeleton=found.skeleton)
 
     # --- messages of pages -----------------------------------------------------------------------
+
+    def _time_of(self, frame: RgbdFrame) -> int:
+        before, self._frame_time = self._frame_time, frame.time_ns
+        if frame.time_ns == 0 == before:  # no clock: 30 frames a second, as for the pipeline
+            return (self._last_time or 0) + _NOMINAL_PERIOD_NS
+        return frame.time_ns
 
     def _seconds_since_last(self, now: int) -> float:
         last, self._last_time = self._last_time, now
