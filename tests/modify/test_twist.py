@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from manip3d.modify import Limb, PhantomPipeline
+from manip3d.modify import Limb, PhantomPipeline, PhantomState
 from manip3d.simulate import BodySimulator
 
 pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
@@ -63,3 +63,38 @@ def test_a_body_that_turns_as_a_whole_is_not_followed_later() -> None:
     """With trunk and pelvis as one estimate the plane lagged by 67 to 400 ms."""
     off, _ = followed("left_leg", sway=20.0, seed=3)
     assert np.percentile(off, 95) < 5.0
+
+
+def test_a_person_who_enters_the_picture_gets_no_lasting_turn_of_the_pelvis(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """While half of the person was out of view, the pelvis got a turn of 30 degrees for good."""
+    from manip3d.simulate import people
+
+    aside = 0.0
+    stand = people.pose_figure
+    monkeypatch.setattr(
+        people, "pose_figure", lambda pose, at: stand(pose, (at[0] + aside, at[1], at[2]))
+    )
+    body = BodySimulator(
+        amputated="right_leg",
+        motion="still",
+        tracker="kinect-v2",
+        color="none",
+        room=False,
+        seed=2,
+        frames=50,
+    )
+    pipeline = PhantomPipeline("right_leg")
+    off = []
+    for number in range(45):
+        aside = min(0.0, -1.7 + 0.08 * number)  # metres; 0.8 m/s at 10 frames a second
+        seen = body.capture(number / 10.0)
+        result = pipeline.process(seen.frame)
+        if number < 31 or result.state != PhantomState.TRACKING:
+            continue
+        assert result.plane is not None
+        _, normal = seen.truth.mirror_plane("right_leg")
+        off.append(np.degrees(np.arccos(min(1.0, abs(float(result.plane.normal @ normal))))))
+    assert len(off) > 10
+    assert max(off) < 5.0

@@ -116,7 +116,8 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
   if (joints != nullptr) {
     across_.compare(*joints, joints_, {*pose_, pelvis_.turn()}, frame_at(*pose_), without_joints);
     if (!is_arm(affected_)) {
-      hips_.compare(*joints, joints_, pelvis_.end_of_limb(*pose_), frame(), without_joints);
+      hips_.compare(*joints, joints_, pelvis_.end_of_limb(*pose_), pelvis_.turn(), frame(),
+                    without_joints);
     }
   }
   time_s_ = time_s;
@@ -264,9 +265,11 @@ double TrunkTracker::deviation_at(const Eigen::Vector3d& p, const BodyFrame& fra
   return std::sqrt(within + turn_variance_ * row.head<2>().squaredNorm());
 }
 
-/// Are most joints far from where they are in the trunk, or is the plane turned against them?
+/// Are most joints far from where they are in the trunk, is the plane turned against them, or is
+/// the pelvis turned against the hips?
 bool TrunkTracker::contradicts(const Skeleton& joints) const {
-  return across_.disagreement() > 0.0 || joints_.are_far(joints, *pose_, pelvis_.turn());
+  return across_.disagreement() > 0.0 || hips_.is_against_turn() ||
+         joints_.are_far(joints, *pose_, pelvis_.turn());
 }
 
 bool TrunkTracker::has_jumped(const Skeleton& joints, double elapsed) const {

@@ -42,10 +42,11 @@ namespace manip3d {
 /// The uncertainty of the trunk's motion grows with the time between two frames. After a gap of a
 /// quarter of a second, in the images or only in the joints, the trunk starts again from the
 /// joints. If the plane is turned relative to the shoulders and hips of the last tenth of a second
-/// by more than their errors (AcrossCheck), the turn is added to its deviation; after 0.3 seconds
-/// the trunk is set to the joints. If all joints jump by a common rotation from one frame to the
-/// next, the surface is searched for after this rotation. They must keep their places within the
-/// trunk, because a skeleton that collapses shows no rotation.
+/// by more than their errors (AcrossCheck), or if the hips contradict the pelvis's turn (HipCheck),
+/// the angle is added to its deviation; after 0.3 seconds the trunk is set to the joints. If all
+/// joints jump by a common rotation from one frame to the next, the surface is searched for after
+/// this rotation. They must keep their places within the trunk, because a skeleton that collapses
+/// shows no rotation.
 class TrunkTracker {
  public:
   explicit TrunkTracker(Limb affected) : affected_(affected), pelvis_(affected) {}

@@ -26,6 +26,9 @@ constexpr double kMaxJump = 0.21, kSureJump = 4.0;
 // of 0 counts at the start. Chosen on seed 0 of `bench_people.py --twist` and on the tuning half of
 // the recorded people.
 constexpr double kHipsTime = 0.2, kUsualTime = 10.0, kMaxTwist = 0.10, kFirstUsual = 3.0;
+// Angle of the hips to the plane, radians, beyond one and a half standard deviations of its errors,
+// from which on a turn of the pelvis that increases it is wrong.
+constexpr double kMaxAgainstTurn = 0.14;
 constexpr double kLongestStep = 0.25;      // seconds
 constexpr double kTurnFrame = 1.0 / 30.0;  // seconds
 
@@ -102,11 +105,13 @@ void HipCheck::reset() {
   hips_.setZero();
   usual_angle_ = twist_ = 0.0;
   usual_time_ = kFirstUsual;
+  is_against_turn_ = false;
 }
 
 void HipCheck::compare(const Skeleton& joints, const TrunkJoints& means, const TrunkPose& end,
-                       const std::optional<BodyFrame>& axes, double elapsed) {
+                       double pelvis_turn, const std::optional<BodyFrame>& axes, double elapsed) {
   twist_ = 0.0;
+  is_against_turn_ = false;
   if (!axes) return;
   if (!are_tracked(joints, kHipLeft, kHipRight)) {
     hips_.setZero();
@@ -128,7 +133,14 @@ void HipCheck::compare(const Skeleton& joints, const TrunkJoints& means, const T
       (means.innovation(kHipLeft) + means.innovation(kHipRight)) *
       ((1.0 - kept) / (1.0 + kept) * (1.0 + rho * kept) / (1.0 - rho * kept) / (1.0 - rho * rho));
   const double turn = std::abs(std::remainder(angle - usual_angle_, kFullTurn));
-  if (turn > kMaxTwist + 1.5 * std::sqrt(variance) / std::hypot(z, n)) twist_ = turn;
+  const double doubt = 1.5 * std::sqrt(variance) / std::hypot(z, n);
+  if (turn > kMaxTwist + doubt) twist_ = turn;
+  // The means of the hips contain the pelvis's turn, so that a wrong one that lasts agrees with
+  // them and becomes the usual angle. Without the turn the angle would be `angle - pelvis_turn`.
+  const double off = std::abs(angle);
+  is_against_turn_ = off > kMaxAgainstTurn + doubt &&
+                     std::abs(std::remainder(angle - pelvis_turn, kFullTurn)) < off;
+  if (is_against_turn_) twist_ = std::max(twist_, off);
 }
 
 }  // namespace manip3d

@@ -52,12 +52,18 @@ class HipCheck {
  public:
   HipCheck() { reset(); }
 
-  /// @param end  Pose of the end of the trunk to which the limb belongs.
+  /// @param end          Pose of the end of the trunk to which the limb belongs.
+  /// @param pelvis_turn  Turn of the pelvis in this pose, radians.
   void compare(const Skeleton& joints, const TrunkJoints& means, const TrunkPose& end,
-               const std::optional<BodyFrame>& axes, double elapsed);
+               double pelvis_turn, const std::optional<BodyFrame>& axes, double elapsed);
 
-  /// Angle of the hips from their usual angle, radians, if it exceeds their errors; else 0.
+  /// Angle of the hips from their usual angle, or from the plane if is_against_turn(), radians, if
+  /// it exceeds their errors; else 0.
   [[nodiscard]] double twist() const { return twist_; }
+
+  /// Whether the pelvis's turn is wrong: the hips are far from the plane, and would be nearer to it
+  /// without the turn.
+  [[nodiscard]] bool is_against_turn() const { return is_against_turn_; }
 
   void reset();
 
@@ -67,6 +73,7 @@ class HipCheck {
   /// which it was averaged.
   double usual_angle_, usual_time_;
   double twist_;
+  bool is_against_turn_;
 };
 
 }  // namespace manip3d
