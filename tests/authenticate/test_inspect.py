@@ -97,6 +97,38 @@ def test_a_clean_and_a_forged_scan() -> None:
     assert json.loads(json.dumps(found.record()))["detectors"]["occlusion"]["verdict"] == "tampered"
 
 
+@pytest.mark.parametrize(
+    "is_kept",
+    [
+        np.random.default_rng(3).random(len(FORGED)) < 0.5,
+        np.random.default_rng(4).random(len(FORGED)) < 0.8,
+        np.isin(
+            np.arange(len(FORGED)),
+            np.unique(np.floor(FORGED / 0.06).astype(int), axis=0, return_index=True)[1],
+        ),
+    ],
+    ids=["half", "four of five", "voxels"],
+)
+def test_a_thinned_terrestrial_scan_is_processed_and_states_no_power(is_kept: np.ndarray) -> None:
+    """Half of a forged scan lost its gaps, was `no_trace` and stated the power of whole scans."""
+    is_own = np.arange(len(FORGED)) < len(CAVE)
+    clean = authenticate.inspect(LidarFrame(FORGED[is_kept & is_own]))
+    assert clean.verdict == "processed"
+    assert [step.kind for step in clean.processing] == ["thinned"]
+    assert not clean.power
+    forged = authenticate.inspect(LidarFrame(FORGED[is_kept]))
+    assert forged.verdict in ("processed", "tampered")
+    assert "thinned" in [step.kind for step in forged.processing]
+
+
+def test_far_returns_that_a_terrestrial_scanner_loses_are_no_thinning() -> None:
+    distance = np.linalg.norm(CAVE, axis=1)
+    lost = np.random.default_rng(2).random(len(CAVE)) < np.where(distance > 8.5, 0.3, 0.01)
+    found = authenticate.inspect(LidarFrame(CAVE[~lost]))
+    assert (found.verdict, found.processing) == ("no_trace", ())
+    assert found.power["added"].share == 1.0
+
+
 def street() -> np.ndarray:
     """A street as a scanner on a lattice sees it, without the scanner's own car."""
     points = scans.scan(np.random.default_rng(5))

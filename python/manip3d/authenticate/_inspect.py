@@ -38,6 +38,7 @@ from manip3d.authenticate._reports import (
 )
 from manip3d.authenticate._sensors import MIN_POINTS, Sensor
 from manip3d.authenticate._standpoint import ON_LATTICE, at_origin, identify, lifted, scanner_of
+from manip3d.authenticate._thinning import why_thinned
 from manip3d.authenticate._verdict import NO_POWER, Power, Processing, Region, Verdict
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
@@ -462,12 +463,16 @@ def _by_angles(
         scan, parameters=PAPER_OCCLUSION if printed else None, origin=position, threads=threads
     )
     told(0.9)
+    points = at_origin(scan, position).points
+    processing = find_processing(points, sensor, None)
+    why = why_thinned(points, occlusion.grid) if occlusion.grid.azimuth_deg > 0.0 else None
+    if why is not None:
+        processing = (*processing, Processing("thinned", why))
     reports = (
-        angles_report("density", density, sensor),
-        angles_report("occlusion", occlusion, sensor),
+        angles_report("density", density, sensor, is_thinned=why is not None),
+        angles_report("occlusion", occlusion, sensor, is_thinned=why is not None),
         DetectorReport("generic", "undecidable", "no scan of a spinning scanner"),
     )
-    processing = find_processing(at_origin(scan, position).points, sensor, None)
     return combined(
         scan, position, source, sensor, reports, processing, density=density, occlusion=occlusion,
         blind=(*BLIND, BLIND_TERRESTRIAL),

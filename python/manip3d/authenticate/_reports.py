@@ -109,12 +109,19 @@ def not_applicable(sensor: Sensor, power: Mapping[str, Power]) -> tuple[Detector
 
 
 def angles_report(
-    name: str, found: DensityResult | OcclusionResult, sensor: Sensor
+    name: str, found: DensityResult | OcclusionResult, sensor: Sensor, *, is_thinned: bool
 ) -> DetectorReport:
+    """Report of detector I or II; the power was measured on scans that fill their grid.
+
+    A filter of voxels changes the spacing that detector I expects at each range.
+    """
+    if is_thinned and name == "density":
+        return DetectorReport(name, "undecidable", "points were left out, which changes spacings")
+    power = NO_POWER if is_thinned else known_power(name, sensor)
     regions = tuple(Region(region.box, region.rows) for region in found.regions)
     return DetectorReport(
         name, found.verdict, found.reason, found.score, None, regions,
-        found.suspected.astype(np.int64), known_power(name, sensor), found.calibration,
+        found.suspected.astype(np.int64), power, found.calibration,
     )  # fmt: skip
 
 
