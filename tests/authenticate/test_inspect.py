@@ -413,6 +413,41 @@ def test_what_a_scan_does_not_tell_of_its_scanner_accuses_nobody(
     assert ("was not measured for this scanner" in found.reason) is is_own
 
 
+def of_another_unit() -> np.ndarray:
+    """A scan of an HDL-64E whose lasers look a little elsewhere than those of KITTI's."""
+    known, random = kitti_lattice(), np.random.default_rng(1)
+    turn = np.sort(random.normal(0.0, 2.5e-3, 64))[::-1] + random.normal(0.0, 6e-4, 64)
+    return scans.scan(np.random.default_rng(5), replace(known, slope=known.slope + turn))
+
+
+def test_another_unit_of_a_model_has_no_power_that_was_measured_on_kittis() -> None:
+    """It was `no_trace` with the power of KITTI's unit, whose lattice is known beforehand."""
+    found = authenticate.inspect(LidarFrame(of_another_unit()))
+    assert found.sensor is not None
+    assert (found.sensor.name, found.sensor.is_own) == ("HDL-64E", True)
+    assert (found.verdict, found.processing) == ("undecidable", ())
+    assert not found.power
+    assert "was not measured for this scanner: calibrate_lattice" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("kind", "kept"),
+    [
+        ("thinned", lambda xyz: np.random.default_rng(0).random(len(xyz)) < 0.5),
+        ("thinned", lambda xyz: np.random.default_rng(0).random(len(xyz)) < 0.9),
+        ("cropped", lambda xyz: np.abs(np.arctan2(xyz[:, 1], xyz[:, 0])) > 0.1),
+    ],
+)
+def test_what_was_left_out_of_a_scan_of_another_unit_is_named(
+    kind: str, kept: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    points = of_another_unit()
+    found = authenticate.inspect(LidarFrame(points[kept(points)]))
+    assert found.sensor is not None
+    assert found.sensor.is_own
+    assert (found.verdict, [step.kind for step in found.processing]) == ("processed", [kind])
+
+
 def test_a_lattice_that_one_scan_tells_accuses_no_other_of_its_drive() -> None:
     """The last scan of a recording is a part of a turn."""
     whole, other = of_unknown_scanner(), of_unknown_scanner(13)

@@ -225,6 +225,33 @@ def processing_of_extent(
     return found + _cropped_in_height(wide, firings) + thinned + turned
 
 
+def processing_of_own(
+    points: NDArray[np.float32], lattice: SensorLattice, reading: LatticeReading | None
+) -> list[Processing]:
+    """Find gaps in azimuth and points left out one by one in a scan of another HDL-64E.
+
+    A lattice that was estimated from the scan itself tells these, but neither where the scanner's
+    view ends nor its own car.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+    lattice : SensorLattice
+        Lattice that was estimated from the points.
+    reading : LatticeReading or None
+        Places of the points on the lattice; None: they are computed here.
+    """
+    reading = lattice.read(points) if reading is None else reading
+    firings = firings_of(reading, len(lattice.slope))
+    gap = _gaps(reading.azimuth[reading.ring >= 0])[0]
+    distance = np.linalg.norm(points.astype(np.float64), axis=1)
+    found = [] if firings is None else thinned_out(firings, distance, whole=gap <= CHANCE_GAP)
+    is_thin = any(step.detail == FEW_RETURNS for step in found)
+    if gap > (CHANCE_GAP if is_thin else WIDEST_GAP):
+        found.insert(0, Processing("cropped", f"no points in {gap:.0f} degrees of azimuth"))
+    return found
+
+
 def _cuts_far_away(
     points: NDArray[np.float64], distance: NDArray[np.float64], firings: Firings | None
 ) -> list[tuple[float, str]]:

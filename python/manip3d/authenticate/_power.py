@@ -792,5 +792,6 @@ def known_power(detector: str, sensor: Sensor, embedding: str = "") -> Mapping[s
     if detector in ("density", "occlusion"):
         is_of_this = sensor.kind == "terrestrial"
     else:
-        is_of_this = sensor.kind == "lattice" and sensor.name == HDL64E
+        # A lattice that the scan itself tells finds fewer edits, of another unit than KITTI's.
+        is_of_this = sensor.kind == "lattice" and sensor.name == HDL64E and not sensor.is_own
     return MEASURED.get(f"{detector} {embedding}".strip(), NO_POWER) if is_of_this else NO_POWER

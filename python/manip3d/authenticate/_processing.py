@@ -7,7 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d.authenticate._extent import OWN_CAR_SILENT, processing_of_extent
+from manip3d.authenticate._extent import (
+    OWN_CAR_SILENT,
+    processing_of_extent,
+    processing_of_own,
+)
 from manip3d.authenticate._generic import MISSING, generic_consistency
 from manip3d.authenticate._outliers import why_filtered
 from manip3d.authenticate._reflectance import (
@@ -38,6 +42,9 @@ from 4 to 8 m, and 31 mm from 32 to 64 m."""
 
 PLACE_EVIDENCE = {"grid", "step", "range"}
 """Kinds of evidence that all points contradict if all coordinates change by a millimetre."""
+
+OFF_FIRING = {"grid", "step"}
+"""Kinds of evidence that all points contradict if no point is on its firing."""
 
 CUT_OFF = (
     "coordinates are whole millimetres and the scanner's ranges are not: they were cut off, "
@@ -233,9 +240,17 @@ def _processing_of_lattice(
 ) -> list[Processing]:
     found = []
     contradicted, lattice = generic.contradicted, sensor.lattice
-    if sensor.is_own:  # such a lattice knows neither order nor missing points
-        fused = Processing("fused", "most directions hold several returns")
-        return [fused] if "duplicate" in contradicted else []
+    if sensor.is_own:  # such a lattice knows neither order nor what lies outside of its lines
+        if "duplicate" in contradicted:
+            return [Processing("fused", "most directions hold several returns")]
+        if (
+            sensor.name != HDL64E
+            or lattice is None
+            or lattice.is_exact
+            or contradicted & OFF_FIRING
+        ):
+            return []
+        return processing_of_own(points, lattice, reading)
     if "line" in contradicted:
         return [Processing("moved", "points lie beside the lines of the scanner everywhere")]
     if "order" in contradicted:
@@ -266,7 +281,7 @@ def _processing_of_lattice(
         found.append(Processing("fused", "most directions hold several returns"))
     elif (twice := _degrees_seen_twice(points, sensor, generic, reading)) >= MIN_DEGREES_SEEN_TWICE:
         found.append(Processing("fused", f"{twice:.0f} degrees of azimuth were seen twice"))
-    if contradicted & {"grid", "step"}:  # no point is on its firing: silence is unknown
+    if contradicted & OFF_FIRING:  # silence is unknown
         return found
     return found + processing_of_extent(
         points, lattice, reading, is_in_order=generic.evidence["order"].used

@@ -103,8 +103,10 @@ def not_applicable(sensor: Sensor, power: Mapping[str, Power]) -> tuple[Detector
         Power of detector III on scans of this scanner; empty: not measured.
     """
     why = f"detector III judges the {sensor.name}"
-    if sensor.name != HDL64E and not power:
+    if not power:
         why += ", and what share of edits it finds was not measured for this scanner"
+        if sensor.name == HDL64E:
+            why += ": calibrate_lattice (manip3d lattice) measures it in clean scans"
     return tuple(DetectorReport(name, "undecidable", why) for name in ("density", "occlusion"))
 
 
