@@ -405,6 +405,24 @@ def test_rows_that_were_shifted_round_are_in_order(clean: np.ndarray, rows: int)
     assert set(moved.suspected) == {(len(clean) - 40 + k + rows) % len(clean) for k in range(40)}
 
 
+def test_clean_ranges_around_an_edit_are_no_regions_of_their_own() -> None:
+    """One range of fifteen stands between the steps in a clean scan, beside an edit as anywhere."""
+    rng = np.random.default_rng(1)
+    points = scans.scan(rng)
+    ring, count = (getattr(LATTICE.read(points), name) for name in ("ring", "count"))
+    between = np.where(rng.random(len(points)) < 0.065, 0.001, 0.0)
+    points = scans.rounded(LATTICE.points_at(ring, count, LATTICE.distance(points, ring) + between))
+    azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+    for place in (-110.0, -10.0, 90.0, 170.0):
+        of_object = (np.abs(azimuth - place) < 1.5) & (points[:, 2] > -1.6)
+        edited = points.astype(np.float64)
+        edited[of_object, 2] += 0.1
+        found = judged(scans.rounded(edited))
+        assert found.verdict == "tampered"
+        assert len(found.suspected) > 0.95 * np.count_nonzero(of_object)
+        assert all(of_object[region.rows].any() for region in found.regions)
+
+
 def test_ranges_that_the_scanner_cannot_print(clean: np.ndarray) -> None:
     rows = box_of(clean, 1.0, 0.06, 0.5)
     rng = np.random.default_rng(0)

@@ -201,11 +201,15 @@ class Examination {
   // A point between lines or steps belongs to no firing; it is neither a vote for one nor its
   // return.
   void forget_counts_beside_lattice() {
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (is_flagged_beside(i)) reading_.count(i) = -1;
+    }
+  }
+
+  [[nodiscard]] bool is_flagged_beside(std::int32_t i) const {
     constexpr unsigned kBeside =
         1U << static_cast<unsigned>(Evidence::kLine) | 1U << static_cast<unsigned>(Evidence::kStep);
-    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
-      if ((result_.flags[i] & kBeside) != 0) reading_.count(i) = -1;
-    }
+    return (result_.flags[i] & kBeside) != 0;
   }
 
   void examine_firings() {
@@ -250,11 +254,14 @@ class Examination {
     HorizonSectors::Tally off_by_sector{};
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (reading_.ring(i) < 0) continue;
-      RangeTally& tally = tallies[voxel_of_point_[i]];
       const int off = incoherent(i) ? 1 : 0;
+      off_by_sector[HorizonSectors::sector(reading_.azimuth(i))] += off;
+      // Points beside lines or steps are evidence already. In a window they would accuse the few
+      // clean ranges around them that are incoherent.
+      if (is_flagged_beside(i)) continue;
+      RangeTally& tally = tallies[voxel_of_point_[i]];
       ++tally.points;
       tally.incoherent += off;
-      off_by_sector[HorizonSectors::sector(reading_.azimuth(i))] += off;
     }
     const double share = sectors_.share(off_by_sector);
     const double clean = options_.range_incoherence;

@@ -327,6 +327,10 @@ MIN_DIRECTIONS = 1000
 """A frame is judged only if at least this many pairs of laser and encoder step have a return."""
 
 
+MIN_INCOHERENT = 6
+"""Fewest incoherent ranges of a window that is evidence, as in the core."""
+
+
 @checked
 def generic_consistency(
     frame: LidarFrame | ArrayLike,
@@ -623,6 +627,7 @@ def _judged(
     ]
     logs = [min(0.0, tests + log) for log in best]
     alarming = [i for i, log in enumerate(logs) if 10.0**log <= false_alarm_rate]
+    alarming = _without_rests(found, alarming)
     regions = tuple(
         _region(found["regions"][i], logs[i], _rows_of(found, i), found["flags"], scan.points)
         for i in sorted(alarming, key=lambda i: (logs[i], i))
@@ -653,6 +658,22 @@ def _judged(
         scan,
         rules,
     )
+
+
+def _without_rests(found: Mapping[str, Any], alarming: list[int]) -> list[int]:
+    """Leave out regions of a few points that windows of ranges around another region accuse.
+
+    A window needs `MIN_INCOHERENT` incoherent ranges, so that a region with fewer has its strength
+    from other points. All regions are kept if no other one is left.
+    """
+    size = np.bincount(found["region_of_point"] + 1, minlength=len(found["regions"]) + 1)[1:]
+    others = np.array([kind != "range" for kind in EVIDENCE])
+    kept = [
+        i
+        for i in alarming
+        if size[i] >= MIN_INCOHERENT or np.asarray(found["regions"][i][0])[others].any()
+    ]
+    return kept or alarming
 
 
 def _evidence_reports(
