@@ -47,6 +47,7 @@ from manip3d.authenticate._sensors import identify_and_read, is_hdl64e
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, rate_of
 from manip3d.lidar import ScanFormat
 from manip3d.report._evidence import _drawn_regions, _how_many
+from real_data import RealData
 
 LATTICE = scans.lattice()
 DIRECTIONS = np.random.default_rng(1).normal(size=(50_000, 3))
@@ -119,6 +120,29 @@ def test_a_thinned_terrestrial_scan_is_processed_and_states_no_power(is_kept: np
     forged = authenticate.inspect(LidarFrame(FORGED[is_kept]))
     assert forged.verdict in ("processed", "tampered")
     assert "thinned" in [step.kind for step in forged.processing]
+
+
+def test_an_object_sparser_than_the_scan_is_said_to_be_unseen() -> None:
+    sparse = np.concatenate([CAVE, ball(0.4, 100) + np.float32([3, 1, 0])])
+    found = authenticate.inspect(LidarFrame(sparse))
+    assert found.verdict == "no_trace"
+    assert any("coarser than the scan's" in name for name in found.blind)
+
+
+def test_most_of_an_object_left_out_is_said_to_be_unseen(realdata: RealData) -> None:
+    """The class of edits that nothing finds had ended at half of an object's points."""
+    folder = "lidar/kitti_raw/2011_09_26/2011_09_26_drive_0005_sync/velodyne_points/data"
+    before, frame, after = (
+        io.read_scan(realdata(f"{folder}/{number:010}.bin.xz")) for number in (3, 4, 5)
+    )
+    beside = np.hypot(frame.points[:, 0] - 6.7, frame.points[:, 1] - 10.0) < 1.2
+    rows = np.flatnonzero(beside & (np.abs(frame.points[:, 2]) < 1.5))
+    order = np.random.default_rng(4).permutation(rows)
+    for share, verdict in ((0.6, "no_trace"), (0.8, "no_trace"), (1.0, "tampered")):
+        left = np.delete(np.arange(frame.num_points), order[: int(share * len(rows))])
+        found = authenticate.inspect(frame.select(left), previous=before, following=after)
+        assert found.verdict == verdict
+        assert any("up to 4 of 5 of an object's" in name for name in found.blind)
 
 
 def test_far_returns_that_a_terrestrial_scanner_loses_are_no_thinning() -> None:

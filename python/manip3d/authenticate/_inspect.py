@@ -26,7 +26,13 @@ from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._occlusion import PAPER_OCCLUSION, estimate_grid, occlusion_consistency
 from manip3d.authenticate._on_lattice import Case, LeftOut, by_lattice
 from manip3d.authenticate._origin import estimate_origin
-from manip3d.authenticate._power import BLIND, BLIND_TERRESTRIAL, EDITS, measure_power
+from manip3d.authenticate._power import (
+    BLIND,
+    BLIND_SPARSE,
+    BLIND_TERRESTRIAL,
+    EDITS,
+    measure_power,
+)
 from manip3d.authenticate._processing import find_processing
 from manip3d.authenticate._reports import (
     FORENSIC,
@@ -475,7 +481,7 @@ def _by_angles(
     )
     return combined(
         scan, position, source, sensor, reports, processing, density=density, occlusion=occlusion,
-        blind=(*BLIND, BLIND_TERRESTRIAL),
+        blind=(*BLIND, BLIND_TERRESTRIAL, BLIND_SPARSE),
     )  # fmt: skip
 
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 BLIND = (
     "reflectance rewritten within the noise, or with that of other firings of the same lasers",
     "ranges of existing firings rewritten on the lattice, with reflectances that fit (white-box)",
-    "points left out one by one: fewer than one of two hundred of the scan, or half of an object's",
+    "points left out one by one: fewer than one of 200 of the scan, or up to 4 of 5 of an object's",
     "points left out that stand alone, where they are too few to be told as a filter of outliers",
 )
 """Classes of edits that no detector here finds."""
@@ -60,6 +60,9 @@ BLIND_WHOLE_STEPS = "points moved along their rays by whole range steps"
 
 BLIND_TERRESTRIAL = "points removed, cropped or moved together: only what was added is looked for"
 """A further blind class in scans that detectors I and II judge."""
+
+BLIND_SPARSE = "objects added with a spacing coarser than the scan's: few points hide nothing"
+"""Another one: a gap must span a region of neighbouring directions."""
 
 NEAREST, FARTHEST = 5.0, 25.0
 """Metres: range of distances at which edits are planted."""
