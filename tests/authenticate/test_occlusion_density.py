@@ -20,6 +20,7 @@ from manip3d.authenticate import (
     OcclusionParameters,
     density_consistency,
     estimate_grid,
+    inspect,
     occlusion_consistency,
 )
 from manip3d.io import read_scan
@@ -183,6 +184,48 @@ def test_second_echoes_are_left_out() -> None:
     frame = LidarFrame(scan, fields={"target_index": index})
     assert occlusion_consistency(frame).verdict == "no_trace"
     assert occlusion_consistency(scan).verdict != "no_trace"
+
+
+def posts_in_the_cave(share: float) -> tuple[Points, Points]:
+    """A cave with a post in each 30 degrees, and second echoes of beams at their edges."""
+    azimuth = np.degrees(np.arctan2(CAVE[:, 1], CAVE[:, 0]))
+    off = np.abs((azimuth + 7.5) % 30.0 - 15.0)
+    first = (CAVE * np.where(off < 3.0, 0.5, 1.0)[:, None]).astype(np.float32)
+    has_two = (off > 2.4) & (off < 3.0) & (np.random.default_rng(0).random(len(CAVE)) < share)
+    return first, CAVE[has_two]
+
+
+@pytest.mark.parametrize("share", [0.6, 1.0])
+@pytest.mark.parametrize("is_shuffled", [False, True])
+def test_second_echoes_that_nobody_numbered_are_no_forgery(share: float, is_shuffled: bool) -> None:
+    """Clean scans of scanners with several echoes, as XYZ or NPY, had been accused."""
+    first, second = posts_in_the_cave(share)
+    assert occlusion_consistency(first).verdict == "no_trace"
+    both = np.concatenate([first, second])
+    if is_shuffled:
+        both = both[np.random.default_rng(1).permutation(len(both))]
+    found = occlusion_consistency(both)
+    assert (found.verdict, found.regions, len(found.suspected)) == ("undecidable", (), 0)
+    assert found.echoes > 0
+    assert "does not number echoes" in found.reason
+    judged = inspect(LidarFrame(both))
+    assert (judged.verdict, [step.kind for step in judged.processing]) == ("processed", ["echoes"])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
+@pytest.mark.parametrize("place", [(2, 1, 0), (12, 6, 0)], ids=["in front", "behind"])
+def test_what_was_pasted_among_second_echoes_is_found(
+    share: float, place: tuple[float, float, float]
+) -> None:
+    scan = np.concatenate(posts_in_the_cave(share))
+    pasted = ball(0.6, 20_000) + np.float32(place)
+    found = occlusion_consistency(np.concatenate([scan, pasted]))
+    assert found.verdict == "tampered"
+    assert len(found.regions) == 1
+    center = found.regions[0].box.center
+    ahead = math.atan2(place[1], place[0])
+    assert math.atan2(center[1], center[0]) == pytest.approx(ahead, abs=0.1)
+    assert inspect(LidarFrame(np.concatenate([scan, pasted]))).verdict == "tampered"
 
 
 @pytest.mark.parametrize(("name", "first"), [("return_number", 1), ("returnIndex", 0)])

@@ -23,7 +23,12 @@ from manip3d.authenticate._extent import left_out_of_turn
 from manip3d.authenticate._inspection import DetectorReport, Inspection, combined_verdict
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import SensorLattice
-from manip3d.authenticate._occlusion import PAPER_OCCLUSION, estimate_grid, occlusion_consistency
+from manip3d.authenticate._occlusion import (
+    PAPER_OCCLUSION,
+    UNNUMBERED,
+    estimate_grid,
+    occlusion_consistency,
+)
 from manip3d.authenticate._on_lattice import Case, LeftOut, by_lattice
 from manip3d.authenticate._origin import estimate_origin
 from manip3d.authenticate._power import (
@@ -474,6 +479,8 @@ def _by_angles(
     why = why_thinned(points, occlusion.grid) if occlusion.grid.azimuth_deg > 0.0 else None
     if why is not None:
         processing = (*processing, Processing("thinned", why))
+    if occlusion.echoes:
+        processing = (*processing, Processing("echoes", UNNUMBERED))
     reports = (
         angles_report("density", density, sensor, is_thinned=why is not None),
         angles_report("occlusion", occlusion, sensor, is_thinned=why is not None),

@@ -12,6 +12,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
+from manip3d.authenticate._echoes import are_echoes
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
 from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate
 from manip3d.errors import InputError
@@ -107,6 +108,12 @@ RING_ROW = 0.6
 regions, depending on where the cells happen to lie. With 0.75, three of 53 clean frames of KITTI
 were accused."""
 
+UNNUMBERED = (
+    "later echoes of pulses lie behind the first ones, and the file does not number echoes: give "
+    "return numbers"
+)
+"""Reason of a verdict on a scan in which later echoes alone are seen behind something."""
+
 GRID_CALIBRATION = Calibration(
     scenes="calibration-indoor-00..05, calibration-outdoor-00..05 of manip3d.simulate.scenes",
     num_scans=12,
@@ -193,6 +200,9 @@ class OcclusionResult(WithoutRate):
         user.
     scan : LidarFrame or None
         The scan that was judged; the viewer shows it.
+    echoes : int
+        Number of regions that later echoes of pulses explain, which the scan does not number; they
+        are not among ``regions``. If no other region is left, the verdict is ``undecidable``.
     """
 
     verdict: Verdict
@@ -208,6 +218,7 @@ class OcclusionResult(WithoutRate):
     parameters: OcclusionParameters
     calibration: Calibration | None
     scan: LidarFrame | None = field(default=None, repr=False)
+    echoes: int = 0
 
 
 @checked
@@ -293,7 +304,8 @@ def occlusion_consistency(
     -------
     OcclusionResult
         ``undecidable`` if no single position explains the scan: scans of several positions were
-        fused, or ``origin`` is wrong.
+        fused, or ``origin`` is wrong; or if only later echoes of pulses, which the scan does not
+        number, are seen behind something.
 
     Raises
     ------
@@ -358,7 +370,19 @@ def occlusion_consistency(
     regions = tuple(region for region in every if region.area >= parameters.min_area)
     suspected = suspected[component < len(regions)]  # regions are sorted by area
     share = multiple / max(occupied, 1)
+    echoes = 0
+    if regions and is_first is None and grid.elevation_strength > 0.0 and not parameters.accumulate:
+        explained = are_echoes(points, place, grid, [region.rows for region in regions])
+        echoes = sum(explained)
+        suspected = np.setdiff1d(
+            suspected, [row for at in np.flatnonzero(explained) for row in regions[at].rows]
+        ).astype(np.int32)
+        regions = tuple(
+            each for each, is_echo in zip(regions, explained, strict=True) if not is_echo
+        )
     verdict, reason = _judged(len(regions), occupied, share, parameters)
+    if echoes and verdict == "no_trace":
+        verdict, reason = "undecidable", UNNUMBERED
     return OcclusionResult(
         verdict,
         reason,
@@ -373,6 +397,7 @@ def occlusion_consistency(
         parameters,
         calibration,
         placed(scene, np.asarray(place, np.float64)),
+        echoes,
     )
 
 
