@@ -337,9 +337,9 @@ class Processing:
         voxel were replaced by their mean), ``fused``, ``repeated``, ``padded`` (rows that are no
         returns), ``reflectances``, ``echoes`` (the scan has later echoes of pulses without their
         numbers), ``neighbours`` (points are missing from a neighbouring turn, so that points
-        missing from the scan may go unnoticed) or ``foreign`` (the neighbouring turns show one place, the
-        scan another one). Recordings of depth can also be ``resampled`` and ``lossily coded``.
-        Kinds of drives: see `DriveInspection`.
+        missing from the scan may go unnoticed) or ``foreign`` (the neighbouring turns show one
+        place, the scan another one). Recordings of depth can also be ``resampled`` and ``lossily
+        coded``. Kinds of drives: see `DriveInspection`.
     detail : str
         Description with numbers.
     """
