@@ -11,7 +11,7 @@ import pytest
 
 import manip3d
 from gltf_files import PNG
-from manip3d import FormatError, Material, Mesh, Texture, io
+from manip3d import FormatError, Material, Mesh, Texture, io, simplify
 from manip3d.io import read_mesh_bytes
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -1047,3 +1047,45 @@ def test_other_commas_are_refused(numbers: str, got: str) -> None:
     text = f"v 0 0 0\nv {numbers}\nf 1 2 1\n"
     with pytest.raises(FormatError, match=f"line 2: v: expected a finite number, got '{got}'"):
         read_mesh_bytes(text.encode(), ".obj")
+
+
+@pytest.mark.parametrize("word", ["nan", "-nan(ind)", "NaN"])
+@pytest.mark.parametrize(
+    ("normal", "texcoord", "warning"),
+    [
+        ("{}", "0.5", "normals"),
+        ("0", "{}", "texture coordinates"),
+    ],
+)
+def test_attributes_that_are_no_numbers_are_left_out_of_their_faces(
+    word: str, normal: str, texcoord: str, warning: str, tmp_path: Path
+) -> None:
+    """As exporters write where a face has no area, or a sensor no neighbours."""
+    normal, texcoord = normal.format(word), texcoord.format(word)
+    points = "".join(f"v {x} {y} {z}\n" for x, y, z in POINTS)
+    obj = f"{points}vn 0 0 1\nvn 0 0 {normal}\nvt 0 1\nvt 0 {texcoord}\n"
+    rows = "".join(
+        f"{x} {y} {z} 0 0 {normal if i == 3 else 1} 0 {texcoord if i == 3 else 1}\n"
+        for i, (x, y, z) in enumerate(POINTS)
+    )
+    names = "".join(f"property float {name}\n" for name in "x y z nx ny nz s t".split())
+    ply = (
+        f"ply\nformat ascii 1.0\nelement vertex 4\n{names}element face 2\n"
+        f"property list uchar int vertex_indices\nend_header\n{rows}3 0 1 2\n3 0 2 3\n"
+    )
+    files = {"obj": obj + "f 1/1/1 2/1/1 3/1/1\nf 1/1/1 3/1/1 4/2/2\n", "ply": ply}
+    for suffix, text in files.items():
+        (tmp_path / f"m.{suffix}").write_text(text)
+        report = io.read_report(tmp_path / f"m.{suffix}")
+        assert report.warnings == (f"{warning} that are no finite numbers are left out (faces: 1)",)
+        mesh = report.mesh
+        assert mesh.num_faces == 2
+        lost, kept = mesh.face_normals, mesh.face_texcoords
+        if warning.startswith("texture"):
+            lost, kept = kept, lost
+        assert lost is not None
+        assert kept is not None
+        assert (lost[1] == -1).all()
+        assert (lost[0] >= 0).all()
+        assert (kept >= 0).all()
+        simplify.clean(mesh)

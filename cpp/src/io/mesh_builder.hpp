@@ -82,6 +82,10 @@ class MeshBuilder {
   GrowingTable<Vertices> normals;
   GrowingTable<Rows<float, 3>> colors;  ///< 0 to 1; vertices beyond the table's end are white.
 
+  /// Whether texture coordinates or normals may be NaN or infinite: finish() leaves those out, and
+  /// warns of it.
+  bool may_have_nan = false;
+
   void reserve_faces(std::int64_t num_faces) { faces_.reserve(num_faces); }
 
   /// Adds a polygon. One with fewer than three corners is left out, and finish() warns of it.
@@ -124,6 +128,9 @@ class MeshBuilder {
   /// Missing texture coordinates and normals are no error, because they do not change the surface.
   [[nodiscard]] Complete check_forward_references() const;
   void cut_polygons();
+  template <typename Matrix>
+  static void leave_out_nan(GrowingTable<Matrix>& rows, GrowingTable<Faces>& faces,
+                            const char* what, ReadResult& result);
   [[nodiscard]] Colors take_colors();
   void use_face_colors(ReadResult& result);
 

@@ -68,7 +68,7 @@ class ObjReader {
       texcoord(cursor);
     } else if (keyword == "vn") {
       double* row = builder_.normals.append(input_);
-      for (int k = 0; k < 3; ++k) row[k] = cursor.number("vn");
+      for (int k = 0; k < 3; ++k) row[k] = attribute(cursor, "vn");
     } else if (keyword == "f" || keyword == "fo") {
       face(cursor);
     } else if (keyword == "usemtl") {
@@ -109,8 +109,15 @@ class ObjReader {
 
   void texcoord(LineCursor& cursor) {
     double* row = builder_.texcoords.append(input_);
-    row[0] = cursor.number("vt");
-    row[1] = cursor.at_end() ? 0.0 : cursor.number("vt");
+    row[0] = attribute(cursor, "vt");
+    row[1] = cursor.at_end() ? 0.0 : attribute(cursor, "vt");
+  }
+
+  // Exporters that divide by zero write NaN, which does not change the surface.
+  double attribute(LineCursor& cursor, const char* what) {
+    if (!cursor.take_nan()) return cursor.number(what);
+    builder_.may_have_nan = true;
+    return std::numeric_limits<double>::quiet_NaN();
   }
 
   void face(LineCursor& cursor) {

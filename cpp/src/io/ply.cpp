@@ -360,14 +360,14 @@ class PlyReader {
       position[2] = row.finite(kZ, "z");
       if (has_normals_) {
         double* normal = builder_.normals.append(input_);
-        normal[0] = row.finite(kNx, "nx");
-        normal[1] = row.finite(kNy, "ny");
-        normal[2] = row.finite(kNz, "nz");
+        for (int k = 0; k < 3; ++k) normal[k] = row.scalars[kNx + k];
+        builder_.may_have_nan |= !std::isfinite(normal[0] + normal[1] + normal[2]);
       }
       if (has_vertex_texcoords_) {
         double* texcoord = builder_.texcoords.append(input_);
-        texcoord[0] = row.finite(kS, "s");
-        texcoord[1] = row.finite(kT, "t");
+        texcoord[0] = row.scalars[kS];
+        texcoord[1] = row.scalars[kT];
+        builder_.may_have_nan |= !std::isfinite(texcoord[0] + texcoord[1]);
       }
       if (has_colors_) {
         float* color = builder_.colors.append(input_);

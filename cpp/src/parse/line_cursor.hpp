@@ -39,6 +39,21 @@ class LineCursor {
     return text;
   }
 
+  /// Takes a word that stands for NaN, such as nan, -nan(ind) or NaN; false: the next is another.
+  bool take_nan() {
+    skip_blanks();
+    const char* start = at_;
+    if (start < end_ && (*start == '+' || *start == '-')) ++start;
+    if (start == end_ || (*start != 'n' && *start != 'N')) return false;
+    double value = 0.0;
+    const auto [stop, error] = std::from_chars(start, end_, value);
+    if (error != std::errc() || (stop < end_ && !is_blank(*stop)) || !std::isnan(value)) {
+      return false;
+    }
+    at_ = stop;
+    return true;
+  }
+
   /// Reads a finite number. Numbers are separated by blanks, so that a comma within one is a
   /// decimal comma.
   double number(const char* what) {
