@@ -1068,7 +1068,9 @@ def test_attributes_that_are_no_numbers_are_left_out_of_their_faces(
         f"{x} {y} {z} 0 0 {normal if i == 3 else 1} 0 {texcoord if i == 3 else 1}\n"
         for i, (x, y, z) in enumerate(POINTS)
     )
-    names = "".join(f"property float {name}\n" for name in "x y z nx ny nz s t".split())
+    names = "".join(
+        f"property float {name}\n" for name in ["x", "y", "z", "nx", "ny", "nz", "s", "t"]
+    )
     ply = (
         f"ply\nformat ascii 1.0\nelement vertex 4\n{names}element face 2\n"
         f"property list uchar int vertex_indices\nend_header\n{rows}3 0 1 2\n3 0 2 3\n"

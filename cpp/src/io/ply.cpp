@@ -105,6 +105,11 @@ class RowReader {
   }
 
   // Reads an element from a line, as in Turk's original format.
+  /// Normals and texture coordinates, which do not change the surface.
+  static bool may_be_nan(Role role) {
+    return role == kNx || role == kNy || role == kNz || role == kS || role == kT;
+  }
+
   void read_line(const Element& element) {
     std::string_view line;
     do {
@@ -118,6 +123,8 @@ class RowReader {
         read_list(cursor, p);
       } else if (p.role == kSkip) {
         if (cursor.word().empty()) cursor.fail(p.name.c_str(), "a value");
+      } else if (may_be_nan(p.role) && cursor.take_nan()) {
+        scalars[p.role] = std::numeric_limits<double>::quiet_NaN();
       } else {
         scalars[p.role] = cursor.number(p.name.c_str());
       }
