@@ -35,14 +35,14 @@ class Cells(NamedTuple):
     ----------
     of_point : (N,) int64
         Flat index of each point's cell.
-    count : (H, W) int64
+    num_points : (H, W) int64
         Number of points of a cell.
     nearest, farthest : (H, W) float64, metres
         Least and largest range; infinity and 0 in empty cells.
     """
 
     of_point: NDArray[np.int64]
-    count: NDArray[np.int64]
+    num_points: NDArray[np.int64]
     nearest: NDArray[np.float64]
     farthest: NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def are_echoes(
     """
     cells = _cells_of(points, place, grid)
     is_echo = _looks_like_two_echoes(cells)
-    columns = cells.count.shape[1]
+    columns = cells.num_points.shape[1]
     found = np.unique((np.flatnonzero(is_echo) % columns) * SECTORS // columns)
     if len(found) < MIN_SECTORS:
         return [False] * len(regions)
@@ -80,19 +80,19 @@ def are_echoes(
 
 def _looks_like_two_echoes(cells: Cells) -> NDArray[np.bool_]:
     """Which cells hold two points on surfaces that cells beside them hold alone."""
-    height, width = cells.count.shape
-    row, column = np.nonzero(cells.count == 2)
+    height, width = cells.num_points.shape
+    row, column = np.nonzero(cells.num_points == 2)
     near, far = cells.nearest[row, column], cells.farthest[row, column]
     apart = BESIDE * (far - near)
     front, rear = np.zeros(len(row), np.bool_), np.zeros(len(row), np.bool_)
     for up in range(-AROUND, AROUND + 1):
         for on in range(-AROUND, AROUND + 1):
             beside = (row + up).clip(0, height - 1), (column + on) % width
-            alone = cells.count[beside] == 1
+            alone = cells.num_points[beside] == 1
             reach = np.where(alone, cells.nearest[beside], np.nan)
             front |= np.abs(reach - near) < apart
             rear |= np.abs(reach - far) < apart
-    found = np.zeros(cells.count.shape, np.bool_)
+    found = np.zeros(cells.num_points.shape, np.bool_)
     found[row, column] = front & rear
     return found
 

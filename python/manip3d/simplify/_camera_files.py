@@ -192,7 +192,9 @@ def simplify_camera_files(
         raise InputError(f"colors: expected {len(files)} or none, got {len(colors)}")
     if num_frames is not None and num_frames < 1:
         raise InputError(f"num_frames: expected at least 1, got {num_frames}")
-    pictures = [path_of(color, "colors") for color in colors] if colors else [None] * len(files)
+    pictures: list[Path | None] = [None] * len(files)
+    if colors:
+        pictures = [path_of(color, "colors") for color in colors]
     known, placed = tracked_files(files, place)
     known, placed = known[:num_frames], placed[:num_frames]
     files, pictures = tuple(files[i] for i in known), [pictures[i] for i in known]

@@ -75,8 +75,8 @@ def sway(deformation: Deformation, size: float) -> NDArray[np.float64]:
         weight = size * deformation.weights[:, influence, None].astype(np.float64)
         moved += weight * directions[deformation.joints[:, influence]]
     for number, target in enumerate(deformation.targets):
-        weight = _TARGET_WEIGHT if number % 2 == 0 else -_TARGET_WEIGHT
-        moved += weight * target.astype(np.float64)
+        share = _TARGET_WEIGHT if number % 2 == 0 else -_TARGET_WEIGHT
+        moved += share * target.astype(np.float64)
     return moved
 
 
