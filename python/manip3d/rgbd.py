@@ -48,6 +48,11 @@ NO_BODY = 255
 """Value of `RgbdFrame.body_index` at pixels that show no person."""
 
 
+NO_MEASUREMENT = 65535
+"""Value of files of depth images at pixels without a measurement, beside 0: many cameras and data
+sets store the largest number of 16 bits. Sources of such files set these pixels to 0."""
+
+
 @dataclass(frozen=True, eq=False)
 class Skeleton:
     """One person's pose: the Kinect V2's 25 joints in the frame of the camera that sees it.

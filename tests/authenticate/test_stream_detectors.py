@@ -71,6 +71,20 @@ def test_a_cameras_own_silhouettes_leave_no_trace() -> None:
     assert found.regions == ()
 
 
+@pytest.mark.parametrize("soft", [True, False])
+def test_pixels_of_65535_count_as_missing(soft: bool) -> None:
+    """Many cameras mark missing pixels so. A border of them would be a sharp silhouette."""
+    frames = stream(soft=soft)
+    marked = [replace(f, depth=np.where(f.depth == 0, np.uint16(65535), f.depth)) for f in frames]
+    found, expected = (authenticate.inspect_stream(each) for each in (marked, frames))
+    assert (found.verdict, found.score, found.regions) == (
+        expected.verdict,
+        expected.score,
+        expected.regions,
+    )
+    assert np.array_equal(found.masks, expected.masks)
+
+
 @pytest.mark.parametrize("is_still", [False, True])
 def test_silhouettes_that_are_blended_into_the_background_are_not_a_cameras_own(
     is_still: bool,

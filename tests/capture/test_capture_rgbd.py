@@ -588,6 +588,25 @@ def test_units_of_plain_folders(tmp_path: Path) -> None:
             opened(tmp_path, camera=CAMERA, units_per_metre=units)
 
 
+@pytest.mark.parametrize("units", [1000.0, 5000.0, 500.0])
+def test_pixels_of_65535_are_not_measured_whatever_the_unit(tmp_path: Path, units: float) -> None:
+    """Many cameras and data sets (7-Scenes) mark missing pixels by the largest number of 16 bits.
+
+    In units of 2 mm it would be a depth that no frame can hold.
+    """
+    marked = DEPTH.copy()
+    marked[2, 3:7] = 65535
+    images(tmp_path / "marked", "depth", 1, marked)
+    images(tmp_path / "zeros", "depth", 1, np.where(marked == 65535, 0, marked).astype(np.uint16))
+    source = opened(tmp_path / "marked", camera=CAMERA, units_per_metre=units)
+    (frame,) = source
+    (expected,) = opened(tmp_path / "zeros", camera=CAMERA, units_per_metre=units)
+    np.testing.assert_array_equal(frame.depth, expected.depth)
+    assert frame.depth[2, 2:8].astype(bool).tolist() == [True, *[False] * 4, True]
+    assert source.counters["pixels_of_65535"] == 4
+    capture.record([frame], tmp_path / "again")
+
+
 def test_mirrored_images_are_turned_round(tmp_path: Path) -> None:
     images(tmp_path, "depth", 1, DEPTH)
     images(tmp_path, "color", 1, COLOR)
@@ -636,6 +655,16 @@ def test_tum_sequences(tmp_path: Path) -> None:
     assert chosen == [0, 1, 1, None]  # 15, 17, 16 ms apart; the last one 57
     with pytest.raises(FormatError, match="expected 640 x 480 pixels as the calibration says"):
         capture.open_rgbd(f"tum:{renamed(tmp_path, 'rgbd_dataset_freiburg1_xyz')}").read()
+
+
+def test_pixels_of_65535_of_a_tum_sequence_are_not_measured(tmp_path: Path) -> None:
+    tum(tmp_path, ["1305031102.160407"], [])
+    marked = DEPTH.copy()
+    marked[0, :3] = 65535
+    (file,) = (tmp_path / "depth").iterdir()
+    Image.fromarray(marked).save(file)
+    (frame,) = capture.open_rgbd(f"tum:{tmp_path}", camera=CAMERA)
+    assert frame.depth[0, :4].tolist() == [0, 0, 0, (marked[0, 3] + 2) // 5]
 
 
 def renamed(folder: Path, name: str) -> Path:

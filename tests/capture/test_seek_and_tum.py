@@ -222,7 +222,7 @@ def test_a_simulated_person_by_index() -> None:
 
 
 def test_a_tum_sequence_is_what_was_recorded(tmp_path: Path) -> None:
-    limit = 13106  # more are 65535 units or more: no measurement
+    limit = 13106
     frames = [
         replace(f, depth=np.minimum(f.depth, limit), time_ns=1305031102_160407123 + n * STEP)
         for n, f in enumerate(rgbd_frames.frames(4))

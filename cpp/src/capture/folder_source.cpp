@@ -279,8 +279,9 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
 
 std::unique_ptr<RgbdSource> open_folder(const fs::path& folder, const RgbdOptions& options) {
   Calibration calibration = options.calibration ? options.calibration : stored_calibration(folder);
-  ImageFrames::Listing frames =
-      fs::exists(folder / "frames.jsonl") ? recorded_frames(folder) : plain_frames(folder);
+  const bool is_recording = fs::exists(folder / "frames.jsonl");
+  ImageFrames::Listing frames = is_recording ? recorded_frames(folder) : plain_frames(folder);
+  frames.marks_missing = !is_recording;
   if (!calibration) {
     throw InputError("calibration: " + folder.string() +
                      " has no calibration.json: expected the camera of its images "
@@ -291,6 +292,7 @@ std::unique_ptr<RgbdSource> open_folder(const fs::path& folder, const RgbdOption
 
 std::unique_ptr<RgbdSource> open_tum(const fs::path& folder, const RgbdOptions& options) {
   ImageFrames::Listing frames = tum_frames(folder);
+  frames.marks_missing = true;
   Calibration calibration = options.calibration ? options.calibration : stored_calibration(folder);
   if (!calibration) {
     const std::optional<TumCamera> camera = published_tum_camera(folder);

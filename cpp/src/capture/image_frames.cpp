@@ -66,11 +66,17 @@ void set_color(RgbdFrame& frame, DecodedImage<std::uint8_t> color) {
   frame.color_cols = color.cols;
 }
 
-constexpr std::uint16_t kNoMeasurement = 65535;  // of many cameras, and of 7-Scenes
+constexpr std::uint16_t kNoMeasurement = 65535;  // see ImageFrames::Listing::marks_missing
+
+// Sets pixels that are not measured to 0 and returns the number of these that had another mark.
+std::int64_t clear_marked(std::vector<std::uint16_t>& depth) {
+  const std::int64_t marked = std::ranges::count(depth, kNoMeasurement);
+  if (marked > 0) std::ranges::replace(depth, kNoMeasurement, std::uint16_t{0});
+  return marked;
+}
 
 void to_millimetres(std::vector<std::uint16_t>& depth, double units_per_metre,
                     const std::filesystem::path& path) {
-  std::replace(depth.begin(), depth.end(), kNoMeasurement, std::uint16_t{0});
   if (units_per_metre == 1000.0) return;
   const double scale = 1000.0 / units_per_metre;
   for (std::uint16_t& value : depth) {
@@ -97,6 +103,7 @@ ImageFrames::ImageFrames(Listing listing, std::shared_ptr<const RgbdCalibration>
 Counters ImageFrames::counters() const {
   Counters counters = {{"frames", frames_}, {"out_of_order", out_of_order_}, {"damaged", damaged_}};
   if (unregistered_color_ > 0) counters.emplace_back("unregistered_color", unregistered_color_);
+  if (marked_ > 0) counters.emplace_back("pixels_of_65535", marked_);
   counters.insert(counters.end(), listing_.counters.begin(), listing_.counters.end());
   return counters;
 }
@@ -130,6 +137,7 @@ void ImageFrames::load(RgbdFrame& frame) try {
   frame.rows = depth_camera.height;
   frame.cols = depth_camera.width;
   frame.depth = load_image(files_.depth, depth_camera, decode_depth).pixels;
+  if (listing_.marks_missing) marked_ += clear_marked(frame.depth);
   to_millimetres(frame.depth, units_per_metre_, files_.depth.path);
   frame.body_index.clear();
   if (!files_.body_index.path.empty()) {

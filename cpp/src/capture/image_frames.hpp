@@ -42,6 +42,9 @@ class ImageFrames final : public RgbdSource {
     std::int64_t num_frames = 0;
     Counters counters;                      ///< Counts of the listing itself.
     std::shared_ptr<RecordingLock> lock{};  ///< Lock of a recording; held until `stop` or the end.
+    /// Do pixels of 65535 mean "no measurement", as in the images of many cameras and data sets
+    /// (7-Scenes)? In manip3d's own recordings only 0 does.
+    bool marks_missing = false;
   };
 
   /// @param stored  Cameras of the images as stored in the files.
@@ -75,6 +78,7 @@ class ImageFrames final : public RgbdSource {
   FrameFiles files_;
   std::optional<std::pair<std::int64_t, std::int64_t>> last_;  // number and time
   std::int64_t frames_ = 0, out_of_order_ = 0, damaged_ = 0, unregistered_color_ = 0;
+  std::int64_t marked_ = 0;  // pixels that stored 65535, which are not measured
 };
 
 /// Parses a line of frames.jsonl; the images are in subfolders of `folder`.

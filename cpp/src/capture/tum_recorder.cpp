@@ -17,7 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kUnitsPerMillimetre = 5;  // the unit is 1/5000 m
-// 65535 means no measurement, see image_frames.cpp.
+// 65535 units would be read as "no measurement".
 constexpr int kFarthest = (std::numeric_limits<std::uint16_t>::max() - 1) / kUnitsPerMillimetre;
 constexpr std::int64_t kNanoseconds = 1'000'000'000;
 // the latest time that open_tum() reads

@@ -23,7 +23,7 @@ from manip3d.authenticate._stream_verdict import (
 )
 from manip3d.authenticate._verdict import Processing
 from manip3d.errors import InputError
-from manip3d.rgbd import RgbdFrame, check_frames
+from manip3d.rgbd import NO_MEASUREMENT, RgbdFrame, check_frames
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -142,6 +142,8 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
 
     Notes
     -----
+    Pixels of 65535, which many cameras store for "no measurement", count as not measured.
+
     There are three detectors. ``repetition``: a camera never measures exactly the same depths
     twice. Regions of 32 pixels that never change over all pairs of frames, while other regions
     change, are a still background. ``silhouettes``: beside a person before a background, structured
@@ -181,6 +183,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
         raise InputError("frames: expected one at least, got none")
     if any(frame.depth.shape != some[0].depth.shape for frame in some):
         raise InputError("frames: expected images of one size")
+    some = [_without_marks(frame) for frame in some]
     with reporting(progress, "inspect") as report:
         told = report or (lambda _: None)
         noise = _relative_change(np.array([depth_noise(f.depth).mean() for f in some]))
@@ -194,6 +197,14 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     if not has_more:
         return found
     return replace(found, reason=f"{found.reason}; of the first {MAX_FRAMES} frames, not the rest")
+
+
+def _without_marks(frame: RgbdFrame) -> RgbdFrame:
+    """The frame with depth 0 where `NO_MEASUREMENT` marks that nothing was measured."""
+    marked = frame.depth == NO_MEASUREMENT
+    if not marked.any():
+        return frame
+    return replace(frame, depth=np.where(marked, np.uint16(0), frame.depth))
 
 
 def _concluded(

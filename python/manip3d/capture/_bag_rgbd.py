@@ -23,7 +23,7 @@ from manip3d.capture._bag_pictures import decoded, pose_of, rigid, rows_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._depth_files import MAX_PIXELS
 from manip3d.io._depth_formats import decode_depth
-from manip3d.rgbd import RgbdCalibration, RgbdFrame
+from manip3d.rgbd import NO_MEASUREMENT, RgbdCalibration, RgbdFrame
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -155,13 +155,13 @@ class BagImages:
     def _millimetres(self, picture: BagPicture) -> NDArray[np.uint16]:
         """Return the depth in millimetres; 0 if it is not measured or more than 65.535 m.
 
-        Integers of 65535 are no measurement, as in depth images.
+        Many cameras store 65535, the largest number of 16 bits, for "no measurement".
         """
         stored = _stored_depth(picture)
         if stored.dtype == np.uint16:
-            stored = np.where(stored == 65_535, 0, stored).astype(np.uint16)
-            if self._units == 1000.0:
-                return stored
+            stored = np.where(stored == NO_MEASUREMENT, np.uint16(0), stored)
+        if stored.dtype == np.uint16 and self._units == 1000.0:
+            return np.asarray(stored, np.uint16)
         units = self._units if stored.dtype == np.uint16 else 1.0  # float32 is in metres (REP 118)
         with np.errstate(invalid="ignore"):
             depth = np.rint(stored.astype(np.float64) * (1000.0 / units))

@@ -141,6 +141,10 @@ def open_rgbd(
     At most 300 frames of a background or motion are kept; they are played forwards and backwards in
     turn. If the background has no colour, no frame has.
 
+    Pixels of 65535 in depth images of other programs (folders of images, TUM, bags) are not
+    measured, whatever the unit: many cameras and data sets mark missing pixels so. Folders count
+    them (``counters["pixels_of_65535"]``).
+
     In ``rgbd-bag:PATH#TOPIC``, ``TOPIC`` is a topic of depth images (sensor_msgs/Image with 16UC1,
     mono16 or 32FC1, or compressedDepth); it is needed if there are several. Intrinsics come from
     the CameraInfo beside each topic, the pose of the colour camera from ``/tf_static`` or from the
