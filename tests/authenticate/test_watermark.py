@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import watermark_oracle as oracle
 from numpy.typing import NDArray
 
 from manip3d import LidarFrame, _core, io
@@ -785,6 +786,83 @@ def test_intensities_of_0_where_none_were_signed_are_no_edit(key: KeyFile, embed
     assert (found.verdict, len(found.changed_tiles)) == ("tampered", 1)
     sent = marker_of(key, embedding).embed(LidarFrame(grid_scan(3000), np.zeros(3000, np.float32)))
     assert verify(key, sent.frame.replace(intensity=None), sent.record).verdict == "tampered"
+
+
+def with_zeros(scan: LidarFrame, zero: float) -> LidarFrame:
+    """The scan with some coordinates and intensities of 0 or -0, on all axes."""
+    points = scan.points.copy()
+    points[::7, 0] = points[::11, 1] = points[::13, 2] = zero
+    assert scan.intensity is not None
+    return scan.replace(
+        points=points, intensity=np.where(scan.intensity < 0.2, zero, scan.intensity)
+    )
+
+
+@pytest.mark.parametrize("embedding", ALL)
+@pytest.mark.parametrize("zero", [0.0, -0.0])
+def test_the_sign_of_a_zero_is_no_edit(key: KeyFile, embedding: str, zero: float) -> None:
+    """-0 equals 0. Scanners write both, and LAS and a sum with 0 only the latter."""
+    sent = marker_of(key, embedding).embed(with_zeros(frame(3000), zero))
+    marked = sent.frame
+    assert marked.intensity is not None
+    assert verify(key, marked, sent.record).verdict == "authentic"
+    positive = marked.replace(points=marked.points + 0.0, intensity=marked.intensity + 0.0)
+    negative = positive.replace(
+        points=np.where(positive.points == 0, np.float32(-0.0), positive.points),
+        intensity=np.where(marked.intensity == 0, np.float32(-0.0), marked.intensity),
+    )
+    for scan in (positive, negative):
+        assert np.array_equal(scan.points, marked.points)
+        assert verify(key, scan, sent.record).verdict == "authentic"
+    # Nothing else is forgiven: the smallest numbers beside 0, and one bit of another number.
+    row = np.flatnonzero((positive.points == 0).any(axis=1))[5]
+    axis = int(np.flatnonzero(positive.points[row] == 0)[0])
+    for tiny in (1e-45, -1e-45):
+        points = negative.points.copy()
+        points[row, axis] = tiny
+        assert verify(key, negative.replace(points=points), sent.record).verdict == "tampered"
+    points = positive.points.copy()
+    points[1, 0] = np.nextafter(points[1, 0], np.float32(9e9))
+    assert verify(key, positive.replace(points=points), sent.record).verdict == "tampered"
+    shine = negative.intensity.copy()  # type: ignore[union-attr]
+    shine[np.flatnonzero(shine == 0)[3]] = 1e-45
+    assert verify(key, negative.replace(intensity=shine), sent.record).verdict == "tampered"
+
+
+@pytest.mark.parametrize("embedding", [oracle.DETACHED, oracle.LBM])
+def test_early_records_that_bound_the_signs_of_zeros_verify(key: KeyFile, embedding: int) -> None:
+    scan = with_zeros(frame(3000), -0.0)
+    assert scan.intensity is not None
+    signer = oracle.Embedder(
+        ROOT_KEY, b"sensor".ljust(16, b"\0"), bytes(16), embedding, least=150, binds_signs=True
+    )
+    points = [tuple(map(float, row)) for row in scan.points]
+    sent = signer.embed(points, [float(value) for value in scan.intensity])
+    marked = scan.replace(points=np.array(sent.points, np.float32))
+    assert np.signbit(marked.intensity[marked.intensity == 0]).all()  # type: ignore[index]
+    assert verify(key, marked, sent.record).verdict == "authentic"
+    # Such a record holds for the signs that were signed only, and locates what was moved.
+    shine = scan.intensity.copy()
+    shine[np.flatnonzero(shine == 0)[0]] = 0.0
+    assert verify(key, marked.replace(intensity=shine), sent.record).verdict == "tampered"
+    moved = marked.points.copy()
+    moved[1, 2] += 1.0
+    found = verify(key, marked.replace(points=moved), sent.record)
+    assert (found.verdict, len(found.changed_tiles)) == ("tampered", 1)
+
+
+@pytest.mark.parametrize("zero", [0.0, -0.0])
+def test_the_sign_of_a_zero_in_float64_is_no_edit(key: KeyFile, zero: float) -> None:
+    exact = np.random.default_rng(3).uniform(-40, 40, (3000, 3))
+    exact[::7, 0] = exact[::5, 2] = zero
+    scan = LidarFrame(exact.astype(np.float32), reflectances(3000), exact=exact)
+    sent = marker_of(key, "detached").embed(scan)
+    for other in (exact + 0.0, np.where(exact == 0, -0.0, exact)):
+        changed = scan.replace(points=other.astype(np.float32), exact=other)
+        assert verify(key, changed, sent.record).verdict == "authentic"
+    moved = exact.copy()
+    moved[7, 0] = 1e-300
+    assert verify(key, scan.replace(exact=moved), sent.record).verdict == "tampered"
 
 
 def test_digits_beyond_the_float32_that_was_signed_are_undecidable(key: KeyFile) -> None:

@@ -159,16 +159,20 @@ class Embedder:
     offset: tuple[int, int, int] = (0, 0, 0)
     is_exact: bool = False  # coordinates are written in float64
     carrier: int = 0
+    binds_signs: bool = False  # early records distinguish -0 from 0
     keys: list[bytes] = field(init=False)
 
     def __post_init__(self) -> None:
         session_key = blake(b"m3d/session/v1" + self.sensor + self.session, self.root)
         self.keys = [kdf(session_key, number) for number in range(1, 6)]
 
+    def bits(self, value: float) -> int:
+        return f32_bits(0.0 if value == 0.0 and not self.binds_signs else value)
+
     def sample(self, point: Point, intensity: float) -> Sample:
-        i = f32_bits(intensity)
+        i = self.bits(intensity)
         if self.embedding == DETACHED:
-            x, y, z = (f32_bits(value) for value in point)
+            x, y, z = (self.bits(value) for value in point)
             return x, y, z, i
         x, y, z = (
             round(value * self.units) - at for value, at in zip(point, self.offset, strict=True)

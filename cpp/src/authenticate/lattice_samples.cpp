@@ -44,8 +44,13 @@ inline std::int32_t cell_of(std::int32_t z) {
   return static_cast<std::int32_t>((twice - ((twice % 5) + 5) % 5) / 5);
 }
 
-inline std::int32_t intensity_of(const PointsView& points, Eigen::Index row) {
-  return points.has_intensity() ? std::bit_cast<std::int32_t>(points.intensity[row]) : 0;
+// The bits of a float. Adding 0 makes 0 of -0 and changes no other number.
+inline std::int32_t bits_of(float value, ZeroSigns signs) {
+  return std::bit_cast<std::int32_t>(signs == ZeroSigns::kIgnored ? value + 0.0F : value);
+}
+
+inline std::int32_t intensity_of(const PointsView& points, Eigen::Index row, ZeroSigns signs) {
+  return points.has_intensity() ? bits_of(points.intensity[row], signs) : 0;
 }
 
 // The grid as text for messages.
@@ -88,13 +93,13 @@ void find_slices(const SliceTable& slices, const LatticeSamples& found,
   slices.find(found.samples.data(), found.samples.size(), slice_of.data());
 }
 
-void sample_bits(const PointsView& points, const SliceTable& slices, LatticeSamples& found,
-                 std::vector<std::uint16_t>& slice_of) {
+void sample_bits(const PointsView& points, const SliceTable& slices, ZeroSigns signs,
+                 LatticeSamples& found, std::vector<std::uint16_t>& slice_of) {
   for (Eigen::Index row = 0; row < points.num_points(); ++row) {
     const std::size_t i = row;
     const float x = points.points(row, 0), y = points.points(row, 1), z = points.points(row, 2);
-    found.samples[i] = {std::bit_cast<std::int32_t>(x), std::bit_cast<std::int32_t>(y),
-                        std::bit_cast<std::int32_t>(z), intensity_of(points, row)};
+    found.samples[i] = {bits_of(x, signs), bits_of(y, signs), bits_of(z, signs),
+                        intensity_of(points, row, signs)};
     found.marks[i] = 0;
   }
   slices.find(points.points.data(), found.samples.size(), slice_of.data());
@@ -108,10 +113,9 @@ void make_room(const PointsView& points, LatticeSamples& found,
   slice_of.resize(size);
 }
 
-// Requirements for a coordinate. kInReach: it is within the limit. kOnGrid: it is the float32 of a
-// point of the grid. kWritten: it is this float32 to the bit, as embedders write it (they never
-// write -0, which equals 0).
-enum class Demand { kInReach, kOnGrid, kWritten };
+// Requirements for a coordinate. kInReach: it is within the limit. kOnGrid: it equals the float32
+// of a point of the grid, as embedders write it; -0, which they never write, equals 0.
+enum class Demand { kInReach, kOnGrid };
 
 constexpr std::size_t kBlockPoints = 128;
 constexpr std::size_t kBlockValues = 3 * kBlockPoints;
@@ -151,10 +155,6 @@ MANIP3D_INLINE bool read_values(const float* values, std::size_t count, Block& b
     const auto most = static_cast<std::int32_t>(block.limit);
     std::int32_t good = ((q < most) & (q > -most)) ? -1 : 0;
     if constexpr (kDemand == Demand::kOnGrid) good &= written == values[i] ? -1 : 0;
-    if constexpr (kDemand == Demand::kWritten) {
-      good &=
-          std::bit_cast<std::int32_t>(written) == std::bit_cast<std::int32_t>(values[i]) ? -1 : 0;
-    }
     block.q[i] = q;
     block.good[i] = good;
     all &= good;
@@ -205,10 +205,12 @@ void for_each_block(const PointsView& points, Block& block, const Use& use) {
 }
 
 // Copies the intensities; without intensities they are 0.
-void sample_intensities(const PointsView& points, LatticeSamples& found) {
+void sample_intensities(const PointsView& points, ZeroSigns signs, LatticeSamples& found) {
   WatermarkSample* const samples = found.samples.data();
   const Eigen::Index size = points.num_points();
-  for (Eigen::Index row = 0; row < size; ++row) samples[row].intensity = intensity_of(points, row);
+  for (Eigen::Index row = 0; row < size; ++row) {
+    samples[row].intensity = intensity_of(points, row, signs);
+  }
 }
 
 [[noreturn]] void refuse_first(const PointsView& points, const Block& block, std::size_t begin,
@@ -245,10 +247,10 @@ void sample_for_embedding(const PointsView& points, const WatermarkOptions& opti
                           std::vector<std::uint16_t>& slice_of) {
   make_room(points, found, slice_of);
   if (options.embedding == WatermarkEmbedding::kDetached) {
-    sample_bits(points, slices, found, slice_of);
+    sample_bits(points, slices, ZeroSigns::kIgnored, found, slice_of);
     return;
   }
-  sample_intensities(points, found);
+  sample_intensities(points, ZeroSigns::kIgnored, found);
   std::fill(found.marks.begin(), found.marks.end(), std::uint8_t{0});
   if (options.round) {
     sample_blocks_for_embedding<Demand::kInReach>(points, options, found);
@@ -260,14 +262,15 @@ void sample_for_embedding(const PointsView& points, const WatermarkOptions& opti
 
 void sample_for_verification(const PointsView& points, WatermarkEmbedding embedding,
                              std::uint32_t units_per_m, const SliceTable& slices,
-                             LatticeSamples& found, std::vector<std::uint16_t>& slice_of) {
+                             LatticeSamples& found, std::vector<std::uint16_t>& slice_of,
+                             ZeroSigns signs) {
   make_room(points, found, slice_of);
   if (embedding == WatermarkEmbedding::kDetached) {
-    sample_bits(points, slices, found, slice_of);
+    sample_bits(points, slices, signs, found, slice_of);
     return;
   }
   const bool is_lbm = embedding == WatermarkEmbedding::kLbm;
-  sample_intensities(points, found);
+  sample_intensities(points, signs, found);
   Block block(units_per_m, is_lbm ? units_per_m : kQuarters, kLimit);
   WatermarkSample* const samples = found.samples.data();
   std::uint8_t* const marks = found.marks.data();
@@ -287,13 +290,13 @@ void sample_for_verification(const PointsView& points, WatermarkEmbedding embedd
       if (!block.is_good(row - begin)) marks[row] |= kOffLattice;
     }
   };
-  for_each_block<Demand::kWritten>(points, block, use);
+  for_each_block<Demand::kOnGrid>(points, block, use);
   find_slices(slices, found, slice_of);
 }
 
 void sample_exact(const PointsView& points, const ExactGrid& grid, ExactUse use,
                   const SliceTable& slices, LatticeSamples& found,
-                  std::vector<std::uint16_t>& slice_of) {
+                  std::vector<std::uint16_t>& slice_of, ZeroSigns signs) {
   make_room(points, found, slice_of);
   for (Eigen::Index row = 0; row < points.num_points(); ++row) {
     const std::size_t i = row;
@@ -311,7 +314,7 @@ void sample_exact(const PointsView& points, const ExactGrid& grid, ExactUse use,
       q[axis] = static_cast<std::int32_t>(unit.from_offset);
       if (use == ExactUse::kVerify) mark |= static_cast<std::uint8_t>((q[axis] & 1) << axis);
     }
-    found.samples[i] = {q[0] & ~1, q[1] & ~1, q[2] & ~1, intensity_of(points, row)};
+    found.samples[i] = {q[0] & ~1, q[1] & ~1, q[2] & ~1, intensity_of(points, row, signs)};
     found.marks[i] = mark;
   }
   find_slices(slices, found, slice_of);

@@ -26,6 +26,10 @@ inline bool is_no_return(const WatermarkSample& s) { return (s.x | s.y | s.z) ==
 /// The nearest multiple of 1 mm.
 std::int64_t nearest_unit(double metres);
 
+/// Whether the sign of a zero is a part of a sample. -0 equals 0, and conversions between formats
+/// change one into the other. Early records bound the sign: such a record is verified with kBound.
+enum class ZeroSigns : std::uint8_t { kIgnored, kBound };
+
 /// Makes the samples of points, with the bits cleared that embedding replaces, and their slices.
 /// @throws InputError  a point is off the grid and must not be rounded, or is too far away.
 void sample_for_embedding(const PointsView& points, const WatermarkOptions& options,
@@ -35,7 +39,8 @@ void sample_for_embedding(const PointsView& points, const WatermarkOptions& opti
 /// Makes the samples and marks of a received scan.
 void sample_for_verification(const PointsView& points, WatermarkEmbedding embedding,
                              std::uint32_t units_per_m, const SliceTable& slices,
-                             LatticeSamples& found, std::vector<std::uint16_t>& slice_of);
+                             LatticeSamples& found, std::vector<std::uint16_t>& slice_of,
+                             ZeroSigns signs = ZeroSigns::kIgnored);
 
 /// Float64 coordinates on a grid: whole units from an offset.
 struct ExactGrid {
@@ -51,7 +56,7 @@ enum class ExactUse : std::uint8_t { kEmbed, kRound, kVerify };
 ///                     too far from the offset.
 void sample_exact(const PointsView& points, const ExactGrid& grid, ExactUse use,
                   const SliceTable& slices, LatticeSamples& found,
-                  std::vector<std::uint16_t>& slice_of);
+                  std::vector<std::uint16_t>& slice_of, ZeroSigns signs = ZeroSigns::kIgnored);
 
 /// Writes the coordinates of all samples of LBM, with the bits in `marks`, the same in x, y and z.
 void write_exact(const LatticeSamples& found, const ExactGrid& grid, double* xyz);

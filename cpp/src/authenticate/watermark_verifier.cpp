@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <cstddef>
 #include <limits>
 #include <optional>
 #include <utility>
@@ -18,6 +20,20 @@ namespace manip3d {
 namespace {
 
 constexpr std::size_t kMaxSessions = 4096;  // sessions that a verifier remembers
+
+// Has the scan a zero with a sign, in its coordinates or intensities?
+bool has_negative_zero(const PointsView& points) {
+  const auto is_one = [](float value) { return value == 0.0F && std::signbit(value); };
+  const float* xyz = points.points.data();
+  if (std::any_of(xyz, xyz + 3 * points.num_points(), is_one)) return true;
+  if (!points.has_intensity()) return false;
+  const float* shine = points.intensity.data();
+  return std::any_of(shine, shine + points.num_points(), is_one);
+}
+
+std::ptrdiff_t num_changed(const WatermarkFinding& finding) {
+  return std::ranges::count(finding.tiles, WatermarkTile::kChanged);
+}
 
 }  // namespace
 
@@ -60,7 +76,8 @@ struct WatermarkVerifier::State {
   // Makes the record's frame the last one of the chain.
   void go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag);
   // Sorts the points into the tiles of the header, as `tiled`.
-  void arrange(const PointsView& points, ExactView exact, const WatermarkHeader& header);
+  void arrange(const PointsView& points, ExactView exact, const WatermarkHeader& header,
+               ZeroSigns signs);
   // Finds the tiles whose points are not those that were signed. Returns whether all points lie on
   // the lattice of the embedding.
   bool check_tiles(const WatermarkRecord& record, std::span<const WatermarkTag> tags,
@@ -69,7 +86,7 @@ struct WatermarkVerifier::State {
   bool check_bits(WatermarkEmbedding embedding, std::span<const WatermarkTag> tags,
                   WatermarkFinding& finding);
   void check_content(const PointsView& points, ExactView exact, std::span<const std::uint8_t> bytes,
-                     const WatermarkRecord& record, std::uint32_t num_dropped,
+                     const WatermarkRecord& record, std::uint32_t num_dropped, ZeroSigns signs,
                      WatermarkFinding& finding);
   [[nodiscard]] WatermarkTag state_tag(std::size_t number,
                                        std::span<const std::uint8_t> bytes) const;
@@ -190,7 +207,15 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
   if (std::string why = missing_part(record.header, picture.has_value(), is_exact); !why.empty()) {
     return unverifiable(why);
   }
-  s.check_content(points, exact, bytes, record, num_dropped, finding);
+  const WatermarkFinding opened = finding;
+  s.check_content(points, exact, bytes, record, num_dropped, ZeroSigns::kIgnored, finding);
+  if (finding.content != WatermarkContent::kIntact && has_negative_zero(points)) {
+    // An early record may have bound the signs of zeros. Then exactly the signed bits verify.
+    WatermarkFinding strict = opened;
+    s.check_content(points, exact, bytes, record, num_dropped, ZeroSigns::kBound, strict);
+    const bool is_intact = strict.content == WatermarkContent::kIntact;
+    if (is_intact || num_changed(strict) < num_changed(finding)) finding = std::move(strict);
+  }
   if (picture) {
     const WatermarkTag seen = tag_of_picture(s.keys.image(), *picture);
     finding.picture_changed = !equal_in_constant_time(seen, record.header.context);
@@ -205,15 +230,16 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
 }
 
 void WatermarkVerifier::State::arrange(const PointsView& points, ExactView exact,
-                                       const WatermarkHeader& header) {
+                                       const WatermarkHeader& header, ZeroSigns signs) {
   if (static_cast<int>(header.tile_of.size()) != slices.size()) {
     slices = SliceTable(static_cast<int>(header.tile_of.size()));
   }
   if (header.is_exact) {
     sample_exact(points, {exact, header.units_per_m, header.offset}, ExactUse::kVerify, slices,
-                 found, slice_of);
+                 found, slice_of, signs);
   } else {
-    sample_for_verification(points, header.embedding, header.units_per_m, slices, found, slice_of);
+    sample_for_verification(points, header.embedding, header.units_per_m, slices, found, slice_of,
+                            signs);
   }
   order.sort(found.samples, found.marks, slice_of, header.tile_of, header.num_tiles,
              order_of(header.embedding), tiled);
@@ -260,9 +286,10 @@ bool WatermarkVerifier::State::check_bits(WatermarkEmbedding embedding,
 void WatermarkVerifier::State::check_content(const PointsView& points, ExactView exact,
                                              std::span<const std::uint8_t> bytes,
                                              const WatermarkRecord& record,
-                                             std::uint32_t num_dropped, WatermarkFinding& finding) {
+                                             std::uint32_t num_dropped, ZeroSigns signs,
+                                             WatermarkFinding& finding) {
   const WatermarkHeader& header = record.header;
-  arrange(points, exact, header);
+  arrange(points, exact, header, signs);
   finding.tile_of_row.resize(slice_of.size());
   for (std::size_t i = 0; i < slice_of.size(); ++i) {
     finding.tile_of_row[i] = header.tile_of[slice_of[i]];

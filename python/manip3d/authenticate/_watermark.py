@@ -334,6 +334,7 @@ class Watermarker(Closing):
         (quantisation index modulation) stores bits in cells of z of 2.5 mm, which moves points by
         up to 1.875 mm. Both need coordinates on a grid: of 1 mm, as in KITTI's raw scans, or as
         ``units_per_m`` states. ``detached`` changes no point, and takes the points of any scanner.
+        In all of them -0 is the same number as 0.
     slices : int
         Number of equal azimuth slices of the full turn, 4 to 360. Each is a sector (`Tile`), or
         part of one.
@@ -851,8 +852,10 @@ def _result(found: Mapping[str, Any], frame: LidarFrame) -> WatermarkResult:
     )
 
 
-def _exact_hash(frame: LidarFrame) -> bytes | None:
+def _exact_hash(frame: LidarFrame, *, binds_signs: bool = False) -> bytes | None:
     """Return a hash of float64 coordinates and intensities that ignores the order of points.
+
+    -0 equals 0, unless ``binds_signs``, as in early records.
 
     A record stores it as the hash of recorded context. It is the hash of one row for each point:
     exact x, y, z, float32 x, y, z and intensity (0 without intensities), as little-endian float64.
@@ -862,7 +865,10 @@ def _exact_hash(frame: LidarFrame) -> bytes | None:
         return None
     shine = np.zeros(len(frame.exact)) if frame.intensity is None else frame.intensity
     columns = [frame.exact, frame.points.astype(np.float64), shine[:, None].astype(np.float64)]
-    bits = np.ascontiguousarray(np.hstack(columns), "<f8").view("<u8")
+    numbers = np.hstack(columns)
+    if not binds_signs:
+        numbers += 0.0  # makes 0 of -0, and changes no other number
+    bits = np.ascontiguousarray(numbers, "<f8").view("<u8")
     rows = np.ascontiguousarray(bits[np.lexsort(bits.T[::-1])])
     digest = hashlib.blake2b(b"m3d-float64", digest_size=32)
     digest.update(rows.data)
@@ -906,7 +912,9 @@ def _with_exact(
         return result
     elif not has_exact:
         reason = "the scan's coordinates need float64, of which the float32 part only was signed"
-    elif hmac.compare_digest(header["context"], exact):
+    elif hmac.compare_digest(header["context"], exact) or hmac.compare_digest(
+        header["context"], _exact_hash(frame, binds_signs=True) or b""
+    ):
         return result
     else:
         reason = "coordinates are not those that were signed, by less than float32 can tell"
