@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import InputError, LidarFrame, authenticate, capture, datasets
+from manip3d import InputError, LidarFrame, authenticate, capture, datasets, io
 from velodyne_packets import block, ethernet, packet, pcap, udp_frame
+from watermark_scans import grid_scan, key_file
 
 
 @pytest.fixture
@@ -46,6 +47,41 @@ def test_times_of_the_drive_are_those_of_scans_that_have_none(tmp_path: Path) ->
     (tmp_path / "velodyne_points" / "timestamps.txt").write_text("2011-09-26 13:02:25.0\n" * 2)
     assert len(list(opened)) == 2
     assert opened.times_ns[0] > 10**18
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".csv"])
+def test_names_without_leading_zeros_are_in_the_order_of_their_numbers(
+    tmp_path: Path, suffix: str
+) -> None:
+    """CARLA and many recorders name scans 0, 1, ... 10, 11: as texts, 10 would be before 2."""
+    folder = tmp_path / "velodyne_points" / "data"
+    folder.mkdir(parents=True)
+    for number in range(12):
+        rows = np.full((number + 1, 4), 1.0 + number, np.float32)
+        io.write_scan(LidarFrame(rows[:, :3], rows[:, 3]), folder / f"{number}{suffix}")
+    opened = capture.open_drive(tmp_path)
+    assert [scan.num_points for scan in opened if scan is not None] == list(range(1, 13))
+    assert opened.names == [f"{number}{suffix}" for number in range(12)]
+    assert opened.numbers == list(range(12))
+    if suffix == ".bin":
+        frames = datasets.open_kitti(tmp_path)
+        assert [frame.name for frame in frames] == [str(number) for number in range(12)]
+
+
+def test_a_signed_drive_of_names_without_leading_zeros_is_one_chain(tmp_path: Path) -> None:
+    folder = tmp_path / "drive" / "velodyne"
+    folder.mkdir(parents=True)
+    for number in range(12):
+        LidarFrame(grid_scan(300, number)).write(folder / f"{number}.bin")
+    with authenticate.KeyFile(key_file(tmp_path / "sensor.key")) as key:
+        marker = authenticate.Watermarker(key)
+        authenticate.embed_files(marker, tmp_path / "drive", tmp_path / "signed")
+        (tmp_path / "signed" / "velodyne" / "10.bin").unlink()
+        found = authenticate.verify_files(authenticate.Watermarker(key), tmp_path / "signed")
+    assert [Path(name).name for name, _ in found.frames] == [
+        f"{number}.bin" for number in range(12)
+    ]
+    assert [result.number for _, result in found.frames] == list(range(12))
 
 
 def test_records_go_along_with_the_scans(drive: Path) -> None:

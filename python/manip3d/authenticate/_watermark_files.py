@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import path_of
+from manip3d._util.paths import by_number, path_of
 from manip3d.authenticate._picture_files import carrier_bytes, picture_path
 from manip3d.authenticate._turns import MAX_APART_NS
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
@@ -415,7 +415,7 @@ def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
     Returns
     -------
     list of Path
-        Paths of the scans, sorted by name.
+        Paths of the scans, sorted by the numbers in their names: 2.bin is before 10.bin.
 
     Raises
     ------
@@ -448,8 +448,7 @@ def all_drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def _drive_scans(folder: str | os.PathLike[str], *, hidden: bool) -> list[Path]:
-    found = scan_paths(_scan_folder(folder), hidden=hidden)
-    scans = sorted(found, key=lambda path: path.name)
+    scans = list(scan_paths(_scan_folder(folder), hidden=hidden))
     if not scans:
         raise InputError(f"{os.fspath(folder)}: expected scans, found none")
     return scans
@@ -485,7 +484,8 @@ def drive_records_alone(folder: str | os.PathLike[str]) -> list[Path]:
     ['000005.bin.wm']
     """
     records = _scan_folder(folder).glob(f"*{RECORD_SUFFIX}")
-    return sorted(path for path in records if scan_of_record(path) is None)
+    alone = (path for path in records if scan_of_record(path) is None)
+    return sorted(alone, key=lambda path: by_number(path.name))
 
 
 def scans_to_read(folder: str | os.PathLike[str]) -> list[Path]:
@@ -499,8 +499,7 @@ def scans_to_read(folder: str | os.PathLike[str]) -> list[Path]:
     InputError
         As `drive_scans`.
     """
-    scans = sorted(readable_scans(_scan_folder(folder)), key=lambda path: path.name)
-    return scans or drive_scans(folder)
+    return readable_scans(_scan_folder(folder)) or drive_scans(folder)
 
 
 @checked

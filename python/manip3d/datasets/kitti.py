@@ -255,7 +255,7 @@ class KittiDrive:
     """A folder of scans in one of KITTI's layouts, as a sequence of `KittiFrame`; see `open_kitti`.
 
     ``len(drive)``, ``drive[3]``, ``drive[2:5]`` and loops work as for a tuple. Frames are in the
-    order of their file names. Their files are read only by the frame's methods.
+    order of the numbers in their file names. Their files are read only by the frame's methods.
 
     Attributes
     ----------
