@@ -327,6 +327,26 @@ def test_a_damaged_picture_speed_or_record_silences_no_alarm(drive: Path, tmp_pa
     assert "expected 640 x 160 pixels, as the calibration says, got 10 x 10" in cameras[1]["reason"]
 
 
+@pytest.mark.parametrize("line", ["", "9999-09-26 13:02:25.1", "soon"])
+def test_a_time_that_cannot_be_read_ends_no_verb(drive: Path, tmp_path: Path, line: str) -> None:
+    """Nobody signs the file, and one damaged line must not hide the drive."""
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    embedded(drive, key, signed)
+    times = signed / "velodyne_points" / "timestamps.txt"
+    first, _, last = times.read_text().splitlines()
+    times.write_text("\n".join([first, line, last]))
+    watched = run("alert", "run", str(signed), "--key", str(key), "--json")
+    assert watched.returncode == 0, watched.stderr
+    verdicts = [frame["verdict"] for frame in json.loads(watched.stdout)["frames"]]
+    assert verdicts == ["authentic"] * 3
+    inspected = run("inspect", str(signed), "--no-power", "--json")
+    assert inspected.returncode == 4, inspected.stderr
+    assert len(json.loads(inspected.stdout)["frames"]) == 3
+    for done in (watched, inspected):
+        told = f"timestamps.txt: line 2: expected a time, got {line!r}"
+        assert (told in done.stderr) == bool(line)
+
+
 @pytest.mark.parametrize("wrong", ["time", "speed"])
 def test_a_wrong_time_or_speed_hides_no_later_frame(
     drive: Path, tmp_path: Path, wrong: str

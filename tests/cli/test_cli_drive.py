@@ -387,8 +387,13 @@ def test_only_frames_a_turn_apart_are_neighbours(
     raw_times.write_text("".join(day.format(part) for part in ("300000000", "500000001", "6")))
     assert authenticate.drive_numbers(tmp_path / "raw") == [3, 5, 7]
     raw_times.write_text("yesterday\n")
-    with pytest.raises(manip3d.FormatError, match="expected a time, got 'yesterday'"):
-        authenticate.drive_numbers(tmp_path / "raw")
+    with pytest.warns(UserWarning, match="line 1: expected a time, got 'yesterday'"):
+        assert authenticate.drive_numbers(tmp_path / "raw") == [3, 4, 6]
+    # The gap in the times may be before or behind the scan of unknown time.
+    for last, expected in ((0.2, [3, 4, 6]), (0.3, [3, 5, 8])):
+        times.write_text(f"0\nsoon\n{last}\n")
+        with pytest.warns(UserWarning, match="line 2: expected a time, got 'soon'"):
+            assert authenticate.drive_numbers(tmp_path / "flat") == expected
 
 
 @pytest.mark.realdata

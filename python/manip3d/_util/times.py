@@ -10,16 +10,23 @@ SECOND_NS = 1_000_000_000  # nanoseconds per second
 def parse_time(text: str) -> int:
     """Return nanoseconds since 1970 of a time such as ``2011-09-26 13:02:44.317412775`` in UTC.
 
+    Instead of the space there may be a ``T``, as ISO 8601 has it.
+
     Raises
     ------
     ValueError
-        The text has another form.
+        The text has another form, or its nanoseconds do not fit 64 bits (years before 1678 and
+        after 2262).
     """
     whole, _, fraction = text.strip().partition(".")
     if fraction and not (fraction.isascii() and fraction.isdigit()):
         raise ValueError(f"expected digits after the point, got {fraction!r}")
-    moment = datetime.strptime(whole, "%Y-%m-%d %H:%M:%S").replace(tzinfo=UTC)
-    return int(moment.timestamp()) * SECOND_NS + int((fraction + "0" * 9)[:9])
+    form = "%Y-%m-%dT%H:%M:%S" if "T" in whole else "%Y-%m-%d %H:%M:%S"
+    moment = datetime.strptime(whole, form).replace(tzinfo=UTC)
+    time_ns = int(moment.timestamp()) * SECOND_NS + int((fraction + "0" * 9)[:9])
+    if not -(2**63) <= time_ns < 2**63:
+        raise ValueError(f"expected a year from 1678 to 2262, got {text.strip()!r}")
+    return time_ns
 
 
 def nanoseconds(seconds: float) -> int:

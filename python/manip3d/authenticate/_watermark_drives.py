@@ -302,7 +302,7 @@ class _Work:
 
 def _works_of(drive: Path, output: Path, pictures: Path | None) -> list[_Work]:
     scans = drive_scans(drive)
-    times = scan_times(drive, scans)
+    times = scan_times(drive, scans, strict=True)  # a signed time must not be that of the clock
     works = []
     for scan in scans:
         picture = None if pictures is None else _picture_of(scan, pictures)

@@ -30,6 +30,7 @@ MAX_RECORD_BYTES = 16384
 RECORD_SUFFIX = ".wm"
 
 _SAME_M = 1e-8  # metres: rounding of float64 on a national grid, and below any grid's step
+_TURN_NS = 100_000_000  # duration of a turn at 10 Hz
 _COMPRESSED = (".xz", ".gz")
 _EXACT = (".bin", ".pcd.bin", ".pcd", ".ply")
 
@@ -511,7 +512,8 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     Elsewhere (KITTI's object and stereo benchmarks) each scan shows another place, and the numbers
     are 0, 2, 4, ... If the drive has times (``timestamps.txt`` beside the scans, or ``times.txt``),
     a gap of more than 0.15 s, 1.5 turns at 10 Hz, also makes a gap in the numbers, whatever the
-    file names are, because somebody may have kept every second scan and renamed the files.
+    file names are, because somebody may have kept every second scan and renamed the files. The time
+    of a line that cannot be read is unknown, and a warning names the line.
 
     Parameters
     ----------
@@ -527,8 +529,6 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     ------
     InputError
         The folder has neither ``velodyne_points/data`` nor ``velodyne``, or no scans.
-    FormatError
-        A line of the file of times cannot be parsed.
 
     Examples
     --------
@@ -550,21 +550,25 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     if not is_sequence or not all(name.isdecimal() for name in names):
         return [2 * number for number in range(len(scans))]
     numbers = [int(name) for name in names]
-    times = _times_of(root, numbers)
-    num_gaps, numbers_with_gaps = 0, numbers[:1]
-    for k in range(1, len(numbers)):
-        if times and abs(times[k] - times[k - 1]) > MAX_APART_NS:
-            num_gaps += 1
-        numbers_with_gaps.append(numbers[k] + num_gaps)
-    return numbers_with_gaps
+    gaps = np.zeros(len(numbers), np.int64)  # gaps just before each scan
+    last = 0  # the last scan of known time
+    last_ns: int | None = None
+    for k, time_ns in enumerate(_times_of(root, numbers)):
+        if time_ns is None:
+            continue
+        most_ns = MAX_APART_NS + _TURN_NS * (k - last - 1)
+        if last_ns is not None and abs(time_ns - last_ns) > most_ns:
+            gaps[last + 1 : k + 1] = 1  # between scans of unknown time it may be anywhere
+        last, last_ns = k, time_ns
+    return [n + gap for n, gap in zip(numbers, np.cumsum(gaps).tolist(), strict=True)]
 
 
-def _times_of(drive: Path, numbers: Sequence[int]) -> list[int]:
-    """Time of each scan, nanoseconds; empty if times are unknown."""
+def _times_of(drive: Path, numbers: Sequence[int]) -> list[int | None]:
+    """Time of each scan, nanoseconds; None if it is unknown."""
     times = drive_times(drive)
     if all(number in times for number in numbers):
         return [times[number] for number in numbers]
-    return list(times.values()) if len(times) == len(numbers) else []
+    return list(times.values()) if len(times) == len(numbers) else [None] * len(numbers)
 
 
 @checked
