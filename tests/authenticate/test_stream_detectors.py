@@ -71,6 +71,43 @@ def test_a_cameras_own_silhouettes_leave_no_trace() -> None:
     assert found.regions == ()
 
 
+def upright(frame: RgbdFrame, turns: int = 1) -> RgbdFrame:
+    """The depth image of the camera turned by 90 degrees, as one mounted upright gives it."""
+    c = frame.calibration.depth
+    cx, cy = (c.cy, c.width - 1 - c.cx) if turns == 1 else (c.height - 1 - c.cy, c.cx)
+    camera = replace(c, width=c.height, height=c.width, fx=c.fy, fy=c.fx, cx=cx, cy=cy)
+    depth = np.ascontiguousarray(np.rot90(frame.depth, turns))
+    return RgbdFrame(depth, RgbdCalibration(camera), number=frame.number)
+
+
+def crossed(frame: RgbdFrame) -> RgbdFrame:
+    """With a table before the wall: soft in the direction of rows only, as structured light has it.
+
+    Above and below a table there is no shadow, so that it is sharp along columns.
+    """
+    depth = frame.depth.copy()
+    depth[100:160, 220:300] = np.where(depth[100:160, 220:300] > 0, 1800, 0)
+    depth[100:160, 214:220] = 0
+    depth[100:160, 300] = 2400
+    return replace(frame, depth=depth)
+
+
+@pytest.mark.parametrize("turns", [1, -1])
+def test_a_camera_that_is_mounted_upright_is_judged_along_its_columns(turns: int) -> None:
+    clean = authenticate.inspect_stream([upright(crossed(f), turns) for f in stream()])
+    assert (clean.verdict, clean.regions) == ("no_trace", ())
+    flat = authenticate.inspect_stream(stream(soft=False))
+    found = authenticate.inspect_stream([upright(f, turns) for f in stream(soft=False)])
+    assert (found.verdict, found.score) == ("tampered", pytest.approx(flat.score, abs=0.01))
+    expected = np.rot90(flat.masks, turns, axes=(1, 2))
+    assert (found.masks != expected).sum() < 0.01 * expected.sum()
+    for region, mask in zip(found.regions, found.masks, strict=True):
+        u, v, width, height = region.box
+        rows, columns = np.nonzero(mask)
+        assert (u, v) == (columns.min(), rows.min())
+        assert (u + width - 1, v + height - 1) == (columns.max(), rows.max())
+
+
 @pytest.mark.parametrize("soft", [True, False])
 def test_pixels_of_65535_count_as_missing(soft: bool) -> None:
     """Many cameras mark missing pixels so. A border of them would be a sharp silhouette."""

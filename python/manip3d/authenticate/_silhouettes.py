@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +11,8 @@ import numpy as np
 from manip3d import _core
 from manip3d.authenticate._stream_frames import following
 from manip3d.authenticate._stream_verdict import StreamRegion, StreamReport, box_of
-from manip3d.rgbd import RgbdFrame
+from manip3d.camera import Intrinsics
+from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -59,7 +60,36 @@ def judge_silhouettes(
     """Judge whether foreground objects were cut out of other recordings, and where they are.
 
     Returned are the report, the regions of cut-out objects, and a mask of them for each frame.
+
+    Structured light and stereo leave their shadows along the rows of the sensor. Images higher than
+    wide are of a camera that was mounted upright, so that they are judged along their columns.
     """
+    height, width = frames[0].depth.shape
+    if height <= width:
+        return _judged_along_rows(frames)
+    report, regions, masks = _judged_along_rows([_turned(frame) for frame in frames])
+    turned = tuple(replace(each, box=_turned_box(each.box)) for each in regions)
+    return report, turned, np.ascontiguousarray(masks.transpose(0, 2, 1))
+
+
+def _turned(frame: RgbdFrame) -> RgbdFrame:
+    """The depth image with rows and columns exchanged."""
+    camera = frame.calibration.depth
+    turned = Intrinsics(
+        camera.height, camera.width, abs(camera.fy), camera.fx, camera.cy, camera.cx
+    )
+    depth = np.ascontiguousarray(frame.depth.T)
+    return RgbdFrame(depth, RgbdCalibration(turned), time_ns=frame.time_ns, number=frame.number)
+
+
+def _turned_box(box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
+    u, v, width, height = box
+    return v, u, height, width
+
+
+def _judged_along_rows(
+    frames: Sequence[RgbdFrame],
+) -> tuple[StreamReport, tuple[StreamRegion, ...], Mask]:
     found = [_cut_out(frame) for frame in frames]
     best = [max((object_.share for object_ in objects), default=None) for objects in found]
     told = [share for share in best if share is not None]

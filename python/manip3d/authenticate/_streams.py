@@ -150,7 +150,8 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     light leaves a shadow without measurements on one side, and time of flight mixes the light of
     both surfaces. A person whose silhouette is sharp on both sides, from one pixel to the next, was
     cut out. The five successive judged frames with the sharpest silhouettes decide, since only a
-    part of a stream may be forged. ``noise``: the published inter-frame noise, without a verdict.
+    part of a stream may be forged. Images higher than wide are of a camera that was mounted
+    upright, and are judged along their columns. ``noise``: the published inter-frame noise, without a verdict.
 
     Rendered images (without noise or speckles), images without silhouettes and streams of few
     frames are ``undecidable``. Images of unusual size, rounded, resampled or lossily coded images,
