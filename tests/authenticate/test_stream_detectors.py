@@ -572,6 +572,42 @@ def test_a_running_background_is_found_on_the_turning_person(realdata: RealData)
     assert np.median(overlap) > 0.5
 
 
+def in_order(places: list[int]) -> list[RgbdFrame]:
+    """A clean stream whose frames are shown in this order, numbered anew."""
+    frames = stream(max(places) + 1)
+    return [replace(frames[place], number=number) for number, place in enumerate(places)]
+
+
+@pytest.mark.parametrize(
+    ("places", "reason"),
+    [
+        ([*range(6), *[5] * 34], "frames 5 to 39 are the same"),
+        ([*range(4), *[4] * 6, *range(5, 12)], "frames 4 to 9 are the same"),
+        ([*range(4)] * 5, "16 frames come again after others, frame 0 as frame 4 first"),
+        ([*range(8), *range(8)[::-1]], "7 frames come again after others, frame 6 as frame 9"),
+    ],
+)
+def test_frozen_and_looped_recordings_are_processed(places: list[int], reason: str) -> None:
+    found = authenticate.inspect_stream(in_order(places))
+    assert found.verdict == "processed"
+    assert reason in found.reason
+
+
+@pytest.mark.parametrize("times", [2, 6])
+def test_frames_of_a_raised_rate_are_a_remark(times: int) -> None:
+    found = authenticate.inspect_stream(in_order([n // times for n in range(10 * times)]))
+    assert found.verdict == "no_trace"
+    repetition = next(each for each in found.detectors if each.name == "repetition")
+    same = 10 * (times - 1)
+    assert f"{same} of {10 * times} frames are the same as the frame before" in repetition.reason
+
+
+def test_frames_that_were_shown_again_hide_nobody_who_was_cut_out() -> None:
+    frames = stream(soft=False)
+    frozen = [*frames, *(replace(frames[-1], number=number) for number in range(12, 30))]
+    assert authenticate.inspect_stream(frozen).verdict == "tampered"
+
+
 @pytest.mark.parametrize("blank", [0, 5])
 def test_a_blank_frame_hides_no_repetition(blank: int) -> None:
     first = sensed(0).depth

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 
 _REGION = 32  # pixels
 _MIN_VALID = 200  # measured pixels of a region that is judged
+_MIN_MEASURED = 0.01  # share of the pixels; frames with fewer are empty, and alike by nature
+_LONG_RUN = 5  # frames; a camera that skips one or two is no evidence
+_MIN_AGAIN = 3  # frames; of measured depths not even one would come again by chance
 _MIN_REGIONS = 4  # of 1024 pixels, that are judged, and that never change
 
 
@@ -46,11 +50,49 @@ def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
     if frozen.sum() >= _MIN_REGIONS and share >= 0.05 and moving == 0:
         return StreamReport("repetition", "processed", "all frames are the same", share), nothing
     if frozen.sum() < _MIN_REGIONS or share < 0.05:
-        return StreamReport("repetition", "no_trace", "depth changes everywhere", share), nothing
+        return _repeated_frames(frames, share), nothing
     # No evidence of an edit by itself: codecs and temporal filters repeat depths that hardly
     # change.
     reason = f"{share:.0%} of the image never changes in {len(pairs)} pairs of frames"
     return StreamReport("repetition", "processed", reason, share), _unfrozen(frames)
+
+
+def _repeated_frames(frames: Sequence[RgbdFrame], share: float) -> StreamReport:
+    """Report on frames that are the same as others to the bit, while depth changes everywhere.
+
+    A rate that was raised shows each frame equally often. Longer runs, and frames that come again
+    after others, are a frozen or looped recording.
+    """
+    whole = [frame for frame in frames if np.mean(frame.depth > 0) >= _MIN_MEASURED]
+    first_of: dict[bytes, int] = {}
+    firsts = [first_of.setdefault(_hash_of(frame), place) for place, frame in enumerate(whole)]
+    begins = [k for k in range(len(firsts)) if k == 0 or firsts[k] != firsts[k - 1]]
+    lengths = np.diff([*begins, len(firsts)])
+    usual = float(np.median(lengths)) if len(lengths) else 1.0
+    again = [begin for begin in begins if firsts[begin] < begin]
+    told = []
+    for begin, length in zip(begins, lengths, strict=True):
+        if length >= _LONG_RUN and length > 2.0 * usual:
+            last = whole[begin + length - 1].number
+            told.append(f"frames {whole[begin].number} to {last} are the same")
+    if len(again) >= _MIN_AGAIN:
+        one, other = whole[firsts[again[0]]].number, whole[again[0]].number
+        told.append(
+            f"{len(again)} frames come again after others, frame {one} as frame {other} first"
+        )
+    if told:
+        more = f"; {len(told) - 3} more runs of the same frames" if len(told) > 3 else ""
+        reason = "; ".join(told[:3]) + more
+        return StreamReport("repetition", "processed", reason, share)
+    num_same = len(firsts) - len(begins)
+    reason = "depth changes everywhere"
+    if num_same:
+        reason += f", but {num_same} of {len(firsts)} frames are the same as the frame before"
+    return StreamReport("repetition", "no_trace", reason, share)
+
+
+def _hash_of(frame: RgbdFrame) -> bytes:
+    return hashlib.blake2b(np.ascontiguousarray(frame.depth).data, digest_size=16).digest()
 
 
 def _by_region(mask: Mask) -> NDArray[np.int64]:

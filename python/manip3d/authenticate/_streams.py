@@ -151,7 +151,12 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     both surfaces. A person whose silhouette is sharp on both sides, from one pixel to the next, was
     cut out. The five successive judged frames with the sharpest silhouettes decide, since only a
     part of a stream may be forged. Images higher than wide are of a camera that was mounted
-    upright, and are judged along their columns. ``noise``: the published inter-frame noise, without a verdict.
+    upright, and are judged along their columns. ``noise``: the published inter-frame noise, without
+    a verdict.
+
+    Whole frames that are the same for long, or come again after others, make a stream
+    ``processed``: it was frozen or looped. Frames that are all shown equally often, as after a
+    change of the rate, are only stated in the reason of ``repetition``.
 
     Rendered images (without noise or speckles), images without silhouettes and streams of few
     frames are ``undecidable``. Images of unusual size, rounded, resampled or lossily coded images,
