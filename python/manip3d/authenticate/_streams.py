@@ -163,12 +163,13 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     and images of which a part repeats exactly behind a camera's own silhouettes, are ``processed``,
     because codecs and temporal filters cause that as well. Images are also ``processed`` if
     silhouettes are sharp because missing pixels beside them keep the depth of the previous frame,
-    as RealSense's temporal filter does with a moving camera, or if no wide gap is left in the
-    image, because large holes were filled. For time-of-flight cameras, which are recognised by the
-    size of their images, missing wide gaps are no evidence. If silhouettes have neither a step nor
-    a gap on either side, as blended silhouettes and those of time of flight, streams of other
-    cameras are ``undecidable``; a person who was blended into a time-of-flight stream leaves no
-    trace. No verdict says that a stream is authentic.
+    as RealSense's temporal filter does with a moving camera, if no wide gap is left in the image,
+    because large holes were filled, or if holes were filled a few pixels deep: depths beside what
+    is left of them are copies, or no missing pixel stands alone. For time-of-flight cameras, which
+    are recognised by the size of their images, missing wide gaps are no evidence. If silhouettes
+    have neither a step nor a gap on either side, as blended silhouettes and those of time of
+    flight, streams of other cameras are ``undecidable``; a person who was blended into a time-of-
+    flight stream leaves no trace. No verdict says that a stream is authentic.
 
     An image that was cropped to the size of another camera is recognised if the field of view of
     its calibration is below 50 degrees. An image that was made smaller by leaving pixels out, with
