@@ -17,7 +17,7 @@ import pytest
 
 import manip3d
 import rgbd_frames
-from manip3d import FormatError, LidarFrame, authenticate, capture, io
+from manip3d import FormatError, InputError, LidarFrame, authenticate, batch, capture, io
 from manip3d._util.json import unsealed
 
 # A mistake would wait for a writer, or read for ever: each case runs in a process of its own.
@@ -249,3 +249,16 @@ def test_pointers_of_git_lfs_are_named(tmp_path: Path, name: str) -> None:
         with pytest.raises(FormatError, match="git lfs pull") as caught:
             read(file)
         assert caught.value.file == str(file)
+
+
+def test_pipes_in_folders_are_left_out_of_batches(tmp_path: Path) -> None:
+    """A reader would wait for ever. A link that leads nowhere is a row with an error, as before."""
+    io.write_mesh(manip3d.Mesh(np.eye(3), np.array([[0, 1, 2]])), tmp_path / "a.obj")
+    os.mkfifo(tmp_path / "pipe.obj")
+    (tmp_path / "gone.obj").symlink_to(tmp_path / "nowhere.obj")
+    for source in (tmp_path, tmp_path / "*.obj"):
+        names = [Path(file.name).name for file in batch.find_files(source, suffixes=[".obj"])]
+        assert names == ["a.obj", "gone.obj"]
+    os.mkfifo(tmp_path / "pipe.pcap")
+    with pytest.raises(InputError, match="expected drives in KITTI's layout, found none"):
+        batch.find_drives(tmp_path, suffixes=[".pcap"])

@@ -127,7 +127,7 @@ def find_files(
     ----------
     sources : path, URL or sequence of them
         Files, folders (all files below them but hidden ones), and patterns (``*``, ``?``,
-        ``[...]``, ``**``).
+        ``[...]``, ``**``). Pipes, sockets and devices in folders are left out.
     suffixes : sequence of str, optional
         Suffixes of the files that are taken from a folder, alone or followed by ``.gz`` or ``.xz``.
         Files that are named, or that a pattern matches, are taken in any case.
@@ -259,7 +259,8 @@ def _below(folder: Path, suffixes: Sequence[str] | None) -> Iterator[Path]:
             folders.clear()
             yield Path(top)
         elif suffixes is not None:
-            yield from (Path(top) / name for name in names if _is_wanted(name, suffixes))
+            files = (Path(top) / name for name in names if _is_wanted(name, suffixes))
+            yield from (file for file in files if not _may_be_endless(file))
 
 
 def _walk(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
@@ -273,10 +274,12 @@ def _local(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
     path = Path(source)
     if is_pattern(source):
         matched = [Path(p) for p in glob.glob(source, recursive=True)]
-        files, root = [p for p in matched if not p.is_dir()], _fixed_part(source)
+        files = [p for p in matched if not p.is_dir() and not _may_be_endless(p)]
+        root = _fixed_part(source)
     elif path.is_dir():
         walked = (Path(top) / name for top, _, names in _walk(path) for name in names)
-        files, root = [p for p in walked if _is_wanted(p.name, suffixes)], str(path)
+        files = [p for p in walked if _is_wanted(p.name, suffixes) and not _may_be_endless(p)]
+        root = str(path)
     else:
         path.stat()  # a missing file is an OSError that names it
         files, root = [path], str(path.parent)
@@ -314,6 +317,14 @@ def _remote(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]
 
 def _is_below_hidden(name: str, root: str) -> bool:
     return any(map(is_hidden, PurePosixPath(str(name)).relative_to(root).parts))
+
+
+def _may_be_endless(path: Path) -> bool:
+    """Return whether it is a pipe, a socket or a device, for which a reader may wait for ever.
+
+    A file that is gone, such as a dangling link, is none: its row has an error.
+    """
+    return path.exists() and not path.is_file()
 
 
 def _is_wanted(name: str, suffixes: Sequence[str] | None) -> bool:
