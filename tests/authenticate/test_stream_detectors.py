@@ -493,6 +493,37 @@ def test_processed_images_are_not_accused(change: Any, request: pytest.FixtureRe
         assert found.reason.endswith("or made sharp by this processing")
 
 
+SIZES = {
+    "RealSense L515": (1024, 768),
+    "ARKit": (256, 192),
+    "RealSense D400": (256, 144),
+    "ZED": (672, 376),
+    "ZED, 2K": (2208, 1242),
+    "PMD": (224, 172),
+    "Azure Kinect, in the colour image": (2560, 1440),
+    "ARKit, upsampled": (1920, 1440),
+}
+
+
+@pytest.mark.parametrize("camera", SIZES)
+@pytest.mark.parametrize("is_upright", [False, True])
+def test_sizes_of_common_cameras_are_not_cropped(camera: str, is_upright: bool) -> None:
+    width, height = SIZES[camera][::-1] if is_upright else SIZES[camera]
+    depth = np.random.default_rng(1).integers(1500, 1600, (height, width), dtype=np.uint16)
+    focal = 0.8 * max(width, height)
+    intrinsics = Intrinsics(width, height, focal, focal, width / 2, height / 2)
+    found = authenticate.inspect_stream([RgbdFrame(depth, RgbdCalibration(intrinsics))])
+    assert found.processing == ()
+
+
+def test_an_unknown_size_is_said_to_be_perhaps_that_of_an_unknown_camera() -> None:
+    camera = Intrinsics(300, 200, 240.0, 240.0, 150.0, 100.0)
+    frame = RgbdFrame(sensed(0).depth[:200, :300].copy(), RgbdCalibration(camera))
+    found = authenticate.inspect_stream([frame])
+    assert found.verdict == "processed"
+    assert "size of no known camera: perhaps an unknown one" in found.reason
+
+
 def test_images_cut_to_the_size_of_another_camera_are_told_by_their_field_of_view() -> None:
     def cut(fx: float, *, turned: bool = False) -> list[RgbdFrame]:
         camera = Intrinsics(320, 240, fx, fx, 159.5, 119.5)

@@ -46,9 +46,13 @@ _MIN_WIDE = 0.2  # least share of wide rows; with fewer the object is narrow
 # depth step as a share of the depth, at which a camera's shadow is several pixels wide
 _RELIEF = 0.25
 
-_TIME_OF_FLIGHT = {(512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024)}
-"""Image sizes of the Kinect V2 and the Azure Kinect, which mix depths at silhouettes. Filling gaps
-beside such silhouettes does not make them sharp."""
+_TIME_OF_FLIGHT = {
+    (512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024), (1024, 768), (256, 192),
+    (224, 172),
+}  # fmt: skip
+"""Image sizes of the Kinect V2, the Azure Kinect, the RealSense L515, Apple's LiDAR (ARKit) and
+PMD's cameras, which mix depths at silhouettes. Filling gaps beside such silhouettes does not make
+them sharp."""
 
 _WIDE_GAP = 0.02  # share of the longer side: 12 of 640 pixels
 _MIN_WIDE_GAPS = 0.02  # share of the gaps; at least 0.11 for cameras, almost 0 in filled images

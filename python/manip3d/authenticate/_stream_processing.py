@@ -32,6 +32,8 @@ _SIZES = {
     (160, 120), (320, 240), (640, 480), (512, 424), (1280, 720), (848, 480), (640, 360),
     (480, 270), (424, 240), (1280, 800), (640, 400), (640, 576), (320, 288), (512, 512),
     (1024, 1024), (1280, 1024), (1280, 960), (1920, 1080), (2048, 1536), (3840, 2160),
+    (1024, 768), (256, 192), (256, 144), (672, 376), (2208, 1242), (224, 172), (2560, 1440),
+    (1920, 1440),
 }  # fmt: skip
 
 
@@ -40,7 +42,9 @@ def processing_of(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
     found = []
     height, width = frames[0].depth.shape
     if (width, height) not in _SIZES and (height, width) not in _SIZES:
-        detail = f"no camera is known to give {width} x {height} pixels"
+        detail = (
+            f"{width} x {height} pixels are the size of no known camera: perhaps an unknown one"
+        )
         found.append(Processing("cropped", detail))
     camera = frames[0].calibration.depth
     off = max(abs(camera.cx / width - 0.5), abs(camera.cy / height - 0.5))

@@ -183,7 +183,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     >>> still = RgbdFrame(np.full((64, 64), 2000, np.uint16), camera)
     >>> found = authenticate.inspect_stream([still] * 3)
     >>> found.verdict, found.reason
-    ('processed', 'cropped: no camera is known to give 64 x 64 pixels')
+    ('processed', 'cropped: 64 x 64 pixels are the size of no known camera: perhaps an unknown one')
     """
     some, has_more = frames_to_judge(frames)
     if not some:
