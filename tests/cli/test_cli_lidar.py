@@ -292,6 +292,21 @@ def test_edits_are_planted_with_power_only(scan: Path) -> None:
         assert "--plant: can only be given with --power" in str(done.exception)
 
 
+@pytest.mark.parametrize("option", ["--previous", "--following"])
+def test_a_wrong_neighbour_is_named_by_its_option(scan: Path, option: str) -> None:
+    refused = run("inspect", scan, option, "neighbour")
+    assert refused.exit_code == 1
+    assert f"{option}: expected a point file" in str(refused.exception)
+
+
+def test_what_is_not_there_is_named_as_such(tmp_path: Path) -> None:
+    absent = run("lattice", tmp_path / "nothing", "-o", tmp_path / "lattice.json")
+    assert absent.exit_code == 1
+    assert isinstance(absent.exception, FileNotFoundError)
+    unknown = run("data", "get", "nosuch")
+    assert "got 'nosuch' ('manip3d data list' lists all)" in str(unknown.exception)
+
+
 def test_unknown_exit_codes_are_no_success() -> None:
     for codes, gravest in (((0, 0), 0), ((0, 5), 5), ((4, 3, 9), 3), ((2, 4), 4), ((), 0)):
         assert _gravest([{"exit_code": code} for code in codes]) == gravest

@@ -742,8 +742,8 @@ def _check_exact(frame: LidarFrame, embedding: str) -> None:
     """Raise an InputError if the embedding cannot move the float64 coordinates of a scan."""
     if embedding != "lbm":
         raise InputError(
-            "scan: its coordinates need float64, whose z has no cells; expected embedding "
-            "'lbm' or 'detached', or a scan without `exact`"
+            "embedding: expected 'lbm' or 'detached' for coordinates that need float64 (those of "
+            f"LAS, or of a map), got {embedding!r}"
         )
     if not _matches_exact(frame):
         raise InputError("scan: expected points that are its exact coordinates in float32")

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
     from manip3d.authenticate import DriveInspection, Inspection, KeyRing, StreamInspection
     from manip3d.batch import SourceFile
+    from manip3d.lidar import LidarFrame
 
 EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": MISSED}
 """Exit code of each verdict."""
@@ -346,14 +347,18 @@ def inspect(
     check_output(rows, (".csv",), force=force, option="--rows")
     frame = read_scan(source)
     shell.say(f"read {source}: {counted(frame.num_points, 'point')}")
+    beside = {
+        name: None if path is None else _scan_beside(name, path)
+        for name, path in (("previous", previous), ("following", following))
+    }
     named = naming_options("sensor", "origin")
     with shell.progress("inspect") as progress, _keys_of(key) as secret, named:
         found = authenticate.inspect(
             frame,
             watermark=_record_of(source, watermark, key),
             key=secret,
-            previous=None if previous is None else read_scan(previous),
-            following=None if following is None else read_scan(following),
+            previous=beside["previous"],
+            following=beside["following"],
             lattice=known,
             sensor=sensor,
             origin=origin,
@@ -365,6 +370,13 @@ def inspect(
         )
     _hand_out(found, source, shell, output=output, rows=rows, log=log)
     raise typer.Exit(codes[found.verdict])
+
+
+def _scan_beside(name: str, path: Path) -> LidarFrame:
+    from manip3d.io import read_scan
+
+    with naming_options(path=name):
+        return read_scan(path)
 
 
 def _keep_freed_memory() -> None:

@@ -161,8 +161,9 @@ def get(name: str) -> DataSet:
     if name.casefold() in known:
         return known[name.casefold()]
     similar = difflib.get_close_matches(name.casefold(), known, cutoff=0.5)
-    hint = ", ".join(known[key].name for key in similar) or "'manip3d data list' lists them"
-    raise InputError(f"data set: expected a known name, got {name!r} (similar: {hint})")
+    names = ", ".join(known[key].name for key in similar)
+    hint = f"similar: {names}" if names else "'manip3d data list' lists all"
+    raise InputError(f"data set: expected a known name, got {name!r} ({hint})")
 
 
 def cache_folder() -> Path:
