@@ -493,7 +493,9 @@ distortion_coefficients: !!opencv-matrix { rows: 1, cols: 5, dt: d, data: [ .1, 
 
 def read_drive(folder: Path, _: str) -> None:
     root = next(p for p in (*folder.rglob("*_sync"), folder / "x") if p.is_dir())
-    drive = datasets.open_kitti(root)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # lines that are no times
+        drive = datasets.open_kitti(root)
     for frame in drive:
         frame.scan()
         frame.boxes()
