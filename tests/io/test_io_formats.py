@@ -265,6 +265,25 @@ def test_mtl_options_of_textures_name_file_and_line(tmp_path: Path) -> None:
     assert warning == "m.mtl: line 2: texture option -clamp is not supported and was left out"
 
 
+@pytest.mark.parametrize(
+    ("line", "path", "option"),
+    [
+        ('map_Kd "a b.png"', "a b.png", None),
+        ("map_Kd -s 1 1.0 1.000 -o 0 0 0 -t 0 -mm 0 1 -clamp off a.png", "a.png", None),
+        ("map_Kd -s 1 1 1 -o 0.5 0 0 a.png", "a.png", "-o"),
+        ("map_Kd -s 1 2 a.png", "a.png", "-s"),
+        ("map_Kd -bm 0.3 a.png", "a.png", None),
+    ],
+)
+def test_mtl_options_that_change_nothing_are_no_loss(
+    tmp_path: Path, line: str, path: str, option: str | None
+) -> None:
+    (tmp_path / path).write_bytes(b"")
+    seen = with_mtl(tmp_path, f"newmtl a\n{line}\n")
+    assert seen.mesh.materials[0].textures["base_color"].path == path
+    assert [f"texture option {option} " in each for each in seen.warnings] == [True] * bool(option)
+
+
 def test_missing_library_is_a_warning(tmp_path: Path) -> None:
     (tmp_path / "m.obj").write_text("mtllib none.mtl\nusemtl a\n" + SQUARE + "f 1 2 3")
     report = io.read_report(tmp_path / "m.obj")

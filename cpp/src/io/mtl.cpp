@@ -1,7 +1,9 @@
 #include "manip3d/io/mtl.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
+#include <charconv>
 #include <cstdint>
 #include <functional>
 #include <iterator>
@@ -20,18 +22,27 @@
 namespace manip3d {
 namespace {
 
-// Options of a map with the least and the largest number of their arguments.
+// Options of a map with the least and the largest number of their arguments, and the arguments that
+// leave the picture as it is; empty: any do.
 struct MapOption {
   std::string_view name;
   int least, most;
-  bool changes_picture;
+  std::array<std::string_view, 3> neutral;
 };
 constexpr MapOption kMapOptions[] = {
-    {"-blendu", 1, 1, false}, {"-blendv", 1, 1, false}, {"-boost", 1, 1, false},
-    {"-bm", 1, 1, false},     {"-cc", 1, 1, false},     {"-clamp", 1, 1, true},
-    {"-imfchan", 1, 1, true}, {"-mm", 2, 2, true},      {"-o", 1, 3, true},
-    {"-s", 1, 3, true},       {"-t", 1, 3, true},       {"-texres", 1, 1, false},
-    {"-type", 1, 1, false},
+    {"-blendu", 1, 1, {}},
+    {"-blendv", 1, 1, {}},
+    {"-boost", 1, 1, {}},
+    {"-bm", 1, 1, {}},
+    {"-cc", 1, 1, {}},
+    {"-clamp", 1, 1, {"off"}},
+    {"-imfchan", 1, 1, {"rgb"}},
+    {"-mm", 2, 2, {"0", "1"}},
+    {"-o", 1, 3, {"0", "0", "0"}},
+    {"-s", 1, 3, {"1", "1", "1"}},
+    {"-t", 1, 3, {"0", "0", "0"}},
+    {"-texres", 1, 1, {}},
+    {"-type", 1, 1, {}},
 };
 
 bool looks_like_number(std::string_view word) {
@@ -42,8 +53,18 @@ bool looks_like_number(std::string_view word) {
   });
 }
 
-// Reads the file name after the options of a map; names may contain blanks. `warn_of` is called for
-// the options that change the picture.
+// Whether two words are equal, or stand for equal numbers: 1, 1.0 and 1.000000.
+bool is_equal(std::string_view a, std::string_view b) {
+  if (a == b) return true;
+  double x = 0.0, y = 0.0;
+  const auto [end_a, error_a] = std::from_chars(a.data(), a.data() + a.size(), x);
+  const auto [end_b, error_b] = std::from_chars(b.data(), b.data() + b.size(), y);
+  return error_a == std::errc() && error_b == std::errc() && end_a == a.data() + a.size() &&
+         end_b == b.data() + b.size() && x == y;
+}
+
+// Reads the file name after the options of a map; names may contain blanks, and some exporters
+// quote them. `warn_of` is called for the options that change the picture.
 template <typename WarnOf>
 std::string map_path(LineCursor& cursor, const char* what, const WarnOf& warn_of) {
   while (true) {
@@ -55,7 +76,8 @@ std::string map_path(LineCursor& cursor, const char* what, const WarnOf& warn_of
       cursor.move_to(before);
       break;
     }
-    if (option->changes_picture) warn_of(word);
+    const bool may_change = !option->neutral[0].empty();
+    bool changes_picture = false;
     for (int i = 0; i < option->most; ++i) {
       before = cursor.position();
       const std::string_view argument = cursor.word();
@@ -63,9 +85,14 @@ std::string map_path(LineCursor& cursor, const char* what, const WarnOf& warn_of
         cursor.move_to(before);
         break;
       }
+      changes_picture |= may_change && !is_equal(argument, option->neutral[i]);
     }
+    if (changes_picture) warn_of(word);
   }
   std::string path(cursor.rest());
+  if (path.size() > 2 && path.front() == '"' && path.back() == '"') {
+    path = path.substr(1, path.size() - 2);
+  }
   if (path.empty()) cursor.fail(what, "a file name");
   std::replace(path.begin(), path.end(), '\\', '/');
   return path;
