@@ -281,6 +281,24 @@ def test_a_sequence_of_clouds_stays_still(tmp_path: Path) -> None:
     assert np.mean(kept) > 0.8  # each cloud alone keeps a fifth
 
 
+def test_a_sequence_within_a_bandwidth_stays_still(tmp_path: Path) -> None:
+    """A search for the number of points that starts anew would change the vertices each time."""
+    allowance = 9000
+    options = simplify.DepthOptions(bandwidth=30.0 * allowance, rate=30.0)
+    sequence = simplify.DepthSequence(options)
+    noise = np.random.default_rng(3)
+    places = []
+    for number in range(10):
+        depth = scene() + noise.normal(0.0, 0.002, (ROWS, COLS)).astype(np.float32)
+        cloud = write_pcd(tmp_path / f"{number}.pcd", points_of(depth))
+        sequence.simplify_file(cloud, tmp_path / f"{number}.ply")
+        assert 0.7 * allowance <= (tmp_path / f"{number}.ply").stat().st_size <= allowance
+        vertices = io.read_mesh(tmp_path / f"{number}.ply").vertices
+        places.append({(round(x / z, 3), round(y / z, 3)) for x, y, z in vertices})
+    kept = [len(a & b) / len(b) for a, b in itertools.pairwise(places[4:])]
+    assert np.mean(kept) > 0.85
+
+
 def test_a_sequence_takes_no_cloud_of_another_frame(tmp_path: Path) -> None:
     mirrored = points_of(scene())[:, ::-1]
     cloud = write_pcd(tmp_path / "mirrored.pcd", mirrored)

@@ -455,8 +455,8 @@ def depth(
         str,
         typer.Option(
             help="Grey image or .npy of the same size: weight of each pixel's error, as levels "
-            "or 0 to 1; a pixel with weight 0 does not shape the surface but is still covered "
-            "(--method relief). A file or a folder, as --mask."
+            "or 0 to 1; a pixel with weight 0 does not shape the surface, and may not count as "
+            "covered (--method relief). A file or a folder, as --mask."
         ),
     ] = "",
     confidence_max: Annotated[

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -552,15 +552,28 @@ def _y_points_up(camera: Intrinsics) -> bool:
     return bool(np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0))
 
 
-_Take = Callable[
-    ["NDArray[Any]", Intrinsics, DepthOptions, Maps], Callable[[int], DepthSimplification]
-]
-"""Prepares an image, and returns a function that simplifies it to a number of points."""
+@dataclass
+class LastFile:
+    """Points and bytes of the file before in a sequence, from which the next search starts."""
+
+    points: int = 0  # 0: there is none
+    num_bytes: int = 0
+
+
+class Taken(NamedTuple):
+    """An image that is prepared: what simplifies it to a number of points, and the file before."""
+
+    simplify: Callable[[int], DepthSimplification]
+    last: LastFile | None = None  # None: the image is on its own
+
+
+_Take = Callable[["NDArray[Any]", Intrinsics, DepthOptions, Maps], Taken]
+"""Prepares an image."""
 
 
 def frame_alone(
     depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: Maps
-) -> Callable[[int], DepthSimplification]:
+) -> Taken:
     """Prepare an image on its own, without regard to previous frames (a `_Take`)."""
 
     def uncut(points: int) -> DepthSimplification:
@@ -568,7 +581,7 @@ def frame_alone(
             depth, camera, options, points, maps.color, maps.registration, maps.confidence
         )
 
-    return uncut
+    return Taken(uncut)
 
 
 def from_image(
@@ -604,7 +617,7 @@ def from_depth(
     measured = Measured.of(depth > 0, is_masked=maps.mask is not None)
     options = options.for_pixels(measured.pixels)
     started = time.perf_counter()
-    uncut_of = take(depth, camera, options, maps)
+    uncut_of, last = take(depth, camera, options, maps)
     preparation = time.perf_counter() - started
 
     def make(points: int) -> _Made:
@@ -629,7 +642,9 @@ def from_depth(
         cut = max(0, uncut.num_faces - found.num_faces)
         return _Made(found, mesh, cut, seconds, faces_left=left, left_area=left_area)
 
-    made = _write(make, path, output, options, measured, has_steps=options.depth_step > 0)
+    made = _write(
+        make, path, output, options, measured, has_steps=options.depth_step > 0, last=last
+    )
     made = replace(made, seconds=made.seconds + preparation)
     return _result(path, output, options, made, measured, depth=words, unit=unit)
 
@@ -679,10 +694,13 @@ def _write(
     measured: Measured,
     *,
     has_steps: bool,
+    last: LastFile | None = None,
 ) -> _Made:
     """Simplify to the requested points, or to as many as the bytes allow, and write the mesh.
 
     ``make`` simplifies to a number of points. ``has_steps``: faces across depth steps are left out.
+    In a sequence each further try would unsettle the mesh, so that a frame starts with the points
+    of the one before, and need not use up its bytes.
     """
     allowance = options.max_bytes
     if allowance is None:
@@ -691,6 +709,10 @@ def _write(
         write_mesh(made.mesh, output)
         return made
     seconds, least = 0.0, 0
+    guess, least_share = allowance / _BYTES_PER_POINT, 0.95
+    if last is not None and last.points > 0:
+        guess = last.points + (0.97 * allowance - last.num_bytes) / _BYTES_PER_POINT
+        least_share = 0.7
     with tempfile.TemporaryDirectory() as folder:
 
         def written(points: int) -> tuple[_Made, int, int]:
@@ -707,9 +729,9 @@ def _write(
             written,
             most_points=max(MIN_POINTS, min(options.points or measured.pixels, measured.pixels)),
             allowance=allowance,
-            guess=allowance / _BYTES_PER_POINT,
+            guess=guess,
             bytes_per_point=_BYTES_PER_POINT,
-            least_share=0.95,
+            least_share=least_share,
         )
     if fitting is None:
         assert options.rate is not None
@@ -718,6 +740,8 @@ def _write(
             f"points with their picture are {least} bytes, and a frame may have {allowance}"
         )
     write_mesh(fitting.mesh, output)
+    if last is not None:
+        last.points, last.num_bytes = fitting.found.num_vertices, fitting.num_bytes or 0
     return replace(fitting, seconds=seconds)
 
 

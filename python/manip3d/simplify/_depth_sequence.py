@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from manip3d._util.checked import checked
@@ -12,11 +11,12 @@ from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, read_range_grid
-from manip3d.simplify._depth import DepthSimplification
 from manip3d.simplify._depth_files import (
     DepthFileResult,
     DepthOptions,
+    LastFile,
     Maps,
+    Taken,
     from_cloud,
     from_image,
     read_maps,
@@ -130,11 +130,12 @@ class Smoothing:
     def __init__(self) -> None:
         self._stream: ReliefStream | None = None
         self._camera: Intrinsics | None = None
+        self._last = LastFile()
 
     def take(
         self, depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: Maps
-    ) -> Callable[[int], DepthSimplification]:
-        """Smooth the next image; return a function from a number of points to a mesh."""
+    ) -> Taken:
+        """Smooth the next image."""
         if self._camera is None or self._stream is None:
             self._camera = camera
             self._stream = ReliefStream(
@@ -154,4 +155,5 @@ class Smoothing:
                 f"of the sequence, got {camera.width} x {camera.height}"
             )
         # Masked pixels have already been removed from the depth image.
-        return self._stream._take(depth, maps.color, None, maps.confidence)[0]
+        make, _ = self._stream._take(depth, maps.color, None, maps.confidence)
+        return Taken(make, self._last)

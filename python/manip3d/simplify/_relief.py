@@ -268,7 +268,8 @@ def relief(
         Pixels to use; the others count as not measured.
     confidence : (H, W) float, 0 to 1, optional
         Weight of the error (area times distance from the mesh) of each pixel. A pixel with weight 0
-        does not shape the surface, but is still covered. `confidence_of_levels` converts the levels
+        does not shape the surface; triangles lie over it, but possibly farther from it than a
+        depth step, so that it is not covered. `confidence_of_levels` converts the levels
         of a camera; see Notes.
     move_points : bool
         Let vertices leave the measured points along their lines of sight, towards the least-squares
