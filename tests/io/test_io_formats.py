@@ -1079,7 +1079,7 @@ def test_other_commas_are_refused(numbers: str, got: str) -> None:
 def test_attributes_that_are_no_numbers_are_left_out_of_their_faces(
     word: str, normal: str, texcoord: str, warning: str, tmp_path: Path
 ) -> None:
-    """As exporters write where a face has no area, or a sensor no neighbours."""
+    """Exporters write NaN where a face has no area, or a sensor no neighbours."""
     normal, texcoord = normal.format(word), texcoord.format(word)
     points = "".join(f"v {x} {y} {z}\n" for x, y, z in POINTS)
     obj = f"{points}vn 0 0 1\nvn 0 0 {normal}\nvt 0 1\nvt 0 {texcoord}\n"

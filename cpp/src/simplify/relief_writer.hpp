@@ -16,7 +16,7 @@ namespace manip3d::relief_detail {
 /// Writes the mesh of a run and its smaller levels to a result, in which they share the vertices.
 class ReliefWriter {
  public:
-  /// What is written. All is borrowed.
+  /// The relief that is written; everything is borrowed.
   struct Meshes {
     const Surface& surface;
     const Triangulation& mesh;

@@ -532,7 +532,6 @@ def _scans_of(given: LidarFrame | str | os.PathLike[str]) -> list[LidarFrame | P
         return [given]
     path = path_of(given, "frames")
     if not path.is_dir():
-        path.stat()  # raises FileNotFoundError
         return [path]
     from manip3d.authenticate._watermark_files import drive_scans
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -48,6 +49,8 @@ def lattice(
 
     shell = Terminal(as_json=as_json, quiet=quiet)
     check_output(output, (".json",), force=force)
+    for source in sources:
+        Path(source).stat()  # what is not there is no folder with too few scans
     with shell.progress("lattice") as progress:
         found = authenticate.calibrate_lattice(
             sources, most=most, planted=planted, rng=seed, threads=jobs, progress=progress
