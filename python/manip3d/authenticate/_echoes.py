@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from manip3d.authenticate._angular_cells import angular_cells
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -98,15 +100,7 @@ def _looks_like_two_echoes(cells: Cells) -> NDArray[np.bool_]:
 
 
 def _cells_of(points: NDArray[np.float32], place: NDArray[np.float64], grid: AngularGrid) -> Cells:
-    away = points.astype(np.float64) - place
-    level = np.hypot(away[:, 0], away[:, 1])
-    distance = np.hypot(level, away[:, 2])
-    azimuth = np.degrees(np.arctan2(away[:, 1], away[:, 0])) - grid.azimuth_phase_deg
-    elevation = np.degrees(np.arctan2(away[:, 2], level)) - grid.elevation_phase_deg
-    columns = max(1, round(360.0 / grid.azimuth_deg))
-    column = np.round(azimuth / grid.azimuth_deg).astype(np.int64) % columns
-    row = np.round(elevation / grid.elevation_deg).astype(np.int64)
-    row -= row.min()
+    row, column, distance, columns = angular_cells(points.astype(np.float64) - place, grid)
     of_point = row * columns + column
     shape = (int(row.max()) + 1, columns)
     count = np.bincount(of_point, minlength=shape[0] * columns).reshape(shape)

@@ -12,6 +12,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
+from manip3d.authenticate._angular_cells import angular_cells
 from manip3d.authenticate._echoes import are_echoes
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
 from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate
@@ -422,14 +423,7 @@ def _not_behind(
 
     The file alone says that a point is a later echo; a real one is behind the first of its pulse.
     """
-    away = points.astype(np.float64) - place
-    level = np.hypot(away[:, 0], away[:, 1])
-    distance = np.hypot(level, away[:, 2])
-    azimuth = np.degrees(np.arctan2(away[:, 1], away[:, 0])) - grid.azimuth_phase_deg
-    elevation = np.degrees(np.arctan2(away[:, 2], level)) - grid.elevation_phase_deg
-    columns = max(1, round(360.0 / grid.azimuth_deg))
-    column = np.round(azimuth / grid.azimuth_deg).astype(np.int64) % columns
-    row = np.round(elevation / grid.elevation_deg).astype(np.int64)
+    row, column, distance, columns = angular_cells(points.astype(np.float64) - place, grid)
     of_point = np.unique(row * columns + column, return_inverse=True)[1]
     nearest = np.full(len(points), np.inf)
     np.minimum.at(nearest, of_point[is_first], distance[is_first])

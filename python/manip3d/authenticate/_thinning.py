@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d.authenticate._angular_cells import angular_cells
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -67,18 +69,11 @@ def _nearest_of_cells(points: NDArray[np.float32], grid: AngularGrid) -> NDArray
     Columns continue on the other side of the turn.
     """
     xyz = points.astype(np.float64)
-    level = np.hypot(xyz[:, 0], xyz[:, 1])
-    distance = np.hypot(level, xyz[:, 2])
-    told = distance > 0.0
-    if not told.any():
+    away = xyz[(xyz != 0.0).any(axis=1)]
+    if len(away) == 0:
         return np.empty((0, 0), np.float32)
-    azimuth = np.degrees(np.arctan2(xyz[told, 1], xyz[told, 0])) - grid.azimuth_phase_deg
-    elevation = np.degrees(np.arctan2(xyz[told, 2], level[told])) - grid.elevation_phase_deg
-    columns = max(1, round(360.0 / grid.azimuth_deg))
-    column = np.round(azimuth / grid.azimuth_deg).astype(np.int64) % columns
-    row = np.round(elevation / grid.elevation_deg).astype(np.int64)
-    row -= row.min()
+    row, column, distance, columns = angular_cells(away, grid)
     nearest = np.full((int(row.max()) + 3, columns + 2), np.inf, np.float32)
-    np.minimum.at(nearest, (row + 1, column + 1), distance[told].astype(np.float32))
+    np.minimum.at(nearest, (row + 1, column + 1), distance.astype(np.float32))
     nearest[:, 0], nearest[:, -1] = nearest[:, -2], nearest[:, 1]
     return nearest
