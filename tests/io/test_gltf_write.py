@@ -347,7 +347,7 @@ def test_open3d_reads_the_same(mesh: Mesh, tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
 @pytest.mark.parametrize("offset", [0.0, 5e5, 5e7])  # float32 has steps of 4 there
 def test_quantised_values_are_near(offset: float, suffix: str, tmp_path: Path) -> None:
-    """By half a step: of 65535 along the longest side, of 65535 in UV, of 127 in a normal."""
+    """By half a step: a power of two in space, of 65535 in UV, of 127 in a normal."""
     rng = np.random.default_rng(7)
     vertices, normals = rng.random((60, 3)) * [40.0, 7.0, 0.5] + offset, rng.normal(size=(60, 3))
     faces = rng.permutation(60).reshape(20, 3)
@@ -359,7 +359,7 @@ def test_quantised_values_are_near(offset: float, suffix: str, tmp_path: Path) -
     path = tmp_path / f"a{suffix}"
     manip3d.io.write_mesh(mesh, path, quantize=True)
     read = manip3d.read_mesh(path)
-    step = 40.0 / 65535
+    step = 2.0**-10  # the smallest of which 65534 are 40
     off = np.abs(corners(read) - corners(mesh)).max()
     assert 0.3 * step < off < 0.51 * step
     off = np.abs(corner_texcoords(read) - corner_texcoords(mesh)).max()
@@ -385,6 +385,25 @@ def test_quantised_files_are_small_and_repeated_textures_stay_exact(tmp_path: Pa
     manip3d.io.write_mesh(repeated, tmp_path / "repeated.glb", quantize=True)
     off = corner_texcoords(manip3d.read_mesh(tmp_path / "repeated.glb"))
     np.testing.assert_allclose(off, corner_texcoords(in_groups(repeated)), atol=1e-5)
+
+
+def test_quantised_tiles_still_meet(tmp_path: Path) -> None:
+    """Each tile had a grid of its own: gaps of half a step along the border."""
+    y = np.random.default_rng(3).random(50) * 30.0
+    border = np.stack([np.full(50, 12.3), np.sort(y), np.sin(y)], axis=1)
+    rows = []
+    for side, name in ((-17.0, "left"), (18.5, "right")):
+        vertices = np.concatenate([border, border + np.array([side, 0.1, 0.2])])
+        i = np.arange(49)
+        faces = np.concatenate(
+            [np.stack([i, i + 1, i + 50], 1), np.stack([i + 1, i + 51, i + 50], 1)]
+        )
+        manip3d.io.write_mesh(Mesh(vertices, faces), tmp_path / f"{name}.glb", quantize=True)
+        read = manip3d.read_mesh(tmp_path / f"{name}.glb").vertices
+        at_border = np.unique(read[np.abs(read[:, 0] - 12.3) < 1e-3], axis=0)
+        rows.append(at_border[np.argsort(at_border[:, 1])])
+    assert len(rows[0]) == 50
+    np.testing.assert_array_equal(rows[0], rows[1])
 
 
 def test_trimesh_reads_quantised_files(tmp_path: Path) -> None:

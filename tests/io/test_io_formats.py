@@ -912,6 +912,20 @@ def test_binary_stl_without_a_count_is_read_by_its_size(tmp_path: Path) -> None:
     assert read_mesh_bytes(open_ended + b"x", "stl").num_faces == 0
 
 
+def test_ascii_stl_with_a_byte_order_mark() -> None:
+    text = "solid a\n" + FACET.format("0 0 0", "1 0 0", "1 1 0") + "endsolid a\n"
+    mesh = read_mesh_bytes(b"\xef\xbb\xbf" + text.encode(), "stl")
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+
+
+def test_text_that_is_no_stl_is_named() -> None:
+    text = "; made by hand\nsolid a\n" + FACET.format("0 0 0", "1 0 0", "1 1 0") + "endsolid a\n"
+    caught = error(text, "stl")
+    assert (caught.line, caught.reason) == (
+        1, "expected a text that begins with solid, or a binary STL file"
+    )  # fmt: skip
+
+
 def test_stl_errors() -> None:
     data = binary_stl([list(map(float, t)) for t in TRIANGLES])
     caught = error(data[:-1], "stl")

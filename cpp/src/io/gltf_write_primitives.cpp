@@ -204,7 +204,8 @@ class PrimitiveWriter {
     for (const SplitVertex& split : vertices_) {
       for (int axis = 0; axis < 3; ++axis) {
         const double offset = mesh_.vertices(split.vertex, axis) - frame_.origin[axis];
-        const std::uint16_t value = in_16_bits(offset / frame_.scale / kMaxSteps);
+        const double steps = std::floor(offset / frame_.scale + 0.5);
+        const auto value = static_cast<std::uint16_t>(std::clamp(steps, 0.0, kMaxSteps));
         values.push_back(value);
         low[axis] = std::min(low[axis], value);
         high[axis] = std::max(high[axis], value);
@@ -428,7 +429,10 @@ PositionFrame quantized_frame(const std::vector<const MeshView*>& levels) {
   if (!(farthest <= double{std::numeric_limits<float>::max()})) {
     throw InputError("vertices: expected values that float32 can hold");
   }
-  return {all.min, side > 0.0 ? side / kMaxSteps : 1.0};
+  if (!(side > 0.0)) return {all.min, 1.0};
+  const double least = std::max(side / (kMaxSteps - 1.0), std::numeric_limits<double>::min());
+  const double scale = std::exp2(std::ceil(std::log2(least)));
+  return {(all.min.array() / scale).floor() * scale, scale};
 }
 
 void PrimitiveOptions::check() const {

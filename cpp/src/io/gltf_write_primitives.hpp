@@ -22,7 +22,9 @@ struct PositionFrame {
 };
 
 /// The frame in which 16-bit integers span the bounding box of all levels. It has one scale for all
-/// axes, so that normals need none.
+/// axes, so that normals need none. The scale is a power of two and the origin a multiple of it, so
+/// that the same position becomes the same in all meshes whose scale is equal, as for the borders
+/// of tiles.
 /// @throws InputError  values are beyond float32.
 PositionFrame quantized_frame(const std::vector<const MeshView*>& levels);
 

@@ -41,8 +41,7 @@ class StlReader {
 
  private:
   // Is the file binary? It may begin with "solid" as well. The length of the file must fit the
-  // number of triangles in a binary header; if the length is unknown, a byte that text cannot
-  // contain decides.
+  // number of triangles in a binary header; else a byte that text cannot contain decides.
   bool is_binary() {
     const auto size = input_.remaining();
     const std::string_view head = input_.peek(2 * kStlHeaderBytes);
@@ -50,13 +49,18 @@ class StlReader {
         *size == kStlHeaderBytes + std::uint64_t{kTriangleBytes} * claimed(head)) {
       return true;
     }
-    const auto text = std::find_if(head.begin(), head.end(),
-                                   [](unsigned char c) { return std::isspace(c) == 0; });
-    const bool says_solid = starts_with_in_any_case({text, head.end()}, "solid");
+    std::string_view text = head;
+    if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);  // byte order mark of UTF-8
+    const auto first = std::find_if(text.begin(), text.end(),
+                                    [](unsigned char c) { return std::isspace(c) == 0; });
+    const bool says_solid = starts_with_in_any_case({first, text.end()}, "solid");
     const bool has_text_only = std::all_of(head.begin(), head.end(), [](unsigned char c) {
       return c >= 0x80 || std::isprint(c) != 0 || std::isspace(c) != 0;
     });
-    return !(says_solid && has_text_only);
+    if (has_text_only && !says_solid && !head.empty()) {
+      throw FormatError::at_line(1, "expected a text that begins with solid, or a binary STL file");
+    }
+    return head.empty() || !has_text_only;
   }
 
   static std::uint32_t claimed(std::string_view head) {

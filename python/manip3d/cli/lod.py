@@ -61,7 +61,8 @@ def lod(
         typer.Option(
             "--quantize",
             help="Store positions and texture coordinates in 16 bits and normals in 8, for readers "
-            "that support KHR_mesh_quantization.",
+            "that support KHR_mesh_quantization. The step of positions is a power of two, at most "
+            "1/32767 of the longest side; tiles with the same step still meet.",
         ),
     ] = False,
     mode: Annotated[

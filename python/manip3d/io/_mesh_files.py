@@ -292,7 +292,9 @@ def write_mesh(
         glTF only: store positions, and texture coordinates within [0, 1], in 16 bits and normals in
         8 bits (``KHR_mesh_quantization``, which readers must support). A position takes 8 instead
         of 12 bytes, a texture coordinate 4 instead of 8, a normal 4 instead of 12. A position
-        changes by at most 1.4e-5 of the longest side of the mesh's bounding box.
+        changes by at most 2.7e-5 of the longest side of the mesh's bounding box. The step is a
+        power of two: positions at the border of two tiles stay equal if it is the same for both,
+        which holds if their longest sides are about equal.
 
     Raises
     ------
