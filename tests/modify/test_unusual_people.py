@@ -233,3 +233,18 @@ def test_joints_beyond_the_border_of_the_picture_are_no_wrong_calibration(
         if hidden == limb:  # the phantom lies beyond the border, its intact limb is seen
             outside = [r for r in results if r.reason is PhantomReason.OCCLUDED]
             assert sum(r.state is PhantomState.DEGRADED for r in outside) > 12
+
+
+@pytest.mark.parametrize(
+    ("limb", "turn"),
+    [("left_arm", 50.0), ("right_arm", -48.0), ("left_leg", -48.0), ("right_leg", 48.0)],
+)
+def test_an_arm_beside_the_trunk_does_not_turn_the_first_plane(limb: Limb, turn: float) -> None:
+    """Normals of the trunk contained the arm before it: planes were 11 to 19 degrees off."""
+    people = BodySimulator(amputated=limb, motion="still", turn=turn, color="none", noise=0.0)
+    capture = people.capture(0.0)
+    plane = PhantomPipeline(limb).process(capture.frame).plane
+    assert plane is not None
+    _, normal = capture.truth.mirror_plane(limb)
+    cosine = abs(float(plane.normal @ normal))
+    assert np.degrees(np.arccos(min(1.0, cosine))) < 1.0

@@ -49,7 +49,8 @@ std::optional<SurfaceResidual> SeenDepth::residual_at(const Eigen::Vector3d& p,
   return SurfaceResidual{off, 1.0 + (off * off) / (scale * scale)};
 }
 
-std::optional<Eigen::Vector3d> SeenDepth::normal_at(std::int32_t pixel) const {
+std::optional<Eigen::Vector3d> SeenDepth::normal_at(std::int32_t pixel,
+                                                    std::span<const std::uint8_t> is_arm) const {
   const DepthView& depth = *depth_;
   const PixelRays& rays = *rays_;
   constexpr double kReach = 0.05;  // metres; large, because one depth step of a Kinect V1 is 2 cm
@@ -65,12 +66,16 @@ std::optional<Eigen::Vector3d> SeenDepth::normal_at(std::int32_t pixel) const {
   const std::int64_t step = std::max<std::int64_t>(1, reach / 4);
   Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
   Eigen::Vector3d sums = Eigen::Vector3d::Zero();
-  int used = 0, asked = 0;
+  int used = 0, asked = 0, of_arms = 0;
   for (std::int64_t dv = -reach; dv <= reach; dv += step) {
     for (std::int64_t du = -reach; du <= reach; du += step) {
       ++asked;
       if (u + du < 0 || v + dv < 0 || u + du >= depth.cols || v + dv >= depth.rows) continue;
       const auto other = static_cast<std::int32_t>((v + dv) * depth.cols + u + du);
+      if (is_arm[other] != 0) {
+        ++of_arms;
+        continue;
+      }
       const float there = depth.at(other);
       if (!(std::abs(there - z) < kSameTrunk) || !has_ray(rays, u + du, v + dv)) continue;
       const Eigen::Vector3d q = lift(rays, u + du, v + dv, there).cast<double>() - p;
@@ -80,7 +85,7 @@ std::optional<Eigen::Vector3d> SeenDepth::normal_at(std::int32_t pixel) const {
       ++used;
     }
   }
-  if (4 * used < 3 * asked) return std::nullopt;
+  if (4 * used < 3 * (asked - of_arms) || 2 * used < asked) return std::nullopt;
   const Eigen::Vector3d slope = solve_symmetric(moments, sums);
   const Eigen::Vector3d normal = Eigen::Vector3d(slope.x(), slope.y(), -1.0).normalized();
   if (!(-normal.dot(p) > kMinCosine * p.norm())) return std::nullopt;
@@ -114,10 +119,17 @@ bool KeySurface::renew(const PersonPoints& person, const SeenDepth& seen, const 
   if (count < kMinSurface) return false;
   const std::size_t stride = std::max<std::size_t>(1, (count + kMaxSurface - 1) / kMaxSurface);
   points_.clear();
+  is_arm_.assign(static_cast<std::size_t>(person.rows * person.cols), 0);
+  for (std::size_t i = 0; i < num_points; ++i) {
+    is_arm_[person.pixel[i]] = is_limb_bone(Limb::kLeftArm, person.label[i]) ||
+                                       is_limb_bone(Limb::kRightArm, person.label[i])
+                                   ? 1
+                                   : 0;
+  }
   std::size_t passed = 0;
   for (std::size_t i = 0; i < num_points; ++i) {
     if (!is_candidate(i) || passed++ % stride != 0) continue;
-    const auto normal = seen.normal_at(person.pixel[i]);
+    const auto normal = seen.normal_at(person.pixel[i], is_arm_);
     if (!normal || points_.size() == kMaxSurface) continue;
     const Eigen::Vector3d place = place_of(i);
     const double loins = (place.y() - extent.low) / std::max(extent.high - extent.low, 0.1);

@@ -49,7 +49,10 @@ class SeenDepth {
 
   /// Return the normal, towards the camera, of the least-squares plane z = a x + b y + c through
   /// the points around a pixel; no value on edges.
-  [[nodiscard]] std::optional<Eigen::Vector3d> normal_at(std::int32_t pixel) const;
+  /// @param is_arm  By pixel: whether it belongs to an arm. Such pixels do not count: an arm that
+  ///                hangs a few centimetres in front would turn the normals of the trunk beside it.
+  [[nodiscard]] std::optional<Eigen::Vector3d> normal_at(
+      std::int32_t pixel, std::span<const std::uint8_t> is_arm) const;
 
  private:
   const DepthView* depth_;
@@ -99,6 +102,7 @@ class KeySurface {
 
  private:
   std::vector<Point> points_;
+  std::vector<std::uint8_t> is_arm_;  ///< By pixel; memory of renew().
   Eigen::Quaterniond key_rotation_ = Eigen::Quaterniond::Identity();
   double residual_ = 0.0;  ///< Mean distance of the visible surface from the key frame, metres.
   double share_ = 0.0;     ///< Share of the points that agreed in the last frame.
