@@ -117,6 +117,8 @@ def test_power_is_a_table(tmp_path: Path) -> None:
     found = json.loads(done.stdout)
     assert found["participants"] == 34
     assert found["power"]["34"] >= 0.8
+    assert json.loads(run("study", "power", "-0.5", "--comparisons", "1", "--json").stdout) == found
+    assert run("study", "power", "0.5", "--comparison", "1").returncode == 2
     done = run("study", "power", "0")
     assert done.returncode == 1
     assert "effect: expected an effect that" in done.stderr

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from manip3d import InputError
+from manip3d import FormatError, InputError, Mesh, read_mesh
+from manip3d.datasets import get, is_here
 from manip3d.study import (
     Answer,
     JndStudy,
@@ -27,6 +28,7 @@ from manip3d.study import (
     read_study,
     required_participants,
     reversal_mean,
+    run_study,
     simulate_participants,
     simulate_staircase,
     write_results,
@@ -200,7 +202,9 @@ def test_both_planned_studies_are_there(
     assert isinstance(study, JndStudy)
     assert study.methods == methods
     kinds = [model.kind for model in study.models]
-    assert kinds == ["manifold"] * 2 + ["boundaries"] * 2 + ["non-manifold"] * 2
+    # No public non-manifold mesh has texture coordinates everywhere, which QEM_TP needs.
+    others = [] if name == "jnd-textured" else ["non-manifold"] * 2
+    assert kinds == ["manifold"] * 2 + ["boundaries"] * 2 + others
     assert study.rules.step == 5
     assert pickle.loads(pickle.dumps(study)) == study
 
@@ -220,6 +224,105 @@ def test_stimuli_have_the_faces_that_their_names_say(tmp_path: Path) -> None:
         assert abs(float(wanted) - float(reached)) < 0.5
     with pytest.raises(InputError, match="exists already"):
         make_stimuli(file)
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("name", ["jnd-non-textured", "jnd-textured"])
+def test_each_method_applies_to_each_model_of_a_template(name: str, tmp_path: Path) -> None:
+    file = write_template(name, tmp_path / "study.toml", example=True)
+    study, _ = read_study(file)
+    assert isinstance(study, JndStudy)
+    if not all(is_here(get(model.file.removeprefix("data:"))) for model in study.models):
+        pytest.skip("the public meshes are not here")
+    text = file.read_text().replace("step_percent = 5", "step_percent = 15")
+    file.write_text(text)
+    made = make_stimuli(file)
+    assert made.count == len(study.models) + 7 * len(study.conditions)
+
+
+def with_tetrahedra(mesh: Mesh, share: float) -> Mesh:
+    """A mesh and so many separate tetrahedra, none of whose edges QEM_BP may collapse."""
+    count = round(mesh.num_faces * share / (1.0 - share) / 4)
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+    sides = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    size = 0.01 * np.ptp(mesh.vertices)
+    places = mesh.vertices.max(axis=0) + 3.0 * size * np.arange(1, count + 1)[:, None] * [1, 0, 0]
+    vertices = (places[:, None] + size * corners).reshape(-1, 3)
+    faces = (len(mesh.vertices) + 4 * np.arange(count)[:, None, None] + sides).reshape(-1, 3)
+    return Mesh(np.vstack([mesh.vertices, vertices]), np.vstack([mesh.faces, faces]))
+
+
+def test_a_method_that_refuses_a_model_is_named(tmp_path: Path) -> None:
+    """Both pictures of its comparisons were the original."""
+    file = small(tmp_path)
+    file.write_text(file.read_text().replace('"qem_bp"', '"qem_tp"'))  # without texture coordinates
+    with pytest.raises(InputError, match=r"models: expected models that qem_tp can .* got rocker:"):
+        make_stimuli(file)
+    assert not (tmp_path / "stimuli-non-textured").exists()
+
+
+def test_a_model_of_which_too_few_faces_can_be_removed_is_refused(tmp_path: Path) -> None:
+    file = small(tmp_path)
+    with_tetrahedra(read_mesh(tmp_path / "a.ply"), 0.6).write(tmp_path / "a.ply")
+    with pytest.raises(
+        InputError, match=r"qem_bp can remove 50 % of the faces, got rocker, .* 39\.5 %"
+    ):
+        make_stimuli(file)
+
+
+def test_thresholds_count_the_differences_that_were_shown(tmp_path: Path) -> None:
+    file = small(tmp_path, reversals=6, step_percent=10, lowest_percent=10, highest_percent=90)
+    with_tetrahedra(read_mesh(tmp_path / "a.ply"), 0.4).write(tmp_path / "a.ply")
+    made = make_stimuli(file)
+    assert any("rocker, qem_bp: cannot be simplified beyond 59.3 %" in p for p in made.problems)
+    study, content = read_study(file)
+    assert isinstance(study, JndStudy)
+    with StudyFolder(tmp_path / "answers", content) as folder:
+        session = folder.begin("P1")
+        while (step := study.step(session)) is not None:
+            values: dict[str, Any] = {f.name: f.choices[0][0] for f in step.fields if f.choices}
+            if step.id == "screen":
+                values = {"card_px": 324.0, "distance_cm": 60.0}
+            elif "original" in step.condition:  # sees no difference, whatever is shown
+                values["chosen"] = "left"
+            elif step.id == "about":
+                values = {"age": 30.0, **values}
+            folder.store("P1", Answer(step.id, dict(step.condition), values, elapsed_ms=9.0))
+        asked = [a for a in session.answers if a.condition.get("method") == "qem_bp"]
+        assert max(a.condition["difference_percent"] for a in asked) > 60
+        assert max(a.condition["reached_percent"] for a in asked) == 59
+        expected = estimate_threshold(
+            [
+                (a.condition["reached_percent"], a.values["chosen"] == a.condition["original"])
+                for a in asked
+            ]
+        )
+        rows = {r["method"]: r for r in study.summary([session]) if r["participant"]}
+        assert rows["qem_bp"]["jnd_percent"] == expected.threshold
+        assert rows["qem_bp"]["reversal_mean"] <= 59
+        assert study.wide(session)["c1_jnd"] == round(expected.threshold, 3)
+
+
+def test_stimuli_that_equal_their_originals_are_not_shown(tmp_path: Path) -> None:
+    file = small(tmp_path)
+    made = make_stimuli(file)
+    table = made.folder / "levels.csv"
+    lines = table.read_text().splitlines()
+    lines[1] = ",".join([*lines[1].split(",")[:-1], "0.0"])
+    table.write_text("\n".join(lines) + "\n")
+    study, content = read_study(file)
+    with (
+        StudyFolder(tmp_path / "answers", content) as folder,
+        pytest.raises(FormatError, match=r"levels.csv: rocker-.*expected a difference from"),
+    ):
+        run_study(study, folder, seconds=0.1)
+
+
+def test_a_definition_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    file = write_template("display", tmp_path / "study.toml", example=True)
+    plain, _ = read_study(file)
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    assert read_study(file)[0] == plain
 
 
 def test_the_truth_never_reaches_the_page(tmp_path: Path) -> None:

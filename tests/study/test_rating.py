@@ -492,3 +492,46 @@ def test_each_item_is_looked_up_once(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert sorted(step.id for step in steps) == [f"i{number:03d}" for number in range(400)]
     assert len(study.variables()) == 800
     assert compared < 1000
+
+
+def test_pictures_of_16_bits_are_shown_in_8_with_one_scale(tmp_path: Path) -> None:
+    """Browsers show the upper 8 bits: depth in millimetres was almost black."""
+    image = pytest.importorskip("PIL.Image")
+    depths = {"real": 1000, "type1": 3000}
+    for truth, near in depths.items():
+        place = tmp_path / "mine" / truth / "depth"
+        place.mkdir(parents=True)
+        depth = np.full((40, 50), near, np.uint16)
+        depth[:, 25:] = 2000
+        depth[0, 0], depth[0, 1] = 0, 65535
+        image.fromarray(depth).save(place / "a.png")
+    place = tmp_path / "mine" / "real" / "color"
+    place.mkdir()
+    image.fromarray(np.full((4, 4), 7, np.uint8)).save(place / "grey.png")
+    before = (place / "grey.png").read_bytes()
+    made = copy_rating_stimuli(tmp_path / "mine", tmp_path / "stimuli")
+    seen = {}
+    for item in made:
+        if item.modality == "depth":
+            with image.open(tmp_path / "stimuli" / item.file) as picture:
+                assert picture.mode == "RGB"
+                seen[item.truth] = np.asarray(picture)[..., 0].astype(int)
+        else:
+            assert (tmp_path / "stimuli" / item.file).read_bytes() == before
+    for picture in seen.values():
+        assert picture[0, 0] == picture[0, 1] == 0  # no measurement
+    near, far = seen["real"][5, 5], seen["type1"][5, 5]
+    middle = seen["real"][5, 40]
+    assert middle == seen["type1"][5, 40]  # the same depth in both pictures
+    assert near > 240 > middle + 60 > middle > far + 60 > 100
+
+
+def test_a_damaged_picture_of_16_bits_is_refused(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    place = tmp_path / "mine" / "real" / "depth"
+    place.mkdir(parents=True)
+    image.fromarray(np.full((40, 50), 999, np.uint16)).save(place / "a.png")
+    (place / "a.png").write_bytes((place / "a.png").read_bytes()[:50])
+    with pytest.raises(FormatError, match=r"a\.png"):
+        copy_rating_stimuli(tmp_path / "mine", tmp_path / "stimuli")
+    assert not (tmp_path / "stimuli").exists()

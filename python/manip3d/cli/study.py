@@ -183,14 +183,13 @@ def run_kind(
 ) -> None:
     """Run a study of one kind, and print the numbers of participants and answers."""
     from manip3d.study import StudyFolder, read_study, run_study
-    from manip3d.study._engine import expect_stimuli
 
     study, content = read_study(definition)
     if study.common.kind != kind:
         raise InputError(
             f"{definition}: expected a definition of a {kind}, got {study.common.kind}"
         )
-    expect_stimuli(study)  # before the folder is made
+    study.check_stimuli()  # before the folder is made
 
     def on_start(url: str) -> None:
         shell.say(f"open {url}")
@@ -303,7 +302,8 @@ def study_withdraw(
     Terminal(quiet=quiet).say(f"deleted the answers of {participant}")
 
 
-@app.command("power")
+# A negative effect is a number, not an option.
+@app.command("power", context_settings={"ignore_unknown_options": True})
 def study_power(
     effect: Annotated[
         float,

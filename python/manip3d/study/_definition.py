@@ -239,7 +239,7 @@ def read_table(path: str | os.PathLike[str]) -> dict[str, Any]:
     file = path_of(path)
     content = limited_bytes(file, MAX_BYTES)
     try:
-        text = content.decode("utf-8")
+        text = content.decode("utf-8-sig")  # some editors write a byte order mark
         found = json.loads(text) if file.suffix.lower() == ".json" else tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, JSONDecodeError, Unicode
         raise FormatError(f"expected TOML or JSON: {error}", file=str(file)) from None

@@ -125,6 +125,23 @@ class Study(ABC):
             Source of the answers.
         """
 
+    def check_stimuli(self) -> None:
+        """Check that people can be shown the stimuli.
+
+        Raises
+        ------
+        InputError
+            A file is missing.
+        FormatError
+            A table of the stimuli is damaged.
+        """
+        missing = [file for file in self.files().values() if not file.is_file()]
+        if missing:
+            raise InputError(
+                f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing); "
+                "'manip3d study stimuli' makes them"
+            )
+
     def stimulus(self, name: str) -> Stimulus:
         """Return a stimulus under an address that does not reveal its name.
 
@@ -496,16 +513,6 @@ def state_of(study: Study, session: Session) -> str:
     return "unfinished" if study.step(session) is not None else "finished"
 
 
-def expect_stimuli(study: Study) -> None:
-    """Raise InputError if a file of the study's stimuli is missing."""
-    missing = [file for file in study.files().values() if not file.is_file()]
-    if missing:
-        raise InputError(
-            f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing); "
-            "'manip3d study stimuli' makes them"
-        )
-
-
 @checked
 def run_study(
     study: Study,
@@ -558,7 +565,7 @@ def run_study(
             f"{folder.path}: expected no simulated participants, found {simulated[0]}; "
             "people need another folder"
         )
-    expect_stimuli(study)
+    study.check_stimuli()
     server = study_server(study, folder, participant, port)
     # Ctrl-C is the normal end.
     with server, contextlib.suppress(KeyboardInterrupt):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.extras import require
 from manip3d._util.options import generator_of
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.study._definition import Common, Section
 from manip3d.study._engine import Study, next_screen_step
 from manip3d.study._psychometric import (
@@ -88,15 +89,19 @@ class Staircase:
         self._right = 0
         self._direction = 0
 
-    def answer(self, is_right: bool) -> None:
+    def answer(self, is_right: bool, shown: int | None = None) -> None:
         """Record the answer to the comparison at `level`.
 
         Parameters
         ----------
         is_right : bool
             Whether the participant chose the original.
+        shown : int, optional
+            Difference that was shown, percent, if it is not that of `level`. It is recorded in
+            place of the level.
         """
-        self.trials.append((self.level, is_right))
+        shown = self.level if shown is None else shown
+        self.trials.append((shown, is_right))
         if is_right:
             self._right += 1
             if self._right < 2:
@@ -104,7 +109,7 @@ class Staircase:
         direction = -1 if is_right else 1
         self._right = 0
         if self._direction not in (0, direction):
-            self.reversals.append(self.level)
+            self.reversals.append(shown)
         self._direction = direction
         self.level = min(self.highest, max(self.lowest, self.level + direction * self.step))
 
@@ -333,8 +338,9 @@ class JndStudy(Study):
         for answer in session.answers:
             truth = answer.condition
             if "method" in truth:
-                chosen = answer.values["chosen"]
-                found[places[truth["model"], truth["method"]]].answer(chosen == truth["original"])
+                found[places[truth["model"], truth["method"]]].answer(
+                    answer.values["chosen"] == truth["original"], truth.get("reached_percent")
+                )
         return found
 
     def next_step(self, session: Session) -> Step | None:
@@ -351,6 +357,7 @@ class JndStudy(Study):
         original: Side = "left" if rng.random() < 0.5 else "right"
         model, method = self.conditions[place]
         level = staircases[place].level
+        reached = self._reached.get(file_of(model, method, level), level)
         files = [file_of(model), file_of(model, method, level)]
         if original == "right":
             files.reverse()
@@ -373,9 +380,45 @@ class JndStudy(Study):
                 "model": model,
                 "method": method,
                 "difference_percent": level,
+                "reached_percent": reached,
                 "original": original,
             },
         )
+
+    @functools.cached_property
+    def _reached(self) -> dict[str, int]:
+        """Differences of the stimuli that were made, whole percent; empty if none were.
+
+        A method may stop before it has removed as many faces as the level says.
+
+        Raises
+        ------
+        FormatError
+            The table of the stimuli is damaged, or a stimulus does not differ from its original.
+        """
+        table = None if self.stimuli is None else self.stimuli / LEVELS
+        if table is None or not table.is_file():
+            return {}
+        found = {}
+        with table.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
+            for row in csv.DictReader(stream):
+                try:
+                    percent = float(row["reached_percent"])
+                except (KeyError, TypeError, ValueError):
+                    percent = math.nan
+                if not 0.0 < percent <= 100.0:
+                    raise FormatError(
+                        f"{row.get('file')}: expected a difference from the original, got "
+                        f"{row.get('reached_percent')} percent; 'manip3d study stimuli --force' "
+                        "makes the stimuli anew",
+                        file=str(table),
+                    )
+                found[str(row.get("file"))] = max(1, round(percent))
+        return found
+
+    def check_stimuli(self) -> None:
+        super().check_stimuli()
+        _ = self._reached
 
     def progress(self, session: Session) -> float:
         reversals = sum(
@@ -426,7 +469,7 @@ class JndStudy(Study):
         if step.id == "screen":  # the only one of the study's own steps without a difference
             return {"card_px": 324.0, "distance_cm": 60.0}
         observer = SimulatedObserver(25.0 + 5.0 * self.methods.index(str(step.condition["method"])))
-        is_right = rng.random() < observer.probability(float(step.condition["difference_percent"]))
+        is_right = rng.random() < observer.probability(float(step.condition["reached_percent"]))
         original = str(step.condition["original"])
         return {"chosen": original if is_right else {"left": "right", "right": "left"}[original]}
 
@@ -444,7 +487,8 @@ class JndStudy(Study):
             Participant (empty: the mean of all), model, method, JND in percent with its 95 %
             interval, numbers of comparisons and reversals, and the mean of the last reversals. The
             interval of a mean is Student's interval over the participants' means; None for fewer
-            than two.
+            than two. Differences are those of the stimuli that were shown, which are smaller than
+            wanted where a method could not remove more faces.
         """
         rows = []
         means: dict[str, list[float]] = {method: [] for method in self.methods}
@@ -700,7 +744,8 @@ def make_jnd_stimuli(
     Raises
     ------
     InputError
-        The folder exists already or holds other files, or a method does not apply to a model.
+        The folder exists already or holds other files. A method does not apply to a model, or
+        cannot remove as many of its faces as the first level of a staircase.
     FormatError, OSError
         A mesh cannot be read, or the folder cannot be written.
     """
@@ -721,7 +766,7 @@ def make_jnd_stimuli(
             placement = Placement.of(mesh)
             (folder / file_of(model.name)).write_bytes(placed_glb(mesh, placement))
             for method, level in itertools.product(study.methods, study.levels):
-                made, light = _simplified(model, mesh, method, level)
+                made, light = _simplified(model, mesh, method, level, study.rules)
                 (folder / made.file).write_bytes(placed_glb(light, placement))
                 found.append(made)
                 if progress is not None:
@@ -744,13 +789,31 @@ def _mesh_of(model: JndModel, base: Path) -> Mesh:
     return _turned_up(mesh) if model.up == "z" else mesh
 
 
-def _simplified(model: JndModel, mesh: Mesh, method: str, level: int) -> tuple[JndLevel, Mesh]:
-    """Simplify a model so that it has ``level`` percent fewer faces."""
+def _simplified(
+    model: JndModel, mesh: Mesh, method: str, level: int, rules: Rules
+) -> tuple[JndLevel, Mesh]:
+    """Simplify a model so that it has ``level`` percent fewer faces.
+
+    Raises
+    ------
+    InputError
+        The method refuses the model, or misses a level up to the start by half a step or more.
+    """
     from manip3d import simplify
 
     target = max(1, round(mesh.num_faces * (100 - level) / 100))
-    light = getattr(simplify, method)(mesh, target_faces=target).mesh
+    done = getattr(simplify, method)(mesh, target_faces=target)
+    light = done.mesh
     reached = 100.0 * (1.0 - light.num_faces / max(mesh.num_faces, 1))
+    if done.stop == "refused":
+        raise InputError(
+            f"models: expected models that {method} can simplify, got {model.name}: {done.message}"
+        )
+    if level <= rules.start and reached <= level - rules.step / 2:
+        raise InputError(
+            f"models: expected models of which {method} can remove {rules.start} % of the faces, "
+            f"got {model.name}, of which it removes {reached:.1f} % in place of {level} %"
+        )
     file = file_of(model.name, method, level)
     return JndLevel(file, model.name, method, level, light.num_faces, round(reached, 3)), light
 

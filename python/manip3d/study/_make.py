@@ -71,7 +71,9 @@ def make_stimuli(
     Raises
     ------
     InputError
-        The study has no stimuli, the folder exists, or an argument is out of range.
+        The study has no stimuli, the folder exists, or an argument is out of range. A method of a
+        JND study does not apply to one of its models, as QEM_TP to faces without texture
+        coordinates.
     FormatError
         The definition is invalid, or a mesh cannot be read.
     DataMissingError
@@ -135,7 +137,7 @@ def make_stimuli(
         if short:
             problems.append(
                 f"{model}, {method}: cannot be simplified beyond {short[0].reached_percent:.1f} %; "
-                f"levels from {short[0].difference_percent} % on show that"
+                f"levels from {short[0].difference_percent} % on show and count as that"
             )
     count = len(levels) + len(study.models)
     return MadeStimuli(study.stimuli, count, tuple(problems))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ from manip3d._util.checked import checked
 from manip3d._util.extras import require
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
-from manip3d.io._files import atomic_folder, regular_bytes
+from manip3d.io._files import atomic_folder, open_regular, regular_bytes
 from manip3d.study._engine import SHOWABLE
 from manip3d.study._rating import (
     COLUMNS,
@@ -286,13 +286,20 @@ def copy_rating_stimuli(
     -------
     tuple of Item
         Stimuli in the order of ``stimuli.csv``. File names are random and reveal nothing. Metadata
-        inside the files, such as the time of a picture, is copied.
+        inside the files, such as the time of a picture, is copied. Grey PNGs of 16 bits, which
+        browsers show almost black, become pictures of 8 bits: all of one modality have the same
+        scale, whose ends are the values below and above 98 % of their pixels (0 and 65535 left
+        out). Near pixels of depth images are light.
 
     Raises
     ------
     InputError
         The folder contains nothing to show, files of other kinds, or folders of other names; or the
         output exists or lies within the folder.
+    FormatError
+        A PNG of 16 bits is damaged.
+    MissingExtraError
+        Pillow is not installed (grey PNGs of 16 bits).
     OSError
         A file cannot be read or written.
 
@@ -330,14 +337,57 @@ def copy_rating_stimuli(
         _own_item(path.relative_to(source), f"{name:06x}")
         for path, name in zip(files, names.tolist(), strict=True)
     ]
+    for path in files:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"images: {path}: expected at most {_MAX_BYTES} bytes")
+    scales = _grey_scales(zip(files, made, strict=True))
     with atomic_folder(target) as folder:
         for path, item in zip(files, made, strict=True):
-            if path.stat().st_size > _MAX_BYTES:
-                raise InputError(f"images: {path}: expected at most {_MAX_BYTES} bytes")
-            (folder / item.file).write_bytes(regular_bytes(path))
+            if _has_16_bits(path):
+                content = _png(_in_8_bits(path, item.modality, scales[item.modality]))
+            else:
+                content = regular_bytes(path)
+            (folder / item.file).write_bytes(content)
         made.sort(key=lambda item: item.file)
         _write_manifest(folder, made)
     return tuple(made)
+
+
+def _has_16_bits(path: Path) -> bool:
+    """Return whether a file is a grey PNG of 16 bits, by its header."""
+    with open_regular(path) as stream:
+        header = stream.read(26)
+    return header.startswith(b"\x89PNG\r\n\x1a\n") and header[24:26] == bytes([16, 0])
+
+
+def _grey_scales(files: Iterable[tuple[Path, Item]]) -> dict[str, tuple[float, float]]:
+    """Return the ends of the grey scale of all pictures of 16 bits, by modality."""
+    from manip3d.io._depth_files import read_stored_depth
+
+    counts: dict[str, NDArray[np.int64]] = {}
+    for path, item in files:
+        if _has_16_bits(path):
+            values = np.bincount(read_stored_depth(path).ravel(), minlength=1 << 16)
+            counts[item.modality] = counts.get(item.modality, 0) + values
+    scales = {}
+    for modality, values in counts.items():
+        values[[0, -1]] = 0  # no measurement
+        heaped = np.cumsum(values)
+        low, high = np.searchsorted(heaped, [0.01 * heaped[-1], 0.99 * heaped[-1]])
+        scales[modality] = float(low), float(high)
+    return scales
+
+
+def _in_8_bits(path: Path, modality: str, scale: tuple[float, float]) -> Image:
+    from manip3d.io._depth_files import read_stored_depth
+    from manip3d.viewer.people import depth_picture
+
+    values = read_stored_depth(path)
+    low, high = scale
+    if modality == "depth":
+        return depth_picture(np.where(values == 65535, 0, values), near=low, far=high)
+    share = np.clip((values - low) / max(high - low, 1.0), 0.0, 1.0)
+    return np.repeat((255.0 * share).astype(np.uint8)[..., None], 3, axis=2)
 
 
 def _own_item(place: Path, name: str) -> Item:
