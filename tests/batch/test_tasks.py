@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
@@ -70,3 +71,19 @@ def test_errors_are_outcomes() -> None:
     assert found[1] == Outcome(2)
     details = {"code": "internal", "message": "no 2"}
     assert found[2] == Outcome(error="ValueError: no 2", details=details)
+
+
+def level_of_log() -> int:
+    return logging.getLogger("manip3d").getEffectiveLevel()
+
+
+def test_workers_log_as_much_as_their_parent() -> None:
+    """With -q, workers printed the warnings that their parent did not."""
+    logger = logging.getLogger("manip3d")
+    before = logger.level
+    try:
+        logger.setLevel(logging.ERROR)
+        found = dict(run_tasks({n: (level_of_log, ()) for n in range(2)}, 2))
+    finally:
+        logger.setLevel(before)
+    assert [outcome.value for outcome in found.values()] == [logging.ERROR] * 2

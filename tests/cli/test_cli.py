@@ -621,7 +621,29 @@ def test_reproduce_lists_what_is_missing(tmp_path: Path) -> None:
     by_id = {record["id"]: record for record in records}
     assert {"table-2.1", "table-2.2", "figure-2.17"} <= set(by_id)
     assert by_id["table-2.2"]["missing"] == by_id["table-2.2"]["data"]
-    assert "simulated" in manip3d("reproduce", "--list", **here).stdout
+    listed = manip3d("reproduce", "--list", **here).stdout
+    assert "simulated" in listed
+    lines = {line.split()[0]: line.rstrip() for line in listed.splitlines()}
+    assert lines["figure-7.7"].endswith("none needed")
+    assert "lidar/kitti_object/velodyne" in by_id["detector-3"]["missing"]
+    assert "lidar/kitti_object" in by_id["table-7.2-cross-modal"]["missing"]
+
+
+def test_strict_does_not_take_undecided_for_refuted(tmp_path: Path) -> None:
+    done = manip3d(
+        "reproduce", "table-2.2", "--scale", "quick", "--data", "simulated", "--strict", "--json",
+        "-o", tmp_path / "out", MANIP3D_RENDERER="none",
+    )  # fmt: skip
+    verdicts = {v["verdict"] for v in json.loads(done.stdout)["verdicts"]["table-2.2"]}
+    assert "undecided" in verdicts
+    assert "does not hold" not in verdicts
+    assert done.returncode == 0
+
+
+def test_simulated_experiments_are_skipped_where_real_data_is_asked_for(tmp_path: Path) -> None:
+    done = manip3d("reproduce", "figure-7.7", "--data", "real", "-o", tmp_path / "out", "-q")
+    assert "--data: expected an experiment with real data, got figure-7.7" in error_line(done)
+    assert not (tmp_path / "out").exists()
 
 
 def test_reproduce_and_report(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from manip3d import InputError
 from manip3d.experiments import Claim, Finding, Plan, Store, Verdict, counted, run, unpack_mesh
 from manip3d.experiments import _environment as environment_module
 from manip3d.experiments._runner import _strict
+from manip3d.report import write_report
 from toy_experiments import TRIANGLE, all_below, experiment
 
 TESTS = Path(__file__).parents[1]
@@ -354,3 +355,43 @@ def test_store_ignores_foreign_files(tmp_path: Path) -> None:
 def test_what_numpy_computes_in_a_claim_is_stored() -> None:
     found = _strict({"holds": np.bool_(True), "numbers": [np.float64("nan"), np.int32(3)]})
     assert json.loads(json.dumps(found, allow_nan=False)) == {"holds": True, "numbers": ["nan", 3]}
+
+
+def test_results_of_other_experiments_are_kept(tmp_path: Path) -> None:
+    """They were replaced without a word."""
+    first = run([experiment(1, 2, name="first")], tmp_path, jobs=1)
+    second = run([experiment(3, name="second")], tmp_path, jobs=1)
+    assert (first.kept, second.kept, second.dropped) == ([], ["first"], [])
+    assert list(second.results["experiments"]) == ["second"]
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert list(results["experiments"]) == ["first", "second"]
+    assert [row["square"] for row in rows(tmp_path, "first")] == [1, 4]
+    with (tmp_path / "results.csv").open(newline="", encoding="utf-8-sig") as stream:
+        assert [row["square"] for row in csv.DictReader(stream)] == ["1", "4", "9"]
+    write_report(tmp_path, tmp_path / "page.md")
+    assert {"## first", "## second"} <= {
+        line.partition(":")[0] for line in (tmp_path / "page.md").read_text().splitlines()
+    }
+
+
+def test_results_of_another_plan_are_named_when_they_are_replaced(tmp_path: Path) -> None:
+    run([experiment(1, name="first")], tmp_path, jobs=1)
+    other = run([experiment(3, name="second")], tmp_path, plan=Plan(seed=5), jobs=1)
+    assert (other.kept, other.dropped) == ([], ["first"])
+    assert list(json.loads((tmp_path / "results.json").read_text())["experiments"]) == ["second"]
+
+
+@pytest.mark.parametrize("damage", ["{", "[]", '{"experiments": {"a": {"rows": [1]}}, "data": []}'])
+def test_a_damaged_summary_of_results_is_replaced(tmp_path: Path, damage: str) -> None:
+    (tmp_path / "results.json").write_text(damage)
+    run([experiment(3)], tmp_path, jobs=1)
+    assert [row["square"] for row in rows(tmp_path)] == [9]
+
+
+def test_simulations_are_no_real_data(tmp_path: Path) -> None:
+    simulated, recorded = experiment(1), experiment(2, name="recorded", data="recorded")
+    done = run([simulated, recorded], tmp_path, plan=Plan(data="real"), jobs=1)
+    assert (done.skipped, done.experiments) == (["toy"], ["recorded"])
+    with pytest.raises(InputError, match="data: expected an experiment with real data, got toy"):
+        run([simulated], tmp_path, plan=Plan(data="real"), jobs=1)
+    assert list(json.loads((tmp_path / "results.json").read_text())["experiments"]) == ["recorded"]

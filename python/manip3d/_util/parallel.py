@@ -12,6 +12,7 @@ import os
 import signal
 import threading
 import traceback
+import warnings
 from collections.abc import Callable, Generator, Hashable, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -171,7 +172,7 @@ def _executor(workers: int, dask: str) -> Iterator[Executor]:
         workers,
         mp_context=multiprocessing.get_context("spawn"),
         initializer=_start_worker,
-        initargs=(max(1, len(os.sched_getaffinity(0)) // workers),),
+        initargs=(max(1, len(os.sched_getaffinity(0)) // workers), _log.getEffectiveLevel()),
     )
     try:
         yield executor
@@ -183,7 +184,10 @@ def _executor(workers: int, dask: str) -> Iterator[Executor]:
         raise
 
 
-def _start_worker(threads: int) -> None:
+def _start_worker(threads: int, log_level: int) -> None:
+    _log.setLevel(log_level)
+    if log_level > logging.WARNING:
+        warnings.simplefilter("ignore")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ["MANIP3D_THREADS"] = str(threads)

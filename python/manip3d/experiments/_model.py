@@ -27,7 +27,7 @@ class Plan:
     ----------
     data : 'auto', 'real' or 'simulated'
         ``auto``: real data that is present, simulated models in place of the rest; ``real``: real
-        data only; ``simulated``: simulated models only.
+        data only, without the experiments that have none; ``simulated``: simulated models only.
     scale : 'quick' or 'full'
         ``quick``: few small cases, for a look in a minute; ``full``: all cases.
     seed : int
@@ -62,6 +62,11 @@ class Case:
     def function(self) -> str:
         """``module:name`` of `run`."""
         return f"{self.run.__module__}:{self.run.__qualname__}"
+
+    @property
+    def data(self) -> str:
+        """Kind of data, one of `DATA_KINDS`: the option ``data``, or by whether it has inputs."""
+        return str(self.options.get("data", "recorded" if self.inputs else "simulated"))
 
     def key(self, inputs_sha256: Mapping[str, str], code: str) -> str:
         """Return the name of the stored result: a hash of function, options, inputs and code.
@@ -412,6 +417,9 @@ class Experiment:
         Description of the data, for cases that do not give one.
     split : str
         Key in the rows; the report makes one table for each of its values. ``""``: one table.
+    folders : tuple of str
+        Folders and files below the data root, other than those of ``data``, that cases open if they
+        are there.
     """
 
     id: str
@@ -428,3 +436,4 @@ class Experiment:
     notes: tuple[Note, ...] = ()
     role: str = ""
     split: str = ""
+    folders: tuple[str, ...] = ()

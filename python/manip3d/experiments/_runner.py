@@ -14,7 +14,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -63,7 +63,15 @@ class RunSummary:
         Other errors: claims that could not be judged although no case failed, and figures that
         could not be drawn.
     results : dict
-        The content of ``results.json``.
+        The content of ``results.json``, without records that were kept from an earlier run.
+    skipped : list of str
+        Ids of the experiments that were left out because they have no real data
+        (``data='real'``).
+    kept : list of str
+        Ids of other experiments of an earlier run, whose records are kept in the folder.
+    dropped : list of str
+        Ids of other experiments of an earlier run, whose records were replaced because another plan
+        or another version of the code had made them. Their finished cases stay stored.
     """
 
     folder: Path
@@ -74,6 +82,9 @@ class RunSummary:
     seconds: float
     problems: list[str]
     results: dict[str, Any]
+    skipped: list[str] = field(default_factory=list)
+    kept: list[str] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
 
 
 @checked
@@ -94,7 +105,8 @@ def run(
     experiments : sequence of Experiment
     folder : Path
         Results folder, created if absent. Finished cases in it are used again if nothing that they
-        depend on has changed.
+        depend on has changed. Records of other experiments in it are kept if the same plan and code
+        made them.
     plan : Plan, optional
         Options of the run.
     jobs : int
@@ -114,7 +126,7 @@ def run(
     Raises
     ------
     InputError
-        An argument is out of range.
+        An argument is out of range, or ``data='real'`` and none of the experiments has real data.
     DataMissingError, ChecksumError
         ``data='real'`` and a mesh is absent, or a mesh does not have the registered hash.
     KeyboardInterrupt
@@ -137,10 +149,15 @@ def run(
     plan = plan or Plan()
     jobs = jobs or len(os.sched_getaffinity(0))
     started = time.perf_counter()
+    planned = {experiment.id: experiment.cases(plan) for experiment in experiments}
+    skipped = [name for name, made in planned.items() if plan.data == "real" and not _real(made)]
+    experiments = [experiment for experiment in experiments if experiment.id not in skipped]
+    if skipped and not experiments:
+        raise InputError(f"data: expected an experiment with real data, got {', '.join(skipped)}")
     store = Store(path_of(folder, "folder"), overwrite)
     folder.mkdir(parents=True, exist_ok=True)
 
-    cases = {experiment.id: _keyed(experiment.cases(plan)) for experiment in experiments}
+    cases = {experiment.id: _keyed(planned[experiment.id]) for experiment in experiments}
     todo = {key: case for keyed in cases.values() for key, case in keyed.items()}
     found = run_stored(
         {key: (_run_case, (case,)) for key, case in todo.items()},
@@ -159,7 +176,7 @@ def run(
     records = {e.id: _record(e, rows[e.id], store) for e in experiments}
     problems = [f"{name}: {text}" for name, r in records.items() for text in r["problems"]]
     bad = {row["key"] for record in rows.values() for row in record if row["error"]}
-    results = {
+    results: dict[str, Any] = {
         "format": RESULTS_FORMAT,
         "environment": environment() | {"jobs": jobs, "executor": dask or "processes"},
         "plan": asdict(plan),
@@ -169,8 +186,12 @@ def run(
         "experiments": records,
         "pictures": _draw_pictures(experiments, rows, folder, jobs, problems),
     }
-    store.write("results.json", json.dumps(_strict(results), indent=1, allow_nan=False))
-    store.write("results.csv", _csv(rows))
+    earlier = _earlier_results(folder)
+    others = [name for name in earlier.get("experiments", {}) if name not in records]
+    kept = others if _is_same_run(earlier, results) else []
+    written = _with_earlier(results, earlier, kept)
+    store.write("results.json", json.dumps(_strict(written), indent=1, allow_nan=False))
+    store.write("results.csv", _csv({n: r["rows"] for n, r in written["experiments"].items()}))
     return RunSummary(
         folder,
         [e.id for e in experiments],
@@ -180,7 +201,56 @@ def run(
         time.perf_counter() - started,
         problems,
         results,
+        skipped,
+        kept,
+        [] if kept else others,
     )
+
+
+def _real(cases: Sequence[Case]) -> list[Case]:
+    """Return the cases that need other data than simulated ones."""
+    return [case for case in cases if case.inputs or case.data != "simulated"]
+
+
+def _earlier_results(folder: Path) -> dict[str, Any]:
+    """Return the content of the folder's ``results.json``; empty if it is absent or damaged."""
+    try:
+        found = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+        rows = [row for record in found["experiments"].values() for row in record["rows"]]
+        is_sound = all(isinstance(row, dict) for row in rows) and isinstance(found["data"], list)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return {}
+    return found if is_sound and isinstance(found.get("pictures"), dict) else {}
+
+
+def _is_same_run(earlier: Mapping[str, Any], results: Mapping[str, Any]) -> bool:
+    """Return whether plan, format and code of two results are the same."""
+
+    def made_by(found: Mapping[str, Any]) -> list[Any]:
+        return [found.get("format"), found.get("plan"), found["environment"]["code"]]
+
+    try:
+        return made_by(earlier) == made_by(results)
+    except (KeyError, TypeError):
+        return False
+
+
+def _with_earlier(
+    results: Mapping[str, Any], earlier: Mapping[str, Any], kept: Sequence[str]
+) -> dict[str, Any]:
+    """Return results with the records of other experiments of an earlier run.
+
+    Numbers of cases and the wall time stay those of the last run.
+    """
+    records = {name: earlier["experiments"][name] for name in kept}
+    known = {each["name"] for each in results["data"]}
+    data = [each for each in earlier.get("data", []) if kept and each["name"] not in known]
+    return {
+        **results,
+        "data": [*data, *results["data"]],
+        "experiments": records | results["experiments"],
+        "pictures": (earlier["pictures"] if kept else {}) | results["pictures"],
+    }
 
 
 def describe(case: Case) -> str:
@@ -222,7 +292,7 @@ def _rows(
     failed: Mapping[str, str],
 ) -> list[Row]:
     rows = [
-        {"experiment": experiment.id, "model": describe(case), "data": _data_of(case)}
+        {"experiment": experiment.id, "model": describe(case), "data": case.data}
         | {**case.options, **done.get(key, {})}
         | {"error": failed.get(key, ""), "key": key}
         for key, case in cases.items()
@@ -230,11 +300,6 @@ def _rows(
     if experiment.gather is not None:
         rows = experiment.gather(rows)
     return [_completed(experiment, row) for row in rows]
-
-
-def _data_of(case: Case) -> str:
-    """Return the kind of data of a case whose options do not name it."""
-    return "recorded" if case.inputs else "simulated"
 
 
 def _completed(experiment: Experiment, row: Row) -> Row:

@@ -228,6 +228,7 @@ EXPERIMENT = Experiment(
     title="Attacks that LiDAR and cameras together detect, and clean frames that they accuse",
     published=_TABLE,
     data=(),
+    folders=tuple(f"lidar/{folder}" for folder, _, _ in _REAL.values()),
     cases=_cases,
     role="simulated drives of an HDL-64E with a stereo pair, labelled",
     columns=(

@@ -79,6 +79,11 @@ ODOMETRY = Scene(
 )
 TIMED = Scene("drive 0005, pairs", tuple(_frame(i) for i in range(20)))
 """Frames 1, 3, ... are judged together with their previous frames."""
+_FOLDERS = tuple(
+    dict.fromkeys(
+        [TUNING, *(file.rpartition("/")[0] for s in (*SCENES, ODOMETRY) for file in s.files)]
+    )
+)
 CHOSEN_ON = ("stereo-2015 000124",)
 """Scenes on whose frames a threshold was chosen; they are judged but count in no rate."""
 OBJECTS = {"full": {"drive 0005": 3}, "quick": {}}
@@ -505,6 +510,7 @@ EXPERIMENT = Experiment(
     title="Detector III: LiDAR alone, every attack, real frames of an HDL-64E",
     published="",
     data=(),
+    folders=_FOLDERS,
     cases=cases,
     columns=(
         Column("scene", "scene"),

@@ -110,6 +110,7 @@ EXPERIMENT = Experiment(
     title="Detectors I and II on real terrestrial scans",
     published="",
     data=_forensics.HOAXES[:1],
+    folders=(_FOLDER,),
     cases=_cases,
     columns=(
         Column("points", "points"),
