@@ -215,3 +215,13 @@ def test_unknown_scenes_are_refused() -> None:
         scenes.make("indoor-99")
     with pytest.raises(InputError, match="kind: expected one of office"):
         scenes.indoor("street")
+
+
+def test_no_mixed_point_lies_beyond_the_range(street: scenes.Scene) -> None:
+    """A beam at an edge mixed its range with that of surfaces from which nothing returns."""
+    scan = terrestrial_scan(
+        street, resolution_deg=0.4, beam_divergence=3e-3, min_range=3.0, max_range=25.0,
+        range_noise=0.0,
+    )  # fmt: skip
+    assert scan.mixed.sum() > 50
+    assert 3.0 - 0.001 <= ranges(scan).min() <= ranges(scan).max() <= 25.0 + 0.001

@@ -10,9 +10,10 @@ one machine they only depend on the options and the time.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Literal, overload
+from typing import Literal, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,7 @@ __all__ = [
 
 Floats = NDArray[np.float32]
 Limb = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
-Interval = tuple[float, float]
+Interval: TypeAlias = "tuple[float, float]"
 
 DEPTH_CAMERA = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)
 """A Kinect V2's depth camera, with the principal point in the middle for symmetric images."""
@@ -74,7 +75,9 @@ CAMERA_HEIGHT = 0.95
 _VISITOR = Clothes(shirt=(150, 62, 58), trousers=(96, 88, 70), hair=(120, 96, 60))
 _SWAY_PERIOD, _BREATH_PERIOD = 2.0, 4.0  # seconds
 _FLIGHT = 0.35  # metres: standard deviation of the flying joints of a missing limb
-_MEMORY = 64  # frames that correlated jitter depends on: 0.9 ** 64 is 0.001
+# Correlated jitter depends on as many frames before as have a weight of 0.001 or more, and at least
+# on 64: those of the usual correlation of 0.9.
+_MEMORY, _USUAL, _MAX_CORRELATION = 64, 0.9, 0.99
 # Estimated orders of magnitude, not measured on a device.
 _TRACKERS: dict[str, dict[str, float]] = {
     "kinect-v1": {"jitter": 0.010, "correlation": 0.8, "bias": 0.020},
@@ -82,6 +85,11 @@ _TRACKERS: dict[str, dict[str, float]] = {
 }
 _HIDDEN = 0.18  # metres: largest depth of a joint behind the body's surface that is still seen
 _EYES = np.zeros(3, np.float32)
+
+
+def _check_limb(limb: object, name: str) -> None:
+    if not isinstance(limb, str) or limb not in LIMBS:
+        raise InputError(f"{name}: expected one of {', '.join(LIMBS)}, got {limb!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +138,13 @@ class BodyTruth:
         Returns
         -------
         Mesh
+
+        Raises
+        ------
+        InputError
+            There is no such limb.
         """
+        _check_limb(name, "name")
         skin = self._skin
         faces = skin.faces[skin.face_limb == list(LIMBS).index(name)]
         used, index = np.unique(faces, return_inverse=True)
@@ -157,8 +171,7 @@ class BodyTruth:
         InputError
             There is no such limb.
         """
-        if limb not in LIMBS:
-            raise InputError(f"limb: expected one of {', '.join(LIMBS)}, got {limb!r}")
+        _check_limb(limb, "limb")
         is_arm = limb.endswith("arm")
         return self.joints[1 if is_arm else 0], self.lateral[1 if is_arm else 0]
 
@@ -173,7 +186,13 @@ class BodyTruth:
         Returns
         -------
         Mesh
+
+        Raises
+        ------
+        InputError
+            There is no such limb.
         """
+        _check_limb(limb, "limb")
         mesh = self.limb(opposite(limb))  # type: ignore[arg-type]
         origin, normal = self.mirror_plane(limb)
         off = product(mesh.vertices - origin, normal)
@@ -196,6 +215,7 @@ class BodyCapture:
     truth: BodyTruth
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class BodySimulator:
     """A person who exercises before a Kinect V2; iteration yields the frames.
@@ -347,6 +367,7 @@ class BodySimulator:
             object.__setattr__(self, "amputated", self.amputated.replace("-", "_"))
         self._check_choices()
         self._check_ranges()
+        self._check_times()
         self._check_dressing()
         if self.chair == "wheelchair" and self.sitting is False:
             raise InputError("chair: expected chair where sitting is no, got 'wheelchair'")
@@ -378,7 +399,7 @@ class BodySimulator:
             ("girth", 0.6, 1.8),
             ("distance", 0.8, 4.5),
             ("jitter", 0.0, 1.0),
-            ("correlation", 0.0, 0.99),
+            ("correlation", 0.0, _MAX_CORRELATION),
             ("bias", 0.0, 1.0),
             ("sway", 0.0, 90.0),
             ("breath", 0.0, 0.05),
@@ -395,6 +416,14 @@ class BodySimulator:
             number = getattr(self, name)
             if not low <= number <= high:
                 raise InputError(f"{name}: expected {low:g} to {high:g}, got {number!r}")
+
+    def _check_times(self) -> None:
+        if self.visitor is not None and not self.visitor >= 0.0:
+            raise InputError(f"visitor: expected seconds >= 0, got {self.visitor!r}")
+        for name in ("occluder", "lost", "swapped"):
+            interval = getattr(self, name)
+            if interval is not None and not 0.0 <= interval[0] <= interval[1]:
+                raise InputError(f"{name}: expected 0 <= begin <= end, seconds, got {interval!r}")
 
     def _check_dressing(self) -> None:
         if self.dressing != "bare" and self.amputated is None:
@@ -667,7 +696,7 @@ class BodySimulator:
         rho = self.correlation if memory is None else memory
         last = round(time * self.rate)
         sums = np.zeros((25, 3))
-        for frame in range(last - _MEMORY, last + 1):
+        for frame in range(last - _num_remembered(rho), last + 1):
             sums = rho * sums + np.sqrt(1.0 - rho * rho) * _draws(self.seed, stream, frame)
         return sums
 
@@ -699,11 +728,19 @@ def _bone_errors(figure: PosedFigure, number: int) -> NDArray[np.float64]:
     return np.asarray(np.einsum("ji,jik->jk", fixed, axes))
 
 
-@functools.lru_cache(maxsize=4 * (_MEMORY + 1))
+def _num_remembered(rho: float) -> int:
+    """Number of earlier frames that jitter of a correlation depends on."""
+    if rho <= _USUAL:
+        return _MEMORY
+    return math.ceil(_MEMORY * math.log(_USUAL) / math.log(rho))
+
+
+@functools.lru_cache(maxsize=4 * (_num_remembered(_MAX_CORRELATION) + 1))
 def _draws(seed: int, stream: int, frame: int) -> NDArray[np.float64]:
     """Standard normal numbers of one frame, (25, 3); successive sums share all but one."""
-    random = np.random.default_rng([seed, stream, frame + _MEMORY])
-    return random.standard_normal((25, 3))
+    number = frame + _MEMORY
+    words = [seed, stream, number] if number >= 0 else [seed, stream, -number, 1]
+    return np.random.default_rng(words).standard_normal((25, 3))
 
 
 @functools.cache

@@ -31,6 +31,8 @@ MIXED_SHARE = 0.02
 """Largest share of points with a mixed range."""
 SUB_RAYS = 6
 """Number of rays over the footprint of a beam that may hit two surfaces."""
+_SKY_M = 1e4  # metres: range of rays without a hit, so that they differ from all others
+_STEPS_PER_M = np.float32(1000.0)  # ranges are rounded to 1 mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,13 +173,15 @@ def terrestrial_scan(
     if beam_divergence > 0.0:
         at_edge = grid.edges(ranges, returned)
         most = int(MIXED_SHARE * np.count_nonzero(returned))
-        chosen, mixture = scanner.mixed_ranges(at_edge, beam_divergence, most)
+        chosen, mixture = scanner.mixed_ranges(
+            at_edge, beam_divergence, most, (min_range, max_range)
+        )
         mixed[chosen] = True
         ranges[chosen] = mixture
 
     kept = np.flatnonzero(returned)
     noise = random.standard_normal(len(kept), np.float32) * np.float32(range_noise)
-    measured = np.round((ranges[kept] + noise) * np.float32(1000.0)) / np.float32(1000.0)
+    measured = np.round((ranges[kept] + noise) * _STEPS_PER_M) / _STEPS_PER_M
     points = scanner.aim(kept) * measured[:, None]
     return TerrestrialScan(
         points,
@@ -225,7 +229,7 @@ class _Grid:
 
     def edges(self, ranges: Floats, returned: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Return the cells whose range differs from a neighbour's by more than `EDGE`."""
-        image = np.where(np.isinf(ranges), np.float32(1e4), ranges)
+        image = np.where(np.isinf(ranges), np.float32(_SKY_M), ranges)
         image = image.reshape(self.columns, self.rows)
         edge = np.zeros(image.shape, np.bool_)
         upwards = abs(np.diff(image, axis=1)) > EDGE
@@ -282,9 +286,13 @@ class _Scanner:
         return ranges, face, cosine
 
     def mixed_ranges(
-        self, cells: NDArray[np.int64], divergence: float, most: int
+        self, cells: NDArray[np.int64], divergence: float, most: int, limits: tuple[float, float]
     ) -> tuple[NDArray[np.int64], Floats]:
-        """Return the cells whose beam meets two surfaces, at most ``most``, and their ranges."""
+        """Return the cells whose beam meets two surfaces, at most ``most``, and their ranges.
+
+        Surfaces nearer or farther than ``limits`` return nothing.
+        """
+        nearest, farthest = limits
         direction = self.aim(cells)
         center = self._cast(direction)
         plane = center.distance * np.einsum("ij,ij->i", center.normal, direction)
@@ -297,13 +305,14 @@ class _Scanner:
             cosine = np.einsum("ij,ij->i", center.normal, direction)
             with np.errstate(divide="ignore", invalid="ignore"):
                 off_plane = abs(distance - plane / cosine)
-            straddling |= np.isfinite(distance) & ~(off_plane <= EDGE)
+            returns = (distance >= nearest) & (distance <= farthest)
+            straddling |= returns & ~(off_plane <= EDGE)
             spread.append(distance)
         chosen = np.sort(self._random.permutation(np.flatnonzero(straddling))[:most])
         values = np.stack(spread)[:, chosen]
-        sky = np.isinf(values)  # no return: weight 0
+        silent = ~((values >= nearest) & (values <= farthest))
         weight = self._random.random(values.shape, np.float32)
-        weight[sky], values[sky] = 0.0, 0.0
+        weight[silent], values[silent] = 0.0, 0.0
         return cells[chosen], (weight * values).sum(axis=0) / weight.sum(axis=0)
 
     def _within_beams(self, cells: NDArray[np.int64], divergence: float) -> Floats:
