@@ -248,6 +248,11 @@ def test_a_limit_without_a_target_misses_none(torus: Path, tmp_path: Path) -> No
     assert (record["stop"], record["target_missed"]) == ("no_legal_collapse", False)
     assert "missed" not in done.stderr
     output.unlink()
+    # The error of a collapse, which may be larger than the bound, is not printed beside it.
+    done = manip3d(*order[:-1], "--max-distance", "0.01")
+    assert ", at most 0.01 from the input (units of the file), " in done.stderr
+    assert "largest error" not in done.stderr
+    output.unlink()
     assert manip3d(*order, "--max-distance", "1e9", "--faces", "1").returncode in (0, 4)
     done = manip3d(*order, "--headset", "0", "90")
     assert error_line(done).endswith("--headset: MS: expected a number > 0, got 0.0")
@@ -311,7 +316,7 @@ def test_tiles_whose_boundaries_are_locked_still_meet(
 
 @pytest.mark.parametrize("mode", ["quality", "fast"])
 @pytest.mark.parametrize("suffix", [".ply", ".glb"])
-def test_a_price_of_colors_keeps_a_painted_picture(tmp_path: Path, mode: str, suffix: str) -> None:
+def test_color_weight_keeps_painted_regions(tmp_path: Path, mode: str, suffix: str) -> None:
     flat = simulate.models.floor(columns=40, rows=40)
     middle = flat.vertices.mean(axis=0)
     inside = np.linalg.norm(flat.vertices - middle, axis=1) < 0.3 * np.ptp(flat.vertices[:, 0])

@@ -308,15 +308,15 @@ def _sentence(record: dict[str, Any]) -> str:
         return f"refused: {record['message']}"
     removed = record["faces_before"] - record["faces_cleaned"]
     cleaned = f" (cleaning removed {count(removed)})" if removed else ""
-    distance = ""
+    # The error of a collapse is not the distance from the input, which the bound is about.
+    error = f"largest error {record['max_error']:.3g}"
     if record["distance_bound"] is not None:
-        distance = f", at most {record['distance_bound']:.3g} from the input"
+        error = f"at most {record['distance_bound']:.3g} from the input"
     missed = f"; target of {counted(record['target_faces'] or 0, 'face')} missed"
     return (
         f"{record['method']}: {counted(record['faces_before'], 'face')}{cleaned} -> "
-        f"{count(record['faces_after'])} in {record['seconds']:.2f} s, largest error "
-        f"{record['max_error']:.3g}{distance} (units of the file), "
-        f"{record['stop'].replace('_', ' ')}"
+        f"{count(record['faces_after'])} in {record['seconds']:.2f} s, {error} "
+        f"(units of the file), {record['stop'].replace('_', ' ')}"
         f"{missed if record['target_missed'] else ''}; wrote {record['output']}"
     )
 
