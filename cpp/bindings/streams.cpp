@@ -42,7 +42,7 @@ py::typing::Tuple<Bytes, py::array_t<float>> segment_region(
     const PixelRays rays(intrinsics);
     const std::uint8_t* index = body_index ? body_index->data() : nullptr;
     find_person(view, index, person, rays, mask, points);
-    grow_bones(person, intrinsics, index != nullptr && person.body != 0xff, options, points);
+    grow_bones(person, intrinsics, index != nullptr && person.body != kNoBody, options, points);
     for (std::int64_t i = 0; i < points.count; ++i) {
       const std::size_t pixel = points.pixel[i];
       labels[pixel] = points.label[i];

@@ -132,6 +132,14 @@ TEST(PhantomPipeline, RefusesWhatDoesNotFitAndGoesOn) {
   PhantomInput wrong = recording.frame(1);
   wrong.camera.fx = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW(pipeline.process(wrong, out.buffers()), InputError);
+  PhantomInput unmeasured = recording.frame(1);
+  unmeasured.depth.millimetres = nullptr;
+  try {
+    pipeline.process(unmeasured, out.buffers());
+    ADD_FAILURE() << "a depth image without numbers";
+  } catch (const InputError& error) {
+    EXPECT_STREQ(error.what(), "depth: expected either millimetres or metres");
+  }
   PhantomBuffers small = out.buffers();
   small.mesh.capacity = 100;
   EXPECT_THROW(pipeline.process(recording.frame(1), small), InputError);

@@ -15,7 +15,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kRounding = 1e-13;  // of distances between two meshes of size 1
+// Largest rounding error of a distance between meshes scaled to size 1.
+constexpr double kRounding = 1e-13;
 // A patch is evaluated if its reach is at most this many of its longest edges.
 constexpr double kNearFaces = 3.0;
 

@@ -12,10 +12,10 @@
 namespace manip3d {
 namespace {
 
-constexpr int kSteps = 16;       // samples along and across the trunk
-constexpr int kMinSamples = 48;  // of 256; fewer may be of an arm or of an edge
-// Metres; shares of the spine's length.
-constexpr float kHalfWidth = 0.11F, kLow = 0.2F, kHigh = 0.85F;
+constexpr int kSteps = 16;                   // samples along and across the trunk
+constexpr int kMinSamples = 48;              // of 256; fewer may be of an arm or of an edge
+constexpr float kHalfWidth = 0.11F;          // metres
+constexpr float kLow = 0.2F, kHigh = 0.85F;  // shares of the spine's length from its base
 // The front of a trunk lies between these distances, in metres, in front of and behind the spine.
 // Arms are farther in front.
 constexpr float kBefore = 0.22F, kBehind = 0.05F;
@@ -90,7 +90,6 @@ double difference(const ClothingColors& a, const ClothingColors& b) {
 }
 
 ClothingColors clothing_colors(const Skeleton& person, const ColoredScene& scene) {
-  constexpr std::uint8_t kNobody = 0xff;
   ClothingColors colors;
   const auto base = spine_base(person);
   if (!base || scene.color.pixels == nullptr) return colors;
@@ -109,7 +108,7 @@ ClothingColors clothing_colors(const Skeleton& person, const ColoredScene& scene
       if (pixel < 0) continue;
       const float z = scene.depth.at(pixel);
       if (!(z > p.z() - kBefore && z < p.z() + kBehind)) continue;
-      const bool has_index = scene.body_index != nullptr && person.body != kNobody;
+      const bool has_index = scene.body_index != nullptr && person.body != kNoBody;
       if (has_index && scene.body_index[pixel] != person.body) continue;
       const auto* rgb = color_at(scene, pixel, (p * (z / p.z())).cast<double>());
       if (rgb == nullptr) continue;

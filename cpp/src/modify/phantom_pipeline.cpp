@@ -163,8 +163,10 @@ class PhantomPipeline::Workspace {
   static void check_input(const PhantomInput& input) {
     check_intrinsics(input.camera, "camera");
     const DepthView& depth = input.depth;
-    if (depth.rows != input.camera.height || depth.cols != input.camera.width ||
-        (depth.millimetres == nullptr) == (depth.metres == nullptr)) {
+    if ((depth.millimetres == nullptr) == (depth.metres == nullptr)) {
+      throw InputError("depth: expected either millimetres or metres");
+    }
+    if (depth.rows != input.camera.height || depth.cols != input.camera.width) {
       throw InputError("depth: expected shape (" + std::to_string(input.camera.height) + ", " +
                        std::to_string(input.camera.width) + ") as the camera says, got (" +
                        std::to_string(depth.rows) + ", " + std::to_string(depth.cols) + ")");
@@ -486,9 +488,9 @@ class PhantomPipeline::Workspace {
     // Joints that do not fit the person are the cause of the other reasons.
     const bool misses = report.reason != PhantomReason::kNone &&
                         report.reason != PhantomReason::kStopped && now.is_here;
-    if (const auto beside = misfit(report.quality, stature_, offset_);
-        misses && beside != PhantomReason::kNone) {
-      report.reason = beside;
+    if (const auto misfit_reason = misfit(report.quality, stature_, offset_);
+        misses && misfit_reason != PhantomReason::kNone) {
+      report.reason = misfit_reason;
     }
     if (report.reason == PhantomReason::kNone) {
       report.state = PhantomState::kTracking;

@@ -19,7 +19,6 @@ namespace {
 
 constexpr std::int64_t kTile = 8;  // pixels; a row of a tile's mask is one 64-bit word
 constexpr std::size_t kTilePoints = 64;
-constexpr std::uint8_t kNoBodyIndex = 0xff;
 
 /// Number of pixels from one row of the mask to the next: the columns, rounded up to whole tiles.
 std::int64_t stride_of(std::int64_t cols) { return (cols + kTile - 1) / kTile * kTile; }
@@ -74,9 +73,9 @@ class MaskRow {
     if (body_index_ == nullptr) return;
     const std::uint8_t* index = body_index_ + first;
     const std::uint8_t body = body_;
-    if (body == kNoBodyIndex) {
+    if (body == kNoBody) {
       for (std::int64_t u = 0; u < depth_.cols; ++u) {
-        mask[u] &= static_cast<std::uint8_t>(index[u] != kNoBodyIndex);
+        mask[u] &= static_cast<std::uint8_t>(index[u] != kNoBody);
       }
     } else {
       for (std::int64_t u = 0; u < depth_.cols; ++u) {
@@ -279,7 +278,7 @@ void find_person(const DepthView& depth, const std::uint8_t* body_index, const S
   if (points.rows != depth.rows || points.cols != depth.cols) {
     points.set_shape(depth.rows, depth.cols);
   }
-  const bool by_index = body_index != nullptr && skeleton.body != kNoBodyIndex;
+  const bool by_index = body_index != nullptr && skeleton.body != kNoBody;
   const MaskRow row(depth, body_index, skeleton.body, depth_bounds(skeleton, by_index, options));
   const std::int64_t stride = stride_of(depth.cols);
   for (std::int64_t v = 0; v < depth.rows; ++v) row.fill(v, points.mask.data() + v * stride);

@@ -125,7 +125,6 @@ std::optional<FloorPlane> fitted_plane(std::span<const Eigen::Vector3f> points, 
 
 void Vertical::learn(const DepthView& depth, const std::uint8_t* body_index, const PixelRays& rays,
                      const Eigen::Vector3f& hips) {
-  constexpr std::uint8_t kNobody = 0xff;
   constexpr float kBelowHips = 0.25F;        // metres; seats and laps are higher
   constexpr float kHalfRight = 0.70710678F;  // cosine; with a larger tilt, walls look like floors
   constexpr double kLongest = 90.0;          // frames
@@ -138,7 +137,7 @@ void Vertical::learn(const DepthView& depth, const std::uint8_t* body_index, con
   for (std::int64_t v = kFloorReach; v + kFloorReach < depth.rows; v += step) {
     for (std::int64_t u = kFloorReach; u + kFloorReach < depth.cols; u += step) {
       const std::int64_t pixel = v * depth.cols + u;
-      if (body_index != nullptr && body_index[pixel] != kNobody) continue;
+      if (body_index != nullptr && body_index[pixel] != kNoBody) continue;
       const float z = depth.at(pixel);
       if (!(z > 0.0F) || !has_ray(rays, u, v)) continue;
       if (!(before.dot(lift(rays, u, v, z)) > lowest)) continue;

@@ -1,5 +1,4 @@
-"""A certificate that this machine makes for itself, so that a headset on the local network may talk
-to it in private."""
+"""Self-signed certificates, so that a headset on the local network connects by TLS."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ from manip3d.io._files import limited_bytes, write_new
 _MAX_BYTES = 65536  # a key and a certificate take 2000
 
 DAYS = 397
-"""For which a new certificate is valid; browsers refuse some that are valid for longer."""
+"""Days that a new certificate is valid; browsers refuse some that are valid for longer."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class Certificate:
     Attributes
     ----------
     host : str
-        The address that it is for.
+        IP address of the machine.
     fingerprint : str
         SHA-256 in pairs of hexadecimal digits, as browsers show it.
     until : datetime
@@ -100,7 +99,7 @@ def make_certificate(host: str) -> Certificate:
         .issuer_name(name)
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - timedelta(hours=1))  # a headset whose clock is slow
+        .not_valid_before(now - timedelta(hours=1))  # allows for a headset whose clock is slow
         .not_valid_after(now + timedelta(days=DAYS))
         .add_extension(x509.SubjectAlternativeName([x509.IPAddress(address)]), critical=False)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)

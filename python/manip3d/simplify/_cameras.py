@@ -617,7 +617,10 @@ class _JoinedMesh:
         )
 
     def _fits(self, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """Return which new faces to keep so that no edge has more than two faces: the first."""
+        """Return which new faces to keep, so that no edge has more than two faces.
+
+        Of too many, the first ones stay.
+        """
         old, old_counts = np.unique(_edge_keys(self.faces), return_counts=True)
         new = _edge_keys(faces)
         order = np.argsort(new, kind="stable")

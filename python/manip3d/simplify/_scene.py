@@ -949,7 +949,7 @@ def scene_lods(
 def _with_small_meshes(
     placed: _Placed, chain: LodChain, method: str, options: Mapping[str, Any]
 ) -> LodChain:
-    """Make levels in which whole meshes vanished again, with corners of these meshes locked."""
+    """Recompute the levels in which whole meshes vanished, with corners of these meshes locked."""
     if method not in ("quality", "fast"):
         return chain
     finest, *coarser = chain.levels

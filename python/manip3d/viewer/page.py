@@ -80,7 +80,8 @@ def document(title: str, page: dict[str, Any]) -> str:
         "img-src blob: data:; connect-src blob:"
     )
     content = json.dumps(page).replace("<", "\\u003c")
-    # Use ASCII only, because a host page with another encoding would change the script's hash.
+    # The title is ASCII only, because a host page may have another encoding (the hash needs an
+    # ASCII bundle, too).
     name = html_text.escape(title).encode("ascii", "xmlcharrefreplace").decode()
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'

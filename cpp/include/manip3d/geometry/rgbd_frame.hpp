@@ -20,8 +20,6 @@ struct RgbdCalibration {
   std::vector<float> ray_table;  ///< Memory of depth.ray_table.
 };
 
-inline constexpr std::uint8_t kNoBody = 0xff;  ///< Body index of pixels that belong to nobody.
-
 /// Data of an RGB-D camera at one moment. Images are stored row by row.
 struct RgbdFrame {
   std::int64_t number = 0;   ///< Frame counter of the sensor; gaps show lost frames.

@@ -60,6 +60,8 @@ inline constexpr std::array<const char*, kNumJoints> kJointNames = {
 
 enum class TrackingState : std::uint8_t { kNotTracked, kInferred, kTracked };
 
+inline constexpr std::uint8_t kNoBody = 0xff;  ///< Body index of pixels that belong to nobody.
+
 /// One person's pose in the frame of the camera that sees it: metres, x right, y down, z ahead.
 struct Skeleton {
   std::array<Eigen::Vector3f, kNumJoints> positions = all_at_origin();
@@ -67,8 +69,8 @@ struct Skeleton {
   /// there is none.
   std::array<std::array<float, 4>, kNumJoints> orientations{};
   std::array<TrackingState, kNumJoints> states{};
-  std::int64_t id = 0;       ///< Constant while the sensor tracks the person.
-  std::uint8_t body = 0xff;  ///< Value of the person's pixels in the body index image.
+  std::int64_t id = 0;          ///< Constant while the sensor tracks the person.
+  std::uint8_t body = kNoBody;  ///< Value of the person's pixels in the body index image.
 
   [[nodiscard]] const Eigen::Vector3f& operator[](Joint joint) const {
     return positions[static_cast<std::size_t>(joint)];
