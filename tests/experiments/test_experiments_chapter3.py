@@ -146,6 +146,11 @@ def test_the_slow_part_of_a_deviation() -> None:
     assert slow[4:21, 1] == pytest.approx(sway[4:21])
 
 
+@pytest.mark.parametrize(("data", "kinds"), [("real", {"recorded"}), ("simulated", {"simulated"})])
+def test_sequences_are_of_the_data_asked_for(data: Any, kinds: set[str]) -> None:
+    assert {case.data for case in sequences_3.EXPERIMENT.cases(Plan(data=data))} == kinds
+
+
 @pytest.mark.usefixtures("no_data")
 def test_a_small_run_of_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MANIP3D_RENDERER", "none")

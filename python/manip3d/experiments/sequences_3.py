@@ -58,7 +58,7 @@ _SIMULATED = _Sequence("room (simulated), camera at rest")
 
 
 def _cases(plan: Plan) -> list[Case]:
-    sequences = [_SIMULATED]
+    sequences = [] if plan.data == "real" else [_SIMULATED]
     if plan.data != "simulated":
         here = [s for s in _REAL if plan.data == "real" or datasets.is_here(datasets.get(s.data))]
         sequences += here[:1] if plan.scale == "quick" else here
