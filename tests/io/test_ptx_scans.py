@@ -149,3 +149,25 @@ def test_a_scan_of_3dtk_without_a_pose_is_written(tmp_path: Path, name: str) -> 
     (tmp_path / "a.3d").write_text("-200 300 100\n-500 600 400\n")
     io.read_scan(tmp_path / "a.3d").write(tmp_path / name)
     assert io.read_scan(tmp_path / name).points.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_poses_are_kept_in_e57(tmp_path: Path) -> None:
+    """All scans lay on each other: the poses of other formats were left out."""
+    pye57 = pytest.importorskip("pye57")
+    other = HEAD.replace("10 20 2 1", "-7 3 1 1").replace("10 20 2\n", "-7 3 1\n")
+    scans = io.read_scans(written(tmp_path, HEAD + POINTS + other + POINTS))
+    io.write_scans(scans, tmp_path / "a.e57")
+    file = pye57.E57(str(tmp_path / "a.e57"))
+    for i, scan in enumerate(scans):
+        assert scan.format is not None
+        pose = scan.format.header["pose"]
+        x, y, z = (
+            file.read_scan(i, ignore_missing_fields=True)[f"cartesian{axis}"] for axis in "XYZ"
+        )
+        world = scan.points @ pose[:3, :3].T + pose[:3, 3]
+        np.testing.assert_allclose(np.column_stack([x, y, z]), world, atol=1e-5)
+        header = io.read_scans(tmp_path / "a.e57")[i].format.header  # type: ignore[union-attr]
+        np.testing.assert_allclose(header["pose"], pose, atol=1e-12)
+    stretched = written(tmp_path, HEAD.replace("0 0 1 0", "0 0 2 0") + POINTS)
+    with pytest.raises(InputError, match="got one that scales"):
+        io.write_scans(io.read_scans(stretched), tmp_path / "b.e57")

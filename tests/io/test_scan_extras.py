@@ -108,6 +108,57 @@ def test_other_scans_as_las(tmp_path: Path, suffix: str, num_points: int) -> Non
         assert again.intensity.tolist() == frame.intensity.tolist()  # type: ignore[union-attr]
 
 
+LONG_NAME = "name_of_a_scalar_field_that_is_too_long"
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "stored"),
+    [
+        ("user_data", np.array([0, 255], np.int32), "user_data"),
+        ("user_data", np.array([0, 256], np.int32), "user_data_2"),
+        ("point_source_id", np.array([-1, 7], np.int32), "point_source_id_2"),
+        ("return_number", np.array([1, 15], np.uint8), "return_number"),
+        ("return_number", np.array([1, 16], np.uint8), "return_number_2"),
+        ("classification", np.array([2.0, 6.0], np.float32), "classification"),
+        ("classification", np.array([2.5, 6.0], np.float32), "classification_2"),
+        ("scan_angle", np.array([-15, 15], np.int16), "scan_angle"),
+        ("scan_angle", np.array([-15.0, 15.0], np.float32), "scan_angle_2"),
+        ("gps_time", np.array([1.5, 2.5]), "gps_time"),
+        ("X", np.array([3, 4], np.int32), "X_2"),
+        ("ns", np.array([1_670_000_000_000_000_001, 3], np.int64), "ns"),
+        (LONG_NAME, np.array([1.0, 2.0]), LONG_NAME[:32]),
+    ],
+)
+def test_columns_that_a_las_dimension_cannot_hold_get_their_own(
+    tmp_path: Path, name: str, values: np.ndarray, stored: str
+) -> None:
+    """They were cut to its limits, X replaced the coordinates, and long names were an error."""
+    points = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    frame = LidarFrame(points, fields={name: values})
+    if stored == name:
+        frame.write(tmp_path / "a.las")
+    else:
+        with pytest.warns(UserWarning, match=f"{name} as {stored}"):
+            frame.write(tmp_path / "a.las")
+    las = laspy.read(tmp_path / "a.las")
+    np.testing.assert_array_equal(np.asarray(las[stored]), values)
+    np.testing.assert_allclose(las.xyz, points, atol=1e-4)
+
+
+@pytest.mark.parametrize("intensity", [[-1500.0, 1494.0], [3.0, 70_000.0], [0.25, 0.5]])
+def test_intensities_that_las_cannot_hold_are_reflectances(
+    tmp_path: Path, intensity: list[float]
+) -> None:
+    frame = LidarFrame(np.eye(3)[:2], np.array(intensity, np.float32))
+    frame.write(tmp_path / "a.las")
+    assert np.asarray(laspy.read(tmp_path / "a.las")["reflectance"]).tolist() == intensity
+    again = read_scan(tmp_path / "a.las")
+    assert again.intensity is not None
+    assert again.intensity.tolist() == intensity
+    again.write(tmp_path / "b.las")
+    assert np.asarray(laspy.read(tmp_path / "b.las")["reflectance"]).tolist() == intensity
+
+
 def damaged(data: bytes, at: int, code: str, value: int) -> bytes:
     size = struct.calcsize("<" + code)
     return data[:at] + struct.pack("<" + code, value) + data[at + size :]

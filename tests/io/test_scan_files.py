@@ -96,6 +96,9 @@ def test_damage_is_counted_with_its_first_row(tmp_path: Path, name: str, columns
         ("a.LVX2", "Livox Viewer 2"),
         ("a.pnts", "the .las, .laz or .e57 file"),
         ("a.fls", "export it as .e57, .ptx or .las"),
+        ("a.feather", "pandas.read_feather"),
+        ("a.pkl", "unpickling can run any program"),
+        ("a.tfrecord", "Waymo Open Dataset"),
     ],
 )
 def test_clouds_of_other_programs_are_refused_with_advice(
@@ -645,6 +648,38 @@ def pcd_of(path: Path, names: str, rows: np.ndarray) -> Path:
     return path
 
 
+def test_points_at_infinity_are_not_measured(tmp_path: Path) -> None:
+    rows = np.random.default_rng(0).uniform(1, 9, (50, 4))
+    rows[::5, :3] = np.inf
+    frame = read_scan(pcd_of(tmp_path / "a.pcd", "x y z intensity", rows))
+    assert (frame.num_points, frame.num_dropped) == (40, 10)
+    rows[0, 0] = 1.0
+    with pytest.raises(FormatError, match="expected coordinates that fit a float"):
+        read_scan(pcd_of(tmp_path / "b.pcd", "x y z intensity", rows))
+
+
+def test_bin_files_of_other_layouts_are_refused(tmp_path: Path) -> None:
+    """They were read as x, y, z, intensity: coordinates of 1e36, or all alike."""
+    rng = np.random.default_rng(0)
+    azimuth = np.linspace(0, 6.28, 2000)
+    distance = 20 + 5 * np.sin(3 * azimuth) + rng.normal(0, 0.02, 2000)
+    points = np.stack(
+        [distance * np.cos(azimuth), distance * np.sin(azimuth), -1.7 + 0 * azimuth,
+         rng.integers(0, 256, 2000)], axis=1
+    ).astype("<f4")  # fmt: skip
+    points.tofile(tmp_path / "a.bin")
+    np.testing.assert_array_equal(read_scan(tmp_path / "a.bin").points, points[:, :3])
+    np.ascontiguousarray(points.T).tofile(tmp_path / "planar.bin")
+    with pytest.raises(FormatError, match="got all x first, then all y"):
+        read_scan(tmp_path / "planar.bin")
+    records = np.zeros(2000, [("xyz", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])
+    records["xyz"] = np.rint((points[:, :3] + 100.0) / 0.005)
+    records["intensity"], records["laser"] = points[:, 3], rng.integers(0, 32, 2000)
+    records.tofile(tmp_path / "nclt.bin")
+    with pytest.raises(FormatError, match=r"numbers above 1e\+09|expected a finite number"):
+        read_scan(tmp_path / "nclt.bin")
+
+
 def test_intensities_that_are_all_nan_are_none(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -654,11 +689,15 @@ def test_intensities_that_are_all_nan_are_none(
     path = pcd_of(tmp_path / "a.pcd", "x y z intensity", rows)
     frame = read_scan(path)
     assert frame.intensity is None
-    assert "a.pcd: all intensities are NaN: taken for none" in caplog.text
+    assert "a.pcd: 50 of 50 intensities are NaN: the scan has none" in caplog.text
     write_scan(frame, tmp_path / "b.pcd")
     again = read_scan(tmp_path / "b.pcd")
     np.testing.assert_array_equal(again.points, frame.points)
-    rows[:30, 3] = 0.5
+    rows[:30, 3] = 0.5  # a scan joined to one without intensities
+    frame = read_scan(pcd_of(tmp_path / "c.pcd", "x y z intensity", rows))
+    assert frame.intensity is None
+    np.testing.assert_array_equal(frame.fields["intensity"], rows[:, 3].astype(np.float32))
+    rows[40, 3] = np.inf
     with pytest.raises(FormatError, match=r"point 30: .* got nan; 20 of 50 points have such"):
         read_scan(pcd_of(tmp_path / "c.pcd", "x y z intensity", rows))
 

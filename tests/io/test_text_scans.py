@@ -286,3 +286,31 @@ def test_texts_that_open3d_writes_name_their_columns_by_suffix(tmp_path: Path) -
     shining.write(tmp_path / "again.xyzn")
     assert (tmp_path / "again.xyzn").read_text().splitlines()[0] == "1.5 -2 3.25"
     assert scan_paths(tmp_path)  # folders are searched by these suffixes, too
+
+
+@pytest.mark.parametrize(
+    ("head", "metres"),
+    [
+        ("X (mm),Y (mm),Z (mm),Range (mm)", 1e-3),
+        ("x[cm],y[cm],z[cm],n", 1e-2),
+        ("X (m),Y (m),Z (m),n", 1),
+    ],
+)
+def test_units_of_columns_are_converted_to_metres(head: str, metres: float, tmp_path: Path) -> None:
+    """They were read as metres."""
+    frame = read(tmp_path, f"{head}\n1500,-2000,3250,7\n4000,5000,-6000,8\n")
+    expected = 1000.0 * metres * np.array(EXPECTED)
+    np.testing.assert_allclose(frame.points, expected, rtol=1e-6)
+    io.write_scan(frame, tmp_path / "again.csv")
+    assert (tmp_path / "again.csv").read_text().splitlines()[0] == head
+    np.testing.assert_allclose(io.read_scan(tmp_path / "again.csv").points, expected, rtol=1e-6)
+    io.write_scan(frame, tmp_path / "a.ply")
+    np.testing.assert_allclose(io.read_scan(tmp_path / "a.ply").points, expected, rtol=1e-6)
+
+
+def test_feet_are_named_and_not_converted(tmp_path: Path) -> None:
+    with pytest.warns(UserWarning, match="its coordinates are in feet"):
+        frame = read(tmp_path, "X (ft),Y (ft),Z (ft)\n1.5,-2,3.25\n4,5,-6\n")
+    assert frame.points.tolist() == EXPECTED
+    assert frame.format is not None
+    assert frame.format.header["unit"] == "feet"

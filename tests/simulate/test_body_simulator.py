@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from manip3d import InputError
+from manip3d._util.linear import quaternions, rotations_of
 from manip3d.rgbd import INFERRED, JOINTS, NO_BODY, PARENTS, TRACKED
 from manip3d.simulate import BodySimulator, open_source, people
 from manip3d.simulate._figure import (
@@ -17,8 +18,6 @@ from manip3d.simulate._figure import (
     REST_JOINTS,
     opposite,
     pose_figure,
-    quaternions,
-    rotations_of,
 )
 from manip3d.simulate._motions import MOTIONS, pose_at, walk
 from manip3d.simulate._skin import build_skin, nearest_bone

@@ -171,8 +171,8 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
     found = list(scans)
     if len(found) > 1 and suffix not in (".e57", ".ptx"):
         raise InputError(
-            f"output: {source} holds {len(found)} scans: name a folder, or a file that ends in "
-            ".e57 or .ptx"
+            f"output: {source} holds {len(found)} scans, and {suffix} one: name a folder without "
+            "--to, or a file that ends in .e57 or .ptx"
         )
     io.write_scans(found, output)
     for scan in found:

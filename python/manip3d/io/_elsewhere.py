@@ -17,6 +17,18 @@ _SCANS = {
         "of it with lvx_to_rosbag.launch of livox_ros_driver"
     ),
     ".lvx2": "convert this recording of a Livox scanner to .pcd in Livox Viewer 2",
+    ".feather": (
+        "write its columns x, y, z, intensity (and laser_number as ring) as .npz or .ply: "
+        "pandas.read_feather reads the sweeps of Argoverse 2"
+    ),
+    ".pkl": (
+        "unpickling can run any program: write its columns x, y, z, i as .npz or .ply; "
+        "pandas.read_pickle reads the sweeps of PandaSet"
+    ),
+    **dict.fromkeys(
+        (".tfrecord", ".parquet"),
+        "write the range images or points as .npy or .npz with the tools of the Waymo Open Dataset",
+    ),
     ".pnts": "use the .las, .laz or .e57 file that this tile of 3D Tiles was made of",
     **dict.fromkeys(
         (".fls", ".fws", ".zfs", ".zfc", ".rxp", ".rdb", ".rdbx", ".rcs", ".rcp", ".tzf"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,6 +49,8 @@ def plain_name(name: str) -> str:
 def renamed(frame: LidarFrame, name: str) -> LidarFrame:
     """Return the frame with colours and normals under the names of the format ``name``.
 
+    PLY and PCD hold no blanks in names: other columns get underscores instead.
+
     Colours have 8 bits in all formats except LAS and CSV. Fields stay unchanged if the frame has no
     colours, or if the format has no names for them, or if it is the frame's own format.
 
@@ -67,6 +70,8 @@ def renamed(frame: LidarFrame, name: str) -> LidarFrame:
         taken, colors = found
         kept = {key: values for key, values in fields.items() if key not in taken}
         fields = kept | _named_colors(colors, name)
+    if name in ("ply", "pcd"):
+        fields = {re.sub(r"\s+", "_", key): values for key, values in fields.items()}
     return frame.replace(fields=fields)
 
 

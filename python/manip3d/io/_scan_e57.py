@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from manip3d._util.linear import product
+from manip3d._util.linear import product, quaternions
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io._files import atomic_path, open_regular
 from manip3d.io._limits import check_points
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+_RIGID = 1e-5  # largest error of R R^T; poses in text have six digits or more
 _BLOCK = 1 << 20  # bytes per write
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -166,10 +167,17 @@ def _write_one(file: Any, frame: LidarFrame) -> None:
     for name, dtype in INTEGERS.items():
         if name in frame.fields:
             data[name] = frame.fields[name].astype(dtype)
-    own = frame.format is not None and frame.format.name == "e57"
-    header = frame.format.header if own and frame.format is not None else {}
-    pose = header.get("pose", np.eye(4))
-    rotation = header.get("rotation", np.array([1.0, 0.0, 0.0, 0.0]))
+    header = {} if frame.format is None else frame.format.header
+    given = header.get("pose")  # of E57 and PTX; None for a .3d file without its .pose file
+    pose = np.eye(4) if given is None else np.asarray(given)
+    rotation = header.get("rotation")
+    if rotation is None:
+        (rotation,) = quaternions(pose[None, :3, :3])
+    if not np.allclose(product(pose[:3, :3], pose[:3, :3].T), np.eye(3), atol=_RIGID):
+        raise InputError(
+            "points: E57 holds poses that turn and move, got one that scales or skews; a format "
+            "without poses holds the points"
+        )
     to_file = np.eye(4) if frame.format is None else frame.format.to_file
     is_moved = np.array_equal(to_file[:3, :3], np.eye(3))
     shift = to_file[:3, 3] if is_moved else np.zeros(3)

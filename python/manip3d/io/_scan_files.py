@@ -117,7 +117,8 @@ def read_scan(
         One point per line; columns are separated by commas, semicolons or spaces. A line before the
         points may name the columns. Otherwise they are x, y, z, then the intensity if there are
         four or seven columns, then ``c3`` and so on; in ``.xyzn`` normals follow and in ``.xyzrgb``
-        colours, as Open3D writes them. The scanner's position is not known.
+        colours, as Open3D writes them. Names may state millimetres or centimetres, as in
+        ``X (mm)``: coordinates are converted to metres. The scanner's position is not known.
     ``.npy``
         Rows of x, y, z, the intensity and up to four more numbers, or a structured array with
         named columns. The scanner's position is not known.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import io
+import itertools
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+_RAW = ("X", "Y", "Z")  # whole numbers from which a reader computes x, y, z
+_LONGEST_NAME = 32  # bytes of the name of an extra dimension
+
+
 def _laspy() -> Any:
     try:
         import laspy
@@ -49,7 +54,7 @@ def read(path: Path, limit: int) -> LidarFrame:
         columns = {
             name: np.array(las[name])
             for name in las.point_format.dimension_names
-            if name not in ("X", "Y", "Z")
+            if name not in _RAW
         }
     except (MemoryError, KeyboardInterrupt, SystemExit):
         raise
@@ -92,16 +97,18 @@ def write(frame: LidarFrame, path: Path) -> None:
         of_map = map_coordinates(frame, "las")
         exact = frame.points.astype(np.float64) if of_map is None else of_map
         columns = general_fields(frame)
-        header = _new_header(laspy, exact, columns, frame)
+        header = _new_header(laspy, exact, columns)
     if frame.intensity is not None:
-        known = set(header.point_format.dimension_names)
-        columns["reflectance" if "reflectance" in known else "intensity"] = frame.intensity
+        own_name = "reflectance" if "reflectance" in _names(header) else "intensity"
+        fits = _holds(header, own_name, frame.intensity)
+        columns["reflectance" if not fits else own_name] = frame.intensity
+    placed = _placed(laspy, header, columns, path)
     try:
         las = laspy.LasData(header)
         las.points = laspy.ScaleAwarePointRecord.zeros(len(exact), header=header)
         las.x, las.y, las.z = exact.T
-        for name, values in columns.items():
-            las[name] = _fitting(values, las[name].dtype)
+        for name, values in placed.items():
+            las[name] = values.astype(las[name].dtype)
     except OverflowError as error:
         raise InputError(f"points: LAS cannot hold them: {error}") from error
     compressed = path.suffix.lower() == ".laz"
@@ -120,30 +127,69 @@ def _without_octree(header: Any) -> Any:
     return header
 
 
-def _fitting(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    if dtype.kind in "iu":
-        limits = np.iinfo(dtype)
-        values = np.clip(np.rint(values), limits.min, limits.max)
-    return values.astype(dtype)
+def _names(header: Any) -> set[str]:
+    return set(header.point_format.dimension_names)
 
 
-def _new_header(
-    laspy: Any, exact: NDArray[np.float64], columns: dict[str, NDArray[Any]], frame: LidarFrame
-) -> Any:
-    """Return a header with steps of 0.1 mm; other columns become extra dimensions."""
+def _holds(header: Any, name: str, values: NDArray[Any]) -> bool:
+    """Return whether a dimension holds all values of a column unchanged."""
+    dimension = header.point_format.dimension_by_name(name)
+    dtype = dimension.dtype or np.dtype(np.uint8)  # of bit fields, which share a byte
+    # The angles of LAS 1.4 are counts of 0.006 degrees; decimal numbers are degrees.
+    if name == "scan_angle" and values.dtype.kind == "f":
+        return False
+    if dtype.kind in "iu" and len(values):
+        low, high = values.min(), values.max()
+        if not (dimension.min <= low and high <= dimension.max):
+            return False
+    with np.errstate(invalid="ignore"):
+        return np.array_equal(
+            values.astype(dtype).astype(values.dtype), values, equal_nan=values.dtype.kind == "f"
+        )
+
+
+def _placed(
+    laspy: Any, header: Any, columns: dict[str, NDArray[Any]], path: Path
+) -> dict[str, NDArray[Any]]:
+    """Return the columns by their names in the file; those that no dimension holds get a new one.
+
+    A name in LAS has at most 32 bytes.
+    """
+    placed: dict[str, NDArray[Any]] = {}
+    renamed = []
+    for name, values in columns.items():
+        used = _names(header)
+        if name in used and name not in _RAW and _holds(header, name, values):
+            placed[name] = values
+            continue
+        free = _free_name(name, used)
+        header.add_extra_dims([laspy.ExtraBytesParams(name=free, type=values.dtype)])
+        placed[free] = values
+        if free != name:
+            renamed.append(f"{name} as {free}")
+    if renamed:
+        warnings.warn(
+            f"{path}: LAS cannot hold columns under their names; written as extra dimensions: "
+            + ", ".join(renamed),
+            stacklevel=caller_level(),
+        )
+    return placed
+
+
+def _free_name(name: str, used: set[str]) -> str:
+    for number in itertools.count(1):
+        ending = "" if number == 1 else f"_{number}"
+        room = _LONGEST_NAME - len(ending)
+        free = name.encode()[:room].decode(errors="ignore") + ending
+        if free not in used:
+            return free
+    raise AssertionError  # the count has no end
+
+
+def _new_header(laspy: Any, exact: NDArray[np.float64], columns: dict[str, NDArray[Any]]) -> Any:
+    """Return a header with steps of 0.1 mm."""
     is_colored = all(name in columns for name in ("red", "green", "blue"))
     header = laspy.LasHeader(point_format=7 if is_colored else 6, version="1.4")
     header.scales = np.full(3, 1e-4)
     header.offsets = np.floor(exact.min(axis=0)) if len(exact) else np.zeros(3)
-    extra = dict(columns)
-    if frame.intensity is not None and np.any(frame.intensity != np.rint(frame.intensity)):
-        extra["reflectance"] = frame.intensity
-    known = set(header.point_format.dimension_names)
-    header.add_extra_dims(
-        [
-            laspy.ExtraBytesParams(name=name[:32], type=values.dtype)
-            for name, values in extra.items()
-            if name not in known
-        ]
-    )
     return header

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.callers import caller_level
 from manip3d._util.text_files import text_of
 from manip3d.errors import FormatError
 from manip3d.io._limits import check_points
@@ -44,6 +46,11 @@ _BARE = ("kitti", "nuscenes")
 _LARGEST = 1e9
 """Largest number in a scan, metres or otherwise. If 64-bit numbers are read as 32-bit ones, some
 are larger."""
+_MOST_LARGE = 0.01  # share of such numbers in a scan with damaged points
+_MIN_PLANAR, _MAX_COMPARED, _PLANAR = 400, 40_000, 0.5  # numbers; ratio of medians of differences
+_AXIS_UNIT = re.compile(r"(?i)(?<![a-z_])[xyz] ?[(\[]([^)\]]*)[)\]]")
+_LENGTHS = {"mm": 1e-3, "millimeters": 1e-3, "cm": 1e-2, "centimeters": 1e-2}  # metres
+_FEET = ("ft", "feet", "foot", "us-ft", "ftus")
 _FAR = 8192.0
 """Metres; beyond this distance from 0, the spacing of float32 is about 1 mm (2**-10 m) or more."""
 _MAX_OF = (0.1, 0.5, 0.9)
@@ -132,32 +139,68 @@ def read_columns(
     dtype = _dtype(columns)
     values = raw.view(dtype) if raw.size else np.empty(num_points, dtype)
     if kind in _BARE:
-        _refuse_doubles(raw, name)
+        _refuse_other_records(raw, name)
     header: dict[str, Any] = {"pairs": tuple((str(a), str(b)) for a, b in pairs)}
     layout = _with_short_intensity(columns) if kind in _TEXT else columns
     return Table(kind, _columns(values, columns, name), name, layout, header)
 
 
-def _refuse_doubles(raw: NDArray[np.uint8], file: str) -> None:
-    """Refuse a file without a header that holds 64-bit instead of 32-bit numbers.
+def _refuse_other_records(raw: NDArray[np.uint8], file: str) -> None:
+    """Refuse a file without a header that does not hold 32-bit numbers, point by point.
 
     Raises
     ------
     FormatError
-        Read as 32-bit numbers, some are too large for a scan; read as 64-bit numbers, none is.
+        Read as 32-bit numbers, some are too large for a scan, and read as 64-bit numbers, none is;
+        a hundredth of the 32-bit numbers are too large; or all x come first, then all y.
     """
-    if raw.nbytes % np.dtype(np.float64).itemsize:
-        return
-    single = np.abs(raw.reshape(-1).view(np.float32))
-    if float(single.max(initial=0.0)) <= _LARGEST:
-        return
-    double = np.abs(raw.reshape(-1).view(np.float64))
-    with np.errstate(invalid="ignore"):
-        is_double = ((double == 0.0) | ((double > 1.0 / _LARGEST) & (double < _LARGEST))).all()
-    if is_double:
-        raise FormatError(
-            "numbers of 64 bits, expected 32: write it as float32, or as a .npy file", file=file
+    single = raw.reshape(-1).view(np.float32)
+    size = np.abs(single)
+    if float(size.max(initial=0.0)) > _LARGEST:
+        if raw.nbytes % np.dtype(np.float64).itemsize == 0:
+            double = np.abs(raw.reshape(-1).view(np.float64))
+            with np.errstate(invalid="ignore"):
+                fits = (double == 0.0) | ((double > 1.0 / _LARGEST) & (double < _LARGEST))
+            if fits.all():
+                raise FormatError(
+                    "numbers of 64 bits, expected 32: write it as float32, or as a .npy file",
+                    file=file,
+                )
+        if np.count_nonzero(size > _LARGEST) > _MOST_LARGE * size.size:
+            raise FormatError(
+                f"expected x, y, z, ... as float32, got numbers above {_LARGEST:.0e}: not this "
+                "layout (NCLT, for example, has 16-bit integers); write it as a .npy file",
+                file=file,
+            )
+    if single.size >= _MIN_PLANAR and single.size % 4 == 0:
+        # Neighbours in time are alike in each coordinate, but x, y, z and intensity are not.
+        some = single[:_MAX_COMPARED]
+        # Two or three echoes in turn are alike at every second or third point only.
+        near, *far = (np.median(np.abs(some[gap:] - some[:-gap])) for gap in (1, 4, 8, 12, 16))
+        if near < _PLANAR * min(far):
+            raise FormatError(
+                "expected the points one after another, got all x first, then all y (4 rows of "
+                "numbers, as in the Oxford RobotCar data): write it transposed",
+                file=file,
+            )
+
+
+def _length_of(header: dict[str, Any], file: str) -> float:
+    """Return the metres of a text file's unit of length, from its names of x, y and z.
+
+    Feet are not converted, because there are two: the unit is stated in the header, with a warning.
+    """
+    names = dict(header.get("pairs", ())).get("names", "")
+    units = {unit.strip().lower() for unit in _AXIS_UNIT.findall(names)}
+    unit = units.pop() if len(units) == 1 else ""
+    if unit in _FEET:
+        header["unit"] = "feet"
+        warnings.warn(
+            f"{file}: its coordinates are in feet; they are not converted, so that results which "
+            "are said to be in metres are in feet",
+            stacklevel=caller_level(),
         )
+    return _LENGTHS.get(unit, 1.0)
 
 
 def read_table(
@@ -183,7 +226,9 @@ def frame_of_table(
     origin: tuple[float, float, float] | None,
     time_ns: int | None = None,
 ) -> LidarFrame:
-    """Return a table of points as a scan; points without coordinates (NaN) are left out.
+    """Return a table of points as a scan; points without coordinates are left out.
+
+    They are NaN, or in a PCD all three are infinite.
 
     Raises
     ------
@@ -195,11 +240,14 @@ def frame_of_table(
     if missing:
         raise FormatError(f"a scan has x, y and z; {', '.join(missing)} not found", file=name)
     measured = ~np.any([np.isnan(by_name[axis]) for axis in "xyz"], axis=0)
+    if table.kind == "pcd":
+        measured &= ~np.all([np.isinf(by_name[axis]) for axis in "xyz"], axis=0)
     num_dropped = int(measured.size - np.count_nonzero(measured))
     if num_dropped:
         by_name = {key: values[measured] for key, values in by_name.items()}
     stored = np.column_stack([by_name.pop(axis) for axis in "xyz"])
     to_file = _stored_to_file(table.kind, stored)
+    to_file[:3, :3] /= _length_of(table.header, name)
     layout = ScanFormat(table.kind, table.layout, table.header, to_file)
     points = measured_points(stored, layout, name)
     # Each call removes its column from `by_name`; the remaining columns become fields.
@@ -340,7 +388,7 @@ def _is_whole(values: NDArray[Any] | None) -> bool:
 
 
 def _intensity(by_name: dict[str, NDArray[Any]], file: str) -> NDArray[np.float32] | None:
-    """Remove and return the column of intensities; if all are NaN, it stays a field."""
+    """Remove and return the column of intensities; if some are NaN, it stays a field."""
     before = dict(by_name)
     column = _take(by_name, _INTENSITY, "fiu")
     if column is None:
@@ -350,9 +398,13 @@ def _intensity(by_name: dict[str, NDArray[Any]], file: str) -> NDArray[np.float3
     bad = np.flatnonzero(~np.isfinite(values))
     if not bad.size:
         return values
-    if np.isnan(values).all():
+    num_nan = np.count_nonzero(np.isnan(values))
+    if num_nan == bad.size:
         by_name |= {key: before[key] for key in before.keys() - by_name.keys()}
-        _logger.warning("%s: all intensities are NaN: taken for none", file)
+        _logger.warning(
+            "%s: %d of %d intensities are NaN: the scan has none, their column stays a field",
+            file, num_nan, len(values),
+        )  # fmt: skip
         return None
     raise FormatError(
         f"intensity of point {bad[0]}: expected a finite number, got {column[bad[0]]}; "

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from manip3d._util.checked import checked
-from manip3d._util.linear import product
+from manip3d._util.linear import product, quaternions
 from manip3d.errors import InputError
 from manip3d.rgbd import MIRRORED_JOINTS, PARENTS
 
@@ -276,36 +276,6 @@ def about(axis: str, degrees: float) -> Array:
     rotation[j, j] = rotation[k, k] = c
     rotation[k, j], rotation[j, k] = s, -s
     return rotation
-
-
-def quaternions(rotations: Array) -> Array:
-    """Unit quaternions w, x, y, z, (N, 4), of (N, 3, 3) rotations; largest component positive."""
-    r = rotations
-    trace = np.trace(r, axis1=1, axis2=2)
-    # Four times each squared component; division by the largest loses no digits [Shepperd 1978].
-    squares = np.column_stack([trace] + [2.0 * r[:, i, i] - trace for i in range(3)]) + 1.0
-    products = np.empty((len(r), 4, 4))
-    products[:, range(4), range(4)] = squares
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        products[:, 0, i + 1] = products[:, i + 1, 0] = r[:, k, j] - r[:, j, k]
-        products[:, j + 1, k + 1] = products[:, k + 1, j + 1] = r[:, k, j] + r[:, j, k]
-    largest = np.argmax(squares, axis=1)
-    row: Array = products[np.arange(len(r)), largest]
-    return np.asarray(row / np.linalg.norm(row, axis=1, keepdims=True))
-
-
-def rotations_of(quaternion: Array) -> Array:
-    """Rotations, (N, 3, 3), of (N, 4) unit quaternions w, x, y, z."""
-    w, x, y, z = quaternion.T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], 1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], 1),
-        ],
-        1,
-    )
 
 
 def _bone_axes() -> Array:

@@ -14,7 +14,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from manip3d._util.linear import product
+from manip3d._util.linear import product, quaternions, rotations_of
 from manip3d.rgbd import MIRRORED_JOINTS, PARENTS
 from manip3d.simulate._figure import (
     FRAME_ORIGIN,
@@ -23,8 +23,6 @@ from manip3d.simulate._figure import (
     REST_JOINTS,
     PosedFigure,
     mirrored_frame,
-    quaternions,
-    rotations_of,
 )
 
 Array = NDArray[np.float64]
