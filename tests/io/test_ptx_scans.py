@@ -171,3 +171,19 @@ def test_poses_are_kept_in_e57(tmp_path: Path) -> None:
     stretched = written(tmp_path, HEAD.replace("0 0 1 0", "0 0 2 0") + POINTS)
     with pytest.raises(InputError, match="got one that scales"):
         io.write_scans(io.read_scans(stretched), tmp_path / "b.e57")
+
+
+@pytest.mark.parametrize("suffix", ["ply", "csv", "las", "e57"])
+def test_convert_leaves_out_empty_cells_and_names_a_lost_pose(suffix: str, tmp_path: Path) -> None:
+    """Cells without a return became points at the scanner, and small poses were lost unsaid."""
+    pytest.importorskip({"las": "laspy", "e57": "pye57"}.get(suffix, "numpy"))
+    output = tmp_path / f"a.{suffix}"
+    done = CliRunner().invoke(
+        app, ["convert", str(written(tmp_path, HEAD + POINTS)), "-o", str(output)]
+    )
+    assert done.exit_code == 0
+    assert io.read_scan(output).num_points == 5
+    said = " ".join(done.output.split())
+    assert "1 cells of the grid without a point left out" in said
+    pose = "the scanner stands at 10.000 20.000 2.000, turned by the quaternion (w x y z) 0.707107"
+    assert (pose in said) == (suffix != "e57")

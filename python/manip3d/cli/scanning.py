@@ -168,7 +168,7 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
     if not suffix:
         _write_folder(scans, output, terminal)
         return
-    found = list(scans)
+    found = [_measured(scan, suffix, terminal) for scan in scans]
     if len(found) > 1 and suffix not in (".e57", ".ptx"):
         raise InputError(
             f"output: {source} holds {len(found)} scans, and {suffix} one: name a folder without "
@@ -183,6 +183,14 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
     terminal.say(f"wrote {output}")
 
 
+def _measured(scan: LidarFrame, suffix: str, terminal: Terminal) -> LidarFrame:
+    """Return a scan without the cells of a PTX grid that hold no point, which only PTX can tell."""
+    if suffix == ".ptx" or scan.format is None or scan.format.name != "ptx" or not scan.num_empty:
+        return scan
+    terminal.say(f"{count(scan.num_empty)} cells of the grid without a point left out")
+    return scan.select(scan.points.any(axis=1))
+
+
 def _tell_left_out(names: list[str], output: Path, terminal: Terminal) -> None:
     told = list(dict.fromkeys(names))
     more = f" and {len(told) - _MAX_TOLD} more" if len(told) > _MAX_TOLD else ""
@@ -192,7 +200,8 @@ def _tell_left_out(names: list[str], output: Path, terminal: Terminal) -> None:
 
 def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
     """Warn if map coordinates or the scanner's position are lost or are rarely read by programs."""
-    from manip3d.io._scan_tables import loses_map_coordinates, map_coordinates, map_place
+    from manip3d._util.linear import quaternions
+    from manip3d.io._scan_tables import loses_map_coordinates, lost_pose, map_coordinates
 
     is_new = scan.format is not None and scan.format.name != "pcd"
     if suffix == ".pcd" and is_new and map_coordinates(scan, "pcd") is not None:
@@ -204,9 +213,14 @@ def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
         terminal.say(
             "warning: where the scanner stood is not known; .ptx files say that it is the origin"
         )
-    if (pose := map_place(scan, suffix)) is not None:
-        where = " ".join(f"{value:.3f}" for value in pose)
-        terminal.say(f"warning: coordinates are the scanner's own; its place on the map: {where}")
+    if (pose := lost_pose(scan, suffix)) is not None:
+        where = " ".join(f"{value:.3f}" for value in pose[:3, 3])
+        (turn,) = quaternions(pose[None, :3, :3])
+        turned = " ".join(f"{value:.6f}" for value in turn)
+        terminal.say(
+            f"warning: coordinates are the scanner's own, and {suffix} holds no pose; the scanner "
+            f"stands at {where}, turned by the quaternion (w x y z) {turned}"
+        )
     if scan.format is not None and loses_map_coordinates(scan, suffix):
         shift = scan.format.to_file[:3, 3]
         place = " ".join(f"{value:.0f}" for value in shift)
@@ -223,7 +237,7 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
     left_out: dict[str, None] = {}
     for number, scan in enumerate(scans):
         folder.mkdir(parents=True, exist_ok=True)  # here, so that without a scan there is no folder
-        scan.write(folder / f"{number:06d}.bin")
+        _measured(scan, ".bin", terminal).write(folder / f"{number:06d}.bin")
         _tell_of_map(scan, ".bin", terminal)
         left_out |= dict.fromkeys(names_left_out(scan, ".bin"))
         count_written += 1

@@ -475,15 +475,15 @@ def loses_map_coordinates(frame: LidarFrame, suffix: str) -> bool:
     return bool(frame.format.to_file[:3, 3].any())
 
 
-def map_place(frame: LidarFrame, suffix: str) -> NDArray[np.float64] | None:
-    """Return the scanner's map position (3,) if its file states it and this suffix cannot.
+def lost_pose(frame: LidarFrame, suffix: str) -> NDArray[np.float64] | None:
+    """Return the scanner's pose (4, 4) if its file states it and this suffix cannot.
 
-    None if the scan has no pose, or a pose near 0.
+    None if the scan has no pose, or the identity.
     """
-    if frame.format is None or frame.format.name not in _POSED or suffix.lstrip(".") in _POSED:
+    if frame.format is None or suffix.lstrip(".") in _POSED:
         return None
-    place: NDArray[np.float64] = frame.format.header["pose"][:3, 3]
-    return place if np.abs(place).max() > _FAR else None
+    pose = frame.format.header.get("pose")  # of E57, PTX and .3d
+    return None if pose is None or np.array_equal(pose, np.eye(4)) else np.asarray(pose)
 
 
 def measured_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDArray[np.float32]:
