@@ -241,8 +241,8 @@ void project_disparity(const DisparityView& disparity, const StereoView& camera,
   }
 }
 
-// Nearest and farthest inverse range, 1/m, in the 3x3 cells around one, and the number of these
-// cells that were seen.
+// Largest (`nearest`) and smallest (`farthest`) inverse range, 1/m, in the 3x3 cells around one,
+// and the number of these cells that were seen.
 struct Around {
   float nearest = 0.0F;
   float farthest = std::numeric_limits<float>::infinity();
@@ -266,8 +266,8 @@ Around around(const InverseRanges& seen, const FrontMap& map, std::int64_t row,
   return found;
 }
 
-// Marks each cell. `limit` gets the inverse range above which a LiDAR point of an added cell is
-// added.
+// Marks each cell. `limit` gets the inverse range above which the LiDAR points of an added cell
+// count as added.
 void mark_cells(const InverseRanges& lidar, const InverseRanges& stereo, const FrontMap& map,
                 const StereoView& camera, const CrossModalOptions& options,
                 CrossModalResult& result, std::vector<float>& limit) {

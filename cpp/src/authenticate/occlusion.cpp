@@ -272,7 +272,8 @@ OcclusionComponent measure(const std::vector<const MarkedRun*>& runs, const Cell
   return component;
 }
 
-// Selects the components above A_th. Returns the component of each cell, -1 for others.
+// Selects the components of at least A_th (`min_area`), `min_cells` and at most `max_range`, the
+// largest area first. Returns the component of each cell, -1 for others.
 std::vector<std::int32_t> select_components(const CellMask& mask, const CellRanges& image,
                                             const CellFinder& finder,
                                             const OcclusionOptions& options,

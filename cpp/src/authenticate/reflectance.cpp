@@ -33,7 +33,8 @@ constexpr double kBesideSoftening = 0.05;  // metres: weights are 1 / (distance 
 
 // Azimuth columns in which neighbouring lasers are compared: one firing in each.
 constexpr int kGainColumns = 2000;
-constexpr std::size_t kMinGains = 50;  // pairs of returns for a difference of gains
+// With at most this many pairs of returns, two lasers are taken to have the same gain.
+constexpr std::size_t kTooFewGains = 50;
 
 // Voxels of the evidence: two lasers, 1.44 degrees, and a quarter of an octave of range.
 constexpr int kShareRings = 2;
@@ -75,9 +76,19 @@ constexpr double kPriorPairs = 30.0;
 constexpr double kEvenRatio = 5.0;   // log likelihood ratio above which a window is evidence
 constexpr double kEvenGap = 0.0075;  // radians: farthest neighbours along a ring
 
+// Largest difference of two ranges on one surface: a share of the range, and metres for rough
+// surfaces. From a ray to the next one, an angle d apart, the range of a surface that is met at an
+// angle s changes by the share d / tan(s).
+struct OneSurface {
+  double share;
+  double slack;
+};
+constexpr OneSurface kAlongRing{0.03, 0.05};   // kEvenGap apart, met at 14 degrees or more
+constexpr OneSurface kAcrossRings{0.08, 0.1};  // lasers a third of a degree apart, 4 degrees
+
 // Are two ranges a and b, metres, those of one surface?
-bool is_one_surface(double a, double b, double share, double slack) {
-  return std::abs(a - b) < share * a + slack;
+bool is_one_surface(double a, double b, const OneSurface& most) {
+  return std::abs(a - b) < most.share * a + most.slack;
 }
 
 double range_of(const PointsView& view, Eigen::Index row) {
@@ -422,7 +433,7 @@ class ReflectanceSearch {
         if (!is_judged(ReflectanceEvidence::kEven, a)) continue;
         if (!is_judged(ReflectanceEvidence::kEven, b)) continue;
         if (!(reading_.azimuth(b) - reading_.azimuth(a) < kEvenGap)) continue;
-        if (!is_one_surface(ranges_[a], ranges_[b], 0.03, 0.05)) continue;
+        if (!is_one_surface(ranges_[a], ranges_[b], kAlongRing)) continue;
         const std::size_t ring = reading_.ring(a);
         const bool equal = points_.intensity(a) == points_.intensity(b);
         pairs.push_back({a, reading_.ring(a), equal});
@@ -658,11 +669,11 @@ std::vector<double> laser_gains(const PointsView& points, const LatticeReading& 
       const std::int32_t above = image(ring - 1, column);
       const std::int32_t below = image(ring, column);
       if (above < 0 || below < 0) continue;
-      if (!is_one_surface(range_of(points, below), range_of(points, above), 0.08, 0.1)) continue;
+      if (!is_one_surface(range_of(points, below), range_of(points, above), kAcrossRings)) continue;
       steps.push_back(points.intensity(below) - points.intensity(above));
     }
     const double step =
-        steps.size() > kMinGains ? static_cast<double>(median(std::span(steps))) : 0.0;
+        steps.size() > kTooFewGains ? static_cast<double>(median(std::span(steps))) : 0.0;
     gains[ring] = gains[ring - 1] + step;
   }
   const double mean = std::accumulate(gains.begin(), gains.end(), 0.0) / std::max(num_rings, 1);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "manip3d/geometry/connected_runs.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -37,6 +38,28 @@ class RingImage {
   int columns_;
   std::vector<Value> values_;
 };
+
+/// Morphological opening by a block of cells: erases all that no full block covers.
+inline RingImage<std::uint8_t> opened(const RingImage<std::uint8_t>& image, int block_rings,
+                                      int block_columns, Ticker& ticker) {
+  RingImage<std::uint8_t> kept(image.rings(), image.columns(), 0);
+  for (int ring = 0; ring + block_rings <= image.rings(); ++ring) {
+    ticker.tick();
+    for (int column = 0; column < image.columns(); ++column) {
+      bool full = true;
+      for (int r = 0; full && r < block_rings; ++r) {
+        for (int c = 0; full && c < block_columns; ++c) {
+          full = image(ring + r, image.wrapped(column + c)) != 0;
+        }
+      }
+      if (!full) continue;
+      for (int r = 0; r < block_rings; ++r) {
+        for (int c = 0; c < block_columns; ++c) kept(ring + r, image.wrapped(column + c)) = 1;
+      }
+    }
+  }
+  return kept;
+}
 
 using RingCell = std::pair<int, int>;  ///< ring, column
 

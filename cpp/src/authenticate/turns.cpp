@@ -163,25 +163,6 @@ PointsView view_of(const Points& points) {
   return PointsView(PointsView::Map<Points>(points.data(), points.rows(), 3));
 }
 
-RingImage<std::uint8_t> opened_directions(const RingImage<std::uint8_t>& image) {
-  RingImage<std::uint8_t> kept(image.rings(), image.columns(), 0);
-  for (int ring = 0; ring + kTurnBlockRings <= image.rings(); ++ring) {
-    for (int column = 0; column < image.columns(); ++column) {
-      bool full = true;
-      for (int r = 0; full && r < kTurnBlockRings; ++r) {
-        for (int c = 0; full && c < kTurnBlockColumns; ++c) {
-          full = image(ring + r, image.wrapped(column + c)) != 0;
-        }
-      }
-      if (!full) continue;
-      for (int r = 0; r < kTurnBlockRings; ++r) {
-        for (int c = 0; c < kTurnBlockColumns; ++c) kept(ring + r, image.wrapped(column + c)) = 1;
-      }
-    }
-  }
-  return kept;
-}
-
 // The first guess of a motion: objects above the ground, on a grid seen from above, are shifted and
 // rotated until most of them meet the objects of the other turn.
 constexpr double kGuessCell = 0.25;                       // metres
@@ -432,7 +413,9 @@ class TurnComparison {
     const auto& image = images[static_cast<std::size_t>(kind)];
     const std::size_t first = regions.size();
     RingImage<std::int32_t> region_of(image.rings(), image.columns(), -1);
-    for (const auto& component : connected_components(opened_directions(image))) {
+    Ticker never{Progress{}};
+    const auto whole_blocks = opened(image, kTurnBlockRings, kTurnBlockColumns, never);
+    for (const auto& component : connected_components(whole_blocks)) {
       if (static_cast<std::int64_t>(component.size()) < kMinDirections) continue;
       for (const auto& [ring, column] : component) {
         region_of(ring, column) = static_cast<std::int32_t>(regions.size());

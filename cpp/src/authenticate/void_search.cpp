@@ -237,27 +237,6 @@ RingImage<std::uint8_t> widened(const RingImage<std::uint8_t>& image, Ticker& ti
   return wide;
 }
 
-// Morphological opening by a block: erases all that no full block covers.
-RingImage<std::uint8_t> opened(const RingImage<std::uint8_t>& image, Ticker& ticker) {
-  RingImage<std::uint8_t> kept(image.rings(), image.columns(), 0);
-  for (int ring = 0; ring + kBlockRings <= image.rings(); ++ring) {
-    ticker.tick();
-    for (int column = 0; column < image.columns(); ++column) {
-      bool full = true;
-      for (int r = 0; full && r < kBlockRings; ++r) {
-        for (int c = 0; full && c < kBlockColumns; ++c) {
-          full = image(ring + r, image.wrapped(column + c)) != 0;
-        }
-      }
-      if (!full) continue;
-      for (int r = 0; r < kBlockRings; ++r) {
-        for (int c = 0; c < kBlockColumns; ++c) kept(ring + r, image.wrapped(column + c)) = 1;
-      }
-    }
-  }
-  return kept;
-}
-
 // Number of cells around a void without a return in another turn and with one in this turn. A dark
 // car that passes leaves a hole of about its size in every turn; an edit of this turn leaves none
 // in others.
@@ -371,7 +350,7 @@ std::vector<Void> find_voids(const PointsView& points, const Answers& answers,
                         ? lost_between(answers, lattice, ground, options)
                         : runs_above_ground(answers, lattice, ground, options);
   Ticker ticker(options.progress, 1U << 2);
-  auto lost = opened(widened(runs, ticker), ticker);
+  auto lost = opened(widened(runs, ticker), kBlockRings, kBlockColumns, ticker);
   std::vector<Void> voids;
   for (const auto& component : connected_components(lost)) {
     ticker.tick();

@@ -20,10 +20,13 @@ constexpr std::int64_t kVeryFewPoints = 60'000;    // too few for 1-degree cells
 constexpr std::int64_t kFewForFineBins = 500'000;  // too few for fine bins
 constexpr double kFineBin = 0.002 * kDegree;
 constexpr double kCoarseBin = 0.01 * kDegree;
-constexpr double kShortestPeriod = 0.016 * kDegree;  // finer grids do not exist
+// Of a finer grid, such as that of a terrestrial scanner with steps of 0.0024 degrees, a multiple
+// of its step is found.
+constexpr double kShortestPeriod = 0.016 * kDegree;
 constexpr double kLongestPeriod = 2.0 * kDegree;
 constexpr double kSmoothing = 2.0 * kDegree;  // variations over more than this come from the scene
-// Multiple of the mean around; higher counts are coordinates rounded to a grid of their own.
+// Multiple of the local mean; a higher count is a spike, which appears where coordinates were
+// rounded, and is cut to this.
 constexpr double kSpike = 8.0;
 // Share of the highest peak, because multiples of the period have peaks of equal height.
 constexpr double kFundamental = 0.7;
@@ -110,7 +113,8 @@ std::vector<float> teeth_of(const std::vector<std::int64_t>& histogram, double b
   return smooth;
 }
 
-// Eight partial sums, for SIMD.
+// Sum of products of values `lag` apart. Eight partial sums, for SIMD; up to seven products at the
+// end are left out.
 double autocorrelation(const std::vector<float>& values, std::int64_t lag) {
   std::array<float, 8> sums = {};
   const std::int64_t count = static_cast<std::int64_t>(values.size()) - lag;
@@ -143,6 +147,7 @@ std::int64_t peak_near(const std::vector<float>& values, std::int64_t lag, std::
   return best;
 }
 
+// The step and strength of the period of a histogram; zeros if it has none.
 Comb find_comb(const std::vector<std::int64_t>& histogram, double bin, int num_threads,
                const Progress& progress) {
   const std::vector<float> values = teeth_of(histogram, bin);
