@@ -521,6 +521,17 @@ def test_old_frames_are_stale(key: KeyFile) -> None:
     assert (soon.verdict, soon.freshness) == ("authentic", "fresh")
 
 
+@pytest.mark.parametrize("age", [4e-10, 1e-300])
+def test_an_age_below_a_nanosecond_is_an_age(age: float, key: KeyFile) -> None:
+    """Rounded to nanoseconds it would be 0, which accepts any age."""
+    sent = marker_of(key).embed(frame(), time_ns=10**15)
+    for later, freshness in ((1, "fresh"), (2, "stale"), (10**9, "stale")):
+        found = Watermarker(key).verify(
+            sent.frame, sent.record, policy=Policy(max_age_s=age), now_ns=10**15 + later
+        )
+        assert found.freshness == freshness
+
+
 # --- Key files -----------------------------------------------------------------------------------
 
 

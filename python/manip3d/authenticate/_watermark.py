@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import math
 import os
 import threading
 import time
@@ -125,7 +126,7 @@ class Policy:
             [_session_bytes(each) for each in self.sessions],
             self.max_points,
             self.order == "any",
-            0 if self.max_age_s is None else round(self.max_age_s * 1e9),
+            0 if self.max_age_s is None else math.ceil(self.max_age_s * 1e9),
             None,
             list(self.units_per_m),
         )
@@ -348,7 +349,7 @@ class Watermarker(Closing):
     origin : (float, float, float) or None, metres
         For coordinates that need float64 (`LidarFrame.exact`): the point at which the sectors meet
         and from which the grid's steps are counted, rounded to the nearest step. The record states
-        it. None: the middle of each scan.
+        it. None: the middle of each scan, rounded to whole metres.
     state : path, optional
         File in which the verifier keeps the frames that it has seen, so that it notices replays
         after a restart. It is authenticated with the key. Each frame is written before `verify`
