@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 import lattice_scans as scans
 from exact_scans import exact_scan, hesai, in_polar_steps, ouster
-from manip3d import LidarFrame
-from manip3d.authenticate import SensorLattice, identify_sensor, kitti_lattice
+from manip3d import LidarFrame, io
+from manip3d.authenticate import SensorLattice, identify_sensor, inspect, kitti_lattice
 from manip3d.authenticate._lattice import COLUMNS
 from manip3d.authenticate._sensors import BEAM_WIDTH, BEAMS, _common_part, is_of_two_scanners
+from real_data import RealData
 
 COUNT = 8000
 
@@ -225,6 +226,52 @@ def test_the_common_part_of_heights_is_a_sum_of_whole_nanometres(lift: float) ->
     assert min(off, 0.001 - off) < 1e-8
     assert 0.9195 < share < 0.9205
     assert _common_part(heights[::-1].copy(), 0.001) == (beside, share)
+
+
+def rastered(rows: float, columns: float, *, lowest: float = -40.0) -> NDArray[np.float32]:
+    """A room from a scanner whose rows and columns are so many degrees apart; whole millimetres."""
+    random = np.random.default_rng(3)
+    elevation, azimuth = np.meshgrid(
+        np.arange(lowest, 40.0, rows), np.arange(0.0, 360.0, columns), indexing="ij"
+    )
+    e, a = np.radians([elevation.ravel(), azimuth.ravel()])
+    beam = np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    room = (np.array([7.0, 5.0, 3.0]) / np.maximum(np.abs(beam), 1e-9)).min(axis=1)
+    distance = np.round(room + random.normal(0.0, 0.01, len(room)), 3)
+    return np.asarray(beam * distance[:, None], np.float32)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(1.0, 1.0), (0.9, 1.2), (1.25, 1.0)])
+def test_rows_of_a_raster_are_no_lasers(rows: float, columns: float) -> None:
+    found = identify_sensor(rastered(rows, columns))
+    assert (found.name, found.lattice) == ("unknown", None)
+    assert "rows of a raster" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns"), [(2.0, 0.2), (4.0 / 3.0, 0.16), (1.0, 0.4), (0.625, 360.0 / 1024.0)]
+)
+def test_equally_spaced_lasers_are_no_raster(rows: float, columns: float) -> None:
+    """As of a VLP-16, an HDL-32E, a PandarXT-32 at 20 turns a second, and an Ouster."""
+    points = rastered(rows, columns, lowest=-30.0)
+    assert identify_sensor(points).kind == "lattice"
+    thinned = points[np.random.default_rng(0).random(len(points)) < 0.2]
+    assert identify_sensor(thinned).kind == "lattice"
+
+
+@pytest.mark.parametrize("lasers", [64, 128])
+def test_an_ouster_with_columns_as_far_apart_as_its_lasers_is_no_raster(lasers: int) -> None:
+    assert identify_sensor(exact_scan(ouster(lasers))).kind == "lattice"
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("number", [1, 2])
+def test_crops_of_a_real_room_are_no_spinning_scanners(number: int, realdata: RealData) -> None:
+    points = io.read_scan(realdata(f"lidar/tls/room_scan{number}.ply.xz")).points
+    distance = np.linalg.norm(points, axis=1)
+    for kept in (distance > 2.0, distance > 3.2, points[:, 2] < 0.0, points[:, 0] > 2.0):
+        assert "rows of a raster" in identify_sensor(points[kept]).reason
+    assert inspect(points[distance > 3.2], plant=1).verdict == "undecidable"
 
 
 @pytest.mark.parametrize("points", [6000, 60_000])
