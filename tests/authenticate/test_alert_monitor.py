@@ -516,12 +516,15 @@ def test_a_region_behind_hides_none_ahead_from_the_risk_of_forensics() -> None:
     assert places == [(8.0, 0.0), (8.0, 0.0)]  # the nearest point of the box
 
 
-def test_forensics_alone_find_a_pasted_object() -> None:
-    """On a scanner whose lattice is known."""
+def test_forensics_alone_accuse_no_clean_scan() -> None:
+    """On a scanner whose lattice is known; a pasted object is accused."""
     scan = lattice_scans.scan(np.random.default_rng(0))
     alert = AlertMonitor().judge(LidarFrame(scan), speed_mps=10.0)
     assert alert.verdict in ("no_trace", "undecidable")
     assert alert.forensics is not None
+    box = np.random.default_rng(1).uniform((8.0, -1.0, -1.5), (10.0, 1.0, 0.0), (800, 3))
+    pasted = np.concatenate([scan, box.astype(np.float32)])
+    assert AlertMonitor().judge(LidarFrame(pasted), speed_mps=10.0).verdict == "tampered"
 
 
 @pytest.mark.parametrize(
