@@ -84,6 +84,23 @@ def test_the_bound_is_that_of_the_binomial_law() -> None:
     assert upper_rate(5, 5) == 1.0
 
 
+def test_a_drive_page_shows_the_p_value_that_accuses(tmp_path: Path) -> None:
+    """Detector III states 0.002 at least, because no more clean scans tested it."""
+    found, page = [accused(0.002, "generic", 7.0), accused(0.007)], tmp_path / "drive.html"
+    report.write_drive_evidence(found, page, names=["a", "b"])
+    text = page.read_text()
+    top, scale = 38.0, 10.0  # pixels, and pixels per power of ten
+    assert f'cy="{top - scale * math.log10(1.2e-6):.2f}" r="2.5"' in text
+    assert f'cy="{top - scale * math.log10(0.007):.2f}" r="4.0"' in text
+    assert "<td>2.0e-03</td><td>1.2e-06</td>" in text
+    assert "<td>7.0e-03</td><td>7.0e-03</td>" in text
+    assert "p-value of detector III by its model of clean scans" in text
+    record = found[0].record()
+    assert (record["p_value"], record["model_p_value"]) == (0.002, pytest.approx(1.2e-6))
+    assert record["detectors"]["generic"]["model_p_value"] == record["model_p_value"]
+    assert found[1].record()["model_p_value"] == 0.007
+
+
 def test_a_drive_page_shows_the_curve(tmp_path: Path) -> None:
     found = [frame(0.0025)] * 6
     page = tmp_path / "drive.html"
@@ -102,7 +119,8 @@ def test_bad_rates_are_named() -> None:
 
 
 def accused(p_value: float, name: str = "turns", score: float = 1.0) -> Inspection:
-    report = DetectorReport(name, "tampered", "", score, p_value)
+    model = 12.0 * 10.0**-score if name == "generic" else None  # twelve tests in a scan
+    report = DetectorReport(name, "tampered", "odd", score, p_value, model_p_value=model)
     return replace(NOTHING, verdict="tampered", detectors=(report,))
 
 
@@ -204,7 +222,7 @@ def test_the_law_of_alarms() -> None:
 def test_a_single_strong_scan_makes_a_drive_tampered() -> None:
     rest = [CLEAN] * 9999
     for strong, words in (
-        (accused(0.002, "generic", 9.0), "points of number 5000 lie where the sensor cannot"),
+        (accused(0.002, "generic", 9.0), "in number 5000, odd; of clean drives"),
         (accused(1.0, "watermark"), "the watermark of number 5000 does not hold"),
     ):
         drive = [*rest[:5000], strong, *rest[5000:]]

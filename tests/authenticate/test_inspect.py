@@ -305,7 +305,7 @@ def test_every_region_of_the_accusing_detector_is_drawn(tmp_path: Path) -> None:
         found,
         detectors=(*found.detectors[:2], replace(report_of, regions=tuple(many))),
     )
-    assert _drawn_regions(crowded)[0][0] == 39
+    assert _drawn_regions(crowded)[0].place == 39
     assert _how_many(crowded) == "; the 24 most significant of 40, the table has all"
 
 

@@ -617,12 +617,28 @@ def test_removed_object_leaves_a_void() -> None:
     silhouette = (np.abs(angle - 0.8) < 0.15) & (rho > 10.0) & (clean[:, 2] < TOP * rho)
     result = judged(clean[~silhouette])
     assert result.verdict == "tampered"
+    assert result.reason == "returns are missing where a surface must have answered"
     assert result.evidence["void"].strength > 50
     box = result.regions[0]
     middle = 0.5 * (np.array(box.lower) + np.array(box.upper))
     assert abs(math.hypot(middle[0], middle[1]) - 10.0) < 2.0
     assert abs(math.atan2(middle[1], middle[0]) - 0.8) < 0.05
     assert reading.ring.max() == 63
+
+
+def test_a_reason_names_what_was_added_and_what_was_removed() -> None:
+    clean = scans.scan(np.random.default_rng(5))
+    rho, angle = np.hypot(clean[:, 0], clean[:, 1]), np.arctan2(clean[:, 1], clean[:, 0])
+    silhouette = (np.abs(angle - 0.8) < 0.15) & (rho > 10.0) & (clean[:, 2] < TOP * rho)
+    lifted = np.array(clean)
+    lifted[box_of(clean, -1.0, 0.1, 0.0) & (rho < 12.0), 2] += 0.01
+    both = judged(lifted[~silhouette])
+    assert both.reason == (
+        "points lie where the sensor cannot measure and "
+        "returns are missing where a surface must have answered"
+    )
+    kept = both.without(["void"])
+    assert kept.reason == judged(lifted).reason == "points lie where the sensor cannot measure"
 
 
 def test_turn_before_tells_what_was_removed() -> None:

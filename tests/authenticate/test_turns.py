@@ -17,6 +17,7 @@ from manip3d.authenticate._extent import Lacking, left_out_of_turn
 from manip3d.authenticate._inspect import inspect_beside
 from manip3d.authenticate._movers import passes_by
 from manip3d.report import write_evidence
+from manip3d.report._evidence import _drawn_regions
 
 LATTICE = turn_scans.LATTICE
 STEP = 0.9
@@ -214,6 +215,27 @@ def report_page(found: authenticate.Inspection, folder: Path) -> str:
     return (folder / "evidence.html").read_text()
 
 
+def test_all_accusing_detectors_are_named_and_drawn(
+    turns: list[np.ndarray], tmp_path: Path
+) -> None:
+    """An object that was moved is off the lattice, and is missing where the turns saw it."""
+    frame = with_far_point(turns[1].copy())
+    moved = turn_scans.box_at(0, 0.0).contains(frame)
+    frame[moved] = scans.rounded(frame[moved] + np.float64([0.0, 1.7, 0.0]))
+    found = authenticate.inspect(frame, previous=turns[0], following=turns[2], lattice=LATTICE)
+    assert [report.name for report in found.all_accusing] == ["generic", "turns"]
+    assert found.accusing is found.all_accusing[0]
+    assert found.reason.startswith("detector III: points lie where the sensor cannot measure")
+    assert "; detector IV: points lie behind a thing that the turns" in found.reason
+    drawn = {each.report.name for each in _drawn_regions(found)}
+    assert drawn == {"generic", "turns"}
+    page = report_page(found, tmp_path)
+    assert "Regions of the accusing detectors: suspected points in orange, what" in page
+    assert "0.002 stands for all smaller ones" in page
+    assert found.model_p_value is not None
+    assert found.model_p_value < 1e-6 < found.detectors[2].p_value
+
+
 @pytest.mark.parametrize("lacking", [[63], [61, 62, 63], [20], [0, 1]])
 @pytest.mark.parametrize("is_whole_drive", [True, False])
 def test_what_was_removed_is_missed_in_the_lasers_that_a_file_has(
@@ -354,8 +376,7 @@ def test_turns_that_were_cut_do_not_hide_what_was_deleted(
     box = turn_scans.box_at(0, 0.0)
     frame = with_far_point(turns[1][~box.contains(turns[1])])
     for found in beside_cut_turns(frame, turns, cut):
-        assert found.accusing is not None
-        assert found.accusing.name == "turns"
+        assert "turns" in [report.name for report in found.all_accusing]
         assert np.abs(np.subtract(found.regions[0].box.center[:2], box.center[:2])).max() < 1.5
 
 

@@ -70,8 +70,8 @@ def test_a_drive_is_a_line_a_scan_and_a_table(drive: Path, tmp_path: Path) -> No
         ["0000000002.bin", "no_trace"],
     ]  # fmt: skip
     assert lines[-1].startswith(
-        "tampered: 1 of 3 scans accused (number 1): points of number 1 lie where the sensor cannot "
-        "measure; of clean drives as long 1.1% at most are called so"
+        "tampered: 1 of 3 scans accused (number 1): in number 1, points lie where the sensor "
+        "cannot measure; of clean drives as long 1.1% at most are called so"
     )
     log = report.read_log(tmp_path / "case.jsonl")
     assert [entry["verdict"] for entry in log] == ["no_trace", "tampered", "no_trace", "tampered"]

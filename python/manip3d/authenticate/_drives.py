@@ -17,9 +17,8 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.authenticate._extent import left_out_of_turn
-from manip3d.authenticate._generic import NUM_TESTS
 from manip3d.authenticate._inspect import inspect_beside, repeating
-from manip3d.authenticate._inspection import DetectorReport, Inspection
+from manip3d.authenticate._inspection import Inspection
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._on_lattice import LeftOut
@@ -456,8 +455,8 @@ def verdict_of_drive(
     all detectors together. Chance does not explain
 
     - a watermark that accuses a scan;
-    - a scan whose points are so far off the lattice that only one clean drive in a thousand has
-      such a scan (detector III, Bonferroni over the judged scans);
+    - a scan with so much evidence of detector III, by its ``model_p_value``, that only one clean
+      drive in a thousand has such a scan (Bonferroni over the judged scans);
     - as many episodes of accused scans as at most one clean drive in a hundred has (binomial law).
       A scan that only detectors IV and V accuse belongs to the episode of the previous turn if that
       is accused as well, because a false accusation by them recurs in the next turn. Every other
@@ -528,8 +527,9 @@ def _why_no_chance(
     for number, each in accused.items():
         for report in each.detectors:
             is_of_lattice = report.name == "generic" and report.verdict == "tampered"
-            if is_of_lattice and _lattice_p_value(report) * judged <= rate_of("generic"):
-                return f"points of number {number} lie where the sensor cannot measure"
+            p_value = report.least_p_value if is_of_lattice else None
+            if p_value is not None and p_value * judged <= rate_of("generic"):
+                return f"in number {number}, {report.reason}"
     together = drive_evidence(found)
     alarms = together.alarms
     if alarms and share_with_alarms(len(alarms), together.judged) <= DRIVE_RATE:
@@ -578,11 +578,6 @@ def _could_be_accused(found: Inspection | None) -> bool:
         for report in found.detectors
         if report.name != "watermark"
     )
-
-
-def _lattice_p_value(report: DetectorReport) -> float:
-    """p-value of detector III, whose score is -log10 of the p-value of one test of NUM_TESTS."""
-    return 1.0 if report.score is None else NUM_TESTS * 10.0**-report.score
 
 
 _Numbered = tuple["LidarFrame | None", int]

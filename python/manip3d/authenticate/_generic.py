@@ -8,7 +8,7 @@ of it, a *stray* point a point off the lattice in a clean frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -36,9 +36,6 @@ EVIDENCE = (
     "time",
 )  # fmt: skip
 """Kinds of evidence, in the order of the bits of ``flags``."""
-
-NUM_TESTS = len(EVIDENCE) + 1
-"""Largest number of tests of a frame: each kind of evidence, and one for scattered points."""
 
 MISSING = ("void", "time", "firing")
 """Kinds of evidence based on missing returns, or on the number of returns of a firing."""
@@ -114,11 +111,13 @@ REASONS = {
 
 IN_WORDS: dict[Verdict, str] = {
     "no_trace": "points lie where the sensor can measure",
-    "tampered": "points lie where the sensor cannot measure",
     "processed": "the whole scan contradicts a part of the sensor's lattice",
     "undecidable": "the scan does not stand on the lattice of a spinning scanner",
 }
-"""Reason of each verdict in words."""
+"""Reason of each verdict in words; `_accusation` states that of ``tampered``."""
+
+WRONG_PLACE = "points lie where the sensor cannot measure"
+NO_RETURN = "returns are missing where a surface must have answered"
 
 UNTOLD = "{} points are on no line, where a laser without a line may look: they cannot be judged"
 """Reason of an undecidable scan with `MIN_EXACT` or more such points. None of five clouds of
@@ -304,7 +303,7 @@ class GenericResult(Showable):
             for kind, said in self.evidence.items()
         }
         rows = [region.rows for region in kept]
-        reason = IN_WORDS["tampered" if kept else quiet]
+        reason = _accusation(kept) if kept else IN_WORDS[quiet]
         if self.verdict == "undecidable" and not kept:
             quiet, reason = self.verdict, self.reason
         return replace(
@@ -646,7 +645,7 @@ def _judged(
     verdict: Verdict = "tampered" if regions else quiet
     return GenericResult(
         verdict,
-        IN_WORDS[verdict],
+        _accusation(regions) if regions else IN_WORDS[verdict],
         10.0 ** min(logs, default=0.0),
         abs(min(best, default=0.0)),
         false_alarm_rate,
@@ -658,6 +657,13 @@ def _judged(
         scan,
         rules,
     )
+
+
+def _accusation(regions: Sequence[SuspectRegion]) -> str:
+    """The reason of ``tampered`` in words; a region without rows is one of missing returns."""
+    added = any(len(region.rows) for region in regions)
+    removed = any(not len(region.rows) for region in regions)
+    return " and ".join([WRONG_PLACE] * added + [NO_RETURN] * removed)
 
 
 def _without_rests(found: Mapping[str, Any], alarming: list[int]) -> list[int]:

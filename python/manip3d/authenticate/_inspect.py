@@ -402,9 +402,9 @@ def _with_watermark(result: Inspection, signed: WatermarkResult | None) -> Inspe
     regions = tuple(Region(region.box) for region in signed.regions)
     report = DetectorReport("watermark", verdict, signed.reason, signed.score, regions=regions)
     reports = (*result.detectors, report)
-    if verdict != "tampered" or result.verdict == "tampered":
+    if verdict != "tampered":
         return replace(result, detectors=reports, watermark=signed)
-    reason = f"watermark: {signed.reason}"
+    reason = reason_of(verdict, reports, ())
     return replace(result, verdict="tampered", reason=reason, detectors=reports, watermark=signed)
 
 

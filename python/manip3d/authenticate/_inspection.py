@@ -20,6 +20,7 @@ from manip3d.authenticate._sensors import Sensor
 from manip3d.authenticate._turns import TurnResult
 from manip3d.authenticate._verdict import (
     NO_POWER,
+    RATE_SHARES,
     Calibration,
     Power,
     Processing,
@@ -75,6 +76,9 @@ class DetectorReport:
     calibration : Calibration or None
         Scans on which the thresholds were chosen; None: the thresholds come from a publication or a
         user, or the detector needs none.
+    model_p_value : float or None
+        Detector III: the p-value that its model of clean scans states, also below 1 / (n + 1). The
+        verdict follows from it. 0: below the range of double precision. None: as ``p_value``.
     """
 
     name: str
@@ -86,11 +90,22 @@ class DetectorReport:
     suspected: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64), repr=False)
     power: Mapping[str, Power] = field(default_factory=lambda: NO_POWER, repr=False)
     calibration: Calibration | None = None
+    model_p_value: float | None = None
+
+    @property
+    def least_p_value(self) -> float | None:
+        """The p-value of which the verdict is made: ``model_p_value``, else ``p_value``."""
+        return self.p_value if self.model_p_value is None else self.model_p_value
 
     @property
     def title(self) -> str:
         """Test that the detector makes."""
         return TITLES[self.name]
+
+    @property
+    def number(self) -> str:
+        """Number of the detector, such as III; for a watermark its title."""
+        return self.title.partition(":")[0]
 
     @property
     def boxes(self) -> tuple[Box, ...]:
@@ -165,7 +180,19 @@ class Inspection(Showable):
 
     @property
     def accusing(self) -> DetectorReport | None:
-        """Report of the last ``tampered`` detector, else of a ``tampered`` watermark, else None."""
+        """Report of the ``tampered`` detector with most evidence, else of a watermark, else None.
+
+        See `all_accusing` for the order.
+        """
+        return next(iter(self.all_accusing), None)
+
+    @property
+    def all_accusing(self) -> tuple[DetectorReport, ...]:
+        """Reports of all ``tampered`` detectors, in this order.
+
+        Detectors that suspect points come first, and a watermark last, since its regions have no
+        rows. Among others, the smallest p-value in proportion to the detector's limit comes first.
+        """
         return accusing_of(self.detectors)
 
     @property
@@ -175,8 +202,18 @@ class Inspection(Showable):
 
     @property
     def p_value(self) -> float | None:
-        """Smallest p-value of the detectors with the combined verdict."""
+        """Smallest p-value of the detectors with the combined verdict.
+
+        It is never below the bound that calibrations support, see `DetectorReport`, and may
+        therefore exceed the limit below which a detector accuses.
+        """
         return min((r.p_value for r in self._deciding() if r.p_value is not None), default=None)
+
+    @property
+    def model_p_value(self) -> float | None:
+        """Smallest p-value of the detectors with the combined verdict, without that bound."""
+        known = (r.least_p_value for r in self._deciding())
+        return min((p_value for p_value in known if p_value is not None), default=None)
 
     @property
     def likelihood_ratio(self) -> float | None:
@@ -251,6 +288,7 @@ class Inspection(Showable):
             "reason": self.reason,
             "score": self.score,
             "p_value": self.p_value,
+            "model_p_value": self.model_p_value,
             "likelihood_ratio": self.likelihood_ratio,
             "points": self.num_points,
             "sensor": None if self.sensor is None else self.sensor.name,
@@ -273,6 +311,7 @@ class Inspection(Showable):
             "reason": report.reason,
             "score": report.score,
             "p_value": report.p_value,
+            "model_p_value": report.least_p_value,
             "suspected_points": len(report.suspected),
             "boxes": [
                 {"center": list(box.center), "size": list(box.size), "yaw": box.yaw}
@@ -295,18 +334,21 @@ class Inspection(Showable):
         return values
 
 
-def accusing_of(reports: Sequence[DetectorReport]) -> DetectorReport | None:
-    """Return the last tampered report, that of the watermark only if no other is tampered.
-
-    The regions of the watermark have no rows, so that a detector shows more.
+def accusing_of(reports: Sequence[DetectorReport]) -> tuple[DetectorReport, ...]:
+    """Return the tampered reports in the order of `Inspection.all_accusing`.
 
     Parameters
     ----------
     reports : sequence of DetectorReport
     """
-    tampered = [report for report in reports if report.verdict == "tampered"]
-    detectors = [report for report in tampered if report.name != "watermark"]
-    return next(reversed(detectors or tampered), None)
+
+    def weakness(report: DetectorReport) -> tuple[bool, bool, float]:
+        p_value, limit = report.least_p_value, RATE_SHARES.get(report.name, 1.0)
+        relative = 1.0 if p_value is None else p_value / limit
+        return report.name == "watermark", not len(report.suspected), relative
+
+    tampered = (report for report in reports if report.verdict == "tampered")
+    return tuple(sorted(tampered, key=weakness))
 
 
 @checked

@@ -39,8 +39,8 @@ LATTICE_CALIBRATION = Calibration(
     "assumes that clean scans have no outliers except independent stray points.",
     chose=False,
 )
-"""Clean frames on which detector III was tested. Smaller p-values than 1 / 511 would rest on a
-model alone, and `inspect` does not state them."""
+"""Clean frames on which detector III was tested. Smaller p-values than 1 / 511 rest on a model
+alone; `inspect` states them as ``model_p_value`` only."""
 
 EXACT_CALIBRATION = Calibration(
     "simulated streets 90000 to 91019, one turn each of a Hesai Pandar40P, a PandarXT-32 or an "
@@ -73,16 +73,20 @@ def combined(
 def reason_of(
     verdict: Verdict, reports: Sequence[DetectorReport], processing: Sequence[Processing]
 ) -> str:
-    """The reason of a verdict: the processing, or the reason of the deciding detector."""
+    """The reason of a verdict: the processing, or the reasons of the deciding detectors."""
     if verdict == "processed" and processing:
         return "; ".join(f"{step.kind}: {step.detail}" for step in processing)
     if verdict == "undecidable":
         last = reports[-1]  # a score: it judged the scan, without known power
         has_said = last.score is not None and last.verdict == "undecidable"
         return last.reason if has_said else reports[0].reason
-    accusing = accusing_of(reports) if verdict == "tampered" else None
-    deciding = accusing or next(r for r in reports if r.verdict == verdict)
-    return f"detector {deciding.title.split(':')[0]}: {deciding.reason}"
+    accusing = accusing_of(reports) if verdict == "tampered" else ()
+    deciding = accusing or [next(r for r in reports if r.verdict == verdict)]
+    return "; ".join(f"{_named(report)}: {report.reason}" for report in deciding)
+
+
+def _named(report: DetectorReport) -> str:
+    return report.name if report.name == "watermark" else f"detector {report.number}"
 
 
 def without_position(frame: LidarFrame, why: str) -> Inspection:
@@ -148,6 +152,7 @@ def generic_report(
         "generic", found.verdict, found.reason, found.score,
         max(least, found.p_value) if judged else None,
         regions, found.suspected, known_power("generic", sensor, embedding), calibration,
+        found.p_value if judged else None,
     )  # fmt: skip
 
 

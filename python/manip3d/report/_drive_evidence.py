@@ -43,7 +43,8 @@ DEEPEST = 12.0
 """Smaller p-values than 10 to the power of -DEEPEST are drawn at that value."""
 
 P_VALUES = (("generic", "#0072B2", 2.5), ("turns", "#D55E00", 4.0), ("reflectance", "#009E73", 5.5))
-"""Detectors whose p-values are drawn, with the colour and radius (pixels) of their circles."""
+"""Detectors whose p-values are drawn, with the colour and radius (pixels) of their circles. That of
+detector III is drawn as its model states it, because the verdict follows from that value."""
 
 MAX_ROWS = 500
 """Largest number of rows in the table; further rows are counted."""
@@ -233,8 +234,8 @@ def _timeline(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
             f'<span style="border-left:1em solid {color}"> {word}</span>'
             for word, color in COLORS.items()
         )
-        + ". Small circles: p-value of detector III; larger ones: of detectors IV (orange) and V "
-        "(green), whose smallest is that of their calibration.</p>"
+        + ". Small circles: p-value of detector III by its model of clean scans; larger ones: of "
+        "detectors IV (orange) and V (green), whose smallest is that of their calibration.</p>"
     )
 
 
@@ -272,7 +273,7 @@ def _added_up(together: DriveEvidence) -> str:
 
 
 def _p_of(found: Inspection, detector: str) -> float | None:
-    return next((r.p_value for r in found.detectors if r.name == detector), None)
+    return next((r.least_p_value for r in found.detectors if r.name == detector), None)
 
 
 def _map(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
@@ -346,13 +347,15 @@ def _table(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
     rows = [
         f"<tr><td>{html.escape(name)}</td><td class={each.verdict}>{each.verdict}</td>"
         f"<td>{html.escape(each.reason)}</td>"
-        f"<td>{_p_text(each.p_value)}</td>"
+        f"<td>{_p_text(each.p_value)}</td><td>{_p_text(each.model_p_value)}</td>"
         f"<td>{len(each.regions)}</td></tr>"
         for each, name in said
     ]
     if not rows:
         return ""
-    header = "<tr><th>scan<th>verdict<th>why<th>p at most<th>regions</tr>"
+    header = (
+        "<tr><th>scan<th>verdict<th>why<th>p at most<th>p by the detectors' models<th>regions</tr>"
+    )
     more = "" if len(rows) <= MAX_ROWS else f"<p>and {len(rows) - MAX_ROWS} more</p>"
     return (
         "<h2>Scans of which something is said</h2>"

@@ -5,11 +5,12 @@ from __future__ import annotations
 import base64
 import html
 import io
+import itertools
 import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -96,8 +97,10 @@ def _pictures(inspection: Inspection) -> dict[str, str]:
         pictures[caption] = _png(_occlusion_figure(Figure, inspection.occlusion))
     regions = _region_figure(Figure, inspection)
     if regions is not None:
-        caption = "Regions of the accusing detector: suspected points in orange"
-        if inspection.accusing is not None and inspection.accusing.name == "turns":
+        accusing = inspection.all_accusing
+        noun = "detector" if len(accusing) == 1 else "detectors"
+        caption = f"Regions of the accusing {noun}: suspected points in orange"
+        if any(report.name == "turns" for report in accusing):
             caption += ", what the turn before saw there in blue"
         pictures[caption + _how_many(inspection)] = _png(regions)
     return pictures
@@ -150,25 +153,39 @@ def _shrunk(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(blocks.max(axis=(1, 3)))
 
 
-def _drawn_regions(inspection: Inspection) -> list[tuple[int, Region, NDArray[np.float64]]]:
-    """Return the regions of the accusing detector that have points, the most significant first.
+class _Drawn(NamedTuple):
+    """A region to be drawn, with its row in the detector's table (from 0).
 
-    Each has its row in the table, and the points (N, 3) of the previous frame in this region
-    (detector IV only, else empty).
+    ``before``: points (N, 3) of the previous frame in the region (detector IV only, else empty).
     """
-    report = inspection.accusing
-    if report is None:
-        return []
+
+    report: DetectorReport
+    place: int
+    region: Region
+    before: NDArray[np.float64]
+
+
+def _drawn_regions(inspection: Inspection) -> list[_Drawn]:
+    """Return the regions of all accusing detectors that have points.
+
+    The most significant region of each detector comes first, then the second one of each.
+    """
+    columns = [_drawn_of(report, inspection) for report in inspection.all_accusing]
+    rows = itertools.zip_longest(*columns)
+    return [each for row in rows for each in row if each is not None]
+
+
+def _drawn_of(report: DetectorReport, inspection: Inspection) -> list[_Drawn]:
+    """Return the regions of a detector that have points, the most significant first."""
     stood: Sequence[NDArray[np.float32]] = [np.empty((0, 3), np.float32)] * len(report.regions)
     if report.name == "turns" and inspection.turns is not None:
         stood = [region.stood for region in inspection.turns.regions]
     drawn = [
-        (place, region, before.astype(np.float64))
+        _Drawn(report, place, region, before.astype(np.float64))
         for place, (region, before) in enumerate(zip(report.regions, stood, strict=True))
         if len(region.rows) or len(before)
     ]
-    drawn.sort(key=lambda each: _insignificance(each[1]))
-    return drawn
+    return sorted(drawn, key=lambda each: _insignificance(each.region))
 
 
 def _insignificance(region: Region) -> tuple[float, float]:
@@ -186,7 +203,7 @@ def _how_many(inspection: Inspection) -> str:
 
 
 def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure | None:
-    """Return crops of the range image around the regions of the accusing detector."""
+    """Return crops of the range image around the regions of the accusing detectors."""
     scan = inspection.scan
     shown = _drawn_regions(inspection)[:_MAX_REGIONS]
     if scan is None or not shown:
@@ -195,7 +212,7 @@ def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure 
     seen = scan.points.astype(np.float64) - np.asarray(inspection.origin or (0.0, 0.0, 0.0))
     rho, azimuth, height = _directions(seen)
     pairs = figure.subplots(len(shown), 2, squeeze=False)
-    for (place, region, before), (across, along) in zip(shown, pairs, strict=True):
+    for (report, place, region, before), (across, along) in zip(shown, pairs, strict=True):
         there = np.concatenate([seen[region.rows], before])
         far, around, above = _directions(there)
         middle = float(np.angle(np.exp(1j * around).mean()))
@@ -217,7 +234,9 @@ def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure 
         _draw_lattice(along, inspection, far, there[:, 2])
         said = "" if region.p_value is None else f", p <= {region.p_value:.1e}"
         across.set(
-            title=f"region {place + 1}{said}", xlabel="azimuth, deg", ylabel="elevation, deg"
+            title=f"detector {report.number}, region {place + 1}{said}",
+            xlabel="azimuth, deg",
+            ylabel="elevation, deg",
         )
         along.set(title="points against the lattice", xlabel="distance, m", ylabel="height, m")
     return figure
@@ -341,6 +360,12 @@ def _facts(inspection: Inspection, source: str) -> str:
             "clean scans tampered; each detector has a share of that"
         )
         facts.append(_p_values("III", generic.false_alarm_rate, generic.p_value))
+        facts += [
+            f"detector III: where p-values are listed, {bound:.2g} stands for all smaller ones, "
+            f"which rest on its model of clean scans alone: {known.num_scans} scans tested it"
+            for known in (r.calibration for r in inspection.detectors if r.name == "generic")
+            if known is not None and generic.p_value < (bound := 1.0 / (1 + known.num_scans))
+        ]
         used = [kind for kind, said in generic.evidence.items() if said.used]
         facts.append(f"kinds of evidence that were used: {', '.join(used) or 'none'}")
     if inspection.turns is not None:
@@ -370,7 +395,7 @@ def _p_text(value: float) -> str:
 
 def _regions(inspection: Inspection) -> str:
     rows = "".join(
-        f"<tr><td>{html.escape(report.title.partition(':')[0])}</td><td>{number}</td>"
+        f"<tr><td>{html.escape(report.number)}</td><td>{number}</td>"
         + "".join(f"<td>{v:.2f}</td>" for v in (*region.box.center, *region.box.size))
         + f"<td>{math.degrees(region.box.yaw):.0f}</td><td>{len(region.rows)}</td>"
         + f"<td>{'' if region.p_value is None else f'{region.p_value:.2g}'}</td>"
