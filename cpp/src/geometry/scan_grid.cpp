@@ -20,8 +20,8 @@ constexpr std::int64_t kVeryFewPoints = 60'000;    // too few for 1-degree cells
 constexpr std::int64_t kFewForFineBins = 500'000;  // too few for fine bins
 constexpr double kFineBin = 0.002 * kDegree;
 constexpr double kCoarseBin = 0.01 * kDegree;
-// Of a finer grid, such as that of a terrestrial scanner with steps of 0.0024 degrees, a multiple
-// of its step is found.
+// The result for a finer grid is a multiple of its step; terrestrial scanners have steps down to
+// 0.0024 degrees.
 constexpr double kShortestPeriod = 0.016 * kDegree;
 constexpr double kLongestPeriod = 2.0 * kDegree;
 constexpr double kSmoothing = 2.0 * kDegree;  // variations over more than this come from the scene
