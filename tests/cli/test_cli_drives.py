@@ -182,6 +182,10 @@ def test_several_vehicles_are_on_one_page(signed: Path, key: Path, tmp_path: Pat
     assert order[0] == "monday/car_b.html"  # the gravest first
     assert set(order) == set(pages) - {"overview.html"}
     assert page.count("aria-label='risk score'") == 3
+    # Two cars have the same name: their folders tell them apart.
+    assert re.findall(r"<a href='[^']*'>([^<]*)</a>", page) == [
+        "car_b", "monday/car_a", "tuesday/car_a"
+    ]  # fmt: skip
     assert not re.search(r"(src|href)=.?https?:", page)
 
 

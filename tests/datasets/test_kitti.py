@@ -10,6 +10,7 @@ import pytest
 
 from manip3d import FormatError, InputError, LidarFrame
 from manip3d._util.times import parse_time
+from manip3d.authenticate._watermark_files import copy_rest_of_drive
 from manip3d.datasets import KittiDrive, open_kitti
 from manip3d.lidar import Box
 from real_data import RealData
@@ -121,6 +122,26 @@ def test_odometry_and_stereo_2015(tmp_path: Path) -> None:
     assert drive[1].disparity_path is not None
     elsewhere = open_kitti(write_object(tmp_path / "object"), calibration=sequence / "calib.txt")
     assert elsewhere[0].calibration().projections.keys() == {0}
+
+
+@pytest.mark.parametrize("is_copied", [False, True])
+@pytest.mark.parametrize("per_frame", [False, True])
+def test_a_calibration_in_the_folder_precedes_that_of_the_day(
+    tmp_path: Path, is_copied: bool, per_frame: bool
+) -> None:
+    """A sequence of odometry or of the object set that lies beside raw drives."""
+    day = write_raw(tmp_path).parent
+    sequence = write_object(day / "object")
+    if not per_frame:
+        (sequence / "calib" / "000007.txt").rename(sequence / "calib.txt")
+        (sequence / "calib").rmdir()
+    if is_copied:
+        copy = tmp_path / "signed"
+        copy_rest_of_drive(sequence, copy)
+        (copy / "velodyne").mkdir()
+        scan(0).write(copy / "velodyne" / "000007.bin")
+        sequence = copy
+    assert open_kitti(sequence)[0].calibration().projections.keys() == {2}  # the day has 2 and 3
 
 
 @pytest.mark.parametrize(

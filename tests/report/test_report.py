@@ -11,7 +11,7 @@ import pytest
 
 from manip3d import FormatError, InputError
 from manip3d.experiments import run
-from manip3d.report import write_report
+from manip3d.report import write_alert_overview, write_report
 from toy_experiments import all_below, experiment
 
 EVIL = '<script>alert("x")</script>'
@@ -214,3 +214,21 @@ def test_headlines_are_ratios_on_published_files_only(results: Path) -> None:
     assert cards.count('class="card"') == 1
     assert "× 0.75" in cards
     assert "of the published Head, another file" in text
+
+
+@pytest.mark.parametrize(
+    ("sources", "names"),
+    [
+        (["cars/a/drive/", "cars/b/x/drive", "cars/c/tour"], ["a/drive", "b/x/drive", "tour"]),
+        (["/day/drive", "drive"], ["/day/drive", "drive"]),  # no folder in common
+        (["drive", "drive/drive"], ["drive", "drive/drive"]),
+        (["a/drive", "a/drive"], ["drive", "drive"]),
+        (["sim:street?seed=1", "sim:street?seed=2"], ["sim:street?seed=1", "sim:street?seed=2"]),
+    ],
+)
+def test_vehicles_with_folders_of_one_name_are_told_apart(
+    sources: list[str], names: list[str], tmp_path: Path
+) -> None:
+    page = tmp_path / "overview.html"
+    write_alert_overview([{"source": each, "error": "no such drive"} for each in sources], page)
+    assert re.findall("<h2>(.*?): <span", page.read_text()) == names

@@ -617,8 +617,8 @@ def copy_rest_of_drive(
     """Copy all files of a drive except scans and their records, byte for byte.
 
     These are pictures, positions, times, labels and calibrations, also the calibration of the day
-    that KITTI stores beside its raw drives. Without them a signed drive would have no speeds and no
-    cameras.
+    that KITTI stores beside its raw drives, if the drive holds none of its own. Without them a
+    signed drive would have no speeds and no cameras.
 
     Parameters
     ----------
@@ -652,7 +652,7 @@ def copy_rest_of_drive(
     """
     source, target = path_of(drive), path_of(output)
     copies = {file: file.relative_to(source) for file in _rest_of_drive(source, target)}
-    if not (source / _CALIBRATIONS[0]).is_file():
+    if not any((source / name).exists() for name in (_CALIBRATIONS[0], "calib.txt", "calib")):
         day = source.resolve().parent
         copies |= {day / name: Path(name) for name in _CALIBRATIONS if (day / name).is_file()}
     done = [(file, target / name) for file, name in copies.items() if target / name not in written]

@@ -356,7 +356,8 @@ def open_kitti(
     calibration : path-like, optional
         Place of the calibration if it is not where KITTI has it: a day's folder with
         ``calib_cam_to_cam.txt``, a file such as odometry's ``calib.txt``, or a folder with a file
-        for each frame.
+        for each frame. By default it is one of these in ``path``, else ``calib_cam_to_cam.txt`` in
+        the folder above.
 
     Returns
     -------
@@ -580,13 +581,15 @@ def _check_rotation(matrix: NDArray[np.float64], name: str, file: Path) -> None:
 def _find_calibration(path: Path, given: Path | None) -> tuple[Path | None, bool]:
     if given is not None:
         return given, given.is_dir() and not (given / "calib_cam_to_cam.txt").is_file()
-    for folder in (path, path.resolve().parent):
-        if (folder / "calib_cam_to_cam.txt").is_file():
-            return folder, False
+    # What lies in the folder of the scans is theirs; the parent may be the day of other drives.
+    if (path / "calib_cam_to_cam.txt").is_file():
+        return path, False
     if (path / "calib.txt").is_file():
         return path / "calib.txt", False
     if (path / "calib").is_dir():
         return path / "calib", True
+    if (path.resolve().parent / "calib_cam_to_cam.txt").is_file():
+        return path.resolve().parent, False
     return None, False
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import os
+import posixpath
 from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import Any
@@ -27,7 +28,9 @@ def write_alert_overview(
     """Write an HTML page with the verdicts on the drives of several vehicles.
 
     Drives are ordered by verdict, the gravest first: failed, tampered, undecidable, no trace,
-    authentic. Each has its reason, its verdicts and its risk over time, and its worst frame.
+    authentic. Each has its reason, its verdicts and its risk over time, and its worst frame. A drive
+    is named by the last part of its path, and if another drive has the same name, by the path below
+    the folder that they have in common.
 
     Parameters
     ----------
@@ -63,13 +66,14 @@ def write_alert_overview(
     ranked = sorted(drives, key=lambda drive: _GRAVEST_FIRST.index(_verdict_of(drive)))
     counts = {name: sum(_verdict_of(drive) == name for drive in drives) for name in _GRAVEST_FIRST}
     told = ", ".join(f"{count} {_word(name)}" for name, count in counts.items() if count)
+    names = _names_of([str(drive["source"]) for drive in drives])
     title = "1 vehicle" if len(drives) == 1 else f"{len(drives)} vehicles"
     page = (
         "<!doctype html><html lang=en><meta charset=utf-8>"
         '<meta name=viewport content="width=device-width">'
         f"<title>{title}: {told}</title><style>{STYLE}</style>"
         f"<h1>{title}</h1><p>{told}</p>"
-        + "".join(_vehicle(drive) for drive in ranked)
+        + "".join(_vehicle(drive, names[str(drive["source"])]) for drive in ranked)
         + f"<p class=fine>The gravest first. manip3d {html.escape(__version__)}</p></html>\n"
     )
     atomic_write(path, page.encode())
@@ -83,9 +87,9 @@ def _word(verdict: str) -> str:
     return verdict.replace("_", " ")
 
 
-def _vehicle(drive: Mapping[str, Any]) -> str:
+def _vehicle(drive: Mapping[str, Any], name: str) -> str:
     """Return the section of a drive: name, verdict, reason, timeline with risk, worst frame."""
-    name = html.escape(_name_of(str(drive["source"])))
+    name = html.escape(name)
     if drive.get("page"):
         name = f"<a href='{quote(str(drive['page']))}'>{name}</a>"
     verdict = _verdict_of(drive)
@@ -111,6 +115,29 @@ def _vehicle(drive: Mapping[str, Any]) -> str:
     )
 
 
-def _name_of(source: str) -> str:
-    """Return the last part of a path; addresses are returned unchanged."""
-    return source if ":" in source else PurePosixPath(source.rstrip("/")).name or source
+def _names_of(sources: Sequence[str]) -> dict[str, str]:
+    """Return the name of each source: as much of the end of its path as tells it from the others.
+
+    Addresses are returned unchanged.
+    """
+    alike: dict[str, set[str]] = {}
+    for source in sources:
+        alike.setdefault(_last_part(source), set()).add(source)
+    names = {}
+    for name, group in alike.items():
+        names |= {source: name for source in group} if len(group) == 1 else _below_common(group)
+    return names
+
+
+def _last_part(source: str) -> str:
+    return source if ":" in source else PurePosixPath(source).name or source
+
+
+def _below_common(sources: set[str]) -> dict[str, str]:
+    """Return paths relative to the folder that they have in common, and unchanged if none is."""
+    paths = {source: PurePosixPath(source) for source in sources}
+    try:
+        common = posixpath.commonpath([path.parent for path in paths.values()])
+    except ValueError:  # some are absolute, others relative
+        return {source: source for source in sources}
+    return {source: str(path.relative_to(common)) for source, path in paths.items()}
