@@ -130,6 +130,147 @@ def test_without_a_budget_forensics_judge_each_frame_that_nobody_else_judged(clo
     assert never.judge(FRAME, speed_mps=0.0).witnesses["forensics"].verdict == "skipped"
 
 
+ACCUSED = range(3, 8)  # frames that cameras and forensics accuse
+
+
+@pytest.fixture
+def accusing(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """Cameras accuse all pictures that are not black, forensics all scans that are not empty."""
+
+    def compare(*_: Any, **__: Any) -> Any:
+        clock.now += 0.08
+        return SimpleNamespace(
+            verdict="tampered", reason="a wall", observation=lambda **_: None, boxes=(), record=dict
+        )
+
+    def look(frame: LidarFrame, **_: Any) -> Any:
+        clock.now += 0.2
+        verdict = "tampered" if frame.num_points else "no_trace"
+        return SimpleNamespace(verdict=verdict, reason="shadow", regions=(), scan=None)
+
+    innocent = _alert.cross_modal_consistency
+    monkeypatch.setattr(_alert, "stereo_disparity", lambda left, _: left.any())
+    monkeypatch.setattr(
+        _alert,
+        "cross_modal_consistency",
+        lambda frame, forged, *rest, **more: (compare if forged else innocent)(frame, **more),
+    )
+    monkeypatch.setattr(_alert, "inspect", look)
+    return clock
+
+
+def drive_with_a_wall(first_forged: int = 3) -> list[DriveMoment]:
+    """Twelve frames; cameras accuse five, forensics those of them from ``first_forged`` on."""
+    wall, bright = LidarFrame(np.ones((4, 3), np.float32)), PICTURE + np.uint8(9)
+    return [
+        DriveMoment(
+            wall if number in ACCUSED and number >= first_forged else FRAME,
+            (bright, bright) if number in ACCUSED else (PICTURE, PICTURE),
+            time_s=number / 10,
+        )
+        for number in range(12)
+    ]
+
+
+def test_forensics_see_the_frames_that_only_the_cameras_accuse(accusing: Clock) -> None:
+    """Pictures must not make a forged drive harder to judge than one without them."""
+    alerts: list[Alert] = []
+    monitor = AlertMonitor(rig=RIG, budget_s=math.inf, clock=accusing)
+    watched = watch_drive(monitor, drive_with_a_wall(), show=alerts.append)
+    assert watched.verdict == "tampered"
+    assert [a.number for a in alerts if a.verdict == "tampered"] == list(ACCUSED)
+    heard = [a.number for a in alerts if a.witnesses["forensics"].verdict != "skipped"]
+    assert heard == [0, *ACCUSED]
+    never = AlertMonitor(rig=RIG, budget_s=math.inf, every_s=math.inf, clock=accusing)
+    assert watch_drive(never, drive_with_a_wall()).verdict == "undecidable"
+    assert never.counts.skipped == {"forensics": 12}
+
+
+def test_cameras_alone_do_not_convict_a_drive_that_forensics_clear(accusing: Clock) -> None:
+    monitor = AlertMonitor(rig=RIG, budget_s=math.inf, clock=accusing)
+    watched = watch_drive(monitor, drive_with_a_wall(first_forged=99))
+    assert watched.verdict == "undecidable"
+    assert monitor.counts.verdicts == {"no_trace": 7, "undecidable": 5}
+
+
+def test_with_a_budget_forensics_see_one_accused_frame_in_each_period(accusing: Clock) -> None:
+    alerts: list[Alert] = []
+    monitor = AlertMonitor(rig=RIG, budget_s=0.1, every_s=0.3, clock=accusing)
+    watched = watch_drive(monitor, drive_with_a_wall(), show=alerts.append)
+    heard = [a.number for a in alerts if a.witnesses["forensics"].verdict != "skipped"]
+    assert heard == [0, 3, 6, 9]  # frames 3 and 6 are due in any case
+    alerts = []
+    monitor = AlertMonitor(rig=RIG, budget_s=0.1, every_s=1.0, clock=accusing)
+    watched = watch_drive(monitor, drive_with_a_wall(), show=alerts.append)
+    heard = [a.number for a in alerts if a.witnesses["forensics"].verdict != "skipped"]
+    assert heard == [0, 3]  # not due before frame 13 after it
+    assert watched.verdict == "tampered"
+
+
+def test_a_frame_whose_watermark_is_broken_needs_no_forensics(
+    accusing: Clock, tmp_path: Path
+) -> None:
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        sent = Watermarker(key).embed(grid_scan(2000))
+        monitor = AlertMonitor(Watermarker(key), rig=RIG, budget_s=math.inf, clock=accusing)
+        monitor.judge(FRAME, speed_mps=1.0)  # forensics are due once
+        points = sent.points.copy()
+        points[7] += np.float32([0.5, 0, 0])
+        bright = PICTURE + np.uint8(9)
+        alert = monitor.judge(
+            LidarFrame(points, sent.frame.intensity), record=sent.record, left=bright,
+            right=bright, speed_mps=1.0,
+        )  # fmt: skip
+    assert {name: told.verdict for name, told in alert.witnesses.items()} == {
+        "watermark": "tampered", "cross-modal": "tampered", "forensics": "skipped"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("first_forged", [3, 4, 99])
+def test_an_accused_frame_waits_for_forensics_in_the_background(
+    first_forged: int, accusing: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go_on, seen = threading.Event(), []
+    judged = _alert.inspect
+
+    def look(frame: LidarFrame, **options: Any) -> Any:
+        assert go_on.wait(30)
+        seen.append(frame.num_points)
+        return judged(frame, **options)
+
+    monkeypatch.setattr(_alert, "inspect", look)
+    monitor = AlertMonitor(rig=RIG, budget_s=math.inf, background=True, clock=accusing)
+    moments = drive_with_a_wall(first_forged)
+
+    def show(alert: Alert) -> None:
+        assert alert.witnesses["forensics"].verdict == "skipped"  # frame 0 takes a long time
+        if alert.number == len(moments) - 1:
+            go_on.set()
+
+    watched = watch_drive(monitor, moments, show=show)
+    assert len(seen) == 2  # frames 0 and 3; frames 4 to 7 are too many
+    assert watched.verdict == ("tampered" if first_forged == 3 else "undecidable")
+    assert monitor.finish() is None
+
+
+def test_an_accusation_is_not_replaced_by_the_last_word(
+    accusing: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frame 0 is forged; frame 1, which cameras accuse, is not."""
+    go_on = threading.Event()
+    judged = _alert.inspect
+    monkeypatch.setattr(
+        _alert, "inspect", lambda *a, **b: judged(*a, **b) if go_on.wait(30) else None
+    )
+    monitor = AlertMonitor(rig=RIG, background=True, clock=accusing, budget_s=math.inf)
+    monitor.judge(LidarFrame(np.ones((4, 3), np.float32)), speed_mps=1.0)
+    bright = PICTURE + np.uint8(9)
+    monitor.judge(FRAME, left=bright, right=bright, speed_mps=1.0)
+    go_on.set()
+    assert monitor.finish() == WitnessReport("tampered", "frame 0: shadow", ANY)
+    assert monitor.finish() is None
+
+
 def test_forensics_in_the_background_speak_of_the_frame_that_they_saw(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

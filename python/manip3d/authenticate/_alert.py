@@ -45,6 +45,7 @@ _FRAME_S = 0.1  # between frames of scanners that turn ten times a second
 _STILL = (0.0, 0.0, 0.0)
 _READ = ("watermark", "cross-modal")  # witnesses that need more files than the scan
 _JUDGED = {"authentic", "no_trace", "tampered"}  # verdicts that tell something of the frame
+_OF_ACCUSED = "forensics of accused frames"  # key of the time at which such a frame was judged
 
 
 class AlertMonitor:
@@ -52,8 +53,10 @@ class AlertMonitor:
 
     The watermark is verified in every frame. Cameras and LiDAR are compared where the budget
     allows, and at least once every ``every_s`` seconds of the stream; LiDAR forensics once in that
-    time, and without a budget in every frame that neither of the others could judge. What is
-    skipped is counted and said.
+    time, and without a budget in every frame that neither of the others could judge. The cameras
+    alone decide nothing, so that forensics also judge the frames that only the cameras accuse:
+    without a budget each of them, else one in every ``every_s``. What is skipped is counted and
+    said.
 
     Parameters
     ----------
@@ -67,7 +70,8 @@ class AlertMonitor:
         that each speaks at least once every ``every_s`` and a frame for each of the others.
     budget_s : float, seconds
         For the verdict on a frame: the time between two frames. Infinity: nothing is skipped but
-        forensics of frames that another witness judged, for a drive that is looked at afterwards.
+        forensics of frames that another witness judged, unless only the cameras accuse them, for a
+        drive that is looked at afterwards.
     every_s : float, seconds
         Period, on the stream's clock, in which cameras and forensics judge at least one frame,
         whatever it costs. Infinity: only within the budget, forensics never.
@@ -77,7 +81,8 @@ class AlertMonitor:
     background : bool
         Forensics work in a thread of their own, on one core, while further frames are judged. They
         take several times as long as a frame lasts. What they say comes with the first frame after
-        they are done and names the frame that they saw; `finish` waits for the last word.
+        they are done and names the frame that they saw; `finish` waits for the last word. A frame
+        that only the cameras accuse is judged next, and one of several such frames waits.
     clock : callable, optional
         Seconds that pass, for latencies; by default `time.perf_counter`.
 
@@ -132,7 +137,7 @@ class AlertMonitor:
         self._latest = Risk(0.0, 0.0, "none", ACTIONS["none"])
         self._clock = clock
         self._worker = ThreadPoolExecutor(1, "forensics") if background else None
-        self._running: tuple[int, Future[tuple[Inspection, float]]] | None = None
+        self._running: list[tuple[int, Future[tuple[Inspection, float]]]] = []  # two at most
         self._lock = threading.Lock()
         self._unseen = _STILL  # motion over frames that the risk has not heard of
         self._number = 0
@@ -218,7 +223,10 @@ class AlertMonitor:
                 else self._ask_cameras(frame, left, right, now, begin)
             )
             is_alone = not {sworn.verdict, seen.verdict} & _JUDGED
-            forensics, looked = self._ask_forensics(frame, watermark, now, is_alone=is_alone)
+            is_accused = seen.verdict == "tampered" and sworn.verdict != "tampered"
+            forensics, looked = self._ask_forensics(
+                frame, watermark, now, is_alone=is_alone, is_accused=is_accused
+            )
             told = {"watermark": sworn, "cross-modal": seen, "forensics": looked}
             for name, why in (unread or {}).items():
                 told[name] = _with_unread(told[name], why)
@@ -343,13 +351,16 @@ class AlertMonitor:
         Returns
         -------
         WitnessReport or None
-            What they say of the last frame that they saw; None: nothing was left to say. It is in
-            no `Alert` and is not counted.
+            What they say of the last frame that they saw, or of the one before if they accuse only
+            that; None: nothing was left to say. It is in no `Alert` and is not counted.
         """
         with self._lock:
-            if self._running is None:
-                return None
-            return self._last_word(wait=True)[1]
+            told: WitnessReport | None = None
+            while self._running:
+                last = self._last_word(wait=True)[1]
+                if told is None or last.verdict == "tampered" or told.verdict != "tampered":
+                    told = last
+            return told
 
     @property
     def counts(self) -> AlertCounts:
@@ -477,20 +488,35 @@ class AlertMonitor:
         return joined, WitnessReport(joined.verdict, reason, self._clock() - start)
 
     def _ask_forensics(
-        self, frame: LidarFrame, watermark: WatermarkResult | None, now: float, *, is_alone: bool
+        self,
+        frame: LidarFrame,
+        watermark: WatermarkResult | None,
+        now: float,
+        *,
+        is_alone: bool,
+        is_accused: bool,
     ) -> tuple[Inspection | None, WitnessReport]:
         # The displacement of a verified watermark is allowed for; its own report says the rest.
         verified = watermark if watermark is not None and watermark.content == "intact" else None
+        is_accused = is_accused and self._every < math.inf
+        is_due = self._is_due("forensics", now)
         if self._worker is not None:
             heard = self._last_word()
-            if self._running is None and self._is_due("forensics", now):
+            may_wait = is_accused and len(self._running) < 2
+            if may_wait or (is_due and not self._running):
                 kept = copy.deepcopy(frame)  # the caller may change it after this call
-                self._running = (self._number, self._worker.submit(self._looked, kept, verified))
+                self._running.append(
+                    (self._number, self._worker.submit(self._looked, kept, verified))
+                )
                 self._last["forensics"] = now
             return heard
-        is_wanted = is_alone and self._budget == math.inf and self._every < math.inf
-        if not (is_wanted or self._is_due("forensics", now)):
+        is_wanted = (is_alone or is_accused) and self._budget == math.inf and self._every < math.inf
+        # Once in the period: if cameras accuse every frame, not every verdict is late.
+        is_due = is_due or (is_accused and self._is_due(_OF_ACCUSED, now))
+        if not (is_wanted or is_due):
             return None, WitnessReport("skipped", "not due")
+        if is_accused:
+            self._last[_OF_ACCUSED] = now
         start = self._clock()
         try:
             found = inspect(frame, watermark=verified, power=False)
@@ -507,12 +533,12 @@ class AlertMonitor:
 
     def _last_word(self, *, wait: bool = False) -> tuple[Inspection | None, WitnessReport]:
         """Take the result of the forensics in the background, if there is a new one."""
-        if self._running is None:
+        if not self._running:
             return None, WitnessReport("skipped", "not due")
-        number, future = self._running
+        number, future = self._running[0]
         if not (wait or future.done()):
             return None, WitnessReport("skipped", f"still at frame {number}")
-        self._running = None
+        del self._running[0]
         try:
             found, seconds = future.result()
         except Exception as error:  # the watermark's word on this frame stands all the same

@@ -28,8 +28,8 @@ def write_alert_overview(
     """Write an HTML page with the verdicts on the drives of several vehicles.
 
     Drives are ordered by verdict, the gravest first: failed, tampered, undecidable, no trace,
-    authentic. Each has its reason, its verdicts and its risk over time, and its worst frame. A drive
-    is named by the last part of its path, and if another drive has the same name, by the path below
+    authentic. Each has its reason, its verdicts and its risk over time, and its worst frame. It is
+    named by the last part of its path, and if another drive has the same name, by the path below
     the folder that they have in common.
 
     Parameters
