@@ -14,6 +14,7 @@ import pytest
 from manip3d import FormatError, InputError, LidarFrame, io
 from manip3d.authenticate import inspect
 from manip3d.io import read_scan
+from manip3d.io._scan_files import names_left_out
 from manip3d.lidar import ScanFormat
 
 laspy = pytest.importorskip("laspy")
@@ -659,3 +660,45 @@ def test_e57_states_the_echo_of_each_point(tmp_path: Path) -> None:
     frame = io.read_scan(tmp_path / "a.e57")
     assert frame.points.tolist() == points.tolist()
     assert frame.fields["returnIndex"].tolist() == echo.tolist()
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "limits", "read"),
+    [
+        ("colorRed", [0.0, 257.0, 65535.0], (0, 65535), [0, 1, 255]),
+        ("colorRed", [0.0, 7.0, 255.0], (0, 255), [0, 7, 255]),
+        ("rowIndex", [0.0, 70_000.0, 200_000.0], (0, 200_000), [0, 70_000, 200_000]),
+        ("columnIndex", [-1000.0, 0.0, 5.0], (-1000, 1000), [-1000, 0, 5]),
+    ],
+)
+def test_e57_with_numbers_beyond_those_of_pye57_is_read(
+    tmp_path: Path, name: str, values: list[float], limits: tuple[int, int], read: list[int]
+) -> None:
+    """Such files were "damaged"."""
+    pye57 = pytest.importorskip("pye57")
+    e57 = pye57.libe57
+    file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
+    image = file.image_file
+    prototype, empty = e57.StructureNode(image), e57.VectorNode(image, True)
+    columns = {f"cartesian{axis}": np.arange(3.0) + 1.0 for axis in "XYZ"}
+    for column in columns:
+        prototype.set(column, e57.FloatNode(image, 0.0, e57.E57_DOUBLE, -100.0, 100.0))
+    prototype.set(name, e57.IntegerNode(image, limits[0], *limits))
+    rows, scan = e57.CompressedVectorNode(image, prototype, empty), e57.StructureNode(image)
+    scan.set("guid", e57.StringNode(image, "{1}"))
+    scan.set("points", rows)
+    file.data3d.append(scan)
+    buffers = e57.VectorSourceDestBuffer()
+    columns[name] = np.array(values)
+    for column, numbers in columns.items():
+        buffers.append(e57.SourceDestBuffer(image, column, numbers, 3, True, True))
+    writer = rows.writer(buffers)
+    writer.write(3)
+    writer.close()
+    file.close()
+    frame = io.read_scan(tmp_path / "a.e57")
+    assert frame.fields[name].tolist() == read
+    io.write_scan(frame, tmp_path / "b.e57")
+    fits = name == "colorRed"
+    assert (name in io.read_scan(tmp_path / "b.e57").fields) == fits
+    assert names_left_out(frame, ".e57") == ([] if fits else [name])

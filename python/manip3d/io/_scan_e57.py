@@ -34,8 +34,11 @@ _STATES = ("cartesianInvalidState", "sphericalInvalidState")
 ECHO = "returnIndex"
 """Column with the number of the echo of a pulse, from 0."""
 
-INTEGERS = {"rowIndex": np.uint16, "columnIndex": np.uint16, "colorRed": np.uint8,
-             "colorGreen": np.uint8, "colorBlue": np.uint8}  # fmt: skip
+COLORS = ("colorRed", "colorGreen", "colorBlue")
+_MAX_COLOR, _MAX_WIDE_COLOR = 255.0, 65535.0
+INTEGERS: dict[str, type[np.unsignedinteger[Any]]] = {
+    "rowIndex": np.uint16, "columnIndex": np.uint16, **dict.fromkeys(COLORS, np.uint8)
+}  # fmt: skip
 """Columns that are written in addition to coordinates and intensity, and their types."""
 
 
@@ -79,18 +82,36 @@ def _check_claims(file: Any, path: Path, limit: int) -> None:
 def _columns_of(file: Any, header: Any) -> dict[str, NDArray[Any]]:
     """Columns that pye57 knows, and the numbers of echoes, which it leaves out."""
     pye57 = _pye57()
-    names = [name for name in header.point_fields if name in pye57.e57.SUPPORTED_POINT_FIELDS]
+    known = [name for name in header.point_fields if name in pye57.e57.SUPPORTED_POINT_FIELDS]
     data: dict[str, NDArray[Any]]
-    data, buffers = file.make_buffers(names, header.point_count)
-    if ECHO in header.point_fields:
-        data[ECHO] = np.empty(header.point_count, np.uint16)
-        buffers.append(
-            pye57.libe57.SourceDestBuffer(
-                file.image_file, ECHO, data[ECHO], header.point_count, True, True
+    data, buffers = file.make_buffers(
+        [name for name in known if name not in INTEGERS], header.point_count
+    )
+    # pye57's own buffers hold 8 and 16 bits, and files hold larger and negative numbers.
+    for name in (*(name for name in known if name in INTEGERS), ECHO):
+        if name in header.point_fields:
+            data[name] = np.empty(header.point_count, np.float64)
+            buffers.append(
+                pye57.libe57.SourceDestBuffer(
+                    file.image_file, name, data[name], header.point_count, True, True
+                )
             )
-        )
     header.points.reader(buffers).read()
-    return data
+    wide = max((data[name].max(initial=0.0) for name in COLORS if name in data), default=0.0)
+    for name in COLORS:
+        if name in data and wide > _MAX_COLOR:
+            data[name] *= _MAX_COLOR / max(wide, _MAX_WIDE_COLOR)
+    return data | {name: _whole(data[name], name) for name in (*INTEGERS, ECHO) if name in data}
+
+
+def _whole(values: NDArray[np.float64], name: str) -> NDArray[Any]:
+    """Return whole numbers in the type that the column is written in, or in a wider one."""
+    values = np.rint(values)
+    for dtype in (INTEGERS.get(name, np.uint16), np.int64):
+        limits = np.iinfo(dtype)
+        if limits.min <= values.min(initial=0.0) and values.max(initial=0.0) <= limits.max:
+            break
+    return values.astype(dtype)
 
 
 def _read_one(file: Any, index: int, path: Path) -> LidarFrame:
@@ -158,15 +179,23 @@ def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
             shutil.copyfileobj(memory, disk, _BLOCK)
 
 
+def integers_of(frame: LidarFrame) -> list[str]:
+    """Return the columns of `INTEGERS` whose values pye57 can write."""
+    return [
+        name
+        for name, dtype in INTEGERS.items()
+        if name in frame.fields
+        and np.array_equal(frame.fields[name].astype(dtype), frame.fields[name])
+    ]
+
+
 def _write_one(file: Any, frame: LidarFrame) -> None:
     data: dict[str, NDArray[Any]] = {
         name: frame.points[:, i].astype(np.float64) for i, name in enumerate(_CARTESIAN)
     }
     if frame.intensity is not None:
         data["intensity"] = frame.intensity
-    for name, dtype in INTEGERS.items():
-        if name in frame.fields:
-            data[name] = frame.fields[name].astype(dtype)
+    data |= {name: frame.fields[name].astype(INTEGERS[name]) for name in integers_of(frame)}
     header = {} if frame.format is None else frame.format.header
     given = header.get("pose")  # of E57 and PTX; None for a .3d file without its .pose file
     pose = np.eye(4) if given is None else np.asarray(given)

@@ -280,7 +280,8 @@ def names_left_out(frame: LidarFrame, suffix: str) -> list[str]:
     name = suffix.lstrip(".").replace("laz", "las")
     if suffix in tables.TABLE_SUFFIXES:
         name = tables.format_name(suffix)
-    if frame.format is not None and frame.format.name == name:
+    # pye57 reads more than it writes.
+    if frame.format is not None and frame.format.name == name != "e57":
         return []
     frame = renamed(frame, name)
     if suffix in tables.TABLE_SUFFIXES:
@@ -290,7 +291,7 @@ def names_left_out(frame: LidarFrame, suffix: str) -> list[str]:
     elif name == "e57":
         from manip3d.io import _scan_e57
 
-        held = {"intensity", *_scan_e57.INTEGERS}
+        held = {"intensity", *_scan_e57.integers_of(frame)}
     elif name == "ptx":
         held = {"intensity", *color_names(frame, name)}
     else:
