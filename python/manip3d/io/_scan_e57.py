@@ -180,13 +180,15 @@ def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
 
 
 def integers_of(frame: LidarFrame) -> list[str]:
-    """Return the columns of `INTEGERS` whose values pye57 can write."""
-    return [
+    """Return the columns of `INTEGERS` that pye57 writes: those that fit, all three or both."""
+    fitting = {
         name
         for name, dtype in INTEGERS.items()
         if name in frame.fields
         and np.array_equal(frame.fields[name].astype(dtype), frame.fields[name])
-    ]
+    }
+    groups = (COLORS, ("rowIndex", "columnIndex"))
+    return [name for group in groups if fitting.issuperset(group) for name in group]
 
 
 def _write_one(file: Any, frame: LidarFrame) -> None:
