@@ -123,7 +123,7 @@ def _names_of(sources: Sequence[str]) -> dict[str, str]:
     alike: dict[str, set[str]] = {}
     for source in sources:
         alike.setdefault(_last_part(source), set()).add(source)
-    names = {}
+    names: dict[str, str] = {}
     for name, group in alike.items():
         names |= {source: name for source in group} if len(group) == 1 else _below_common(group)
     return names
