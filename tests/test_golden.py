@@ -47,6 +47,7 @@ _LATER = {
     "stray": 0.0,
     "outside": 0.0,
     "chose": True,
+    "outside_charts": 0.0,
 }
 """Fields that came after the hashes were made, left out where nothing asked for them."""
 

@@ -95,7 +95,7 @@ void bind_metrics(py::module_& m) {
           e = texture_error(a.view(), b.view(), options, report);
         }
         return py::make_tuple(e.mean, e.rms, e.mse, e.max, e.samples, e.skipped,
-                              e.material_mismatch_rate);
+                              e.material_mismatch_rate, e.outside_charts);
       },
       py::arg("original"), py::arg("simplified"), py::arg("samples"), py::arg("seed"),
       py::arg("epsilon"), py::arg("threads"), py::arg("progress"));

@@ -2755,7 +2755,9 @@ def texture_error(
     epsilon: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: collections.abc.Callable[[float], object] | None,
-) -> tuple[float | None, float | None, float | None, float | None, int, int, float]: ...
+) -> tuple[
+    float | None, float | None, float | None, float | None, int, int, float, float | None
+]: ...
 def triangulate_polygons(
     vertices: numpy.typing.NDArray[numpy.float64],
     corners: numpy.typing.NDArray[numpy.int32],

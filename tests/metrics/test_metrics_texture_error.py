@@ -61,6 +61,37 @@ def test_known_shift() -> None:
     assert error.mse == pytest.approx(0.0025, rel=1e-12)
 
 
+def test_texture_coordinates_between_the_charts_are_counted() -> None:
+    """A quarter of the shifted square shows what is beside the original's only chart."""
+    original = textured()
+    assert texture_error(original, textured(3)).outside_charts == 0.0
+    shifted = textured(shift=[0.25, 0.0])
+    assert texture_error(original, shifted, samples=20_000).outside_charts == pytest.approx(
+        0.25, abs=0.005
+    )
+
+
+def test_charts_of_other_materials_do_not_count() -> None:
+    original = textured().replace(
+        face_material=np.zeros(128, np.int32),
+        materials=[manip3d.Material("a"), manip3d.Material("b")],
+    )
+    other = original.replace(face_material=np.ones(128, np.int32))
+    assert texture_error(original, other).outside_charts == 1.0
+
+
+def test_nothing_textured_is_outside_no_chart() -> None:
+    bare = plane(8)
+    assert texture_error(textured(), bare).outside_charts is None
+    assert texture_error(bare, textured()).outside_charts == 1.0
+
+
+def test_a_palette_of_one_colour_is_a_chart() -> None:
+    uniform = textured(scale=0.0, shift=[0.3, 0.7])
+    assert texture_error(uniform, uniform).outside_charts == 0.0
+    assert texture_error(uniform, textured(scale=0.0, shift=[0.3, 0.6])).outside_charts == 1.0
+
+
 def test_known_stretch() -> None:
     """The difference grows from 0 at one corner to 0.1 sqrt(2) at the other."""
     error = texture_error(textured(), textured(5, scale=1.1), samples=100_000)

@@ -141,6 +141,8 @@ def show(console: Console, found: Comparison) -> None:
             for name in ("mean", "rms", "max")
         ]
         values.append(("material mismatches", f"{texture.material_mismatch_rate:.2%}"))
+        if texture.outside_charts is not None:
+            values.append(("texture outside all charts", f"{texture.outside_charts:.2%}"))
     color = found.color_error
     if color is not None:
         values += [

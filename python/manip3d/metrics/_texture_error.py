@@ -33,6 +33,11 @@ class TextureError:
         Number of samples on a face without texture coordinates, or whose closest faces have none.
     material_mismatch_rate : float
         Share of all samples whose closest faces have another material; they are not compared.
+    outside_charts : float or None
+        Share of the textured part of the simplified surface, by as many area-uniform samples of
+        its own, whose texture coordinates no face of the original with the same material has. It
+        shows what is between the charts of an atlas: the background, or the margin around charts.
+        ``None`` when no sample is textured.
     """
 
     mean: float | None
@@ -42,6 +47,7 @@ class TextureError:
     samples: int
     skipped: int
     material_mismatch_rate: float
+    outside_charts: float | None
 
 
 @checked

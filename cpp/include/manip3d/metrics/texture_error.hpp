@@ -28,6 +28,10 @@ struct TextureError {
   std::int64_t skipped = 0;  ///< Samples on, or closest to, a face without texture coordinates.
   std::int64_t material_mismatches = 0;  ///< Samples for which no met face has the same material.
   double material_mismatch_rate = 0.0;   ///< Share of all samples drawn.
+  /// Share of uniform samples of the textured part of the simplified surface whose texture
+  /// coordinates no face of the original with the same material has: they show the background of
+  /// an atlas. No value if there are no such samples.
+  std::optional<double> outside_charts;
 };
 
 /// Measure the deviation of texture coordinates [Hoppe, IEEE Visualization 1999]: uniform samples
