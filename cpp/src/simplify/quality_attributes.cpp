@@ -3,19 +3,21 @@
 #include <limits>
 
 #include "geometry/union_find.hpp"
+#include "manip3d/geometry/topology.hpp"
 
 namespace manip3d::quality_detail {
 namespace {
 
-/// How far outside the box of its original chart a texture coordinate may be fitted, relative to
-/// the diagonal of the box. Rounded borders of charts need this much on the models with most seams.
-constexpr double kTextureReach = 0.02;
+/// How far outside its original chart a texture coordinate may be fitted, relative to the diagonal
+/// of the box of the chart. Round borders of charts need a little; it is less than the margin that
+/// atlases have around charts, beyond which they show the background.
+constexpr double kTextureReach = 0.003;
 
 }  // namespace
 
 Attributes::Attributes(const MeshView& input, CollapseMesh& mesh, Original& original,
                        const Kept& kept)
-    : mesh_(mesh), original_(original), kept_(kept) {
+    : input_(input), mesh_(mesh), original_(original), kept_(kept) {
   if (original.is_textured) find_charts();
   for (Eigen::Index v = 0; v < input.colors.rows(); ++v) {
     colors_.emplace_back(input.colors.row(v).cast<double>().transpose() / 255.0);
@@ -32,15 +34,10 @@ void Attributes::find_charts() {
     sets.join(wedges[0], wedges[2]);
   }
   chart_.resize(mesh_.num_wedges());
+  std::int32_t count = 0;
   for (std::int32_t w = 0; w < mesh_.num_wedges(); ++w) {
     const std::int32_t root = sets.root(w);  // the lowest wedge of its chart
-    if (root == w) {
-      chart_[w] = static_cast<std::int32_t>(chart_box_.size());
-      chart_box_.emplace_back();
-    } else {
-      chart_[w] = chart_[root];
-    }
-    chart_box_[chart_[w]].extend(mesh_.uv(w));
+    chart_[w] = root == w ? count++ : chart_[root];
   }
 }
 
@@ -137,13 +134,39 @@ Vector3d Attributes::color_at(std::int32_t v, std::int32_t t, const Vector3d& p)
   return (1.0 - share) * colors_[v] + share * colors_[t];
 }
 
+/// By face of the input: its chart, or -1.
+std::vector<std::int32_t> Attributes::chart_of_faces() const {
+  std::vector<std::int32_t> chart(static_cast<std::size_t>(mesh_.num_slots()), -1);
+  for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
+    const std::int32_t wedge = mesh_.wedges(f)[0];
+    if (!is_degenerate(input_.faces, f) && mesh_.has_texture(wedge)) chart[f] = chart_[wedge];
+  }
+  return chart;
+}
+
+/// The texture coordinate nearest to uv that is in the original chart of a wedge, or almost.
+Vector2d Attributes::into_chart(const UvCharts& charts, std::int32_t wedge,
+                                const Vector2d& uv) const {
+  const auto nearest = charts.nearest(chart_[wedge], uv);
+  if (!nearest || nearest->distance <= kTextureReach) return uv;
+  return nearest->uv + (uv - nearest->uv) * (kTextureReach / nearest->distance);
+}
+
 void Attributes::fit_texture(SurfaceFit& fit, const std::vector<bool>& is_exact,
                              const Progress& progress) {
   const auto may_change = [&](std::int32_t v) { return !kept_.is_locked(v) && !is_exact[v]; };
+  const UvCharts charts(input_, chart_of_faces(), part_of(progress, 0.0, 0.2));
   const auto set_texture = [&](std::int32_t wedge, const Vector2d& uv) {
-    mesh_.set_uv(wedge, within(chart_box_[chart_[wedge]], kTextureReach, uv));
+    mesh_.set_uv(wedge, into_chart(charts, wedge, uv));
   };
-  fit.fit_texture(mesh_, chart_, may_change, set_texture, progress);
+  for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
+    if (!mesh_.is_alive(f) || !mesh_.has_texture(mesh_.wedges(f)[0])) continue;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const std::int32_t wedge = mesh_.wedges(f)[c];
+      if (may_change(mesh_.face(f)[c])) set_texture(wedge, mesh_.uv(wedge));
+    }
+  }
+  fit.fit_texture(mesh_, chart_, may_change, set_texture, part_of(progress, 0.2, 1.0));
 }
 
 void Attributes::write_colors(const std::vector<std::int32_t>& kept, TriangleMesh& out) const {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstddef>
+#include <numeric>
 
 #include "manip3d/geometry/patch_distance.hpp"
 
@@ -113,6 +114,7 @@ Original::Original(const MeshView& input, const CollapseMesh& mesh, const Qualit
     ticker.tick();
     add_borders(mesh, v, ring);
   }
+  limit_jumps();
 }
 
 /// Computes the mean length on the surface of a unit of texture.
@@ -215,6 +217,17 @@ void Original::add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring)
       }
     }
   });
+}
+
+/// Moving all seams together costs at most as much as moving the whole surface by the same
+/// distance. Otherwise seams would decide alone on an atlas of many small charts: everything else
+/// is then collapsed first, and neither the shape nor, in the end, the seams can be kept.
+void Original::limit_jumps() {
+  const double sum = std::accumulate(jump.begin(), jump.end(), 0.0);
+  if (!(sum > whole_area)) return;
+  const double share = whole_area / sum;
+  for (Quadric& planes : jumps) planes *= share;
+  for (double& weight : jump) weight *= share;
 }
 
 /// Separation of the texture of a face from that of the other faces at its edge v t, relative to

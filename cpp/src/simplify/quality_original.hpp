@@ -142,6 +142,7 @@ struct Original {
   void add_face(const CollapseMesh& mesh, std::int32_t f);
   void add_colors(const MeshView& input, const CollapseMesh& mesh);
   void add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring);
+  void limit_jumps();
   [[nodiscard]] double parted(const CollapseMesh& mesh, std::int32_t f, std::int32_t v,
                               std::int32_t t) const;
 

@@ -241,8 +241,10 @@ def quality(
     the strips that boundaries and seams sweep, plus the same for the texture [2]_. The price per
     face removed decides what comes next. A vertex goes where its faces as they are now have the
     least squared distance, with their volume kept [3]_. A piece may vanish as a whole for its area
-    times its mean distance to the rest, and its borders times the same. At the end the vertices are
-    fitted to the original surface and its texture coordinates.
+    times its mean distance to the rest, and its borders times the same. Seams that show another
+    chart where they move cost together at most as much as the whole surface that moves as far. At
+    the end the vertices are fitted to the original surface, and their texture coordinates to the
+    original ones, within their charts.
 
     No face turns over, and edges get no third face, unless the input has it, the target is out of
     reach otherwise, or, for edges, all else costs 1.5 times as much and can be seen
