@@ -22,6 +22,11 @@
 namespace manip3d::bindings {
 namespace {
 
+/// Coverage, bridges, pixels outside the surface, and the bridges over filled pixels.
+std::tuple<double, double, double, double> shares_in(const DepthCoverage& cover) {
+  return {cover.coverage, cover.bridges, cover.outside, cover.filled};
+}
+
 Fields to_fields(ReliefResult&& result) {
   Fields fields;
   fields["vertices"] = to_numpy(std::move(result.mesh.vertices));
@@ -35,12 +40,9 @@ Fields to_fields(ReliefResult&& result) {
   fields["levels"] = py::tuple(levels);
   fields["stop"] = result.stop;
   fields["dropped_pixels"] = result.dropped_pixels;
-  fields["filled_pixels"] = result.filled_pixels;
-  fields["coverage"] = result.cover.coverage;
-  fields["bridges"] = result.cover.bridges;
-  fields["outside"] = result.cover.outside;
-  const DepthCoverage& left = result.cover_without_off;
-  fields["without_off"] = py::make_tuple(left.coverage, left.bridges, left.outside);
+  fields["cover"] = shares_in(result.cover);
+  fields["without_off"] = shares_in(result.cover_without_off);
+  fields["filled"] = to_numpy(std::move(result.filled));
   fields["off"] = to_numpy(std::move(result.off));
   fields["mean_move"] = result.mean_move;
   fields["max_move"] = result.max_move;
@@ -144,17 +146,19 @@ void bind_relief(py::module_& m) {
   m.def(
       "depth_coverage",
       [](const CArray<float>& points, const CArray<bool>& valid, const CArray<std::int32_t>& pixels,
-         const CArray<std::int32_t>& faces, double max_edge, double max_step, double focal) {
+         const CArray<std::int32_t>& faces, double max_edge, double max_step, double focal,
+         const CArray<std::int32_t>& filled) {
         const BorrowedGrid grid(points, valid, true);
         const auto at = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
         const auto triangles = rows<Rows<std::int32_t, 3>>(faces, "faces");
+        const auto closed = rows<Rows<std::int32_t, 2>>(filled, "filled");
         const py::gil_scoped_release nogil;
-        const DepthCoverage cover =
-            depth_coverage(grid.view, at, triangles, {max_edge, max_step, focal});
-        return std::tuple(cover.coverage, cover.bridges, cover.outside);
+        return shares_in(
+            depth_coverage(grid.view, at, triangles, {max_edge, max_step, focal}, closed));
       },
       py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("pixels").noconvert(),
-      py::arg("faces").noconvert(), py::arg("max_edge"), py::arg("max_step"), py::arg("focal"));
+      py::arg("faces").noconvert(), py::arg("max_edge"), py::arg("max_step"), py::arg("focal"),
+      py::arg("filled").noconvert());
   m.def(
       "faces_off_surface",
       [](const CArray<float>& points, const CArray<bool>& valid, const CArray<std::int32_t>& pixels,

@@ -2211,7 +2211,8 @@ def depth_coverage(
     max_edge: typing.SupportsFloat | typing.SupportsIndex,
     max_step: typing.SupportsFloat | typing.SupportsIndex,
     focal: typing.SupportsFloat | typing.SupportsIndex,
-) -> tuple[float, float, float]: ...
+    filled: numpy.typing.NDArray[numpy.int32],
+) -> tuple[float, float, float, float]: ...
 def depth_noise(depth: numpy.ndarray, options: DepthNoiseOptions) -> numpy.ndarray: ...
 def embed_paper_watermark(
     points: numpy.typing.NDArray[numpy.float32],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -791,6 +792,22 @@ def test_each_shortfall_alone_is_exit_4_under_strict(
     assert [kind for kind in kinds if record[f"{kind}_missed"]] == ([missed] if missed else [])
     assert done.returncode == (4 if strict and missed else 0)
     assert (tmp_path / "x.ply").exists()  # what was found is written all the same
+
+
+@pytest.mark.parametrize("effort", ["live", "balanced"])
+def test_filled_pinholes_are_no_shortfall(effort: str, frame: Path, tmp_path: Path) -> None:
+    depth = np.array(Image.open(frame))
+    depth[np.random.default_rng(5).random(depth.shape) < 0.12] = 0
+    Image.fromarray(depth).save(frame)
+    base = ("depth", frame, "--points", "300", "--intrinsics", FOCAL, "--effort", effort)
+    output = tmp_path / "x.ply"
+    limits = ("--max-bridges", "0.01", "--min-coverage", "0.8")
+    done = manip3d(*base, *limits, "--strict", "--json", "-o", output)
+    record = json.loads(done.stdout)
+    assert (done.returncode, record["bridges_missed"]) == (0, False), record
+    assert record["bridges"] > 0.05
+    done = manip3d(*base, "--force", "-o", output)
+    assert re.search(r"bridges gaps and \d\.\d\d % fills pinholes", done.stderr)
 
 
 def test_a_missing_image_of_a_folder_fails_alone(tmp_path: Path) -> None:

@@ -365,12 +365,14 @@ def test_faces_to_pixels_that_are_left_out_cover_nothing(far: tuple[int, int]) -
     mask = valid.reshape(30, 40).view(bool)
     pixels = np.array([[5, 5], [30, 5], [30, 25], far[::-1]], np.int32)
 
-    def measured(*faces: tuple[int, int, int]) -> tuple[float, float, float]:
+    none = np.empty((0, 2), np.int32)
+
+    def measured(*faces: tuple[int, int, int]) -> tuple[float, ...]:
         corners = np.array(faces, np.int32)
-        found = manip3d._core.depth_coverage(points, mask, pixels, corners, 0.1, np.inf, 0.0)
+        found = manip3d._core.depth_coverage(points, mask, pixels, corners, 0.1, np.inf, 0.0, none)
         return tuple(found)
 
     alone = measured((0, 1, 2))
     assert 0.2 < alone[0] < 0.3
-    assert alone[1:] == (pytest.approx(0.0, abs=0.02), pytest.approx(1 / 1200))
+    assert alone[1:] == (pytest.approx(0.0, abs=0.02), pytest.approx(1 / 1200), 0.0)
     assert measured((0, 1, 2), (0, 2, 3), (1, 2, 3)) == alone

@@ -1186,6 +1186,27 @@ def test_a_plane_with_pinholes_is_two_faces() -> None:
     assert (found.num_vertices, found.num_faces, found.filled_pixels) == (4, 2, 8)
 
 
+@pytest.mark.parametrize("effort", ["live", "balanced"])
+def test_filled_pinholes_are_told_from_other_bridges(effort: simplify.Effort) -> None:
+    """A flat wall of 3,200 equal triangles as two faces that lie over all its holes."""
+    y, x = np.mgrid[0:41, 0:41] * 0.01
+    points = np.stack([x, -y, np.ones_like(x)], axis=2)
+    valid = np.ones((41, 41), bool)
+    valid[8:38:6, 5:38:8] = False
+    found = simplify.relief_grid(points, valid, 4, effort=effort)
+    assert (found.num_vertices, found.num_faces, found.filled_pixels) == (4, 2, 25)
+    # Each of the four cells around a pinhole keeps one of its two triangles.
+    assert found.bridges == pytest.approx(25 * 4 / 3200, rel=0.1)
+    assert found.filled == found.bridges
+    valid[18:21, 14:20] = False  # too large to be filled; one of the pinholes is beside it
+    found = simplify.relief_grid(points, valid, 4, effort=effort)
+    assert (found.num_faces, found.filled_pixels) == (2, 24)
+    missing = 3200 - simplify.dense_mesh_grid(points, valid).num_faces
+    assert found.bridges == pytest.approx(missing / 3200, rel=0.1)
+    assert found.filled == pytest.approx(24 * 4 / 3200, rel=0.1)
+    assert found.bridges - found.filled == pytest.approx((missing - 24 * 4) / 3200, rel=0.1)
+
+
 def test_a_hole_between_two_surfaces_stays_one() -> None:
     """A pinhole at a step in depth, one beside the border, and a larger one end the surface."""
     depth = np.full((40, 60), 2.0, np.float32)

@@ -308,6 +308,7 @@ struct Relief::Memory {
   /// @return  the grid of that surface, with filled pinholes.
   PointGridView take_surface(const PointGridView& grid, const ReliefOptions& options,
                              std::span<const float> confidence);
+  void find_filled(Rows<std::int32_t, 2>& pixels) const;
   /// Moves vertices from filled pixels to measured ones.
   void leave_pinholes();
   [[nodiscard]] bool is_pinhole(std::int32_t pixel) const {
@@ -379,6 +380,16 @@ PointGridView Relief::Memory::take_surface(const PointGridView& grid, const Reli
     surface.assign(filled, options.dense, pinholes.confidence(), options.num_threads);
   }
   return filled;
+}
+
+/// Lists the filled pixels of the input.
+void Relief::Memory::find_filled(Rows<std::int32_t, 2>& pixels) const {
+  pixels.resize(pinholes.num_filled(), 2);
+  const auto cols = static_cast<std::int32_t>(pinholes.grid().cols);
+  for (Eigen::Index i = 0; i < pixels.rows(); ++i) {
+    const std::int32_t pixel = pinholes.filled()[i];
+    pixels.row(i) << pixel % cols, pixel / cols;
+  }
 }
 
 void Relief::Memory::leave_pinholes() {
@@ -585,7 +596,9 @@ double Relief::Memory::written_coverage(const Triangulation& of) {
     }
     faces.row(num_faces++) << a, b, c;
   }
-  return coverage_of(surface, pixels, faces.topRows(num_faces), {}, coverage).whole.coverage;
+  return coverage_of(surface, pixels, faces.topRows(num_faces), {}, Rows<std::int32_t, 2>(),
+                     coverage)
+      .whole.coverage;
 }
 
 /// Makes another mesh. It replaces `mesh` if it covers more than `factor` times `covered`, which is
@@ -774,7 +787,7 @@ void Relief::Memory::run(const PointGridView& grid, const ReliefOptions& options
   levels.clear();
   const PointGridView taken = take_surface(grid, options, confidence);
   check_cancelled();
-  result.filled_pixels = pinholes.num_filled();
+  find_filled(result.filled);
   if (surface.empty()) {
     mesh.clear();
     levels.assign(options.levels.size(), mesh);
@@ -793,7 +806,8 @@ void Relief::Memory::run(const PointGridView& grid, const ReliefOptions& options
   find_off(seen(), result.mesh.pixels, result.mesh.faces, result.off);
   CutCoverage found;
   if (options.measure_coverage) {
-    found = coverage_of(seen(), result.mesh.pixels, result.mesh.faces, result.off, coverage);
+    found = coverage_of(seen(), result.mesh.pixels, result.mesh.faces, result.off, result.filled,
+                        coverage);
   }
   result.cover = found.whole;
   result.cover_without_off = found.without_off;

@@ -31,17 +31,38 @@ bool holds(const Corners& t, const Corner& p) {
   return orient(t[0], t[1], p) >= 0 && orient(t[1], t[2], p) >= 0 && orient(t[2], t[0], p) >= 0;
 }
 
-/// Number of the two dense triangles of the cell above and right of a pixel that are missing, for a
+/// Dense triangles of cells that are missing, each half of a cell.
+struct MissingHalves {
+  std::int64_t all = 0;
+  std::int64_t filled = 0;  ///< Those that filled pixels complete.
+};
+
+/// The missing ones of the two dense triangles of the cell above and right of a pixel, for a
 /// triangle over the pixel. If the cell is not completely inside the triangle, only the pixel
 /// itself counts.
-int missing_halves(const Surface& surface, const Corners& t, std::int32_t pixel) {
+/// @param filled  By pixel: whether it was filled; or empty.
+MissingHalves missing_halves(const Surface& surface, std::span<const std::uint8_t> filled,
+                             const Corners& t, std::int32_t pixel) {
   const int halves = std::popcount(surface.cell(pixel) & unsigned{kFull});
-  if (halves == 2) return 0;
+  if (halves == 2) return {};
   const int u = surface.u(pixel), v = surface.v(pixel);
   const bool holds_cell = u + 1 < surface.cols() && v + 1 < surface.rows() &&
                           holds(t, {u + 1, v}) && holds(t, {u, v + 1}) && holds(t, {u + 1, v + 1});
-  if (holds_cell) return 2 - halves;
-  return surface.is_used(pixel) ? 0 : 2;
+  if (!holds_cell) {
+    if (surface.is_used(pixel)) return {};
+    return {2, !filled.empty() && filled[pixel] != 0 ? 2 : 0};
+  }
+  const int missing = 2 - halves;
+  if (filled.empty()) return {missing, 0};
+  int num_filled = 0, without_surface = 0;
+  for (const std::int32_t p :
+       {pixel, pixel + 1, pixel + surface.cols(), pixel + surface.cols() + 1}) {
+    num_filled += filled[p];
+    without_surface += surface.is_used(p) || filled[p] != 0 ? 0 : 1;
+  }
+  // Each corner without surface takes a triangle, and the last two leave none.
+  if (num_filled == 0 || without_surface > 1) return {missing, 0};
+  return {missing, missing - without_surface};
 }
 
 /// Counts, for each pixel, the pixels before it that do not represent a complete cell of surface.
@@ -56,6 +77,19 @@ void count_flaws(const Surface& surface, std::vector<std::int32_t>& flaws) {
     count += ((cells[p] & kFull) != kFull ? 1 : 0) | (used[p] == 0 ? 1 : 0);
   }
   flaws[num_pixels] = count;
+}
+
+/// Marks the filled pixels, which are given as pixels of the input. Leaves `marks` empty if there
+/// are none.
+void mark_filled(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& filled,
+                 std::vector<std::uint8_t>& marks) {
+  marks.clear();
+  if (filled.rows() == 0) return;
+  marks.resize(surface.num_pixels());
+  for (Eigen::Index i = 0; i < filled.rows(); ++i) {
+    const std::int32_t pixel = surface.pixel_at(filled(i, 0), filled(i, 1));
+    if (pixel >= 0) marks[pixel] = 1;
+  }
 }
 
 /// The depth of a triangle by pixel: 1/z is affine in the pixel coordinates of a plane.
@@ -217,19 +251,28 @@ Corners corners_of(const Surface& surface, const Eigen::Ref<const Rows<std::int3
   return t;
 }
 
+/// Area of a face over pixels without surface.
+struct BridgeArea {
+  double all = 0.0;
+  double filled = 0.0;  ///< The part of it over filled pixels.
+};
+
 /// Sums of pixels and areas over the faces of a mesh.
 struct Covered {
-  double area = 0.0, bridges = 0.0;
+  double area = 0.0;
+  BridgeArea bridges;
   std::int64_t pixels = 0;
 
-  void add(double face_area, double bridge) {
+  void add(double face_area, const BridgeArea& bridge) {
     area += face_area;
-    bridges += bridge;
+    bridges.all += bridge.all;
+    bridges.filled += bridge.filled;
   }
   [[nodiscard]] DepthCoverage of(const Surface& surface) const {
     DepthCoverage result;
     result.coverage = static_cast<double>(pixels) / static_cast<double>(surface.num_used());
-    result.bridges = area > 0.0 ? bridges / area : 0.0;
+    result.bridges = area > 0.0 ? bridges.all / area : 0.0;
+    result.filled = area > 0.0 ? bridges.filled / area : 0.0;
     result.outside = share_outside(surface);
     return result;
   }
@@ -259,29 +302,36 @@ void count_pixels(const Surface& surface, std::span<const std::uint8_t> covered,
 /// The part of a face's area over pixels without surface.
 /// @param visit  Called with the first and the last pixel of each of its rows.
 template <typename Visit>
-double bridge_of(const Surface& surface, const Corners& t, std::span<const std::int32_t> flaws,
-                 Visit&& visit) {
-  std::int64_t inside = 0, halves_without = 0;
+BridgeArea bridge_of(const Surface& surface, const Corners& t, const CoverageScratch& scratch,
+                     Visit&& visit) {
+  const std::span<const std::int32_t> flaws = scratch.flaws;
+  std::int64_t inside = 0;
+  MissingHalves missing;
   visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
               [&](std::int32_t first, std::int32_t last) {
                 visit(first, last);
                 inside += last - first + 1;
                 if (flaws[first] == flaws[last + 1]) return;
                 for (std::int32_t p = first; p <= last; ++p) {
-                  halves_without += missing_halves(surface, t, p);
+                  const auto [all, filled] = missing_halves(surface, scratch.filled, t, p);
+                  missing.all += all;
+                  missing.filled += filled;
                 }
               });
-  return double{area_of(surface, t)} * static_cast<double>(halves_without) /
-         static_cast<double>(2 * inside);
+  const auto area_over = [&](std::int64_t halves) {
+    return double{area_of(surface, t)} * static_cast<double>(halves) /
+           static_cast<double>(2 * inside);
+  };
+  return {area_over(missing.all), missing.filled > 0 ? area_over(missing.filled) : 0.0};
 }
 
 /// Marks the pixels that a face covers.
 /// @return  The part of its area over pixels without surface.
-double cover_face(const Surface& surface, const Corners& t, std::uint8_t mark,
-                  CoverageScratch& scratch) {
+BridgeArea cover_face(const Surface& surface, const Corners& t, std::uint8_t mark,
+                      CoverageScratch& scratch) {
   const bool has_steps = surface.steps().has_steps();
   const InverseDepth plane = has_steps ? InverseDepth(surface, t) : InverseDepth();
-  return bridge_of(surface, t, scratch.flaws, [&](std::int32_t first, std::int32_t last) {
+  return bridge_of(surface, t, scratch, [&](std::int32_t first, std::int32_t last) {
     if (has_steps) {
       cover_row(surface, plane, first, last, mark, scratch);
     } else {
@@ -307,13 +357,14 @@ void visit_covered(const Surface& surface, const Corners& t, Visit&& visit) {
 /// @return  Total area of the faces.
 double find_bridges(const Surface& surface, CoverageScratch& scratch) {
   count_flaws(surface, scratch.flaws);
+  scratch.filled.clear();
   scratch.bridges.clear();
   double whole = 0.0;
   for (std::size_t f = 0; f < scratch.corners.size(); ++f) {
     const Corners& t = scratch.corners[f];
     if (orient(t[0], t[1], t[2]) == 0) continue;
     whole += double{area_of(surface, t)};
-    const double area = bridge_of(surface, t, scratch.flaws, [](auto, auto) {});
+    const double area = bridge_of(surface, t, scratch, [](auto, auto) {}).all;
     if (area > 0.0) scratch.bridges.push_back({area, static_cast<Eigen::Index>(f)});
   }
   std::ranges::sort(scratch.bridges, [](const Bridge& a, const Bridge& b) {
@@ -335,7 +386,9 @@ bool has_area(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
 CutCoverage coverage_of(const Surface& surface,
                         const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                         const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                        std::span<const std::uint8_t> off, CoverageScratch& scratch) {
+                        std::span<const std::uint8_t> off,
+                        const Eigen::Ref<const Rows<std::int32_t, 2>>& filled,
+                        CoverageScratch& scratch) {
   CutCoverage result;
   result.whole.outside = result.without_off.outside = Covered::share_outside(surface);
   if (surface.num_used() == 0) {  // the whole area is a bridge
@@ -348,6 +401,7 @@ CutCoverage coverage_of(const Surface& surface,
   }
   scratch.covered.assign(surface.num_pixels(), 0);
   count_flaws(surface, scratch.flaws);
+  mark_filled(surface, filled, scratch.filled);
   if (surface.steps().has_steps()) find_depths(surface, scratch);
   Covered whole, without_off;
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
@@ -355,7 +409,7 @@ CutCoverage coverage_of(const Surface& surface,
     // A corner may be a distant pixel that the surface does not contain; its face covers nothing.
     if (orient(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
     const bool is_off = !off.empty() && off[f] != 0;
-    const double bridge = cover_face(surface, t, is_off ? kByOff : kByOthers, scratch);
+    const BridgeArea bridge = cover_face(surface, t, is_off ? kByOff : kByOthers, scratch);
     const double area = area_of(surface, t);
     whole.add(area, bridge);
     if (!is_off) without_off.add(area, bridge);
@@ -479,12 +533,20 @@ void check_pixel_mesh(const PointGridView& grid,
 DepthCoverage depth_coverage(const PointGridView& grid,
                              const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                              const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                             const DenseRule& rule) {
+                             const DenseRule& rule,
+                             const Eigen::Ref<const Rows<std::int32_t, 2>>& filled) {
   check_pixel_mesh(grid, pixels, faces, rule);
+  for (Eigen::Index i = 0; i < filled.rows(); ++i) {
+    const std::int32_t u = filled(i, 0), v = filled(i, 1);
+    if (u < 0 || v < 0 || u >= grid.cols || v >= grid.rows) {
+      throw InputError("filled: expected pixels of the grid, got (" + std::to_string(u) + ", " +
+                       std::to_string(v) + ")");
+    }
+  }
   relief_detail::Surface surface;
   surface.assign(grid, rule, {}, 1);
   relief_detail::CoverageScratch scratch;
-  return relief_detail::coverage_of(surface, pixels, faces, {}, scratch).whole;
+  return relief_detail::coverage_of(surface, pixels, faces, {}, filled, scratch).whole;
 }
 
 std::vector<float> faces_off_surface(const PointGridView& grid,

@@ -25,6 +25,7 @@ struct Bridge {
 struct CoverageScratch {
   std::vector<std::uint8_t> covered;
   std::vector<std::int32_t> flaws;
+  std::vector<std::uint8_t> filled;  ///< By pixel: whether it was filled; empty if none was.
   std::vector<float> depths;         ///< By pixel, if there are steps.
   std::vector<float> most;           ///< By pixel: the largest depth that is not a step behind it.
   std::vector<std::uint16_t> times;  ///< By pixel: number of faces that cover it.
@@ -40,10 +41,13 @@ struct CutCoverage {
 
 /// depth_coverage() for an existing surface.
 /// @param off  By face: whether it is excluded from `without_off`; may be empty: none is.
+/// @param filled  As for depth_coverage().
 CutCoverage coverage_of(const Surface& surface,
                         const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                         const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                        std::span<const std::uint8_t> off, CoverageScratch& scratch);
+                        std::span<const std::uint8_t> off,
+                        const Eigen::Ref<const Rows<std::int32_t, 2>>& filled,
+                        CoverageScratch& scratch);
 
 /// Share of each face's pixels that are a step off it; see faces_off_surface().
 std::vector<float> off_surface(const Surface& surface,

@@ -489,7 +489,7 @@ def depth(
             min=0,
             max=1,
             help="With --strict, exit with code 4 if a larger share of the mesh's area bridges "
-            "gaps or, with --depth-step 0, depth steps.",
+            "gaps or, with --depth-step 0, depth steps. Filled pinholes do not count.",
         ),
     ] = 0.1,
     bandwidth: Annotated[
@@ -627,12 +627,14 @@ def _covered(result: DepthFileResult) -> str:
     outside = f" ({limit} of them are covered)" if result.coverage_missed and not is_low else ""
     many = f", more than {100 * options.max_bridges:.4g} %" if result.bridges_missed else ""
     if many and result.left_area:
-        together = 100 * (result.bridges + result.left_area)
+        together = 100 * result.unwanted_bridges
         many = f" ({together:.2f} % with faces across depth steps{many})"
+    bridges = 100 * (result.bridges - result.filled)
+    filled = f" and {100 * result.filled:.2f} % fills pinholes" if result.filled else ""
     return (
         f"covers {100 * result.coverage:.1f} % of the surface's pixels{low}"
         f"{_not_covered(result, outside)}, "
-        f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
+        f"{bridges:.2f} % of its area bridges gaps{many}{filled}"
     )
 
 
@@ -704,6 +706,7 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "seconds": round(result.seconds, 4),
         "coverage": round(result.coverage, 6),
         "bridges": round(result.bridges, 6),
+        "filled": round(result.filled, 6),
         "outside": round(result.outside, 6),
         "lone_pixels": result.lone_pixels,
         "dropped_pixels": result.dropped_pixels,

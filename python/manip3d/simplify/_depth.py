@@ -280,6 +280,10 @@ class DenseImage:
         )
 
 
+Cover = tuple[float, float, float, float]
+"""Shares that `DepthSimplification` calls ``coverage``, ``bridges``, ``outside``, ``filled``."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class DepthSimplification(DepthMesh):
     """A sparse mesh of a depth image or a range scan, by any method.
@@ -292,16 +296,20 @@ class DepthSimplification(DepthMesh):
         `Relief` lists the others.
     surface : DenseImage or DenseGrid
         The input.
-    cover : (float, float, float) or None
-        ``coverage``, ``bridges`` and ``outside``, if the method has measured them.
+    cover : (float, float, float, float) or None
+        ``coverage``, ``bridges``, ``outside`` and ``filled``, if the method has measured them.
     """
 
     stop: str
     surface: DenseImage | DenseGrid = field(repr=False)
-    cover: tuple[float, float, float] | None = field(repr=False)
+    cover: Cover | None = field(repr=False)
+
+    def _filled_pixels(self) -> NDArray[np.int32]:
+        """Return the column and row of each pixel without measurement that the method filled."""
+        return np.empty((0, 2), np.int32)
 
     @cached_property
-    def _cover(self) -> tuple[float, float, float]:
+    def _cover(self) -> Cover:
         if self.cover is not None:
             return self.cover
         dense = self.surface.grid
@@ -313,6 +321,7 @@ class DepthSimplification(DepthMesh):
             dense.max_edge,
             self.surface.depth_step,
             self.surface.focal,
+            self._filled_pixels(),
         )
 
     @property
@@ -339,6 +348,14 @@ class DepthSimplification(DepthMesh):
         These are lone pixels, and surfaces so steep that each of their pixels is a step.
         """
         return self._cover[2]
+
+    @property
+    def filled(self) -> float:
+        """Share of the mesh's area that closes pinholes on purpose, a part of ``bridges``.
+
+        Only `relief` fills pinholes (``filled_pixels``); 0 for other methods.
+        """
+        return self._cover[3]
 
     @property
     def num_used(self) -> int:

@@ -123,7 +123,8 @@ class DepthOptions:
     bandwidth, rate : float or None, bytes and frames a second
         Give both or neither: the files of a result have at most ``bandwidth / rate`` bytes.
     max_bridges : float
-        Share of the mesh's area, 0 to 1; a result with more bridges sets ``bridges_missed``.
+        Share of the mesh's area, 0 to 1; a result with more bridges sets ``bridges_missed``. Filled
+        pinholes do not count.
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
         Slower efforts have a smaller error (``relief``).
     ratio : float or None
@@ -245,6 +246,8 @@ class DepthFileResult:
         neighbouring measured pixels by triangles without an edge longer than ``max_edge``.
     bridges : float
         Share of the faces' area that lies over no triangle of the dense mesh.
+    filled : float
+        The part of ``bridges`` over pinholes that a ``relief`` filled on purpose.
     outside : float
         Share of the measured pixels that no triangle of the dense mesh uses.
     num_bytes : int or None
@@ -273,6 +276,7 @@ class DepthFileResult:
     seconds: float = 0.0
     coverage: float = 1.0
     bridges: float = 0.0
+    filled: float = 0.0
     outside: float = 0.0
     num_bytes: int | None = None
     lone_pixels: int = 0
@@ -295,8 +299,16 @@ class DepthFileResult:
 
     @property
     def bridges_missed(self) -> bool:
-        """Whether more than ``options.max_bridges`` of the area are bridges or across steps."""
-        return not self.bridges + self.left_area <= self.options.max_bridges
+        """Whether more than ``options.max_bridges`` of the area are bridges or across steps.
+
+        Filled pinholes do not count.
+        """
+        return not self.unwanted_bridges <= self.options.max_bridges
+
+    @property
+    def unwanted_bridges(self) -> float:
+        """Share of the area in bridges and in faces across steps, without filled pinholes."""
+        return self.bridges - self.filled + self.left_area
 
     @property
     def target_missed(self) -> bool:
@@ -924,6 +936,7 @@ def _result(
         num_bytes=made.num_bytes,
         coverage=found.coverage,
         bridges=found.bridges,
+        filled=found.filled,
         outside=found.outside,
         faces_left=made.faces_left,
         left_area=made.left_area,

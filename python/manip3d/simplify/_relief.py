@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from manip3d.simplify._depth import Cover
 
 __all__ = ["Effort", "Relief", "ReliefStream", "relief", "relief_grid"]
 
@@ -51,12 +52,17 @@ class OffSurface:
     ----------
     faces : (m,) bool
         Which faces join what a step keeps apart.
-    cover : (float, float, float) or None
-        ``coverage``, ``bridges`` and ``outside`` of the mesh without them; None if not measured.
+    cover : (float, float, float, float) or None
+        ``coverage``, ``bridges``, ``outside`` and ``filled`` of the mesh without them; None if not
+        measured.
     """
 
     faces: NDArray[np.bool_]
-    cover: tuple[float, float, float] | None
+    cover: Cover | None
+
+
+def _no_pixels() -> NDArray[np.int32]:
+    return np.empty((0, 2), np.int32)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,12 +99,20 @@ class Relief(DepthSimplification):
     """
 
     dropped_pixels: int
-    filled_pixels: int
     mean_move: float
     max_move: float
     levels: tuple[tuple[int, NDArray[np.int32]], ...] = field(repr=False)
     encoded: bytes | None = field(default=None, repr=False)
+    _filled: NDArray[np.int32] = field(default_factory=_no_pixels, repr=False)
     _off: OffSurface | None = field(default=None, repr=False)
+
+    @property
+    def filled_pixels(self) -> int:
+        """Number of unmeasured pixels that the surface was continued over; see `Relief`."""
+        return len(self._filled)
+
+    def _filled_pixels(self) -> NDArray[np.int32]:
+        return self._filled
 
     def with_faces(self, faces: NDArray[np.int32]) -> Self:
         """Return the same points with other triangles, yet to be measured and encoded.
@@ -219,7 +233,8 @@ def _relief_of(
 ) -> Relief:
     """Return the fields that a solver found as a `Relief`."""
     fields["stop"] = fields["stop"].name
-    cover = fields.pop("coverage"), fields.pop("bridges"), fields.pop("outside")
+    cover = fields.pop("cover")
+    fields["_filled"] = fields.pop("filled")
     off, left = fields.pop("off"), fields.pop("without_off")
     has_cover, has_steps = options.measure_coverage, np.isfinite(options.max_step)
     fields["cover"] = cover if has_cover else None
@@ -738,7 +753,7 @@ def _without_points(found: Relief) -> Relief:
         faces=found.faces[:0],
         pixels=found.pixels[:0],
         texcoords=found.texcoords[:0],
-        cover=(0.0, 0.0, 0.0),
+        cover=(0.0, 0.0, 0.0, 0.0),
         _off=None,
         mean_move=0.0,
         max_move=0.0,

@@ -33,6 +33,9 @@ struct DepthCoverage {
   /// and right of it if that lies in the triangle, and half a cell if only one of the two dense
   /// triangles of the cell exists.
   double bridges = 0.0;
+  /// The part of `bridges` over pixels that were filled: no other pixel of their cells is without
+  /// surface.
+  double filled = 0.0;
   double outside = 0.0;  ///< Share of the valid pixels that no triangle of the dense surface uses.
 };
 
@@ -40,11 +43,13 @@ struct DepthCoverage {
 /// no faces or the grid no dense surface, the coverage is 0; in the latter case the whole area
 /// counts as bridges.
 /// @param pixels    (n, 2) column and row of each vertex.
+/// @param filled    (k, 2) column and row of pixels without surface that the mesh closes on
+/// purpose.
 /// @throws InputError  as check_point_grid and DenseRule::check; a pixel or an index out of range.
-DepthCoverage depth_coverage(const PointGridView& grid,
-                             const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
-                             const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                             const DenseRule& rule = {});
+DepthCoverage depth_coverage(
+    const PointGridView& grid, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+    const Eigen::Ref<const Rows<std::int32_t, 3>>& faces, const DenseRule& rule = {},
+    const Eigen::Ref<const Rows<std::int32_t, 2>>& filled = Rows<std::int32_t, 2>());
 
 /// For each face of such a mesh, compute the share of its pixels, without the corners, whose depth
 /// differs from the face by a step. Negative if most of them have no surface, so that the share is

@@ -63,7 +63,8 @@ struct ReliefResult {
   std::vector<ReliefLevel> levels;  ///< Sizes as in ReliefOptions::levels, or less.
   ReliefStop stop = ReliefStop::kTarget;
   std::int64_t dropped_pixels = 0;  ///< Pixels of the pieces left out, triangles at pinholes aside.
-  std::int64_t filled_pixels = 0;   ///< Pixels of pinholes over which the surface was continued.
+  /// (k, 2) column and row of the pixels of pinholes over which the surface was continued.
+  Rows<std::int32_t, 2> filled;
   /// Coverage of the mesh before points move; 0 if it was not measured.
   DepthCoverage cover;
   /// By face, with a limit on steps: 1 if the face joins surfaces that a step separates: steps make
