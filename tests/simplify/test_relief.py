@@ -502,6 +502,21 @@ def outline(mesh: simplify.DepthMesh) -> tuple[int, set[frozenset[tuple[int, ...
     return mesh.num_faces, {edge for edge, count in edges.items() if count == 1}
 
 
+@pytest.mark.parametrize("effort", EFFORTS)
+@pytest.mark.parametrize("share", [0.5, 0.75, 0.9, 0.999])
+def test_flat_parts_have_points_enough_for_any_target(
+    effort: simplify.Effort, share: float
+) -> None:
+    """A floor in whole millimetres and a wall, of which most pixels lie in planes."""
+    camera = Intrinsics(80, 60, 65.0, 65.0, 39.5, 29.5)
+    row = np.arange(60.0)[:, None]
+    depth = np.round(np.minimum(3000.0, 1000 / (0.3 + 0.006 * row)) * np.ones(80)).astype(np.uint16)
+    points = int(share * depth.size)
+    found = simplify.relief(depth, camera, points, effort=effort)
+    assert (found.num_used, found.stop) == (points, "target")
+    assert found.coverage == 1.0
+
+
 @settings(max_examples=60)
 @given(
     height=st.integers(1, 23),

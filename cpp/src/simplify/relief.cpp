@@ -295,7 +295,7 @@ struct Relief::Memory {
   double speck_area = 0.0;            ///< Specks' share of the area in the latest select().
   bool leaves_specks = false;         ///< Whether select() leaves out specks first.
   Progress progress;                  ///< Throws if the run is cancelled.
-  std::vector<Triangle> dense;        ///< Scratch memory of take_all().
+  std::vector<Triangle> dense;        ///< Scratch memory of take_all() and select().
 
   /// Does the smallest target leave room for all used pixels?
   [[nodiscard]] bool takes_all(const ReliefOptions& options) const {
@@ -475,6 +475,12 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, O
     splits = std::min(2 * splits, used);
     if (splits == used) finest = 1;
     triangulate();
+  }
+  if (mesh.num_vertices() < target && target < used) {
+    // Bisection never ends at pixels in flat parts, and the others are too few for the target.
+    worked->dense_triangles(dense);
+    mesh.assign(*worked, dense);
+    if (has_many_pixels()) relief_detail::release(dense);
   }
   if (has_many_pixels()) {
     start = {};
