@@ -328,6 +328,21 @@ def test_the_camera_of_open3d(size: str, tmp_path: Path) -> None:
             camera.read_intrinsics(path, width=63, height=48)
 
 
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        "[50, 0, 31.5, 0, 51, 23.5, 0, 0, 1]",
+        "[[50, 0, 31.5], [0, 51, 23.5], [0, 0, 1]]",
+        "[[50, 0, 0], [0, 51, 0], [31.5, 23.5, 1]]",
+    ],
+)
+def test_a_matrix_of_open3d_row_by_row_is_read_alike(matrix: str, tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(f'{{"intrinsic_matrix": {matrix}}}')
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
+
+
 OPENCV_XML = """<?xml version="1.0"?>
 <opencv_storage>
 <calibration_time>"Fri 27 Nov"</calibration_time>
@@ -516,6 +531,7 @@ def test_the_camera_of_rectified_images_is_told(tmp_path: Path) -> None:
         ("a.xml", "<a/>", "no object"),
         ("a.json", "{}", "no fx and no fy and no cx and no cy"),
         ("a.json", '{"k": 1e999}', "camera_matrix of 1 numbers"),
+        ("a.json", '{"intrinsic_matrix": [50, 0, 9, 0, 51, 0, 9, 9, 1]}', "a matrix that is not"),
     ],
 )
 def test_files_that_are_no_calibration(

@@ -596,7 +596,7 @@ def _fields_of_mapping(fields: Any, path: Path) -> dict[str, Any]:
     matrix = fields.get("intrinsic_matrix")
     if matrix is not None:
         size = {n: fields[n] for n in ("width", "height") if n in fields}
-        return size | dict(zip(("fx", "fy", "cx", "cy"), _pinhole(matrix), strict=True))
+        return size | _pinhole_of_matrix(_square_of(_numbers_of(matrix), "an intrinsic_matrix"))
     plain = {str(name).lower().replace("_", ""): value for name, value in fields.items()}
     if "cameramatrix" in plain or "k" in plain:
         return _fields_of_calibration(plain, path)
@@ -611,13 +611,8 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
     def first(*names: str) -> Any:
         return next((fields[name] for name in names if name in fields), None)
 
-    matrix = _numbers_of(first("cameramatrix", "k"))
-    if matrix.size != 9:
-        raise ValueError(f"a camera_matrix of {matrix.size} numbers")
-    square = matrix.reshape(3, 3)
-    # Apple's matrices are stored column by column, so that cx and cy are in the last row.
-    by_column = np.any(square[2, :2]) and not np.any(square[:2, 2])
-    camera: dict[str, Any] = _pinhole_of_matrix(square.T if by_column else square)
+    square = _square_of(_numbers_of(first("cameramatrix", "k")), "a camera_matrix")
+    camera: dict[str, Any] = _pinhole_of_matrix(square)
     model = str(fields.get("distortionmodel", "")).lower()
     if model in ("equidistant", "fisheye") or str(fields.get("fisheyemodel", 0)) not in ("0", ""):
         raise ValueError("a fisheye camera")
@@ -795,6 +790,19 @@ def _fields_of_matrix(text: str) -> dict[str, float]:
     return _pinhole_of_matrix(np.array(numbers).reshape(rows, -1))
 
 
+def _square_of(numbers: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+    """Return nine numbers as a matrix, row by row; ``name`` names it in errors.
+
+    Open3D's and Apple's matrices are stored column by column, which shows by cx and cy in the last
+    row.
+    """
+    if numbers.size != 9:
+        raise ValueError(f"{name} of {numbers.size} numbers")
+    square = numbers.reshape(3, 3)
+    by_column = np.any(square[2, :2]) and not np.any(square[:2, 2])
+    return square.T if by_column else square
+
+
 def _pinhole_of_matrix(matrix: NDArray[np.float64]) -> dict[str, float]:
     _expect_pinhole(matrix)
     return {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
@@ -835,10 +843,3 @@ def _stereo_calibration(text: str, path: Path) -> _StereoCalibration | None:
         reason = f"expected cam0=[fx 0 cx; 0 fy cy; 0 0 1], doffs and baseline: {error}"
         raise FormatError(reason, file=str(path)) from error
     return _StereoCalibration(fields, f"disparity:{focal_metres:.9g},{offset:.9g}")
-
-
-def _pinhole(matrix: Any) -> tuple[float, float, float, float]:
-    values = np.asarray(matrix, dtype=np.float64)
-    if values.shape != (9,):
-        raise ValueError(f"an intrinsic_matrix of shape {values.shape}")
-    return float(values[0]), float(values[4]), float(values[6]), float(values[7])

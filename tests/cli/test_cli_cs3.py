@@ -243,7 +243,7 @@ def test_cameras_come_from_files_and_presets(
         ("{", "expected an object with fx"),
         ("[1, 2]", "no object"),
         ('{"fx": 1}', "expected an object with fx"),
-        ('{"intrinsic_matrix": [1, 2]}', "of shape"),
+        ('{"intrinsic_matrix": [1, 2]}', "of 2 numbers"),
         ('{"fx": 1, "fy": 1, "cx": 0, "cy": 0, "coeffs": [0, 1e-3, 0, 0, 0]}', "a distortion of"),
         ('{"fl_x": 1, "fl_y": 1, "cx": 0, "cy": 0, "camera_model": "OPENCV_FISHEYE"}', "fisheye"),
         ('{"fx": -1, "fy": 1, "cx": 0, "cy": 0}', "fx"),
