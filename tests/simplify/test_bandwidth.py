@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from frame_reader import read_frame
-from manip3d import InputError, Intrinsics, read_mesh, simplify
+from manip3d import FormatError, InputError, Intrinsics, read_mesh, simplify
 from manip3d.simplify import DepthOptions, ReliefStream
 from manip3d.simplify._bandwidth import Bandwidth, SlidingSecond, fit_bytes
 
@@ -188,6 +189,44 @@ def test_files_of_all_methods_use_their_share(method: simplify.DepthMethod, tmp_
         found = simplify.simplify_depth_file(tmp_path / "d.npy", tmp_path / "o.glb", options)
         assert found.num_bytes is not None
         assert 0.95 * share <= found.num_bytes <= share
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".ply", ".obj", ".stl"])
+@pytest.mark.parametrize("method", ["relief", "cs3", "uniform", "poisson", "ssa"])
+def test_each_method_fits_into_a_share_in_each_format(
+    method: simplify.DepthMethod, suffix: str, tmp_path: Path
+) -> None:
+    """A point takes 40 bytes in .glb and several times as many in other formats."""
+    np.save(tmp_path / "d.npy", frames(4)[3])
+    for share in (5_000, 9_000, 16_000):
+        options = DepthOptions(
+            None, method, intrinsics="110,110,59.5,44.5", unit="mm", bandwidth=share, rate=1
+        )
+        output = tmp_path / f"o{suffix}"
+        found = simplify.simplify_depth_file(tmp_path / "d.npy", output, options)
+        assert found.num_bytes is not None
+        assert 0.85 * share <= found.num_bytes <= share
+
+
+@pytest.mark.parametrize(("method", "points"), [("uniform", 4), ("ssa", 5)])
+def test_fewer_points_than_make_a_face_are_no_reason_to_give_up(
+    method: simplify.DepthMethod, points: int, tmp_path: Path
+) -> None:
+    np.save(tmp_path / "wall.npy", np.full((48, 64), 2.0, np.float32))
+
+    def made(share: int) -> simplify.DepthFileResult:
+        options = DepthOptions(None, method, intrinsics="60,60,31.5,23.5", bandwidth=share, rate=1)
+        return simplify.simplify_depth_file(tmp_path / "wall.npy", tmp_path / "o.glb", options)
+
+    with pytest.raises(InputError) as caught:
+        made(300)
+    expected = rf"at least (\d+) bytes a second: {points} points are \1 bytes"
+    told = re.search(expected, str(caught.value))
+    assert told is not None
+    assert made(int(told[1])).points == points  # the number that the error tells is enough
+    np.save(tmp_path / "wall.npy", np.zeros((48, 64), np.float32))
+    with pytest.raises(FormatError, match="found no measured pixel"):
+        made(5000)
 
 
 def test_a_method_that_has_no_more_points_is_not_asked_again() -> None:

@@ -75,7 +75,7 @@ class SlidingSecond:
 
 
 def fit_bytes(
-    make: Callable[[int], tuple[Item, int, int]],
+    make: Callable[[int], tuple[Item, int, int] | None],
     *,
     most_points: int,
     allowance: int,
@@ -88,7 +88,8 @@ def fit_bytes(
     Parameters
     ----------
     make : callable
-        Takes a number of points; returns the item, its number of points and its size in bytes.
+        Takes a number of points; returns the item, its number of points and its size in bytes, or
+        None if so few points make none.
     most_points : int
         Largest number of points to ask for.
     allowance : int
@@ -104,42 +105,52 @@ def fit_bytes(
     Returns
     -------
     Item or None
-        None: not even three points fit.
+        None: not even three points fit, or they make no item and none of the tries fits.
     """
     fits: tuple[Item, int, int] | None = None
     too_large: tuple[int, int] | None = None
+    empty = MIN_POINTS - 1  # largest number of points that made no item
     most = 0  # points of the best item that fits
     points = _clamp(guess, MIN_POINTS, most_points)
     slope = bytes_per_point
     before: tuple[int, int] | None = None
     for number in range(_MAX_TRIES):
-        item, count, size = make(points)
-        if (
-            before is not None
-            and points != before[0]
-            and (size > before[1]) == (points > before[0])
-        ):
-            slope = (size - before[1]) / (points - before[0])
-        before = points, size
-        if size <= allowance:
-            is_all = points == most_points or (count < points and 0 < count <= most)
-            best = item if fits is None or count > most else fits[0]
-            fits, most = (best, points, size), max(count, most)
-            if is_all or size >= least_share * allowance or number == _MAX_TRIES - 1:
-                return best
+        made = make(points)
+        if made is None:
+            empty = points
+            above = 3 * points if too_large is None else too_large[0]
+            wanted = (points + above) / 2
         else:
-            too_large = points, size
-            if points == MIN_POINTS:
-                return None
-        low = MIN_POINTS if fits is None else fits[1] + 1
+            item, count, size = made
+            if (
+                before is not None
+                and points != before[0]
+                and (size > before[1]) == (points > before[0])
+            ):
+                slope = (size - before[1]) / (points - before[0])
+            before = points, size
+            if size <= allowance:
+                is_all = points == most_points or (count < points and 0 < count <= most)
+                best = item if fits is None or count > most else fits[0]
+                fits, most = (best, points, size), max(count, most)
+                if is_all or size >= least_share * allowance or number == _MAX_TRIES - 1:
+                    return best
+            else:
+                too_large = points, size
+                if points == MIN_POINTS:
+                    return None
+            wanted = points + (_AIM * allowance - size) / max(slope, 1e-3)
+            if wanted < MIN_POINTS:  # points are larger than the slope says
+                wanted = points * _AIM * allowance / size
+        low = max(empty, 0 if fits is None else fits[1]) + 1
         high = most_points if too_large is None else too_large[0] - 1
         if low > high:
             break
-        points = _clamp(points + (_AIM * allowance - size) / max(slope, 1e-3), low, high)
+        points = _clamp(wanted, low, high)
     if fits is not None:
         return fits[0]
-    item, _, size = make(MIN_POINTS)
-    return item if size <= allowance else None
+    made = make(MIN_POINTS) if empty < MIN_POINTS else None
+    return made[0] if made is not None and made[2] <= allowance else None
 
 
 def _clamp(points: float, low: int, high: int) -> int:

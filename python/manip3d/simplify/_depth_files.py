@@ -720,22 +720,28 @@ def _write(
         made = _with_faces(make, options.points, source, options, measured, has_steps=has_steps)
         write_mesh(made.mesh, output)
         return made
-    seconds, least = 0.0, 0
+    seconds = 0.0
+    least: tuple[int, str] | None = None  # bytes of the smallest try, and what they hold
     guess, least_share = allowance / _BYTES_PER_POINT, 0.95
     if last is not None and last.points > 0:
         guess = last.points + (0.97 * allowance - last.num_bytes) / _BYTES_PER_POINT
         least_share = 0.7
     with tempfile.TemporaryDirectory() as folder:
 
-        def written(points: int) -> tuple[_Made, int, int]:
+        def written(points: int) -> tuple[_Made, int, int] | None:
             nonlocal seconds, least
             trial = Path(folder, str(points), output.name)
             trial.parent.mkdir(exist_ok=True)
-            made = _with_faces(make, points, source, options, measured, has_steps=has_steps)
+            made = make(points)
             seconds += made.seconds
+            if made.mesh.num_faces == 0:
+                return None
             write_mesh(made.mesh, trial)
-            least = sum(path.stat().st_size for path in trial.parent.iterdir())
-            return replace(made, num_bytes=least), made.found.num_vertices, least
+            size = sum(path.stat().st_size for path in trial.parent.iterdir())
+            if least is None or size < least[0]:
+                pictured = any(material.textures for material in made.mesh.materials)
+                least = size, f"{made.found.num_used} points{' with their picture' * pictured}"
+            return replace(made, num_bytes=size), made.found.num_vertices, size
 
         fitting = fit_bytes(
             written,
@@ -745,11 +751,19 @@ def _write(
             bytes_per_point=_BYTES_PER_POINT,
             least_share=least_share,
         )
+        if fitting is None and options.method != "relief":  # three points may make no face
+            enough = _enough_points(make, MIN_POINTS - 1, measured.pixels)
+            fewest = None if enough is None else written(enough)
+            if fewest is not None and fewest[2] <= allowance:
+                fitting = fewest[0]
     if fitting is None:
+        if least is None:
+            _with_faces(make, MIN_POINTS, source, options, measured, has_steps=has_steps)
+        assert least is not None
         assert options.rate is not None
         raise InputError(
-            f"bandwidth: expected at least {least * math.ceil(options.rate)} bytes a second: three "
-            f"points with their picture are {least} bytes, and a frame may have {allowance}"
+            f"bandwidth: expected at least {least[0] * math.ceil(options.rate)} bytes a second: "
+            f"{least[1]} are {least[0]} bytes, and a frame may have {allowance}"
         )
     write_mesh(fitting.mesh, output)
     if last is not None:
