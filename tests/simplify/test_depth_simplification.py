@@ -84,9 +84,9 @@ def test_live_measures_coverage_when_it_is_asked_for(step: float | None) -> None
     measured = _core.ReliefSolver().run(
         points.reshape(*depth.shape, 3), valid.reshape(depth.shape).view(np.bool_), rows_up, options
     )
-    names = "coverage", "bridges", "outside"
-    for name in names:
-        assert getattr(found, name) == pytest.approx(measured[name], abs=1e-12), name
+    names = "coverage", "bridges", "outside", "filled"
+    shares = [getattr(found, name) for name in names]
+    assert shares == pytest.approx(measured["cover"], abs=1e-12)
     if step is not None:
         left = [getattr(cut, name) for name in names]
         assert left == pytest.approx(measured["without_off"], abs=1e-12)
