@@ -126,7 +126,7 @@ def test_what_is_refused() -> None:
         cut_depth_steps(mesh, wall_with_box(), step=0.0)
     with pytest.raises(InputError, match="depth: expected the image of the mesh"):
         cut_depth_steps(mesh, np.zeros((4, 4), np.uint16))
-    with pytest.raises(InputError, match="method: expected one of relief"):
+    with pytest.raises(InputError, match="method: expected 'relief'"):
         DepthOptions(10, method="magic")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="depth_step"):
         DepthOptions(10, depth_step=-1.0)

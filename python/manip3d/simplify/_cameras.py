@@ -60,11 +60,11 @@ class CameraView:
     depth : (H, W) uint16 in millimetres or float32 in metres
         Depth image; needs ``intrinsics``.
     intrinsics : Intrinsics
-        Camera of ``depth``.
+        Camera of ``depth``; only with it.
     points : (H, W, 3) float
         A grid of points, such as a range scan, in place of ``depth`` and ``intrinsics``.
     valid : (H, W) bool, optional
-        Measured pixels of ``points``; default: those with finite coordinates.
+        Measured pixels of ``points``; default: those with finite coordinates. Only with ``points``.
     pose : (4, 4) float64
         Rigid transform from the view's frame to the frame that all views share.
     color : (H', W', 3 or 4) uint8, optional
@@ -258,6 +258,7 @@ def _checked_view(view: CameraView, index: int, threads: int) -> _View:
         raise InputError(f"{name}.pose: expected a rigid (4, 4) transform")
     if (view.depth is None) == (view.points is None):
         raise InputError(f"{name}: expected either depth with intrinsics, or points")
+    _expect_own_fields(view, name)
     if view.points is not None:
         points, valid = checked_grid(view.points, view.valid, kept=True)
         mask = mask_image(view.mask, valid.shape, f"{name}.mask")
@@ -277,6 +278,19 @@ def _checked_view(view: CameraView, index: int, threads: int) -> _View:
     valid = flags.reshape(image.shape).view(np.bool_)
     focal = min(view.intrinsics.fx, abs(view.intrinsics.fy))
     return _View(points, valid, rows_up, pose, color, view.registration, confidence, focal)
+
+
+def _expect_own_fields(view: CameraView, name: str) -> None:
+    """Refuse fields of points in a view with a depth image, and the other way round."""
+    of_depth = {
+        "intrinsics": view.intrinsics is not None,
+        "registration": view.registration is not None,
+    }
+    of_points = {"valid": view.valid is not None, "rows_up": not view.rows_up}
+    for field_name, is_given in (of_points if view.points is None else of_depth).items():
+        if is_given:
+            own, other = ("points", "depth") if view.points is None else ("depth", "points")
+            raise InputError(f"{name}.{field_name}: can only be given with {own}, got {other}")
 
 
 def _spread(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:

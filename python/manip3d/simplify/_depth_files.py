@@ -12,11 +12,12 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.options import threads_of
 from manip3d._util.paths import by_number, path_of
 from manip3d.camera import (
     CAMERA_PRESETS,
@@ -61,8 +62,6 @@ if TYPE_CHECKING:
     from manip3d.mesh import Mesh
 
 DepthMethod = Literal["relief", "cs3", "uniform", "poisson", "ssa"]
-_METHODS = ("relief", "cs3", "uniform", "poisson", "ssa")
-_EFFORTS = get_args(Effort)
 _IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
 _YUP_SUFFIXES = (".glb", ".gltf")
 _FRAMES_FOR_A_GUESS = 9
@@ -88,6 +87,7 @@ def is_sparse(lone: int, measured: int) -> bool:
     return 2 * lone > measured and lone >= _MIN_PROJECTED
 
 
+@checked
 @dataclass(frozen=True)
 class DepthOptions:
     """Options for making sparse meshes of depth images or range scans.
@@ -130,6 +130,12 @@ class DepthOptions:
     ratio : float or None
         Largest number of vertices as a share of the measured pixels, above 0 and up to 1, in place
         of ``points``. At least three vertices are allowed.
+
+    Raises
+    ------
+    InputError
+        A value of another type or out of range, an option that does not go with the method, or
+        no number of points: neither ``points`` nor ``ratio`` nor ``bandwidth`` with ``rate``.
     """
 
     points: int | None = None
@@ -158,8 +164,6 @@ class DepthOptions:
         return Bandwidth(self.bandwidth, self.rate).share
 
     def __post_init__(self) -> None:
-        if self.method not in _METHODS:
-            raise InputError(f"method: expected one of {', '.join(_METHODS)}, got {self.method!r}")
         if self.method != "cs3" and (self.variant != "cios" or self.by_distance):
             raise InputError(
                 f"variant, by_distance: can only be given with method cs3, got {self.method}"
@@ -168,12 +172,15 @@ class DepthOptions:
             raise InputError(
                 f"move_points: can only be given with method relief, got {self.method}"
             )
-        if self.effort not in _EFFORTS:
-            raise InputError(f"effort: expected one of {', '.join(_EFFORTS)}, got {self.effort!r}")
         if self.method != "relief" and self.effort != "balanced":
             raise InputError(f"effort: can only be given with method relief, got {self.method}")
-        if self.points is not None and not MIN_POINTS <= self.points < 2**63:
-            raise InputError(f"points: expected {MIN_POINTS} to 2^63 - 1, got {self.points}")
+        if self.points is not None and self.points < MIN_POINTS:
+            raise InputError(f"points: expected at least {MIN_POINTS}, got {self.points}")
+        if self.max_edge is not None and not self.max_edge > 0:
+            raise InputError(f"max_edge: expected > 0, got {self.max_edge}")
+        threads_of(self.threads)
+        if self.seed < 0:
+            raise InputError(f"seed: expected >= 0, got {self.seed}")
         if not 0 <= self.depth_step <= float(np.finfo(np.float32).max):
             raise InputError(f"depth_step: expected >= 0 and finite, got {self.depth_step}")
         for name in ("min_coverage", "max_bridges"):
@@ -181,12 +188,13 @@ class DepthOptions:
                 raise InputError(f"{name}: expected 0 to 1, got {getattr(self, name)}")
         if (self.bandwidth is None) != (self.rate is None):
             raise InputError("bandwidth, rate: expected both or none of them")
+        has_bytes = self.max_bytes is not None  # checks both
         if self.ratio is not None:
             if self.points is not None:
                 raise InputError("points, ratio: expected one of them, got both")
             if not 0 < self.ratio <= 1:
                 raise InputError(f"ratio: expected more than 0 to 1, got {self.ratio}")
-        elif self.max_bytes is None and self.points is None:
+        elif not has_bytes and self.points is None:
             raise InputError(
                 "points: expected a number, or ratio, or bandwidth and rate, got none of them"
             )
@@ -972,8 +980,10 @@ def colors_of_frames(
     If each depth image has a colour image of the same name (without suffix), they are matched by
     name, and other colour images are ignored. Names are also the same if they differ only in the
     words depth and color: ``1.depth.png``, ``1.color.png``; ``depth_1.png``, ``rgb_1.png``;
-    ``1_depth.png``, ``1.jpg``. Otherwise both are sorted by name (numbers in names by their value)
-    and matched in order. Hidden files and files whose suffix is not that of an image are ignored.
+    ``1_depth.png``, ``1.jpg``. If no depth image has such a colour image, both are sorted by name
+    (numbers in names by their value) and matched in order; if only some have, it is an error, as
+    the order would be shifted. Hidden files and files whose suffix is not that of an image are
+    ignored.
 
     If ``colors`` also holds the depth images, these are left out, and only images with such a word
     in their names are matched in order. Masks and confidences then need their word in any case.
@@ -995,7 +1005,10 @@ def colors_of_frames(
     Raises
     ------
     InputError
-        The names do not match, and there are not as many colour images as depth images.
+        Some depth images have a colour image of their name and others have not; no names match, and
+        there are not as many colour images as depth images; or ``name`` is unknown.
+    OSError
+        The folder cannot be read.
 
     Examples
     --------
@@ -1007,6 +1020,8 @@ def colors_of_frames(
     >>> simplify.colors_of_frames(["d1.png", "d2.png"], "colors")
     {'d1.png': 'colors/a.jpg', 'd2.png': 'colors/b.jpg'}
     """
+    if name not in _KINDS:
+        raise InputError(f"name: expected one of {', '.join(_KINDS)}, got {name!r}")
     found = [path for path in path_of(colors, name).iterdir() if _is_image(path)]
     found.sort(key=lambda path: by_number(path.name))
     own = {os.path.realpath(path_of(frame, "frames")) for frame in frames}
@@ -1015,12 +1030,22 @@ def colors_of_frames(
     named = [path for path in images if _without(path.stem, name) != _words(path.stem)]
     names = sorted((os.fspath(frame) for frame in frames), key=by_number)
     keys = [_without(Path(frame).stem, "depth") for frame in names]
-    chosen = _by_key(keys, named, [_without(path.stem, name) for path in named])
-    if chosen is None and (name == "color" or not shares_folder):
+    tries = [_by_key(keys, named, [_without(path.stem, name) for path in named])]
+    if name == "color" or not shares_folder:
         # Beside the depth images, a file without the word for a mask would be a colour image.
-        chosen = _by_key([Path(frame).stem for frame in names], images, [p.stem for p in images])
-        chosen = chosen or _by_key(keys, images, [_words(path.stem) for path in images])
-    if chosen is None:
+        stems = [Path(frame).stem for frame in names]
+        tries.append(_by_key(stems, images, [path.stem for path in images]))
+        tries.append(_by_key(keys, images, [_words(path.stem) for path in images]))
+    best = max(tries, key=lambda pairs: sum(image is not None for image in pairs))
+    chosen = [image for image in best if image is not None]
+    if 0 < len(chosen) < len(frames):
+        absent = [Path(names[i]).name for i, image in enumerate(best) if image is None]
+        listed = ", ".join(absent[:5]) + (", ..." if len(absent) > 5 else "")
+        raise InputError(
+            f"{name}: expected an image in {os.fspath(colors)} by the name of each depth image, "
+            f"found {len(chosen)} of {len(frames)}, none for {listed}"
+        )
+    if not chosen:
         chosen = named if shares_folder else images
     if len(chosen) != len(frames):
         raise InputError(
@@ -1038,6 +1063,7 @@ _WORDS = {
     "confidence": {"confidence", "conf"},
 }
 """Words by which names of files say what an image holds."""
+_KINDS = ("color", "mask", "confidence")
 
 
 def _words(stem: str) -> tuple[str, ...]:
@@ -1047,17 +1073,16 @@ def _words(stem: str) -> tuple[str, ...]:
 def _without(stem: str, kind: str) -> tuple[str, ...]:
     """Return the words of a name without the last one that says what kind the image is of."""
     words = _words(stem)
-    places = [i for i, word in enumerate(words) if word in _WORDS.get(kind, ())]
+    places = [i for i, word in enumerate(words) if word in _WORDS[kind]]
     return words[: places[-1]] + words[places[-1] + 1 :] if places else words
 
 
 def _by_key(
     wanted: Sequence[Hashable], images: Sequence[Path], keys: Sequence[Hashable]
-) -> list[Path] | None:
-    """Return the image of each key, or None unless each key is wanted once and has one image."""
-    image_of, times = dict(zip(keys, images, strict=True)), Counter(keys)
-    is_clear = len(set(wanted)) == len(wanted) and all(times[key] == 1 for key in wanted)
-    return [image_of[key] for key in wanted] if is_clear else None
+) -> list[Path | None]:
+    """Return the image of each key; None for a key that is wanted twice or has not one image."""
+    image_of, times, uses = dict(zip(keys, images, strict=True)), Counter(keys), Counter(wanted)
+    return [image_of[key] if times[key] == uses[key] == 1 else None for key in wanted]
 
 
 def _is_image(path: Path) -> bool:
