@@ -847,3 +847,25 @@ def test_depths_of_8_bits_need_their_unit(tmp_path: Path) -> None:
     assert "give their number in a metre as --unit" in error_line(manip3d(*arguments))
     assert manip3d(*arguments, "--unit", "85").returncode == 0
     np.testing.assert_allclose(read_mesh(target).vertices[:, 2], 2.0)
+
+
+@pytest.mark.parametrize("more", [(), ("--stable",)])
+def test_a_guess_for_a_folder_is_told(more: tuple[str, ...], tmp_path: Path) -> None:
+    """Two walls 7 and 8 m away, stored in millimetres, look like units of 1/5000 m."""
+    (tmp_path / "d").mkdir()
+    for number in (7, 8):
+        np.save(tmp_path / "d" / f"{number}.npy", np.full((48, 64), 1000 * number, np.uint16))
+    base = ("depth", tmp_path / "d", "-o", tmp_path / "o", "--points", "60", "--json",
+            "--intrinsics", "60,60,31.5,23.5", *more)  # fmt: skip
+    told = "read 2 depth images, depth 1.40 to 1.60 m, unit tum (1/5000 m: TUM RGB-D, ICL-NUIM)"
+    for _ in range(2):  # the rows of the second run are those of the first
+        done = manip3d(*base)
+        assert done.returncode == 0, done.stderr
+        assert f"{told}, guessed; --unit overrides it" in done.stderr
+        for row in json.loads(done.stdout):
+            assert (row["unit"], row["unit_guessed"]) == ("tum", True)
+            assert ", guessed: most of the images look like it" in row["depth"]
+    done = manip3d(*base, "--unit", "mm", "--force")
+    assert "depth 7.00 to 8.00 m, unit mm (" in done.stderr
+    assert "guessed" not in done.stderr + str([row["depth"] for row in json.loads(done.stdout)])
+    assert not any(row["unit_guessed"] for row in json.loads(done.stdout))

@@ -277,13 +277,60 @@ def test_the_mesh_of_cameras_with_y_up_is_upright(walls: Path) -> None:
     simplify.simplify_depth_file(files[0], walls / "one.glb", options)
     upright, as_seen, one = (io.read_mesh(walls / name) for name in ("a.glb", "a.ply", "one.glb"))
     for mesh in (upright, one):
-        near = mesh.vertices[mesh.vertices[:, 2] > -1.6]
+        near = mesh.vertices[abs(mesh.vertices[:, 2]) < 1.6]
         assert len(near)
         assert near[:, 1].min() > 0.3
         corners = mesh.vertices[mesh.faces]
         assert (np.linalg.det(corners) < 0).all()  # they face the camera, which is at the origin
     upright, as_seen = upright.vertices[upright.faces], as_seen.vertices[as_seen.faces]
-    np.testing.assert_allclose(np.sort(upright, 0), np.sort(as_seen * [-1, 1, -1], 0), atol=1e-6)
+    np.testing.assert_allclose(np.sort(upright, 0), np.sort(as_seen, 0), atol=1e-6)  # as the poses
+
+
+@pytest.mark.parametrize("up", ["+x", "-x", "+y", "-y", "+z", "-z"])
+def test_a_gltf_is_upright_whatever_axis_of_the_poses_is_up(walls: Path, up: str) -> None:
+    """Cameras that look ahead and down, in worlds whose vertical axis is any."""
+    axis, sign = "xyz".index(up[1]), float(f"{up[0]}1")
+    vertical = sign * np.eye(3)[axis]
+    ahead = np.eye(3)[(axis + 1) % 3] + 0.3 * np.eye(3)[(axis + 2) % 3]
+    forward = ahead / np.linalg.norm(ahead) - 0.5 * vertical
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, vertical)
+    right /= np.linalg.norm(right)
+    pose = np.column_stack([right, np.cross(forward, right), forward, np.zeros(3)])
+    line = " ".join(f"{number:.9f}" for number in pose.ravel())
+    (walls / "kitti.txt").write_text(f"{line}\n{line}\n")
+    files = [walls / "10.005.npy", walls / "10.031.npy"]
+    options = simplify.DepthOptions(50, intrinsics=CAMERA, unit="mm")
+    for name in ("a.glb", "a.ply"):
+        simplify.simplify_camera_files(files, walls / "kitti.txt", walls / name, options)
+    upright, as_given = (io.read_mesh(walls / name) for name in ("a.glb", "a.ply"))
+    heights = np.sort(upright.vertices[upright.faces][..., 1].ravel())
+    expected = np.sort((as_given.vertices @ vertical)[as_given.faces].ravel())
+    np.testing.assert_allclose(heights, expected, atol=1e-5)
+    volumes = [np.linalg.det(m.vertices[m.faces]).sum() for m in (upright, as_given)]
+    assert volumes[0] == pytest.approx(volumes[1], rel=1e-4)  # rotated, not mirrored
+
+
+def test_the_unit_of_several_views_is_told(walls: Path) -> None:
+    for path in walls.glob("*.npy"):
+        depth = 4 * np.load(path)  # 7.2 m away, which nearly every depth camera stores as 1/5000 m
+        depth[0, :5] = 65535
+        np.save(path, depth)
+    base = ("depth", walls / "10.005.npy", walls / "10.031.npy", "--poses",
+            walls / "groundtruth.txt", "--intrinsics", CAMERA, "--points", "60")  # fmt: skip
+    done = manip3d(*base, "-o", walls / "a.ply", "--json")
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert (record["unit"], record["unit_guessed"]) == ("tum", True)
+    assert record["depth"] in done.stderr.replace("\n", " ")
+    told = "read 2 depth images, depth 1.44 to 1.44 m, unit tum (1/5000 m: TUM RGB-D, ICL-NUIM)"
+    assert f"{told}, guessed" in done.stderr
+    assert "10 pixels of 65535 taken as not measured; --unit overrides it" in done.stderr
+    done = manip3d(*base, "-o", walls / "b.ply", "--json", "--unit", "10")
+    record = json.loads(done.stdout)
+    assert (record["unit"], record["unit_guessed"]) == ("10", False)
+    assert "warning for 2 of them: half of the image is beyond 720 m" in done.stderr
+    assert "--unit" not in done.stderr
 
 
 @pytest.mark.parametrize("method", ["relief", "cs3"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from enum import StrEnum
@@ -89,6 +89,7 @@ _OPTIONS = ("intrinsics", "unit", "variant", "effort", "by-distance", "move-poin
 def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
     """One unit for all depth images, and the colour image, mask and confidence of each frame."""
     from manip3d import simplify
+    from manip3d.simplify._depth_files import common_guess
 
     with naming_options("unit"):
         may_be_8_bits = fits_8_bits(options["unit"])
@@ -100,7 +101,7 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
         for name in clouds:  # the unit of another instrument; each cloud keeps its own guess
             each[name]["unit"] = options["unit"]
         images = [name for name in names if name not in clouds]
-        options["unit"] = simplify.common_depth_unit(images, options["unit"], options["intrinsics"])
+        options["unit"] = common_guess(images, options["unit"], options["intrinsics"])
         colors = options.pop("color")
         folders = {"color": colors} if colors else {}
         for name in ("mask", "confidence"):  # a file is that of all frames
@@ -110,6 +111,26 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
             for frame, image in simplify.colors_of_frames(names, folder, name=name).items():
                 each[frame][name] = image
     return each
+
+
+def _sentence_of_all(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return words on the depth of all images, because nobody reads those of each."""
+    from manip3d.simplify._depth_words import DepthFound, sentence_of_images
+
+    found = [
+        DepthFound(
+            row["unit"],
+            row["unit_guessed"],
+            row["unit_doubt"] or "",
+            row["depth_near"],
+            row["depth_far"],
+            row["marked_pixels"],
+        )
+        for row in rows
+        if row.get("unit")
+    ]
+    override = "; --unit overrides it" if any(each.is_guess for each in found) else ""
+    return f"read {sentence_of_images(found)}{override}" if found else ""
 
 
 def _expect_camera(names: list[str], intrinsics: str) -> None:
@@ -225,6 +246,9 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
                 num_frames=given["frames"],
                 progress=progress,
             )
+    if result.depth:
+        override = "; --unit overrides it" if result.unit_guessed else ""
+        shell.say(f"read {named_as_options(result.depth, _OPTIONS)}{override}")
     shell.say(_joint_sentence(result))
     shell.result(_joint_record(result))
     missed = result.target_missed or result.coverage_missed or result.bridges_missed
@@ -336,6 +360,9 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
         "output": str(result.output),
         "method": result.options.method,
         "effort": _effort_of(result.options),
+        "depth": result.depth,
+        "unit": result.unit,
+        "unit_guessed": result.unit_guessed,
         "points_before": result.points_before,
         "target_points": result.options.points,
         "points": result.points,
@@ -354,7 +381,7 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
     lambda: (*DEPTH_SUFFIXES, *_SCANS), writable=lambda: WRITABLE, otherwise=".glb",
     prepare=_frame_options, check=lambda given: _expect_budget(*(given[name] for name in _BUDGETS)),
     together=lambda sources, given: _join(sources, given) or _recording(sources, given),
-    in_order=_in_order,
+    in_order=_in_order, sentence=_sentence_of_all,
 )  # fmt: skip
 def depth(
     source: Annotated[
@@ -530,7 +557,8 @@ def depth(
 
     Several depth images, all in one unit, become a folder with a .glb file for each; with --poses
     they become one mesh, with --stable a sequence of meshes that does not flicker. The result is in
-    metres, with +y up in glTF (.glb, .gltf) and in the camera's axes in .ply, .obj, .stl and .off.
+    metres, with +y up in glTF (.glb, .gltf) and in the axes of the camera or the poses in .ply,
+    .obj, .stl and .off.
     The depth range and its unit are printed: check them. An RGB-D recording has its own camera,
     unit and colours; each of its frames becomes a .glb in a folder.
 
@@ -564,7 +592,7 @@ def depth(
         )
         # Whether a cloud is an organised one is decided by its reader.
         clouds = ("scan",) if scan_suffix(source) in (".pcd", ".npy", ".npz") else ()
-        pictures = ("picture",) if fits_8_bits(unit) else ()
+        pictures = ("picture",) if not unit.startswith("guess") and fits_8_bits(unit) else ()
         expect_kind(source, "depth", "range grid", *clouds, *pictures, verb="depth")
         check_output(output, WRITABLE, force=force)
         sequence = _sequence.get()
@@ -591,7 +619,7 @@ cs3 = with_defaults(depth, method=DepthMethod.cs3)
 
 def _tell(shell: Terminal, result: DepthFileResult) -> None:
     if result.depth:
-        is_guess = result.unit and result.options.unit == "guess"
+        is_guess = result.unit and result.options.is_unit_guessed
         override = "; --unit overrides it" if is_guess else ""
         words = named_as_options(result.depth, _OPTIONS)
         shell.say(f"read {result.source}: {words}{override}")
@@ -693,6 +721,11 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "effort": _effort_of(result.options),
         "depth": result.depth,
         "unit": result.unit,
+        "unit_guessed": result.depth_found.is_guess,
+        "unit_doubt": result.depth_found.doubt,
+        "depth_near": result.depth_found.near,
+        "depth_far": result.depth_found.far,
+        "marked_pixels": result.depth_found.num_marked,
         "points_before": result.points_before,
         "target_points": result.options.points,
         "points": result.points,

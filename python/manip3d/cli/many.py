@@ -204,6 +204,7 @@ def over_files(
     ),
     across: Callable[[list[dict[str, Any]]], object] = lambda rows: None,
     find: Callable[..., list[SourceFile]] | None = None,
+    sentence: Callable[[Sequence[Mapping[str, Any]]], str] = lambda rows: "",
 ) -> Callable[[Verb], Verb]:
     """Make a verb for one file (and ``output``) a verb for many files.
 
@@ -259,6 +260,8 @@ def over_files(
         Adds values to rows that result from comparing them, before they are printed.
     find : callable, optional
         See `Many`.
+    sentence : callable(rows) -> str
+        Returns a sentence on all files together, which is printed for people; empty: none.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -308,7 +311,7 @@ def over_files(
                 summary = _many(
                     work, files, given, many, each, table=table, dask=dask,
                     jobs=jobs if chain is None else 1, columns=columns, inputs_of=inputs,
-                    resume=resumes and chain is None, across=across,
+                    resume=resumes and chain is None, across=across, sentence=sentence,
                 )  # fmt: skip
             if output is not None:
                 finish(summary, str(output))
@@ -431,6 +434,7 @@ def _many(
     inputs_of: Callable[[SourceFile], Sequence[str]],
     resume: bool,
     across: Callable[[list[dict[str, Any]]], object],
+    sentence: Callable[[Sequence[Mapping[str, Any]]], str],
 ) -> Summary:
     """Run the verb on each file and print the rows."""
     from manip3d import batch
@@ -462,6 +466,8 @@ def _many(
         )
     failures.tell_rest()
     across(summary.rows)
+    if words := sentence(summary.rows):
+        shell.say(words)
     _tell(shell, summary, many.noun, columns)
     return summary
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Depth = NDArray[np.uint16] | NDArray[np.float32]
 
-_NO_MEASUREMENT = 65_535
+NO_MEASUREMENT = 65_535
 """Many cameras store this number for "no measurement"; in millimetres it would be 65.5 m."""
 
 _NO_DISPARITY = 2047
@@ -98,10 +98,10 @@ class DepthReading:
         what = f"depth {near:.2f} to {far:.2f} m, unit {self.unit} ({describe_unit(self.unit)})"
         if self.guessed:
             what += f", guessed: {self.reason}"
-        elif self.doubt:
+        if self.doubt:
             what += f"; warning: {self.doubt}"
         if self.num_marked:
-            what += f"; {self.num_marked} pixels of {_NO_MEASUREMENT} taken as not measured"
+            what += f"; {self.num_marked} pixels of {NO_MEASUREMENT} taken as not measured"
         return what
 
 
@@ -277,7 +277,7 @@ def _converted(stored: NDArray[Any], unit: str) -> tuple[Depth, int]:
     numbers = depth if is_code else stored
     if numbers.dtype != np.uint16 and (is_code or unit == "m"):
         return depth, 0
-    marked = numbers == _NO_MEASUREMENT
+    marked = numbers == NO_MEASUREMENT
     depth[marked] = 0  # safe, because a conversion always returns a new array
     return depth, int(np.count_nonzero(marked))
 
@@ -368,9 +368,9 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
     'm'
     """
     if stored.dtype.kind in "iu" and stored.dtype != np.uint16:
-        if stored.size and stored.max() > _NO_MEASUREMENT:
+        if stored.size and stored.max() > NO_MEASUREMENT:
             raise InputError(
-                f"stored: expected whole numbers of at most {_NO_MEASUREMENT}, got {stored.max()}"
+                f"stored: expected whole numbers of at most {NO_MEASUREMENT}, got {stored.max()}"
             )
         stored = np.maximum(stored, 0).astype(np.uint16)
     with np.errstate(invalid="ignore"):
@@ -379,7 +379,7 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
         return ("mm" if stored.dtype == np.uint16 else "m"), "there is no measurement"
     if stored.dtype != np.uint16:
         return _guess_float(measured)
-    measured = measured[measured < _NO_MEASUREMENT]
+    measured = measured[measured < NO_MEASUREMENT]
     if not len(measured):
         return "mm", "there is no measurement"
     if _is_disparity(stored):

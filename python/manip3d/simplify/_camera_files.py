@@ -32,14 +32,15 @@ from manip3d.simplify._depth_files import (
     SPARSE_WORDS,
     DepthOptions,
     Measured,
-    common_depth_unit,
+    common_guess,
     expect_camera,
     expect_options_of_scan,
     is_sparse,
     read_frame,
-    with_y_up,
     writes_y_up,
+    y_points_up,
 )
+from manip3d.simplify._depth_words import COMMON_GUESS, DepthFound, sentence_of_images
 from manip3d.simplify._organised import (
     far_origin,
     find_camera,
@@ -82,6 +83,13 @@ class JointFileResult:
         As for `JointSimplification`.
     lone_pixels : int
         As for `DepthFileResult`, summed over all sources.
+    depth : str
+        A sentence on the depth range of all images and on their unit, with doubts about it; empty
+        for scans.
+    unit : str
+        The unit that was used; empty for scans, and if the images state several.
+    unit_guessed : bool
+        Whether it was guessed from the numbers.
     """
 
     sources: tuple[Path, ...]
@@ -94,6 +102,9 @@ class JointFileResult:
     coverage: float
     bridges: float
     lone_pixels: int = 0
+    depth: str = ""
+    unit: str = ""
+    unit_guessed: bool = False
 
     @property
     def is_sparse(self) -> bool:
@@ -145,8 +156,10 @@ def simplify_camera_files(
         in a folder is not finite, as ScanNet has it for lost frames, are left out with a warning.
     output : path-like
         Mesh file to write. Its vertices are in the coordinate frame of the poses, except that a
-        glTF file of depth images is rotated by half a turn about x, because y points up there; or
-        about y, if it points up in the images' camera already (``fy`` is negative).
+        glTF file of depth images has +y up: the axis of the poses nearest to the mean direction
+        that is up in the images becomes y. If that is y, nothing is rotated; -y (as where the first
+        camera is the frame of the poses) by half a turn about x, z by a quarter turn about x. If
+        cameras look down by more than 45 degrees on average, this may be the wrong axis.
     options : DepthOptions
         ``points`` is needed, and the method is ``relief`` or ``cs3``. If the unit is to be
         guessed, one unit is guessed for all sources (`common_depth_unit`).
@@ -200,16 +213,22 @@ def simplify_camera_files(
     files, pictures = tuple(files[i] for i in known), [pictures[i] for i in known]
     are_images = _are_images(files)
     if are_images:  # one unit for all, because guesses for single images could differ
-        options = replace(options, unit=common_depth_unit(files, options.unit, options.intrinsics))
-    view_of = _image_view if are_images else _scan_view
+        unit = common_guess(files, options.unit, options.intrinsics)
+        options = replace(options, unit=unit)
     depth_step = options.depth_step if options.depth_step and are_images else None
     views: list[CameraView] = []
+    depths: list[DepthFound] = []
     measured = lone = 0
     with reporting(progress, "join views") as report:
         report = report or silent
         memory = available_bytes()
         for file, pose, picture in zip(files, placed, pictures, strict=True):
-            views.append(view_of(file, options, pose, picture))
+            if are_images:
+                view, depth = _image_view(file, options, pose, picture)
+                depths.append(depth)
+            else:
+                view = _scan_view(file, options, pose, picture)
+            views.append(view)
             found = Measured.of(_valid_pixels(views[-1]))
             measured, lone = measured + found.pixels, lone + found.lone
             _expect_memory(measured, len(views), len(files), memory)
@@ -228,13 +247,14 @@ def simplify_camera_files(
             f"expected a surface in {len(files)} views, found none{note}", file=str(place)
         )
     mesh = with_used_vertices(joint.mesh)
-    if writes_y_up(target) and views[0].intrinsics is not None:
-        mesh = with_y_up(mesh, views[0].intrinsics)
+    if writes_y_up(target) and are_images:
+        mesh = mesh.replace(vertices=mesh.vertices @ _turn_to_y_up(views).T)
     write_mesh(mesh, target)
+    units = {found.unit for found in depths}
     return JointFileResult(
         files,
         target,
-        options,
+        replace(options, unit=options.unit.removeprefix(COMMON_GUESS)),
         joint.num_measured,
         _num_used(joint),
         joint.num_faces,
@@ -242,7 +262,28 @@ def simplify_camera_files(
         joint.coverage,
         joint.bridges,
         lone,
+        sentence_of_images(depths) if depths else "",
+        units.pop() if len(units) == 1 else "",
+        any(found.is_guess for found in depths),
     )
+
+
+_TO_Y_UP = (
+    ([[0, 1, 0], [-1, 0, 0], [0, 0, 1]], [[0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+    ([[1, 0, 0], [0, -1, 0], [0, 0, -1]], np.eye(3)),
+    ([[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[1, 0, 0], [0, 0, 1], [0, -1, 0]]),
+)
+"""Rotations that let an axis point along y: of x, y and z, first of their negative directions."""
+
+
+def _turn_to_y_up(views: Sequence[CameraView]) -> NDArray[np.float64]:
+    """Return the rotation of the poses' frame by which its axis that is up in the images is y."""
+    up = np.zeros(3)
+    for view in views:
+        assert view.intrinsics is not None
+        up += np.asarray(view.pose)[:3, 1] * (1.0 if y_points_up(view.intrinsics) else -1.0)
+    axis = int(np.argmax(np.abs(up)))
+    return np.array(_TO_Y_UP[axis][int(up[axis] > 0)], np.float64)
 
 
 def _part(report: Report, begin: float, end: float) -> Report:
@@ -326,16 +367,17 @@ def _joiner(
 
 def _image_view(
     file: Path, options: DepthOptions, pose: NDArray[np.float64], picture: Path | None
-) -> CameraView:
+) -> tuple[CameraView, DepthFound]:
     expect_camera(options.intrinsics, file)
-    reading, _ = read_frame(file, options)
+    reading, _, doubt = read_frame(file, options)
     height, width = reading.depth.shape
-    return CameraView(
+    view = CameraView(
         reading.depth,
         read_intrinsics(options.intrinsics, width=width, height=height),
         pose=pose,
         color=None if picture is None else read_color(picture),
     )
+    return view, DepthFound.of(reading, doubt)
 
 
 def _scan_view(

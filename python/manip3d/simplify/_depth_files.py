@@ -10,7 +10,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -42,6 +42,7 @@ from manip3d.io._images import read_color
 from manip3d.simplify._bandwidth import MIN_POINTS, Bandwidth, fit_bytes
 from manip3d.simplify._depth import DenseImage, DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
+from manip3d.simplify._depth_words import COMMON_GUESS, DepthFound
 from manip3d.simplify._organised import (
     CloudCamera,
     far_origin,
@@ -103,7 +104,9 @@ class DepthOptions:
     intrinsics : str
         Camera of a depth image, as `manip3d.camera.read_intrinsics` takes it; not for a scan.
     unit : str
-        Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it; not for a scan.
+        Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it; not for a scan. Of a
+        unit as ``guess:mm``, one guessed for several images (`common_depth_unit`), results say that
+        it is a guess.
     max_edge : float or None, metres, or the unit of the scan
         Faces with a longer edge are left out. With method ``relief`` the limit holds for edges
         between neighbouring pixels.
@@ -155,6 +158,11 @@ class DepthOptions:
     max_bridges: float = 0.1
     effort: Effort = "balanced"
     ratio: float | None = None
+
+    @property
+    def is_unit_guessed(self) -> bool:
+        """Whether the unit is to be guessed, or was guessed for several images."""
+        return self.unit == "guess" or self.unit.startswith(COMMON_GUESS)
 
     @property
     def max_bytes(self) -> int | None:
@@ -225,6 +233,9 @@ class DepthFileResult:
         no depth image; empty for scans.
     unit : str
         The unit that was used; empty for scans.
+    depth_found : DepthFound
+        Unit and range in single values: ``unit``, ``is_guess``, ``doubt``, ``near`` and ``far`` in
+        metres, and ``num_marked``. Empty for scans.
     points_before, points : int
         Number of measured points, and of vertices that a face uses.
     faces : int
@@ -288,6 +299,7 @@ class DepthFileResult:
     outside: float = 0.0
     num_bytes: int | None = None
     lone_pixels: int = 0
+    depth_found: DepthFound = field(default_factory=DepthFound)
 
     @property
     def is_sparse(self) -> bool:
@@ -561,11 +573,11 @@ def with_y_up(mesh: Mesh, camera: Intrinsics) -> Mesh:
 
     Half a turn about x lets y point up, or about y where it does already. Neither mirrors the mesh.
     """
-    turn = [-1.0, 1.0, -1.0] if _y_points_up(camera) else [1.0, -1.0, -1.0]
+    turn = [-1.0, 1.0, -1.0] if y_points_up(camera) else [1.0, -1.0, -1.0]
     return mesh.replace(vertices=mesh.vertices * np.array(turn))
 
 
-def _y_points_up(camera: Intrinsics) -> bool:
+def y_points_up(camera: Intrinsics) -> bool:
     if camera.rays is None:
         return camera.fy < 0
     steps = np.diff(camera.rays[..., 1], axis=0)
@@ -608,11 +620,12 @@ def from_image(
     path: Path, output: Path, options: DepthOptions, maps: Maps, take: _Take = frame_alone
 ) -> DepthFileResult:
     expect_camera(options.intrinsics, path)
-    reading, words = read_frame(path, options)
+    reading, words, doubt = read_frame(path, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
-    return from_depth(depth, camera, path, output, options, maps, take, words, reading.unit)
+    made = from_depth(depth, camera, path, output, options, maps, take, words, reading.unit)
+    return replace(made, depth_found=DepthFound.of(reading, doubt))
 
 
 def from_depth(
@@ -828,21 +841,26 @@ def _with_faces(
     raise FormatError(f"expected a surface, {found}", file=str(source))
 
 
-def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
-    """Read a depth image, and describe its unit in words.
+def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, str]:
+    """Read a depth image; describe its unit in words, and state a reason to doubt it, or none.
 
     The unit of the camera preset, if it has one, overrides the guess.
     """
-    reading = read_depth_guessing(path, unit=options.unit)
+    reading = read_depth_guessing(path, unit=options.unit.removeprefix(COMMON_GUESS))
+    if options.unit.startswith(COMMON_GUESS):
+        reading = replace(reading, guessed=True, reason="most of the images look like it")
+        return reading, reading.sentence, reading.doubt
     unit = camera_depth_unit(options.intrinsics) if reading.guessed else "guess"
     of_stereo = unit.startswith("disparity:")
     if unit == "guess" or (reading.unit == "m" and not of_stereo):
-        return reading, reading.sentence
+        return reading, reading.sentence, reading.doubt
     known = read_depth_guessing(path, unit=unit)
     words = f"{known.sentence}, as intrinsics {options.intrinsics} has it"
+    doubt = known.doubt
     if known.unit != reading.unit and not of_stereo:
-        words += f"; but the numbers look like {reading.unit}: {reading.reason}"
-    return known, words
+        doubt = f"the numbers look like {reading.unit}: {reading.reason}"
+        words += f"; but {doubt}"
+    return known, words, doubt
 
 
 def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> DepthFileResult:
@@ -903,7 +921,9 @@ def from_cloud(
             "intrinsics: can only be given with a depth image; a cloud's points tell its camera"
         )
     stored = np.where(grid.valid, camera.depth, 0.0).astype(np.float32)
-    reading = depth_reading(stored, options.unit, str(path))
+    # The common guess is that of depth images, of another instrument.
+    unit = "guess" if options.is_unit_guessed else options.unit
+    reading = depth_reading(stored, unit, str(path))
     depth = masked_depth(reading.depth, mask_image(maps.mask, grid.valid.shape))
     words = (
         f"an organised cloud of a camera ({camera.intrinsics.fx:.1f} pixels), {reading.sentence}"
@@ -912,11 +932,12 @@ def from_cloud(
     if camera.rotation is not None:
         words += "; the mesh is in the cloud's own axes"
         metres = reading.depth / (1000.0 if reading.depth.dtype == np.uint16 else 1.0)
-        unit = float(np.median(stored[metres > 0] / metres[metres > 0]))  # file units per metre
-        to_file = functools.partial(camera.to_file, unit=unit)
-    return from_depth(
+        scale = float(np.median(stored[metres > 0] / metres[metres > 0]))  # file units per metre
+        to_file = functools.partial(camera.to_file, unit=scale)
+    made = from_depth(
         depth, camera.intrinsics, path, output, options, maps, take, words, reading.unit, to_file
     )
+    return replace(made, depth_found=DepthFound.of(reading, reading.doubt))
 
 
 def expect_options_of_scan(options: DepthOptions) -> None:
@@ -1134,3 +1155,11 @@ def common_depth_unit(
         except (FormatError, OSError):  # reported when that frame is simplified
             continue
     return guesses.most_common(1)[0][0] if guesses else "guess"
+
+
+def common_guess(
+    frames: Sequence[str | os.PathLike[str]], unit: str = "guess", intrinsics: str = ""
+) -> str:
+    """Return `common_depth_unit`, marked as a guess (`COMMON_GUESS`) if it is one."""
+    found = common_depth_unit(frames, unit, intrinsics)
+    return f"{COMMON_GUESS}{found}" if unit == "guess" != found else found
