@@ -413,6 +413,13 @@ def test_pictures_are_not_shifted_by_a_lost_frame(name: str, names: str, tmp_pat
     assert len(simplify.colors_of_frames(frames[:-1], tmp_path, name=name)) == 4
 
 
+def test_time_stamps_that_agree_by_chance_are_no_names(tmp_path: Path) -> None:
+    for stamp in ("1.10", "1.23", "1.37"):
+        (tmp_path / f"{stamp}.png").touch()
+    pairs = simplify.colors_of_frames(["d/1.11.png", "d/1.23.png", "d/1.36.png"], tmp_path)
+    assert [Path(image).name for image in pairs.values()] == ["1.10.png", "1.23.png", "1.37.png"]
+
+
 def test_a_kind_of_picture_that_is_unknown_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="name: expected one of color, mask, confidence, got 'd"):
         simplify.colors_of_frames([], tmp_path, name="depht")

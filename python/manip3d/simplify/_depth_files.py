@@ -1001,10 +1001,10 @@ def colors_of_frames(
     If each depth image has a colour image of the same name (without suffix), they are matched by
     name, and other colour images are ignored. Names are also the same if they differ only in the
     words depth and color: ``1.depth.png``, ``1.color.png``; ``depth_1.png``, ``rgb_1.png``;
-    ``1_depth.png``, ``1.jpg``. If no depth image has such a colour image, both are sorted by name
-    (numbers in names by their value) and matched in order; if only some have, it is an error, as
-    the order would be shifted. Hidden files and files whose suffix is not that of an image are
-    ignored.
+    ``1_depth.png``, ``1.jpg``. If less than half of the depth images have such a colour image, both
+    are sorted by name (numbers in names by their value) and matched in order; if half or more have,
+    but not all, it is an error, as the order would be shifted. Hidden files and files whose suffix
+    is not that of an image are ignored.
 
     If ``colors`` also holds the depth images, these are left out, and only images with such a word
     in their names are matched in order. Masks and confidences then need their word in any case.
@@ -1026,8 +1026,9 @@ def colors_of_frames(
     Raises
     ------
     InputError
-        Some depth images have a colour image of their name and others have not; no names match, and
-        there are not as many colour images as depth images; or ``name`` is unknown.
+        Half or more of the depth images have a colour image of their name and others have not; less
+        than half have, and there are not as many colour images as depth images; or ``name`` is
+        unknown.
     OSError
         The folder cannot be read.
 
@@ -1059,6 +1060,8 @@ def colors_of_frames(
         tries.append(_by_key(keys, images, [_words(path.stem) for path in images]))
     best = max(tries, key=lambda pairs: sum(image is not None for image in pairs))
     chosen = [image for image in best if image is not None]
+    if 2 * len(chosen) < len(frames):
+        chosen = []  # time stamps agree by chance
     if 0 < len(chosen) < len(frames):
         absent = [Path(names[i]).name for i, image in enumerate(best) if image is None]
         listed = ", ".join(absent[:5]) + (", ..." if len(absent) > 5 else "")
