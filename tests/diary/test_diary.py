@@ -832,6 +832,7 @@ def test_a_protocol_asks_for_something(name: str) -> None:
             Protocol(**{name: value})
 
 
+@pytest.mark.usefixtures("local_zone")
 def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
     sessions = [sitting(0), sitting(0, 17), sitting(0, 20), sitting(1), sitting(1, 17, games=2),
                 sitting(2, games=0), sitting(3, ending="stopped"), sitting(30),
@@ -851,6 +852,7 @@ def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
         adherence([], START, date(2026, 3, 1))
 
 
+@pytest.mark.usefixtures("local_zone")
 def test_a_session_counts_on_the_day_on_which_its_games_were_played() -> None:
     """A page that was opened late in the evening, and played after midnight."""
     evening, night = START.replace(hour=23, minute=50), START.replace(hour=0) + timedelta(days=1)

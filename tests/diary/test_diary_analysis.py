@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -211,6 +212,40 @@ def test_a_study_that_has_just_begun(tmp_path: Path) -> None:
         found = analyse(diary)
     assert (found.model, found.paired, found.adherence_slope) == (None, (None, None), None)
     assert (found.responders_30.of, found.responders_30.low, found.responders_30.high) == (0, 0, 1)
+
+
+def test_days_are_those_of_this_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Evenings of the first two days of March in a zone eight hours behind UTC, stamped in UTC."""
+    evening = datetime(2026, 3, 2, 2, 0, tzinfo=UTC)
+    monkeypatch.setenv("TZ", "XST8")
+    time.tzset()
+    try:
+        with Diary(tmp_path / "d", create=True) as diary:
+            diary.enrol("P01", at=evening)
+            for day in range(2):
+                at = evening + timedelta(days=day, minutes=30)
+                session = diary.start_session("P01", at=at)
+                for title in ("pedal", "piano", "bubbles-legs"):
+                    diary.add_game(session, DiaryGame(at, title, 1, 0, "time", 60, 0, 5, 0, 2))
+            first, second = (
+                analyse(diary, today=date(2026, 3, day)).adherence["P01"] for day in (1, 2)
+            )
+            with pytest.raises(InputError, match="today: expected 2026-03-01 or later"):
+                analyse(diary, today=date(2026, 2, 28))
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    assert (first.days, first.expected, first.complete) == (1, 2, 1)
+    assert (second.days, second.expected, second.complete) == (2, 4, 2)
+
+
+def test_somebody_enrolled_with_a_later_time_is_in_the_analysis(tmp_path: Path) -> None:
+    later = datetime.now(UTC) + timedelta(days=2)
+    with Diary(tmp_path / "d", create=True) as diary:
+        diary.enrol("P01", at=later)
+        assert analyse(diary).adherence["P01"].days == 1
+        with pytest.raises(InputError, match="today: expected"):
+            analyse(diary, today=date.today())
 
 
 def test_degrees_of_freedom_of_a_balanced_design() -> None:

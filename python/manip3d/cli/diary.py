@@ -801,7 +801,9 @@ def _plain(thing: Any) -> dict[str, Any]:
 
 
 def _today(enrolled: datetime) -> date:
-    return max(date.today(), enrolled.date())
+    from manip3d.diary._records import local_day
+
+    return max(date.today(), local_day(enrolled))
 
 
 def _day(moment: datetime) -> str:

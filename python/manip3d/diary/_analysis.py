@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from manip3d._util.checked import checked
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Adherence, Protocol, adherence
-from manip3d.diary._records import Occasion
+from manip3d.diary._records import Occasion, local_day
 from manip3d.errors import InputError, MissingExtraError
 
 OCCASIONS = tuple(name for name in get_args(Occasion) if name != "other")
@@ -317,7 +317,8 @@ def analyse(
     ----------
     diary : Diary
     today : date, optional
-        Last day on which sessions were due; default: today.
+        Last day on which sessions were due, in this machine's time zone; default: today, or the day
+        of the enrolment where this is later.
     protocol : Protocol, optional
         Protocol of the study.
 
@@ -328,7 +329,7 @@ def analyse(
     Raises
     ------
     InputError
-        Nobody is enrolled, or a participant was enrolled after ``today``.
+        Nobody is enrolled, or a participant was enrolled after the given ``today``.
     MissingExtraError
         scipy is not installed.
 
@@ -349,13 +350,13 @@ def analyse(
     people = diary.participants()
     if not people:
         raise InputError("diary: expected participants, got none")
-    day = today or date.today()
     scores = np.full((len(people), len(OCCASIONS)), np.nan)
     kept = {}
     for number, person in enumerate(people):
         for filled in diary.mcgill(person.identifier):
             if filled.occasion in OCCASIONS:
                 scores[number, OCCASIONS.index(filled.occasion)] = filled.score.pri
+        day = today or max(date.today(), local_day(person.enrolled))
         kept[person.identifier] = adherence(
             diary.sessions(person.identifier), person.enrolled, day, protocol=protocol
         )

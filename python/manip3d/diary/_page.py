@@ -23,6 +23,7 @@ from manip3d.diary._records import (
     DiaryGame,
     DiarySession,
     Participant,
+    local_day,
 )
 from manip3d.diary._trends import Point, change_a_week, pain_chart, require_scipy, trend
 from manip3d.errors import InputError
@@ -209,7 +210,7 @@ def _overview_row(diary: Diary, person: Participant, today: date, name: str) -> 
     sessions = diary.sessions(person.identifier)
     real = [session for session in sessions if not _is_simulated(session)]
     rated = [s for s in real if s.pain_before is not None or s.pain_after is not None]
-    done = adherence(sessions, person.enrolled, max(today, person.enrolled.date()))
+    done = adherence(sessions, person.enrolled, max(today, local_day(person.enrolled)))
     change = change_a_week(_pain_before(real, person))
     pain = f"{_dash(rated[-1].pain_before)} to {_dash(rated[-1].pain_after)}" if rated else "-"
     found = _alarms(diary, person, real, today)
@@ -243,8 +244,9 @@ def _alarms(
     change = change_a_week(_pain_before(sessions, person))
     if change is not None and change.low > 0:
         found.append("The pain before sessions grows")
-    last = sessions[-1].started.date() if sessions else person.enrolled.date()
-    in_protocol = (today - person.enrolled.date()).days < 7 * Protocol().weeks
+    enrolled = local_day(person.enrolled)
+    last = local_day(sessions[-1].started) if sessions else enrolled
+    in_protocol = (today - enrolled).days < 7 * Protocol().weeks
     if in_protocol and (today - last).days >= _SILENT_DAYS:
         found.append(f"No session for {(today - last).days} days")
     return found
@@ -258,7 +260,7 @@ def _page(
     sessions = diary.sessions(identifier)
     real = [session for session in sessions if not _is_simulated(session)]
     plan = Protocol()
-    last = max(today, person.enrolled.date())
+    last = max(today, local_day(person.enrolled))
     done = adherence(sessions, person.enrolled, last, protocol=plan)
     limb = f", {person.limb.replace('_', ' ')}" if person.limb else ""
     parts = [

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import date, datetime
 
 from manip3d._util.checked import checked
-from manip3d.diary._records import DiarySession, Moment, Rating, first_pain
+from manip3d.diary._records import DiarySession, Moment, Rating, first_pain, local_day
 from manip3d.errors import InputError
 
 STOP_RISE = 2
@@ -80,15 +80,17 @@ def adherence(
     """Compare sessions with a protocol.
 
     Games that were stopped or interrupted, and games of a simulated person, do not count. The day
-    of a session is that of its first game that counts, by local time.
+    of a session is that of its first game that counts. Days are those of this machine's time zone,
+    to which times with another offset from UTC are converted.
 
     Parameters
     ----------
     sessions : sequence of DiarySession
     start : datetime
-        First day of the protocol.
+        Time on the first day of the protocol.
     today : date
-        Last day to count; days after the end of the protocol do not count.
+        Last day to count, in this machine's time zone; days after the end of the protocol do not
+        count.
     protocol : Protocol, optional
         Protocol of the study.
 
@@ -104,19 +106,21 @@ def adherence(
     Examples
     --------
     >>> from datetime import timezone
-    >>> adherence([], datetime(2026, 1, 1, tzinfo=timezone.utc), date(2026, 1, 7)).expected
+    >>> start = datetime(2026, 1, 1, 12, tzinfo=timezone.utc)
+    >>> adherence([], start, date(2026, 1, 7)).expected
     14
     """
     plan = protocol or Protocol()
-    if today < start.date():
-        raise InputError(f"today: expected {start.date()} or later, got {today}")
-    days = min((today - start.date()).days + 1, 7 * plan.weeks)
+    first = local_day(start)
+    if today < first:
+        raise InputError(f"today: expected {first} or later, got {today}")
+    days = min((today - first).days + 1, 7 * plan.weeks)
     complete, partial, played = Counter[int](), Counter[int](), set[int]()
     for session in sessions:
         times = [game.at for game in session.games if game.counts]
         if not times:
             continue
-        day = (min(times).date() - start.date()).days
+        day = (local_day(min(times)) - first).days
         if not 0 <= day < days:
             continue
         played.add(day)

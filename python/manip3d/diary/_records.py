@@ -43,6 +43,11 @@ def aware(moment: datetime | None, name: str) -> datetime:
     return moment
 
 
+def local_day(moment: datetime) -> date:
+    """Return the day in this machine's time zone, which may differ from that of the record."""
+    return moment.astimezone().date()
+
+
 @dataclass(frozen=True)
 class Participant:
     """A participant of the study, under a pseudonym.
@@ -396,4 +401,4 @@ class AdverseEvent:
     @property
     def local_date(self) -> date:
         """The day in this machine's time zone, which may differ from that of the record."""
-        return self.at.astimezone().date()
+        return local_day(self.at)

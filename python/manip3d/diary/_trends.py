@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from manip3d.diary._analysis import Estimate, fit_slope
-from manip3d.diary._records import DiarySession
+from manip3d.diary._records import DiarySession, local_day
 from manip3d.errors import MissingExtraError
 
 _GRID, _BLUE, _RED = "#d5dbe3", "#1d6fb8", "#a02b1d"
@@ -53,7 +53,7 @@ def change_a_week(points: Sequence[Point]) -> Estimate | None:
 
 
 def _slope(points: Sequence[Point]) -> Estimate | None:
-    if len({point.at.date() for point in points}) < 2:  # one day has no trend over weeks
+    if len({local_day(point.at) for point in points}) < 2:  # one day has no trend over weeks
         return None
     days, values = np.array([[p.day, p.value] for p in points]).reshape(-1, 2).T
     return fit_slope(days, values)
