@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bvh_motions import read_bvh, waving
 from capsule_body import pose
 from manip3d import InputError, Skeleton, capture
-from manip3d.rgbd import JOINTS, RgbdFrame
+from manip3d.rgbd import JOINTS, PARENTS, RgbdFrame
 
 
 def test_a_motion_puts_joints_where_they_were(tmp_path: Path) -> None:
@@ -70,6 +70,53 @@ def test_joints_that_are_missing_stay_where_they_were(tmp_path: Path) -> None:
     names, places, _ = read_bvh(done.path)
     hand = places[:, names.index("HandLeft")]
     assert np.linalg.norm(np.diff(hand, axis=0), axis=1).max() < 30.0  # centimetres
+
+
+def tilted(frames: list[RgbdFrame], name: str, by_m: float, which: slice) -> list[RgbdFrame]:
+    """A joint and all joints beyond it are shifted sideways in some of the frames."""
+    joint = JOINTS.index(name)
+    moved: list[int] = []
+    for other in range(len(JOINTS)):
+        above = other
+        while above not in (0, joint):
+            above = PARENTS[above]
+        if above == joint:
+            moved.append(other)
+    result = list(frames)
+    for number in range(*which.indices(len(frames))):
+        positions = frames[number].skeletons[0].positions.copy()
+        positions[moved, 0] += by_m
+        result[number] = replace(frames[number], skeletons=(Skeleton(positions, id=1),))
+    return result
+
+
+def off_degrees(path: Path, frames: list[RgbdFrame], name: str) -> NDArray[np.float64]:
+    """Angle in each frame between a bone of a motion and the measured one."""
+    names, places, _ = read_bvh(path)
+    joint = JOINTS.index(name)
+    parent = PARENTS[joint]
+    mine = places[:, names.index(name)] - places[:, names.index(JOINTS[parent])]
+    seen = np.array([f.skeletons[0].positions for f in frames]) * (100, -100, -100)
+    true = seen[:, joint] - seen[:, parent]
+    cosine = (mine * true).sum(1) / np.linalg.norm(mine, axis=1) / np.linalg.norm(true, axis=1)
+    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def test_one_bad_frame_does_not_bend_the_rest_of_a_motion(tmp_path: Path) -> None:
+    """The spine leans to the side of the hips in the first frame only."""
+    frames = tilted(waving(), "SpineMid", 0.15, slice(0, 1))
+    done = capture.export_joints(frames, tmp_path / "wave.bvh")
+    for name in ("SpineMid", "HipLeft", "HipRight"):
+        assert np.median(off_degrees(done.path, frames, name)) < 2.0, name
+
+
+def test_short_bones_count_as_much_as_long_ones(tmp_path: Path) -> None:
+    """The neck, which is shorter than the shoulders, tilts to and fro."""
+    frames = tilted(waving(), "Neck", 0.02, slice(0, None, 2))
+    frames = tilted(frames, "Neck", -0.02, slice(1, None, 2))
+    done = capture.export_joints(frames, tmp_path / "wave.bvh")
+    neck, shoulder = (off_degrees(done.path, frames, n) for n in ("Neck", "ShoulderLeft"))
+    assert np.median(neck) < 2.5 * np.median(shoulder)
 
 
 def with_joint(frames: list, joint: int, place: float, state: int) -> list:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _TO_BVH = np.array([100.0, -100.0, -100.0])  # metres, y down, z ahead -> centimetres, y up
 _SHORTEST_STEP = 1e-3  # seconds between two poses of a motion
+_ROUNDS = 5  # of fitting the rest pose; recorded ones then move less than 0.1 degrees
 _MAX_IDS = 10  # largest number of ids listed in an error message
 _LONGEST_GAP = 3600.0  # longest time in seconds between two frames of a motion
 _SPINE = [JOINTS.index(name) for name in ("SpineMid", "SpineShoulder", "Neck", "Head")]
@@ -84,9 +85,11 @@ def export_joints(
     A table has a row for each joint, in the camera's frame and in metres: ``frame``, ``time_ns``,
     ``id``, ``joint``, ``name``, ``x``, ``y``, ``z``, ``state`` (0 not tracked, 1 inferred, 2
     tracked). A motion has one person, y up, in centimetres. Bones have their median lengths, and
-    each joint is rotated so that its child bones point in the measured directions. Between the
-    first and the last frame with the person, frames without the person repeat the pose before; so
-    do frames that are inserted where the times show that some were dropped.
+    each joint is rotated so that its child bones point in the measured directions. Where several
+    bones share a joint (spine and hips; neck and shoulders), they turn together: the angles between
+    them are the mean of the recording, and their directions fit the measured ones by least
+    squares. Between the first and the last frame with the person, frames without the person repeat
+    the pose before; so do frames that are inserted where the times show that some were dropped.
 
     Parameters
     ----------
@@ -247,8 +250,7 @@ def _motion(found: Sequence[_Sighting]) -> str:
     places = _without_gaps(found) * _TO_BVH
     bones = places[:, 1:] - places[:, list(PARENTS)[1:]]
     lengths = np.median(np.linalg.norm(bones, axis=2), axis=0)
-    first = bones[0] / np.maximum(np.linalg.norm(bones[0], axis=1, keepdims=True), 1e-9)
-    offsets = np.concatenate([np.zeros((1, 3)), first * lengths[:, None]])
+    offsets = np.concatenate([np.zeros((1, 3)), _rest(places) * lengths[:, None]])
     times = np.array([one.time_ns for one in found], np.float64) / 1e9
     step = float(times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 0.0
     lines = ["HIERARCHY", *_hierarchy(0, offsets, "", "ROOT")]
@@ -288,6 +290,24 @@ def _without_gaps(found: Sequence[_Sighting]) -> Floats:
     return places
 
 
+def _rest(places: Floats) -> Floats:
+    """Return the unit directions (24, 3) of the bones at rest, which are those of the first frame.
+
+    Bones that share a joint cannot turn against each other. The angles between them are the mean of
+    all frames [generalised Procrustes analysis, Gower, Psychometrika 40, 1975].
+    """
+    directions = _unit(places[:, 1:] - places[:, list(PARENTS)[1:]])
+    rest = np.array(directions[0])
+    for children in _CHILDREN:
+        if len(children) < 2:
+            continue
+        bones = np.array(children) - 1
+        for _ in range(_ROUNDS):
+            turned = [product(seen, _rotation(rest[bones], seen)) for seen in directions[:, bones]]
+            rest[bones] = _unit(np.mean(turned, axis=0))
+    return rest
+
+
 def _hierarchy(joint: int, offsets: Floats, indent: str, kind: str) -> list[str]:
     channels = "Zrotation Xrotation Yrotation"
     channels = f"6 Xposition Yposition Zposition {channels}" if joint == 0 else f"3 {channels}"
@@ -321,22 +341,26 @@ def _angles(places: Floats, offsets: Floats) -> Floats:
 
 
 def _rotation(rest: Floats, seen: Floats) -> Floats:
-    """Return the rotation that best maps the bone vectors ``rest`` onto ``seen``, both (n, 3).
+    """Return the rotation that best maps the directions of ``rest`` onto ``seen``, both (n, 3).
 
     For one vector this is the rotation along the shortest arc, for several the least-squares
-    rotation [Kabsch, Acta Crystallographica A32, 1976], and for none the identity.
+    rotation [Kabsch, Acta Crystallographica A32, 1976], and for none the identity. Vectors of
+    length 0, whose joints were never seen, do not count.
     """
+    known = rest.any(axis=1) & seen.any(axis=1)
+    rest, seen = _unit(rest[known]), _unit(seen[known])
     if len(rest) == 0:
         return np.eye(3)
     if len(rest) == 1:
-        return _shortest_arc(_unit(rest[0]), _unit(seen[0]))
+        return _shortest_arc(rest[0], seen[0])
     left, _, right = np.linalg.svd(product(seen.T, rest))
     sign = np.sign(np.linalg.det(product(left, right)))
     return np.asarray(product(left * (1.0, 1.0, sign), right))
 
 
-def _unit(vector: Floats) -> Floats:
-    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
+def _unit(vectors: Floats) -> Floats:
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.maximum(lengths, 1e-9))
 
 
 def _shortest_arc(a: Floats, b: Floats) -> Floats:
