@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import random
 import re
-from datetime import datetime, timedelta, timezone
+import time
+from datetime import UTC, date, datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +154,28 @@ def test_a_page_has_the_trends_of_what_a_person_did(tmp_path: Path) -> None:
     # The last day of the charts is that of the last questionnaire, seven days after the first.
     assert 'cx="42.0"' in found["McGill pain rating index, 0 to 78"]
     assert 'cx="408.0"' in found["McGill pain rating index, 0 to 78"]
+
+
+def test_days_of_the_pages_are_those_of_this_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The evening of the first of March in a zone eight hours behind UTC, stamped in UTC."""
+    evening = datetime(2026, 3, 2, 2, 0, tzinfo=UTC)
+    monkeypatch.setenv("TZ", "XST8")
+    time.tzset()
+    try:
+        with Diary(tmp_path / "d", create=True) as diary:
+            diary.enrol("P01", at=evening)
+            write_overview(diary, tmp_path / "pages", today=date(2026, 3, 4))
+        noon = evening - timedelta(hours=6)  # another day in UTC, the same one here
+        points = [Point.of(noon + timedelta(hours=3 * n), noon, n) for n in range(3)]
+        assert "all of one day: no line" in trend("Pain", points, first=0, last=7, top=10)
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    text = (tmp_path / "pages" / "index.html").read_text()
+    assert "0 of 8 (0%)" in text
+    assert "No session for 3 days" in text
 
 
 def test_the_overview_shows_who_needs_attention(tmp_path: Path) -> None:
