@@ -133,6 +133,7 @@ def test_a_rating_during_the_first_game_is_not_the_one_before_it(diary: Diary) -
     assert found.begun == START + timedelta(seconds=5)
 
 
+@pytest.mark.usefixtures("local_zone")
 def test_a_stop_holds_for_its_day(diary: Diary) -> None:
     diary.enrol("P01")
     diary.add_event("P01", "other", "a chair fell over", at=START)
