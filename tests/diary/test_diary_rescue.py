@@ -309,3 +309,107 @@ def test_the_command_says_what_is_missing(kept: Path, tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "games: rows after" in done.stdout
     assert (tmp_path / "new.diary").exists()
+
+
+def plain(tmp_path: Path) -> Path:
+    """A diary that is not encrypted, of two people with a rating each."""
+    path = tmp_path / "plain.diary"
+    with Diary(path, create=True) as diary:
+        for name in ("P01", "P02"):
+            diary.enrol(name, at=START)
+            session = diary.start_session(name, at=START)
+            diary.add_rating(name, 4, session=session, at=START)
+    with contextlib.closing(sqlite3.connect(path)) as raw:
+        raw.execute("PRAGMA journal_mode = DELETE")
+    return path
+
+
+def set_payload(path: Path, table: str, payload: object) -> int:
+    with contextlib.closing(sqlite3.connect(path)) as raw:
+        (number,) = raw.execute(f"SELECT min(id) FROM {table}").fetchone()
+        raw.execute(f"UPDATE {table} SET payload = ? WHERE id = ?", (payload, number))
+        raw.commit()
+    return int(number)
+
+
+@pytest.mark.parametrize("payload", [b'{2at":1}', b"[]", 7, b"\xff"])
+def test_a_payload_that_is_not_json_is_left_out(tmp_path: Path, payload: object) -> None:
+    path = plain(tmp_path)
+    number = set_payload(path, "ratings", payload)
+    done = manip3d("diary", "rescue", path, "-o", tmp_path / "new.diary")
+    said = done.stderr
+    assert done.returncode == 1
+    assert f"ratings: the content of row {number} cannot be read" in said
+    with Diary(tmp_path / "new.diary") as diary:
+        diary.check()
+        found = [diary.sessions(name)[0].ratings for name in ("P01", "P02")]
+    assert sorted(map(len, found)) == [0, 1]
+
+
+def test_a_participant_that_is_not_json_is_left_out_with_all_rows(tmp_path: Path) -> None:
+    path = plain(tmp_path)
+    number = set_payload(path, "participants", b"{2}")
+    missing = rescue_diary(path, tmp_path / "new.diary").missing
+    assert missing[0] == f"participants: the content of row {number} cannot be read"
+    assert "sessions: 1 of participants that cannot be read" in missing
+    with Diary(tmp_path / "new.diary") as diary:
+        assert len(diary.participants()) == 1
+        assert all(len(diary.sessions(one.identifier)) == 1 for one in diary.participants())
+
+
+def test_with_the_key_encrypted_payloads_are_checked(kept: Path, tmp_path: Path) -> None:
+    key, new = tmp_path / "a.key", tmp_path / "new.diary"
+    numbers = {table: set_payload(kept, table, bytes(60)) for table in ("ratings", "clips")}
+    assert rescue_diary(kept, new).missing == ()
+    assert rescue_diary(kept, new, key=key, overwrite=True).missing == tuple(
+        f"{table}: the content of row {numbers[table]} cannot be read"
+        for table in ("clips", "ratings")
+    )
+    with Diary(new, key=key) as diary:
+        diary.check()
+        assert len(diary.sessions("P02")[0].games) == GAMES
+
+
+def test_a_key_that_does_not_fit_is_refused(kept: Path, tmp_path: Path) -> None:
+    make_key(tmp_path / "other.key")
+    with pytest.raises(FormatError, match="this key does not open it"):
+        rescue_diary(kept, tmp_path / "new.diary", key=tmp_path / "other.key")
+    with pytest.raises(InputError, match="not encrypted"):
+        rescue_diary(plain(tmp_path), tmp_path / "new.diary", key=tmp_path / "other.key")
+    assert not (tmp_path / "new.diary").exists()
+
+
+def test_a_damaged_payload_of_a_plain_diary_names_the_rescue(tmp_path: Path) -> None:
+    path = plain(tmp_path)
+    set_payload(path, "ratings", b"{2}")
+    with Diary(path) as diary, pytest.raises(FormatError, match=r"damaged; .*rescue") as caught:
+        diary.check()
+    assert "encrypted" not in str(caught.value)
+
+
+def test_an_audit_that_is_not_utf8_loses_that_row(tmp_path: Path) -> None:
+    path = plain(tmp_path)
+    content = bytearray(path.read_bytes())
+    with contextlib.closing(sqlite3.connect(path)) as raw:
+        ((number, at),) = raw.execute(
+            "SELECT number, at FROM audit WHERE action = 'rating' ORDER BY number LIMIT 1"
+        ).fetchall()
+    content[content.index(f"{at}rating".encode()) + len(at)] |= 0x80
+    path.write_bytes(content)
+    with Diary(path) as diary, pytest.raises(FormatError, match="damaged"):
+        diary.audit()
+    found = rescue_diary(path, tmp_path / "new.diary")
+    assert found.missing == (f"audit: row {number} cannot be read",)
+    with Diary(tmp_path / "new.diary") as diary:
+        assert [len(diary.sessions(name)[0].ratings) for name in ("P01", "P02")] == [1, 1]
+
+
+def test_a_list_of_tables_that_is_not_utf8_is_damage(tmp_path: Path) -> None:
+    path = plain(tmp_path)
+    content = bytearray(path.read_bytes())
+    content[content.index(b"ratings_of_participant")] |= 0x80
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match="damaged"):
+        Diary(path)
+    with pytest.raises(FormatError, match="cannot be rescued"):
+        rescue_diary(path, tmp_path / "new.diary")

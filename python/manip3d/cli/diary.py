@@ -684,19 +684,21 @@ def check(path: File, key: Key = None, as_json: Json = False, quiet: Quiet = Fal
 def rescue(
     path: File,
     output: Annotated[Path, typer.Option("--output", "-o", help="The new diary.")],
+    key: Key = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Copy what can be read of a damaged diary into a new one. It opens with the same key.
 
-    What is missing is listed, and the exit code is then 1. The damaged file stays as it is.
+    What is missing is listed, and the exit code is then 1. The damaged file stays as it is. Without
+    --key, the contents of an encrypted diary are copied without checks.
 
     Example: manip3d diary rescue study.diary -o rescued.diary
     """
     from manip3d.diary import rescue_diary
 
-    found = rescue_diary(path, output, overwrite=force)
+    found = rescue_diary(path, output, key=key, overwrite=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
     for line in found.missing:
         shell.say(line)

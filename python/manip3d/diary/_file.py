@@ -17,10 +17,9 @@ from manip3d._util.durable import folder_beside, sync_folder
 from manip3d.diary import _schema as schema
 from manip3d.diary._audit import append_row, begin_chain, time_in
 from manip3d.diary._rows import Rows
-from manip3d.diary._sealing import new_key, seal, unseal
+from manip3d.diary._sealing import CHECK, check_key, new_key, seal, unseal
 from manip3d.errors import FormatError, InputError
 
-_CHECK = b"manip3d diary"
 _STUDY = "meta study"  # purpose to which the encryption of the study's identifier is bound
 _CHAIN = "meta audit key"
 _WITHOUT_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)
@@ -132,6 +131,11 @@ class DiaryFile:
                     self._check_pages(plain)
         except sqlite3.DatabaseError as error:
             raise _told(error, self.path) from error
+        except UnicodeDecodeError as error:  # SQLite's message has a name that is not UTF-8
+            raise FormatError(
+                f"the diary is damaged: {error}; 'manip3d diary rescue' copies what can be read",
+                file=str(self.path),
+            ) from error
         # A file without tables is new, or its program was killed before it had made the diary.
         if create and holds == 0 and mark == 0:
             return
@@ -160,7 +164,7 @@ class DiaryFile:
         schema.migrate(connection, version)
         marks = {}
         if version == 0:  # encrypted, so that a key can be checked when the diary is opened
-            marks["check"] = seal(self.key, _CHECK, "meta")
+            marks["check"] = seal(self.key, CHECK, "meta")
         if version < schema.WITH_STUDY:
             marks["study"] = seal(self.key, str(uuid.uuid4()).encode(), _STUDY)
         if version < schema.WITH_CHAIN:
@@ -203,16 +207,8 @@ class DiaryFile:
 
     def _check_key(self, connection: sql.Connection) -> None:
         value = self._meta(connection, "check")
-        is_plain = value == _CHECK
-        if is_plain and self.key is not None:
-            raise InputError(f"key: {self.path} is not encrypted; open it without a key")
-        if not is_plain and self.key is None:
+        if not check_key(value, self.key, self.path):
             raise InputError(f"key: {self.path} is encrypted; its key file is needed")
-        if not is_plain:
-            try:
-                unseal(self.key, value, "meta")
-            except FormatError:
-                raise FormatError("this key does not open it", file=str(self.path)) from None
 
     def _on_connect(self, connection: sqlite3.Connection, record: object) -> None:
         # SQLAlchemy begins transactions explicitly, because sqlite3 begins none for changes of
@@ -236,7 +232,9 @@ class DiaryFile:
 
     def _told(self, error: sqlite3.DatabaseError) -> Exception:
         """Return an OSError for a full disk, a lock or a read-only file, or else a FormatError."""
-        if isinstance(error, sqlite3.OperationalError):
+        # Python's own error about text that is not UTF-8 has no code of SQLite: it is damage.
+        is_of_sqlite = hasattr(error, "sqlite_errorcode")
+        if is_of_sqlite and isinstance(error, sqlite3.OperationalError):
             return OSError(f"{self._told_as}: {_words_of(error, self.path)}")
         return FormatError(f"the diary is damaged: {error}", file=str(self.path))
 

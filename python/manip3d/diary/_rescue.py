@@ -17,6 +17,8 @@ from urllib.parse import quote
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.diary import _schema as schema
+from manip3d.diary._rows import check_payload, read_participant
+from manip3d.diary._sealing import check_key, require_key_material
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_path, open_regular
 
@@ -46,7 +48,11 @@ class DiaryRescue:
 
 @checked
 def rescue_diary(
-    path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False
+    path: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    *,
+    key: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
 ) -> DiaryRescue:
     """Copy all readable rows of a damaged diary to a new one, which opens with the same key.
 
@@ -56,6 +62,8 @@ def rescue_diary(
         The damaged diary, which is not changed.
     output : path
         The new diary.
+    key : path, optional
+        Key file of an encrypted diary. Without it, encrypted payloads are copied without checks.
     overwrite : bool
         Replace an existing file.
 
@@ -66,9 +74,11 @@ def rescue_diary(
     Raises
     ------
     InputError
-        ``output`` exists, is the diary itself, or has an SQLite journal next to it.
+        ``output`` exists, is the diary itself, or has an SQLite journal next to it; or a key is
+        given for a diary that is not encrypted.
     FormatError
-        The file is not a diary, or its list of tables or the check of its key is damaged.
+        The file is not a diary, its list of tables or the check of its key is damaged, or ``key``
+        does not open it.
     OSError
         A file cannot be read or written, or another program is writing to the diary.
 
@@ -78,9 +88,9 @@ def rescue_diary(
     that cannot be read, then between two such pages. Indices are rebuilt, so that a damaged index
     loses no row. Rows of a page that was overwritten by another page leave no trace and are not
     listed. If a participant or session is missing, its rows are also left out, as in a deletion.
-    Payloads are copied without checks; `Diary.check` verifies them. It reports the audit as
-    damaged if audit rows, or participants named in them, are missing. Keep the damaged file as
-    evidence.
+    A row whose payload cannot be decrypted or is not JSON would make the new diary unusable, and
+    is left out; the values in a payload are not checked. `Diary.check` reports the audit as damaged
+    if audit rows, or participants named in them, are missing. Keep the damaged file as evidence.
 
     Examples
     --------
@@ -91,6 +101,7 @@ def rescue_diary(
     ()
     """
     source, target = path_of(path, "path"), path_of(output, "output")
+    opener = require_key_material(key)
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists")
     if target.exists() and source.exists() and target.samefile(source):
@@ -111,7 +122,7 @@ def rescue_diary(
             try:
                 old.execute("BEGIN")  # later writes of other programs are not seen
                 version = _version(old, source)
-            except sqlite3.DatabaseError as error:
+            except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
                 _raise_if_busy(error, source)
                 raise FormatError(f"cannot be rescued: {error}", file=str(source)) from error
             try:
@@ -120,6 +131,7 @@ def rescue_diary(
                 for table in _tables(new):
                     missing += _copy(old, new, table, source)
                 _check_marks(new, source)
+                missing += _remove_damaged(new, opener, source)
                 missing += _remove_orphans(new)
                 num_rows = sum(
                     int(new.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
@@ -176,9 +188,10 @@ def _connected(path: Path, mode: str) -> contextlib.closing[sqlite3.Connection]:
     return contextlib.closing(sqlite3.connect(where, uri=True, isolation_level=None))
 
 
-def _raise_if_busy(error: sqlite3.Error, source: Path) -> None:
+def _raise_if_busy(error: Exception, source: Path) -> None:
     """Raise OSError if another program has locked the diary, because this is no damage."""
-    if error.sqlite_errorcode & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+    # Python's own errors, as about text that is not UTF-8, have no code of SQLite.
+    if getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
         raise OSError(errno.EBUSY, str(error), str(source)) from error
 
 
@@ -237,7 +250,7 @@ class _Reader:
         """Return the first row of a query; (): there is none; None: it cannot be read."""
         try:
             return tuple(self._old.execute(query, values).fetchone() or ())
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # a name may not be UTF-8
             _raise_if_busy(error, self._source)
             return None
 
@@ -288,6 +301,31 @@ def _check_marks(new: sqlite3.Connection, source: Path) -> None:
     found = {name for (name,) in new.execute("SELECT name FROM meta")}
     if lost := sorted(wanted - found):
         raise FormatError(f"cannot be rescued: {', '.join(lost)} cannot be read", file=str(source))
+
+
+def _remove_damaged(new: sqlite3.Connection, key: bytes | None, source: Path) -> list[str]:
+    """Delete rows whose payload cannot be opened; return which, as texts."""
+    ((value,),) = new.execute("SELECT value FROM meta WHERE name = 'check'")
+    if not check_key(value, key, source):
+        return []  # an encrypted diary without its key
+    told = []
+    keys: dict[int, bytes | None] = {}  # of the participants that can be read
+    tables = [name for name in _tables(new) if name not in ("meta", "audit", "participants")]
+    for table in ["participants", *tables]:
+        for (number,) in new.execute(f"SELECT id FROM {table}").fetchall():
+            query = f"SELECT * FROM {table} WHERE id = ?"
+            found = new.execute(query, (number,))
+            row = dict(zip((name for name, *_ in found.description), found.fetchone(), strict=True))
+            try:
+                if table == "participants":
+                    keys[number] = read_participant(key, number, row["key"], row["payload"])
+                elif row["participant"] in keys:  # other rows are orphans
+                    whose = row["participant"]
+                    check_payload(table, number, whose, keys[whose], row["payload"])
+            except (FormatError, TypeError):  # a damaged type gives a number for a payload
+                new.execute(f"DELETE FROM {table} WHERE id = ?", (number,))
+                told.append(f"{table}: the content of row {number} cannot be read")
+    return told
 
 
 def _remove_orphans(new: sqlite3.Connection) -> list[str]:

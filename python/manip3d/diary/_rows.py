@@ -244,6 +244,28 @@ class Rows:
         return unseal_fields(participant.key, row.payload, about)
 
 
+def read_participant(
+    key: bytes | None, number: int, wrapped: bytes, payload: bytes
+) -> bytes | None:
+    """Return a participant's own key; raise FormatError if the row cannot be opened.
+
+    ``key`` is the diary's key, or None for a diary that is not encrypted.
+    """
+    own = None if key is None else unseal(key, wrapped, _key_of(number))
+    if "identifier" not in unseal_fields(own, payload, _about(number)):
+        raise FormatError(f"{_about(number)}: expected an identifier")
+    return own
+
+
+def check_payload(table: str, row: int, number: int, key: bytes | None, payload: bytes) -> None:
+    """Raise FormatError if a payload cannot be opened with the key of participant ``number``."""
+    about = _about(number, schema.TABLES[table], row)
+    if table == schema.CLIPS.name:
+        unseal_pictures(key, payload, about)
+    else:
+        unseal_fields(key, payload, about)
+
+
 def check_texts(fields: Mapping[str, Any]) -> None:
     """Refuse control characters, which exports cannot contain and terminals would execute."""
     for name, value in fields.items():

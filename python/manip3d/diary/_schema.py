@@ -85,6 +85,9 @@ AUDIT = Table(
     Column("link", Text, nullable=False),
 )
 
+TABLES = _metadata.tables
+"""Tables by name."""
+
 _ID = "id INTEGER PRIMARY KEY"
 _GONE_TOO = "ON DELETE CASCADE"
 _ROW = f"{_ID}, participant INTEGER NOT NULL REFERENCES participants {_GONE_TOO}"

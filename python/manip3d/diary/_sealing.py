@@ -18,6 +18,8 @@ _HEADER = "manip3d diary key 1 "
 _BYTES = 32
 _NONCE = 12
 
+CHECK = b"manip3d diary"  # content of the check of a diary's key
+
 
 @checked
 def make_key(path: str | os.PathLike[str]) -> None:
@@ -98,10 +100,31 @@ def unseal_fields(key: bytes | None, sealed: bytes, about: str) -> dict[str, Any
     try:
         found = json.loads(content)
     except ValueError:
-        raise FormatError(f"{about}: expected JSON; the diary may be encrypted") from None
+        raise FormatError(
+            f"{about}: expected JSON; the diary is damaged; 'manip3d diary rescue' copies what can "
+            "be read"
+        ) from None
     if not isinstance(found, dict):
         raise FormatError(f"{about}: expected fields")
     return found
+
+
+def check_key(value: bytes, key: bytes | None, path: Path) -> bool:
+    """Check a diary's key against its check; return False if it is encrypted and there is no key.
+
+    Raises InputError for a key of a diary that is not encrypted, FormatError for another key.
+    """
+    if value == CHECK:
+        if key is not None:
+            raise InputError(f"key: {path} is not encrypted; open it without a key")
+        return True
+    if key is None:
+        return False
+    try:
+        unseal(key, value, "meta")
+    except FormatError:
+        raise FormatError("this key does not open it", file=str(path)) from None
+    return True
 
 
 def require_key_material(key: str | os.PathLike[str] | None) -> bytes | None:
