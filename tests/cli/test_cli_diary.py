@@ -58,12 +58,24 @@ def test_a_study_from_enrolment_to_deletion(path: str, tmp_path: Path) -> None:
     assert (tmp_path / "tables" / "ratings.csv").read_text().count("\n") == 2
     ran("export", path, "-o", str(tmp_path / "P01.json"), "--participant", "P01")
     assert json.loads((tmp_path / "P01.json").read_text())["resourceType"] == "Bundle"
-    assert "too few questionnaires so far" in ran("analyse", path)
+    assert "mixed model: none so far (expected a score of somebody at each" in ran("analyse", path)
     assert json.loads(ran("analyse", path, "--json"))["scores"][0][0] == 20
     assert run("delete", path, "P01", entered="n\n").exit_code == 1
     assert "P01" in ran("list", path)
     ran("delete", path, "P01", "--yes")
     assert "nobody is enrolled" in ran("list", path)
+
+
+def test_in_mid_study_the_reason_for_which_there_is_no_model_is_true(path: str) -> None:
+    ran("enrol", path, "P02", "--limb", "left-leg")
+    for name in ("P01", "P02"):
+        ran("rate", path, name, "--mcgill", RANKS, "--ppi", "3", "--occasion", "baseline")
+    assert "(expected a score of somebody at each occasion)" in ran("analyse", path)
+    ran("rate", path, "P01", "--mcgill", RANKS, "--ppi", "3", "--occasion", "week-4")
+    ran("rate", path, "P01", "--mcgill", RANKS, "--ppi", "3", "--occasion", "week-1")
+    assert "(expected two participants with two scores each)" in ran("analyse", path)
+    ran("rate", path, "P02", "--mcgill", RANKS, "--ppi", "3", "--occasion", "week-1")
+    assert "two participants with two" not in ran("analyse", path)
 
 
 def test_a_rating_outside_of_sessions_is_shown(path: str, tmp_path: Path) -> None:

@@ -754,7 +754,7 @@ def _show_analysis(console: Console, found: DiaryAnalysis) -> None:
     if simulated:
         console.print(f"sessions done{_left_out(simulated)}")
     if found.model is None:
-        console.print("mixed model: too few questionnaires so far (two participants with two each)")
+        console.print(f"mixed model: none so far ({found.why_no_model})")
     else:
         for name, change in zip(names[1:], found.model.changes, strict=True):
             console.print(f"change to {name}, mixed model: {_interval(change)}")

@@ -96,7 +96,7 @@ class DiaryAnalysis:
     scores : (N, 3) float64
         Pain rating index of each participant at baseline, week 1 and week 4; NaN: none.
     model : MixedModel or None
-        Mixed model of the scores; None: fewer than two participants have two scores each.
+        Mixed model of the scores; None: it cannot be fitted, and ``why_no_model`` says why.
     paired : tuple of (Estimate or None)
         Mean changes from baseline to week 1 and to week 4 of participants with both scores, with
         the t interval of paired differences. This interval stays valid if participants respond
@@ -110,6 +110,8 @@ class DiaryAnalysis:
     adherence_slope : Estimate or None
         Slope of the least-squares line of the index's change to week 4 over adherence, in points
         per whole protocol. None: fewer than three participants, or equal adherence of all.
+    why_no_model : str
+        Reason for which the model cannot be fitted so far; empty if there is a model.
     """
 
     identifiers: tuple[str, ...]
@@ -120,6 +122,7 @@ class DiaryAnalysis:
     responders_50: Share
     adherence: Mapping[str, Adherence]
     adherence_slope: Estimate | None
+    why_no_model: str = ""
 
 
 @checked
@@ -360,10 +363,11 @@ def analyse(
         kept[person.identifier] = adherence(
             diary.sessions(person.identifier), person.enrolled, day, protocol=protocol
         )
+    model, why = None, ""
     try:
         model = fit_mixed_model(scores)
-    except InputError:  # there are too few scores so far
-        model = None
+    except InputError as error:  # there are too few scores so far
+        why = str(error).removeprefix("scores: ")
     first, last = scores[:, 0], scores[:, -1]
     both = ~np.isnan(first + last) & (first > 0)
     fall = (first[both] - last[both]) / first[both]
@@ -377,6 +381,7 @@ def analyse(
         _share(int((fall >= 0.5 - 1e-12).sum()), int(both.sum())),
         kept,
         fit_slope(shares, last - first),
+        why,
     )
 
 
