@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import pytest
 
 import rgbd_frames
 from command_line import error_line, manip3d
-from manip3d import Mesh, capture
+from manip3d import Mesh, RgbdFrame, capture
 
 MESH = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], [[0, 1, 2], [1, 3, 2]])
 
@@ -125,3 +126,36 @@ def test_recording_tells_frames_and_skeletons(tmp_path: Path) -> None:
         assert told.returncode == 0, told.stderr
         assert count in told.stderr
         assert ("no frame of the source has a skeleton" in told.stderr) == (name == "none")
+
+
+@pytest.mark.parametrize("damage", ["missing", "damaged"])
+def test_a_frame_of_a_folder_that_cannot_be_read_is_left_out(tmp_path: Path, damage: str) -> None:
+    folder = tmp_path / "walk"
+    capture.record("sim:body?frames=6&color=none&room=no", folder)
+    bad = sorted((folder / "depth").iterdir())[2]
+    if damage == "missing":
+        bad.unlink()
+    else:
+        bad.write_bytes(bad.read_bytes()[:60])
+    for verb in (
+        ["info"],
+        ["play"],
+        ["export", "-o", tmp_path / "walk.csv"],
+        ["record", "-o", tmp_path / "walk.mkv"],
+    ):
+        done = manip3d("capture", verb[0], f"folder:{folder}", *verb[1:])
+        assert done.returncode == 0, (verb, done.stderr)
+        assert bad.name in done.stderr, verb
+        assert "damaged" in done.stdout + done.stderr, verb
+    assert len(list(capture.open_rgbd(f"mkv:{tmp_path / 'walk.mkv'}"))) == 5
+    found = capture.summarize(capture.open_rgbd(f"folder:{folder}"))
+    assert (found.num_frames, found.counters["damaged"]) == (5, 1)
+
+
+def test_an_iterator_that_raises_is_not_taken_for_its_end(tmp_path: Path) -> None:
+    def frames() -> Iterator[RgbdFrame]:
+        yield from capture.open_rgbd("sim:body?frames=2&color=none&room=no")
+        raise OSError("the network is gone")
+
+    with pytest.raises(OSError, match="the network is gone"):
+        capture.record(frames(), tmp_path / "walk.mkv")

@@ -16,6 +16,7 @@ from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.paths import path_of
 from manip3d.capture._rgbd import open_rgbd
+from manip3d.capture._rgbd_source import RgbdSource
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_path
 from manip3d.modify import PoseTracker
@@ -119,7 +120,8 @@ def export_joints(
         ``path`` has another suffix, or exists; the source has no skeleton of the person, or none of
         its joints was seen; a motion has more than an hour between two frames.
     FormatError, DeviceError
-        The source cannot be read.
+        The source cannot be read. Frames of a recording that cannot be read are left out, unless
+        all are; `RgbdSource.errors` says which.
     MissingExtraError
         MediaPipe is not installed, for ``pose``.
 
@@ -180,6 +182,8 @@ def export_joints(
 
 
 def _read(stream: Iterable[RgbdFrame], frames: int | None) -> Iterator[RgbdFrame]:
+    if isinstance(stream, RgbdSource):
+        stream = stream._readable()
     for frame in islice(stream, frames):
         if not isinstance(frame, RgbdFrame):
             raise InputError(f"source: expected frames of an RGB-D camera, got {frame!r:.80}")

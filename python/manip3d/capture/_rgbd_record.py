@@ -118,7 +118,8 @@ def record(
         Writing failed, for example because the disk is full. The frames written before can be read,
         and a note of the error states their number; a new recording without frames is removed.
     FormatError, DeviceError
-        The source cannot be read.
+        The source cannot be read. Frames of a recording that cannot be read are left out, unless
+        all are, and are ``damaged`` in the counters; `RgbdSource.errors` says which.
 
     Notes
     -----
@@ -196,7 +197,7 @@ def record(
         ends.callback(recorder.close)
         with reporting(progress, "record") as report:
             copied = _copy(opened, write, frames, seconds, _since(trigger, before, opened), report)
-    return Recording(place, *copied, recorder.counters(), opened.counters)
+    return Recording(place, *copied, recorder.counters(), opened._counted())
 
 
 @contextmanager
@@ -276,7 +277,7 @@ def _since(
     """
     earlier: deque[RgbdFrame] = deque()
     is_on = trigger is None
-    for frame in source:
+    for frame in source._readable():
         if not is_on and trigger is not None and not trigger(frame):
             earlier.append(frame)
             while frame.time_ns - earlier[0].time_ns > before * 1e9:

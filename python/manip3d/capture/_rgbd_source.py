@@ -239,6 +239,27 @@ class RgbdSource(FrameSource[RgbdFrame]):
         most = self.num_frames or _MAX_ERRORS
         yield from past_errors(frames, self.errors, (FormatError, OSError), most=most)
 
+    def _readable(self) -> Iterator[RgbdFrame]:
+        """Read frames without those of a recording that cannot be read; these are in `errors`.
+
+        Errors of other sources are raised: a camera or an iterator does not continue after one.
+        """
+        if self.num_frames is None or isinstance(self._source, IteratedFrames):
+            yield from self
+            return
+        if self._has_ended:
+            self._rewind()
+        for frame in self.past_errors():
+            if frame is not None:
+                yield frame
+            elif self.is_live:  # a recording in real time repeats an error until it is started
+                self.start()
+
+    def _counted(self) -> dict[str, int]:
+        """Return `counters`, with the frames in `errors` as ``damaged``."""
+        damaged = max(self.counters.get("damaged", 0), len(self.errors))
+        return self.counters | ({"damaged": damaged} if damaged else {})
+
     def _rewind(self) -> None:
         if self._reopen is not None and not self._is_stopped:
             self._open_again(self._reopen)

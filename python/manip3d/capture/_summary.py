@@ -117,7 +117,8 @@ def summarize(
 ) -> SourceSummary:
     """Count and time the frames of a source.
 
-    A recording is read to its end; a source that may never end, for a given time.
+    A recording is read to its end, without frames that cannot be read; `RgbdSource.errors` says
+    which, and ``damaged`` of the counters how many. A source that may never end, for a given time.
 
     Parameters
     ----------
@@ -138,7 +139,7 @@ def summarize(
     InputError
         ``seconds`` is not above 0.
     FormatError, OSError
-        The recording cannot be read.
+        No frame of the recording can be read.
 
     Examples
     --------
@@ -155,7 +156,7 @@ def summarize(
     nearest, farthest = math.inf, 0.0
     begin = time.monotonic()
     with source, reporting(progress, "read") as report:
-        for frame in source:
+        for frame in source._readable():
             times.append(frame.time_ns)
             numbers.append(frame.number)
             num_color += frame.color is not None
@@ -183,5 +184,5 @@ def summarize(
         frames_per_second=1.0 / step if step > 0.0 else None,
         longest_gap_s=float(steps.max()) if len(steps) else None,
         num_missing=sum(b - a - 1 for a, b in pairwise(numbers)),
-        counters=source.counters,
+        counters=source._counted(),
     )

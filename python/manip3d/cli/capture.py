@@ -31,8 +31,8 @@ from manip3d.cli.terminal import (
     check_output,
     count,
     counted,
-    left_out,
     naming_options,
+    say_left_out,
     table,
 )
 from manip3d.cli.triggers import trigger_of
@@ -222,8 +222,7 @@ def write_recording(
     if done.counters.get("too_far"):
         number = counted(done.counters["too_far"], "pixel")
         terminal.say(f"{number} left out: beyond 13.106 m, which a TUM sequence cannot hold")
-    for line in left_out(done.source_counters):
-        terminal.say(line)
+    say_left_out(terminal, done.source_counters, source.errors)
     if "forged" in done.source_counters:
         forged, real = (done.source_counters[name] for name in ("forged", "real"))
         why = "" if forged else "; without a background, the first 30 frames of a source stay real"
@@ -252,7 +251,7 @@ def play(
     shown = 0
     begin = time.perf_counter()
     with source, terminal.progress("play") as progress:
-        for frame in islice(source, frames):
+        for frame in islice(source._readable(), frames):
             shown += 1
             rate = shown / max(time.perf_counter() - begin, 1e-9)
             if progress is not None:
@@ -260,6 +259,7 @@ def play(
             pictures.add(frame, in_sheet=keep is None or shown - 1 in keep)
     took = time.perf_counter() - begin
     pictures.finish()
+    say_left_out(terminal, {}, source.errors)
     if output is not None:
         terminal.say(f"wrote {output}")
     return {
@@ -267,7 +267,7 @@ def play(
         "frames": shown,
         "seconds": took,
         "frames_per_second": shown / took if took > 0 else None,
-        "counters": source.counters,
+        "counters": source._counted(),
     }
 
 
@@ -285,7 +285,9 @@ def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
     from manip3d import capture
 
     with terminal.progress("read") as progress:
-        return capture.summarize(source, progress=progress).record()
+        found = capture.summarize(source, progress=progress).record()
+    say_left_out(terminal, {}, source.errors)
+    return found
 
 
 def show_info(console: Console, record: dict[str, Any]) -> None:
@@ -598,8 +600,7 @@ def capture_export(
     shell.say(f"wrote {output}: {counted(done.frames, 'skeleton')}")
     if done.held:
         shell.say(f"the person was not seen in {counted(done.held, 'frame')}, and stays as before")
-    for line in left_out(opened.counters):
-        shell.say(line)
+    say_left_out(shell, opened._counted(), opened.errors)
     shell.result({**asdict(done), "path": str(done.path), "source": opened.uri})
 
 

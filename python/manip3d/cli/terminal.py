@@ -257,6 +257,7 @@ def check_output(
     refuse_existing(path, force=force)
 
 
+_MOST_REASONS = 10  # shown of frames that cannot be read
 _LEFT_OUT = {
     "out_of_order": "no later than the frame before",
     "damaged": "damaged",
@@ -276,6 +277,16 @@ def left_out(counters: Mapping[str, int]) -> list[str]:
     if counters.get("cut_short") or counters.get("incomplete"):
         told.append("the recording ends in the middle of a frame: its end is missing")
     return told
+
+
+def say_left_out(
+    terminal: Terminal, counters: Mapping[str, int], errors: Mapping[int, str]
+) -> None:
+    """Say which frames of a source were left out, and why."""
+    for reason in list(errors.values())[:_MOST_REASONS]:
+        terminal.say(f"a frame cannot be read: {reason}")
+    for line in left_out(counters):
+        terminal.say(line)
 
 
 def configure_logging() -> None:
