@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 import capsule_body
 from manip3d import InputError
+from manip3d.modify import ColliderTracker
+from manip3d.phantom._play import _ends_of
 from manip3d.phantom.games import (
     GAMES,
     ArmField,
@@ -216,3 +218,27 @@ def test_bad_choices(name: str, options: dict[str, int], message: str) -> None:
 def test_bad_times(seconds: float) -> None:
     with pytest.raises(InputError, match="seconds: expected >= 0"):
         step(started(), seconds, nothing)
+
+
+@pytest.mark.parametrize(("game", "touching"), [("bubbles", (6, 10)), ("bubbles-legs", (14, 18))])
+def test_without_hands_and_feet_the_end_of_the_forearm_or_shank_touches(
+    game: str, touching: tuple[int, int]
+) -> None:
+    body = PLAYER
+    states = body.states.copy()
+    states[[JOINTS.index(f"{n}{s}") for n in ("Hand", "HandTip", "Thumb", "Foot") for s in
+            ("Left", "Right")]] = 0  # fmt: skip
+    seen = Skeleton(body.positions, body.orientations, states, body.id, body.body)
+    state = begin(game, seen)
+    assert state is not None
+    colliders = ColliderTracker()
+    for _ in range(2):
+        colliders.update(_ends_of(seen, state))
+    ends = seen.positions[list(touching)]
+    inner = seen.positions[[joint - 1 for joint in touching]]
+    radii = np.full(2, 0.03, np.float32)
+    assert tuple(colliders.hits(ends, ends, radius=radii).bone.tolist()) == touching
+    assert tuple(colliders.hits(inner, inner, radius=radii).bone.tolist()) == (
+        -1,
+        -1,
+    )  # elbow or knee

@@ -38,6 +38,17 @@ _TELL_S = 10.0  # seconds between stored states of the current game
 _FLOOR_S = 4.0  # seconds over which the lowest place of a foot is taken as the floor
 _FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
 
+_LIMB_ENDS = {
+    limbs: tuple(
+        (JOINTS.index(f"{a}{side}"), JOINTS.index(f"{b}{side}"), JOINTS.index(f"{c}{side}"))
+        for side in ("Left", "Right")
+    )
+    for limbs, (a, b, c) in (
+        ("arms", ("Elbow", "Wrist", "Hand")),
+        ("legs", ("Knee", "Ankle", "Foot")),
+    )
+}
+
 
 class Play:
     """The current game of a session, if any, and those that are over.
@@ -288,8 +299,17 @@ def _field_status(game: GameState) -> dict[str, Any]:
 
 
 def _ends_of(skeleton: Skeleton, game: GameState) -> Skeleton:
-    """Return the skeleton with the joints of hands or feet only."""
+    """Return the skeleton with the joints of hands or feet only.
+
+    Trackers with the joints of COCO see neither hands nor feet: the third of the forearm or shank
+    next to the wrist or ankle touches in their place.
+    """
     kept = [*bones_of(game.game.limbs, "left"), *bones_of(game.game.limbs, "right")]
     states = np.full(25, NOT_TRACKED, np.uint8)
     states[kept] = skeleton.states[kept]
-    return Skeleton(skeleton.positions, skeleton.orientations, states, skeleton.id, skeleton.body)
+    positions = skeleton.positions.copy()
+    for inner, last, end in _LIMB_ENDS[game.game.limbs]:
+        if states[last] != NOT_TRACKED and skeleton.states[end] == NOT_TRACKED:
+            states[inner] = skeleton.states[inner]
+            positions[inner] = (positions[inner] + 2.0 * positions[last]) / 3.0
+    return Skeleton(positions, skeleton.orientations, states, skeleton.id, skeleton.body)
