@@ -142,7 +142,9 @@ def test_a_recording_becomes_a_drive(tmp_path: Path) -> None:
     assert told["counters"] == {"frames": 3, "points": 188 * 384, "skipped": 0}
     source = capture.open(f"kitti:{tmp_path / 'drive'}")
     assert [frame.time_ns for frame in source] == [f.time_ns for f in drive]
-    assert "3 scans: name a folder" in run("convert", path, "-o", tmp_path / "a.bin", code=1)
+    assert "3 scans, and .bin one: name a folder" in run(
+        "convert", path, "-o", tmp_path / "a.bin", code=1
+    )
 
 
 def test_view_writes_a_picture(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ from manip3d.errors import InputError
 from manip3d.experiments._environment import environment
 from manip3d.experiments._model import DATA_KINDS, Case, Experiment, Plan, Row, Sheet
 from manip3d.experiments._store import Store
+from manip3d.io._files import regular_bytes
 
 Progress = Callable[[float, str], None]
 T = TypeVar("T")
@@ -215,7 +216,7 @@ def _real(cases: Sequence[Case]) -> list[Case]:
 def _earlier_results(folder: Path) -> dict[str, Any]:
     """Return the content of the folder's ``results.json``; empty if it is absent or damaged."""
     try:
-        found = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+        found = json.loads(regular_bytes(folder / "results.json"))
         rows = [row for record in found["experiments"].values() for row in record["rows"]]
         is_sound = all(isinstance(row, dict) for row in rows) and isinstance(found["data"], list)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):

@@ -47,7 +47,8 @@ _LARGEST = 1e9
 """Largest number in a scan, metres or otherwise. If 64-bit numbers are read as 32-bit ones, some
 are larger."""
 _MOST_LARGE = 0.01  # share of such numbers in a scan with damaged points
-_MIN_PLANAR, _MAX_COMPARED, _PLANAR = 400, 40_000, 0.5  # numbers; ratio of medians of differences
+_MIN_PLANAR, _MAX_COMPARED = 400, 40_000  # numbers
+_PLANAR = 0.1  # differences within rows, relative to the range of half of all numbers
 _AXIS_UNIT = re.compile(r"(?i)(?<![a-z_])[xyz] ?[(\[]([^)\]]*)[)\]]")
 _LENGTHS = {"mm": 1e-3, "millimeters": 1e-3, "cm": 1e-2, "centimeters": 1e-2}  # metres
 _FEET = ("ft", "feet", "foot", "us-ft", "ftus")
@@ -173,11 +174,10 @@ def _refuse_other_records(raw: NDArray[np.uint8], file: str) -> None:
                 file=file,
             )
     if single.size >= _MIN_PLANAR and single.size % 4 == 0:
-        # Neighbours in time are alike in each coordinate, but x, y, z and intensity are not.
-        some = single[:_MAX_COMPARED]
-        # Two or three echoes in turn are alike at every second or third point only.
-        near, *far = (np.median(np.abs(some[gap:] - some[:-gap])) for gap in (1, 4, 8, 12, 16))
-        if near < _PLANAR * min(far):
+        rows = single[:_MAX_COMPARED].reshape(-1, 4)
+        apart = np.median(np.abs(np.diff(rows, axis=1)), axis=0)
+        low, high = np.percentile(rows, (25.0, 75.0))
+        if apart.max() < _PLANAR * (high - low):  # x, y, z and intensity are alike in each row
             raise FormatError(
                 "expected the points one after another, got all x first, then all y (4 rows of "
                 "numbers, as in the Oxford RobotCar data): write it transposed",
