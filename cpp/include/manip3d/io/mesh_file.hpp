@@ -79,8 +79,8 @@ struct WriteOptions {
   std::int64_t max_vertices = 0;
   /// glTF: store positions, and texture coordinates within [0, 1], in 16 bits and normals in 8 bits
   /// (KHR_mesh_quantization, which readers must support). A position moves by at most 2.7e-5 of the
-  /// longest side of the bounding box, and equal positions of meshes whose longest sides lie between
-  /// the same powers of two times 65 534 stay equal.
+  /// longest side of the bounding box, and equal positions of meshes whose longest sides lie
+  /// between the same powers of two times 65 534 stay equal.
   bool quantize = false;
   /// glTF: coarser levels of detail of the mesh with the same materials (MSFT_lod).
   std::vector<MeshView> coarser;
