@@ -252,7 +252,7 @@ def test_rows_of_a_raster_are_no_lasers(rows: float, columns: float) -> None:
     ("rows", "columns"), [(2.0, 0.2), (4.0 / 3.0, 0.16), (1.0, 0.4), (0.625, 360.0 / 1024.0)]
 )
 def test_equally_spaced_lasers_are_no_raster(rows: float, columns: float) -> None:
-    """As of a VLP-16, an HDL-32E, a PandarXT-32 at 20 turns a second, and an Ouster."""
+    """Lasers of a VLP-16, an HDL-32E, a PandarXT-32 at 20 turns a second, and an Ouster."""
     points = rastered(rows, columns, lowest=-30.0)
     assert identify_sensor(points).kind == "lattice"
     thinned = points[np.random.default_rng(0).random(len(points)) < 0.2]

@@ -581,7 +581,7 @@ def _check_rotation(matrix: NDArray[np.float64], name: str, file: Path) -> None:
 def _find_calibration(path: Path, given: Path | None) -> tuple[Path | None, bool]:
     if given is not None:
         return given, given.is_dir() and not (given / "calib_cam_to_cam.txt").is_file()
-    # What lies in the folder of the scans is theirs; the parent may be the day of other drives.
+    # Files in the folder of the scans are theirs; the parent may be the day of other drives.
     if (path / "calib_cam_to_cam.txt").is_file():
         return path, False
     if (path / "calib.txt").is_file():
