@@ -109,6 +109,25 @@ def test_other_scans_as_las(tmp_path: Path, suffix: str, num_points: int) -> Non
         assert again.intensity.tolist() == frame.intensity.tolist()  # type: ignore[union-attr]
 
 
+@pytest.mark.parametrize("name", ["reflectance", "deviation"])
+def test_dimensions_with_a_scale_or_several_numbers_are_written_back(
+    tmp_path: Path, name: str
+) -> None:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    scaled = laspy.ExtraBytesParams(name, np.int16, scales=np.array([0.01]), offsets=np.zeros(1))
+    header.add_extra_dims([scaled, laspy.ExtraBytesParams("direction", "3f4")])
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = np.arange(30.0).reshape(3, 10)
+    las[name] = np.linspace(-12.34, 5.67, 10)
+    las["direction"] = np.arange(30.0, dtype=np.float32).reshape(10, 3)
+    las.write(str(tmp_path / "a.las"))
+    read_scan(tmp_path / "a.las").write(tmp_path / "b.las")
+    back = laspy.read(tmp_path / "b.las")
+    assert list(back.point_format.dimension_names) == list(las.point_format.dimension_names)
+    np.testing.assert_allclose(np.asarray(back[name]), np.asarray(las[name]), atol=1e-6)
+    np.testing.assert_array_equal(back["direction"], las["direction"])
+
+
 LONG_NAME = "name_of_a_scalar_field_that_is_too_long"
 
 

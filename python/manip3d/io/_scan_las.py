@@ -134,6 +134,8 @@ def _names(header: Any) -> set[str]:
 def _holds(header: Any, name: str, values: NDArray[Any]) -> bool:
     """Return whether a dimension holds all values of a column unchanged."""
     dimension = header.point_format.dimension_by_name(name)
+    if dimension.scales is not None or dimension.num_elements > 1:
+        return True  # of the scan's own file; laspy converts to counts of the scale
     dtype = dimension.dtype or np.dtype(np.uint8)  # of bit fields, which share a byte
     # The angles of LAS 1.4 are counts of 0.006 degrees; decimal numbers are degrees.
     if name == "scan_angle" and values.dtype.kind == "f":
