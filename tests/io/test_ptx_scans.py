@@ -184,6 +184,6 @@ def test_convert_leaves_out_empty_cells_and_names_a_lost_pose(suffix: str, tmp_p
     assert done.exit_code == 0
     assert io.read_scan(output).num_points == 5
     said = " ".join(done.output.split())
-    assert "1 cells of the grid without a point left out" in said
+    assert "1 cell of the grid without a point left out" in said
     pose = "the scanner stands at 10.000 20.000 2.000, turned by the quaternion (w x y z) 0.707107"
     assert (pose in said) == (suffix != "e57")

@@ -187,7 +187,7 @@ def _measured(scan: LidarFrame, suffix: str, terminal: Terminal) -> LidarFrame:
     """Return a scan without the cells of a PTX grid that hold no point, which only PTX can tell."""
     if suffix == ".ptx" or scan.format is None or scan.format.name != "ptx" or not scan.num_empty:
         return scan
-    terminal.say(f"{count(scan.num_empty)} cells of the grid without a point left out")
+    terminal.say(f"{counted(scan.num_empty, 'cell')} of the grid without a point left out")
     return scan.select(scan.points.any(axis=1))
 
 
