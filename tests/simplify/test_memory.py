@@ -144,7 +144,7 @@ def test_a_closed_surface_stays_closed() -> None:
 
 def test_maps_of_both_stages_lead_to_the_result(small_process: None) -> None:
     mesh = hills(260)
-    memory = (20 << 20) + int(0.25 * _memory.bytes_per_face(mesh, "quality") * mesh.num_faces)
+    memory = (20 << 20) + int(0.22 * _memory.bytes_per_face(mesh, "quality") * mesh.num_faces)
     assert _memory._plan(mesh, "quality", memory, 6000).depth > 0
     fractions: list[float] = []
     result = simplify.simplify(
@@ -189,7 +189,7 @@ def test_locked_vertices_stay_through_both_stages(small_process: None) -> None:
     mesh = hills(260)
     locked = np.zeros(mesh.num_vertices, dtype=bool)
     locked[::997] = True
-    memory = (20 << 20) + int(0.25 * _memory.bytes_per_face(mesh, "quality") * mesh.num_faces)
+    memory = (20 << 20) + int(0.22 * _memory.bytes_per_face(mesh, "quality") * mesh.num_faces)
     result = simplify.simplify(mesh, target_faces=6000, memory=memory, locked=locked)
     left = {tuple(place) for place in result.mesh.vertices.tolist()}
     assert {tuple(place) for place in mesh.vertices[locked].tolist()} <= left
@@ -205,7 +205,7 @@ def test_enough_memory_changes_nothing() -> None:
 
 def test_the_error_of_both_stages_stays_within_its_limit(small_process: None) -> None:
     mesh = hills(260)
-    memory = (20 << 20) + int(0.25 * _memory.bytes_per_face(mesh, "quality") * mesh.num_faces)
+    memory = (20 << 20) + int(0.22 * _memory.bytes_per_face(mesh, "quality") * mesh.num_faces)
     result = simplify.simplify(mesh, target_faces=500, max_error=1e-3, memory=memory)
     assert result.stop == StopReason.ERROR_LIMIT
     assert 0 < result.max_error <= 1e-3
@@ -242,7 +242,7 @@ def test_what_the_ceiling_does_not_allow(
     options: dict[str, Any], message: str, small_process: None
 ) -> None:
     mesh = hills(260)
-    room = (20 << 20) + int(0.25 * _memory.bytes_per_face(mesh, "quality") * mesh.num_faces)
+    room = (20 << 20) + int(0.22 * _memory.bytes_per_face(mesh, "quality") * mesh.num_faces)
     with pytest.raises(InputError, match=message):
         simplify.simplify(mesh, **{"target_faces": 6000, "memory": room, **options})
 

@@ -476,6 +476,7 @@ class QualitySimplifier {
     }
     queue_ = {};  // frees memory for the fit
     forbidden_ = {};
+    original_.free_prices();
     find_exact();
     pull_back_spikes();
     SurfaceFit fit(input_, [this](std::int32_t v) {

@@ -88,6 +88,12 @@ struct Original {
   /// Merges v into t; `owes` is the new Plan::owed of t.
   void merge(std::int32_t v, std::int32_t t, double owes);
 
+  /// Frees what only the prices of collapses need.
+  void free_prices() {
+    const auto free = [](auto&... tables) { (std::decay_t<decltype(tables)>().swap(tables), ...); };
+    free(surface, jumps, jump, seam, texture, color);
+  }
+
   /// Root mean square distance from p to the planes of the original faces of v and t, or to those
   /// of their borders, whichever is larger.
   [[nodiscard]] double error(std::int32_t v, std::int32_t t, const Vector3d& p) const;

@@ -114,10 +114,16 @@ void SurfaceFit::place_samples(const CollapseMesh& mesh, bool has_many) {
   }
   const double large =
       kLargeFace * total / static_cast<double>(std::max<std::int64_t>(1, mesh.num_faces()));
+  const auto has_one = [&](double area) { return has_many && area < large; };
+  std::size_t count = 0;
+  for (const double area : areas) {
+    if (area > 0.0) count += has_one(area) ? 1 : kMaxPoints;
+  }
   samples_.clear();
+  samples_.reserve(count);
   for (std::int64_t f = 0; f < original_.num_faces(); ++f) {
     if (!(areas[f] > 0.0)) continue;
-    const bool one = has_many && areas[f] < large;
+    const bool one = has_one(areas[f]);
     for (int k = one ? kCentroid : 0; k < (one ? kCentroid + 1 : kMaxPoints); ++k) {
       Sample& sample = samples_.emplace_back();
       sample.source = 4 * static_cast<std::uint32_t>(f) + static_cast<std::uint32_t>(k);
@@ -291,26 +297,18 @@ void SurfaceFit::fit_texture(CollapseMesh& mesh, const std::vector<std::int32_t>
                              const std::function<bool(std::int32_t)>& may_change,
                              const SetTexture& set, const Progress& progress) {
   find_textured(mesh, chart, part_of(progress, 0.0, 0.7));
-  struct Textured {
-    std::size_t sample;
-    Vector2d texture;
-    Vector2d residual;  // in the current step
-  };
-  std::vector<Textured> textured;
-  for (std::size_t i = 0; i < samples_.size(); ++i) {
-    if (samples_[i].face < 0) continue;
-    textured.push_back({i, texture_of(samples_[i]), Vector2d::Zero()});
-  }
+  std::erase_if(samples_, [](const Sample& sample) { return sample.face < 0; });
+  std::vector<Vector2d> residuals(samples_.size());  // by sample, in the current step
   const auto wedges_of = [&](const Sample& sample) -> const auto& {
     return mesh.wedges(slots_[sample.face]);
   };
   for (int step = 0; step < kTextureSteps; ++step) {
     if (progress) progress(0.7 + 0.3 * step / kTextureSteps);
     double sum = 0.0, total = 0.0;
-    for (Textured& t : textured) {
-      const Sample& sample = samples_[t.sample];
-      t.residual = t.texture - texture_at(mesh, wedges_of(sample), sample.barycentric);
-      sum += sample.area * t.residual.norm();
+    for (std::size_t i = 0; i < samples_.size(); ++i) {
+      const Sample& sample = samples_[i];
+      residuals[i] = texture_of(sample) - texture_at(mesh, wedges_of(sample), sample.barycentric);
+      sum += sample.area * residuals[i].norm();
       total += sample.area;
     }
     if (!(total > 0.0)) return;
@@ -318,10 +316,10 @@ void SurfaceFit::fit_texture(CollapseMesh& mesh, const std::vector<std::int32_t>
     const double limit = kFarAway * mean;
     std::vector<Vector2d> pull(mesh.num_wedges(), Vector2d::Zero());
     std::vector<double> weight(mesh.num_wedges(), 0.0);
-    for (const Textured& t : textured) {
-      const Vector2d& r = t.residual;
+    for (std::size_t i = 0; i < samples_.size(); ++i) {
+      const Vector2d& r = residuals[i];
       if (r.norm() > limit) continue;  // a part of the chart that was removed
-      const Sample& sample = samples_[t.sample];
+      const Sample& sample = samples_[i];
       const auto face = now_.faces.row(sample.face);
       const double factor = robust_factor(r.norm(), least_distance_ > 0.0 ? kNearMean * mean : 0.0);
       for (int k = 0; k < 3; ++k) {

@@ -60,7 +60,7 @@ _BYTES = {
         face_with_color_seams=290,
     ),
     "quality": _Items(
-        face=474, face_in_pieces=200, vertex=12, excess_vertex=528, textured_face=30, texcoord=245,
+        face=490, face_in_pieces=200, vertex=12, excess_vertex=528, textured_face=135, texcoord=245,
         face_with_normals=30, normal=50, colored_vertex=225,
         face_with_color_seams=0,
     ),
