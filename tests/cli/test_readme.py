@@ -98,7 +98,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     manip3d.Mesh(0.7 * vertices, faces).write(folder / "car.obj")
     (folder / "models").mkdir()
     manip3d.Mesh(vertices, faces).write(folder / "models" / "ball.obj")
-    manip3d.Mesh(vertices, faces).write(folder / "light.glb")
+    for name in ("light.glb", "plane.glb"):
+        manip3d.Mesh(vertices, faces).write(folder / name)
     hoax = np.concatenate([AHEAD, ball(0.6, 20_000) + np.float32([3, 1, 0])])
     for name in ("scan", "a", "b", "c"):
         manip3d.LidarFrame(hoax, np.zeros(len(hoax), np.float32)).write(folder / f"{name}.bin")
@@ -170,7 +171,7 @@ def check(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             command = command.commands[words.pop(0)]
         command.make_context(command.name, words)  # raises click.UsageError for a wrong option
         return
-    if "light.html" in words and not any((ROOT / "python/manip3d/viewer/dist").glob("*.js")):
+    if "plane.html" in words and not any((ROOT / "python/manip3d/viewer/dist").glob("*.js")):
         pytest.skip("the viewer's bundle is not built")
     needs_recorder = any(word.endswith(".mkv") for word in words)
     if needs_recorder and not mkv_is_here():
@@ -187,6 +188,15 @@ def check(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert done.exit_code == expected, (line, done.output, done.exception)
     if "-o" in words:
         assert (place / words[words.index("-o") + 1]).exists(), line
+
+
+def test_no_line_of_the_readme_writes_what_another_wrote() -> None:
+    written = [words[words.index("-o") + 1] for line in readme_lines()
+               if "-o" in (words := shlex.split(line, comments=True))
+               and "--force" not in words]  # fmt: skip
+    written += re.findall(r"""write\("(.+?)"\)""", "".join(blocks("python")))
+    assert sorted(written) == sorted(set(written))
+    assert len(written) > 30
 
 
 def make_sources(words: list[str], place: Path) -> None:

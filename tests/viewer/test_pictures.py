@@ -16,7 +16,15 @@ Image = pytest.importorskip("PIL.Image")
 
 from square import square  # noqa: E402
 
-from manip3d import InputError, Material, Mesh, RenderError, Texture  # noqa: E402
+from manip3d import (  # noqa: E402
+    InputError,
+    Material,
+    Mesh,
+    MissingExtraError,
+    RenderError,
+    Texture,
+)
+from manip3d._util import extras  # noqa: E402
 from manip3d.viewer import comparison, picture, png_bytes, renderer  # noqa: E402
 from manip3d.viewer.scene import boundary_edges, frame, rgb, srgb  # noqa: E402
 
@@ -326,6 +334,14 @@ def test_renderer_none_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_unknown_renderer_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MANIP3D_RENDERER", "povray")
     with pytest.raises(InputError, match="povray"):
+        renderer()
+
+
+@pytest.mark.parametrize("wanted", ["auto", "pyvista", "chromium"])
+def test_without_the_extra_its_name_is_told(wanted: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MANIP3D_RENDERER", wanted)
+    monkeypatch.setattr(extras, "_is_installed", lambda name: name != "PIL")
+    with pytest.raises(MissingExtraError, match=r"pip install 'manip3d\[viz\]'"):
         renderer()
 
 

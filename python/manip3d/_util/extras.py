@@ -9,7 +9,7 @@ from typing import Any
 from manip3d.errors import MissingExtraError
 
 EXTRAS: Mapping[str, tuple[str, ...]] = {
-    "io": ("trimesh", "PIL"),
+    "io": ("trimesh", "PIL", "yaml"),
     "viz": ("pyvista", "vtk", "PIL"),
     "simulate": ("open3d", "PIL"),
     "experiments": ("matplotlib", "jinja2", "scipy", "pooch", "PIL"),
@@ -28,7 +28,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "remote": ("fsspec", "s3fs", "aiohttp"),
     "parquet": ("pyarrow",),
     "alert": ("cv2", "PIL"),
-    "live": ("aiohttp", "cryptography", "open3d", "PIL"),
+    "live": ("aiohttp", "cryptography", "scipy", "open3d", "PIL"),
     "diary": ("sqlalchemy", "cryptography", "scipy", "PIL"),
 }
 """Modules that each extra installs."""
@@ -67,6 +67,21 @@ def require(extra: str) -> None:
     if absent:
         names = [DISTRIBUTIONS.get(name, (name,))[0] for name in absent]
         raise MissingExtraError(", ".join(names), extra)
+
+
+def scipy_stats() -> Any:
+    """Import ``scipy.stats``.
+
+    Raises
+    ------
+    MissingExtraError
+        SciPy is not installed.
+    """
+    try:
+        from scipy import stats
+    except ImportError as error:
+        raise MissingExtraError("scipy", "live") from error
+    return stats
 
 
 def opencv() -> Any:

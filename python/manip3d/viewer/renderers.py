@@ -9,11 +9,14 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Literal, cast
 
+from manip3d._util.extras import missing_modules, require
 from manip3d.errors import InputError, RenderError
 
 Renderer = Literal["pyvista", "chromium"]
@@ -23,8 +26,11 @@ _CURES = {
         "pip install 'manip3d[viz]' and apt-get install libegl1 libgl1-mesa-dri libopengl0 "
         "libxrender1"
     ),
-    "chromium": "apt-get install chromium and make setup",
+    "chromium": "apt-get install chromium",
 }
+if (Path(__file__).parent / "package.json").exists():  # a clone, in which the viewer is built
+    _CURES["chromium"] += " and make setup"
+_MODULES = {"pyvista": {"pyvista", "vtk", "PIL"}, "chromium": {"PIL"}}
 _PROBE_SECONDS = 60.0  # time limit; with a cold disk cache the probe takes about 10 s
 
 
@@ -79,7 +85,9 @@ def _complaint(name: Renderer) -> str | None:
     if child.returncode < 0:
         return f"the graphics driver crashed (signal {-child.returncode})"
     lines = child.stderr.strip().splitlines()
-    return lines[-1] if lines else f"exit code {child.returncode}"
+    if not lines:
+        return f"exit code {child.returncode}"
+    return re.sub(r"^[\w.]+(Error|Exception): ", "", lines[-1])
 
 
 def check(name: Renderer) -> None:
@@ -107,6 +115,8 @@ def renderer() -> Renderer:
 
     Raises
     ------
+    MissingExtraError
+        The modules of no renderer are installed.
     RenderError
         No renderer works; the message says for each one why and what to do.
     InputError
@@ -121,6 +131,9 @@ def renderer() -> Renderer:
     wanted = _wanted()
     if not wanted:
         raise RenderError("pictures are switched off by MANIP3D_RENDERER=none")
+    absent = set(missing_modules("viz"))
+    if all(_MODULES[name] & absent for name in wanted):
+        require("viz")
     complaints: list[str] = []
     for name in wanted:
         complaint = _complaint(name)
