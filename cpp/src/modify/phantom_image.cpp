@@ -57,15 +57,27 @@ class Surface {
   const PhantomImage& image_;
 };
 
+void draw(const HoleFill& fill, PixelKind kind, const PhantomImage& image) {
+  image.depth[fill.pixel] = fill.depth;
+  image.label[fill.pixel] = fill.label;
+  image.kind[fill.pixel] = kind;
+  image.source[2 * fill.pixel] = fill.row;
+  image.source[2 * fill.pixel + 1] = fill.col;
+  image.source_depth[fill.pixel] = fill.source_depth;
+}
+
 void draw(const MirroredPoint& point, std::int32_t pixel, PixelKind kind,
           const PhantomImage& image) {
   const auto cols = static_cast<std::int32_t>(image.cols);
-  image.depth[pixel] = point.z;
-  image.label[pixel] = point.label;
-  image.kind[pixel] = kind;
-  image.source[2 * pixel] = point.source / cols;
-  image.source[2 * pixel + 1] = point.source % cols;
-  image.source_depth[pixel] = point.source_depth;
+  draw({pixel, point.z, point.source_depth, point.source / cols, point.source % cols, point.label},
+       kind, image);
+}
+
+/// Draws a pixel of the person with the measured point as its own source.
+void put_back(std::int32_t pixel, float z, std::uint8_t label, const PhantomImage& image,
+              PixelKind kind = PixelKind::kBody) {
+  const auto cols = static_cast<std::int32_t>(image.cols);
+  draw({pixel, z, z, pixel / cols, pixel % cols, label}, kind, image);
 }
 
 /// The depth that a mirrored point must be in front of to be drawn at a pixel. A stump hides points
@@ -138,15 +150,8 @@ void draw_person(const PersonPoints& points, const PhantomImage& image) {
   std::fill_n(image.kind, size, PixelKind::kNone);
   std::fill_n(image.source, 2 * size, -1);
   std::fill_n(image.removal, size, Removal::kNone);
-  const auto cols = static_cast<std::int32_t>(image.cols);
   for (std::int64_t i = 0; i < points.count; ++i) {
-    const std::int32_t pixel = points.pixel[i];
-    image.depth[pixel] = points.z[i];
-    image.label[pixel] = points.label[i];
-    image.kind[pixel] = PixelKind::kBody;
-    image.source[2 * pixel] = pixel / cols;
-    image.source[2 * pixel + 1] = pixel % cols;
-    image.source_depth[pixel] = points.z[i];
+    put_back(points.pixel[i], points.z[i], points.label[i], image);
   }
 }
 
@@ -157,21 +162,6 @@ void take_out(std::int32_t pixel, const PhantomImage& image) {
   image.source[2 * pixel] = image.source[2 * pixel + 1] = -1;
   image.removal[pixel] = Removal::kRemoved;
 }
-
-namespace {
-
-/// Draws a pixel of the person with the measured point as its own source.
-void put_back(std::int32_t pixel, float z, std::uint8_t label, const PhantomImage& image,
-              PixelKind kind = PixelKind::kBody) {
-  const auto cols = static_cast<std::int32_t>(image.cols);
-  image.depth[pixel] = image.source_depth[pixel] = z;
-  image.label[pixel] = label;
-  image.kind[pixel] = kind;
-  image.source[2 * pixel] = pixel / cols;
-  image.source[2 * pixel + 1] = pixel % cols;
-}
-
-}  // namespace
 
 std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius, double flesh,
                          const PhantomImage& image) {
@@ -548,17 +538,6 @@ float mean_depth(const std::array<std::int64_t, 4>& pixels, const PhantomImage& 
   return sum / count;
 }
 
-void draw(const std::vector<HoleFill>& fills, PixelKind kind, const PhantomImage& image) {
-  for (const HoleFill& fill : fills) {
-    image.depth[fill.pixel] = fill.depth;
-    image.label[fill.pixel] = fill.label;
-    image.kind[fill.pixel] = kind;
-    image.source[2 * fill.pixel] = fill.row;
-    image.source[2 * fill.pixel + 1] = fill.col;
-    image.source_depth[fill.pixel] = fill.source_depth;
-  }
-}
-
 }  // namespace
 
 std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const PhantomImage& image,
@@ -599,7 +578,7 @@ std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const Phanto
       fills.push_back(fill);
     }
   }
-  draw(fills, kind, image);
+  for (const HoleFill& fill : fills) draw(fill, kind, image);
   return static_cast<std::int64_t>(fills.size());
 }
 
@@ -654,7 +633,7 @@ PixelBox fill_remembered(const std::vector<std::int32_t>& before, const PixelRay
     fills.push_back(fill);
     bounds.add(u, v);
   }
-  draw(fills, PixelKind::kFilled, image);
+  for (const HoleFill& fill : fills) draw(fill, PixelKind::kFilled, image);
   return bounds.box();
 }
 
