@@ -268,6 +268,12 @@ std::vector<Triangle> triangles_of(const Surface& surface, bool rows_up,
   return triangles;
 }
 
+/// What a mesh is made without.
+struct LeftOut {
+  OffFaces off = OffFaces::kTake;
+  bool specks = false;
+};
+
 }  // namespace
 
 struct Relief::Memory {
@@ -293,7 +299,6 @@ struct Relief::Memory {
   std::vector<Keep> keep;             ///< By pixel of the surface; or empty.
   std::vector<Triangulation> levels;  ///< The smaller meshes, smallest first.
   double speck_area = 0.0;            ///< Specks' share of the area in the latest select().
-  bool leaves_specks = false;         ///< Whether select() leaves out specks first.
   Progress progress;                  ///< Throws if the run is cancelled.
   std::vector<Triangle> dense;        ///< Scratch memory of take_all() and select().
 
@@ -325,14 +330,14 @@ struct Relief::Memory {
   /// Does the first triangulation have more contour than `target` vertices can follow?
   [[nodiscard]] bool has_much_contour(std::int64_t target) const;
   /// Triangulates and collapses edges until the mesh has at most `target` vertices.
-  void select(const ReliefOptions& options, std::int64_t target, OffFaces off,
+  void select(const ReliefOptions& options, std::int64_t target, const LeftOut& left_out,
               ReliefResult& result);
   /// Does steps 1 to 3 of the operator (see Relief) for one size.
-  void make_mesh(const ReliefOptions& options, std::int64_t target, OffFaces off,
+  void make_mesh(const ReliefOptions& options, std::int64_t target, const LeftOut& left_out,
                  ReliefResult& result);
   double written_coverage(const Triangulation& of);
-  void try_mesh(const ReliefOptions& options, std::int64_t target, OffFaces off, double factor,
-                double& covered, ReliefResult& result);
+  void try_mesh(const ReliefOptions& options, std::int64_t target, const LeftOut& left_out,
+                double factor, double& covered, ReliefResult& result);
   void make_best_mesh(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
   /// Flips edges and moves vertices.
   void refine(const Budget& budget);
@@ -446,8 +451,8 @@ bool Relief::Memory::has_much_contour(std::int64_t target) const {
   return static_cast<double>(ends) > kMuchContour * static_cast<double>(target);
 }
 
-void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, OffFaces off,
-                            ReliefResult& result) {
+void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
+                            const LeftOut& left_out, ReliefResult& result) {
   const Budget budget = budget_of(options.effort, target);
   const std::int64_t used = worked->num_used();
   const double share =
@@ -501,11 +506,11 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, O
   collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability), missing,
                    false_factor);
   speck_area = collapser.area_of_specks(used / kSpeck);
-  if (leaves_specks) collapser.leave_out_specks(mesh, used / kSpeck);
+  if (left_out.specks) collapser.leave_out_specks(mesh, used / kSpeck);
   if (budget.sweep_share > 0.0F)
     collapser.sweep(*worked, mesh, target, budget.sweep_share, progress);
-  result.dropped_pixels =
-      pixels_each * collapser.run(*worked, mesh, target, budget.round_share, off, progress);
+  result.dropped_pixels = pixels_each * collapser.run(*worked, mesh, target, budget.round_share,
+                                                      left_out.off, progress);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
   if (has_many_pixels()) collapser = {};
   mesh.compact();  // the later stages visit the vertices several times
@@ -560,10 +565,10 @@ bool Relief::Memory::holds(const Triangulation& smaller) {
   });
 }
 
-void Relief::Memory::make_mesh(const ReliefOptions& options, std::int64_t target, OffFaces off,
-                               ReliefResult& result) {
+void Relief::Memory::make_mesh(const ReliefOptions& options, std::int64_t target,
+                               const LeftOut& left_out, ReliefResult& result) {
   const Budget budget = budget_of(options.effort, target);
-  select(options, target, off, result);
+  select(options, target, left_out, result);
   // Flips should know the final boundary, so it moves first. On `half` the flips come first,
   // because they are quicker there and move_boundary() goes on to the whole surface.
   if (worked == &surface) move_boundary(options, target);
@@ -609,11 +614,12 @@ double Relief::Memory::written_coverage(const Triangulation& of) {
 
 /// Makes another mesh. It replaces `mesh` if it covers more than `factor` times `covered`, which is
 /// the coverage of `mesh` and is updated.
-void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target, OffFaces off,
-                              double factor, double& covered, ReliefResult& result) {
+void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target,
+                              const LeftOut& left_out, double factor, double& covered,
+                              ReliefResult& result) {
   std::swap(mesh, best);
   const auto [stop, dropped] = std::pair(result.stop, result.dropped_pixels);
-  make_mesh(options, target, off, result);
+  make_mesh(options, target, left_out, result);
   const double now = written_coverage(mesh);
   if (now > factor * covered) {
     covered = now;
@@ -638,7 +644,7 @@ void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target,
 /// bay, so that a mesh with fewer vertices may cover more.
 void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t target,
                                     ReliefResult& result) {
-  make_mesh(options, target, OffFaces::kTake, result);
+  make_mesh(options, target, {}, result);
   const bool is_hasty = options.effort == ReliefEffort::kLive;
   const bool is_few = target <= relief_detail::kFew;
   const int tries = is_few && levels.empty() && !is_hasty ? kFewTries : 0;
@@ -648,19 +654,17 @@ void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t t
   if (!has_steps && tries == 0 && !has_specks) return;
   double covered = written_coverage(mesh);
   if (has_steps) {
-    try_mesh(options, target, OffFaces::kAvoid, 1.0, covered, result);
-    try_mesh(options, target, OffFaces::kNever, kWorthLeaving, covered, result);
+    try_mesh(options, target, {OffFaces::kAvoid}, 1.0, covered, result);
+    try_mesh(options, target, {OffFaces::kNever}, kWorthLeaving, covered, result);
   }
   const auto end = std::ranges::lower_bound(kFewSizes, target);
   for (auto size = end; size != kFewSizes.begin() && end - size < tries;) {
-    try_mesh(options, *--size, OffFaces::kTake, kWorthLeaving, covered, result);
+    try_mesh(options, *--size, {}, kWorthLeaving, covered, result);
   }
-  leaves_specks = has_specks && kWorthLeaving * covered < 1.0;
-  if (!leaves_specks) return;
-  try_mesh(options, target, OffFaces::kTake, kWorthLeaving, covered, result);
+  if (!(has_specks && kWorthLeaving * covered < 1.0)) return;
+  try_mesh(options, target, {OffFaces::kTake, true}, kWorthLeaving, covered, result);
   if (much_speck && has_steps)
-    try_mesh(options, target, OffFaces::kNever, kWorthLeaving, covered, result);
-  leaves_specks = false;
+    try_mesh(options, target, {OffFaces::kNever, true}, kWorthLeaving, covered, result);
 }
 
 /// Makes sure that at least one triangle is written. All triangles of the mesh may be at pinholes
@@ -835,7 +839,6 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
     memory_->run(grid, options, result, confidence);
   } catch (...) {
     reset();
-    memory_->leaves_specks = false;
     throw;
   }
 }
