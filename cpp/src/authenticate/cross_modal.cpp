@@ -177,22 +177,17 @@ struct CellOfPoint {
 
 std::vector<CellOfPoint> project_points(const PointsView& view, const FrontMap& map,
                                         InverseRanges& seen, const Progress& progress) {
-  Ticker ticker(progress, 1U << 4);
+  Ticker ticker(progress);
   std::vector<CellOfPoint> places(view.num_points());
-  Directions directions;
-  for (std::int64_t i = 0; i < view.num_points(); i += Directions::kBlock) {
+  const auto project = [&](std::int64_t i, const Direction& direction) {
     ticker.tick();
-    const std::int64_t size = std::min(Directions::kBlock, view.num_points() - i);
-    directions.compute(view.points.data() + 3 * i, 3, size, Eigen::Vector3d::Zero());
-    for (std::int64_t k = 0; k < size; ++k) {
-      CellOfPoint& place = places[i + k];
-      place.cell = directions.range[k] > 0.0F
-                       ? map.cell(directions.azimuth[k], directions.elevation[k])
-                       : kOutsideMap;
-      place.inverse_range = 1.0F / directions.range[k];
-      if (place.cell != kOutsideMap) seen.add(place.cell, place.inverse_range);
-    }
-  }
+    CellOfPoint& place = places[i];
+    place.cell =
+        direction.range > 0.0F ? map.cell(direction.azimuth, direction.elevation) : kOutsideMap;
+    place.inverse_range = 1.0F / direction.range;
+    if (place.cell != kOutsideMap) seen.add(place.cell, place.inverse_range);
+  };
+  for_each_direction(view.points.data(), 3, 0, view.num_points(), Eigen::Vector3d::Zero(), project);
   return places;
 }
 

@@ -52,18 +52,14 @@ class LevelFinder {
   template <typename Visit>
   void visit(const PointsView& view, std::int64_t begin, std::int64_t end,
              const Visit& visit_point) const {
-    Directions directions;
-    for (std::int64_t i = begin; i < end; i += Directions::kBlock) {
-      const std::int64_t size = std::min(Directions::kBlock, end - i);
-      directions.compute(view.points.data() + 3 * i, 3, size, options_.origin);
-      for (std::int64_t k = 0; k < size; ++k) {
-        const float range = directions.range[k];
-        if (!(range > 0.0F && range < static_cast<float>(options_.max_range))) continue;
-        const std::int64_t level =
-            table_[static_cast<std::size_t>(range * static_cast<float>(1.0 / kLookup))];
-        visit_point(i + k, sector_of(directions, k) * levels() + level, directions.rho[k] / range);
-      }
-    }
+    const auto visit_direction = [&](std::int64_t i, const Direction& direction) {
+      const float range = direction.range;
+      if (!(range > 0.0F && range < static_cast<float>(options_.max_range))) return;
+      const std::int64_t level =
+          table_[static_cast<std::size_t>(range * static_cast<float>(1.0 / kLookup))];
+      visit_point(i, sector_of(direction) * levels() + level, direction.rho / range);
+    };
+    for_each_direction(view.points.data(), 3, begin, end, options_.origin, visit_direction);
   }
 
  private:
@@ -83,13 +79,13 @@ class LevelFinder {
     }
   }
 
-  [[nodiscard]] std::int64_t sector_of(const Directions& directions, std::int64_t k) const {
+  [[nodiscard]] std::int64_t sector_of(const Direction& direction) const {
     const auto cell = [](double angle, std::int64_t count, double whole) {
       const auto i = static_cast<std::int64_t>(angle / whole * static_cast<double>(count));
       return std::clamp(i, std::int64_t{0}, count - 1);
     };
-    return cell(directions.elevation[k] + kPi / 2.0, rows_, kPi) * columns_ +
-           cell(directions.azimuth[k] + kPi, columns_, 2.0 * kPi);
+    return cell(direction.elevation + kPi / 2.0, rows_, kPi) * columns_ +
+           cell(direction.azimuth + kPi, columns_, 2.0 * kPi);
   }
 
   DensityOptions options_;

@@ -90,22 +90,17 @@ class CellFinder {
   template <typename Visit>
   void visit(const PointsView& view, std::int64_t begin, std::int64_t end,
              const Visit& visit_point) const {
-    Directions directions;
-    for (std::int64_t i = begin; i < end; i += Directions::kBlock) {
-      const std::int64_t size = std::min(Directions::kBlock, end - i);
-      directions.compute(view.points.data() + 3 * i, 3, size, origin_);
-      for (std::int64_t k = 0; k < size; ++k) {
-        const float range = directions.range[k];
-        visit_point(i + k, range > 0.0F ? cell(directions, k) : kNowhere, range);
-      }
-    }
+    const auto visit_direction = [&](std::int64_t i, const Direction& direction) {
+      visit_point(i, direction.range > 0.0F ? cell(direction) : kNowhere, direction.range);
+    };
+    for_each_direction(view.points.data(), 3, begin, end, origin_, visit_direction);
   }
 
  private:
-  [[nodiscard]] std::int32_t cell(const Directions& directions, std::int64_t k) const {
-    auto column = static_cast<std::int64_t>((directions.azimuth[k] - left_) * azimuth_scale_);
+  [[nodiscard]] std::int32_t cell(const Direction& direction) const {
+    auto column = static_cast<std::int64_t>((direction.azimuth - left_) * azimuth_scale_);
     const auto row =
-        static_cast<std::int64_t>((directions.elevation[k] - low_) * elevation_scale_) - first_row_;
+        static_cast<std::int64_t>((direction.elevation - low_) * elevation_scale_) - first_row_;
     if (column >= columns_) column -= columns_;
     return static_cast<std::int32_t>(std::clamp(row, std::int64_t{0}, rows_ - 1) * columns_ +
                                      std::clamp(column, std::int64_t{0}, columns_ - 1));

@@ -55,4 +55,24 @@ struct Directions {
   }
 };
 
+/// Direction of one point; units as in `Directions`.
+struct Direction {
+  float range, rho, azimuth, elevation;
+};
+
+/// Calls visit(i, direction) for the points [begin, end).
+/// @param xyz  rows of three of all points; see Directions::compute().
+template <typename Visit>
+void for_each_direction(const float* xyz, std::int64_t stride, std::int64_t begin, std::int64_t end,
+                        const Eigen::Vector3d& origin, const Visit& visit) {
+  Directions block;
+  for (std::int64_t i = begin; i < end; i += Directions::kBlock) {
+    const std::int64_t size = std::min(Directions::kBlock, end - i);
+    block.compute(xyz + stride * i, stride, size, origin);
+    for (std::int64_t k = 0; k < size; ++k) {
+      visit(i + k, Direction{block.range[k], block.rho[k], block.azimuth[k], block.elevation[k]});
+    }
+  }
+}
+
 }  // namespace manip3d

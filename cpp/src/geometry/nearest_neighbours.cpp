@@ -102,11 +102,8 @@ class DirectionGrid {
 
   double resolution_of_sample() const;
   void count_cells(const Progress& progress);
-  void directions_of(std::int64_t begin, std::int64_t count, Directions& directions) const {
-    directions.compute(view_.points.data() + 3 * begin, 3, count, origin_);
-  }
   template <typename Visit>
-  void for_blocks_of_items(std::int64_t begin, std::int64_t end, const Visit& visit) const;
+  void for_each_item(std::int64_t begin, std::int64_t end, const Visit& visit) const;
 
   void scan(Query& query, std::int64_t begin, std::int64_t end) const;
   void scan_columns(Query& query, std::int64_t row, std::int64_t first, std::int64_t last) const;
@@ -142,7 +139,7 @@ double DirectionGrid::resolution_of_sample() const {
   std::int64_t occupied = 0;
   Directions directions;
   for (std::int64_t i = 0; i < count; i += step) {
-    directions_of(i, 1, directions);
+    directions.compute(view_.points.data() + 3 * i, 3, 1, origin_);
     const double degree = 180.0 / kPi;
     const auto column =
         std::clamp(static_cast<std::int64_t>(directions.azimuth[0] * degree + 180.0),
@@ -165,18 +162,14 @@ void DirectionGrid::count_cells(const Progress& progress) {
   parallel_chunks(starts_.size(), kPointChunk, threads_, [&](std::int64_t begin, std::int64_t end) {
     std::fill(starts + begin, starts + end, 0);
   });
+  const auto count_one = [&](std::int64_t i, const Direction& direction) {
+    const auto cell = static_cast<std::int32_t>(row_of(direction.elevation) * columns_ +
+                                                column_of(direction.azimuth));
+    cells_[i] = cell;
+    std::atomic_ref(starts[cell]).fetch_add(1, std::memory_order_relaxed);
+  };
   const auto count_some = [&](std::int64_t begin, std::int64_t end) {
-    Directions directions;
-    for (std::int64_t i = begin; i < end; i += Directions::kBlock) {
-      const std::int64_t size = std::min(Directions::kBlock, end - i);
-      directions_of(i, size, directions);
-      for (std::int64_t k = 0; k < size; ++k) {
-        const auto cell = static_cast<std::int32_t>(row_of(directions.elevation[k]) * columns_ +
-                                                    column_of(directions.azimuth[k]));
-        cells_[i + k] = cell;
-        std::atomic_ref(starts[cell]).fetch_add(1, std::memory_order_relaxed);
-      }
-    }
+    for_each_direction(view_.points.data(), 3, begin, end, origin_, count_one);
   };
   parallel_chunks(count, kPointChunk, threads_, count_some, progress);
   Ticker ticker(progress, 1U << 20);
@@ -398,27 +391,22 @@ void DirectionGrid::search_blocks(Query& query) const {
 
 // Calls visit(query) for the items [begin, end).
 template <typename Visit>
-void DirectionGrid::for_blocks_of_items(std::int64_t begin, std::int64_t end,
-                                        const Visit& visit) const {
-  Directions directions;
-  for (std::int64_t i = begin; i < end; i += Directions::kBlock) {
-    const std::int64_t size = std::min(Directions::kBlock, end - i);
-    directions.compute(&items_[i].x, 4, size, origin_);
-    for (std::int64_t k = 0; k < size; ++k) {
-      const Item& item = items_[i + k];
-      Query query{i + k,
-                  item.x,
-                  item.y,
-                  item.z,
-                  directions.range[k],
-                  directions.rho[k],
-                  directions.azimuth[k],
-                  directions.elevation[k],
-                  row_of(directions.elevation[k]),
-                  column_of(directions.azimuth[k])};
-      visit(query);
-    }
-  }
+void DirectionGrid::for_each_item(std::int64_t begin, std::int64_t end, const Visit& visit) const {
+  const auto visit_item = [&](std::int64_t i, const Direction& direction) {
+    const Item& item = items_[i];
+    Query query{i,
+                item.x,
+                item.y,
+                item.z,
+                direction.range,
+                direction.rho,
+                direction.azimuth,
+                direction.elevation,
+                row_of(direction.elevation),
+                column_of(direction.azimuth)};
+    visit(query);
+  };
+  for_each_direction(&items_[0].x, 4, begin, end, origin_, visit_item);
 }
 
 LargeArray<double> DirectionGrid::distances(const Progress& progress) {
@@ -428,7 +416,7 @@ LargeArray<double> DirectionGrid::distances(const Progress& progress) {
   parallel_chunks(
       count, kPointChunk, threads_,
       [&](std::int64_t begin, std::int64_t end) {
-        for_blocks_of_items(begin, end, [&](Query& query) {
+        for_each_item(begin, end, [&](Query& query) {
           if (!search_nearby(query)) hard[begin / kPointChunk].push_back(query.item);
           distances[items_[query.item].row] = std::sqrt(query.best);
         });
@@ -442,7 +430,7 @@ LargeArray<double> DirectionGrid::distances(const Progress& progress) {
       static_cast<std::int64_t>(rest.size()), 16, threads_,  // each may search many blocks
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t k = begin; k < end; ++k) {
-          for_blocks_of_items(rest[k], rest[k] + 1, [&](Query& query) {
+          for_each_item(rest[k], rest[k] + 1, [&](Query& query) {
             search_blocks(query);
             distances[items_[query.item].row] = std::sqrt(query.best);
           });
