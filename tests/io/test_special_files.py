@@ -65,7 +65,10 @@ SCANS = (
     ".pcd.gz",
     ".ply.xz",
 )
+MESHES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".obj.gz", ".ply.xz", ".3mf", ".dae")
 READERS = {
+    "io.read_mesh(path)": MESHES,
+    "io.read_scene(path)": (".glb", ".gltf"),
     "io.read_scan(path)": SCANS,
     "io.read_depth(path)": (".png", ".npy", ".tif"),
     "io.read_range_grid(path)": (".ply",),
@@ -116,6 +119,18 @@ def test_readers_refuse_it(tmp_path: Path) -> None:
             make_special(path, kind)
             cases.append((code, str(path)))
     assert not_refused(cases) == ""
+
+
+def test_a_mesh_can_come_from_a_pipe_of_the_shell() -> None:
+    """It has no suffix, and its writer is known."""
+    done = subprocess.run(
+        [sys.executable, "-c", "import manip3d; print(manip3d.read_mesh('/dev/stdin').num_faces)"],
+        input="v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("1\n", "")
 
 
 def recording_with(victim: str, kind: str, path: Path) -> Case:

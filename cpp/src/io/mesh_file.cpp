@@ -155,9 +155,11 @@ ReadResult read_mesh(const fs::path& path, const ReadOptions& options, const Pro
   ReadOptions here = options;
   here.folder = path.parent_path().empty() ? "." : path.parent_path();
   const auto format = format_of_suffix(without_compression_suffix(path).extension().string());
+  // A shell's pipe, such as /dev/stdin, has no suffix. One with a suffix, often in a folder of
+  // meshes, may never get a writer.
+  const auto special = format ? SpecialFiles::kRefused : SpecialFiles::kAllowed;
   try {
-    return read_from(file_source(path, SpecialFiles::kAllowed), compression_of(path), format, here,
-                     progress);
+    return read_from(file_source(path, special), compression_of(path), format, here, progress);
   } catch (const FormatError& error) {
     if (!error.file().empty()) throw;  // the error is in a file that the mesh file names
     throw error.in_file(path.string());

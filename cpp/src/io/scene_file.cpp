@@ -313,8 +313,7 @@ Scene read_scene(const fs::path& path, const ReadOptions& options, const Progres
     if (!gltf_format(path)) {
       throw FormatError("expected a scene in .gltf or .glb", {});
     }
-    const auto bytes = decompressed(file_source(path, SpecialFiles::kAllowed), compression_of(path),
-                                    options.max_bytes);
+    const auto bytes = decompressed(file_source(path), compression_of(path), options.max_bytes);
     return read_gltf_scene(*bytes, here, progress);
   } catch (const FormatError& error) {
     if (!error.file().empty()) throw;  // the error is in a file that the scene names
