@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import FormatError, InputError, LidarFrame
+from manip3d import FormatError, InputError, LidarFrame, authenticate, capture
 from manip3d._util.times import parse_time
 from manip3d.authenticate._watermark_files import copy_rest_of_drive
 from manip3d.datasets import KittiDrive, open_kitti
@@ -102,6 +102,21 @@ def test_object_labels_become_boxes_of_the_lidar(tmp_path: Path) -> None:
     assert box.center == pytest.approx((20.0, 3.0, -1.5 + 0.75))
     # rotation_y 0 looks to the camera's right: -y of the LiDAR; positive turns look backwards.
     assert box.yaw == pytest.approx(-np.pi / 2 - 0.1)
+
+
+def test_a_name_may_have_dots(tmp_path: Path) -> None:
+    """Only the suffix is left out, so that labels and images of the same name are found."""
+    drive = write_object(tmp_path)
+    for folder, suffix in (("velodyne", ".bin"), ("calib", ".txt"), ("label_2", ".txt")):
+        (drive / folder / f"000007{suffix}").rename(drive / folder / f"7.a.b{suffix}")
+    (drive / "times.txt").write_text("".join(f"{i}.0\n" for i in range(8)))
+    frame = open_kitti(drive)[0]
+    assert (frame.name, frame.time_ns) == ("7.a.b", None)
+    assert [box.label for box in frame.boxes()] == ["Car"]
+    assert authenticate.drive_numbers(drive) == [0]
+    scans = capture.open_drive(drive)
+    assert len(list(scans)) == 1
+    assert scans.times_ns == {}
 
 
 def test_odometry_and_stereo_2015(tmp_path: Path) -> None:

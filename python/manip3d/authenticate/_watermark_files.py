@@ -20,7 +20,7 @@ from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_pair, atomic_path, open_regular
 from manip3d.io._frame_times import drive_times
 from manip3d.io._scan_files import FOLDER_SUFFIXES, readable_scans, scan_paths
-from manip3d.io._scan_tables import scan_suffix
+from manip3d.io._scan_tables import scan_stem, scan_suffix
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
@@ -545,7 +545,7 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     [4, 5]
     """
     root, scans = path_of(folder), scans_to_read(folder)
-    names = [path.name.split(".")[0] for path in scans]
+    names = [scan_stem(path) for path in scans]
     is_sequence = (root / "velodyne_points").is_dir() or (root / "times.txt").is_file()
     if not is_sequence or not all(name.isdecimal() for name in names):
         return [2 * number for number in range(len(scans))]

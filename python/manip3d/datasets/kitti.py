@@ -25,6 +25,7 @@ from manip3d.io._files import regular_bytes
 from manip3d.io._frame_times import drive_times
 from manip3d.io._images import decoded_picture
 from manip3d.io._scan_files import read_scan, scan_paths
+from manip3d.io._scan_tables import scan_stem
 from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:
@@ -316,7 +317,7 @@ class KittiDrive:
         return (self._frame(path) for path in self._scans)
 
     def _frame(self, scan: Path) -> KittiFrame:
-        name = scan.name.split(".")[0]
+        name = scan_stem(scan)
         raw = self.layout == "raw"
         images = {}
         for camera in self._cameras:

@@ -10,6 +10,7 @@ from manip3d._util.callers import caller_level
 from manip3d._util.text_files import text_of
 from manip3d._util.times import nanoseconds, parse_time
 from manip3d.errors import FormatError
+from manip3d.io._scan_tables import scan_stem
 
 _BYTE_ORDER_MARK = "\ufeff"
 """Editors of Windows write it at the beginning of text files."""
@@ -96,7 +97,7 @@ def scan_times(drive: Path, scans: Iterable[Path], *, strict: bool = False) -> d
         A line of the file of times cannot be parsed, if ``strict``.
     """
     times = drive_times(drive, strict=strict)
-    names = {scan: scan.name.split(".")[0] for scan in scans}
+    names = {scan: scan_stem(scan) for scan in scans}
     found = {scan: times.get(int(name)) for scan, name in names.items() if name.isdecimal()}
     return {scan: time_ns for scan, time_ns in found.items() if time_ns is not None}
 
