@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import time
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -50,3 +52,10 @@ def clashing(source: Path, output: Path | None) -> dict[str, Any]:
     if "bad" in source.read_text():
         raise FormatError("expected a good text", file=str(source), line=3)
     return {"source": "mine", "error": "mine", "task_seconds": -1.0, "seconds": 60.0}
+
+
+def talkative(source: Path, output: Path | None) -> dict[str, Any]:
+    """Write to the log and give a warning."""
+    logging.getLogger("manip3d").warning("%s is in the log", source.name)
+    warnings.warn(f"a warning of {source.name}", stacklevel=1)
+    return {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import logging
 import os
 import signal
 import socket
@@ -19,7 +20,7 @@ import pytest
 from manip3d import LidarFrame, Material, Mesh, Texture, batch, io, read_mesh
 from manip3d.errors import Error, FormatError, InputError
 from manip3d.io import ReadLimits, read_scan
-from toy_work import clashing, running, upper
+from toy_work import clashing, running, talkative, upper
 
 TESTS = Path(__file__).parents[1]
 
@@ -256,6 +257,23 @@ def test_dask_outlives_a_worker_that_is_killed(tmp_path: Path) -> None:
     for number in range(12):
         if number != 5:
             assert (tmp_path / "out" / f"{number:02}.txt").read_text() == f"TEXT {number}"
+
+
+def test_dask_workers_print_what_the_log_of_the_caller_does(
+    texts: Path, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+    ) as cluster:
+        for level in (logging.ERROR, logging.WARNING):
+            caplog.set_level(level, "manip3d")
+            for name in ("a", "c"):
+                batch.run(talkative, texts / f"{name}.txt", dask=cluster.scheduler_address)
+            told, is_loud = capfd.readouterr().err, level == logging.WARNING
+            for name in ("a", "c"):
+                assert (f"{name}.txt is in the log" in told) == is_loud
+                assert (f"a warning of {name}.txt" in told) == is_loud
 
 
 def test_a_task_that_kills_every_dask_worker_is_given_up(texts: Path, tmp_path: Path) -> None:

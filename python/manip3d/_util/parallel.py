@@ -6,6 +6,7 @@ workers immediately, and so does the end of the process that started them.
 
 from __future__ import annotations
 
+import functools
 import logging
 import multiprocessing
 import os
@@ -70,7 +71,11 @@ def run_tasks(
         yield from ((key, _attempt(*task)) for key, task in tasks.items())
         return
     workers = min(jobs, max(1, len(tasks)))
-    attempt, window = (_attempt_on_dask, _DASK_WINDOW) if dask else (_attempt, 2 * workers)
+    attempt: Callable[..., Outcome] = _attempt
+    window = 2 * workers
+    if dask:
+        attempt = functools.partial(_attempt_on_dask, _log.getEffectiveLevel())
+        window = _DASK_WINDOW
     waiting = iter(tasks.items())
     is_done = False
     while not is_done:
@@ -133,9 +138,15 @@ def _outcomes(
         yield from _outcomes(submit, iter(given_up.items()), running, 1, 1)
 
 
-def _attempt_on_dask(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:
+def _attempt_on_dask(
+    log_level: int, function: Callable[..., Any], arguments: tuple[Any, ...]
+) -> Outcome:
     os.environ.setdefault("MANIP3D_THREADS", "1")
-    return _attempt(function, arguments)
+    _log.setLevel(log_level)
+    if log_level <= logging.WARNING:
+        return _attempt(function, arguments)
+    with warnings.catch_warnings(action="ignore"):  # the worker may serve others afterwards
+        return _attempt(function, arguments)
 
 
 def _attempt(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:
