@@ -35,6 +35,20 @@ def glb(document: dict[str, Any] | bytes, binary: bytes | None = None) -> bytes:
     return b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks
 
 
+def glb_parts(content: bytes) -> tuple[dict[str, Any], bytes]:
+    """Return the document and the buffer of a GLB file."""
+    size = struct.unpack_from("<I", content, 12)[0]
+    return json.loads(content[20 : 20 + size]), content[28 + size :]
+
+
+def json_of(path: Path) -> dict[str, Any]:
+    """Return the document of a glTF file, also of a binary one."""
+    content = path.read_bytes()
+    is_binary = content.startswith(b"glTF")
+    document: dict[str, Any] = glb_parts(content)[0] if is_binary else json.loads(content)
+    return document
+
+
 def data_uri(content: bytes, mime: str = "application/octet-stream") -> str:
     return f"data:{mime};base64,{base64.b64encode(content).decode()}"
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gltf_files import Scene
+from gltf_files import Scene, glb_parts
 
 RINGS, SIDES = 61, 24
 SCALE = 100.0  # of the nodes above the joints: files in centimetres have such
@@ -83,10 +81,7 @@ class PosedGltf:
     """A GLB as its joints and morph targets show it; reads what it needs with numpy alone."""
 
     def __init__(self, path: Path) -> None:
-        content = path.read_bytes()
-        size = struct.unpack_from("<I", content, 12)[0]
-        self.json: dict[str, Any] = json.loads(content[20 : 20 + size])
-        self._buffer = content[20 + size + 8 :]
+        self.json, self._buffer = glb_parts(path.read_bytes())
 
     def _rows(self, view: int, dtype: str, columns: int, count: int) -> NDArray[Any]:
         start = self.json["bufferViews"][view].get("byteOffset", 0)

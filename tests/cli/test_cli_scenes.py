@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 
 from command_line import manip3d
-from gltf_files import PNG, data_uri
+from gltf_files import PNG, data_uri, json_of
 from manip3d import Material, Mesh, Texture, read_mesh
 from zoo import grid
 
@@ -50,13 +49,6 @@ def chair(tmp_path: Path) -> Path:
     document["extensionsUsed"] = ["KHR_materials_unlit", "KHR_materials_clearcoat"]
     path.write_text(json.dumps(document))
     return path
-
-
-def json_of(path: Path) -> dict[str, Any]:
-    content = path.read_bytes()
-    size = struct.unpack_from("<I", content, 12)[0]
-    found: dict[str, Any] = json.loads(content[20 : 20 + size])
-    return found
 
 
 @pytest.mark.parametrize("command", ["simplify", "lod"])

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import manip3d
-from gltf_files import FACES, SQUARE, Scene, glb
+from gltf_files import FACES, SQUARE, Scene, glb, glb_parts
 from manip3d.io import read_mesh_bytes, read_report, read_scene
 
 KHR, EXT = "KHR_meshopt_compression", "EXT_meshopt_compression"
@@ -193,12 +191,11 @@ def decoded(folder: Path, content: bytes, count: int, stride: int, mode: str, **
     read_scene(folder / "a.glb").write(folder / "b.glb")
     written = (folder / "b.glb").read_bytes()
     assert b"meshopt" not in written
-    length = struct.unpack_from("<I", written, 12)[0]
-    found = json.loads(written[20 : 20 + length])
+    found, buffer = glb_parts(written)
     place = found["accessors"][found["animations"][0]["samplers"][0]["output"]]
     view = found["bufferViews"][place["bufferView"]]
-    start = 28 + length + view.get("byteOffset", 0) + place.get("byteOffset", 0)
-    return written[start : start + count * stride]
+    start = view.get("byteOffset", 0) + place.get("byteOffset", 0)
+    return buffer[start : start + count * stride]
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import manip3d
-from gltf_files import PNG
+from gltf_files import PNG, json_of
 from manip3d import Material, Mesh, Texture
 from real_data import RealData
 
@@ -47,15 +45,6 @@ def in_groups(mesh: Mesh) -> Mesh:
         face_material=mesh.face_material[order],
         face_normals=None if mesh.face_normals is None else mesh.face_normals[order],
     )
-
-
-def json_of(path: Path) -> dict[str, Any]:
-    content = path.read_bytes()
-    if content.startswith(b"glTF"):
-        size = struct.unpack_from("<I", content, 12)[0]
-        content = content[20 : 20 + size]
-    document: dict[str, Any] = json.loads(content)
-    return document
 
 
 @pytest.fixture

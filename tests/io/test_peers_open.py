@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import struct
 import sys
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 
 import manip3d
+from gltf_files import glb_parts
 from manip3d import Material, Mesh, MissingExtraError, Texture
 from manip3d.io import WRITABLE
 from real_data import RealData
@@ -115,10 +115,7 @@ def tga(width: int, height: int, color: tuple[int, int, int]) -> bytes:
 
 
 def images_of_glb(path: Path) -> list[bytes]:
-    content = path.read_bytes()
-    size = struct.unpack_from("<I", content, 12)[0]
-    document = json.loads(content[20 : 20 + size])
-    buffer = content[28 + size :]
+    document, buffer = glb_parts(path.read_bytes())
     views = [document["bufferViews"][image["bufferView"]] for image in document["images"]]
     return [buffer[v["byteOffset"] : v["byteOffset"] + v["byteLength"]] for v in views]
 

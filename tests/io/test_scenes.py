@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import copy
 import json
-import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from gltf_files import PNG, SQUARE_BUFFER, data_uri, document, glb
+from gltf_files import PNG, SQUARE_BUFFER, data_uri, document, glb, json_of
 from manip3d import FormatError, InputError, Mesh, io, read_mesh
 
 # root (moved up)      the square is shown by `left`, `right` (half as large) and `mirrored`
@@ -58,13 +57,6 @@ def written(path: Path, **changes: Any) -> Path:
     return path
 
 
-def json_of(path: Path) -> dict[str, Any]:
-    content = path.read_bytes()
-    size = struct.unpack_from("<I", content, 12)[0]
-    found: dict[str, Any] = json.loads(content[20 : 20 + size])
-    return found
-
-
 def test_each_mesh_is_read_once_and_nodes_say_where_it_is(tmp_path: Path) -> None:
     scene = io.read_scene(written(tmp_path / "scene.glb"))
     assert [node.name for node in scene.nodes] == ["root", "left", "right", "mirrored", "camera"]
@@ -102,7 +94,7 @@ def test_a_scene_is_written_as_it_was_read(suffix: str, tmp_path: Path) -> None:
     source = written(tmp_path / "scene.glb")
     copied = tmp_path / f"copy{suffix}"
     io.read_scene(source).write(copied)
-    found = json_of(copied) if suffix == ".glb" else json.loads(copied.read_text())
+    found = json_of(copied)
     for member in ("nodes", "scenes", "scene", "cameras", "extensions", "samplers", "textures"):
         assert found[member] == scene_document()[member], member
     assert found["materials"] == scene_document()["materials"]

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from command_line import manip3d
-from gltf_files import PNG
+from gltf_files import PNG, json_of
 from manip3d import InputError, Material, Mesh, Texture, io, read_mesh, simplify
 from manip3d.simplify import lod_chain, polygon_budget, qem4vr, share_budget
 from zoo import grid, sphere
@@ -28,13 +26,6 @@ def hills(columns: int = 20) -> Mesh:
         face_material=np.zeros(len(faces), np.int32),
         materials=[Material("grass", textures={"base_color": Texture(data=PNG)})],
     )
-
-
-def document_of(path: Path) -> dict[str, Any]:
-    content = path.read_bytes()
-    size = struct.unpack_from("<I", content, 12)[0]
-    document: dict[str, Any] = json.loads(content[20 : 20 + size])
-    return document
 
 
 def test_levels_equal_runs_of_their_own() -> None:
@@ -102,7 +93,7 @@ def test_bad_levels_are_refused(levels: int | list[int], ratio: float, message: 
 def test_one_glb_holds_all_levels(tmp_path: Path) -> None:
     chain = lod_chain(hills(), 3)
     chain.write(tmp_path / "hills.glb")
-    document = document_of(tmp_path / "hills.glb")
+    document = json_of(tmp_path / "hills.glb")
     node = document["nodes"][0]
     assert document["extensionsUsed"] == ["MSFT_lod"]
     assert document["scenes"] == [{"nodes": [0]}]
@@ -157,7 +148,7 @@ def test_a_folder_of_levels_is_replaced_only_where_nothing_else_is_in_it(tmp_pat
 def test_primitives_of_limited_size(most: int, tmp_path: Path) -> None:
     mesh = Mesh(*grid(300, 300)) if most == 65535 else hills()
     io.write_mesh(mesh, tmp_path / "mesh.glb", max_vertices=most)
-    document = document_of(tmp_path / "mesh.glb")
+    document = json_of(tmp_path / "mesh.glb")
     primitives = document["meshes"][0]["primitives"]
     assert len(primitives) > 1
     for primitive in primitives:
@@ -250,7 +241,7 @@ def test_the_command_writes_levels(tmp_path: Path) -> None:
     done = manip3d("lod", str(tmp_path / "hills.obj"), "-o", str(tmp_path / "out.glb"), "--json")
     assert done.returncode == 0
     assert [level["faces"] for level in json.loads(done.stdout)["levels"]] == [800, 400, 200, 100]
-    assert len(document_of(tmp_path / "out.glb")["meshes"]) == 4
+    assert len(json_of(tmp_path / "out.glb")["meshes"]) == 4
     done = manip3d(
         "lod", str(tmp_path / "hills.obj"), "-o", str(tmp_path / "levels"), "--levels", "2"
     )
@@ -289,7 +280,7 @@ def test_the_command_takes_many(tmp_path: Path) -> None:
     done = manip3d("lod", *both, "-o", tmp_path / "out", "--jobs", "1")
     assert done.returncode == 0
     for name in ("a.glb", "b.glb"):
-        assert len(document_of(tmp_path / "out" / name)["meshes"]) == 4
+        assert len(json_of(tmp_path / "out" / name)["meshes"]) == 4
 
 
 def test_a_budget_is_the_time_between_two_pictures_over_that_of_a_triangle() -> None:
