@@ -172,9 +172,9 @@ def test_top_level_names() -> None:
 @pytest.mark.parametrize(
     ("center", "size", "yaw", "message"),
     [
-        ((0, 0), (1, 1, 1), 0.0, "center: expected three numbers"),
-        ((0, 0, 0), 1.0, 0.0, "size: expected three numbers"),
-        (("a", "b", "c"), (1, 1, 1), 0.0, "center: expected three numbers"),
+        ((0, 0), (1, 1, 1), 0.0, "center: expected 3 values"),
+        ((0, 0, 0), 1.0, 0.0, "size: expected 3 values"),
+        (("a", "b", "c"), (1, 1, 1), 0.0, "center: expected 3 values"),
         ((0, np.nan, 0), (1, 1, 1), 0.0, "center: expected finite numbers"),
         ((0, 0, 0), (1, np.inf, 1), 0.0, "size: expected finite numbers"),
         ((0, 0, 0), (1, -1, 1), 0.0, "size: expected numbers >= 0"),

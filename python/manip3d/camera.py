@@ -84,18 +84,19 @@ class Intrinsics:
                 f"got {len(coefficients)}"
             )
         object.__setattr__(self, "distortion", coefficients)
+        if not isinstance(self.mirrored, bool | np.bool_):
+            raise InputError(f"intrinsics.mirrored: expected True or False, got {self.mirrored!r}")
         object.__setattr__(self, "mirrored", bool(self.mirrored))
         if self.rays is not None:
             rays = as_array(self.rays, "intrinsics.rays")
             if rays.dtype.kind not in "iuf":
                 raise InputError(f"intrinsics.rays: expected numbers, got dtype {rays.dtype}")
-            rays = np.ascontiguousarray(rays, np.float32)
             if rays.shape != (self.height, self.width, 2):
                 raise InputError(
                     f"intrinsics.rays: expected shape ({self.height}, {self.width}, 2), "
                     f"got {rays.shape}"
                 )
-            object.__setattr__(self, "rays", rays)
+            object.__setattr__(self, "rays", np.ascontiguousarray(rays, np.float32))
         _core.check_intrinsics(self)
 
     def __eq__(self, other: object) -> bool:
@@ -318,6 +319,8 @@ def _last_axis(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
 
 def _number(value: float, name: str) -> float:
     try:
+        if np.iscomplexobj(value):  # NumPy's would lose their imaginary part
+            raise TypeError
         return float(value)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}: expected a number, got {value!r}") from error

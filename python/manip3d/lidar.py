@@ -16,6 +16,7 @@ from manip3d import _core
 from manip3d._util.arrays import as_array, vector
 from manip3d._util.arrays import rows as as_rows
 from manip3d._util.callers import caller_level
+from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.showing import Showable
@@ -61,6 +62,7 @@ class ScanFormat:
         return moved
 
 
+@checked
 @dataclass(frozen=True)
 class Box:
     """A box around an object, upright and rotated about the vertical.
@@ -93,15 +95,11 @@ class Box:
 
     def __post_init__(self) -> None:
         for name, values in (("center", self.center), ("size", self.size)):
-            numbers = np.asarray(values)
-            if numbers.shape != (3,) or numbers.dtype.kind not in "iuf":
-                raise InputError(f"{name}: expected three numbers, got {values!r}")
-            if not np.isfinite(numbers).all():
+            if not np.isfinite(values).all():
                 raise InputError(f"{name}: expected finite numbers, got {values!r}")
         if not (np.asarray(self.size) >= 0).all():
             raise InputError(f"size: expected numbers >= 0, got {self.size!r}")
-        is_number = np.ndim(self.yaw) == 0 and np.asarray(self.yaw).dtype.kind in "iuf"
-        if not (is_number and math.isfinite(self.yaw)):
+        if not math.isfinite(self.yaw):
             raise InputError(f"yaw: expected a finite number, got {self.yaw!r}")
         object.__setattr__(self, "center", _three(self.center))  # also converts arrays
         object.__setattr__(self, "size", _three(self.size))
@@ -181,6 +179,13 @@ class LidarFrame(Showable):
     file_rows: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
+        for name, kind, words in (
+            ("source", str, "a text"),
+            ("format", ScanFormat | None, "a ScanFormat or None"),
+            ("num_dropped", int | np.integer, "a whole number"),
+        ):
+            if not isinstance(value := getattr(self, name), kind):
+                raise InputError(f"{name}: expected {words}, got {value!r}")
         convert = _near_points if self.exact is None else _points
         points = convert(self.points, "points")
         intensity = None if self.intensity is None else _column(self.intensity, "intensity")
@@ -190,7 +195,9 @@ class LidarFrame(Showable):
         ring = None if self.ring is None else _integers(as_array(self.ring, "ring"), "ring")
         fields = _fields(self.fields)
         rows = (
-            None if self.file_rows is None else _integers(np.asarray(self.file_rows), "file_rows")
+            None
+            if self.file_rows is None
+            else _integers(as_array(self.file_rows, "file_rows"), "file_rows")
         )
         columns = {"intensity": intensity, "exact": exact, "ring": ring, "file_rows": rows}
         for named in (columns, fields):  # a field may have the name of a column

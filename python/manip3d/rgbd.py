@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -200,7 +201,7 @@ class RgbdFrame(Showable):
             registration = self.calibration.registration
             color = registration.color if registration else camera
             _check_image("color", self.color, np.uint8, (color.height, color.width, 3))
-        if isinstance(self.skeletons, Skeleton) or not all(
+        if not isinstance(self.skeletons, Iterable) or not all(
             isinstance(skeleton, Skeleton) for skeleton in self.skeletons
         ):
             raise InputError(f"frame.skeletons: expected a tuple of them, got {self.skeletons!r}")

@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_origin
 
@@ -18,7 +18,7 @@ import pytest
 import capsule_body
 import kernels
 import manip3d
-from manip3d import capture
+from manip3d import authenticate, capture, diary, io, study, viewer
 
 WRONG: dict[str, object] = {
     "object": object(),
@@ -199,6 +199,30 @@ def test_objects_with_state(name: str) -> None:
     drive(kind, options)
     for method, arguments in methods.items():
         drive(lambda method=method, **given: getattr(kind(**options), method)(**given), arguments)
+
+
+VALUES = (
+    PERSON,
+    POSE,
+    PERSON.calibration,
+    capsule_body.SMALL,
+    manip3d.Registration(capsule_body.SMALL),
+    manip3d.LidarFrame(np.zeros((3, 3), np.float32)),
+    manip3d.lidar.Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+    authenticate.DensityParameters(),
+    authenticate.OcclusionParameters(),
+    authenticate.Disparity(np.ones((2, 2), np.float32)),
+    diary.MCGILL,
+    io.Motion(("hip",), (-1,), np.zeros((2, 1, 3)), 0.1),
+    study.SimulatedObserver(20.0),
+    viewer.DrawnPoints(np.zeros((3, 3), np.float32)),
+)
+"""Objects without a state, which are their arguments."""
+
+
+@pytest.mark.parametrize("value", VALUES, ids=lambda value: type(value).__name__)
+def test_objects_without_state(value: Any) -> None:
+    drive(type(value), {one.name: getattr(value, one.name) for one in fields(value)})
 
 
 OTHERS: dict[str, dict[str, Any]] = {

@@ -42,7 +42,10 @@ def as_array(values: ArrayLike, name: str) -> NDArray[Any]:
     """
     if masked := masked_elements(values):
         raise InputError(f"{name}: expected an array without masked elements, got {masked}")
-    array = np.asarray(values)
+    try:
+        array = np.asarray(values)
+    except (TypeError, ValueError) as error:  # for example rows of different lengths
+        raise InputError(f"{name}: expected an array, got {values!r}") from error
     return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 

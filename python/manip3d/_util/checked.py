@@ -42,6 +42,10 @@ def checked(function: _Checked) -> _Checked:
     Checked are annotations of numbers, strings, choices (``Literal``), paths, containers, classes,
     unions of these, ``ArrayLike`` (an array of numbers), and aliases. An argument whose annotation
     has any other part is not checked. NumPy's scalars are passed on as Python's numbers.
+
+    Every public function and class whose arguments may be wrong has this decorator. Exceptions are
+    the types of `manip3d.mesh`, ``camera``, ``rgbd`` and `LidarFrame`: they convert their arrays,
+    also lists and other dtypes, and check all arguments themselves.
     """
     if isinstance(function, type):
         for name, member in tuple(vars(function).items()):

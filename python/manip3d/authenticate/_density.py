@@ -34,6 +34,7 @@ USUAL = 0.05
 in this scan, and nothing is judged."""
 
 
+@checked
 @dataclass(frozen=True)
 class DensityParameters:
     """Parameters of `density_consistency`.

@@ -53,6 +53,7 @@ class AngularGrid:
     elevation_strength: float = 0.0
 
 
+@checked
 @dataclass(frozen=True)
 class OcclusionParameters:
     """Parameters of `occlusion_consistency`.

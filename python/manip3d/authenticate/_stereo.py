@@ -133,6 +133,7 @@ class StereoRig:
         )
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Disparity:
     """A disparity map of the left image.

@@ -66,6 +66,7 @@ class QuestionnaireScale:
     method: Method = "sum"
 
 
+@checked
 @dataclass(frozen=True)
 class Questionnaire:
     """A questionnaire: its questions, and the scales that are scored from the answers.

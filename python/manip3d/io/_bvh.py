@@ -33,6 +33,7 @@ _CHANNELS = {
 }
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Positions of the joints of a skeleton over time.
@@ -56,7 +57,7 @@ class Motion:
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
-    positions: Floats = field(repr=False)
+    positions: NDArray[np.float64] = field(repr=False)
     frame_s: float
 
     def __post_init__(self) -> None:

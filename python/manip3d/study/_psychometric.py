@@ -47,6 +47,7 @@ def weibull(difference: Floats, threshold: Floats, slope: Floats, lapse: Floats 
     return found
 
 
+@checked
 @dataclass(frozen=True)
 class SimulatedObserver:
     """An observer who notices differences in polygon counts by a known psychometric function.

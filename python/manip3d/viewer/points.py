@@ -14,12 +14,12 @@ from manip3d._util.checked import checked
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 from manip3d.lidar import Box
-from manip3d.viewer.scene import Direction, Pose, Rgb
+from manip3d.viewer.scene import Direction, Pose, Rgb, Up
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d.viewer.scene import Image, Points, Up
+    from manip3d.viewer.scene import Image, Points
 
     Bytes = NDArray[np.uint8]
 
@@ -217,6 +217,7 @@ class Lines:
     in_front: bool = False
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class DrawnPoints(Showable):
     """Points with colours, lines and camera poses, for `manip3d.viewer.view` and `picture`.
@@ -247,7 +248,7 @@ class DrawnPoints(Showable):
     """
 
     points: NDArray[Any]
-    columns: tuple[Column, ...] = ()
+    columns: tuple[Scale | Classes | Colors, ...] = ()
     lines: tuple[Lines, ...] = ()
     poses: tuple[Pose, ...] = ()
     up: Up = "z"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import texture_path
@@ -55,6 +56,7 @@ def rgb(color: str | Rgb) -> Rgb:
     return red, green, blue
 
 
+@checked
 @dataclass(frozen=True)
 class Style:
     """Options of a picture, which `manip3d.viewer.picture` describes."""
