@@ -357,32 +357,24 @@ def test_an_id_is_believed_while_nobody_else_wears_the_clothes() -> None:
     assert dressed(key, far, 0.2) == 1
 
 
-def test_a_jacket_that_is_put_on_is_learnt_while_nobody_is_near() -> None:
-    """Afterwards the patient comes back under a new id; with a visitor near, nothing is learnt."""
-    for visitor_at, comes_back_as in ((2.0, 5), (0.8, 6)):
-        key = KeyPerson()
-        visitor = person(2, visitor_at), REDDISH
-        assert dressed(key, [(person(1, 0.0), RED), visitor], 0.0) == 1
-        for k in range(1, 151):
-            assert dressed(key, [(person(1, 0.0), BLUE), visitor], k / 30) == 1
-        assert dressed(key, [], 5.4) is None
-        both = [(person(5, 0.2), BLUE), (person(6, -0.2), RED)]
-        assert dressed(key, both, 5.5) == comes_back_as
-
-
 def without_spine(skeleton: Skeleton) -> Skeleton:
     states = skeleton.states.copy()
     states[[JOINTS.index(name) for name in ("SpineBase", "SpineMid", "SpineShoulder", "Neck")]] = 0
     return replace(skeleton, states=states)
 
 
+@pytest.mark.parametrize("has_spine", [True, False])
 @pytest.mark.parametrize(("visitor_at", "comes_back_as"), [(2.0, 5), (0.8, 6)])
-def test_a_visitor_whose_spine_is_not_tracked_is_near_too(
-    visitor_at: float, comes_back_as: int
+def test_a_jacket_that_is_put_on_is_learnt_while_nobody_is_near(
+    visitor_at: float, comes_back_as: int, has_spine: bool
 ) -> None:
-    """Shoulders and hips tell how far the visitor stands from a jacket that would be learnt."""
+    """Afterwards the patient comes back under a new id; with a visitor near, nothing is learnt.
+
+    Without a spine, shoulders and hips tell how far the visitor stands.
+    """
     key = KeyPerson()
-    visitor = without_spine(person(2, visitor_at)), REDDISH
+    found = person(2, visitor_at)
+    visitor = found if has_spine else without_spine(found), REDDISH
     assert dressed(key, [(person(1, 0.0), RED), visitor], 0.0) == 1
     for k in range(1, 151):
         assert dressed(key, [(person(1, 0.0), BLUE), visitor], k / 30) == 1
