@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import hmac
 import math
@@ -898,26 +899,29 @@ def _with_exact(
     """Return the result after comparing float64 coordinates with the record."""
     if header is None or result.content != "intact":
         return result
+    tampered = functools.partial(replace, result, verdict="tampered", content="tampered")
+    unknown = functools.partial(replace, result, verdict="undecidable", content="unverifiable")
     if header["is_exact"]:
         if _matches_exact(frame):
             return result
-        reason = "the points in float32 are not those of the coordinates that were signed"
-        return replace(result, verdict="tampered", content="tampered", reason=reason)
-    exact = _exact_hash(frame)
-    has_exact = header["has_context"] and header["carrier"] == CARRIERS.index("sidecar")
-    if exact is None and not has_exact:
+        return tampered(
+            reason="the points in float32 are not those of the coordinates that were signed"
+        )
+    if header["has_context"] and header["carrier"] == CARRIERS.index("sidecar"):
+        if frame.exact is None:
+            return unknown(
+                reason="coordinates were signed in float64, of which the scan has the float32 part "
+                "only"
+            )
+        for binds_signs in (False, True):
+            exact = _exact_hash(frame, binds_signs=binds_signs) or b""
+            if hmac.compare_digest(header["context"], exact):
+                return result
+        return tampered(
+            reason="coordinates are not those that were signed, by less than float32 can tell"
+        )
+    if frame.exact is None or _are_decimals_of_float32(frame):
         return result
-    if exact is None:
-        reason = "coordinates were signed in float64, of which the scan has the float32 part only"
-    elif not has_exact and _are_decimals_of_float32(frame):
-        return result
-    elif not has_exact:
-        reason = "the scan's coordinates need float64, of which the float32 part only was signed"
-    elif hmac.compare_digest(header["context"], exact) or hmac.compare_digest(
-        header["context"], _exact_hash(frame, binds_signs=True) or b""
-    ):
-        return result
-    else:
-        reason = "coordinates are not those that were signed, by less than float32 can tell"
-        return replace(result, verdict="tampered", content="tampered", reason=reason)
-    return replace(result, verdict="undecidable", content="unverifiable", reason=reason)
+    return unknown(
+        reason="the scan's coordinates need float64, of which the float32 part only was signed"
+    )
