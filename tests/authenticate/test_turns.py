@@ -209,6 +209,16 @@ def with_far_point(points: np.ndarray) -> np.ndarray:
     return points
 
 
+def on_its_car(points: np.ndarray) -> np.ndarray:
+    """A whole frame, with returns from afar and from the car that carries the scanner."""
+    whole = with_far_point(points.copy())
+    reading = LATTICE.read(whole)
+    row = np.flatnonzero(reading.ring == 60)[:1]
+    near = scans.beam_points(LATTICE, reading.ring[row], reading.count[row], np.full(1, 1.8))
+    whole[row] = scans.rounded(near)
+    return whole[scans.in_file_order(LATTICE, whole)]
+
+
 def report_page(found: authenticate.Inspection, folder: Path) -> str:
     pytest.importorskip("matplotlib")
     write_evidence(found, folder / "evidence.html")
@@ -243,15 +253,6 @@ def test_what_was_removed_is_missed_in_the_lasers_that_a_file_has(
 ) -> None:
     def less(points: np.ndarray) -> np.ndarray:
         return points[~np.isin(LATTICE.read(points).ring, lacking)]
-
-    def on_its_car(points: np.ndarray) -> np.ndarray:
-        """With a return from the car that carries the scanner, so that nothing near is missed."""
-        whole = with_far_point(points.copy())
-        reading = LATTICE.read(whole)
-        row = np.flatnonzero(reading.ring == 60)[:1]
-        near = scans.beam_points(LATTICE, reading.ring[row], reading.count[row], np.full(1, 1.8))
-        whole[row] = scans.rounded(near)
-        return whole[scans.in_file_order(LATTICE, whole)]
 
     before, now, after = map(on_its_car, turns)
     if is_whole_drive:
@@ -419,16 +420,6 @@ def test_a_drive_looks_closer_at_turns_beside_one_that_was_cut(
     turns: list[np.ndarray], monkeypatch: pytest.MonkeyPatch, threads: int
 ) -> None:
     """By the own inspection of that one; where all are whole it costs nothing."""
-
-    def on_its_car(points: np.ndarray) -> np.ndarray:
-        """A whole frame, with a return from afar and some of the scanner's own car."""
-        whole = with_far_point(points.copy())
-        reading = LATTICE.read(whole)
-        row = np.flatnonzero(reading.ring == 60)[:1]
-        near = scans.beam_points(LATTICE, reading.ring[row], reading.count[row], np.full(1, 1.8))
-        whole[row] = scans.rounded(near)
-        return whole[scans.in_file_order(LATTICE, whole)]
-
     more = [turn_scans.turn(STEP * k, 10 + k) for k in (2, 3)]
     drive = [LidarFrame(on_its_car(turn), origin=(0, 0, 0)) for turn in (*turns, *more)]
     asked = []

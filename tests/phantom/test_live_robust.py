@@ -22,7 +22,7 @@ import pytest
 import capsule_body
 import rgbd_frames
 from manip3d import DeviceError, FormatError, InputError, capture
-from manip3d.phantom import _live, run_live
+from manip3d.phantom import LiveReport, _live, run_live
 from manip3d.rgbd import RgbdFrame
 from manip3d.viewer.page import BUNDLE
 
@@ -35,6 +35,23 @@ from live_player import Player
 def _bundle() -> None:
     if not (BUNDLE.parent / "live.js").exists():
         pytest.skip("the page is not built: make setup")
+
+
+def played(opened: threading.Event) -> tuple[LiveReport, Player]:
+    """Run a session that a page joins, which sets ``opened``; the page is closed afterwards."""
+    players: list[Player] = []
+
+    def on_start(url: str, made: object) -> None:
+        def join() -> None:
+            players.append(Player(url))
+            opened.set()
+
+        threading.Thread(target=join, daemon=True).start()
+
+    report = run_live("openni2:", affected="right_arm", seconds=60.0, on_start=on_start)
+    (player,) = players
+    player.close()
+    return report, player
 
 
 class PulledCamera:
@@ -88,19 +105,8 @@ def test_a_camera_that_is_pulled_out_is_waited_for(monkeypatch: pytest.MonkeyPat
     camera, opened = Camera(), threading.Event()
     monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: camera)
     monkeypatch.setattr(_live, "_AGAIN_S", 0.05)
-    players: list[Player] = []
-
-    def on_start(url: str, made: object) -> None:
-        def join() -> None:
-            players.append(Player(url))
-            opened.set()
-
-        threading.Thread(target=join, daemon=True).start()
-
-    report = run_live("openni2:", affected="right_arm", seconds=60.0, on_start=on_start)
+    report, player = played(opened)
     assert opened.is_set()
-    (player,) = players
-    player.close()
     assert (camera.gone, camera.starts) == (2, 6)
     gone = "The camera is gone: check its cable."
     told = player.messages
@@ -129,17 +135,7 @@ def test_the_latency_counts_from_the_grab(monkeypatch: pytest.MonkeyPatch) -> No
 
     opened = threading.Event()
     monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: Late())
-    players: list[Player] = []
-
-    def on_start(url: str, made: object) -> None:
-        def join() -> None:
-            players.append(Player(url))
-            opened.set()
-
-        threading.Thread(target=join, daemon=True).start()
-
-    report = run_live("openni2:", affected="right_arm", seconds=60.0, on_start=on_start)
-    players[0].close()
+    report, _ = played(opened)
     (client,) = report.clients
     assert client["round_trip_ms"][0] >= 500.0
 
