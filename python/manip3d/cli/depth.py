@@ -89,7 +89,7 @@ _OPTIONS = ("intrinsics", "unit", "variant", "effort", "by-distance", "move-poin
 def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
     """One unit for all depth images, and the colour image, mask and confidence of each frame."""
     from manip3d import simplify
-    from manip3d.simplify._depth_files import common_guess
+    from manip3d.simplify._depth_sets import common_guess
 
     with naming_options("unit"):
         may_be_8_bits = fits_8_bits(options["unit"])
@@ -135,7 +135,7 @@ def _sentence_of_all(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _expect_camera(names: list[str], intrinsics: str) -> None:
     """Raise InputError if no camera is given, unless a file is a scan, which needs none."""
-    from manip3d.simplify._depth_files import expect_camera
+    from manip3d.simplify._depth_inputs import expect_camera
 
     if names and not any(scan_suffix(name) in _SCANS for name in names):
         with naming_options("intrinsics"):
@@ -692,7 +692,7 @@ def _not_covered(result: DepthFileResult, so_few: str) -> str:
 
 
 def _sparse(result: DepthFileResult | JointFileResult) -> str:
-    from manip3d.simplify._depth_files import SPARSE_WORDS
+    from manip3d.simplify._depth_options import SPARSE_WORDS
 
     return f"; {SPARSE_WORDS}" if result.is_sparse else ""
 

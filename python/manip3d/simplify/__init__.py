@@ -1,12 +1,8 @@
 """Simplification of meshes, depth images and range scans: fewer points and faces, same shape."""
 
 from manip3d.simplify._camera_files import JointFileResult, simplify_camera_files
-from manip3d.simplify._cameras import (
-    CameraView,
-    JointSimplification,
-    cs3_cameras,
-    relief_cameras,
-)
+from manip3d.simplify._camera_views import CameraView
+from manip3d.simplify._cameras import JointSimplification, cs3_cameras, relief_cameras
 from manip3d.simplify._collapse import (
     METHODS,
     Boundary,
@@ -40,16 +36,10 @@ from manip3d.simplify._depth import (
     dense_mesh_grid,
     grid_delaunay,
 )
-from manip3d.simplify._depth_files import (
-    DepthFileResult,
-    DepthMethod,
-    DepthOptions,
-    colors_of_frames,
-    common_depth_unit,
-    simplify_depth,
-    simplify_depth_file,
-)
+from manip3d.simplify._depth_files import simplify_depth, simplify_depth_file
+from manip3d.simplify._depth_options import DepthFileResult, DepthMethod, DepthOptions
 from manip3d.simplify._depth_sequence import DepthSequence
+from manip3d.simplify._depth_sets import colors_of_frames, common_depth_unit
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._lod import (
     LodChain,

@@ -19,8 +19,8 @@ from manip3d.camera import read_intrinsics
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, read_range_grid, write_mesh
 from manip3d.io._images import read_color
+from manip3d.simplify._camera_views import CameraView
 from manip3d.simplify._cameras import (
-    CameraView,
     Join,
     JointSimplification,
     Report,
@@ -28,19 +28,17 @@ from manip3d.simplify._cameras import (
     relief_joiner,
     silent,
 )
-from manip3d.simplify._depth_files import (
+from manip3d.simplify._depth_files import writes_y_up, y_points_up
+from manip3d.simplify._depth_inputs import expect_camera, read_frame
+from manip3d.simplify._depth_options import (
     SPARSE_WORDS,
     DepthOptions,
-    Measured,
-    common_guess,
-    expect_camera,
     expect_options_of_scan,
     is_sparse,
-    read_frame,
-    writes_y_up,
-    y_points_up,
 )
+from manip3d.simplify._depth_sets import common_guess
 from manip3d.simplify._depth_words import COMMON_GUESS, DepthFound, sentence_of_images
+from manip3d.simplify._depth_writing import Measured
 from manip3d.simplify._organised import (
     far_origin,
     find_camera,

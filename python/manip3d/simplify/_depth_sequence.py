@@ -11,16 +11,10 @@ from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, read_range_grid
-from manip3d.simplify._depth_files import (
-    DepthFileResult,
-    DepthOptions,
-    LastFile,
-    Maps,
-    Taken,
-    from_cloud,
-    from_image,
-    read_maps,
-)
+from manip3d.simplify._depth_files import Taken, from_cloud, from_image
+from manip3d.simplify._depth_inputs import Maps, read_maps
+from manip3d.simplify._depth_options import DepthFileResult, DepthOptions
+from manip3d.simplify._depth_writing import LastFile
 from manip3d.simplify._organised import find_camera, is_cloud_file
 from manip3d.simplify._relief import ReliefStream
 

@@ -13,13 +13,9 @@ from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.rgbd import RgbdFrame
-from manip3d.simplify._depth_files import (
-    DepthFileResult,
-    DepthOptions,
-    Maps,
-    frame_alone,
-    from_depth,
-)
+from manip3d.simplify._depth_files import frame_alone, from_depth
+from manip3d.simplify._depth_inputs import Maps
+from manip3d.simplify._depth_options import DepthFileResult, DepthOptions
 from manip3d.simplify._depth_sequence import Smoothing
 
 if TYPE_CHECKING:

@@ -1,0 +1,110 @@
+"""Reading of a depth image, the images beside it, and its camera."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d._util.paths import path_of
+from manip3d.camera import CAMERA_PRESETS, CAMERA_SUFFIXES, camera_depth_unit
+from manip3d.errors import InputError
+from manip3d.io import DepthReading, read_depth_guessing, read_pixel_map
+from manip3d.io._images import read_color
+from manip3d.simplify._depth_options import DepthOptions, check_confidence
+from manip3d.simplify._depth_words import COMMON_GUESS
+from manip3d.simplify._pixel_maps import confidence_of_levels
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.camera import Registration
+
+
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """Colours, mask and confidences that belong to a depth image."""
+
+    color: NDArray[np.uint8] | None
+    mask: NDArray[np.bool_] | None = None
+    confidence: NDArray[Any] | None = None
+    registration: Registration | None = None  # None: the colour image has the depth image's pixels
+
+
+def read_maps(
+    options: DepthOptions,
+    color: str | os.PathLike[str] | None,
+    mask: str | os.PathLike[str] | None,
+    confidence: str | os.PathLike[str] | None,
+    confidence_max: int | None,
+) -> Maps:
+    check_confidence(options, confidence is not None)
+    if confidence_max is not None and confidence is None:
+        raise InputError("confidence_max: can only be given with confidence")
+    return Maps(
+        None if color is None else read_color(path_of(color, "color")),
+        None if mask is None else np.nan_to_num(read_pixel_map(path_of(mask, "mask"))) != 0,
+        None if confidence is None else _read_confidence(confidence, confidence_max),
+    )
+
+
+def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArray[Any]:
+    found = read_pixel_map(path_of(path, "confidence"))
+    if found.dtype.kind == "f":
+        if highest is not None:
+            raise InputError(
+                "confidence_max: can only be given with whole numbers, got floats in the file"
+            )
+        return found
+    levels = found.astype(np.uint8) if found.dtype == np.bool_ else found
+    if highest is None:
+        highest = 1 if found.dtype == np.bool_ else 2 ** (8 * levels.dtype.itemsize) - 1
+    if highest < 1:
+        raise InputError(f"confidence_max: expected at least 1, got {highest}")
+    if levels.max() > highest:
+        raise InputError(f"confidence_max: expected at least {levels.max()}, got {highest}")
+    return confidence_of_levels(levels, highest)
+
+
+_CAMERAS_BESIDE = (
+    "calib.txt", "camera-intrinsics.txt", "intrinsic_depth.txt", "intrinsics.txt", "cameras.txt",
+    "camera.xml", "camera.yaml", "camera.yml", "camera_info.yaml", "camera.json", "intrinsics.json",
+)  # fmt: skip
+
+
+def expect_camera(intrinsics: str, image: Path) -> None:
+    if intrinsics:
+        return
+    folders = (image.parent, image.absolute().parent.parent)
+    near = (folder / name for folder in folders for name in _CAMERAS_BESIDE)
+    beside = [str(path) for path in near if path.is_file()]
+    raise InputError(
+        f"intrinsics: expected the camera of the depth image: fx,fy,cx,cy, a file "
+        f"({', '.join(CAMERA_SUFFIXES)}) or one of {', '.join(CAMERA_PRESETS)}, got none"
+        + (f"; {beside[0]} may be it" if beside else "")
+    )
+
+
+def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, str]:
+    """Read a depth image; describe its unit in words, and state a reason to doubt it, or none.
+
+    The unit of the camera preset, if it has one, overrides the guess.
+    """
+    reading = read_depth_guessing(path, unit=options.unit.removeprefix(COMMON_GUESS))
+    if options.unit.startswith(COMMON_GUESS):
+        reading = replace(reading, guessed=True, reason="most of the images look like it")
+        return reading, reading.sentence, reading.doubt
+    unit = camera_depth_unit(options.intrinsics) if reading.guessed else "guess"
+    of_stereo = unit.startswith("disparity:")
+    if unit == "guess" or (reading.unit == "m" and not of_stereo):
+        return reading, reading.sentence, reading.doubt
+    known = read_depth_guessing(path, unit=unit)
+    words = f"{known.sentence}, as intrinsics {options.intrinsics} has it"
+    doubt = known.doubt
+    if known.unit != reading.unit and not of_stereo:
+        doubt = f"the numbers look like {reading.unit}: {reading.reason}"
+        words += f"; but {doubt}"
+    return known, words, doubt
