@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <numbers>
 
+#include "geometry/always_inline.hpp"
 #include "manip3d/geometry/angles.hpp"
 
 namespace manip3d {
@@ -60,11 +61,13 @@ struct Direction {
   float range, rho, azimuth, elevation;
 };
 
-/// Calls visit(i, direction) for the points [begin, end).
+/// Calls visit(i, direction) for the points [begin, end). Inlined, so that what `visit` captures is
+/// not loaded again for each point.
 /// @param xyz  rows of three of all points; see Directions::compute().
 template <typename Visit>
-void for_each_direction(const float* xyz, std::int64_t stride, std::int64_t begin, std::int64_t end,
-                        const Eigen::Vector3d& origin, const Visit& visit) {
+MANIP3D_INLINE void for_each_direction(const float* xyz, std::int64_t stride, std::int64_t begin,
+                                       std::int64_t end, const Eigen::Vector3d& origin,
+                                       const Visit& visit) {
   Directions block;
   for (std::int64_t i = begin; i < end; i += Directions::kBlock) {
     const std::int64_t size = std::min(Directions::kBlock, end - i);
