@@ -74,6 +74,37 @@ def test_offsets_at_one_distance_only(tmp_path: Path) -> None:
     assert made.azimuth_offset[0] == pytest.approx(-np.degrees(0.1))
 
 
+FLAG = "two_pt_correction_available"
+FAR = "rot_correction: 0.1, vert_correction: 0, dist_correction: 1.2"
+NEAR = "dist_correction_x: 1.1, dist_correction_y: 1.3"
+
+
+@pytest.mark.parametrize(
+    ("laser", "two_points"),
+    [
+        (f"{FAR}, {NEAR}, two_pt_correction_available: false", False),
+        (f"{FAR}, {NEAR}, two_pt_correction_available: true", True),
+        (f"{FAR}, {NEAR}, two_pt_correction_available: 1", True),
+        (f"{FAR}, {NEAR}", True),
+        (f"{FAR}, dist_correction_x: 0.0, dist_correction_y: 0.0", False),
+        (f"{FAR}, dist_correction_x: 1.1, dist_correction_y: 0.0", False),
+        (f"{FAR}, dist_correction_x: 1.1", False),
+        (f"{FAR}, two_pt_correction_available: false", False),
+    ],
+)
+def test_lasers_with_offsets_at_two_distances(tmp_path: Path, laser: str, two_points: bool) -> None:
+    text = f"lasers: [{{laser_id: 0, {laser}}}, {{laser_id: 1, {FAR}}}]"
+    (tmp_path / "c.yaml").write_text(text)
+    made = read_velodyne_calibration(tmp_path / "c.yaml")
+    assert made.two_points.tolist() == [two_points, False]
+    assert made.two_points.dtype == np.bool_
+
+
+def test_a_db_xml_of_zeros_has_offsets_at_one_distance(tmp_path: Path) -> None:
+    (tmp_path / "db.xml").write_text(db_xml(hdl64e_calibration(two_points=False)))
+    assert not read_velodyne_calibration(tmp_path / "db.xml").two_points.any()
+
+
 BOMB = (
     '<!DOCTYPE a [<!ENTITY b "'
     + "x" * 1000
@@ -102,6 +133,9 @@ LASER = "{laser_id: 0, rot_correction: 0, vert_correction: 0, dist_correction: 0
         ("a.yaml", "lasers: [{laser_id: 0}]", "a laser without vert_correction"),
         ("a.yaml", "lasers: [{laser_id: .inf}]", "expected a finite number"),
         ("a.yaml", "lasers: 5", "expected a list of lasers"),
+        ("a.yaml", f"lasers: [{{laser_id: 0, {FAR}, {FLAG}: maybe}}]", "expected true or false"),
+        ("a.yaml", f"lasers: [{{laser_id: 0, {FAR}, {FLAG}: [1]}}]", "expected true or false"),
+        ("a.yaml", f"lasers: [{{laser_id: 0, {FAR}, {FLAG}: true}}]", "without dist_correction_x"),
         ("a.yaml", "!!python/object/apply:os.system [ls]", "not YAML"),
         ("a.yaml", "a: b: c", "not YAML"),
         ("a.yaml", "a: !!bool x", "not YAML"),

@@ -35,6 +35,7 @@ _NAMES = (
     ("horizontal_offset", "horizOffsetCorrection_", "horiz_offset_correction"),
 )
 _ANGLES = ("elevation", "azimuth_offset")
+_FLAG = "two_pt_correction_available"  # in YAML only
 _OPTIONAL = ("range_offset_x", "range_offset_y", "vertical_offset", "horizontal_offset")
 
 
@@ -95,12 +96,16 @@ def read_velodyne_calibration(path: str | os.PathLike[str]) -> VelodyneCalibrati
     Returns
     -------
     VelodyneCalibration
-        Directions, offsets and corrections of each laser, in metres and degrees.
+        Directions, offsets and corrections of each laser, in metres and degrees. ``two_points`` is
+        the laser's ``two_pt_correction_available`` in YAML. Where that is not stated, it is true if
+        the offsets at the nearer distance along x and along y are both there and not 0, as in the
+        program that writes ROS's YAML files: files for lasers without these offsets hold zeros.
 
     Raises
     ------
     FormatError
-        The file is damaged or hostile (entities are refused), or a laser is missing.
+        The file is damaged or hostile (entities are refused), or a laser is missing; a laser with
+        ``two_pt_correction_available`` has no offsets at the nearer distance.
     MissingExtraError
         PyYAML is not installed and the file is YAML: ``pip install 'manip3d[velodyne]'``.
 
@@ -182,10 +187,26 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     by_id = _by_id(
         [(_finite(item.get("laser_id"), "laser_id", path), item) for item in lasers], path
     )
-    table = _table([by_id[i] for i in range(len(by_id))], number, 2, path)
+    in_order = [by_id[i] for i in range(len(by_id))]
+    table = _table(in_order, number, 2, path)
+    for i, laser in enumerate(in_order):
+        if _FLAG in laser:
+            table["two_points"][i] = _flag(laser, path)
     for name in _ANGLES:
         table[name] = np.degrees(table[name])
     return table | {"range_unit": _finite(data.get("distance_resolution", 0.002), "unit", path)}
+
+
+def _flag(laser: Mapping[str, Any], path: Path) -> bool:
+    """Return whether a laser's YAML says that its range offset was measured at two distances."""
+    value = laser[_FLAG]
+    if value not in (True, False):  # also 0 and 1
+        raise FormatError(f"{_FLAG}: expected true or false, got {value!r:.40}", file=str(path))
+    if value and not {"dist_correction_x", "dist_correction_y"} <= laser.keys():
+        raise FormatError(
+            f"a laser with {_FLAG}, without dist_correction_x and dist_correction_y", file=str(path)
+        )
+    return bool(value)
 
 
 def _by_id(items: list[tuple[float, Any]], path: Path) -> dict[int, Any]:
@@ -207,7 +228,6 @@ def _table(
         if names[0] not in _OPTIONAL and None in values:
             raise FormatError(f"a laser without {names[column]}", file=str(path))
         table[names[0]] = np.array([0.0 if v is None else v for v in values])
-        if names[0] == "range_offset_x":
-            table["two_points"] = np.array([v is not None for v in values])
+    table["two_points"] = (table["range_offset_x"] != 0.0) & (table["range_offset_y"] != 0.0)
     table["azimuth_offset"] = -table["azimuth_offset"]
     return table
