@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import struct
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
@@ -11,7 +12,7 @@ import numpy as np
 from manip3d.capture import VelodyneCalibration
 
 UPPER, LOWER = 0xEEFF, 0xDDFF
-PRODUCT = {"hdl32e": 0x21, "vlp16": 0x22, "vlp32c": 0x28}
+PRODUCT = {"hdl32e": 0x21, "vlp16": 0x22, "vlp16-hires": 0x24, "vlp32c": 0x28}
 STRONGEST, LAST, DUAL = 0x37, 0x38, 0x39
 
 Block = tuple[int, int, Sequence[tuple[int, int]]]
@@ -34,17 +35,25 @@ def packet(
     return data + struct.pack("<IBB", time_us, mode, product)
 
 
-def udp_frame(payload: bytes, *, port: int = 2368, protocol: int = 17, fragment: int = 0) -> bytes:
+def udp_frame(
+    payload: bytes,
+    *,
+    port: int = 2368,
+    protocol: int = 17,
+    fragment: int = 0,
+    sender: str = "127.0.0.1",
+) -> bytes:
     """An IPv4 packet with a UDP datagram."""
     length = 20 + 8 + len(payload)
     ip = struct.pack(">BBHHHBBH4s4s", 0x45, 0, length, 1, fragment, 64, protocol, 0,
-                     b"\x7f\0\0\1", b"\x7f\0\0\1")  # fmt: skip
+                     socket.inet_aton(sender), b"\x7f\0\0\1")  # fmt: skip
     return ip + struct.pack(">HHHH", 1, port, 8 + len(payload), 0) + payload
 
 
-def udp6_frame(payload: bytes, *, port: int = 2368) -> bytes:
+def udp6_frame(payload: bytes, *, port: int = 2368, sender: str = "::") -> bytes:
     length = 8 + len(payload)
-    header = struct.pack(">IHBB", 0x60000000, length, 17, 64) + bytes(32)
+    addresses = socket.inet_pton(socket.AF_INET6, sender) + bytes(16)
+    header = struct.pack(">IHBB", 0x60000000, length, 17, 64) + addresses
     return header + struct.pack(">HHHH", 1, port, length, 0) + payload
 
 
@@ -74,10 +83,12 @@ def pcapng(
     order: str = "<",
     tick: int = 6,
     start: Fraction = Fraction(1000),
+    simple: bool = False,
 ) -> bytes:
     """A pcapng file: a section, an interface, and an enhanced block per frame, 0.25 s apart.
 
-    ``tick`` is the interface's if_tsresol: a power of ten, or of two where 128 is added.
+    Simple blocks have no time. ``tick`` is the interface's if_tsresol: a power of ten, or of two
+    where 128 is added.
     """
 
     def ng_block(kind: int, body: bytes) -> bytes:
@@ -93,7 +104,8 @@ def pcapng(
         head = struct.pack(
             order + "IIIII", 0, ticks >> 32, ticks & 0xFFFFFFFF, len(frame), len(frame)
         )
-        data.append(ng_block(6, head + frame + bytes(-len(frame) % 4)))
+        kind, head = (3, struct.pack(order + "I", len(frame))) if simple else (6, head)
+        data.append(ng_block(kind, head + frame + bytes(-len(frame) % 4)))
     return b"".join(data)
 
 
@@ -147,6 +159,43 @@ def ray_points(
             if axis == 1:
                 points[:, 2] = moved[:, 2]
     return np.stack([points[:, 1], -points[:, 0], points[:, 2]], axis=-1)
+
+
+def vls128_packets(count: int) -> list[bytes]:
+    """Packets of a VLS-128: blocks of 4 x 32 lasers, one column after the other."""
+    flags = (UPPER, LOWER, 0xCCFF, 0xBBFF)
+    return [
+        packet(
+            [block(60 * i + 20 * (b // 4), [2000] * 32, flag=flags[b % 4]) for b in range(12)],
+            product=0xA1,
+            time_us=160 * i,
+        )
+        for i in range(count)
+    ]
+
+
+def seen_turns(
+    low: float, high: float, *, turns: int = 6, hertz: int = 10, has_times: bool = True
+) -> list[bytes]:
+    """Packets of a VLP-16 whose field of view is ``low`` to ``high`` degrees, beyond 0 if larger.
+
+    Turns begin at 0 degrees. As in the sensor, a packet holds the next twelve blocks that are seen,
+    and the time of the first of them.
+    """
+    column_us = 110.592
+    step = 36e-3 * column_us * hertz  # 0.01 degrees per column
+    columns = np.arange(int(36000 * turns / step))
+    azimuths = columns * step % 36000
+    inside = (azimuths >= 100 * low) & (azimuths <= 100 * high)
+    if low > high:
+        inside = (azimuths >= 100 * low) | (azimuths <= 100 * high)
+    seen = columns[inside]
+    packets = []
+    for i in range(0, len(seen) - 11, 12):
+        blocks = [block(int(azimuths[c]), [1000] * 32) for c in seen[i : i + 12]]
+        time_us = round(seen[i] * column_us) if has_times else 0
+        packets.append(packet(blocks, product=PRODUCT["vlp16"], time_us=time_us))
+    return packets
 
 
 def whole_recording(model: str) -> bytes:

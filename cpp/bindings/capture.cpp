@@ -1,9 +1,11 @@
+#include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
 #include <chrono>
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "exclusive.hpp"
@@ -34,7 +36,8 @@ std::optional<VelodyneModel> to_model(const std::string& name) {
   if (name.empty()) return std::nullopt;
   const auto model = velodyne_model_of_name(name);
   if (!model) {
-    throw InputError("model: expected hdl64e, hdl32e, vlp16 or vlp32c, got '" + name + "'");
+    throw InputError("model: expected hdl64e, hdl32e, vlp16, vlp16-hires or vlp32c, got '" + name +
+                     "'");
   }
   return model;
 }
@@ -111,19 +114,21 @@ void bind_capture(py::module_& m) {
            py::arg("max_range"));
   py::class_<Exclusive<VelodynePcapSource>>(m, "VelodynePcapSource")
       .def(py::init([](const py::bytes& path, const VelodyneOptions& options, int port,
-                       std::uint64_t max_bytes) {
+                       std::uint64_t max_bytes, const py::bytes& sensor) {
+             const auto chosen = to_c_text(sensor, "sensor");
              const auto file = to_path(path, "path");
              const auto wanted =
                  port < 0 ? std::nullopt : std::optional(static_cast<std::uint16_t>(port));
              const py::gil_scoped_release nogil;
              return std::make_unique<Exclusive<VelodynePcapSource>>(file, options, wanted,
-                                                                    max_bytes);
+                                                                    max_bytes, chosen);
            }),
-           py::arg("path"), py::arg("options"), py::arg("port"), py::arg("max_bytes"))
+           py::arg("path"), py::arg("options"), py::arg("port"), py::arg("max_bytes"),
+           py::arg("sensor"))
       .def("read", &read_frame<VelodynePcapSource>, py::arg("timeout_ms"))
       .def("counters", [](Exclusive<VelodynePcapSource>& self) {
-        const auto [decoded, c] = self.with([](const VelodynePcapSource& source) {
-          return std::pair(source.counters(), source.file_counters());
+        const auto [decoded, c, others] = self.with([](const VelodynePcapSource& source) {
+          return std::tuple(source.counters(), source.file_counters(), source.other_sender());
         });
         Counts fields = to_counts(decoded);
         fields["file_packets"] = c.packets;
@@ -131,6 +136,7 @@ void bind_capture(py::module_& m) {
         fields["file_other"] = c.other;
         fields["file_fragments"] = c.fragments;
         fields["file_cut_short"] = c.cut_short;
+        fields["other_sender"] = others;
         return fields;
       });
   py::class_<Exclusive<VelodyneUdpSource>>(m, "VelodyneUdpSource")
@@ -156,13 +162,15 @@ void bind_capture(py::module_& m) {
       .def("port", [](Exclusive<VelodyneUdpSource>& self) { return self.shared().port(); })
       .def("read", &read_frame<VelodyneUdpSource>, py::arg("timeout_ms"))
       .def("counters", [](Exclusive<VelodyneUdpSource>& self) {
-        Counts fields =
-            to_counts(self.with([](const VelodyneUdpSource& source) { return source.counters(); }));
+        const auto [decoded, others] = self.with([](const VelodyneUdpSource& source) {
+          return std::pair(source.counters(), source.other_sender());
+        });
+        Counts fields = to_counts(decoded);
         const UdpCounters c = self.shared().udp_counters();
         fields["udp_packets"] = c.packets;
         fields["udp_dropped"] = c.dropped;
         fields["udp_dropped_kernel"] = c.dropped_kernel;
-        fields["udp_other_sender"] = c.other_sender;
+        fields["udp_other_sender"] = c.other_sender + others;
         fields["udp_too_long"] = c.too_long;
         return fields;
       });

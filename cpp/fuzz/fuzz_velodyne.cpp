@@ -56,7 +56,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       decoder.decode(std::as_bytes(std::span(data + at, length)), 0);
       take_all();
     }
-  } catch (const manip3d::InputError&) {  // the calibration has lasers of another model
+  } catch (const manip3d::InputError&) {   // the calibration has lasers of another model
+  } catch (const manip3d::FormatError&) {  // the first packet is a VLS-128's
   }
   decoder.flush();
   take_all();

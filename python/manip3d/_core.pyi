@@ -1167,6 +1167,7 @@ class VelodynePcapSource:
         options: VelodyneOptions,
         port: typing.SupportsInt | typing.SupportsIndex,
         max_bytes: typing.SupportsInt | typing.SupportsIndex,
+        sensor: bytes,
     ) -> None: ...
     def counters(self) -> dict[str, int]: ...
     def read(

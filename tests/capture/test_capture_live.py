@@ -81,8 +81,9 @@ def test_nothing_is_lost_at_the_rate_of_an_hdl64e() -> None:
     assert abs(middle.time_ns / 1e9 - time.time()) < 3600
 
 
-def send(port: int, *payloads: bytes) -> None:
+def send(port: int, *payloads: bytes, sender: str = "127.0.0.1") -> None:
     with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as out:
+        out.bind((sender, 0))
         for payload in payloads:
             out.sendto(payload, ("127.0.0.1", port))
 
@@ -127,6 +128,22 @@ def test_other_senders_are_ignored() -> None:
         wait_for(source, "udp_other_sender", 1)
         assert source.counters["udp_other_sender"] == 1
         assert source.counters["udp_packets"] == 0
+
+
+def test_two_live_sensors_are_not_mixed() -> None:
+    """The first that sends data is read; a stray packet before it does not count."""
+    with capture.open("velodyne:0") as source:
+        send(source.port, b"noise", sender="127.0.0.3")
+        for i in range(6):
+            send(source.port, vlp16(480 * i), sender="127.0.0.1")
+            send(source.port, vlp16(18000 + 480 * i), sender="127.0.0.2")
+        wait_for(source, "udp_other_sender", 6)
+        source.stop()
+        (frame,) = list(source)
+    assert frame.num_points == 6 * 384
+    assert frame.fields["azimuth"].max() < 30.0
+    assert source.counters["udp_other_sender"] == 6
+    assert source.counters["backward_azimuth"] == 0
 
 
 def test_addresses() -> None:

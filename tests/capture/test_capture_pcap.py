@@ -3,24 +3,37 @@
 from __future__ import annotations
 
 import lzma
+import re
 import struct
 from fractions import Fraction
 from pathlib import Path
 
 import pytest
 
+from command_line import manip3d
 from manip3d import FormatError, InputError, capture
-from velodyne_packets import block, ethernet, packet, pcap, pcapng, udp6_frame, udp_frame
+from velodyne_packets import (
+    block,
+    ethernet,
+    packet,
+    pcap,
+    pcapng,
+    seen_turns,
+    udp6_frame,
+    udp_frame,
+)
 
 PAYLOAD = packet([block(20 * b, [1000] * 32) for b in range(12)])
 UDP = udp_frame(PAYLOAD)
 
 
-def read(tmp_path: Path, data: bytes, name: str = "p.pcap") -> tuple[list[int], dict[str, int]]:
+def read(
+    tmp_path: Path, data: bytes, name: str = "p.pcap"
+) -> tuple[list[int | None], dict[str, int]]:
     path = tmp_path / name
     path.write_bytes(data)
     source = capture.open(f"pcap:{path}")
-    times = [frame.time_ns or 0 for frame in source]
+    times = [frame.time_ns for frame in source]
     return times, source.counters
 
 
@@ -73,7 +86,18 @@ def test_pcapng_clocks(tmp_path: Path, order: str, tick: int) -> None:
 
 @pytest.mark.parametrize("tick", [20, 127, 128 + 64, 255])
 def test_a_clock_that_ticks_too_often_for_64_bits_tells_no_time(tmp_path: Path, tick: int) -> None:
-    assert read(tmp_path, pcapng([ethernet(UDP)] * 2, tick=tick))[0] == [0]
+    assert read(tmp_path, pcapng([ethernet(UDP)] * 2, tick=tick))[0] == [None]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_simple_blocks_have_no_time(tmp_path: Path, order: str) -> None:
+    data = pcapng([ethernet(UDP)] * 2, order=order, simple=True)
+    times, counters = read(tmp_path, data)
+    assert times == [None]
+    assert counters["points"] == 768
+    done = manip3d("convert", tmp_path / "p.pcap", "-o", tmp_path / "drive")
+    assert done.returncode == 0
+    assert [p.name for p in (tmp_path / "drive").iterdir()] == ["velodyne"]
 
 
 def test_compressed_recordings(tmp_path: Path) -> None:
@@ -169,3 +193,123 @@ def test_one_of_two_sensors(tmp_path: Path) -> None:
     assert frame.format.header["model"] == "vlp16"
     with pytest.raises(InputError, match="port: expected 0 to 65535, got 65536"):
         capture.open(f"pcap:{tmp_path}/p.pcap", port=65536)
+
+
+A, B = "192.168.1.201", "192.168.1.202"
+TURN = seen_turns(0, 360, turns=1)
+SENSORS = {
+    "port": ([{"port": 2368}, {"port": 2369}], "127.0.0.1:2368", "127.0.0.1:2369"),
+    "address": ([{"sender": A}, {"sender": B}], f"{A}:2368", f"{B}:2368"),
+    "ipv6": ([{"sender": "fe80::1"}, {"sender": "fe80::2"}], "[fe80::1]:2368", "[fe80::2]:2368"),
+}
+
+
+def two_sensors(kind: str) -> bytes:
+    """Packets of two sensors by turns; the first sends fewer, and its positions, too."""
+    frames = []
+    for number, payload in enumerate(TURN):
+        for index, where in enumerate(SENSORS[kind][0]):
+            if kind == "ipv6":
+                udp = ethernet(udp6_frame(payload, **where), kind=0x86DD)  # type: ignore[arg-type]
+            else:
+                udp = ethernet(udp_frame(payload, **where))  # type: ignore[arg-type]
+            if index == 1 or number < 5:
+                frames.append(udp)
+    if kind == "address":
+        frames.insert(1, ethernet(udp_frame(bytes(512), port=8308, sender=A)))
+    return pcap(frames)
+
+
+@pytest.mark.parametrize("kind", SENSORS)
+def test_two_sensors_are_not_mixed(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "p#1.pcap").write_bytes(two_sensors(kind))
+    place = f"{tmp_path}/p#1.pcap"
+    _, first, second = SENSORS[kind]
+    listed = re.escape(f"#0 ({first}), #1 ({second}); got none")
+    source = capture.open(f"pcap:{place}")
+    for _ in range(2):
+        with pytest.raises(InputError, match=listed):
+            source.read()
+    assert capture.scan_address(f"{place}#1") == f"pcap:{place}#1"
+    for number, name in enumerate((first, second)):
+        for chosen in (str(number), name):
+            source = capture.open(f"pcap:{place}#{chosen}")
+            assert isinstance(source, capture.LidarSource)
+            assert sum(frame.num_points for frame in source) == (5, len(TURN))[number] * 384
+            assert source.counters["other_sender"] == (len(TURN), 5)[number]
+    for wrong in ("2", f"{first}0", "-1", "x"):
+        with pytest.raises(InputError, match=re.escape(f"#1 ({second}); got #{wrong}")):
+            list(capture.open(f"pcap:{place}#{wrong}"))
+
+
+def test_a_sensor_is_chosen_by_its_address(tmp_path: Path) -> None:
+    (tmp_path / "p.pcap").write_bytes(two_sensors("address"))
+    source = capture.open(f"pcap:{tmp_path}/p.pcap#{B}")
+    assert sum(frame.num_points for frame in source) == len(TURN) * 384
+    assert source.counters["position_packets"] == 1
+    (tmp_path / "p.pcap").write_bytes(two_sensors("port"))
+    with pytest.raises(InputError, match=r"got #127\.0\.0\.1"):
+        list(capture.open(f"pcap:{tmp_path}/p.pcap#127.0.0.1"))
+    assert list(capture.open(f"pcap:{tmp_path}/p.pcap#127.0.0.1", port=2369))
+
+
+def test_all_sensors_are_listed(tmp_path: Path) -> None:
+    late = [ethernet(udp_frame(PAYLOAD, sender=f"10.0.0.{i}")) for i in range(1, 13)]
+    frames = [ethernet(udp_frame(p, sender=A)) for p in TURN] * 2
+    (tmp_path / "p.pcap").write_bytes(pcap([*frames, *late]))
+    source = capture.open(f"pcap:{tmp_path}/p.pcap")
+    assert source.read() is not None  # the turn before the second sensor began to send
+    told = rf"#0 \({A}:2368\), #1 \(10\.0\.0\.1:2368\), .*#7 \(10\.0\.0\.7:2368\), \.\.\.; got"
+    with pytest.raises(InputError, match=told):
+        list(source)
+
+
+def test_commands_take_one_of_two_sensors(tmp_path: Path) -> None:
+    place = tmp_path / "p.pcap"
+    place.write_bytes(two_sensors("address"))
+    refused = manip3d("info", place)
+    assert (refused.returncode, refused.stdout) == (1, "")
+    assert f"#0 ({A}:2368), #1 ({B}:2368)" in refused.stderr
+    for chosen in ("#1", f"#{B}", f"#{B}:2368"):
+        told = manip3d("info", f"{place}{chosen}", "--json")
+        assert told.returncode == 0
+        assert f'"points": {len(TURN) * 384}' in told.stdout
+    judged = manip3d("inspect", f"{place}#1", "--no-power", "--json")
+    assert judged.returncode == 4, judged.stderr
+
+
+@pytest.mark.parametrize("kept", [-1, -300, -1240])
+def test_what_was_read_before_the_damage_is_given(tmp_path: Path, kept: int) -> None:
+    """A recorder that is killed leaves a cut record: the turn before it is read all the same."""
+    packets = seen_turns(0, 360, turns=2)
+    whole = pcap(ethernet(udp_frame(p)) for p in packets)
+    place = tmp_path / "p.pcap"
+    place.write_bytes(whole[:kept])
+    source = capture.open(f"pcap:{place}")
+    frames = []
+    for _ in range(2):
+        frame = source.read()
+        assert frame is not None
+        frames.append(frame)
+    assert sum(frame.num_points for frame in frames) == (len(packets) - 1) * 384
+    for _ in range(2):
+        with pytest.raises(FormatError, match="file ends within"):
+            source.read()
+    told = manip3d("info", place)
+    assert told.returncode == 1
+    assert f"points {(len(packets) - 1) * 384:,}".replace(",", " ") in told.stdout
+    assert "file ends within" in told.stderr
+    assert '"error": ' in manip3d("info", place, "--json").stdout
+    written = manip3d("convert", place, "-o", tmp_path / "drive")
+    assert written.returncode == 1
+    assert len((tmp_path / "drive" / "times.txt").read_text().splitlines()) == 2
+    assert len(list((tmp_path / "drive" / "velodyne").iterdir())) == 2
+
+
+def test_packets_of_other_scanners_are_called_so(tmp_path: Path) -> None:
+    place = tmp_path / "p.pcap"
+    place.write_bytes(pcap([ethernet(udp_frame(b"\xee\xff" + bytes(1078)))] * 9))  # as Hesai's
+    told = manip3d("info", place)
+    assert told.returncode == 1
+    assert "packets of Velodyne's HDL-64E, HDL-32E, VLP-16" in told.stderr
+    assert "bad length 9" in told.stderr

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from manip3d import InputError, LidarFrame, capture
+from manip3d import FormatError, InputError, LidarFrame, capture
 from manip3d.capture import RETURN_TYPES
 from velodyne_packets import (
     DUAL,
@@ -27,10 +27,17 @@ from velodyne_packets import (
     packet,
     pcap,
     ray_points,
+    seen_turns,
     udp_frame,
+    vls128_packets,
 )
 
-PER_COLUMN = {"hdl32e": 46.080e-6, "vlp16": 110.592e-6, "vlp32c": 55.296e-6}
+PER_COLUMN = {
+    "hdl32e": 46.080e-6,
+    "vlp16": 110.592e-6,
+    "vlp16-hires": 110.592e-6,
+    "vlp32c": 55.296e-6,
+}
 
 
 def decode(
@@ -60,6 +67,8 @@ def firings(counters: dict[str, int]) -> int:
         ("vlp32c", 0.004, 14, 0.667, 4.2, 7 * 2.304e-6),
         ("vlp16", 0.002, 1, 1.0, 0.0, 2.304e-6),
         ("vlp16", 0.002, 30, -1.0, 0.0, 55.296e-6 + 14 * 2.304e-6),
+        ("vlp16-hires", 0.002, 1, 0.67, 0.0, 2.304e-6),
+        ("vlp16-hires", 0.002, 30, -0.67, 0.0, 55.296e-6 + 14 * 2.304e-6),
     ],
 )
 def test_one_return(
@@ -74,13 +83,14 @@ def test_one_return(
     r = 2500 * unit
     flat = r * np.cos(np.radians(elevation))
     z = r * np.sin(np.radians(elevation))
-    z += {1: -0.0007, 30: 0.0007}[firing] if model == "vlp16" else 0.0  # the manual's table
+    heights = {"vlp16": {1: -0.0007, 30: 0.0007}, "vlp16-hires": {1: -0.0009, 30: 0.0009}}
+    z += heights.get(model, {}).get(firing, 0.0)  # the manual's tables
     expected = [flat * np.cos(np.radians(azimuth)), -flat * np.sin(np.radians(azimuth)), z]
     np.testing.assert_allclose(frame.points, [expected], atol=1e-6)
     assert frame.fields["azimuth"][0] == pytest.approx(azimuth, abs=1e-4)
     assert frame.fields["range"][0] == pytest.approx(r, abs=1e-6)
     assert frame.fields["time"][0] == pytest.approx(4 * PER_COLUMN[model] + delay, abs=1e-9)
-    assert frame.fields["laser"][0] == firing % (16 if model == "vlp16" else 32)
+    assert frame.fields["laser"][0] == firing % (16 if model.startswith("vlp16") else 32)
     assert frame.intensity is not None
     assert frame.intensity[0] == 7 + firing
     assert frame.format is not None
@@ -111,6 +121,68 @@ def test_frames_end_where_the_azimuth_passes_the_cut(tmp_path: Path) -> None:
     halves, _ = decode(tmp_path, turns, cut_azimuth=180.0)
     assert [f.fields["azimuth"][0] for f in halves[1:]] == [180.0, 180.0]
     assert counters["frames"] == len(frames)
+
+
+def complete(frames: Sequence[LidarFrame]) -> list[bool]:
+    return [f.format.header["is_complete"] for f in frames if f.format is not None]
+
+
+@pytest.mark.parametrize("has_times", [True, False])
+@pytest.mark.parametrize("hertz", [5, 20])
+@pytest.mark.parametrize("cut", [0.0, 180.0, 300.0])
+@pytest.mark.parametrize("field", [(100, 260), (270, 90), (170, 200), (0, 360)])
+def test_a_limited_field_of_view_gives_a_frame_for_each_turn(
+    tmp_path: Path, field: tuple[int, int], cut: float, hertz: int, has_times: bool
+) -> None:
+    """Wherever the cut is: within the field of view or beside it."""
+    packets = seen_turns(*field, hertz=hertz, has_times=has_times)
+    frames, counters = decode(tmp_path, packets, cut_azimuth=cut)
+    assert counters["backward_azimuth"] == 0
+    assert counters["points"] == len(packets) * 384
+    # A cut within the seen part divides the first turn and the last; a packet may hold the end of
+    # one turn and the begin of the next.
+    assert len(frames) in (6, 7)
+    assert complete(frames)[1:-1] == [True] * (len(frames) - 2)
+    for frame in frames:
+        from_cut = (frame.fields["azimuth"][::32].astype(float) - cut) % 360
+        assert np.all(np.diff(from_cut) > 0)
+
+
+def test_a_field_of_view_of_few_degrees_needs_the_times_of_packets(tmp_path: Path) -> None:
+    frames, counters = decode(tmp_path, seen_turns(100, 108, turns=8), cut_azimuth=0.0)
+    assert len(frames) in (8, 9)
+    assert max(f.num_points for f in frames) <= 1.6 * counters["points"] / 8
+
+
+@pytest.mark.parametrize("hertz", [5, 10, 20])
+def test_swapped_packets_make_no_turn(tmp_path: Path, hertz: int) -> None:
+    """Two packets arrive in the wrong order, anywhere around the cut."""
+    packets = seen_turns(0, 360, hertz=hertz)
+    whole, _ = decode(tmp_path, packets)
+    first = np.cumsum([f.format.header["packets"] for f in whole])[1]  # type: ignore[union-attr]
+    for late in range(first - 3, first + 3):
+        swapped = [*packets[:late], packets[late + 1], packets[late], *packets[late + 2 :]]
+        frames, counters = decode(tmp_path, swapped)
+        assert counters["backward_azimuth"] == 12
+        assert complete(frames) == complete(whole)
+        assert abs(frames[2].num_points - whole[2].num_points) <= 12 * 32
+
+
+def test_a_turn_with_a_large_gap_is_not_complete(tmp_path: Path) -> None:
+    packets = seen_turns(0, 360)
+    per_turn = len(packets) // 6
+    lost = slice(3 * per_turn + 5, 3 * per_turn + 5 + 2 * per_turn // 3)
+    frames, _ = decode(tmp_path, [*packets[: lost.start], *packets[lost.stop :]])
+    assert complete(frames) == [False, True, True, False, True, False]
+
+
+def test_a_vls128_is_named(tmp_path: Path) -> None:
+    for options in ({}, {"calibration": hdl64e_calibration(two_points=False)}, {"model": "vlp16"}):
+        with pytest.raises(FormatError, match=r"p\.pcap: packets of a Velodyne VLS-128"):
+            decode(tmp_path, vls128_packets(3), **options)
+    frames, counters = decode(tmp_path, [GOOD, *vls128_packets(3), GOOD])
+    assert [f.num_points for f in frames] == [768]
+    assert (counters["other_product"], counters["points"]) == (3, 768)
 
 
 def test_dual_returns(tmp_path: Path) -> None:
@@ -278,7 +350,10 @@ def test_azimuth_is_not_turned_on_across_gaps(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"model": "vls128"}, "model: expected hdl64e, hdl32e, vlp16 or vlp32c, got 'vls128'"),
+        (
+            {"model": "vls128"},
+            "model: expected hdl64e, hdl32e, vlp16, vlp16-hires or vlp32c, got 'vls128'",
+        ),
         ({"cut_azimuth": 360.0}, "cut_azimuth: expected degrees in [0, 360)"),
         ({"cut_azimuth": np.nan}, "cut_azimuth: expected degrees in [0, 360)"),
         ({"min_range": 5.0, "max_range": 5.0}, "expected 0 <= min_range < max_range"),

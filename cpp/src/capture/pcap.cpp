@@ -1,5 +1,7 @@
 #include "manip3d/capture/pcap.hpp"
 
+#include <arpa/inet.h>
+
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -88,16 +90,21 @@ Network network_layer(ByteSpan frame, std::uint32_t link) {
 enum class Found : std::uint8_t { kUdp, kOther, kFragment, kCut };
 
 struct Datagram {
-  std::uint16_t port = 0;
+  UdpSender sender;
   ByteSpan payload;
 };
+
+void set_address(ByteSpan bytes, UdpSender& sender) {
+  std::copy(bytes.begin(), bytes.end(), sender.address.begin());
+  sender.is_ipv6 = bytes.size() == sender.address.size();
+}
 
 Found udp_of(ByteSpan segment, Datagram& datagram) {
   constexpr std::size_t kHeader = 8;
   if (segment.size() < kHeader) return Found::kCut;
   const std::size_t length = big16(segment, 4);
   if (length < kHeader || length > segment.size()) return Found::kCut;
-  datagram.port = static_cast<std::uint16_t>(big16(segment, 2));
+  datagram.sender.destination_port = static_cast<std::uint16_t>(big16(segment, 2));
   datagram.payload = segment.subspan(kHeader, length - kHeader);
   return Found::kUdp;
 }
@@ -111,6 +118,7 @@ Found ipv4_of(ByteSpan packet, Datagram& datagram) {
   if (header < kMinHeader || total < header || total > packet.size()) return Found::kCut;
   if (std::to_integer<std::uint32_t>(packet[9]) != kUdp) return Found::kOther;
   if ((big16(packet, 6) & (kMoreFragments | kOffset)) != 0) return Found::kFragment;
+  set_address(packet.subspan(12, 4), datagram.sender);
   return udp_of(packet.subspan(header, total - header), datagram);
 }
 
@@ -123,6 +131,7 @@ Found ipv6_of(ByteSpan packet, Datagram& datagram) {
   const auto next = std::to_integer<std::uint32_t>(packet[6]);
   if (next == kFragmentHeader) return Found::kFragment;
   if (next != kUdp) return Found::kOther;
+  set_address(packet.subspan(8, 16), datagram.sender);
   return udp_of(packet.subspan(kHeader, length), datagram);
 }
 
@@ -139,11 +148,22 @@ Found datagram_of(ByteSpan frame, std::uint32_t link, Datagram& datagram) {
 
 }  // namespace
 
+std::string UdpSender::address_text() const {
+  std::array<char, INET6_ADDRSTRLEN> text{};
+  inet_ntop(is_ipv6 ? AF_INET6 : AF_INET, address.data(), text.data(), text.size());
+  return text.data();
+}
+
+std::string UdpSender::text() const {
+  const std::string host = is_ipv6 ? "[" + address_text() + "]" : address_text();
+  return host + ":" + std::to_string(destination_port);
+}
+
 // The records of a file in either format.
 class PcapReader::Records {
  public:
   struct Record {
-    std::int64_t time_ns = 0;  // since 1970
+    std::optional<std::int64_t> time_ns;  // since 1970; empty: unknown
     std::uint32_t link = 0;
     bool is_whole = false;
     ByteSpan bytes;
@@ -270,9 +290,9 @@ class PcapReader::Records {
     return ticks;
   }
 
-  static std::int64_t nanoseconds(std::uint64_t ticks, std::uint64_t per_second) {
+  static std::optional<std::int64_t> nanoseconds(std::uint64_t ticks, std::uint64_t per_second) {
     constexpr std::uint64_t kLatest = 9'000'000'000;  // seconds: the year 2255
-    if (per_second == 0) return 0;
+    if (per_second == 0) return std::nullopt;
     const std::uint64_t seconds = std::min(ticks / per_second, kLatest);
     const double part = static_cast<double>(ticks % per_second) / static_cast<double>(per_second);
     return kSecond * static_cast<std::int64_t>(seconds) +
@@ -324,7 +344,7 @@ class PcapReader::Records {
     if (body.size() < 4) fail_short(offset);
     if (interfaces_.empty()) throw FormatError::at_byte(offset, "no interface 0");
     const std::size_t length = u32(body, 0);
-    record.time_ns = 0;  // this block has no time
+    record.time_ns.reset();  // this block has no time
     record.link = interfaces_[0].link;
     record.is_whole = length <= body.size() - 4;
     record.bytes = body.subspan(4, std::min(length, body.size() - 4));
@@ -352,7 +372,7 @@ bool PcapReader::next(UdpPacket& packet) {
     switch (datagram_of(record.bytes, record.link, datagram)) {
       case Found::kUdp:
         ++counters_.udp;
-        packet = {record.time_ns, datagram.port, datagram.payload};
+        packet = {record.time_ns, datagram.sender, datagram.payload};
         return true;
       case Found::kFragment:
         ++counters_.fragments;

@@ -149,7 +149,7 @@ void UdpReceiver::receive() {
       } else if ((message.msg_flags & MSG_TRUNC) != 0) {
         ++counters_.too_long;
       } else {
-        put(data.data(), static_cast<std::size_t>(size), arrival.time_ns);
+        put(data.data(), {arrival.time_ns, static_cast<std::size_t>(size), from.sin_addr.s_addr});
       }
     }
     arrived_.notify_one();
@@ -157,20 +157,20 @@ void UdpReceiver::receive() {
   end_of_thread();
 }
 
-void UdpReceiver::put(const std::byte* data, std::size_t size, std::int64_t time_ns) {
+void UdpReceiver::put(const std::byte* data, const Slot& slot) {
   if (count_ == slots_.size()) {
     ++counters_.dropped;
     return;
   }
-  const std::size_t slot = (begin_ + count_) % slots_.size();
-  slots_[slot] = {time_ns, size};
-  std::memcpy(bytes_.data() + slot * kMaxUdpBytes, data, size);
+  const std::size_t index = (begin_ + count_) % slots_.size();
+  slots_[index] = slot;
+  std::memcpy(bytes_.data() + index * kMaxUdpBytes, data, slot.size);
   ++count_;
   ++counters_.packets;
 }
 
 bool UdpReceiver::read(std::vector<std::byte>& payload, std::int64_t& time_ns,
-                       std::chrono::milliseconds timeout) {
+                       std::chrono::milliseconds timeout, std::uint32_t* sender) {
   std::unique_lock lock(mutex_);
   arrived_.wait_for(lock, std::min(timeout, kLongestWait),
                     [this] { return count_ > 0 || !running_; });
@@ -179,6 +179,7 @@ bool UdpReceiver::read(std::vector<std::byte>& payload, std::int64_t& time_ns,
   const std::byte* data = bytes_.data() + begin_ * kMaxUdpBytes;
   payload.assign(data, data + slot.size);
   time_ns = slot.time_ns;
+  if (sender != nullptr) *sender = slot.sender;
   begin_ = (begin_ + 1) % slots_.size();
   --count_;
   return true;

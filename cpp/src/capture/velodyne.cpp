@@ -22,10 +22,20 @@ constexpr std::size_t kPositionPacketBytes = 512;
 constexpr std::uint32_t kTurnTicks = 36000;  // units of 0.01 degrees in a turn
 constexpr std::uint32_t kUpperFlag = 0xEEFF;
 constexpr std::uint32_t kLowerFlag = 0xDDFF;
+// Flags of the lasers 64 to 95 and 96 to 127 of a VLS-128, and its product byte.
+constexpr std::uint32_t kThirdFlag = 0xCCFF, kFourthFlag = 0xBBFF;
+constexpr std::uint8_t kVls128Byte = 0xA1;
 constexpr std::uint32_t kHour = 3'600'000'000;  // microseconds per hour
 // A VLP-16 turns 0.8 degrees from column to column at 20 turns per second. More than 2 degrees are
 // a gap.
-constexpr double kLargestTurn = 200.0;
+constexpr std::uint32_t kLargestTurn = 200;
+// A delayed packet is few packets late: two packets of a VLP-16 span 20 degrees at 20 turns per
+// second.
+constexpr std::uint32_t kLargestReturn = 2000;
+constexpr double kLongestDelay = 1.0;  // seconds; larger steps back are made by setting the clock
+// Half a turn takes 25 ms or more: within less time, the scanner cannot have left a narrow field of
+// view and come back to it.
+constexpr double kShortestHalfTurn = 0.02;
 
 enum ReturnMode : std::uint8_t { kModeStrongest = 0x37, kModeLast = 0x38, kModeDual = 0x39 };
 
@@ -42,6 +52,7 @@ constexpr Product kProducts[] = {
     {VelodyneModel::kHdl32e, "hdl32e", 0x21, 32, 46.080e-6, 0.002},
     {VelodyneModel::kVlp16, "vlp16", 0x22, 16, 110.592e-6, 0.002},
     {VelodyneModel::kVlp32c, "vlp32c", 0x28, 32, 55.296e-6, 0.004},
+    {VelodyneModel::kVlp16HiRes, "vlp16-hires", 0x24, 16, 110.592e-6, 0.002},
 };
 
 const Product& product(VelodyneModel model) { return kProducts[static_cast<int>(model)]; }
@@ -56,6 +67,7 @@ double firing_delay(VelodyneModel model, std::size_t firing) {
     case VelodyneModel::kHdl32e:
       return 1.152e-6 * n;
     case VelodyneModel::kVlp16:
+    case VelodyneModel::kVlp16HiRes:
       return firing < 16 ? 2.304e-6 * n : 55.296e-6 + 2.304e-6 * (n - 16.0);
     case VelodyneModel::kVlp32c:
       return 2.304e-6 * static_cast<double>(firing / 2);
@@ -73,6 +85,12 @@ constexpr std::array<double, 16> kVlp16Elevation = {
     -15.0, 1.0, -13.0, 3.0, -11.0, 5.0, -9.0, 7.0, -7.0, 9.0, -5.0, 11.0, -3.0, 13.0, -1.0, 15.0};
 constexpr std::array<double, 16> kVlp16Vertical = {11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1,
                                                    5.1,  -6.6, 3.7, -8.1, 2.2, -9.7, 0.7, -11.2};
+// Puck Hi-Res: the same tables.
+constexpr std::array<double, 16> kHiResElevation = {-10.0, 0.67, -8.67, 2.0, -7.33, 3.33,
+                                                    -6.0,  4.67, -4.67, 6.0, -3.33, 7.33,
+                                                    -2.0,  8.67, -0.67, 10.0};
+constexpr std::array<double, 16> kHiResVertical = {7.4, -0.9, 6.5, -1.8, 5.5, -2.7, 4.6, -3.7,
+                                                   3.7, -4.6, 2.7, -5.5, 1.8, -6.5, 0.9, -7.4};
 // VLP-32C: tables of elevation angles and azimuth offsets by laser, degrees.
 constexpr std::array<double, 32> kVlp32cElevation = {
     -25.0,  -1.0,   -1.667, -15.639, -11.31, 0.0,    -0.667, -8.843, -7.254, 0.333,  -0.333,
@@ -164,6 +182,15 @@ bool finite(const LaserCalibration& c) {
 
 }  // namespace
 
+bool is_velodyne_data(std::span<const std::byte> payload) {
+  if (payload.size() != kVelodynePacketBytes) return false;
+  for (std::size_t b = 0; b < kBlocks; ++b) {
+    const std::uint32_t flag = read16(payload, b * kBlockBytes);
+    if (flag == kUpperFlag || flag == kLowerFlag) return true;
+  }
+  return false;
+}
+
 const char* velodyne_model_name(VelodyneModel model) { return product(model).name; }
 
 std::optional<VelodyneModel> velodyne_model_of_name(const std::string& name) {
@@ -194,6 +221,10 @@ VelodyneCalibration factory_calibration(VelodyneModel model) {
         laser.elevation_deg = kVlp32cElevation[i];
         laser.azimuth_offset_deg = kVlp32cAzimuth[i];
         break;
+      case VelodyneModel::kVlp16HiRes:
+        laser.elevation_deg = kHiResElevation[i];
+        raise(laser, kHiResVertical[i] / 1000.0);
+        break;
     }
   }
   return calibration;
@@ -211,7 +242,7 @@ struct VelodyneDecoder::Block {
 
 struct VelodyneDecoder::Packet {
   std::array<Block, kBlocks> blocks;
-  std::int64_t time_ns = 0;
+  std::optional<std::int64_t> time_ns;
   double sensor_time = 0.0;  // seconds after the hour
 };
 
@@ -246,6 +277,7 @@ void VelodyneDecoder::reset() {
   last_azimuth_.reset();
   is_open_ = false;
   turn_ = 0.0;
+  covered_ = field_ = 0;
   frame_ = {};
   ended_.clear();
   if (options_.model) set_model(*options_.model);
@@ -296,11 +328,24 @@ void VelodyneDecoder::set_model(VelodyneModel model) {
 
 bool VelodyneDecoder::identify(std::span<const std::byte> payload) {
   // The last two bytes of an HDL-64E packet cycle through its status and name no product.
-  bool has_lower = false;
+  bool has_lower = false, has_third = false, has_fourth = false;
   for (std::size_t b = 0; b < kBlocks; ++b) {
-    has_lower = has_lower || read16(payload, b * kBlockBytes) == kLowerFlag;
+    const std::uint32_t flag = read16(payload, b * kBlockBytes);
+    has_lower = has_lower || flag == kLowerFlag;
+    has_third = has_third || flag == kThirdFlag;
+    has_fourth = has_fourth || flag == kFourthFlag;
   }
   const auto byte = std::to_integer<std::uint8_t>(payload[kVelodynePacketBytes - 1]);
+  if ((has_third && has_fourth) || (!has_lower && !model_ && byte == kVls128Byte)) {
+    if (counters_.packets == 0) {
+      throw FormatError(
+          "packets of a Velodyne VLS-128 (Alpha Prime), which is not read; HDL-64E, HDL-32E, "
+          "VLP-16, Puck Hi-Res and VLP-32C are",
+          {});
+    }
+    ++counters_.other_product;
+    return false;
+  }
   const auto* known = std::find_if(std::begin(kProducts), std::end(kProducts), [&](const auto& p) {
     return has_lower ? p.model == VelodyneModel::kHdl64e : p.byte != 0 && p.byte == byte;
   });
@@ -374,14 +419,15 @@ void VelodyneDecoder::measure_turns(Packet& packet, std::size_t next) {
   auto& blocks = packet.blocks;
   for (std::size_t b = 0; b < kBlocks; ++b) {
     if (b + next < kBlocks && blocks[b].is_good && blocks[b + next].is_good) {
-      const double turn = forward(blocks[b].azimuth, blocks[b + next].azimuth);
+      const std::uint32_t turn = forward(blocks[b].azimuth, blocks[b + next].azimuth);
       if (turn <= kLargestTurn) turn_ = turn;
     }
     blocks[b].turn = turn_;
   }
 }
 
-void VelodyneDecoder::decode(std::span<const std::byte> payload, std::int64_t time_ns) {
+void VelodyneDecoder::decode(std::span<const std::byte> payload,
+                             std::optional<std::int64_t> time_ns) {
   if (payload.size() == kPositionPacketBytes) {
     ++counters_.position_packets;
     return;
@@ -413,18 +459,35 @@ void VelodyneDecoder::decode(std::span<const std::byte> payload, std::int64_t ti
   }
 }
 
-// Ends the frame if the azimuth passes the cut. A backward step does not end it, because packets
-// may arrive out of order.
+// Does a step of the azimuth (0.01 degrees, forward) lead to a block that was fired before the last
+// one, because packets arrived out of order? A scanner with a limited field of view makes long
+// steps forward, too.
+bool VelodyneDecoder::is_behind(std::uint32_t step, const Packet& packet) const {
+  if (step < kTurnTicks / 2) return false;
+  constexpr double kHourSeconds = 3600.0;
+  const double elapsed = std::remainder(packet.sensor_time - last_time_, kHourSeconds);
+  if (elapsed < 0.0 && elapsed > -kLongestDelay) return true;
+  return kTurnTicks - step <= kLargestReturn && elapsed < kShortestHalfTurn;
+}
+
+// Ends the frame if the azimuth passes the cut. A block that is behind the last one does not end
+// it, and is not where the next step begins: otherwise that step could pass the cut again.
 void VelodyneDecoder::advance(std::uint32_t azimuth, const Packet& packet, bool is_first) {
-  bool at_cut = false;
+  bool at_cut = false, is_late = false;
   if (last_azimuth_) {
-    if (forward(*last_azimuth_, azimuth) >= kTurnTicks / 2) {
+    const std::uint32_t step = forward(*last_azimuth_, azimuth);
+    is_late = is_behind(step, packet);
+    if (is_late) {
       ++counters_.backward_azimuth;
     } else {
       at_cut = forward(cut_, azimuth) < forward(cut_, *last_azimuth_);
+      if (step <= kLargestTurn) covered_ += step;
     }
   }
-  last_azimuth_ = azimuth;
+  if (!is_late) {
+    last_azimuth_ = azimuth;
+    last_time_ = packet.sensor_time;
+  }
   const bool is_overlong = frame_.num_points() >= options_.max_points_per_frame;
   if (is_open_ && is_overlong) ++counters_.overlong_frames;
   if (is_open_ && (at_cut || is_overlong)) end_frame(at_cut);
@@ -449,7 +512,10 @@ void VelodyneDecoder::begin_frame(const Packet& packet, bool at_cut) {
 }
 
 void VelodyneDecoder::end_frame(bool at_cut) {
-  frame_.is_complete = began_at_cut_ && at_cut;
+  frame_.is_complete = began_at_cut_ && at_cut && 2 * covered_ >= field_;
+  // It shrinks by a tenth per frame, for a field of view that is changed while the sensor runs.
+  field_ = std::max(covered_, field_ - field_ / 10);
+  covered_ = 0;
   // Frames have similar sizes; a much smaller frame returns the memory that was reserved for it.
   const std::size_t size = frame_.num_points();
   if (size < capacity_hint_ / 2) {

@@ -28,7 +28,7 @@ def scan_address(source: str) -> str | None:
     ----------
     source : str
         A file, a folder or an address. ``#`` may add the topic of a bag (``drive.bag#/top``) or the
-        number of a sensor in an Ouster's recording (``drive.osf#1``). ``drive.pcap`` is read as an
+        number of a sensor in a recording of packets (``drive.osf#1``). ``drive.pcap`` is read as an
         Ouster's recording if an Ouster's JSON file lies in the same folder: ``drive.json``,
         ``drive_0.json``, or, for ``drive_part.pcap``, the longest ``NAME.json`` for which the
         recording's name begins with ``NAME_``.
@@ -64,7 +64,7 @@ def scan_address(source: str) -> str | None:
     file, mark, topic = source.rpartition("#")
     if mark and topic and not Path(source).exists() and Path(file).exists():
         address = scan_address(file)
-        takes_part = address and address.startswith(("bag:", "ouster:"))
+        takes_part = address and address.startswith(("bag:", "ouster:", "pcap:"))
         return f"{address}#{topic}" if takes_part else None
     path = Path(source)
     is_bag = scan_suffix(source) in _BAGS or is_ros2(path) or _is_ros1(path)

@@ -139,14 +139,21 @@ def open_lidar(
 ) -> LidarSource:
     """Open a LiDAR or its recording: Velodyne HDL-64E, HDL-32E, VLP-16, VLP-32C; Ouster.
 
+    The VLP-16 Hi-Res (Puck Hi-Res) is read, too; the VLS-128 (Alpha Prime) is refused.
+
     Parameters
     ----------
     uri : str
         One of these addresses:
 
-        - ``pcap:FILE``: packets of a Velodyne (pcap or pcapng, also ``.gz`` and ``.xz``).
+        - ``pcap:FILE[#SENSOR]``: packets of a Velodyne (pcap or pcapng, also ``.gz`` and
+          ``.xz``). SENSOR is needed if several sensors sent data: their number in order of
+          appearance, from 0, or their ``ADDRESS`` or ``ADDRESS:PORT``, where PORT is the one to
+          which they send. Without it, an `InputError` lists them.
         - ``velodyne:[ADDRESS:]PORT``: listens on an address of this machine. Default: 127.0.0.1
-          and port 2368. Use 0.0.0.0 for a sensor on the network, and port 0 for any free port.
+          and port 2368. Use 0.0.0.0 for a sensor on the network, and port 0 for any free port. If
+          several sensors send and none is chosen by ``sender``, the first one is read; data packets
+          of the others are counted as ``udp_other_sender``.
         - ``ouster:FILE[#N]``: packets of an Ouster in a pcap or a ROS bag, or an ``.osf`` file,
           through ouster-sdk. N is the number of the sensor, from 0, and is needed if there are
           several. The only option is ``metadata``.
@@ -155,7 +162,8 @@ def open_lidar(
           or ``.db3`` file, a ROS 2 bag's folder, a ROS 1 ``.bag``) through rosbags. The topic may
           be left out if the bag has a single topic of clouds. The only option is ``max_bytes``.
     model : str, optional
-        ``hdl64e``, ``hdl32e``, ``vlp16`` or ``vlp32c``; default: as the first packet states.
+        ``hdl64e``, ``hdl32e``, ``vlp16``, ``vlp16-hires`` or ``vlp32c``; default: as the first
+        packet states.
     calibration : VelodyneCalibration or path, optional
         Calibration, which an HDL-64E needs (see `read_velodyne_calibration`); default: the nominal
         table of the model.
@@ -184,22 +192,27 @@ def open_lidar(
         the sensor; ``ring`` 0 is the highest laser. ``fields`` are ``laser`` (number in the
         packet), ``azimuth`` (degrees), ``range`` (metres, before the calibration), ``time``
         (seconds after ``time_ns``) and ``return_type`` (see `RETURN_TYPES`). ``time_ns`` is the
-        time at which the frame's first packet was received. ``format`` holds the model, the
-        sensor's own time, and whether the turn is complete.
+        time at which the frame's first packet was received; None if the recording states no times
+        (Simple Packet Blocks of pcapng). ``format`` holds the model, the sensor's own time, and
+        whether the turn is complete: it begins and ends at ``cut_azimuth``, or at the gap around
+        it that a limited field of view leaves, and has no gaps that are as large as the rest.
 
         For an Ouster, ``fields`` are ``column``, ``range``, ``time``, ``return`` (1 or 2) and the
         sensor's own fields (``near_ir``). For a bag, ``fields`` are those of its messages, and
         ``time_ns`` is the message's stamp, or the time of recording if it has none. ``origin`` is
         None if the name of the coordinate frame (``base_link``, ``map``, ``odom``) shows that its
-        origin is not the scanner.
+        origin is not the scanner. 64-bit coordinates far from 0, as in maps, are shifted near 0,
+        all frames by the same amount; ``format.to_file`` and ``exact`` hold those of the bag.
 
     Raises
     ------
     InputError
-        The scheme is unknown; an option is out of range, or not one of this scheme; an HDL-64E has
-        no calibration (raised by `LidarSource.read`).
+        The scheme is unknown; an option is out of range, or not one of this scheme. Raised by
+        `LidarSource.read`: an HDL-64E has no calibration; a recording of packets has several
+        sensors and none is chosen, or not the chosen one.
     FormatError
-        The recording is damaged.
+        The recording is damaged (raised by `LidarSource.read` after the frames before the damage,
+        of which the last may be incomplete), or it is a VLS-128's.
     DeviceError
         Another program uses the port.
     MissingExtraError
@@ -235,7 +248,10 @@ def open_lidar(
         wanted = -1 if port is None else port
         if not -1 <= wanted < 1 << 16:
             raise InputError(f"port: expected 0 to 65535, got {port}")
-        recording = _core.VelodynePcapSource(os.fsencode(rest), options, wanted, limit)
+        place, chosen = place_and_topic(uri)
+        recording = _core.VelodynePcapSource(
+            os.fsencode(place), options, wanted, limit, os.fsencode(chosen)
+        )
         return LidarSource(uri, recording, live=False)
     if colon and scheme == "ouster":
         from manip3d.capture._ouster import OusterRecording
@@ -264,7 +280,7 @@ def open_lidar(
         source.start()
         return LidarSource(uri, source, live=True)
     raise InputError(
-        "uri: expected pcap:FILE, ouster:FILE[#N], kitti:FOLDER, bag:PATH[#TOPIC] or "
+        "uri: expected pcap:FILE[#SENSOR], ouster:FILE[#N], kitti:FOLDER, bag:PATH[#TOPIC] or "
         f"velodyne:[ADDRESS:]PORT, got {uri!r}"
     )
 
@@ -280,6 +296,10 @@ _USED = {
     "bag": frozenset({"max_bytes"}),
 }
 """Options of `open_lidar` that each scheme uses."""
+
+
+_OTHER_SCANNERS = ("bad_length", "unknown_product", "file_fragments")
+"""Counters of packets that may be those of a scanner that is not read."""
 
 
 def _refuse_unused(scheme: str, arguments: Mapping[str, Any]) -> None:
@@ -308,9 +328,12 @@ def expect_scans(
     told = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counted.items() if n)
     reason = "expected scans, found none" + (f"; counted: {told}" if told else "")
     scheme, _, place = uri.partition(":")
-    file = place_and_topic(uri)[0] if scheme == "bag" else place
-    if scheme == "pcap" and (counted.get("bad_length") or counted.get("file_fragments")):
-        reason += "; an Ouster's recording needs its JSON file of the same name beside it"
+    file = place_and_topic(uri)[0] if scheme in ("bag", "pcap") else place
+    if scheme == "pcap" and any(counted.get(name) for name in _OTHER_SCANNERS):
+        reason += (
+            "; packets of Velodyne's HDL-64E, HDL-32E, VLP-16, Puck Hi-Res and VLP-32C are read, "
+            "and an Ouster's with its JSON file of the same name beside the recording"
+        )
     raise FormatError(reason, file=file)
 
 

@@ -97,7 +97,7 @@ def sources() -> tuple[Scheme, ...]:
             *no_bags,
         ),
         Scheme("forged", "SOURCE[#OPTIONS]", "another source's person, forged on demand", "rgbd"),
-        Scheme("pcap", "FILE", "recorded packets of Velodyne LiDARs", "lidar"),
+        Scheme("pcap", "FILE[#SENSOR]", "recorded packets of Velodyne LiDARs", "lidar"),
         Scheme("velodyne", "[ADDRESS:]PORT", "a Velodyne LiDAR on the network", "lidar"),
         Scheme(
             "ouster",

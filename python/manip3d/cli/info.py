@@ -41,8 +41,10 @@ def info(
         told = capture.info(opened, shell)
         shell.result(told, lambda console: capture.show_info(console, told))
     elif kind == "scan":
-        found = scanning.summary(source, shell, calibration)
+        found, damage = scanning.summary(source, shell, calibration)
         shell.result(found, lambda console: scanning.show(console, found))
+        if damage is not None:
+            raise damage
     elif kind == "depth":
         image = describing.depth_summary(source, unit)
         shell.result(image, lambda console: describing.show_depth(console, image))

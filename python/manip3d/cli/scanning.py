@@ -11,7 +11,7 @@ import numpy as np
 
 from manip3d._util.times import SECOND_NS
 from manip3d.cli.terminal import Terminal, count, counted, table
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 
@@ -48,18 +48,28 @@ _REFUSED = ("bad_length", "unknown_product", "other_product", "unknown_return_mo
             "file_cut_short")  # fmt: skip
 
 
-def summary(source: str, terminal: Terminal, calibration: Path | None = None) -> dict[str, Any]:
-    """Return counts and extents of the scans of a source."""
+def summary(
+    source: str, terminal: Terminal, calibration: Path | None = None
+) -> tuple[dict[str, Any], FormatError | None]:
+    """Return counts and extents of the scans of a source, and the error that ended a recording."""
     from manip3d import capture
     from manip3d.capture._lidar import expect_scans
 
     uri = capture.scan_address(source)
-    if uri is not None:
-        recording = capture.open_lidar(uri, calibration=calibration)
-        read = expect_scans(recording, uri, lambda: recording.counters)
-        scans = [_describe(frame) for frame in read]
-        return _told(source, scans) | {"counters": recording.counters}
-    return _told(source, [_describe(frame) for frame in frames(source, terminal)])
+    if uri is None:
+        return _told(source, [_describe(frame) for frame in frames(source, terminal)]), None
+    recording = capture.open_lidar(uri, calibration=calibration)
+    scans: list[dict[str, Any]] = []
+    damage: FormatError | None = None
+    try:
+        for frame in expect_scans(recording, uri, lambda: recording.counters):
+            scans.append(_describe(frame))
+    except FormatError as error:
+        if not scans:
+            raise
+        damage = error
+    record = _told(source, scans) | {"counters": recording.counters}
+    return (record if damage is None else record | {"error": str(damage)}), damage
 
 
 def _told(source: str, scans: list[dict[str, Any]]) -> dict[str, Any]:
@@ -235,15 +245,26 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
     folder = output / "velodyne"
     count_written, times = 0, []
     left_out: dict[str, None] = {}
-    for number, scan in enumerate(scans):
-        folder.mkdir(parents=True, exist_ok=True)  # here, so that without a scan there is no folder
-        _measured(scan, ".bin", terminal).write(folder / f"{number:06d}.bin")
-        _tell_of_map(scan, ".bin", terminal)
-        left_out |= dict.fromkeys(names_left_out(scan, ".bin"))
-        count_written += 1
-        if scan.time_ns is not None:
-            times.append(f"{scan.time_ns // SECOND_NS}.{scan.time_ns % SECOND_NS:09d}\n")
+    told: set[tuple[float, ...]] = set()
+    damage: FormatError | None = None
+    try:
+        for number, scan in enumerate(scans):
+            folder.mkdir(parents=True, exist_ok=True)  # not before there is a scan
+            _measured(scan, ".bin", terminal).write(folder / f"{number:06d}.bin")
+            shift = () if scan.format is None else tuple(scan.format.to_file[:3, 3].tolist())
+            if shift not in told:  # all scans of a recording have the same
+                _tell_of_map(scan, ".bin", terminal)
+            told.add(shift)
+            left_out |= dict.fromkeys(names_left_out(scan, ".bin"))
+            count_written += 1
+            if scan.time_ns is not None:
+                times.append(f"{scan.time_ns // SECOND_NS}.{scan.time_ns % SECOND_NS:09d}\n")
+    except FormatError as error:  # the recording is damaged: the scans before that stay
+        damage = error
     if times and len(times) == count_written:
         atomic_write(output / "times.txt", "".join(times))
     _tell_left_out(list(left_out), output, terminal)
-    terminal.say(f"wrote {count_written} scans to {output}{os.sep}")
+    if count_written or damage is None:
+        terminal.say(f"wrote {count_written} scans to {output}{os.sep}")
+    if damage is not None:
+        raise damage

@@ -38,7 +38,8 @@ def sha256_of_source(source: str) -> tuple[str, str]:
     """Return the SHA-256 of a file or folder, and a phrase that states what was hashed.
 
     The source may have the scheme of a file or a folder, as ``folder:`` or ``pcap:``; a bag's topic
-    after ``#`` is ignored. Both are empty if it is neither a file nor a folder.
+    and a recording's sensor after ``#`` are ignored. Both are empty if it is neither a file nor a
+    folder.
     """
     from manip3d.capture._bag import place_and_topic
     from manip3d.datasets import file_sha256, folder_sha256
@@ -46,7 +47,8 @@ def sha256_of_source(source: str) -> tuple[str, str]:
     place = Path(source)
     scheme, _, rest = source.partition(":")
     if scheme in ("folder", "mkv", "tum", *_SCAN_SCHEMES) and not place.exists():
-        place = Path(place_and_topic(source)[0] if scheme == "bag" else rest)
+        has_choice = scheme in ("bag", "pcap")
+        place = Path(place_and_topic(source)[0] if has_choice else rest)
     if place.is_file():
         return file_sha256(place), "the file"
     if place.is_dir():

@@ -1,9 +1,12 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "manip3d/io/byte_source.hpp"
@@ -14,10 +17,23 @@
 /// does not report the byte at which a file is damaged.
 namespace manip3d {
 
+/// Sender of a UDP packet, and the port to which it sends.
+struct UdpSender {
+  std::array<std::byte, 16> address{};  ///< IPv4: the first 4 bytes.
+  bool is_ipv6 = false;
+  std::uint16_t destination_port = 0;
+
+  bool operator==(const UdpSender&) const = default;
+  /// Returns "192.168.1.201" or "fe80::1".
+  [[nodiscard]] std::string address_text() const;
+  /// Returns "192.168.1.201:2368" or "[fe80::1]:2368".
+  [[nodiscard]] std::string text() const;
+};
+
 /// One UDP payload, valid until the next call of PcapReader::next.
 struct UdpPacket {
-  std::int64_t time_ns = 0;  ///< Since 1970.
-  std::uint16_t destination_port = 0;
+  std::optional<std::int64_t> time_ns;  ///< Since 1970; empty: the recording does not state it.
+  UdpSender sender;
   std::span<const std::byte> payload;
 };
 

@@ -54,10 +54,11 @@ class UdpReceiver {
   /// @param payload  Bytes of the packet without its headers; unchanged if there is none.
   /// @param time_ns  Time at which the kernel received it, nanoseconds since 1970; 0: unknown.
   /// @param timeout  More than an hour counts as an hour.
+  /// @param sender   Receives the sender's IPv4 address in network order; may be null.
   /// @return  false: no packet came within `timeout`, or the receiver is stopped and no packet
   ///          waits.
   bool read(std::vector<std::byte>& payload, std::int64_t& time_ns,
-            std::chrono::milliseconds timeout);
+            std::chrono::milliseconds timeout, std::uint32_t* sender = nullptr);
 
   [[nodiscard]] std::uint16_t port() const { return port_; }
   [[nodiscard]] bool is_running() const;
@@ -67,11 +68,12 @@ class UdpReceiver {
   struct Slot {
     std::int64_t time_ns = 0;
     std::size_t size = 0;
+    std::uint32_t sender = 0;  // network order
   };
 
   void receive();
   void end_of_thread();
-  void put(const std::byte* data, std::size_t size, std::int64_t time_ns);
+  void put(const std::byte* data, const Slot& slot);
 
   Descriptor socket_;
   Descriptor wake_;  // an eventfd that ends the thread's wait

@@ -13,13 +13,17 @@
 ///
 /// A packet is 1206 bytes: 12 blocks of (flag, azimuth in 0.01 degrees, 32 x (range,
 /// reflectivity)), a time stamp in microseconds after the hour, and two factory bytes (return mode,
-/// product). Sources: User's manuals HDL-64E S2 (63-HDL64ES2), HDL-32E (63-9113), VLP-16 (63-9243),
-/// VLP-32C (63-9325).
+/// product). Sources: User's manuals HDL-64E S2 (63-HDL64ES2), HDL-32E (63-9113), VLP-16 and Puck
+/// Hi-Res (63-9243), VLP-32C (63-9325).
 namespace manip3d {
 
 constexpr std::size_t kVelodynePacketBytes = 1206;
 
-enum class VelodyneModel : std::uint8_t { kHdl64e, kHdl32e, kVlp16, kVlp32c };
+/// kVlp16HiRes: the Puck Hi-Res, a VLP-16 with 1.33 instead of 2 degrees between lasers.
+enum class VelodyneModel : std::uint8_t { kHdl64e, kHdl32e, kVlp16, kVlp32c, kVlp16HiRes };
+
+/// Returns whether a UDP payload is a data packet: it has their length, and the flag of a block.
+bool is_velodyne_data(std::span<const std::byte> payload);
 
 /// Returns "hdl64e", ...
 const char* velodyne_model_name(VelodyneModel model);
@@ -46,9 +50,9 @@ struct VelodyneCalibration {
   double range_unit_m = 0.002;
 };
 
-/// Returns the tables that the manual prints for all sensors of a model: angles, and the VLP-16's
-/// vertical corrections. (VeloView and velodyne-decoder also raise the points of HDL-32E and
-/// VLP-32C by -29 and -42.4 mm times the tangent of the elevation; the manuals do not.)
+/// Returns the tables that the manual prints for all sensors of a model: angles, and the vertical
+/// corrections of VLP-16 and Puck Hi-Res. (VeloView and velodyne-decoder also raise the points of
+/// HDL-32E and VLP-32C by -29 and -42.4 mm times the tangent of the elevation; the manuals do not.)
 /// @throws InputError  HDL-64E: each sensor has its own calibration file.
 VelodyneCalibration factory_calibration(VelodyneModel model);
 
@@ -61,7 +65,7 @@ enum class ReturnType : std::uint8_t {
 
 struct VelodyneOptions {
   /// Empty: determined by the first packet. HDL-64E packets are recognised by their lower blocks
-  /// (0xDDFF).
+  /// (0xDDFF). The VLS-128 has these, too, with two more kinds of blocks; it is not read.
   std::optional<VelodyneModel> model;
   VelodyneCalibration calibration;  ///< Without lasers: factory_calibration() of the model.
   /// Degrees in [0, 360): a frame ends where the azimuth passes this angle.
@@ -88,7 +92,7 @@ struct VelodyneCounters {
   std::int64_t bad_time = 0;             ///< Packets with a time beyond the hour; they are decoded.
   std::int64_t bad_block_flag = 0;       ///< Blocks with an unknown flag.
   std::int64_t bad_azimuth = 0;          ///< Blocks with an azimuth of 360 degrees or more.
-  std::int64_t backward_azimuth = 0;     ///< Blocks whose azimuth goes backwards; they are decoded.
+  std::int64_t backward_azimuth = 0;     ///< Blocks behind an earlier one; they are decoded.
   std::int64_t no_return = 0;            ///< Firings with range 0.
   std::int64_t duplicates = 0;           ///< Second ones of two equal returns.
   std::int64_t out_of_range = 0;         ///< Returns outside of min_range_m and max_range_m.
@@ -108,11 +112,12 @@ struct VelodyneFrame {
   std::vector<float> range;  ///< Metres as sent, without the offsets of the calibration.
   std::vector<float> time;   ///< Seconds since the frame's first packet.
   VelodyneModel model = VelodyneModel::kVlp16;
-  /// Arrival of the first packet, nanoseconds since 1970, by the receiver's clock.
-  std::int64_t time_ns = 0;
+  /// Arrival of the first packet, nanoseconds since 1970, by the receiver's clock; empty: unknown.
+  std::optional<std::int64_t> time_ns;
   double sensor_time = 0.0;  ///< Time in the first packet, seconds after the hour.
   std::int64_t packets = 0;
-  bool is_complete = false;  ///< The frame began and ended at the cut.
+  /// The frame began and ended at the cut, and covers at least half the azimuths of earlier ones.
+  bool is_complete = false;
 
   [[nodiscard]] std::int64_t num_points() const {
     return static_cast<std::int64_t>(intensity.size());
@@ -126,9 +131,10 @@ class VelodyneDecoder {
   /// @throws InputError  an option is out of range, or the number of lasers is not the model's.
   explicit VelodyneDecoder(VelodyneOptions options = {});
 
-  /// Adds one UDP payload.
-  /// @throws InputError  it is the first packet of an HDL-64E, and there is no calibration.
-  void decode(std::span<const std::byte> payload, std::int64_t time_ns);
+  /// Adds one UDP payload; `time_ns` as in VelodyneFrame.
+  /// @throws InputError   it is the first packet of an HDL-64E, and there is no calibration.
+  /// @throws FormatError  it is the first packet, and it is a VLS-128's.
+  void decode(std::span<const std::byte> payload, std::optional<std::int64_t> time_ns);
   /// Removes the oldest finished frame; returns false if there is none.
   bool take(VelodyneFrame& frame);
   /// Ends the frame in progress, which is then incomplete.
@@ -159,6 +165,7 @@ class VelodyneDecoder {
   void measure_turns(Packet& packet, std::size_t next);
   void decode_block(const Packet& packet, std::size_t index, std::span<const std::byte> payload);
   void advance(std::uint32_t azimuth, const Packet& packet, bool is_first);
+  [[nodiscard]] bool is_behind(std::uint32_t step, const Packet& packet) const;
   void add_point(const Laser& laser, std::uint8_t number, double azimuth, std::uint32_t raw_range,
                  std::uint8_t reflectivity, ReturnType type, double time);
   void begin_frame(const Packet& packet, bool at_cut);
@@ -174,7 +181,10 @@ class VelodyneDecoder {
   double turn_ = 0.0;  // last valid step of the azimuth from column to column, 0.01 degrees
   double range_unit_ = 0.002;
   std::uint32_t cut_ = 0;
-  std::optional<std::uint32_t> last_azimuth_;
+  std::optional<std::uint32_t> last_azimuth_;  // of the foremost block, 0.01 degrees
+  double last_time_ = 0.0;                     // sensor time of that block's packet
+  std::uint32_t covered_ = 0;  // azimuths of the frame in progress without gaps, 0.01 degrees
+  std::uint32_t field_ = 0;    // azimuths that earlier frames covered, 0.01 degrees
   bool is_open_ = false;
   bool began_at_cut_ = false;
   double frame_time_ = 0.0;  // sensor time of the frame in progress
