@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import lzma
 import re
 import struct
@@ -274,8 +275,10 @@ def test_commands_take_one_of_two_sensors(tmp_path: Path) -> None:
         told = manip3d("info", f"{place}{chosen}", "--json")
         assert told.returncode == 0
         assert f'"points": {len(TURN) * 384}' in told.stdout
-    judged = manip3d("inspect", f"{place}#1", "--no-power", "--json")
+    log = tmp_path / "log.jsonl"
+    judged = manip3d("inspect", f"{place}#1", "--no-power", "--json", "--log", log)
     assert judged.returncode == 4, judged.stderr
+    assert hashlib.sha256(place.read_bytes()).hexdigest() in log.read_text()
 
 
 @pytest.mark.parametrize("kept", [-1, -300, -1240])

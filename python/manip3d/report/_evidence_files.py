@@ -47,8 +47,8 @@ def sha256_of_source(source: str) -> tuple[str, str]:
     place = Path(source)
     scheme, _, rest = source.partition(":")
     if scheme in ("folder", "mkv", "tum", *_SCAN_SCHEMES) and not place.exists():
-        has_choice = scheme in ("bag", "pcap")
-        place = Path(place_and_topic(source)[0] if has_choice else rest)
+        place = Path(rest)
+    place = Path(place_and_topic(f"any:{place}")[0])
     if place.is_file():
         return file_sha256(place), "the file"
     if place.is_dir():
