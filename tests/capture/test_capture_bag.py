@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from command_line import manip3d
 from manip3d import FormatError, InputError, capture
 from manip3d.capture import _bag_process
 
@@ -104,6 +106,111 @@ def test_organised_clouds_with_padded_rows_and_points_without_a_return(tmp_path:
     assert np.array_equal(frame.ring, table["ring"][kept])
     assert frame.num_dropped == 3
     assert frame.origin is None  # the scanner is not where the vehicle is
+
+
+def test_points_at_infinity_have_no_return(tmp_path: Path) -> None:
+    table = points_of(2)
+    for axis in ("x", "y", "z"):
+        table[axis][[3, 7, 49]] = (np.inf, -np.inf, np.inf)
+    table["y"][5] = np.nan
+    bag = write_bag(tmp_path / "bag", {"/points": [message(TYPES, table)]})
+    (frame,) = capture.open(f"bag:{bag}")
+    assert (frame.num_points, frame.num_dropped) == (46, 4)
+    assert np.array_equal(frame.ring, np.delete(table["ring"], [3, 5, 7, 49]))
+    table["x"][9] = np.inf  # y and z are there: no missing return, but damage
+    bag = write_bag(tmp_path / "other", {"/points": [message(TYPES, table)]})
+    with pytest.raises(FormatError, match="expected coordinates that fit a float"):
+        list(capture.open(f"bag:{bag}"))
+
+
+def _map_cloud(number: int, easting: float) -> np.ndarray:
+    """Points in 64 bits around a place that moves with the vehicle, as in a UTM zone."""
+    rng = np.random.default_rng(number)
+    table = np.zeros(40 if number else 0, [("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
+    for axis, middle in zip("xyz", (easting, 5_428_000.0, 110.0), strict=True):
+        table[axis] = middle + np.round(rng.uniform(-50, 50, len(table)), 3)
+    return table
+
+
+def test_map_coordinates_are_shifted_by_the_same_in_all_frames(tmp_path: Path) -> None:
+    """The first frame has no points, and so no place."""
+    tables = [_map_cloud(i, 458_000.0 + 700.0 * i) for i in range(4)]
+    clouds = [message(TYPES, table, frame="utm") for table in tables]
+    bag = write_bag(tmp_path / "bag", {"/points": clouds})
+    empty, *frames = capture.open(f"bag:{bag}")
+    assert empty.num_points == 0
+    shift = frames[0].format.to_file[:3, 3]
+    assert np.abs(shift - [458_700.0, 5_428_000.0, 110.0]).max() < 60.0
+    for frame, table in zip(frames, tables[1:], strict=True):
+        assert np.array_equal(frame.format.to_file[:3, 3], shift)
+        stored = np.column_stack([table[axis] for axis in "xyz"])
+        assert np.abs(frame.points + shift - stored).max() < 2e-4
+        assert np.array_equal(frame.exact, stored)
+    written = manip3d("convert", bag, "-o", tmp_path / "drive")
+    assert written.returncode == 0
+    assert written.stderr.count("coordinates are written near 0") == 1
+    steps = [
+        np.median(np.fromfile(tmp_path / "drive" / "velodyne" / f"00000{i}.bin", np.float32)[::4])
+        for i in (1, 2, 3)
+    ]
+    assert np.abs(np.diff(steps) - 700.0).max() < 40.0
+    cloud = message(TYPES, tables[1].astype([(axis, "<f4") for axis in "xyz"]))
+    (single,) = capture.open(f"bag:{write_bag(tmp_path / 'single', {'/points': [cloud]})}")
+    assert not single.format.to_file[:3, 3].any()  # float32 has no more to give
+
+
+def _mcap(profile: str, kind: str, schema: str, encoding: str, data: bytes) -> bytes:
+    """An MCAP file with one message, without an index, as the specification describes it."""
+
+    def text(value: str) -> bytes:
+        return struct.pack("<I", len(value)) + value.encode()
+
+    def record(number: int, body: bytes) -> bytes:
+        return struct.pack("<BQ", number, len(body)) + body
+
+    magic = b"\x89MCAP0\r\n"
+    return b"".join(
+        (
+            magic,
+            record(1, text(profile) + text("a recorder")),
+            record(3, struct.pack("<H", 1) + text(kind) + text(schema) + text("...")),
+            record(4, struct.pack("<HH", 1, 1) + text("/top") + text(encoding) + text("")),
+            record(5, struct.pack("<HIQQ", 1, 0, 10**18, 10**18) + data),
+            record(15, struct.pack("<I", 0)),
+            record(2, struct.pack("<QQI", 0, 0, 0)),
+            magic,
+        )
+    )
+
+
+def test_mcap_files_without_a_profile(tmp_path: Path) -> None:
+    """Foxglove's tools state none; types and encodings tell that the messages are ROS 2's."""
+    path = tmp_path / "a.mcap"
+    cloud = TYPES.serialize_cdr(message(TYPES, points_of(3)), CLOUD)
+    for profile in ("ros2", ""):
+        path.write_bytes(_mcap(profile, CLOUD, "ros2msg", "cdr", bytes(cloud)))
+        (frame,) = capture.open(f"bag:{path}")
+        assert np.array_equal(frame.ring, points_of(3)["ring"])
+    for schema, encoding in (("protobuf", "protobuf"), ("jsonschema", "json")):
+        path.write_bytes(_mcap("", "foxglove.PointCloud", schema, encoding, b"{}"))
+        with pytest.raises(FormatError, match=r"no point clouds .* it holds foxglove\.PointCloud"):
+            list(capture.open(f"bag:{path}"))
+    path.write_bytes(_mcap("", CLOUD, "ros2msg", "json", b"{}"))
+    with pytest.raises(FormatError, match="no point clouds"):
+        list(capture.open(f"bag:{path}"))
+
+
+@pytest.mark.parametrize("profile", ["ros1", "px4", "x" * 2000, "\x1b[31m"])
+def test_mcap_files_of_another_profile_say_so(tmp_path: Path, profile: str) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(_mcap(profile, "sensor_msgs/PointCloud2", "ros1msg", "ros1", bytes(90)))
+    with pytest.raises(FormatError, match="an MCAP file with the profile") as caught:
+        list(capture.open(f"bag:{path}"))
+    assert ("the ROS 1 bag (.bag) that it was made from" in str(caught.value)) == (
+        profile == "ros1"
+    )
+    assert "\x1b" not in str(caught.value)
+    assert len(str(caught.value)) < 300
 
 
 def test_a_topic_is_named_where_there_are_several(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from io import BufferedReader
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io._files import check_regular, open_regular
 from manip3d.io._scan_tables import Table, frame_of_table
 from manip3d.lidar import LidarFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _MEMORY = 4 << 30
 """Limit of the address space of the process that reads a bag, in bytes. A decompressed chunk of a
@@ -241,6 +244,9 @@ class BagRecording:
         self._counters = {"frames": 0, "points": 0, "no_return": 0}
         self._lock = threading.RLock()
         self._ended = False
+        # The first frame that has points determines it. With pictures, the clouds stay in the frame
+        # that the bag's transforms lead from.
+        self._to_file: NDArray[np.float64] | None = None if mode == "clouds" else np.eye(4)
         script = Path(__file__).with_name("_bag_process.py")
         # -P keeps the script's folder out of sys.path, since its module names may shadow others.
         self._process = subprocess.Popen(
@@ -332,6 +338,13 @@ class BagRecording:
                 "no point clouds (sensor_msgs/msg/PointCloud2, livox_ros_driver2/msg/CustomMsg); "
                 f"it holds {found}{hint}"
             )
+        if "profile" in header:
+            told = header["profile"][:40]
+            cure = "; the ROS 1 bag (.bag) that it was made from is read" if told == "ros1" else ""
+            raise self._refuse(
+                f"an MCAP file with the profile {told!r}; those of ROS 2 (profile 'ros2') are "
+                f"read{cure}"
+            )
         if "topics" in header:
             self._close()
             names = ", ".join(header["topics"]) or "none"
@@ -374,7 +387,15 @@ class BagRecording:
         lowered = header["frame_id"].lower()
         at_sensor = not any(name in lowered for name in _FIXED_FRAMES)
         stamp = header["stamp_ns"] or header["received_ns"]
-        return frame_of_table(table, origin=(0.0, 0.0, 0.0) if at_sensor else None, time_ns=stamp)
+        frame = frame_of_table(
+            table,
+            origin=(0.0, 0.0, 0.0) if at_sensor else None,
+            time_ns=stamp,
+            to_file=self._to_file,
+        )
+        if self._to_file is None and frame.num_points and frame.format is not None:
+            self._to_file = frame.format.to_file
+        return frame
 
     def _dtype(self, header: dict[str, Any], where: str) -> tuple[np.dtype[Any], dict[str, str]]:
         """Return the layout of a point, and the key in that layout of each field name.

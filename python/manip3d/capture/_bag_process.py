@@ -2,7 +2,8 @@
 
 Usage: ``python _bag_process.py PATH TOPIC BYTES MODE``. BYTES limits its address space. It imports
 nothing of manip3d. For each message of the topic it writes to its standard output a line of JSON,
-and then as many bytes as ``size`` in that line states. The last line holds ``end`` or ``error``.
+and then as many bytes as ``size`` in that line states. The last line holds ``end`` or ``error``;
+or it is the only one, and states why there are no messages: ``topics``, ``kinds`` or ``profile``.
 
 MODE is ``clouds``, ``pictures`` or ``images``. With ``pictures`` the first line holds the bag's
 ``cameras``; the script then reads from its standard input one line with a JSON list of topics, and
@@ -43,6 +44,8 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 TRANSFORM = "geometry_msgs/msg/Transform"
 NUMBER = "std_msgs/msg/Float32"
+MCAP_HEADER = b"\x89MCAP0\r\n\x01"
+"""Magic bytes of an MCAP file, and the type of its first record, the header."""
 
 
 def main(path: Path, topic: str, limit: int, out: BinaryIO, mode: str) -> None:
@@ -70,11 +73,20 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str) -> None:
     is_ros1 = path.is_file() and path.open("rb").read(8) == b"#ROSBAG "
     types = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
     read = types.deserialize_ros1 if is_ros1 else types.deserialize_cdr
+    profile = _mcap_profile(path)
+    if profile not in (None, "ros2") and not (profile == "" and _allows_no_profile()):
+        _line(out, {"profile": profile})
+        return
     with (Ros1Reader if is_ros1 else Ros2Reader)(path) as bag:
         if mode == "images":
             _write_images(bag, read, out)
             return
-        clouds = [each for each in bag.connections if each.msgtype in (CLOUD, *LIVOX)]
+        clouds = [
+            each
+            for each in bag.connections
+            if each.msgtype in (CLOUD, *LIVOX)
+            and getattr(each.ext, "serialization_format", "cdr") == "cdr"
+        ]
         names = sorted({each.topic for each in clouds})
         if (topic and topic not in names) or (not topic and len(names) > 1):
             _line(out, {"topics": names})
@@ -91,6 +103,48 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str) -> None:
             is_picture = each[0].msgtype in (IMAGE, COMPRESSED)
             made = _picture(each, read) if is_picture else _cloud(each, read, is_ros1=is_ros1)
             _message(out, *made)
+
+
+def _mcap_profile(path: Path) -> str | None:
+    """Return the profile that the header of an MCAP file states; None for other bags."""
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        head = file.read(1024)
+    if not head.startswith(MCAP_HEADER):
+        return None
+    begin = len(MCAP_HEADER) + 8  # after the length of the record
+    size = int.from_bytes(head[begin : begin + 4], "little")
+    return head[begin + 4 : begin + 4 + size].decode(errors="replace")
+
+
+def _allows_no_profile() -> bool:
+    """Let rosbags open an MCAP file that states no profile, as files of Foxglove's tools.
+
+    The messages of such a file are those of ROS 2 if their schemas have the names of ROS 2 messages
+    and they are encoded as CDR. rosbags has no option for this. Return False if it has changed.
+    """
+    from rosbags.rosbag2 import storage_mcap
+
+    read_string = getattr(storage_mcap, "read_string", None)
+    get_msgdef = getattr(storage_mcap, "get_msgdef", None)
+    if read_string is None or get_msgdef is None:
+        return False
+
+    def read_profile(stream: Any) -> Any:
+        # The profile is the first text that rosbags reads.
+        setattr(storage_mcap, "read_string", read_string)  # noqa: B010
+        return read_string(stream) or "ros2"
+
+    def get_known(schema: Any) -> Any:
+        try:
+            return get_msgdef(schema)
+        except KeyError:  # another encoding of schemas, such as protobuf
+            return get_msgdef(None)
+
+    setattr(storage_mcap, "read_string", read_profile)  # noqa: B010
+    setattr(storage_mcap, "get_msgdef", get_known)  # noqa: B010
+    return True
 
 
 def _write_images(bag: Any, read: Any, out: BinaryIO) -> None:

@@ -38,7 +38,7 @@ _NAMED_BY_SUFFIX = {"xyzn": ("nx", "ny", "nz"), "xyzrgb": ("red", "green", "blue
 """Columns after x, y and z in a text file without column names, as Open3D writes them."""
 _UNSTATED = (*_TEXT, "npy", "npz")
 """Formats that state neither the scanner's position nor which columns are integers."""
-_WITH_DOUBLES = (*_UNSTATED, "ply", "pcd", "las", "ptx")
+_WITH_DOUBLES = (*_UNSTATED, "ply", "pcd", "las", "ptx", "ros")
 """Formats that can hold map coordinates to the millimetre."""
 _POSED = ("e57", "ptx")
 """Formats that hold the pose of the scanner."""
@@ -225,10 +225,12 @@ def frame_of_table(
     *,
     origin: tuple[float, float, float] | None,
     time_ns: int | None = None,
+    to_file: NDArray[np.float64] | None = None,
 ) -> LidarFrame:
     """Return a table of points as a scan; points without coordinates are left out.
 
-    They are NaN, or in a PCD all three are infinite.
+    They are NaN, or all three are infinite in a PCD or in a PointCloud2. ``to_file`` is the
+    transform to the file's coordinates; default: the one that suits these points.
 
     Raises
     ------
@@ -240,14 +242,15 @@ def frame_of_table(
     if missing:
         raise FormatError(f"a scan has x, y and z; {', '.join(missing)} not found", file=name)
     measured = ~np.any([np.isnan(by_name[axis]) for axis in "xyz"], axis=0)
-    if table.kind == "pcd":
+    if table.kind in ("pcd", "ros"):
         measured &= ~np.all([np.isinf(by_name[axis]) for axis in "xyz"], axis=0)
     num_dropped = int(measured.size - np.count_nonzero(measured))
     if num_dropped:
         by_name = {key: values[measured] for key, values in by_name.items()}
     stored = np.column_stack([by_name.pop(axis) for axis in "xyz"])
-    to_file = _stored_to_file(table.kind, stored)
-    to_file[:3, :3] /= _length_of(table.header, name)
+    if to_file is None:
+        to_file = _stored_to_file(table.kind, stored)
+        to_file[:3, :3] /= _length_of(table.header, name)
     layout = ScanFormat(table.kind, table.layout, table.header, to_file)
     points = measured_points(stored, layout, name)
     # Each call removes its column from `by_name`; the remaining columns become fields.
