@@ -26,7 +26,8 @@ def info(
     """Count what a mesh, a scan, a depth image or a recording is made of.
 
     Recordings are LiDAR packets (.pcap, .osf), ROS bags (.mcap), drives in KITTI's layout, RGB-D
-    frames (.mkv, folders) and what 'capture list' names. Several files make a table: printed, or
+    frames (.mkv, folders) and what 'capture list' names. After # stands the sensor or the topic of
+    a recording of several: drive.pcap#1, drive.bag#/top. Several files make a table: printed, or
     written with --table.
 
     Example: manip3d info scan.bin
