@@ -52,6 +52,24 @@ def test_clouds_of_open3d(key: str, colors: NDArray[Any], tmp_path: Path) -> Non
     assert read_scan(tmp_path / "c.ply").fields["red"].dtype == np.uint8
 
 
+def test_scans_of_a2d2(tmp_path: Path) -> None:
+    """Its arrays have names with a prefix, and one states which points count."""
+    valid = np.arange(30) % 3 > 0
+    shine = np.arange(30, dtype=np.int64)
+    attributes = {"reflectance": shine, "valid": valid, "timestamp": shine + 10**15}
+    path = saved(
+        tmp_path, pcloud_points=POINTS.astype(np.float64),
+        **{f"pcloud_attr.{name}": values for name, values in attributes.items()},
+    )  # fmt: skip
+    assert kind_of(str(path)) == viewer.kind_of(path) == "scan"
+    frame = read_scan(path)
+    np.testing.assert_array_equal(frame.points, POINTS)
+    assert frame.intensity is not None
+    assert frame.intensity.tolist() == shine.tolist()
+    assert frame.fields["valid"].tolist() == valid.tolist()
+    assert frame.fields["timestamp"].tolist() == (shine + 10**15).tolist()
+
+
 def test_coordinates_of_64_bits_and_of_maps_are_kept(tmp_path: Path) -> None:
     for offset in (0.0, 4e6):
         exact = POINTS.astype(np.float64) + 1e-9 + offset
@@ -99,7 +117,10 @@ def test_arrays_of_other_lengths_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arrays", "match"),
     [
-        ({"a": POINTS, "b": POINTS}, "array named positions or points or xyz, got a, b"),
+        (
+            {"a": POINTS, "b": POINTS},
+            "array named positions or points or xyz or pcloud_points, got a, b",
+        ),
         ({"positions": POINTS[:, :2]}, "expected \\(N, 3\\) or "),
         ({"positions": np.array([{}], dtype=object)}, "expected an array of numbers"),
         ({"positions": np.full((3, 3), np.inf)}, "coordinates that fit a float"),

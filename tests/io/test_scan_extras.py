@@ -653,32 +653,59 @@ def test_no_other_unit_is_named(tmp_path: Path, records: list[tuple[int, bytes]]
     assert "unit" not in scan.format.header
 
 
-def test_e57_states_the_echo_of_each_point(tmp_path: Path) -> None:
-    """pye57 writes no column of echoes; scanners with several returns a pulse do."""
+def _e57_with(path: Path, added: dict[str, np.ndarray]) -> np.ndarray:
+    """Write an E57 of five points with columns that pye57 does not write; return the points."""
     pye57 = pytest.importorskip("pye57")
     e57 = pye57.libe57
-    points, echo = np.arange(15.0).reshape(5, 3), np.array([0, 1, 0, 2, 1], np.uint16)
-    file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
+    points = np.arange(15.0).reshape(5, 3)
+    file = pye57.E57(str(path), mode="w")
     image = file.image_file
     prototype, empty = e57.StructureNode(image), e57.VectorNode(image, True)
     columns = dict(zip(("cartesianX", "cartesianY", "cartesianZ"), points.T.copy(), strict=True))
     for name in columns:
         prototype.set(name, e57.FloatNode(image, 0.0, e57.E57_DOUBLE, -100.0, 100.0))
-    prototype.set("returnIndex", e57.IntegerNode(image, 0, 0, 3))
+    for name, values in added.items():
+        node = e57.FloatNode(image, 0.0, e57.E57_DOUBLE, 0.0, 1e6)
+        prototype.set(name, node if values.dtype.kind == "f" else e57.IntegerNode(image, 0, 0, 3))
     rows, scan = e57.CompressedVectorNode(image, prototype, empty), e57.StructureNode(image)
     scan.set("guid", e57.StringNode(image, "{1}"))
     scan.set("points", rows)
     file.data3d.append(scan)
     buffers = e57.VectorSourceDestBuffer()
-    for name, values in {**columns, "returnIndex": echo}.items():
+    for name, values in {**columns, **added}.items():
         buffers.append(e57.SourceDestBuffer(image, name, values, 5, True, True))
     writer = rows.writer(buffers)
     writer.write(5)
     writer.close()
     file.close()
+    return points
+
+
+def test_e57_states_the_echo_of_each_point(tmp_path: Path) -> None:
+    """pye57 writes no column of echoes; scanners with several returns a pulse do."""
+    echo = np.array([0, 1, 0, 2, 1], np.uint16)
+    points = _e57_with(tmp_path / "a.e57", {"returnIndex": echo})
     frame = io.read_scan(tmp_path / "a.e57")
     assert frame.points.tolist() == points.tolist()
     assert frame.fields["returnIndex"].tolist() == echo.tolist()
+
+
+@pytest.mark.parametrize("invalid", [[0, 1, 0, 1, 1], [0] * 5, [1] * 5])
+def test_e57_states_times_and_invalid_intensities(tmp_path: Path, invalid: list[int]) -> None:
+    times = np.array([0.0, 0.25, 0.5, 0.75, 12345.000001])
+    shine = np.array([1.0, 0.0, 3.0, 0.0, 0.0])
+    flags = np.array(invalid, np.uint8)
+    added = {"intensity": shine, "timeStamp": times, "isIntensityInvalid": flags}
+    _e57_with(tmp_path / "a.e57", added)
+    frame = io.read_scan(tmp_path / "a.e57")
+    assert frame.fields["timeStamp"].tolist() == times.tolist()
+    assert frame.fields["isIntensityInvalid"].tolist() == invalid
+    if all(invalid):
+        assert frame.intensity is None
+    else:
+        assert frame.intensity is not None
+        assert frame.intensity.tolist() == shine.tolist()
+    assert "timeStamp" in io._scan_files.names_left_out(frame, ".e57")
 
 
 @pytest.mark.parametrize(

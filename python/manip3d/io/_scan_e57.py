@@ -33,6 +33,9 @@ _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _STATES = ("cartesianInvalidState", "sphericalInvalidState")
 ECHO = "returnIndex"
 """Column with the number of the echo of a pulse, from 0."""
+_TIME = "timeStamp"
+"""Column with the time of each point in seconds, after the scan's own start."""
+_NO_INTENSITY = "isIntensityInvalid"
 
 COLORS = ("colorRed", "colorGreen", "colorBlue")
 _MAX_COLOR, _MAX_WIDE_COLOR = 255.0, 65535.0
@@ -80,7 +83,7 @@ def _check_claims(file: Any, path: Path, limit: int) -> None:
 
 
 def _columns_of(file: Any, header: Any) -> dict[str, NDArray[Any]]:
-    """Columns that pye57 knows, and the numbers of echoes, which it leaves out."""
+    """Columns that pye57 knows; also echoes, times and invalid intensities, which it leaves out."""
     pye57 = _pye57()
     known = [name for name in header.point_fields if name in pye57.e57.SUPPORTED_POINT_FIELDS]
     data: dict[str, NDArray[Any]]
@@ -88,7 +91,7 @@ def _columns_of(file: Any, header: Any) -> dict[str, NDArray[Any]]:
         [name for name in known if name not in INTEGERS], header.point_count
     )
     # pye57's own buffers hold 8 and 16 bits, and files hold larger and negative numbers.
-    for name in (*(name for name in known if name in INTEGERS), ECHO):
+    for name in (*(name for name in known if name in INTEGERS), ECHO, _TIME, _NO_INTENSITY):
         if name in header.point_fields:
             data[name] = np.empty(header.point_count, np.float64)
             buffers.append(
@@ -101,6 +104,8 @@ def _columns_of(file: Any, header: Any) -> dict[str, NDArray[Any]]:
     for name in COLORS:
         if name in data and wide > _MAX_COLOR:
             data[name] *= _MAX_COLOR / max(wide, _MAX_WIDE_COLOR)
+    if _NO_INTENSITY in data:
+        data[_NO_INTENSITY] = (data[_NO_INTENSITY] != 0.0).astype(np.uint8)
     return data | {name: _whole(data[name], name) for name in (*INTEGERS, ECHO) if name in data}
 
 
@@ -139,13 +144,14 @@ def _read_one(file: Any, index: int, path: Path) -> LidarFrame:
     about = {"pose": pose, "rotation": header.rotation, "index": index}
     layout = ScanFormat("e57", header=about, to_file=near_zero(exact))
     points = measured_points(exact, layout, str(path))
-    intensity = data.pop("intensity", None)
+    fields = {name: values[keep] for name, values in data.items() if name != "intensity"}
+    has_intensity = "intensity" in data and not fields.get(_NO_INTENSITY, np.zeros(1)).all()
     return LidarFrame(
         points=points,
-        intensity=None if intensity is None else intensity[keep],
+        intensity=data["intensity"][keep] if has_intensity else None,
         origin=None if layout.to_file[:3, 3].any() else (0.0, 0.0, 0.0),
         source=str(path),
-        fields={name: values[keep] for name, values in data.items()},
+        fields=fields,
         exact=exact_coordinates(exact, points),
         format=layout,
         num_dropped=int(np.count_nonzero(~keep)),

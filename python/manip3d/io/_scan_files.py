@@ -124,8 +124,8 @@ def read_scan(
         named columns. The scanner's position is not known.
     ``.npz``
         Open3D's point clouds: arrays ``positions`` or ``points``, ``colors``, ``normals``, and
-        others with the same number of rows; or one array as in ``.npy``. The scanner's position is
-        not known.
+        others with the same number of rows; or one array as in ``.npy``; or A2D2's arrays, without
+        ``pcloud_attr.`` before their names. The scanner's position is not known.
 
     Examples
     --------

@@ -32,8 +32,10 @@ if TYPE_CHECKING:
 
     from manip3d.lidar import LidarFrame
 
-_POINTS = ("positions", "points", "xyz")
-"""Names of the coordinates: of Open3D's tensor and legacy point clouds, of converters for ROS."""
+_POINTS = ("positions", "points", "xyz", "pcloud_points")
+"""Names of the coordinates: of Open3D's tensor and legacy point clouds, of converters for ROS, of
+the data set A2D2."""
+_PREFIX = "pcloud_attr."  # before the names of A2D2's other arrays
 _TRIPLES = {"colors": ("red", "green", "blue"), "normals": ("nx", "ny", "nz")}
 """Names of the three columns of Open3D's arrays ``colors`` and ``normals``."""
 
@@ -114,7 +116,8 @@ def read_table(path: Path, limit: int) -> Table:
     gone = []
     for other, member in members.items():
         try:
-            found = _columns_of(other, _by_points(_array(member), sides), len(points))
+            values = _by_points(_array(member), sides)
+            found = _columns_of(other.removeprefix(_PREFIX), values, len(points))
         except FormatError:  # the array holds Python objects, or is damaged
             found = {}
         gone += [] if found else [other]
@@ -180,7 +183,9 @@ def _array(data: bytes) -> NDArray[Any]:
 
 
 def _columns_of(name: str, values: NDArray[Any], num_points: int) -> dict[str, NDArray[Any]]:
-    """Return the columns in an array (N,) or (N, k) of numbers; empty for any other array."""
+    """Return the columns in an array (N,) or (N, k) of numbers or bools; empty for others."""
+    if values.dtype.kind == "b":
+        values = values.astype(np.uint8)
     if values.dtype.kind not in "iuf" or values.ndim not in (1, 2) or len(values) != num_points:
         return {}
     if values.shape[1:] == (0,):
