@@ -205,7 +205,7 @@ def test_packets_of_no_scanner_are_said_to_be_so(tmp_path: Path) -> None:
     assert done.exit_code == 1
     told = f"{recording}: expected scans, found none; counted: bad length 3"
     assert told in str(done.exception)
-    assert "an Ouster's recording needs its JSON file" in str(done.exception)
+    assert "an Ouster's with its JSON file" in str(done.exception)
 
 
 @pytest.mark.parametrize("verb", ["info", "convert"])
