@@ -260,6 +260,10 @@ def test_the_chosen_person_is_followed() -> None:
     session.command("limb", {"limb": "left_arm"})
     again = last([replace(capsule_body.painted(n), skeletons=(first, other)) for n in (6, 7)])
     assert [is_patient for _, is_patient in again["people"]] == [False, True]
+    session.restart()  # the recording is repeated
+    repeated = last([replace(capsule_body.painted(n), skeletons=(first, other)) for n in range(4)])
+    assert [is_patient for _, is_patient in repeated["people"]] == [False, True]
+    assert not any(name == "One patient" and not met for name, met, _ in repeated["checks"])
 
 
 def test_a_game_is_laid_out_for_the_measured_patient() -> None:

@@ -165,8 +165,13 @@ class LiveSession:
         self._inbox.put(name, fields, done)
 
     def restart(self) -> None:
-        """Discard data about the person, before another recording or a repetition."""
+        """Discard data about the person, before another recording or a repetition.
+
+        The therapist's choice of the patient stays.
+        """
         self._pipeline.reset()
+        if self._chosen is not None:  # the reset also drops the choice
+            self._pipeline.select(self._chosen)
         self._body.reset()
         self._play.forget_person()
         self._times.clear()
@@ -431,8 +436,6 @@ class LiveSession:
         self._play.limb = self.affected
         self._felt = None if self._recorder is None else self._recorder.last_felt(self.affected)
         self.restart()
-        if self._chosen is not None:
-            self._pipeline.select(self._chosen)
         name, difficulty = self._play.choice
         if not GAMES[name].limbs.startswith(limb.partition("_")[2]):
             self._play.choice = _game_for(limb), difficulty
