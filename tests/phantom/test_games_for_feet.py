@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 
@@ -10,8 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 import capsule_body
-from manip3d import InputError, Skeleton
+from manip3d import InputError, Skeleton, datasets
+from manip3d.modify import JointSmoother
+from manip3d.phantom import LiveSession
 from manip3d.phantom._anomalies import ANOMALY_S, Anomaly, AnomalyWatch
+from manip3d.phantom._pedal import advise_pedal
 from manip3d.phantom.games import (
     GAMES,
     GameState,
@@ -22,10 +26,12 @@ from manip3d.phantom.games import (
     keys_of,
     step,
 )
-from manip3d.rgbd import JOINTS
+from manip3d.rgbd import INFERRED, JOINTS, NOT_TRACKED, TRACKED
+from real_data import RealData
 
 PLAYER = capsule_body.painted(0).skeletons[0]
 RATE = 32
+STEADY = [(0.0, 0.0)] * (5 * RATE)  # the noise of the feet is measured
 
 
 def no_touch(
@@ -60,6 +66,19 @@ def player(
     return Skeleton(positions, states=PLAYER.states)
 
 
+def moves(*held: tuple[float, float]) -> list[tuple[float, float]]:
+    """Degrees of both feet per frame: a pose is reached in 0.25 s and held for 0.4 s."""
+    angles, now = list[tuple[float, float]](), (0.0, 0.0)
+    for goal in held:
+        for number in range(1, 9):
+            angles.append(
+                (now[0] + (goal[0] - now[0]) * number / 8, now[1] + (goal[1] - now[1]) * number / 8)
+            )
+        angles += [goal] * 12
+        now = goal
+    return angles
+
+
 def pedalled(state: GameState, degrees: list[tuple[float, float]]) -> tuple[GameState, list[str]]:
     events = []
     for left, right in degrees:
@@ -80,10 +99,10 @@ def test_the_angle_at_the_ankle_is_smaller_with_toes_up() -> None:
 
 
 def test_toes_up_and_down_is_one_stroke_and_lifts_that_ball() -> None:
-    state, events = pedalled(started("pedal"), [(0, 0), (0, 8), (0, 16)])
+    state, events = pedalled(started("pedal"), STEADY + moves((0, 8), (0, 16)))
     assert events == []
     half = state.targets[1].place[1]
-    state, events = pedalled(state, [(0, 8), (0, 0)])
+    state, events = pedalled(state, moves((0, 16), (0, 8), (0, 0))[8:])
     assert events == ["stroke right"]
     left, right = state.targets
     field = state.field
@@ -111,10 +130,10 @@ def test_moving_the_whole_leg_counts_nothing() -> None:
 
 
 def test_both_balls_at_their_disks_end_the_game() -> None:
-    state, events = pedalled(started("pedal"), [(20, 0), (0, 0)] * 9)
+    state, events = pedalled(started("pedal"), STEADY + moves(*[(20, 0), (0, 0)] * 9))
     assert events == ["stroke left"] * 7 + ["stroke left", "arrived left"]
     assert (state.phase, state.score) == ("playing", 8)
-    state, events = pedalled(state, [(0, 20), (0, 0)] * 9)
+    state, events = pedalled(state, moves(*[(0, 20), (0, 0)] * 9))
     assert events == ["stroke right"] * 7 + ["stroke right", "arrived right"]
     assert (state.phase, state.ending, state.score, state.misses) == ("over", "done", 16, 0)
     assert state.targets[0].place[1] == pytest.approx(state.field.lefts[0][1] - state.field.rise)  # type: ignore[union-attr]
@@ -127,11 +146,139 @@ def test_both_balls_at_their_disks_end_the_game() -> None:
 def test_a_harder_pedal_wants_more_and_larger_strokes(
     difficulty: int, strokes: int, degrees: float
 ) -> None:
-    moves = [(degrees, degrees), (0, 0)] * 20
-    state, _ = pedalled(started("pedal", difficulty=difficulty), moves)
+    angles = STEADY + moves(*[(degrees, degrees), (0, 0)] * 20)
+    state, _ = pedalled(started("pedal", difficulty=difficulty), angles)
     assert (state.ending, state.score) == ("done", 2 * strokes)
-    smaller = [(degrees - 2, degrees - 2), (0, 0)] * 20
-    state, _ = pedalled(started("pedal", difficulty=difficulty), smaller)
+    angles = STEADY + moves(*[(degrees - 2, degrees - 2), (0, 0)] * 20)
+    state, _ = pedalled(started("pedal", difficulty=difficulty), angles)
+    assert state.score == 0
+
+
+def test_a_foot_that_the_tracker_turns_between_two_frames_counts_nothing() -> None:
+    """Ankles turn by less than 300 degrees a second."""
+    flicker = [*STEADY, *([(0.0, 40.0)] * 16 + [(0.0, 0.0)] * 16) * 20]
+    state, events = pedalled(started("pedal"), flicker)
+    assert (events, state.feet[1].moves) == ([], 0)
+
+
+@pytest.mark.parametrize("joint", ["KneeRight", "AnkleRight", "FootRight"])
+def test_inferred_joints_move_no_pedal(joint: str) -> None:
+    state = started("pedal")
+    for degrees in STEADY + moves(*[(20, 20), (0, 0)] * 3):
+        seen = player(left=degrees[0], right=degrees[1])
+        states = seen.states.copy()
+        states[JOINTS.index(joint)] = INFERRED
+        state = step(state, 1 / RATE, no_touch, Skeleton(seen.positions, states=states))
+    assert [foot.moves for foot in state.feet] == [6, 0]
+
+
+def pedalled_unsteadily(share: float, degrees: float, gain: float = 1.0) -> GameState:
+    """Both feet turn, and the right foot's length changes by a share."""
+    random = np.random.default_rng(5)
+    ankle, foot = JOINTS.index("AnkleRight"), JOINTS.index("FootRight")
+    state = replace(started("pedal"), gain=gain)
+    angles = STEADY * 2 + moves(*[(degrees, degrees), (0, 0)] * 8)
+    noises = np.repeat(random.choice([-share, share], len(angles) // 8 + 1), 8)
+    for noise, (left, right) in zip(noises, angles, strict=False):
+        seen = player(left=left, right=right)
+        seen.positions[foot] += np.float32(noise) * (seen.positions[foot] - seen.positions[ankle])
+        state = step(state, 1 / RATE, no_touch, seen)
+    return state
+
+
+def test_a_foot_that_changes_its_length_needs_larger_moves() -> None:
+    """The length of a bone is constant, so that its changes are the tracker's noise."""
+    steady, unsteady, wild = (pedalled_unsteadily(share, 16) for share in (0.0, 0.08, 0.16))
+    assert [foot.moves for foot in steady.feet] == [16, 16]
+    assert advise_pedal(steady) == ""
+    assert [foot.moves for foot in unsteady.feet] == [16, 0]
+    told = "The camera sees your feet unsteadily, so that "
+    assert advise_pedal(unsteady).startswith(f"{told}only movements of")
+    assert advise_pedal(wild) == f"{told}their movements cannot be counted."
+
+
+def test_enlarged_angles_have_enlarged_noise() -> None:
+    assert pedalled_unsteadily(0.03, 16).feet[1].moves == 16
+    assert pedalled_unsteadily(0.03, 16, gain=2.0).feet[1].moves == 0
+
+
+@functools.cache
+def simulated_feet(motion: str, tracker: str, rate: int, seconds: float) -> list[Skeleton]:
+    """Smoothed joints of a seated person with the errors of a tracker, without images."""
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    from manip3d.simulate import BodySimulator
+    from manip3d.simulate.people import _bone_errors
+
+    simulator = BodySimulator(motion=motion, sitting=True, tracker=tracker, rate=rate, seed=6)
+    smoother, found = JointSmoother(), []
+    figures = [simulator._cast(i / rate).figures[0] for i in range(4 * rate)]  # the period
+    for number in range(round(seconds * rate)):
+        figure = figures[number % len(figures)]
+        places = figure.joints + simulator.bias * _bone_errors(figure, 0)
+        if tracker:
+            places = places + simulator.jitter * simulator._correlated(number / rate, 0)
+        states = np.full(25, TRACKED, np.uint8)
+        found.append(smoother.add(Skeleton(places.astype(np.float32), states=states)))
+    return found
+
+
+def pedalled_by(skeletons: list[Skeleton], rate: float) -> GameState:
+    state = begin("pedal", skeletons[0])
+    assert state is not None
+    for skeleton in skeletons[1:]:
+        state = step(state, 1 / rate, no_touch, skeleton)
+    return state
+
+
+@pytest.mark.parametrize("rate", [10, 15, 30, 60])
+@pytest.mark.parametrize("tracker", ["", "kinect-v2"])
+def test_three_simulated_dorsiflexions_are_three_strokes(tracker: str, rate: int) -> None:
+    state = pedalled_by(simulated_feet("dorsiflexion", tracker, rate, 7.0), rate)
+    assert [foot.moves // 2 for foot in state.feet] == [3, 3]
+
+
+@pytest.mark.parametrize("rate", [10, 15, 30, 60])
+@pytest.mark.parametrize("motion", ["still", "knee-extension"])
+@pytest.mark.parametrize("tracker", ["", "kinect-v2"])
+def test_simulated_feet_that_do_not_turn_count_nothing(
+    tracker: str, motion: str, rate: int
+) -> None:
+    state = pedalled_by(simulated_feet(motion, tracker, rate, 12.0), rate)
+    assert state.score == 0
+
+
+def test_feet_that_shake_as_much_as_they_move_are_told() -> None:
+    """The joints of the simulated Kinect V1 turn resting feet by more than 20 degrees."""
+    state = pedalled_by(simulated_feet("still", "kinect-v1", 30, 20.0), 30)
+    assert state.score == 0
+    assert "only movements of" in advise_pedal(state)
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Ges01_wavehand",
+        "Ges02_balancinghands",
+        "Ges03_drawlines",
+        "Ges04_comehere",
+        "Ges05_demopoint",
+        "Ges06_chickenwing",
+        "joints_close_range",
+    ],
+)
+def test_people_who_move_their_arms_do_not_pedal(realdata: RealData, name: str) -> None:
+    realdata.needs("skeletons_labanotation")
+    smoother, state, before = JointSmoother(), None, 0
+    for frame in datasets.open_people(f"labanotation:{name}"):
+        skeleton = smoother.add(frame.skeletons[0])
+        if state is None:
+            state = begin("pedal", skeleton)
+        else:
+            state = step(state, (frame.time_ns - before) / 1e9, no_touch, skeleton)
+        before = frame.time_ns
+    assert state is not None
+    assert state.clock > 5.0
     assert state.score == 0
 
 
@@ -139,6 +286,22 @@ def test_pedalling_ends_with_the_time() -> None:
     state = replace(started("pedal"), clock=119.9)
     state, _ = pedalled(state, [(0, 0)] * 10)
     assert (state.phase, state.ending) == ("over", "time")
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("action", [1, 3, 4, 6, 9, 10])
+def test_people_before_a_kinect_v1_who_move_their_arms_do_not_pedal(
+    realdata: RealData, action: int
+) -> None:
+    realdata.needs("people_utd_mhad")
+    session = LiveSession("left_leg", game="pedal")
+    session.command("ready")
+    for frame in datasets.open_people(f"utd-mhad:a{action}_s1"):
+        session.process(frame)
+    session.end()
+    (summary,) = session.summaries
+    assert summary.seconds > 1.0
+    assert summary.score == 0
 
 
 # --- Piano ----------------------------------------------------------------------------------------
@@ -199,6 +362,28 @@ def test_stomping_beside_the_key_plays_nothing_and_wants_a_new_lift() -> None:
     for by in ((off, -0.2, 0.0), (off, 0.0, 0.0), (off - 0.2 * sign, 0.0, 0.0)):
         state = step(state, 1 / RATE, no_touch, player(moved={foot: by}))
     assert state.score == 0
+
+
+@pytest.mark.parametrize("state_of_foot", [NOT_TRACKED, INFERRED])
+def test_a_foot_that_came_down_unseen_plays_nothing(state_of_foot: int) -> None:
+    state = step(started("piano"), 0.0, no_touch, player())
+    key = state.targets[0]
+    foot = JOINTS.index(f"Foot{key.side.title()}")
+    aside = float(key.place[0] - PLAYER.positions[foot][0])
+    lifted = player(moved={JOINTS[foot]: (aside, -0.2, 0.0)})
+    stands = player(moved={JOINTS[foot]: (aside, 0.0, 0.0)})
+    for _ in range(10):
+        state = step(state, 1 / RATE, no_touch, lifted)
+    states = stands.states.copy()
+    states[foot] = state_of_foot
+    for _ in range(RATE):
+        state = step(state, 1 / RATE, no_touch, Skeleton(stands.positions, states=states))
+        assert state.score == 0
+    state = step(state, 1 / RATE, no_touch, stands)
+    assert (state.score, state.targets[0].number) == (0, key.number)
+    for seen in (lifted, stands):
+        state = step(state, 1 / RATE, no_touch, seen)
+    assert state.score == 1
 
 
 def test_a_missed_key_leaves_the_score_and_never_ends_the_game() -> None:
@@ -269,16 +454,20 @@ def watched(states: list[GameState]) -> list[Anomaly]:
 
 def test_ten_seconds_without_a_point_are_an_anomaly() -> None:
     state, states = step(started("pedal"), 0.0, no_touch, player()), []
-    for number in range(30 * RATE):
-        scores = number in (2 * RATE, 14 * RATE)  # the second stroke 12 s after the first one
-        for degrees in (20.0, 0.0) if scores else (0.0,):
-            state = step(state, (0.5 if scores else 1) / RATE, no_touch, player(left=degrees))
-            states.append(state)
+    stroke, rest = moves((20, 0), (0, 0)), [(0.0, 0.0)]
+    angles = (rest * (6 * RATE) + stroke + rest * (12 * RATE) + stroke + rest * (30 * RATE))[
+        : 34 * RATE
+    ]
+    points = []
+    for left, right in angles:
+        state = step(state, 1 / RATE, no_touch, player(left=left, right=right))
+        states.append(state)
+        points += [state.clock for event in state.events if event.kind == "stroke"]
     assert can_reach(state)
     assert state.score == 2
     (first, second) = watched(states)
-    assert (first.start, first.end) == pytest.approx((2.03, 14.03), abs=0.1)
-    assert (second.start, second.end) == pytest.approx((14.03, 30.0), abs=0.1)
+    assert (first.start, first.end) == pytest.approx(tuple(points), abs=0.1)
+    assert (second.start, second.end) == pytest.approx((points[1], 34.0), abs=0.1)
 
 
 def test_nothing_in_reach_is_nobodys_fault() -> None:

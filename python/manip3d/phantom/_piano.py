@@ -17,9 +17,12 @@ from manip3d.phantom._state import (
     Point,
     Target,
     Touch,
+    is_new,
     joints,
     level,
     norm,
+    point,
+    seen_joints,
 )
 from manip3d.rgbd import JOINTS, Skeleton
 
@@ -111,20 +114,26 @@ def _popped(state: GameState, seconds: float) -> GameState:
 def _stepped(
     state: GameState, skeleton: Skeleton | None
 ) -> tuple[tuple[Foot, Foot], list[tuple[str, Point]]]:
-    """Return the new state of the feet, and the place where one came down, if any."""
+    """Return the new state of the feet, and the place where one came down, if any.
+
+    A foot that is only inferred does not move, because trackers guess its place. One that was not
+    seen for a while is up or down as it is now: it may have come down anywhere.
+    """
     assert isinstance(state.field, PianoField)
     feet, stomps = [], list[tuple[str, Point]]()
     for side, foot in zip(SIDES, state.feet, strict=True):
-        found = None if skeleton is None else joints(skeleton, f"Foot{side.title()}")
+        found = None if skeleton is None else seen_joints(skeleton, f"Foot{side.title()}")
         if found is None:
             feet.append(foot)
             continue
         height = state.field.floor - float(found[0][1])
-        if not foot.is_up and height >= state.game.swings[state.difficulty - 1]:
-            foot = Foot(is_up=True, moves=foot.moves + 1)
+        is_lifted = height >= state.game.swings[state.difficulty - 1]
+        if is_new(foot, state.clock):
+            foot = replace(foot, is_up=is_lifted)
+        elif not foot.is_up and is_lifted:
+            foot = replace(foot, is_up=True, moves=foot.moves + 1)
         elif foot.is_up and height <= _DOWN_M:
-            foot = Foot(is_up=False, moves=foot.moves + 1)
-            x, y, z = found[0].tolist()
-            stomps.append((side, (x, y, z)))
-        feet.append(foot)
+            foot = replace(foot, is_up=False, moves=foot.moves + 1)
+            stomps.append((side, point(found[0])))
+        feet.append(replace(foot, seen=state.clock))
     return (feet[0], feet[1]), stomps

@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from manip3d.rgbd import JOINTS, NOT_TRACKED, Skeleton
+from manip3d.rgbd import JOINTS, NOT_TRACKED, TRACKED, Skeleton
 
 SIDES = ("left", "right")
 
@@ -24,6 +24,8 @@ Touch = Callable[[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 """Function that returns the bone that touched each target, (N,), or -1. Its arguments are the
 targets' centres in the previous and in the current frame, (N, 3), and radii, (N,); metres in the
 camera frame."""
+
+_LONGEST_GAP_S = 0.3  # seconds for which a foot may be unseen within a movement
 
 _HANDS = ("Wrist", "Hand", "HandTip", "Thumb")
 _FEET = ("Ankle", "Foot")
@@ -51,8 +53,8 @@ class Game:
     strokes : tuple of int
         Number of strokes of a pedal that lift its ball to the disk, one for each difficulty.
     swings : tuple of float
-        Smallest movement of a foot that counts: degrees at the ankle for the pedals, metres above
-        the floor for the piano.
+        Smallest movement of a foot that counts: degrees at the ankle for the pedals, more where the
+        tracker is noisy; metres above the floor for the piano.
     radius : float, metres
         Radius of a target.
     seconds : float
@@ -187,6 +189,30 @@ class PianoField:
 
 
 @dataclass(frozen=True)
+class FootSamples:
+    """Measurements of a foot and how steady they are.
+
+    Attributes
+    ----------
+    recent : tuple of (float, float, float)
+        Last measurements: time of play, seconds; angle at the ankle, degrees; distance from ankle
+        to foot, metres.
+    since : float, seconds
+        Time of play since which the measurements have had neither gap nor jump.
+    seconds : float
+        Time over which `length` and `variance` are averages.
+    length, variance : float, metres and square metres
+        Mean and variance of the distance from ankle to foot.
+    """
+
+    recent: tuple[Point, ...] = ()
+    since: float = 0.0
+    seconds: float = 0.0
+    length: float = 0.0
+    variance: float = 0.0
+
+
+@dataclass(frozen=True)
 class Foot:
     """Movements of a foot so far.
 
@@ -198,11 +224,17 @@ class Foot:
         Angle, degrees, at which the movement last changed direction; None: not yet measured.
     moves : int
         Number of movements up or down.
+    seen : float or None, seconds
+        Time of play at which the foot was last seen; None: not since the beginning or a pause.
+    samples : FootSamples
+        Measurements of a foot on a pedal.
     """
 
     is_up: bool = False
     turn: float | None = None
     moves: int = 0
+    seen: float | None = None
+    samples: FootSamples = FootSamples()
 
 
 @dataclass(frozen=True)
@@ -230,6 +262,8 @@ class GameState:
         Time until the next key pops up.
     feet : (Foot, Foot)
         The left and the right foot.
+    gain : float
+        Factor by which the angles of the feet, and their noise, were enlarged.
     targets : tuple of Target
         Current targets.
     stains : tuple of points
@@ -251,6 +285,7 @@ class GameState:
     spawned: int = 0
     wait: float = 0.0
     feet: tuple[Foot, Foot] = (Foot(), Foot())
+    gain: float = 1.0
     targets: tuple[Target, ...] = ()
     stains: tuple[Point, ...] = ()
     events: tuple[Event, ...] = ()
@@ -263,6 +298,17 @@ class GameState:
     def speed(self) -> float:
         """Speed of a target, metres per second."""
         return self.game.speeds[self.difficulty - 1]
+
+
+def forget_feet(state: GameState) -> GameState:
+    """Return the state after a pause: the next frame sets the feet anew and counts nothing."""
+    left, right = (replace(foot, seen=None) for foot in state.feet)
+    return replace(state, feet=(left, right))
+
+
+def is_new(foot: Foot, clock: float) -> bool:
+    """Return whether a foot is seen for the first time, or again after a gap."""
+    return foot.seen is None or clock - foot.seen > _LONGEST_GAP_S
 
 
 def bones_of(limbs: Literal["arms", "legs"], side: str) -> tuple[int, ...]:
@@ -287,6 +333,13 @@ def joints(skeleton: Skeleton, *names: str) -> list[NDArray[np.float64]] | None:
     if any(skeleton.states[number] == NOT_TRACKED for number in numbers):
         return None
     return [skeleton.positions[number].astype(np.float64) for number in numbers]
+
+
+def seen_joints(skeleton: Skeleton, *names: str) -> list[NDArray[np.float64]] | None:
+    """Return the joints, metres; None: one is not tracked or only inferred from the others."""
+    if any(skeleton.states[JOINTS.index(name)] != TRACKED for name in names):
+        return None
+    return joints(skeleton, *names)
 
 
 def length(chain: list[NDArray[np.float64]]) -> float:

@@ -20,6 +20,7 @@ from manip3d.phantom._state import (
     ArmField,
     Event,
     Foot,
+    FootSamples,
     Game,
     GameState,
     LegField,
@@ -36,6 +37,7 @@ __all__ = [
     "ArmField",
     "Event",
     "Foot",
+    "FootSamples",
     "Game",
     "GameState",
     "LegField",
@@ -166,6 +168,9 @@ def step(
 
     Bubbles rise, burst if they are touched, or stain the ceiling; new bubbles appear in pairs, left
     and right at the same time. Balls rise by strokes of the feet; keys pop up and are stomped on.
+    Joints that are only inferred move no pedal and no key, and a foot that was not seen for 0.3 s
+    is measured anew. Strokes must be slower than 300 degrees a second and larger than the noise of
+    the tracker, which shows as changes of the foot's length.
     The game is over when the time is up, both balls have arrived or too many bubbles were missed;
     its state then stays the same.
 
