@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +14,11 @@ from numpy.typing import NDArray
 
 import capsule_body
 from manip3d import InputError, Skeleton, datasets
-from manip3d.modify import JointSmoother
+from manip3d.modify import JointSmoother, PhantomState
 from manip3d.phantom import LiveSession
 from manip3d.phantom._anomalies import ANOMALY_S, Anomaly, AnomalyWatch
 from manip3d.phantom._pedal import advise_pedal
+from manip3d.phantom._play import Play
 from manip3d.phantom.games import (
     GAMES,
     GameState,
@@ -362,6 +365,36 @@ def test_stomping_beside_the_key_plays_nothing_and_wants_a_new_lift() -> None:
     for by in ((off, -0.2, 0.0), (off, 0.0, 0.0), (off - 0.2 * sign, 0.0, 0.0)):
         state = step(state, 1 / RATE, no_touch, player(moved={foot: by}))
     assert state.score == 0
+
+
+@pytest.mark.parametrize("name", ["pedal", "piano"])
+def test_a_foot_that_came_down_in_a_pause_counts_nothing(name: str) -> None:
+    play, time_s = Play((name, 1), 0, "left_leg", 1.0, None), 0.0
+
+    def frames(count: int, up: float, state: PhantomState = PhantomState.TRACKING) -> None:
+        nonlocal time_s
+        moved = {f"Foot{side}": (0.0, -up, 0.0) for side in ("Left", "Right")}
+        skeleton = player(left=100 * up, right=100 * up, moved=moved if name == "piano" else None)
+        shown: Any = SimpleNamespace(skeleton=skeleton, state=state)
+        for _ in range(count):
+            time_s += 1 / RATE
+            play.go_on(shown, 1 / RATE, round(time_s * 1e9), None)
+
+    def lift(ups: list[float]) -> None:
+        for up in ups:
+            frames(1, up)
+
+    way = np.linspace(0.0, 0.2, 8).tolist()
+    play.want()
+    frames(5 * RATE, 0.0)
+    lift(way + [0.2] * 16)
+    assert play.game is not None
+    assert [foot.is_up for foot in play.game.feet] == [True, True]
+    frames(RATE, 0.0, PhantomState.LOST)
+    frames(RATE, 0.0)
+    assert (play.game.score, play.game.phase) == (0, "playing")
+    lift(way + [0.2] * 16 + way[::-1] + [0.0] * 16)
+    assert play.game.score > 0
 
 
 @pytest.mark.parametrize("state_of_foot", [NOT_TRACKED, INFERRED])

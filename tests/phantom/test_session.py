@@ -142,6 +142,77 @@ def test_a_lost_limb_pauses_the_game_and_punishes_nobody() -> None:
     assert summary.seconds == pytest.approx(60.0 - before["game"]["left_s"], abs=0.02)
 
 
+def test_too_few_pictures_a_second_pause_the_game() -> None:
+    """A third of a second between two pictures: what the hands did there is not known."""
+    session = LiveSession("right_arm")
+    session.command("ready")
+    slow = [
+        replace(frame, time_ns=number * 333_333_333) for number, frame in enumerate(patient()[:60])
+    ]
+    shown = [frame.status for frame in play(session, slow)]
+    begun = next(i for i, status in enumerate(shown) if status["game"]["phase"] == "playing")
+    for status in shown[begun + 1 :]:
+        assert status["game"]["phase"] == "paused"
+        if status["state"] == "tracking":
+            assert "pictures come too slowly" in status["message"]
+        assert (status["game"]["score"], status["game"]["left_s"]) == (0, 60.0)
+    session.end()
+    (summary,) = session.summaries
+    assert (summary.ending, summary.seconds, summary.score) == ("stopped", 0.0, 0)
+    assert summary.paused_s == pytest.approx((len(slow) - 1 - begun) / 3, abs=0.01)
+
+
+@pytest.mark.parametrize("begins_again", [False, True])
+def test_an_outage_of_the_camera_is_a_pause(begins_again: bool) -> None:
+    session = LiveSession("right_arm")
+    session.command("ready")
+    frames = patient()[:60]
+    start = 0 if begins_again else frames[39].time_ns + 30_000_000_000
+    later = [
+        replace(frame, time_ns=start + number * 33_333_333)
+        for number, frame in enumerate(frames[40:])
+    ]
+    before = play(session, frames[:40])[-1].status["game"]
+    session.notice("The camera is gone: check its cable.")
+    messages = [session.process(frame, captured_ns=30_000_000_001) for frame in later]
+    shown = [read_frame(message).status for message in messages if message is not None]
+    assert shown[0]["game"]["phase"] == "paused"
+    assert "were missing" in shown[0]["message"]
+    for name in ("left_s", "score", "misses", "targets"):
+        assert shown[0]["game"][name] == before[name]
+    assert shown[-1]["game"]["phase"] == "playing"
+    assert "were missing" not in shown[-1]["message"]
+    session.end()
+    assert session.summaries[0].paused_s >= 30.0
+    assert session.summaries[0].seconds < 2.0
+
+
+def test_feet_that_are_seen_unsteadily_are_told_on_the_page() -> None:
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    from manip3d.simulate import BodySimulator
+
+    simulator = BodySimulator(
+        amputated="left_leg", motion="still", sitting=True, tracker="kinect-v1", seed=6, rate=10,
+        color="none", room=False, frames=60, threads=1,
+    )  # fmt: skip
+    session = LiveSession("left_leg", game="pedal")
+    session.command("ready")
+    last = play(session, list(simulator))[-1].status
+    assert last["game"]["phase"] == "playing"
+    assert "The camera sees your feet unsteadily, so that only movements of" in last["message"]
+
+
+def test_the_frame_in_which_a_game_begins_counts_as_tracked() -> None:
+    session = LiveSession("right_arm")
+    frames = patient()
+    play(session, frames[:30])
+    session.command("ready")
+    shown = play(session, frames[30:31])
+    assert shown[-1].status["game"]["phase"] == "playing"
+    session.end()
+    assert session.summaries[0].tracked == 1.0
+
+
 def test_starting_waits_for_a_phantom_limb() -> None:
     session = LiveSession("right_arm")
     session.command("ready")

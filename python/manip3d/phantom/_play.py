@@ -11,8 +11,10 @@ import numpy as np
 from manip3d.modify import ColliderTracker, PhantomState
 from manip3d.phantom._anomalies import AnomalyWatch
 from manip3d.phantom._clips import ClipRing
+from manip3d.phantom._pedal import advise_pedal
 from manip3d.phantom._recorder import GameSummary, Pictures, Recorder
 from manip3d.phantom._setup import moved_to
+from manip3d.phantom._state import forget_feet
 from manip3d.phantom.games import (
     ArmField,
     GameState,
@@ -23,7 +25,7 @@ from manip3d.phantom.games import (
     keys_of,
     step,
 )
-from manip3d.rgbd import JOINTS, NOT_TRACKED, Skeleton
+from manip3d.rgbd import JOINTS, NOT_TRACKED, TRACKED, Skeleton
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,7 +38,14 @@ _EVENTS_NS = (
 )
 _TELL_S = 10.0  # seconds between stored states of the current game
 _FLOOR_S = 4.0  # seconds over which the lowest place of a foot is taken as the floor
+LONGEST_STEP_S = 0.25
+"""Seconds; a longer gap between two frames is a pause: how the player moved in it is unknown."""
 _FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
+
+_TOO_SLOW = (
+    "The pictures come too slowly or were missing, so the game waits: close other programs and "
+    "check the camera."
+)
 
 _LIMB_ENDS = {
     limbs: tuple(
@@ -67,6 +76,8 @@ class Play:
         Factor of joint angles (virtual enhancement).
     summaries : list of GameSummary
         Games that are over.
+    advice : str
+        What keeps the game, in the last frame, from counting movements; empty: nothing does.
     """
 
     def __init__(
@@ -78,6 +89,7 @@ class Play:
         self.limb = limb
         self.gain = gain
         self.summaries: list[GameSummary] = []
+        self.advice = ""
         self._seed = seed
         self._recorder = recorder
         self._watch = AnomalyWatch()
@@ -116,11 +128,11 @@ class Play:
 
     def forget_person(self) -> None:
         """Discard data about the person, before a frame of another recording or person."""
-        self._ends.reset()
         self.forget_times()
 
     def forget_times(self) -> None:
         """Note that the camera's clock was reset."""
+        self._interrupt()
         self._lowest.clear()
         self._events.clear()
 
@@ -135,24 +147,37 @@ class Play:
 
         ``now``: the frame's time, nanoseconds; ``measured``: the patient's body, if it was.
         """
-        if self.is_playing:
-            self._seen[shown.state == PhantomState.TRACKING] += 1
+        self.advice = ""
         if shown.state != PhantomState.TRACKING:
-            self._ends.reset()  # movements during a pause touch nothing
+            self._interrupt()
             if self.is_playing:
+                self._seen[False] += 1
                 self._paused_s += seconds
             return False
         floor = self._floor(shown.skeleton, now)
-        if self.is_wanted:
+        begins = self.is_wanted
+        if begins:
             self._begin(shown.skeleton, measured, floor)
         if self.game is None or self.game.phase == "over":
             return False
+        self._seen[True] += 1
+        is_late = seconds > LONGEST_STEP_S and not begins
+        if is_late:
+            self._interrupt()
         self._ends.update(_ends_of(shown.skeleton, self.game))
-        self.game = step(self.game, seconds, self._touched, shown.skeleton)
+        if is_late:
+            self._paused_s += seconds
+            self.advice = _TOO_SLOW
+            return False
+        played = seconds if seconds <= LONGEST_STEP_S else 0.0
+        game = replace(self.game, gain=self.gain)
+        self.game = step(game, played, self._touched, shown.skeleton)
         self._watch.update(self.game)
         self._keep_clips()
         if self.game.phase == "over":
             self._finish(self.game.ending)
+        elif self.game.game.rules == "pedal":
+            self.advice = advise_pedal(self.game)
         return True
 
     def tell(self) -> None:
@@ -209,6 +234,12 @@ class Play:
         wanted = self._recorder is not None and self._recorder.wants_clips
         self._ring, self._clips = ClipRing() if wanted else None, []
 
+    def _interrupt(self) -> None:
+        """Note that movements before the next frame are unknown: they touch and count nothing."""
+        self._ends.reset()
+        if self.game is not None:
+            self.game = forget_feet(self.game)
+
     def _finish(self, ending: str) -> None:
         self._watch.finish()
         self._keep_clips()
@@ -226,7 +257,7 @@ class Play:
 
     def _floor(self, skeleton: Skeleton, now: int) -> float | None:
         """Return the lowest place (largest y) of a foot in the last seconds."""
-        feet = [float(skeleton.positions[j][1]) for j in _FEET if skeleton.states[j] != NOT_TRACKED]
+        feet = [float(skeleton.positions[j][1]) for j in _FEET if skeleton.states[j] == TRACKED]
         if feet:
             self._lowest.append((now, max(feet)))
         while self._lowest and now - self._lowest[0][0] > _FLOOR_S * 1e9:

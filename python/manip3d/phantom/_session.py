@@ -15,7 +15,7 @@ from manip3d.errors import InputError
 from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState, repose
 from manip3d.phantom._felt import LIMITS, FeltLimb, felt_places
 from manip3d.phantom._messages import MAX_GAIN, MESSAGES, NOT_LOST, Inbox
-from manip3d.phantom._play import Play, rounded
+from manip3d.phantom._play import LONGEST_STEP_S, Play, rounded
 from manip3d.phantom._recorder import GameSummary, Recorder
 from manip3d.phantom._setup import PlacementCalibration, placement_checks
 from manip3d.phantom._sitting import Sitting
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from manip3d.modify import BodyColliders, PhantomFrame
 
 _ENHANCED = {"arm": ("Shoulder", "Elbow"), "leg": ("Hip", "Knee", "Ankle")}
-_LONGEST_STEP_S = 0.25  # seconds; longer gaps between frames do not count as time of play
 _NOMINAL_PERIOD_NS = 33_333_333  # between frames of a source without a clock
 _PEOPLE = 64  # number of people whose numbers are remembered
 _FRAMES = 90  # number of frames over which times of stages are averaged
@@ -39,7 +38,8 @@ class LiveSession:
     """Turns each frame into a message for the page; the game's time is that of the frames.
 
     The same frames, commands and seed give the same game. While the phantom limb is not
-    ``tracking`` the game is paused: nothing can be hit and nothing is missed.
+    ``tracking``, and in gaps of more than 0.25 s between frames, the game is paused: nothing can be
+    hit and nothing is missed.
 
     Parameters
     ----------
@@ -117,6 +117,7 @@ class LiveSession:
         self._sequence = 0
         self._frame_time: int | None = None  # of the last frame, and as the session counts it
         self._last_time: int | None = None
+        self._last_captured = 0  # arrival of the last frame
         self._times: deque[int] = deque(maxlen=_FRAMES)
         self._stages: dict[str, deque[float]] = {
             name: deque(maxlen=_FRAMES) for name in ("pipeline", "rules", "encode")
@@ -244,7 +245,7 @@ class LiveSession:
         self.state = shown.state.value
         self._obey()
         now = self._time_of(frame)
-        seconds = self._seconds_since_last(now)
+        seconds = self._seconds_since_last(now, captured)
         self._people = sorted(frame.skeletons, key=lambda one: float(one.positions[0][0]))
         self._times.append(now)
         if self._calibration is not None and shown.state == PhantomState.TRACKING:
@@ -261,7 +262,7 @@ class LiveSession:
         status = (
             self._frame_status(shown, colliders)
             | self._setup_status(shown, frame)
-            | self._touch_status(shown, seconds)
+            | self._touch_status(shown, seconds if seconds <= LONGEST_STEP_S else 0.0)
             | self._game_status(playing=playing)
         )
         ruled = time.perf_counter()
@@ -292,13 +293,17 @@ class LiveSession:
             return (self._last_time or 0) + _NOMINAL_PERIOD_NS
         return frame.time_ns
 
-    def _seconds_since_last(self, now: int) -> float:
-        last, self._last_time = self._last_time, now
-        if last is not None and now < last:  # the camera's clock began again
+    def _seconds_since_last(self, now: int, captured: int) -> float:
+        """Return the time since the previous frame, with an outage of the camera between them."""
+        (last, last_captured), self._last_time = (self._last_time, self._last_captured), now
+        self._last_captured = captured
+        if last is None:
+            return 0.0
+        if now < last:  # the camera's clock began again, and only the arrival tells the time
             self._times.clear()
             self._play.forget_times()
-        gap = 0.0 if last is None else (now - last) / 1e9
-        return gap if 0.0 <= gap <= _LONGEST_STEP_S else 0.0
+            return max(0.0, (captured - last_captured) / 1e9)
+        return (now - last) / 1e9
 
     def _obey(self, only: Sequence[str] = tuple(MESSAGES)) -> None:
         """Handle the messages of pages since the last frame."""
@@ -456,10 +461,10 @@ class LiveSession:
         self._sequence = (self._sequence + 1) % 2**32
         return message
 
-    def _told(self, message: str) -> str:
-        """Return the sentences of the page: next instruction, tracking, trouble of the diary."""
+    def _told(self, *messages: str) -> str:
+        """Return the sentences of the page: next instruction, messages, trouble of the diary."""
         trouble = "" if self._recorder is None else self._recorder.trouble
-        return " ".join(part for part in (self._sitting.ask, message, trouble) if part)
+        return " ".join(part for part in (self._sitting.ask, *messages, trouble) if part)
 
     def _frame_status(self, shown: PhantomFrame, colliders: BodyColliders) -> dict[str, Any]:
         skeleton = shown.skeleton
@@ -476,7 +481,7 @@ class LiveSession:
         return {
             "state": shown.state.value,
             "reason": shown.reason.value,
-            "message": self._told(shown.message),
+            "message": self._told(shown.message, self._play.advice),
             "visible": round(shown.visible, 3),
             "score": round(min(shown.quality.score, 1e6), 3),
             "joints": rounded(skeleton.positions),
