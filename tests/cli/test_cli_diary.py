@@ -78,6 +78,20 @@ def test_in_mid_study_the_reason_for_which_there_is_no_model_is_true(path: str) 
     assert "two participants with two" not in ran("analyse", path)
 
 
+def test_touch_cues_and_the_felt_limb_are_shown(path: str) -> None:
+    with Diary(path) as diary:
+        diary.add_ownership("P01", mode="asynchronous", answers=[3, 2, 1, -1, -2, -2])
+        diary.add_felt("P01", length=80, telescoping=20, raised=10, bent=30, limb="left_leg")
+    shown = ran("show", path, "P01")
+    assert "asynchronous touch, " in shown
+    assert "ownership 2, control -1.667" in shown
+    assert "felt limb (left leg), " in shown
+    assert ": 80 % long, 20 % telescoped, raised 10 and bent 30 degrees" in shown
+    found = json.loads(ran("show", path, "P01", "--json"))
+    assert found["answers"][0]["mode"] == "asynchronous"
+    assert found["felt"][0]["telescoping"] == 20
+
+
 def test_a_rating_outside_of_sessions_is_shown(path: str, tmp_path: Path) -> None:
     ran("rate", path, "P01", "--pain", "6")
     with Diary(path) as diary:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from manip3d import RgbdFrame, capture
 from manip3d.cli import app
 from manip3d.modify import PhantomFrame, PhantomPipeline
 from manip3d.viewer import people
+from manip3d.viewer.phantom import render_phantom
 
 pytest.importorskip("open3d")
 Image = pytest.importorskip("PIL.Image")
@@ -200,6 +202,24 @@ def test_a_film(tmp_path: Path) -> None:
     assert len(frames) == 3
     assert frames[0].shape == (424, 1536, 3)
     assert (frames[0][:, 600:900] > 250).mean() > 0.5  # the person on white
+
+
+def test_a_film_has_the_speed_of_its_frames(tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    source = list(capture.open_rgbd(SOURCE))
+    steps_ms = {
+        (0, 100, 350): (0, 100, 350),
+        (7, 7, 7): (0, 33, 67),  # no times
+        (500, 400, 417): (0, 33, 50),  # the clock went back
+        (0, 60_000, 60_100): (0, 10_000, 10_100),
+    }
+    for times, shown in steps_ms.items():
+        frames = [replace(f, time_ns=t * 10**6) for f, t in zip(source, times, strict=True)]
+        path = tmp_path / "film.mp4"
+        render_phantom(frames, path, affected="left_arm", overwrite=True)
+        with av.open(str(path)) as film:
+            found = [1000 * float(frame.time) for frame in film.decode(video=0)]
+        assert found == pytest.approx(shown, abs=1)
 
 
 def test_what_is_refused(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         DiaryAnalysis,
         DiarySession,
         Estimate,
+        FeltRecord,
         McGill,
         Questionnaire,
     )
@@ -239,8 +240,8 @@ def _session_row(session: DiarySession) -> list[str]:
 def show_participant(path: File, participant: Who, key: Key = None, as_json: Json = False) -> None:
     """Show what a diary holds of a participant.
 
-    It prints sessions, games, ratings, questionnaires and adverse events. With --json, ratings of a
-    session are with it, and "ratings" holds those outside of sessions.
+    It prints sessions, games, ratings, questionnaires, the felt limb and adverse events. With
+    --json, ratings of a session are with it, and "ratings" holds those outside of sessions.
 
     Example: manip3d diary show study.diary P01
     """
@@ -253,8 +254,8 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
         answers = diary.answers(participant)
         within = {rating.number for session in sessions for rating in session.ratings}
         apart = [one for one in diary.ratings(participant) if one.number not in within]
-        elsewhere = {one.number for one in diary.ownership(participant)}
-        elsewhere |= {one.number for one in filled}
+        touched = {one.number: one.mode for one in diary.ownership(participant)}
+        felt = diary.felt(participant)
     done = adherence(sessions, person.enrolled, _today(person.enrolled))
     record = {
         **_plain(person),
@@ -266,7 +267,9 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
         ],
         "ratings": [_plain(rating) for rating in apart],
         "questionnaires": [{**_plain(one), "score": vars(one.score)} for one in filled],
-        "answers": [_answers(one) for one in answers],
+        "answers": [_answers(one) | ({"mode": touched[one.number]} if one.number in touched else {})
+                    for one in answers],
+        "felt": [_plain(one) for one in felt],
         "events": [_plain(event) for event in events],
     }  # fmt: skip
 
@@ -286,8 +289,10 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
         for one in filled:
             _show_mcgill(console, one)
         for form in answers:
-            if form.number not in elsewhere:
-                _show_answers(console, form)
+            if form.number not in {one.number for one in filled}:
+                _show_answers(console, form, touched.get(form.number, ""))
+        for description in felt:
+            _show_felt(console, description)
         for event in events:
             _show_event(console, event)
 
@@ -303,10 +308,20 @@ def _show_mcgill(console: Console, filled: McGill) -> None:
     )
 
 
-def _show_answers(console: Console, answers: Answers) -> None:
+def _show_answers(console: Console, answers: Answers, mode: str) -> None:
     told = ", ".join(f"{name} {score:.4g}" for name, score in answers.scores.items())
-    title = f"{answers.questionnaire.name}, {answers.occasion}, {_day(answers.at)}"
+    occasion = f"{mode} touch" if mode else answers.occasion
+    title = f"{answers.questionnaire.name}, {occasion}, {_day(answers.at)}"
     console.print(printable(f"{title}: {told}"), markup=False)
+
+
+def _show_felt(console: Console, felt: FeltRecord) -> None:
+    limb = f" ({felt.limb.replace('_', ' ')})" if felt.limb else ""
+    told = (
+        f"felt limb{limb}, {_day(felt.at)}: {felt.length} % long, {felt.telescoping} % telescoped, "
+        f"raised {felt.raised} and bent {felt.bent} degrees"
+    )
+    console.print(printable(told), markup=False)
 
 
 def _show_event(console: Console, event: AdverseEvent) -> None:

@@ -275,7 +275,7 @@ def load_questionnaire(path: str | os.PathLike[str]) -> Questionnaire:
     content = limited_bytes(file, _MAX_BYTES)
     try:
         found = json.loads(
-            content.decode("utf-8"), object_pairs_hook=_unique, parse_constant=_no_constant
+            content.decode("utf-8-sig"), object_pairs_hook=_unique, parse_constant=_no_constant
         )
         return questionnaire_of(found)
     except (InputError, FormatError) as error:

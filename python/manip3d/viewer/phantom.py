@@ -32,7 +32,10 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
 
 RATE = 30
-"""Frames per second of the film."""
+"""Frames per second of a film of frames without times."""
+
+_TICKS = 30_000  # per second of a film; encoders of MPEG-4 know 65,535 at most
+_LONGEST_S = 10.0  # a longer gap between two frames is shown as this
 
 _WORST, _COLUMNS, _WIDTH = 40, 8, 200
 """Number of frames of a contact sheet, number per row, and width of each in pixels."""
@@ -105,7 +108,8 @@ def render_phantom(
     source : str or iterable of RgbdFrame
         An address for `manip3d.capture.open_rgbd`, a recording's path, or frames with a skeleton.
     output : path-like
-        ``.mp4``: a film of 30 frames per second. ``.png``: a contact sheet of the 40 worst frames
+        ``.mp4``: a film at the speed of the frames' times, in which gaps last 10 s at most; without
+        times, 30 frames per second. ``.png``: a contact sheet of the 40 worst frames
         by `manip3d.modify.PhantomQuality.score`, the worst first; each is cropped to the person and
         shows the camera image above the phantom. A name without a suffix: a folder of PNG pictures.
     affected : str, optional
@@ -161,7 +165,7 @@ def render_phantom(
             # The first frames of some cameras have no colour.
             taken = (f if f is None or f.color is None else tracker.annotate(f) for f in taken)
         for frame, picture, phantom in _pictures(taken, pipeline, azimuth, threads):
-            sink.add(picture, phantom)
+            sink.add(picture, phantom, None if frame is None else frame.time_ns)
             counted.add(frame, phantom)
             if frame is not None and report is not None:
                 report(min(counted.total / total, 1.0) if total else 0.0)
@@ -221,8 +225,8 @@ def _opened(source: str | Iterable[RgbdFrame]) -> Any:
 class Sink(Protocol):
     """Receives pictures one after another."""
 
-    def add(self, picture: Image, phantom: PhantomFrame) -> None:
-        """Add the next picture, and the frame that it shows."""
+    def add(self, picture: Image, phantom: PhantomFrame, time_ns: int | None) -> None:
+        """Add the next picture, the frame that it shows, and its time; None: it was not read."""
 
 
 def limb_of(source: str) -> str:
@@ -310,7 +314,7 @@ class _Worst:
         self._kept: list[tuple[float, int, Image]] = []  # heap with the lowest score first
         self._number = 0
 
-    def add(self, picture: Image, phantom: PhantomFrame) -> None:
+    def add(self, picture: Image, phantom: PhantomFrame, time_ns: int | None) -> None:
         self._number += 1
         push = heapq.heappush if len(self._kept) < _WORST else heapq.heappushpop
         push(self._kept, (phantom.quality.score, -self._number, _around(picture, phantom)))
@@ -333,7 +337,7 @@ class _Folder:
         self._folder = folder
         self._number = 0
 
-    def add(self, picture: Image, phantom: PhantomFrame) -> None:
+    def add(self, picture: Image, phantom: PhantomFrame, time_ns: int | None) -> None:
         from manip3d.viewer import png_bytes
 
         (self._folder / f"{self._number:06d}.png").write_bytes(png_bytes(picture))
@@ -354,18 +358,39 @@ class _Film:
         self._av = av
         self._container = av.open(os.fspath(path), "w", format="mp4")
         self._stream: Any = None
+        self._step = _TICKS // RATE  # between the last two frames
+        self._ticks = -self._step  # of the last frame
+        self._read: tuple[int, int] | None = None  # time in ns, and ticks, of the last frame read
 
-    def add(self, picture: Image, phantom: PhantomFrame) -> None:
+    def add(self, picture: Image, phantom: PhantomFrame, time_ns: int | None) -> None:
         height, width = (side - side % 2 for side in picture.shape[:2])
         if self._stream is None:
             codec = "libx264" if "libx264" in self._av.codecs_available else "mpeg4"
             self._stream = self._container.add_stream(codec, rate=Fraction(RATE))
             self._stream.width, self._stream.height = width, height
             self._stream.pix_fmt = "yuv420p"
+            self._stream.codec_context.time_base = Fraction(1, _TICKS)
             self._stream.bit_rate = 4_000_000
         even = np.ascontiguousarray(picture[:height, :width])
         frame = self._av.VideoFrame.from_ndarray(even, format="rgb24")
+        frame.pts, frame.time_base = self._next_ticks(time_ns), Fraction(1, _TICKS)
         self._container.mux(self._stream.encode(frame))
+
+    def _next_ticks(self, time_ns: int | None) -> int:
+        """Return when the next frame is shown.
+
+        A frame that was not read, or whose time is not later than that of the frame before, follows
+        after the last known step.
+        """
+        ticks = self._ticks + self._step
+        if time_ns is not None:
+            if self._read is not None and time_ns > self._read[0]:
+                seconds = min((time_ns - self._read[0]) / 1e9, _LONGEST_S)
+                ticks = max(self._ticks + 1, self._read[1] + round(_TICKS * seconds))
+                self._step = ticks - self._ticks
+            self._read = time_ns, ticks
+        self._ticks = ticks
+        return ticks
 
     def close(self) -> None:
         if self._stream is not None:

@@ -69,7 +69,7 @@ gain.addEventListener("change", () => {
   link.send({ type: "gain", value: Number(gain.value) });
   letGo(gain);
 });
-const start = element("button", { id: "start", class: "main" }, "Start when ready");
+const start = element("button", { id: "start", class: "main", disabled: "" }, "Start when ready");
 const score = element("div", { id: "score", hidden: "" });
 const card = element("section", { id: "card", "aria-live": "polite" });
 
@@ -532,6 +532,7 @@ function isIdle(): boolean {
 }
 
 function press(): void {
+  if (!newest) return; // there is no game yet that could begin or end
   link.send({ type: isIdle() ? "ready" : "stop" });
 }
 
