@@ -1,5 +1,6 @@
 #include "depth.hpp"
 
+#include <pybind11/native_enum.h>
 #include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
@@ -187,30 +188,36 @@ class Cs3Runner {
 };
 
 void bind_cs3(py::module_& m) {
-  py::enum_<Cs3Importance>(m, "Cs3Importance")
+  py::native_enum<Cs3Importance>(m, "Cs3Importance", "enum.Enum")
       .value("LAPLACIAN", Cs3Importance::kLaplacian)
-      .value("MIN_CURVATURE", Cs3Importance::kMinCurvature);
-  py::enum_<Cs3Sampling>(m, "Cs3Sampling")
+      .value("MIN_CURVATURE", Cs3Importance::kMinCurvature)
+      .finalize();
+  py::native_enum<Cs3Sampling>(m, "Cs3Sampling", "enum.Enum")
       .value("NON_MAXIMUM", Cs3Sampling::kNonMaximum)
-      .value("IMPORTANCE_ORDER", Cs3Sampling::kImportanceOrder);
-  py::enum_<Cs3Reading::Stencil>(m, "Cs3Stencil")
+      .value("IMPORTANCE_ORDER", Cs3Sampling::kImportanceOrder)
+      .finalize();
+  py::native_enum<Cs3Reading::Stencil>(m, "Cs3Stencil", "enum.Enum")
       .value("GRADIENT_OF_GRADIENT", Cs3Reading::Stencil::kGradientOfGradient)
       .value("COMPACT", Cs3Reading::Stencil::kCompact)
       .value("FORWARD", Cs3Reading::Stencil::kForward)
-      .value("SOBEL", Cs3Reading::Stencil::kSobel);
-  py::enum_<Cs3Reading::BesideInvalid>(m, "Cs3BesideInvalid")
+      .value("SOBEL", Cs3Reading::Stencil::kSobel)
+      .finalize();
+  py::native_enum<Cs3Reading::BesideInvalid>(m, "Cs3BesideInvalid", "enum.Enum")
       .value("BACKWARD", Cs3Reading::BesideInvalid::kBackward)
       .value("ZERO", Cs3Reading::BesideInvalid::kZero)
-      .value("UNKNOWN", Cs3Reading::BesideInvalid::kUnknown);
-  py::enum_<Cs3Reading::Rounding>(m, "Cs3Rounding")
+      .value("UNKNOWN", Cs3Reading::BesideInvalid::kUnknown)
+      .finalize();
+  py::native_enum<Cs3Reading::Rounding>(m, "Cs3Rounding", "enum.Enum")
       .value("DOWN", Cs3Reading::Rounding::kDown)
       .value("NEAREST", Cs3Reading::Rounding::kNearest)
-      .value("UP", Cs3Reading::Rounding::kUp);
-  py::enum_<Cs3Reached>(m, "Cs3Reached")
+      .value("UP", Cs3Reading::Rounding::kUp)
+      .finalize();
+  py::native_enum<Cs3Reached>(m, "Cs3Reached", "enum.Enum")
       .value("FACTOR", Cs3Reached::kFactor)
       .value("CUT", Cs3Reached::kCut)
       .value("CONTINUED", Cs3Reached::kContinued)
-      .value("ALL_PIXELS", Cs3Reached::kAllPixels);
+      .value("ALL_PIXELS", Cs3Reached::kAllPixels)
+      .finalize();
   py::class_<Cs3Reading>(m, "Cs3Reading")
       .def(py::init<>())
       .def_readwrite("stencil", &Cs3Reading::stencil)

@@ -1,3 +1,4 @@
+#include <pybind11/native_enum.h>
 #include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
@@ -217,32 +218,38 @@ class PipelineRunner {
 };
 
 void bind_enums(py::module_& m) {
-  py::enum_<Limb>(m, "Limb")
+  py::native_enum<Limb>(m, "Limb", "enum.Enum")
       .value("LEFT_ARM", Limb::kLeftArm)
       .value("RIGHT_ARM", Limb::kRightArm)
       .value("LEFT_LEG", Limb::kLeftLeg)
-      .value("RIGHT_LEG", Limb::kRightLeg);
-  py::enum_<MirrorMode>(m, "MirrorMode")
+      .value("RIGHT_LEG", Limb::kRightLeg)
+      .finalize();
+  py::native_enum<MirrorMode>(m, "MirrorMode", "enum.Enum")
       .value("REFLECTION", MirrorMode::kReflection)
       .value("PAPER", MirrorMode::kPaper)
-      .value("IMAGE", MirrorMode::kImage);
-  py::enum_<PlaneRule>(m, "PlaneRule")
+      .value("IMAGE", MirrorMode::kImage)
+      .finalize();
+  py::native_enum<PlaneRule>(m, "PlaneRule", "enum.Enum")
       .value("TRUNK", PlaneRule::kTrunk)
-      .value("JOINTS", PlaneRule::kJoints);
-  py::enum_<BoneRule>(m, "BoneRule")
+      .value("JOINTS", PlaneRule::kJoints)
+      .finalize();
+  py::native_enum<BoneRule>(m, "BoneRule", "enum.Enum")
       .value("SKIN", BoneRule::kSkin)
-      .value("PAPER", BoneRule::kPaper);
-  py::enum_<Texturing>(m, "Texturing")
+      .value("PAPER", BoneRule::kPaper)
+      .finalize();
+  py::native_enum<Texturing>(m, "Texturing", "enum.Enum")
       .value("SOURCE", Texturing::kSource)
-      .value("CALIBRATION", Texturing::kCalibration);
-  py::enum_<PhantomState>(m, "PhantomState")
+      .value("CALIBRATION", Texturing::kCalibration)
+      .finalize();
+  py::native_enum<PhantomState>(m, "PhantomState", "enum.Enum")
       .value("TRACKING", PhantomState::kTracking)
       .value("DEGRADED", PhantomState::kDegraded)
       .value("HOLDING", PhantomState::kHolding)
       .value("FADING", PhantomState::kFading)
       .value("LOST", PhantomState::kLost)
-      .value("LATE", PhantomState::kLate);
-  py::enum_<PhantomReason>(m, "PhantomReason")
+      .value("LATE", PhantomState::kLate)
+      .finalize();
+  py::native_enum<PhantomReason>(m, "PhantomReason", "enum.Enum")
       .value("NONE", PhantomReason::kNone)
       .value("NO_PERSON", PhantomReason::kNoPerson)
       .value("NO_PLANE", PhantomReason::kNoPlane)
@@ -259,7 +266,8 @@ void bind_enums(py::module_& m) {
       .value("CUT", PhantomReason::kCut)
       .value("DOUBLED", PhantomReason::kDoubled)
       .value("CLOTH", PhantomReason::kCloth)
-      .value("LATE", PhantomReason::kLate);
+      .value("LATE", PhantomReason::kLate)
+      .finalize();
 }
 
 void bind_joints(py::module_& m) {

@@ -1,5 +1,6 @@
 #include "manip3d/simplify/relief.hpp"
 
+#include <pybind11/native_enum.h>
 #include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
@@ -58,17 +59,19 @@ std::span<const float> shares_of(const std::optional<CArray<float>>& confidence)
 }  // namespace
 
 void bind_relief(py::module_& m) {
-  py::enum_<ReliefEffort>(m, "ReliefEffort")
+  py::native_enum<ReliefEffort>(m, "ReliefEffort", "enum.Enum")
       .value("live", ReliefEffort::kLive)
       .value("fast", ReliefEffort::kFast)
       .value("balanced", ReliefEffort::kBalanced)
       .value("fine", ReliefEffort::kFine)
-      .value("best", ReliefEffort::kBest);
-  py::enum_<ReliefStop>(m, "ReliefStop")
+      .value("best", ReliefEffort::kBest)
+      .finalize();
+  py::native_enum<ReliefStop>(m, "ReliefStop", "enum.Enum")
       .value("target", ReliefStop::kTarget)
       .value("all_points", ReliefStop::kAllPoints)
       .value("small_pieces", ReliefStop::kSmallPieces)
-      .value("smaller_level", ReliefStop::kSmallerLevel);
+      .value("smaller_level", ReliefStop::kSmallerLevel)
+      .finalize();
   py::class_<ReliefOptions>(m, "ReliefOptions")
       .def(py::init<>())
       .def_readwrite("target_points", &ReliefOptions::target_points)

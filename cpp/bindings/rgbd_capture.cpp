@@ -1,3 +1,4 @@
+#include <pybind11/native_enum.h>
 #include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
@@ -200,10 +201,11 @@ void bind_source(py::module_& m) {
 }
 
 void bind_recorder(py::module_& m) {
-  py::enum_<RecordingKind>(m, "RecordingKind")
+  py::native_enum<RecordingKind>(m, "RecordingKind", "enum.Enum")
       .value("folder", RecordingKind::kFolder)
       .value("mkv", RecordingKind::kMkv)
-      .value("tum", RecordingKind::kTum);
+      .value("tum", RecordingKind::kTum)
+      .finalize();
   py::class_<Recorder>(m, "RgbdRecorder")
       .def(
           "write",

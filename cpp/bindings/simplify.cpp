@@ -1,3 +1,4 @@
+#include <pybind11/native_enum.h>
 #include <pybind11/stl.h>
 
 #include "fields.hpp"
@@ -61,10 +62,11 @@ Fields to_fields(CleanResult&& result, const py::object& source) {
 }
 
 void bind_clean(py::module_& m) {
-  py::enum_<Duplicates>(m, "Duplicates")
+  py::native_enum<Duplicates>(m, "Duplicates", "enum.Enum")
       .value("keep", Duplicates::kKeep)
       .value("same", Duplicates::kSame)
-      .value("any", Duplicates::kAny);
+      .value("any", Duplicates::kAny)
+      .finalize();
   m.def(
       "clean",
       [](const PyMesh& mesh, bool weld, Duplicates duplicates) {
@@ -131,33 +133,39 @@ Fields to_fields(QualityResult&& r, const py::object& source) {
 }
 
 void bind_options(py::module_& m) {
-  py::enum_<BoundaryTerm>(m, "BoundaryTerm")
+  py::native_enum<BoundaryTerm>(m, "BoundaryTerm", "enum.Enum")
       .value("NONE", BoundaryTerm::kNone)
       .value("FREEZE", BoundaryTerm::kFreeze)
       .value("WEIGHT", BoundaryTerm::kWeight)
-      .value("CURVATURE", BoundaryTerm::kCurvature);
-  py::enum_<BoundaryCurvature>(m, "BoundaryCurvature")
+      .value("CURVATURE", BoundaryTerm::kCurvature)
+      .finalize();
+  py::native_enum<BoundaryCurvature>(m, "BoundaryCurvature", "enum.Enum")
       .value("TURNING", BoundaryCurvature::kTurning)
-      .value("PAPER", BoundaryCurvature::kPaper);
-  py::enum_<TextureTerm>(m, "TextureTerm")
+      .value("PAPER", BoundaryCurvature::kPaper)
+      .finalize();
+  py::native_enum<TextureTerm>(m, "TextureTerm", "enum.Enum")
       .value("NONE", TextureTerm::kNone)
       .value("QUADRIC5", TextureTerm::kQuadric5)
       .value("SEAM_PLANES", TextureTerm::kSeamPlanes)
       .value("SEAM_PAPER", TextureTerm::kSeamPaper)
-      .value("SEAM_LOCK", TextureTerm::kSeamLock);
-  py::enum_<LinkCondition>(m, "LinkCondition")
+      .value("SEAM_LOCK", TextureTerm::kSeamLock)
+      .finalize();
+  py::native_enum<LinkCondition>(m, "LinkCondition", "enum.Enum")
       .value("MANIFOLD", LinkCondition::kManifold)
       .value("ALWAYS", LinkCondition::kAlways)
-      .value("NEVER", LinkCondition::kNever);
-  py::enum_<ComplexVertices>(m, "ComplexVertices")
+      .value("NEVER", LinkCondition::kNever)
+      .finalize();
+  py::native_enum<ComplexVertices>(m, "ComplexVertices", "enum.Enum")
       .value("KEEP", ComplexVertices::kKeep)
-      .value("FREEZE", ComplexVertices::kFreeze);
-  py::enum_<CollapseStop>(m, "CollapseStop")
+      .value("FREEZE", ComplexVertices::kFreeze)
+      .finalize();
+  py::native_enum<CollapseStop>(m, "CollapseStop", "enum.Enum")
       .value("TARGET_REACHED", CollapseStop::kTargetReached)
       .value("ERROR_LIMIT", CollapseStop::kErrorLimit)
       .value("DISTANCE_LIMIT", CollapseStop::kDistanceLimit)
       .value("NO_LEGAL_COLLAPSE", CollapseStop::kNoLegalCollapse)
-      .value("REFUSED", CollapseStop::kRefused);
+      .value("REFUSED", CollapseStop::kRefused)
+      .finalize();
   py::class_<QemOptions> options(m, "QemOptions");
   options.def(py::init<>());
   bind_fields(options, kQemOptions);

@@ -1,3 +1,4 @@
+#include <pybind11/native_enum.h>
 #include <pybind11/stl.h>
 
 #include <algorithm>
@@ -210,16 +211,19 @@ py::array spans_of(const py::array& depth, double focal, const SilhouetteOptions
 }  // namespace
 
 void bind_streams(py::module_& m) {
-  py::enum_<PoseScope>(m, "PoseScope")
+  py::native_enum<PoseScope>(m, "PoseScope", "enum.Enum")
       .value("LIMBS", PoseScope::kLimbs)
-      .value("BODY", PoseScope::kBody);
-  py::enum_<Skinning>(m, "Skinning")
+      .value("BODY", PoseScope::kBody)
+      .finalize();
+  py::native_enum<Skinning>(m, "Skinning", "enum.Enum")
       .value("SPHERICAL", Skinning::kSpherical)
       .value("RIGID", Skinning::kRigid)
-      .value("LBS", Skinning::kLbs);
-  py::enum_<CompositeSurface>(m, "CompositeSurface")
+      .value("LBS", Skinning::kLbs)
+      .finalize();
+  py::native_enum<CompositeSurface>(m, "CompositeSurface", "enum.Enum")
       .value("MESH", CompositeSurface::kMesh)
-      .value("POINTS", CompositeSurface::kPoints);
+      .value("POINTS", CompositeSurface::kPoints)
+      .finalize();
   py::class_<DepthStepOptions>(m, "DepthStepOptions")
       .def(py::init<>())
       .def_readwrite("noise_at_1_m", &DepthStepOptions::noise_at_1_m)
