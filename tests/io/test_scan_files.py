@@ -76,6 +76,26 @@ def test_damaged_kitti(tmp_path: Path, data: bytes, byte: int, reason: str, comp
     assert caught.value.file == str(path)
 
 
+@pytest.mark.parametrize("share", [0.001, 0.4, 0.9])
+@pytest.mark.parametrize(
+    ("name", "columns"), [("scan.bin", 4), ("scan.bin", 3), ("scan.bin", 6), ("scan.pcd.bin", 5)]
+)
+def test_rows_without_a_return_are_counted(
+    tmp_path: Path, name: str, columns: int, share: float
+) -> None:
+    random = np.random.default_rng(0)
+    values = (random.normal(size=(20_000, columns)) + 20.0 * np.arange(columns)).astype(np.float32)
+    values[:, -1] = 3.0  # such as a ring, which has a value without a return, too
+    lacking = random.random(len(values)) < share
+    values[lacking, :3] = np.nan
+    (tmp_path / name).write_bytes(values.tobytes())
+    found = read_scan(tmp_path / name)
+    assert found.num_dropped == np.count_nonzero(lacking)
+    np.testing.assert_array_equal(found.points, values[~lacking, :3])
+    assert found.file_rows is not None
+    np.testing.assert_array_equal(found.file_rows, np.flatnonzero(~lacking))
+
+
 @pytest.mark.parametrize(("name", "columns"), [("scan.bin", 4), ("scan.pcd.bin", 5)])
 def test_damage_is_counted_with_its_first_row(tmp_path: Path, name: str, columns: int) -> None:
     values = np.zeros((40_000, columns), np.float32)

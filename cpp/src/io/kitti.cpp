@@ -45,10 +45,12 @@ double median_difference(std::string_view floats, std::size_t apart) {
     std::memcpy(values.data(), floats.data() + first * sizeof(float), sizeof(values));
     for (std::size_t i = apart; i < kWindow; ++i) {
       const double difference = std::abs(double{values.at(i)} - double{values.at(i - apart)});
+      if (std::isnan(difference)) continue;  // rows without coordinates tell nothing
       differences.push_back(std::isfinite(difference) ? difference
                                                       : std::numeric_limits<double>::max());
     }
   }
+  if (differences.empty()) return std::numeric_limits<double>::max();
   const auto middle = differences.begin() + std::ptrdiff_t(differences.size() / 2);
   std::nth_element(differences.begin(), middle, differences.end());
   return *middle;
@@ -80,16 +82,19 @@ std::size_t columns_by_content(std::string_view floats, std::size_t expected) {
   return least < kClearlyLess * as_expected ? best : expected;
 }
 
-// Counts rows with a value that is not finite. These are damage, because the format has no value
-// for unmeasured points.
+// Counts rows with a value that is not finite. These are damage, or the file has other columns,
+// except for rows without a return: programs write NaN as all three of their coordinates.
 class FiniteRows {
  public:
-  explicit FiniteRows(const std::vector<PointField>& fields) : fields_(fields) {}
+  // @param may_lack_returns  Whether rows without a return are accepted.
+  FiniteRows(const std::vector<PointField>& fields, bool may_lack_returns)
+      : fields_(fields), may_lack_returns_(may_lack_returns) {}
 
   // @param block  Complete rows, the first of which begins at byte `offset` of the file.
   void check(std::string_view block, std::int64_t offset) {
     const std::size_t row = fields_.size() * sizeof(float);
     for (std::size_t start = 0; start < block.size(); start += row, ++rows_) {
+      if (may_lack_returns_ && has_no_return(block.data() + start)) continue;
       for (std::size_t at = 0; at < fields_.size(); ++at) {
         float value = 0.0F;
         std::memcpy(&value, block.data() + start + at * sizeof(value), sizeof(value));
@@ -113,7 +118,14 @@ class FiniteRows {
   }
 
  private:
+  static bool has_no_return(const char* row) {
+    std::array<float, 3> place{};
+    std::memcpy(place.data(), row, sizeof(place));
+    return std::ranges::all_of(place, [](float value) { return std::isnan(value); });
+  }
+
   const std::vector<PointField>& fields_;
+  bool may_lack_returns_;
   std::int64_t rows_ = 0;
   std::int64_t bad_rows_ = 0;
   std::int64_t first_byte_ = 0;
@@ -131,7 +143,7 @@ std::vector<char> all_bytes(InputBuffer& input) {
   return bytes;
 }
 
-// A table of rows of finite floats, which have no header.
+// A table of rows of floats without a header. They are finite except in rows without a return.
 PointTable table_of(std::vector<char> bytes, PointFormat format, std::vector<PointField> fields) {
   const std::size_t row = row_bytes(fields);
   PointTable table;
@@ -139,7 +151,7 @@ PointTable table_of(std::vector<char> bytes, PointFormat format, std::vector<Poi
   table.fields = std::move(fields);
   table.rows = std::move(bytes);
   const std::size_t whole = table.rows.size() - table.rows.size() % row;
-  FiniteRows finite(table.fields);
+  FiniteRows finite(table.fields, true);
   finite.check({table.rows.data(), whole}, 0);
   if (whole != table.rows.size()) {
     throw FormatError::at_byte(
@@ -160,7 +172,7 @@ void write_rows(Output& output, const PointTableView& table,
     fits = field.name == wanted.name && field.type == wanted.type && field.count == wanted.count;
   }
   if (!fits) throw InputError(message);
-  FiniteRows finite(expected);
+  FiniteRows finite(expected, false);
   finite.check({table.rows.data(), table.rows.size()}, 0);
   finite.finish();
   output.text({table.rows.data(), table.rows.size()});

@@ -75,8 +75,9 @@ def read_scan(
     -------
     LidarFrame
         The scan. Points without coordinates (NaN, empty, marked invalid) were not measured: they
-        are dropped and counted, and ``file_rows`` holds the rows of the others. KITTI's ``.bin``
-        has no such points, so that NaN there is an error.
+        are dropped and counted, and ``file_rows`` holds the rows of the others. In KITTI's
+        ``.bin``, x, y and z of such points are NaN; other numbers that are not finite are an error,
+        because rows of another layout have them.
 
     Raises
     ------

@@ -85,7 +85,9 @@ struct ReadPointsOptions {
 /// format.
 ///
 /// - KITTI (`.bin`): rows of four finite floats x, y, z, intensity. If the values show that rows
-///   have 3, 5, 6 or 7 floats, the columns are x, y, z, intensity, column_5, ...
+///   have 3, 5, 6 or 7 floats, the columns are x, y, z, intensity, column_5, ... Rows whose x, y
+///   and z are all NaN are kept, as those without a return; others that are not finite are an
+///   error.
 /// - nuScenes (`.pcd.bin`): the ring as a fifth float; another number of columns is an error.
 /// - 3DTK (`.3d`): lines of three or more finite numbers, read as double: x, y, z, c3, c4, ...
 /// - PCD: ascii, binary or binary_compressed, and PLY: the element `vertex`, which must come first
