@@ -540,6 +540,51 @@ def test_few_stray_points_accuse_nobody(unit: Unit) -> None:
     assert said(without_labels(points)).verdict == "undecidable"
 
 
+def strewn_over(scan: LidarFrame, number: int) -> LidarFrame:
+    """The scan with free points all around, no two of which are near each other, appended."""
+    random = np.random.default_rng(number)
+    azimuth = np.linspace(0.1, 2.0 * math.pi, number, endpoint=False)
+    elevation = np.radians(random.uniform(-13.0, 12.0, number))
+    level, distance = np.cos(elevation), random.uniform(3.0, 9.0, number)
+    free = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    points = np.concatenate([scan.points, free * distance[:, None]]).astype(np.float32)
+    return without_labels(points)
+
+
+def test_points_strewn_over_a_scan_are_never_without_trace(unit: Unit) -> None:
+    for number in (8, 24):
+        frame = strewn_over(exact_scan(unit), number)
+        assert said(frame, plant=1).verdict in ("undecidable", "tampered")
+        assert generic_consistency(frame).verdict in ("undecidable", "tampered")
+
+
+def test_many_strewn_points_are_found() -> None:
+    whole = exact_scan(hesai())
+    found = said(strewn_over(whole, 24))
+    assert found.verdict == "tampered"
+    assert found.suspected.tolist() == list(range(whole.num_points, whole.num_points + 24))
+
+
+def test_a_lattice_that_does_not_fit_is_told() -> None:
+    whole = exact_scan(hesai())
+    lattice = estimate_lattice(whole)
+    assert "given lattice" not in inspect(whole, lattice=lattice, power=False).reason
+    many = strewn_over(whole, 700)
+    found = inspect(many, lattice=lattice, power=False)
+    assert found.verdict == "undecidable"
+    assert found.reason.endswith(f"of {many.num_points} points are not on the given lattice")
+    number = int(found.reason.split("; ")[-1].split()[0])
+    assert 650 <= number <= 700
+
+
+def test_a_lattice_comes_from_rows_with_intensities() -> None:
+    points = exact_scan(hesai()).points
+    rows = np.column_stack([points, np.zeros(len(points), np.float32)])
+    for frames in (rows, [rows]):
+        found, known = estimate_lattice(frames), estimate_lattice(points)
+        np.testing.assert_array_equal(found.table, known.table)
+
+
 def test_a_second_scanner_accuses_nobody(unit: Unit) -> None:
     first, second = exact_scan(unit, 1).points, exact_scan(unit, 2).points[::4].astype(float)
     turned = second[:, [1, 0, 2]] * [1.0, -1.0, 1.0] + [0.4, 0.9, -0.3]

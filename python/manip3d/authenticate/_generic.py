@@ -44,12 +44,22 @@ STRAY_RATE = 1e-5
 """Upper bound of the share of stray points in a clean frame. None of the 2.5 million points of
 KITTI's drive 0002 and two other drives is stray, so that the share is below 1.2e-6 (95 %)."""
 
+EXACT_STRAY_RATE = 1e-4
+"""The same for the points that an exact lattice can judge. None of the 279,681 such points of nine
+clouds of eight scanners of Hesai, Ouster and Velodyne is stray, so that the share is below 1.1e-5
+(95 %). Nine times as much is used, since a single cause could produce several such points."""
+
 NEIGHBOURS = 100
 """Number of points near a stray point among which a second one would join its region."""
 
 SCATTER = 1.5
 """Metres: stray points within this distance of one of them form a group, though they do not touch
 as points of a region do."""
+
+ALONE = 0.1
+"""Metres: points off an exact lattice that are nearer than this to another point do not accuse a
+scan by their number. Filters that average the points of a voxel leave such points where the scan is
+dense."""
 
 MAX_SCATTERED = 1000
 """Stray points outside of regions are tested only up to this number, since each is compared with
@@ -123,6 +133,9 @@ UNTOLD = "{} points are on no line, where a laser without a line may look: they 
 """Reason of an undecidable scan with `MIN_EXACT` or more such points. None of five clouds of
 Hesai and Ouster scanners and of packets of three Velodyne scanners has a single one by a lattice
 with all of its lasers."""
+
+FEW_STREWN = "{} points are off the lattice: too few to accuse, or those of a laser without a line"
+"""Reason of an undecidable scan with fewer such points, and others between known lines."""
 
 
 @dataclass(frozen=True)
@@ -399,14 +412,15 @@ def generic_consistency(
 
     A kind of evidence that the frame as a whole contradicts is left out, with the kinds that depend
     on it: a motion-compensated cloud, for example, is on no lattice. A frame without an alarm whose
-    lines were left out is undecidable, and so is an exact one with five or more points off all
-    lines that may be those of lasers without a line.
+    lines were left out is undecidable, and so is an exact one with five or more points off the
+    lattice that are too few to accuse it, or that may be those of lasers without a line.
 
     Clean frames may have stray points. ``N * STRAY_RATE * (NEIGHBOURS * STRAY_RATE)**(m - 1)``
     bounds the expected number of regions of ``m`` stray points in a frame of ``N`` points, and
     serves as the p-value. Two tests concern points off their lines or steps that do not touch
     (``scattered``): the same bound for those within 1.5 m, and the Poisson law for the number of
-    points that are off by more than 2.5 times the tolerance. The p-value of a frame is the smallest
+    points that are off by more than 2.5 times the tolerance (of an exact cloud, only between lines
+    that leave no room for a further laser). The p-value of a frame is the smallest
     one times the number of tests (Bonferroni).
 
     Examples
@@ -467,8 +481,9 @@ def _consistency(
     if not lattice.is_exact:
         found = _examined(cloud, lattice, previous, following, limits, reading, threads)
         return _judged(
-            found, scan, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated
-        )
+            found, scan, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated,
+            threads=threads,
+        )  # fmt: skip
     reading = lattice.read(scan.points, threads=threads) if reading is None else reading
     is_told = lattice.is_told_exactly(scan, reading)
     untold = int(np.count_nonzero(~is_told & lattice.is_of_no_line(scan.points, reading)))
@@ -478,9 +493,10 @@ def _consistency(
     reading = without_roundings(reading, told.points, limits.tolerance)
     reading = _ranges_as_lines(reading, limits.tolerance)
     found = _examined(told.points, lattice, None, None, limits, reading, threads)
-    judged = _judged(found, told, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated)
-    if untold >= MIN_EXACT and judged.verdict != "tampered":
-        judged = replace(judged, verdict="undecidable", reason=UNTOLD.format(untold))
+    judged = _judged(
+        found, told, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated,
+        untold=untold, threads=threads,
+    )  # fmt: skip
     return judged.with_rows(kept, scan)
 
 
@@ -609,10 +625,13 @@ def _judged(
     false_alarm_rate: float,
     *,
     is_stated: bool,
+    untold: int = 0,
+    threads: int,
 ) -> GenericResult:
     """Return the verdict on a frame from what the kernel found in it.
 
-    ``best`` are log10 p-values of the regions alone; ``logs`` allow for the number of kinds.
+    ``untold``: number of points off all lines of an exact lattice that were not judged. ``best``
+    are log10 p-values of the regions alone; ``logs`` allow for the number of kinds.
     """
     points, fewest = scan.num_points, 2
     if lattice.is_exact:
@@ -633,19 +652,27 @@ def _judged(
     )
     suspected = np.flatnonzero(np.isin(found["region_of_point"], alarming))
     log, rows = _scattered(found["flags"], scan.points, suspected, fewest)
-    if is_stated and not lattice.is_exact:
-        strewn = _strewn(found["flags"], scan.points, suspected, lattice, FAR_OFF * tolerance)
-        log, rows = min((log, rows), strewn, key=lambda of_rows: of_rows[0])
+    far_off, strewn = FAR_OFF * tolerance, (0.0, rows[:0])
+    if lattice.is_exact:
+        strewn = _strewn_exactly(found["flags"], scan, suspected, lattice, far_off, threads)
+    elif is_stated:
+        strewn = _strewn(found["flags"], scan.points, suspected, lattice, far_off)
+    log, rows = min((log, rows), strewn, key=lambda of_rows: of_rows[0])
     best.append(log)
     logs.append(min(0.0, tests + log))
     if 10.0 ** logs[-1] <= false_alarm_rate:
         regions = (*regions, _scattered_region(logs[-1], log, rows, scan.points))
         suspected = np.union1d(suspected, rows)
-    quiet = _quiet_verdict(evidence, found["directions"], is_stated)
-    verdict: Verdict = "tampered" if regions else quiet
+    verdict = _quiet_verdict(evidence, found["directions"], is_stated)
+    reason = IN_WORDS[verdict]
+    if regions:
+        verdict, reason = "tampered", _accusation(regions)
+    elif lattice.is_exact and untold + len(strewn[1]) >= MIN_EXACT:
+        verdict = "undecidable"
+        reason = (UNTOLD if untold >= MIN_EXACT else FEW_STREWN).format(untold + len(strewn[1]))
     return GenericResult(
         verdict,
-        _accusation(regions) if regions else IN_WORDS[verdict],
+        reason,
         10.0 ** min(logs, default=0.0),
         abs(min(best, default=0.0)),
         false_alarm_rate,
@@ -799,9 +826,46 @@ def _strewn(
     reading = lattice.read(np.ascontiguousarray(points[rows]))
     off = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error))
     rows = rows[(off > far_off) | (reading.ring < 0)]
-    mean = len(points) * STRAY_RATE
-    log = len(rows) * math.log10(mean) - math.lgamma(len(rows) + 1.0) / math.log(10.0)
-    return min(0.0, log), rows
+    return _log_poisson(len(rows), len(points) * STRAY_RATE), rows
+
+
+def _strewn_exactly(
+    flags: NDArray[np.uint16],
+    scan: LidarFrame,
+    known: NDArray[np.int64],
+    lattice: SensorLattice,
+    far_off: float,
+    threads: int,
+) -> tuple[float, NDArray[np.int64]]:
+    """Return the same for an exact lattice; only points count where no unknown laser may look.
+
+    For the p-value, points nearer than `ALONE` to another one do not count, nor do those at the
+    same elevation as two others, as they may be points of a laser without a line; the mean allows
+    for such lasers with one or two points. It is 1 if only the order of the file tells rings.
+    """
+    points = scan.points
+    bits = sum(1 << EVIDENCE.index(kind) for kind in STRAYING)
+    rows = np.setdiff1d(np.flatnonzero(flags & bits), known)
+    if not MIN_EXACT <= len(rows) <= MAX_SCATTERED:
+        return 0.0, rows[:0]
+    reading = lattice.read(np.ascontiguousarray(points[rows]))
+    off = np.max(
+        [np.abs(e) for e in (reading.line_error, reading.step_error, reading.range_error)], 0
+    )
+    rows = rows[(off > far_off) & lattice.is_line_known(points[rows], reading)]
+    is_single, lasers = lattice.single_points(scan)
+    if is_single is None or len(rows) < MIN_EXACT:
+        return 0.0, rows
+    apart = _core.nearest_distances(points, None, 0.0, threads_of(threads), None)[rows] > ALONE
+    number = int(np.count_nonzero(is_single[rows] & apart))
+    if number < MIN_EXACT:
+        return 0.0, rows
+    return _log_poisson(number, len(points) * EXACT_STRAY_RATE + 2 * lasers), rows
+
+
+def _log_poisson(number: int, mean: float) -> float:
+    """Return log10 of ``mean**n / n!``, a bound on the probability of n events; 0 at most."""
+    return min(0.0, number * math.log10(mean) - math.lgamma(number + 1.0) / math.log(10.0))
 
 
 def _scattered_region(

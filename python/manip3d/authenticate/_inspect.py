@@ -362,8 +362,19 @@ def _inspected(
         result = _by_angles(scan, position, source, found, asked.printed, asked.threads, told)
     else:
         result = _not_judged(scan, position, source, found, asked.printed)
+    if asked.lattice is not None and found.lattice is not asked.lattice:
+        off = _number_off(at_origin(scan, position), asked.lattice, asked.threads)
+        reason = f"{off} of {scan.num_points} points are not on the given lattice"
+        result = replace(result, reason=f"{result.reason}; {reason}")
     told(1.0)
     return result
+
+
+def _number_off(scan: LidarFrame, lattice: SensorLattice, threads: int) -> int:
+    """Number of points that are not where the scanner of a lattice can measure."""
+    reading = lattice.read(scan.points, threads=threads)
+    error = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error))
+    return int(np.count_nonzero((reading.ring < 0) | ~(error <= lattice.tolerance)))
 
 
 def _stated_unit(scan: LidarFrame) -> str:

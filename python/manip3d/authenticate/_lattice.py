@@ -305,6 +305,56 @@ class SensorLattice:
         off &= np.hypot(*points[:, :2].astype(np.float64).T) > LINES_APART
         return off & self._is_within_reach(points)
 
+    def is_line_known(
+        self, points: NDArray[np.float32], reading: LatticeReading
+    ) -> NDArray[np.bool_]:
+        """Return which points lie where only lasers with a known line look.
+
+        Parameters
+        ----------
+        points : (N, 3) float32, metres
+        reading : LatticeReading
+            Places of the points on the lattice.
+
+        Returns
+        -------
+        (N,) bool
+            True for points on a line, and for points between two lines that are too close together
+            for a further laser between them.
+        """
+        x, y, z = points.astype(np.float64).T
+        height = (z - np.median(self.offset)) / np.maximum(np.hypot(x, y), LINES_APART)
+        on_line = (reading.ring >= 0) & (np.abs(reading.line_error) <= self.tolerance)
+        return on_line | ~self._is_in_wide_gap(height)
+
+    def single_points(self, frame: LidarFrame) -> tuple[NDArray[np.bool_] | None, int]:
+        """Return which points are certainly not those of a laser without a line.
+
+        Parameters
+        ----------
+        frame : LidarFrame
+            Frame of an exact lattice.
+
+        Returns
+        -------
+        is_single : (N,) bool or None
+            True for points on a line, and for points at an elevation that at most one other point
+            has. None: only the order of the file tells rings, so that it is not known.
+        lasers : int
+            Number of rings of which fewer than half of the points are on any line.
+        """
+        cloud = Cloud.of(frame.replace(ring=None))
+        if cloud.is_by_order:
+            return None, 0
+        reading = self.read(frame.points)
+        on_line = (reading.ring >= 0) & (np.abs(reading.line_error) <= self.tolerance)
+        labels = np.full(frame.num_points, -1)
+        labels[cloud.there] = cloud.labels
+        known = labels >= 0
+        size = np.bincount(labels[known])
+        no_line = 2 * np.bincount(labels[known], on_line[known], len(size)) < size
+        return on_line | ~known, int(np.count_nonzero(no_line & (size > 0)))
+
     @staticmethod
     def _is_within_reach(points: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Which points have coordinates that are exact to the tolerance of exact clouds."""

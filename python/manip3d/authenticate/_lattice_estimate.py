@@ -56,10 +56,11 @@ def estimate_lattice(
 
     Parameters
     ----------
-    frames : LidarFrame or (N, 3) points, metres, or several of them
-        Scans as the scanner recorded them, with the scanner at the origin. Without ``ring``, either
-        the points must be in KITTI's order, ring after ring with ascending or descending azimuths,
-        or the elevation of each laser must be constant to a millionth of a degree.
+    frames : LidarFrame, (N, 3) or (N, 4) points, metres, or several of them
+        Scans as the scanner recorded them, with the scanner at the origin; the fourth column, with
+        intensities, is not used. Without ``ring``, either the points must be in KITTI's order, ring
+        after ring with ascending or descending azimuths, or the elevation of each laser must be
+        constant to a millionth of a degree.
 
     Returns
     -------

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.arrays import as_array
 from manip3d._util.arrays import rows as as_rows
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
@@ -66,7 +67,9 @@ class Cloud:
     @classmethod
     def of(cls, frame: LidarFrame | ArrayLike) -> Cloud:
         labels = frame.ring if isinstance(frame, LidarFrame) else None
-        points = frame.points if isinstance(frame, LidarFrame) else frame
+        points = frame.points if isinstance(frame, LidarFrame) else as_array(frame, "frames")
+        if points.ndim == 2 and points.shape[1] == 4:  # the fourth column holds intensities
+            points = points[:, :3]
         xyz = as_rows(points, 3, np.float32, "frames").astype(np.float64)
         if not np.isfinite(xyz).all():
             raise InputError("frames: expected finite coordinates")
