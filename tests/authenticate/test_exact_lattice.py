@@ -696,6 +696,19 @@ def test_real_scanners(name: str, realdata: RealData) -> None:
             assert set(found.suspected.tolist()) <= set(rows.tolist())
 
 
+@pytest.mark.realdata
+def test_means_of_voxels_are_no_edit(realdata: RealData) -> None:
+    scan = io.read_scan(realdata("lidar/other_sensors") / "hesai_qt64.pcd.xz")
+    points = scan.points.astype(np.float64)
+    cells = np.floor(points / 0.02).astype(np.int64)
+    _, cell, size = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    means = np.zeros((len(size), 3))
+    np.add.at(means, cell.ravel(), points)
+    found = said(without_labels((means / size[:, None]).astype(np.float32)))
+    assert found.verdict == "processed"
+    assert [step.kind for step in found.processing] == ["averaged"]
+
+
 def test_a_folder_of_scans_calibrates_a_lattice(tmp_path: Path) -> None:
     for seed in range(4):
         io.write_scan(exact_scan(hesai(), seed), tmp_path / f"{seed}.pcd")

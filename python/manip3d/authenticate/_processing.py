@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,6 +81,9 @@ VOXELS, MIN_SHARED, TIMES_SHIFTED = (0.008, 0.01, 0.012, 0.015, 0.02), 40, 4
 points share a cell of its grid, while at least MIN_SHARED, and TIMES_SHIFTED times as many,
 share a cell of a grid that is shifted by half a cell. With these edges a few means lie near the
 scanner, like an edit; coarser voxels leave means all around, finer voxels none."""
+
+EXACT_VOXELS = (0.005, *VOXELS)
+"""The same for unrounded clouds, in which also finer voxels leave means near the scanner."""
 
 TWO_SCANNERS = (
     "points in most directions lie beside the lines of the scanner, as those of another one do"
@@ -243,12 +247,9 @@ def _processing_of_lattice(
     if sensor.is_own:  # such a lattice knows neither order nor what lies outside of its lines
         if "duplicate" in contradicted:
             return [Processing("fused", "most directions hold several returns")]
-        if (
-            sensor.name != HDL64E
-            or lattice is None
-            or lattice.is_exact
-            or contradicted & OFF_FIRING
-        ):
+        if lattice is not None and lattice.is_exact:
+            return _averaged(points, generic, EXACT_VOXELS)
+        if sensor.name != HDL64E or lattice is None or contradicted & OFF_FIRING:
             return []
         return processing_of_own(points, lattice, reading)
     if "line" in contradicted:
@@ -258,9 +259,7 @@ def _processing_of_lattice(
         if rearranged is not None:
             return [rearranged]
         found.append(Processing("shuffled", "the points are not in the order of the scanner"))
-        if generic.verdict == "tampered" and (edge := edge_of_voxels(points)):
-            detail = f"points that shared a voxel of {1000.0 * edge:g} mm became their mean"
-            found.append(Processing("averaged", detail))
+        found += _averaged(points, generic, VOXELS)
     if contradicted & PLACE_EVIDENCE:
         names = ", ".join(sorted(contradicted & PLACE_EVIDENCE))
         kind = "turned" if _is_turned_by_part_of_step(points, sensor, reading) else "moved"
@@ -288,7 +287,17 @@ def _processing_of_lattice(
     )
 
 
-def edge_of_voxels(points: NDArray[np.float32]) -> float:
+def _averaged(
+    points: NDArray[np.float32], generic: GenericResult, edges: Sequence[float]
+) -> list[Processing]:
+    """Whether a filter of voxels left means, which are off the lattice as edits are."""
+    if generic.verdict != "tampered" or not (edge := edge_of_voxels(points, edges)):
+        return []
+    detail = f"points that shared a voxel of {1000.0 * edge:g} mm became their mean"
+    return [Processing("averaged", detail)]
+
+
+def edge_of_voxels(points: NDArray[np.float32], edges: Sequence[float] = VOXELS) -> float:
     """Return the edge, metres, of voxels in which a filter left one point each; 0: no filter.
 
     Cells begin at 0, or half an edge below the least coordinates, as in common filters.
@@ -296,8 +305,10 @@ def edge_of_voxels(points: NDArray[np.float32]) -> float:
     Parameters
     ----------
     points : (N, 3) float32
+    edges : sequence of float
+        Edges that are tried, metres.
     """
-    for edge in VOXELS:
+    for edge in edges:
         for start in (np.zeros(3), points.min(axis=0).astype(np.float64) - 0.5 * edge):
             shared = _number_sharing_cells(points, edge, start)
             shifted = _number_sharing_cells(points, edge, start + 0.5 * edge)
