@@ -505,6 +505,15 @@ def test_a_thinned_scan_is_not_said_to_lack_the_scanners_own_car() -> None:
     assert found.reason == "cropped: the scanner's own car does not answer nearer than 1.59 m"
 
 
+@pytest.mark.parametrize("height", [0.5, 0.95, 1.05, 1.15, 1.25])
+def test_a_cut_at_any_height_below_the_highest_laser_is_found(height: float) -> None:
+    scan = on_a_street(3)
+    below = scan.select(np.flatnonzero(scan.points[:, 2] < np.float32(height)))
+    found = authenticate.inspect(below, power=False)
+    assert found.verdict == "processed"
+    assert f"no points above a height of {height:.2f} m" in found.reason
+
+
 @pytest.mark.parametrize("rows", [1200, 5000, 20_000])
 def test_rows_cut_out_of_a_file_are_a_part_of_the_scan(rows: int) -> None:
     whole = on_a_street(3)

@@ -222,7 +222,8 @@ def processing_of_extent(
     is_as_mounted = not (found or thinned or turned)  # else parts of the own car may be cut off
     if is_as_mounted and (silence := _silence_of_own_car(reading, distance, lattice)):
         found.append(Processing("cropped", silence))
-    return found + _cropped_in_height(wide, firings) + thinned + turned
+    in_height = _cropped_in_height(wide, firings, sees_horizon=is_unit_of_kitti(lattice))
+    return found + in_height + thinned + turned
 
 
 def processing_of_own(
@@ -276,13 +277,15 @@ def _cuts_far_away(
     return found
 
 
-def _cropped_in_height(points: NDArray[np.float64], firings: Firings | None) -> list[Processing]:
+def _cropped_in_height(
+    points: NDArray[np.float64], firings: Firings | None, *, sees_horizon: bool
+) -> list[Processing]:
     """Missing returns of the highest lasers, and cuts at a height."""
     found = []
     z = points[:, 2]
     if firings is not None and highest_are_silent(firings):
         found.append(Processing("cropped", "the highest lasers have no returns"))
-    if is_cut_above(z, firings):
+    if is_cut_above(points, firings, sees_horizon=sees_horizon):
         found.append(Processing("cropped", f"no points above a height of {z.max():.2f} m"))
     if is_cut_below(points, firings):
         found.append(Processing("cropped", f"no points below a height of {z.min():.2f} m"))
