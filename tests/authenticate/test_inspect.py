@@ -44,8 +44,8 @@ from manip3d.authenticate._processing import edge_of_voxels, find_processing
 from manip3d.authenticate._reflectance import why_rewritten
 from manip3d.authenticate._roundings import _step_of
 from manip3d.authenticate._sensors import identify_and_read, is_hdl64e
-from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, rate_of
-from manip3d.lidar import ScanFormat
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, Region, rate_of
+from manip3d.lidar import Box, ScanFormat
 from manip3d.report._evidence import _drawn_regions, _how_many
 from real_data import RealData
 
@@ -1644,8 +1644,28 @@ def test_suspected_rows_are_a_table(tmp_path: Path) -> None:
     found = authenticate.inspect(FORGED, origin=(0, 0, 0))
     report.write_suspected_rows(found, tmp_path / "rows.csv")
     lines = (tmp_path / "rows.csv").read_text().splitlines()
-    assert lines[0] == "row,x,y,z,detector,region,p_value"
+    assert lines[0] == "row,x,y,z,detector,region,p_value,note"
     assert {int(line.split(",")[0]) for line in lines[1:]} == set(found.suspected.tolist())
+
+
+def test_points_beside_a_seam_are_noted(tmp_path: Path) -> None:
+    """Points of another turn of the same unit contradict firings on both sides of the seam."""
+    rows = np.arange(3)
+    box = Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    seam, paste = (
+        Region(box, rows, 0.01, evidence) for evidence in ({"firing": 3.0}, {"line": 3.0})
+    )
+    assert "which side" in seam.record()["note"]
+    assert (paste.note, paste.record()["note"]) == ("", "")
+    assert Region(box, rows, 0.01, {"firing": 3.0, "order": 3.0}).note == ""
+    found = authenticate.inspect(FORGED, origin=(0, 0, 0))
+    report_of = replace(found.detectors[2], verdict="tampered", regions=(seam, paste))
+    found = replace(found, detectors=(report_of,))
+    report.write_suspected_rows(found, tmp_path / "rows.csv")
+    notes = [line.split(",")[-1] for line in (tmp_path / "rows.csv").read_text().splitlines()]
+    assert notes == ["note", *[seam.note] * 3, *[""] * 3]
+    report.write_evidence(found, tmp_path / "page.html")
+    assert (tmp_path / "page.html").read_text().count(seam.note) == 1
 
 
 def test_suspected_rows_are_those_of_the_file(tmp_path: Path) -> None:
@@ -1695,6 +1715,7 @@ def test_the_evidence_is_one_page_or_json(tmp_path: Path) -> None:
     record = json.loads(numbers.read_text())
     assert record["source"] == "cave"
     assert record["verdict"] == "tampered"
+    assert record["points_id"] == authenticate.points_id(FORGED)
     with pytest.raises(InputError, match="output: expected a name that ends in"):
         report.write_evidence(found, tmp_path / "evidence.pdf")
 

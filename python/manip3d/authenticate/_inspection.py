@@ -16,6 +16,7 @@ from manip3d.authenticate._generic import GenericResult
 from manip3d.authenticate._occlusion import OcclusionResult
 from manip3d.authenticate._power import BLIND, FARTHEST, MIN_POINTS, NEAREST, known_power
 from manip3d.authenticate._reflectance import ReflectanceResult
+from manip3d.authenticate._repeats import points_id
 from manip3d.authenticate._sensors import Sensor
 from manip3d.authenticate._turns import TurnResult
 from manip3d.authenticate._verdict import (
@@ -291,6 +292,7 @@ class Inspection(Showable):
             "model_p_value": self.model_p_value,
             "likelihood_ratio": self.likelihood_ratio,
             "points": self.num_points,
+            "points_id": None if self.scan is None else points_id(self.scan.points),
             "sensor": None if self.sensor is None else self.sensor.name,
             "sensor_reason": None if self.sensor is None else self.sensor.reason,
             "processing": [vars(step) for step in self.processing],

@@ -115,6 +115,15 @@ class Power:
         return values
 
 
+SEAM = "points beside a seam between firings; which side of it is foreign is not known"
+"""Note on regions whose evidence is of the kinds `OF_SEAMS` only."""
+
+OF_SEAMS = frozenset(("firing", "duplicate"))
+"""Kinds of evidence that arise where parts of two turns meet: on either side of the seam, points
+contradict the firings of the other side. Of two regions of such kinds, one may be as it was
+measured."""
+
+
 @dataclass(frozen=True, eq=False)
 class Region:
     """A place with evidence of an edit.
@@ -137,6 +146,11 @@ class Region:
     p_value: float | None = None
     evidence: Mapping[str, float] = field(default_factory=lambda: ReadOnlyMapping({}), repr=False)
 
+    @property
+    def note(self) -> str:
+        """What the rows do not tell, in words; empty if they are the points of an edit."""
+        return SEAM if "firing" in self.evidence and OF_SEAMS.issuperset(self.evidence) else ""
+
     def record(self) -> dict[str, Any]:
         """Return the region as JSON values."""
         return {
@@ -146,6 +160,7 @@ class Region:
             "points": len(self.rows),
             "p_value": self.p_value,
             "evidence": dict(self.evidence),
+            "note": self.note,
         }
 
 

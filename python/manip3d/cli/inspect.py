@@ -415,7 +415,7 @@ def _hand_out(
     log: Path | None,
 ) -> None:
     """Write the output files that are given, then print the result."""
-    from manip3d import authenticate, report
+    from manip3d import report
 
     if output is not None:
         report.write_evidence(found, output, source=source)
@@ -426,8 +426,6 @@ def _hand_out(
     if log is not None:
         _append(log, found, source, shell)
     whole = {"source": source} | found.record()
-    if found.scan is not None:
-        whole["points_id"] = authenticate.points_id(found.scan.points)
     shell.result(whole, lambda console: show(console, found))
 
 

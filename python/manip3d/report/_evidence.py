@@ -399,7 +399,8 @@ def _regions(inspection: Inspection) -> str:
         + "".join(f"<td>{v:.2f}</td>" for v in (*region.box.center, *region.box.size))
         + f"<td>{math.degrees(region.box.yaw):.0f}</td><td>{len(region.rows)}</td>"
         + f"<td>{'' if region.p_value is None else f'{region.p_value:.2g}'}</td>"
-        + f"<td class=long>{html.escape(_evidence_text(region.evidence))}</td>"
+        + f"<td class=long>{html.escape(_evidence_text(region.evidence))}"
+        + f"{_small(region.note)}</td>"
         + "</tr>"
         for report in inspection.detectors
         for number, region in enumerate(report.regions, 1)

@@ -65,7 +65,8 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
     output : path
         Output file that ends in ``.csv``, with these columns: row in the scan's file (from 0;
         points without coordinates, which are dropped on reading, are counted), x, y, z in metres,
-        detector, region (from 1), p-value. An existing file is replaced.
+        detector, region (from 1), p-value, and a note if points beside a seam may be unchanged
+        (`Region.note`). An existing file is replaced.
 
     Raises
     ------
@@ -80,14 +81,14 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
     >>> report.write_suspected_rows(found, "rows.csv")
     >>> from pathlib import Path
     >>> Path("rows.csv").read_text().strip()
-    'row,x,y,z,detector,region,p_value'
+    'row,x,y,z,detector,region,p_value,note'
     """
     path = path_of(output, "output")
     if path.suffix.lower() != ".csv":
         raise InputError(f"output: expected a name that ends in .csv, got {path.name}")
     if inspection.scan is None:
         raise InputError("inspection: expected one with its scan")
-    lines = ["row,x,y,z,detector,region,p_value"]
+    lines = ["row,x,y,z,detector,region,p_value,note"]
     in_file = inspection.scan.file_rows
     for report in inspection.detectors:
         for number, region in enumerate(report.regions, 1):
@@ -95,7 +96,7 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
             points = inspection.scan.points[region.rows].tolist()
             rows = region.rows if in_file is None else in_file[region.rows]
             lines += [
-                f"{row},{x:.4f},{y:.4f},{z:.4f},{report.name},{number},{p_value}"
+                f"{row},{x:.4f},{y:.4f},{z:.4f},{report.name},{number},{p_value},{region.note}"
                 for row, (x, y, z) in zip(rows.tolist(), points, strict=True)
             ]
     atomic_write(path, "\n".join(lines) + "\n")
