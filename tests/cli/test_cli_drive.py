@@ -17,6 +17,7 @@ import manip3d
 import turn_scans
 from manip3d import InputError, authenticate, report
 from manip3d.cli import app
+from manip3d.cli.inspect import _code_of_rows
 from manip3d.report._drive_evidence import scanner_poses
 from real_data import RealData
 from velodyne_packets import ethernet, pcap, udp_frame
@@ -93,6 +94,22 @@ def test_a_drive_is_a_line_a_scan_and_a_table(drive: Path, tmp_path: Path) -> No
     assert found[1]["regions"]
     assert json.loads((tmp_path / "found.json").read_text()) == whole
     assert run(drive, *lattice, "-q", "--policy", "tampered=9").exit_code == 9
+
+
+def test_a_policy_can_act_on_remarks(drive: Path, tmp_path: Path) -> None:
+    lattice = ("--lattice", tmp_path / "lattice.json", "-q")
+    quiet = "tampered=0,processed=0,undecidable=0"
+    last = (drive / SCANS / "0000000002.bin").rename(tmp_path / "last.bin")
+    assert run(drive, *lattice, "--policy", f"{quiet},remarks=7").exit_code == 0
+    last.rename(drive / SCANS / "0000000005.bin")  # three scans are missing before it
+    assert run(drive, *lattice, "--policy", quiet).exit_code == 0
+    assert run(drive, *lattice, "--policy", f"{quiet},remarks=7").exit_code == 7
+    assert run(drive, *lattice, "--policy", "remarks=7").exit_code == 3
+    row = {"source": "one.pcap", **json.loads(run(drive, *lattice, "--json").stdout)}
+    row["verdict"] = "no_trace"
+    assert _code_of_rows([row], {"policy": "remarks=7"}) == 7
+    assert _code_of_rows([row, {"verdict": "tampered"}], {"policy": "remarks=7"}) == 3
+    assert _code_of_rows([row], {"policy": ""}) == 0
 
 
 def test_a_drive_is_one_page(drive: Path, tmp_path: Path) -> None:

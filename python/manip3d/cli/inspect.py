@@ -70,7 +70,7 @@ def _check_for_many(options: Mapping[str, Any]) -> None:
 
 
 def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any]) -> int:
-    """Return the exit code of the gravest verdict whose code is not 0.
+    """Return the exit code of the gravest verdict whose code is not 0, or that of remarks.
 
     The code is 1 if a source, or a scan of a drive, could not be read, unless one is tampered.
     """
@@ -78,7 +78,8 @@ def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any])
     verdicts = {row.get("verdict") for row in rows}
     if any(row.get("failed") or row.get("error") for row in rows):
         return ("tampered" in verdicts and codes["tampered"]) or 1
-    return next((codes[v] for v in GRAVEST_FIRST if v in verdicts and codes[v]), 0)
+    code = next((codes[v] for v in GRAVEST_FIRST if v in verdicts and codes[v]), 0)
+    return code or (codes["remarks"] if any(row.get("remarks") for row in rows) else 0)
 
 
 def _records(source: str) -> list[Path]:
@@ -269,7 +270,11 @@ def inspect(
     ] = 0,
     policy: Annotated[
         str,
-        typer.Option(metavar="VERDICT=CODE,...", help="Other exit codes, for example processed=0."),
+        typer.Option(
+            metavar="VERDICT=CODE,...",
+            help="Other exit codes, for example processed=0. remarks=4 is for drives with remarks, "
+            "such as missing, repeated or exchanged scans, whose verdict has the code 0.",
+        ),
     ] = "",
     rows: Annotated[
         Path | None, typer.Option(help="Write the rows of the suspected points to this .csv file.")
@@ -400,7 +405,7 @@ def _code_of_drive(together: DriveInspection, codes: Mapping[str, int], shell: T
     if together.num_missing and not shell.is_collecting:  # for several drives, the table states it
         told = f"{count(together.num_missing)} of {counted(together.num_scans, 'scan')}"
         print(f"manip3d: error: {told} could not be read", file=sys.stderr)
-    code = codes[together.verdict]
+    code = codes[together.verdict] or (codes["remarks"] if together.remarks else 0)
     is_whole = not together.num_missing or (together.verdict == "tampered" and code)
     return code if is_whole else 1
 
@@ -630,7 +635,7 @@ def show_stream(console: Console, found: StreamInspection) -> None:
 
 def _exit_codes(policy: str) -> dict[str, int]:
     """Return the exit codes, changed by a policy such as ``processed=0,undecidable=0``."""
-    codes = dict(EXIT_CODES)
+    codes = {**EXIT_CODES, "remarks": 0}
     for part in filter(None, policy.split(",")):
         verdict, _, code = part.partition("=")
         if verdict not in codes or not code.isdecimal() or int(code) > 255:
