@@ -837,11 +837,12 @@ def _strewn_exactly(
     far_off: float,
     threads: int,
 ) -> tuple[float, NDArray[np.int64]]:
-    """Return the same for an exact lattice; only points count where no unknown laser may look.
+    """Return the same for an exact lattice; without a p-value, the rows of all points far off.
 
-    For the p-value, points nearer than `ALONE` to another one do not count, nor do those at the
-    same elevation as two others, as they may be points of a laser without a line; the mean allows
-    for such lasers with one or two points. It is 1 if only the order of the file tells rings.
+    For the p-value, points count only where no laser without a line may look; those nearer than
+    `ALONE` to another one do not, nor do those at the same elevation as two others, as they may be
+    points of such a laser. The mean allows for lasers with one or two points. There is none if only
+    the order of the file tells rings.
     """
     points = scan.points
     bits = sum(1 << EVIDENCE.index(kind) for kind in STRAYING)
@@ -852,15 +853,16 @@ def _strewn_exactly(
     off = np.max(
         [np.abs(e) for e in (reading.line_error, reading.step_error, reading.range_error)], 0
     )
-    rows = rows[(off > far_off) & lattice.is_line_known(points[rows], reading)]
+    between = rows[(off > far_off) & lattice.is_line_known(points[rows], reading)]
+    rows = rows[off > far_off]
     is_single, lasers = lattice.single_points(scan)
-    if is_single is None or len(rows) < MIN_EXACT:
+    if is_single is None or len(between) < MIN_EXACT:
         return 0.0, rows
-    apart = _core.nearest_distances(points, None, 0.0, threads_of(threads), None)[rows] > ALONE
-    number = int(np.count_nonzero(is_single[rows] & apart))
+    apart = _core.nearest_distances(points, None, 0.0, threads_of(threads), None)[between] > ALONE
+    number = int(np.count_nonzero(is_single[between] & apart))
     if number < MIN_EXACT:
         return 0.0, rows
-    return _log_poisson(number, len(points) * EXACT_STRAY_RATE + 2 * lasers), rows
+    return _log_poisson(number, len(points) * EXACT_STRAY_RATE + 2 * lasers), between
 
 
 def _log_poisson(number: int, mean: float) -> float:
