@@ -148,7 +148,7 @@ class Region:
 
     @property
     def note(self) -> str:
-        """What the rows do not tell, in words; empty if they are the points of an edit."""
+        """Limits of what ``rows`` tell, in words; empty if they are the points of an edit."""
         return SEAM if "firing" in self.evidence and OF_SEAMS.issuperset(self.evidence) else ""
 
     def record(self) -> dict[str, Any]:
