@@ -622,6 +622,30 @@ def test_ply_normals_colors_and_vertex_texcoords(encoding: str) -> None:
 
 
 @pytest.mark.parametrize("encoding", PLY_FORMATS)
+@pytest.mark.parametrize(("largest", "alpha"), [(255, 255), (255, 128), (65535, 65535), (256, 255)])
+def test_ply_colors_of_16_bits(encoding: str, largest: int, alpha: int, tmp_path: Path) -> None:
+    """Values of 8 bits that are stored as numbers of 16 bits became black."""
+    names = ("red", "green", "blue", "alpha")
+    header = "element vertex 4\n" + XYZ + "".join(f"property ushort {name}\n" for name in names)
+    header += "element face 1\nproperty list uchar int vertex_indices\n"
+    rows: list[list[tuple[str, float | list[float]]]] = [
+        [*v, *(("ushort", c) for c in (i * largest // 3, 0, largest, alpha))]
+        for i, v in enumerate(vertex_elements())
+    ]
+    path = tmp_path / "a.ply"
+    path.write_bytes(ply(encoding, header, [*rows, [("uchar int", [0, 1, 2])]]))
+    report = io.read_report(path)
+    assert report.mesh.colors is not None
+    full = 255 if largest <= 255 else 65535
+    expected = [
+        [round(255 * (i * largest // 3) / full), 0, round(255 * largest / full)] for i in range(4)
+    ]
+    assert report.mesh.colors.tolist() == expected
+    assert any("8-bit colors" in text for text in report.warnings) == (largest <= 255)
+    assert any("alpha" in text for text in report.warnings) == (alpha < full)
+
+
+@pytest.mark.parametrize("encoding", PLY_FORMATS)
 def test_ply_corner_texcoords_and_textures_as_meshlab_writes_them(encoding: str) -> None:
     header = "comment TextureFile a.png\ncomment TextureFile b c.png\nelement vertex 4\n" + XYZ
     header += "element face 3\nproperty list uchar int vertex_indices\n"

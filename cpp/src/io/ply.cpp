@@ -27,6 +27,7 @@ namespace {
 using namespace ply;  // NOLINT(google-build-using-namespace): the header's own words
 
 constexpr std::int32_t kMaxMaterials = 1 << 16;
+constexpr float kScaleOf16Bits = 1.0F / 65535.0F;
 
 // A value as a double; double is exact for all types of PLY.
 double load_scalar(const char* bytes, Type type, bool swap) {
@@ -304,7 +305,7 @@ class PlyReader {
   static float color_scale(const Element& e) {
     for (const Property& p : e.properties) {
       if (p.role != kRed) continue;
-      if (p.type == Type::kUint16) return 1.0F / 65535.0F;
+      if (p.type == Type::kUint16) return kScaleOf16Bits;
       if (p.type != Type::kFloat && p.type != Type::kDouble) return 1.0F / 255.0F;
     }
     return 1.0F;
@@ -323,7 +324,12 @@ class PlyReader {
 
   // Warns once of alpha values, because colours of a mesh are opaque.
   void note_alpha(const Element& e, const RowReader& row, float scale) {
-    if (!e.has(kAlpha) || warned_of_alpha_ || scale * row.scalars[kAlpha] >= 1.0) return;
+    if (!e.has(kAlpha) || scale * row.scalars[kAlpha] >= 1.0) return;
+    warn_of_alpha();
+  }
+
+  void warn_of_alpha() {
+    if (warned_of_alpha_) return;
     warned_of_alpha_ = true;
     warn(result_.warnings, "alpha of colors is left out");
   }
@@ -381,9 +387,27 @@ class PlyReader {
         color[0] = color_scale_ * static_cast<float>(row.finite(kRed, "red"));
         color[1] = color_scale_ * static_cast<float>(row.finite(kGreen, "green"));
         color[2] = color_scale_ * static_cast<float>(row.finite(kBlue, "blue"));
-        note_alpha(e, row, color_scale_);
+        largest_color_ = std::max({largest_color_, color[0], color[1], color[2]});
+        if (color_scale_ != kScaleOf16Bits) note_alpha(e, row, color_scale_);
+        least_alpha_ = std::min(least_alpha_, e.has(kAlpha) ? row.scalars[kAlpha] : 65535.0);
       }
     }
+    if (has_colors_ && color_scale_ == kScaleOf16Bits) finish_16_bit_colors();
+  }
+
+  /// Some programs write values of 8 bits as numbers of 16 bits. A mesh that uses the whole range
+  /// and has no value above 255 would be black, so its values are taken as 8 bits.
+  void finish_16_bit_colors() {
+    float full = 65535.0F;
+    if (largest_color_ > 0.0F && largest_color_ <= 255.0F * kScaleOf16Bits) {
+      full = 255.0F;
+      for (std::int64_t i = 0; i < builder_.colors.size(); ++i) {
+        float* color = builder_.colors.row(i);
+        for (int k = 0; k < 3; ++k) color[k] *= 65535.0F / full;
+      }
+      warn(result_.warnings, "16-bit colors are at most 255: they are read as 8-bit colors");
+    }
+    if (least_alpha_ < full) warn_of_alpha();
   }
 
   [[nodiscard]] Corner corner_of(std::int32_t vertex) const {
@@ -537,6 +561,8 @@ class PlyReader {
   bool has_faces_ = false, has_grid_ = false;
   bool warned_of_alpha_ = false;
   float color_scale_ = 1.0F;
+  float largest_color_ = 0.0F;    // of vertices, scaled
+  double least_alpha_ = 65535.0;  // of vertices
   std::vector<Corner> corners_;
   UniqueRows<Texcoords> texcoords_{builder_.texcoords};  ///< Texture coordinates of corners.
   GrowingTable<Indices> grid_;
