@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 import json
+import lzma
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +14,7 @@ import pytest
 
 from command_line import manip3d
 from gltf_files import PNG, data_uri, json_of
-from manip3d import Material, Mesh, Texture, read_mesh
+from manip3d import Material, Mesh, Texture, io, read_mesh
 from zoo import grid
 
 LOOKS: dict[str, Any] = {
@@ -72,6 +75,63 @@ def test_a_file_of_one_node_keeps_its_looks_and_names(
     before = read_mesh(chair)
     expected = before.num_faces // 2 if command == "simplify" else before.num_faces
     assert read_mesh(tmp_path / "out.glb").num_faces == expected
+
+
+@pytest.mark.parametrize("command", ["simplify", "lod"])
+@pytest.mark.parametrize("compress", [bytes, gzip.compress, lzma.compress])
+def test_a_scene_from_stdin_is_that_of_the_file(
+    chair: Path, tmp_path: Path, command: str, compress: Callable[[bytes], bytes]
+) -> None:
+    """Nodes, skins, animations and further looks of materials were lost."""
+    more = ("--ratio", "0.5") if command == "simplify" else ("--levels", "2")
+    whole = tmp_path / "whole.glb"
+    io.read_scene(chair).write(whole)
+    assert manip3d(command, whole, "-o", tmp_path / "file.glb", *more).returncode == 0
+    content = compress(whole.read_bytes())
+    run = manip3d(command, "-", "-o", tmp_path / "stdin.glb", *more, stdin=content)
+    assert run.returncode == 0, run.stderr
+    assert "read - (stdin): 1 node, 1 mesh shown 1 time," in run.stderr
+    assert (tmp_path / "stdin.glb").read_bytes() == (tmp_path / "file.glb").read_bytes()
+
+
+def test_what_is_left_out_of_stdin_is_told_of_standard_input(chair: Path, tmp_path: Path) -> None:
+    """It was told of "bytes"; a .gltf whose picture is missing is read without it."""
+    document = json.loads(chair.read_text())
+    document["images"][0]["uri"] = "missing.png"
+    document["buffers"][0]["uri"] = data_uri(chair.with_suffix(".bin").read_bytes(), "x/y")
+    content = json.dumps(document).encode()
+    for output in ("scene.glb", "mesh.ply"):
+        run = manip3d("simplify", "-", "-o", tmp_path / output, "--ratio", "0.5", stdin=content)
+        assert run.returncode == 0, run.stderr
+        assert "standard input: " in run.stderr
+        assert "missing.png" in run.stderr
+
+
+def test_a_mesh_from_stdin_that_is_no_scene(tmp_path: Path) -> None:
+    vertices, faces = grid(12, 12)
+    Mesh(vertices, faces).write(tmp_path / "sheet.ply")
+    content = (tmp_path / "sheet.ply").read_bytes()
+    run = manip3d("simplify", "-", "-o", tmp_path / "a.glb", "--faces", "9", stdin=content)
+    assert run.returncode == 0, run.stderr
+    assert read_mesh(tmp_path / "a.glb").num_faces <= 9
+    assert manip3d("lod", "-", "-o", tmp_path / "b.glb", stdin=b"glTF").returncode == 1
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".obj"])
+def test_materials_of_which_nothing_is_left_are_named(tmp_path: Path, suffix: str) -> None:
+    vertices, faces = grid(12, 12)
+    material = np.zeros(len(faces), np.int32)
+    material[0] = 1
+    materials = [Material("wood"), Material("pin", (1.0, 0.0, 0.0, 1.0))]
+    path = tmp_path / f"in{suffix}"
+    Mesh(vertices, faces, face_material=material, materials=materials).write(path)
+    order = ("simplify", path, "-o", tmp_path / f"out{suffix}", "--json")
+    run = manip3d(*order, "--faces", "1")
+    assert "warning: nothing is left of 1 material (pin)" in run.stderr
+    assert json.loads(run.stdout)["gone_materials"] == ["pin"]
+    run = manip3d(*order, "--ratio", "0.9", "--force")
+    assert "nothing is left" not in run.stderr
+    assert json.loads(run.stdout)["gone_materials"] == []
 
 
 def test_the_record_of_a_file_of_one_node(chair: Path, tmp_path: Path) -> None:

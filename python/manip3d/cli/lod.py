@@ -24,10 +24,10 @@ from manip3d.cli.simplify import (
     expect_surface,
     locks,
 )
-from manip3d.cli.sources import open_mesh, open_scene
+from manip3d.cli.sources import open_scene_or_mesh
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
 from manip3d.errors import InputError
-from manip3d.io import READABLE
+from manip3d.io import READABLE, Scene
 from manip3d.io._lods import expect_folder_of_lods
 
 SUFFIXES = (".glb", ".gltf")
@@ -110,12 +110,12 @@ def lod(
     expect_cleaning(chosen, no_clean)
     expect_locks(chosen, lock_box, lock_boundary)
     options = color_options(chosen, color_weight)
-    scene = open_scene(source, output, shell)
+    opened = open_scene_or_mesh(source, output, shell)
     chain: simplify.SceneLods | simplify.LodChain
-    if scene is not None:
+    if isinstance(opened, Scene):
         with shell.progress("lod") as progress, naming_options("ratio"):
             chain = simplify.scene_lods(
-                scene,
+                opened,
                 levels,
                 ratio=ratio,
                 method=chosen,
@@ -126,9 +126,8 @@ def lod(
                 progress=progress,
             )
     else:
-        mesh = open_mesh(source, shell)
-        cleaned = mesh if no_clean else simplify.clean(mesh).mesh
-        expect_surface(source, mesh, cleaned)
+        cleaned = opened if no_clean else simplify.clean(opened).mesh
+        expect_surface(source, opened, cleaned)
         options |= locks(cleaned, lock_box, lock_boundary, shell)
         with shell.progress("lod") as progress, naming_options("ratio"):
             chain = simplify.lod_chain(

@@ -25,7 +25,7 @@ from manip3d.cli.options import (
     Quiet,
     Strict,
 )
-from manip3d.cli.sources import open_mesh, open_scene, tell_scene
+from manip3d.cli.sources import gone_materials, open_scene_or_mesh, tell_scene
 from manip3d.cli.terminal import (
     Progress,
     Terminal,
@@ -35,13 +35,12 @@ from manip3d.cli.terminal import (
     naming_options,
 )
 from manip3d.errors import FormatError, InputError
-from manip3d.io import READABLE, WRITABLE
+from manip3d.io import READABLE, WRITABLE, Scene
 from manip3d.io._files import check_regular
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from manip3d.io import Scene
     from manip3d.mesh import Mesh
     from manip3d.simplify import QualityResult, SimplifyResult
 
@@ -186,12 +185,11 @@ def simplify_file(
     """
     from manip3d import simplify
 
-    scene = open_scene(source, output, terminal)
-    if scene is not None:
-        _expect_room(source, order)
-        return _simplify_scene(scene, source, output, order, terminal, progress)
-    mesh = open_mesh(source, terminal)
+    opened = open_scene_or_mesh(source, output, terminal)
     _expect_room(source, order)
+    if isinstance(opened, Scene):
+        return _simplify_scene(opened, source, output, order, terminal, progress)
+    mesh = opened
     record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
     record["faces_before"] = mesh.num_faces
     started = time.perf_counter()
@@ -212,6 +210,7 @@ def simplify_file(
     record |= _outcome(result, result, target, seconds, result.mesh.num_faces)
     if result.mesh.num_faces == 0:
         raise InputError(f"{source}: nothing is left of it at this target; {output} is not written")
+    record["gone_materials"] = gone_materials([mesh], [result.mesh], terminal)
     if record["stop"] != "refused":
         result.mesh.write(output)
     terminal.say(_sentence(record))
@@ -278,6 +277,7 @@ def _simplify_scene(
         raise InputError(f"{source}: nothing is left of it at this target; {output} is not written")
     if record["stop"] != "refused":
         done.scene.write(output)
+        record["gone_materials"] = gone_materials(scene.meshes, done.scene.meshes, terminal)
         tell_scene(scene, done.scene, terminal)
     terminal.say(_sentence(record))
     return record

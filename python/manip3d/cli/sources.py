@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from manip3d.cli.terminal import Terminal, count, counted
 from manip3d.errors import FormatError, InputError
-from manip3d.io import Scene, read_mesh, read_mesh_bytes, read_scene
+from manip3d.io import Scene, read_mesh, read_scene
+from manip3d.io._limits import byte_limit
+from manip3d.io._mesh_files import mesh_of_bytes
+from manip3d.io._scenes import scene_of_bytes
 from manip3d.mesh import Mesh
+
+_STDIN = "standard input"
 
 
 def open_mesh(source: str, terminal: Terminal, *, may_be_empty: bool = False) -> Mesh:
@@ -30,8 +38,14 @@ def open_mesh(source: str, terminal: Terminal, *, may_be_empty: bool = False) ->
     InputError
         The mesh has no faces, and ``may_be_empty`` is False.
     """
-    if source == "-":
-        mesh, kind = read_mesh_bytes(sys.stdin.buffer.read()), "stdin"
+    data = sys.stdin.buffer.read() if source == "-" else None
+    return _open_mesh(source, data, terminal, may_be_empty)
+
+
+def _open_mesh(source: str, data: bytes | None, terminal: Terminal, may_be_empty: bool) -> Mesh:
+    """Read a mesh from the content of stdin, or without it from a file, and print its counts."""
+    if data is not None:
+        mesh, kind = _mesh_from_stdin(data), "stdin"
     else:
         mesh, kind = read_mesh(source), mesh_suffix(Path(source)).lstrip(".")
     if mesh.num_faces == 0 and not may_be_empty:
@@ -45,16 +59,20 @@ def open_mesh(source: str, terminal: Terminal, *, may_be_empty: bool = False) ->
     return mesh
 
 
+def _mesh_from_stdin(data: bytes) -> Mesh:
+    return mesh_of_bytes(data, "", byte_limit(None), _STDIN)
+
+
 GLTF_SUFFIXES = (".glb", ".gltf")
 
 
-def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
-    """Read a glTF file as a scene if the output is glTF, too, so that its nodes are kept.
+def open_scene_or_mesh(source: str, output: Path, terminal: Terminal) -> Scene | Mesh:
+    """Read a glTF file as a scene if the output is glTF, too, and else a mesh.
 
     Parameters
     ----------
     source : str
-        The file.
+        The file, or ``-`` for stdin.
     output : Path
         The output; a name without a suffix is that of a folder of ``.glb`` files.
     terminal : Terminal
@@ -62,20 +80,34 @@ def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
 
     Returns
     -------
-    Scene or None
-        None if input or output have another format, if the file cannot be read as a scene, or if
+    Scene or Mesh
+        A mesh if input or output have another format, if the file cannot be read as a scene, or if
         none of its drawn meshes can be simplified (`Scene.fixed`).
+
+    Raises
+    ------
+    FormatError, InputError, OSError
+        See `open_mesh`.
     """
-    kinds = {mesh_suffix(Path(source)), mesh_suffix(output) or ".glb"}
-    if source == "-" or not kinds <= set(GLTF_SUFFIXES):
+    data = sys.stdin.buffer.read() if source == "-" else None
+    scene = _open_scene(source, data, output, terminal)
+    return _open_mesh(source, data, terminal, may_be_empty=False) if scene is None else scene
+
+
+def _open_scene(source: str, data: bytes | None, output: Path, terminal: Terminal) -> Scene | None:
+    """Read a scene from the content of stdin, or without it from a file, and print its counts."""
+    if (mesh_suffix(output) or ".glb") not in GLTF_SUFFIXES:
+        return None
+    if data is None and mesh_suffix(Path(source)) not in GLTF_SUFFIXES:
         return None
     try:
-        scene = read_scene(source)
+        scene = read_scene(source) if data is None else scene_of_bytes(data, _STDIN)
     except FormatError as error:
-        read_mesh(source)  # if the triangles are damaged, too, this raises a single error
+        # If the triangles are damaged, too, this raises a single error.
+        read_mesh(source) if data is None else _mesh_from_stdin(data)
         terminal.say(f"warning: nodes are not kept: {error}")
         return None
-    if scene.num_instances == 0:
+    if scene is None or scene.num_instances == 0:
         return None
     uses = scene.num_uses
     reasons = [reason for reason, n in zip(scene.fixed, uses, strict=True) if n > 0]
@@ -84,7 +116,7 @@ def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
         terminal.say(f"warning: nodes are not kept, all becomes one mesh: {listed}")
         return None
     terminal.say(
-        f"read {source} ({mesh_suffix(Path(source)).lstrip('.')}): "
+        f"read {source} ({mesh_suffix(Path(source)).lstrip('.') or 'stdin'}): "
         f"{counted(len(scene.nodes), 'node')}, "
         f"{counted(len(scene.meshes), 'mesh', 'meshes')} "
         f"shown {counted(scene.num_instances, 'time')}, "
@@ -94,6 +126,38 @@ def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
         if reason and n > 0:
             terminal.say(f"warning: mesh '{name}' stays as it is: {reason}")
     return scene
+
+
+def gone_materials(before: Sequence[Mesh], after: Sequence[Mesh], terminal: Terminal) -> list[str]:
+    """Return and print the names of materials that had faces and have none any more.
+
+    Parameters
+    ----------
+    before, after : sequence of Mesh
+        The meshes of a scene, or a single one, before and after simplification.
+    terminal : Terminal
+        Prints the message.
+
+    Returns
+    -------
+    list of str
+        Names, or numbers of materials without a name.
+    """
+    gone = sorted(_shown_materials(before) - _shown_materials(after))
+    if gone:
+        names = ", ".join(gone[:5]) + (", ..." if len(gone) > 5 else "")
+        terminal.say(f"warning: nothing is left of {counted(len(gone), 'material')} ({names})")
+    return gone
+
+
+def _shown_materials(meshes: Sequence[Mesh]) -> set[str]:
+    shown: set[str] = set()
+    for mesh in meshes:
+        of_faces = mesh.face_material
+        for i in np.unique(of_faces[of_faces >= 0]) if of_faces is not None else ():
+            name = mesh.materials[i].name if i < len(mesh.materials) else ""
+            shown.add(name or str(i))
+    return shown
 
 
 def tell_scene(before: Scene, after: Scene, terminal: Terminal) -> None:

@@ -59,12 +59,14 @@ class ReadReport:
     warnings: tuple[str, ...]
 
 
-def _report(result: tuple[Mesh, str, int, int, list[str]], source: str | None) -> ReadReport:
+def _report(
+    result: tuple[Mesh, str, int, int, list[str]], source: str | None, name: str = "bytes"
+) -> ReadReport:
     mesh, kind, num_polygons, num_skipped, warnings = result
     check_points(mesh.num_vertices, source or "")
     mesh.source = source
     for text in warnings:
-        _logger.warning("%s: %s", source or "bytes", text)
+        _logger.warning("%s: %s", source or name, text)
     return ReadReport(mesh, kind, num_polygons, num_skipped, tuple(warnings))
 
 
@@ -255,17 +257,19 @@ def read_mesh_bytes(
     suffix = "" if format is None else "." + format.lower().lstrip(".")
     if suffix and suffix not in READABLE:
         raise InputError(f"format: expected one of {', '.join(READABLE)}, got {format!r}")
+    return mesh_of_bytes(bytes(data), suffix, byte_limit(max_bytes), "bytes")
+
+
+def mesh_of_bytes(data: bytes, suffix: str, limit: int, name: str) -> Mesh:
+    """Read a mesh from memory; ``name`` begins its warnings, and suffix "" means any format."""
     with clock("") as look:
         if suffix == _three_mf.SUFFIX or (not suffix and data.startswith(_three_mf.START)):
-            limit = byte_limit(max_bytes)
-            return _report(_read_three_mf(bytes(data), "", limit, look), None).mesh
-        if suffix == _collada.SUFFIX or (not suffix and b"<COLLADA" in data[:4096]):
-            limit = byte_limit(max_bytes)
-            return _report(_read_collada(bytes(data), "", None, False, limit, look), None).mesh
-        found = _core.read_mesh_bytes(
-            bytes(data), suffix, byte_limit(max_bytes), decode_draco, look
-        )
-    return _report(found, None).mesh
+            found = _read_three_mf(data, "", limit, look)
+        elif suffix == _collada.SUFFIX or (not suffix and b"<COLLADA" in data[:4096]):
+            found = _read_collada(data, "", None, False, limit, look)
+        else:
+            found = _core.read_mesh_bytes(data, suffix, limit, decode_draco, look)
+    return _report(found, None, name).mesh
 
 
 @checked

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 import logging
+import lzma
 import os
-from collections.abc import Mapping, Sequence
+import tempfile
+import zlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from manip3d import _core
 from manip3d._util.checked import checked
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._draco import decode_draco
 from manip3d.io._files import refuse_pointer
 from manip3d.io._limits import byte_limit, check_points, clock
@@ -309,12 +313,49 @@ def read_scene(
     limit = byte_limit(max_bytes)
     with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
         refuse_pointer(local)
-        nodes, meshes, document, buffer, warnings = _core.read_scene(
-            os.fsencode(local), bool(allow_outside), limit, decode_draco, look
-        )
-    check_points(sum(entry[1].num_vertices for entry in meshes), os.fspath(path))
+        return _read_local(local, bool(allow_outside), limit, look, os.fspath(path))
+
+
+def scene_of_bytes(data: bytes, name: str) -> Scene | None:
+    """Read a scene from the content of a glTF file, compressed or not.
+
+    ``name`` begins warnings and errors. None if the content is that of another format.
+    """
+    suffix, head = _start(data)
+    if not (head.startswith(b"glTF") or head.lstrip().startswith(b"{")):
+        return None
+    limit = byte_limit(None)
+    with clock(name) as look, tempfile.TemporaryDirectory() as folder:
+        local = Path(folder) / f"scene.glb{suffix}"  # the content tells whether it is a .gltf
+        local.write_bytes(data)
+        try:
+            return replace(_read_local(local, False, limit, look, name), source=None)
+        except FormatError as error:
+            raise FormatError(error.reason, file=name) from None
+
+
+def _start(data: bytes) -> tuple[str, bytes]:
+    """Return the suffix of the compression of a file, and its first uncompressed bytes."""
+    length = 64
+    try:
+        if data.startswith(b"\x1f\x8b"):
+            return ".gz", zlib.decompressobj(31).decompress(data, length)
+        if data.startswith(b"\xfd7zXZ"):
+            return ".xz", lzma.LZMADecompressor().decompress(data, length)
+    except (zlib.error, lzma.LZMAError):
+        return "", b""
+    return "", data[:length]
+
+
+def _read_local(
+    local: Path, allow_outside: bool, limit: int, look: Callable[[float], None] | None, name: str
+) -> Scene:
+    nodes, meshes, document, buffer, warnings = _core.read_scene(
+        os.fsencode(local), allow_outside, limit, decode_draco, look
+    )
+    check_points(sum(entry[1].num_vertices for entry in meshes), name)
     for text in warnings:
-        _logger.warning("%s: %s", os.fspath(path), text)
+        _logger.warning("%s: %s", name, text)
     return Scene(
         nodes=tuple(
             SceneNode(
@@ -330,7 +371,7 @@ def read_scene(
         ),
         more_texcoords=tuple(more for _, _, _, _, more in meshes),
         warnings=tuple(warnings),
-        source=os.fspath(path),
+        source=name,
         _document=document,
         _buffer=buffer,
     )
