@@ -242,7 +242,8 @@ void bind_quality(py::module_& m) {
       .def_readwrite("texture_seen", &QualityOptions::texture_seen)
       .def_readwrite("color_weight", &QualityOptions::color_weight)
       .def_readwrite("locked", &QualityOptions::locked)
-      .def_readwrite("importance", &QualityOptions::importance);
+      .def_readwrite("importance", &QualityOptions::importance)
+      .def_readwrite("looks", &QualityOptions::looks);
   m.def(
       "simplify_quality",
       [](const PyMesh& mesh, const QualityOptions& options, const PyProgress& progress) {
@@ -267,6 +268,7 @@ void bind_fast(py::module_& m) {
       .def_readwrite("seam_weight", &FastOptions::seam_weight)
       .def_readwrite("color_weight", &FastOptions::color_weight)
       .def_readwrite("locked", &FastOptions::locked)
+      .def_readwrite("looks", &FastOptions::looks)
       .def_readwrite("num_threads", &FastOptions::num_threads);
   m.def(
       "simplify_fast",

@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <limits>
 #include <random>
 
@@ -45,6 +47,44 @@ TEST(TriangleBvh, AnswersDoNotDependOnTheTreeOrTheHint) {
       for (std::size_t k = 0; k < near.size(); ++k) EXPECT_EQ(near[k].face, all[k].face);
     }
   }
+}
+
+TEST(TriangleBvh, RaysHitWhatAllFacesTellOneByOne) {
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> uniform(-1.0, 9.0), turn(-1.0, 1.0);
+  int num_hits = 0;
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    const TriangleMesh mesh = triangle_soup(30, seed);
+    const TriangleBvh bvh(mesh);
+    const auto is_odd = [](std::int32_t face) { return face % 2 == 1; };
+    for (int i = 0; i < 200; ++i) {
+      const Eigen::Vector3d from(uniform(random), uniform(random), uniform(random));
+      const Eigen::Vector3d ray(turn(random), turn(random), turn(random));
+      bool is_hit = false;
+      for (Eigen::Index f = 1; f < mesh.faces.rows(); f += 2) {
+        Eigen::Matrix3d system;  // from + t ray = a + b (second - a) + c (third - a)
+        const Eigen::RowVector3d a = mesh.vertices.row(mesh.faces(f, 0));
+        system.col(0) = -ray;
+        system.col(1) = (mesh.vertices.row(mesh.faces(f, 1)) - a).transpose();
+        system.col(2) = (mesh.vertices.row(mesh.faces(f, 2)) - a).transpose();
+        if (system.col(1).cross(system.col(2)).norm() == 0.0) continue;
+        const Eigen::Vector3d at = system.fullPivLu().solve(from - a.transpose());
+        is_hit = is_hit || (at.minCoeff() >= 0.0 && at[1] + at[2] <= 1.0);
+      }
+      EXPECT_EQ(bvh.is_hit_where(from, ray, is_odd), is_hit);
+      num_hits += is_hit ? 1 : 0;
+    }
+  }
+  EXPECT_GT(num_hits, 500);
+  EXPECT_LT(num_hits, 3500);
+}
+
+TEST(TriangleBvh, RefusesRaysAlongAnAxis) {
+  const TriangleMesh mesh = triangle_soup(30, 1);
+  const TriangleBvh bvh(mesh);
+  const auto any = [](std::int32_t) { return true; };
+  EXPECT_THROW((void)bvh.is_hit_where({0, 0, 0}, {1, 0, 0}, any), InputError);
+  EXPECT_THROW((void)bvh.is_hit_where({0, 0, NAN}, {1, 1, 1}, any), InputError);
 }
 
 TEST(TriangleBvh, BarycentricWeightsGiveThePoint) {

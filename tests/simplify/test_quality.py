@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 import exact_models
 import metrics_oracles
-from manip3d import InputError, Material, Mesh, Texture, metrics, read_mesh, simplify, simulate
+from manip3d import InputError, Material, Mesh, Texture, io, metrics, read_mesh, simplify, simulate
 from manip3d.simplify import StopReason
 from real_data import RealData
 
@@ -697,6 +698,75 @@ def test_pieces_vanish_in_the_order_of_their_distance() -> None:
     assert (result.vertex_map[first : first + 4] == -1).all()
     assert (result.vertex_map[first + 4 :] >= 0).all()
     assert result.mesh.num_faces <= 12
+
+
+PAINT, LABEL = Material("paint", (0.7, 0.7, 0.7, 1.0)), Material("label", (1.0, 0.0, 0.0, 1.0))
+
+
+def labelled(gap: float, label: Material | None = LABEL) -> Mesh:
+    """A ball of 16 000 faces with a label of 1 800 faces, ``gap`` radii in front of it.
+
+    Without a material for the label, vertices have the two colours instead.
+    """
+    ball = simplify.clean(exact_models.ball(53)).mesh
+    chosen = ball.vertices[ball.faces].mean(axis=1)[:, 2] > 0.8
+    both = together(ball, Mesh((1.0 + gap) * ball.vertices, ball.faces[chosen]))
+    is_label = np.arange(both.num_faces) >= ball.num_faces
+    if label is None:
+        colors = np.full((both.num_vertices, 3), 178, np.uint8)
+        colors[ball.num_vertices :] = [255, 0, 0]
+        return simplify.clean(both.replace(colors=colors)).mesh
+    both = both.replace(face_material=is_label.astype(np.int32), materials=[PAINT, label])
+    return simplify.clean(both).mesh
+
+
+def share_of_label(before: Mesh, after: Mesh) -> float:
+    """The share of the label's area that is left."""
+
+    def size(mesh: Mesh) -> float:
+        first = mesh.faces[:, 0]
+        green = None if mesh.colors is None else mesh.colors[first, 1]
+        chosen = mesh.face_material == 1 if green is None else green == 0
+        return area(Mesh(mesh.vertices, mesh.faces[chosen]))
+
+    return size(after) / size(before)
+
+
+@pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
+@pytest.mark.parametrize("gap", [0.003, 0.001])
+@pytest.mark.parametrize("label", [LABEL, None])
+def test_a_label_of_another_look_stays(method: Any, gap: float, label: Material | None) -> None:
+    """It vanished as a whole, because the ball is near behind it."""
+    mesh = labelled(gap, label)
+    small = method(mesh, target_faces=160).mesh
+    assert small.num_faces <= 160
+    assert share_of_label(mesh, small) > 0.8
+
+
+@pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
+def test_a_label_that_nobody_can_see_vanishes(method: Any) -> None:
+    mesh = labelled(-0.003)  # inside the ball
+    assert share_of_label(mesh, method(mesh, target_faces=160).mesh) == 0.0
+
+
+@pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
+def test_a_label_that_looks_like_what_is_behind_it_vanishes(method: Any) -> None:
+    """The name of a material is not seen."""
+    mesh = labelled(0.001, Material("other", PAINT.base_color))
+    assert share_of_label(mesh, method(mesh, target_faces=160).mesh) == 0.0
+
+
+@pytest.mark.parametrize("method", ["quality", "fast"])
+@pytest.mark.parametrize("label", [LABEL, Material("other", PAINT.base_color)])
+def test_looks_of_a_scene_are_those_of_its_materials(
+    method: str, label: Material, tmp_path: Path
+) -> None:
+    """Each mesh of a scene has materials of its own while the scene is simplified."""
+    labelled(0.001, label).write(tmp_path / "ball.glb")
+    scene = io.read_scene(tmp_path / "ball.glb")
+    (small,) = simplify.simplify_scene(scene, method, target_faces=160).scene.meshes
+    assert small.face_material is not None
+    assert (small.face_material == 1).any() == (label is LABEL)
 
 
 @pytest.mark.parametrize("opening", [0.5, 0.55, 0.6])

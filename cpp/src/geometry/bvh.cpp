@@ -31,6 +31,8 @@ constexpr int kStackSize = 256;       // a level adds at most kWidth - 1 entries
 // - distances to boxes, in float, are off by less than 5 * 2^-24 relative.
 constexpr double kBoxMargin = 1e-13;
 constexpr double kBoundSlack = 1.0 + 1e-6;
+constexpr float kRaySlack = 1.0F + 1e-6F;
+constexpr double kSteepest = 1e18;  // of a ray; times a coordinate it stays finite in float
 // Clamping a query moves it nearer to every box, and its squares stay below the largest float.
 constexpr double kLargestCoordinate = 1e18;
 
@@ -414,6 +416,60 @@ SurfacePoint TriangleBvh::closest_point_where(
   });
   if (best.face < 0) return kNoSurface;
   return to_surface_point(best, query);
+}
+
+/// Whether a ray crosses a triangle [Moeller & Trumbore 1997]; a face without area is never hit.
+bool TriangleBvh::is_hit(std::int32_t slot, const Vector3d& origin,
+                         const Vector3d& direction) const {
+  const Triangle& t = triangles_[slot];
+  if (!(t.height > 0.0)) return false;
+  const Vector3d ab = t.length * t.u, ac = t.foot * t.u + t.height * t.v;
+  const Vector3d across = direction.cross(ac);
+  const double volume = ab.dot(across);
+  if (volume == 0.0) return false;  // parallel
+  const Vector3d from = origin - t.a;
+  const double b = from.dot(across) / volume;
+  if (!(b >= 0.0 && b <= 1.0)) return false;
+  const Vector3d up = from.cross(ab);
+  const double c = direction.dot(up) / volume;
+  return c >= 0.0 && b + c <= 1.0 && ac.dot(up) / volume >= 0.0;
+}
+
+bool TriangleBvh::is_hit_where(const Vector3d& origin, const Vector3d& direction,
+                               const std::function<bool(std::int32_t face)>& accept) const {
+  const Vector3d from = (origin - center_) * scale_;
+  if (!from.allFinite() || !direction.allFinite() || (direction.array() == 0.0).any()) {
+    throw InputError("ray: expected finite coordinates, and a direction without a 0");
+  }
+  const Vector3d unit = direction / direction.cwiseAbs().maxCoeff();
+  std::array<float, 3> start, inverse;  // NOLINT: filled below
+  for (int axis = 0; axis < 3; ++axis) {
+    start[axis] = static_cast<float>(from[axis]);
+    inverse[axis] = static_cast<float>(std::clamp(1.0 / unit[axis], -kSteepest, kSteepest));
+  }
+  std::array<std::int32_t, kStackSize> stack;  // NOLINT: written before it is read
+  stack[0] = 0;
+  int size = 1;
+  while (size > 0) {
+    const std::int32_t top = stack[--size];
+    if (top < 0) {
+      if (is_hit(~top, from, unit) && accept(face_of_slot_[~top])) return true;
+      continue;
+    }
+    const Node& node = nodes_[top];
+    Array4f enter = Array4f::Zero(), leave = Array4f::Constant(kInfinityF);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Array4f low = (node.min[axis] - start[axis]) * inverse[axis];
+      const Array4f high = (node.max[axis] - start[axis]) * inverse[axis];
+      enter = enter.max(low.min(high));
+      leave = leave.min(low.max(high));
+    }
+    for (int lane = 0; lane < kWidth; ++lane) {
+      const bool is_used = node.min[0][lane] <= node.max[0][lane];
+      if (is_used && enter[lane] <= leave[lane] * kRaySlack) stack[size++] = node.child[lane];
+    }
+  }
+  return false;
 }
 
 void TriangleBvh::faces_within(const Vector3d& query, double distance,

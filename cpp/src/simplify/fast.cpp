@@ -35,7 +35,7 @@ class FastSimplifier {
       : options_(options),
         tasks_(options.num_threads, progress),
         mesh_(input, box, options.locked, tasks_),
-        pieces_(mesh_),
+        pieces_(mesh_, options.looks),
         collapser_(mesh_, squared_limit()),
         passes_(mesh_, pieces_, collapser_) {
     sum_quadrics(mesh_, {options.boundary_weight, options.seam_weight, options.color_weight});

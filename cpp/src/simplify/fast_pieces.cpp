@@ -44,8 +44,9 @@ void FastPieces::find() {
   for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
     welded_.vertices.row(v) = mesh_.input.vertices.row(mesh_.order.source[v]);
   }
+  add_looks();
   view_.emplace(welded_);
-  pieces_.emplace(*view_, mesh_.scale, mesh_.tasks.part(0.16, 0.2));
+  pieces_.emplace(*view_, mesh_.scale, looks_, mesh_.tasks.part(0.16, 0.2));
   count_faces();
   piece_weight_.assign(pieces_->size(), 0.0);
   for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
@@ -56,6 +57,21 @@ void FastPieces::find() {
   for (std::size_t v = 0; v < mesh_.locked.size(); ++v) {
     const std::int32_t piece = pieces_->of_vertex(static_cast<std::int32_t>(v));
     if (mesh_.locked[v] != 0 && piece >= 0) is_kept_[piece] = 1;
+  }
+}
+
+/// Adds the materials and the colours, by which pieces look different.
+void FastPieces::add_looks() {
+  if (mesh_.input.has_materials()) {
+    welded_.face_material.resize(mesh_.num_faces());
+    for (std::int32_t f = 0; f < mesh_.num_faces(); ++f) {
+      welded_.face_material(f) = mesh_.input.face_material(mesh_.face_ids[f]);
+    }
+  }
+  if (mesh_.input.colors.rows() == 0) return;
+  welded_.colors.resize(mesh_.num_vertices(), 3);
+  for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
+    welded_.colors.row(v) = mesh_.input.colors.row(mesh_.order.source[v]);
   }
 }
 
@@ -94,8 +110,11 @@ bool FastPieces::is_spent(const Triple& face) const {
 /// removing more than the target needs has no value.
 double FastPieces::price_of(std::int32_t i, std::int64_t most_faces) const {
   const double distance = pieces_->mean_distance(i);
+  const double seen_as = distance + pieces_->wrong_look(i);
+  const double look =
+      kFastPieceFactor * pieces_->area(i) * (seen_as * seen_as - distance * distance);
   const double price = (kFastPieceFactor - 1.0) * pieces_->cost(i) * distance +
-                       piece_weight_[i] * distance * distance;
+                       piece_weight_[i] * distance * distance + look;
   return price * 2.0 / static_cast<double>(std::min(most_faces, pieces_->num_faces(i)));
 }
 

@@ -17,7 +17,7 @@ namespace manip3d::fast_detail {
 /// whole.
 class FastPieces {
  public:
-  explicit FastPieces(FastMesh& mesh) : mesh_(mesh) {}
+  FastPieces(FastMesh& mesh, const std::vector<std::int32_t>& looks) : mesh_(mesh), looks_(looks) {}
 
   /// Finds the pieces; needs the weights that sum_quadrics() computes.
   void find();
@@ -56,6 +56,7 @@ class FastPieces {
 
  private:
   [[nodiscard]] bool is_connected() const;
+  void add_looks();
   void count_faces();
   [[nodiscard]] std::int32_t piece_of(const Triple& face) const {
     return pieces_->of_vertex(mesh_.id[face[0]]);
@@ -67,6 +68,7 @@ class FastPieces {
   [[nodiscard]] Queue price_pieces(double limit, bool is_forced, std::int64_t most_faces) const;
 
   FastMesh& mesh_;
+  const std::vector<std::int32_t>& looks_;
   TriangleMesh welded_;
   std::optional<MeshView> view_;
   std::optional<Pieces> pieces_;

@@ -14,8 +14,10 @@ namespace manip3d {
 /// Lengths are input units divided by `scale`. There are no pieces if the mesh is connected.
 class Pieces {
  public:
+  /// @param looks        By material; see QualityOptions::looks.
   /// @param samples_one  Take samples of a connected mesh as well, although it cannot be removed.
-  Pieces(const MeshView& mesh, double scale, const Progress& progress, bool samples_one = false);
+  Pieces(const MeshView& mesh, double scale, const std::vector<std::int32_t>& looks,
+         const Progress& progress, bool samples_one = false);
 
   [[nodiscard]] std::int32_t size() const {
     return pieces_.size() > 1 ? static_cast<std::int32_t>(pieces_.size()) : 0;
@@ -38,6 +40,9 @@ class Pieces {
   [[nodiscard]] double texture_shift(std::int32_t piece) const {
     return pieces_[piece].texture_shift;
   }
+  /// Mean distance by which the surface behind the piece would have to be farther away to be as
+  /// wrong as it is because it looks different; 0 for parts that cannot be seen from outside.
+  [[nodiscard]] double wrong_look(std::int32_t piece) const { return pieces_[piece].wrong_look; }
   [[nodiscard]] double area(std::int32_t piece) const { return pieces_[piece].area; }
   /// Points at equal steps of area on the original surface, in the input's coordinates.
   [[nodiscard]] std::vector<Eigen::Vector3d> samples(std::int32_t piece) const;
@@ -54,19 +59,25 @@ class Pieces {
     double area = 0.0;
     double cost = 0.0;
     double texture_shift = 0.0;
+    double wrong_look = 0.0;
   };
 
   void measure(std::int32_t piece);
   [[nodiscard]] Eigen::Vector3d point_of(std::int32_t face, std::int64_t sample) const;
   [[nodiscard]] bool shows_texture(std::int32_t face) const;
-  /// Whether both faces show a texture, of the same material.
-  [[nodiscard]] bool looks_like(std::int32_t face, std::int32_t other) const;
+  [[nodiscard]] std::int32_t look_of(std::int32_t face) const;
+  /// Whether both faces show a texture, of materials that look the same.
+  [[nodiscard]] bool shares_texture(std::int32_t face, std::int32_t other) const;
+  [[nodiscard]] double difference(std::int32_t face, const Eigen::Vector3d& barycentric,
+                                  const SurfacePoint& other) const;
+  [[nodiscard]] double seen(std::int32_t face, std::int64_t sample) const;
   [[nodiscard]] Eigen::RowVector2d texture_at(std::int32_t face,
                                               const Eigen::Vector3d& barycentric) const;
   [[nodiscard]] double area_of_face(std::int32_t face) const;
 
   const MeshView& mesh_;
   double scale_;
+  const std::vector<std::int32_t>& looks_;
   std::unique_ptr<TriangleBvh> bvh_;
   std::vector<Piece> pieces_;
   Indices of_vertex_;

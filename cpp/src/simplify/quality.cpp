@@ -82,7 +82,7 @@ class QualitySimplifier {
         options_(options),
         progress_(progress),
         mesh_(input),
-        pieces_(input, mesh_.scale(), part_of(progress, 0.0, 0.1),
+        pieces_(input, mesh_.scale(), options.looks, part_of(progress, 0.0, 0.1),
                 options.target_faces < kLastFaces),
         kept_(options),
         distance_(input, mesh_, options.max_distance,

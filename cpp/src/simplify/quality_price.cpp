@@ -342,7 +342,7 @@ void Prices::gather_piece(std::int32_t v) {
 double Prices::piece(std::int32_t i, std::int64_t most_faces) const {
   const PieceBorders& own = piece_borders_[i];
   const double distance = pieces_.mean_distance(i);
-  double price = kPieceFactor * pieces_.cost(i) +
+  double price = kPieceFactor * (pieces_.cost(i) + pieces_.area(i) * pieces_.wrong_look(i)) +
                  original_.strips(own.length * distance * distance, own.length, own.area);
   if (original_.is_textured) {
     price += original_.texture_factor() * pieces_.texture_shift(i) * pieces_.area(i);

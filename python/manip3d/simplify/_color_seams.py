@@ -51,7 +51,8 @@ class ColorSeams:
         self._pairs = np.empty((rows.max() + 1, 2), dtype=np.int64)
         self._pairs[rows] = pairs
         self.mesh = original.replace(
-            face_material=rows.astype(np.int32), materials=[Material()] * len(self._pairs)
+            face_material=rows.astype(np.int32),
+            materials=[_material(original, index) for index in self._pairs[:, 0]],
         )
         order = np.argsort(self._charts, kind="stable")
         corners = colors[original.faces][order]
@@ -96,6 +97,13 @@ class ColorSeams:
         place = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
         copies = np.where(known[place] == wanted, faces.reshape(-1)[at[place]], any_copy[into])
         return np.where(into < 0, np.int32(-1), copies).astype(np.int32)
+
+
+def _material(mesh: Mesh, index: int) -> Material:
+    """Return a material, or for one of which only the index is known, a name for it."""
+    if index < 0:
+        return Material()
+    return mesh.materials[index] if index < len(mesh.materials) else Material(str(index))
 
 
 def color_seams(mesh: Mesh) -> ColorSeams | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -163,6 +163,19 @@ def _shows_texture(mesh: Mesh) -> bool:
     )
 
 
+def _looks(mesh: Mesh) -> list[int]:
+    """Return a number for each material, the same for materials that look the same."""
+    numbers: dict[object, int] = {}
+
+    def look(material: Material) -> object:
+        if material == Material(material.name):  # nothing but its name is known
+            return material.name
+        pictures = [(role, own.path, own.data) for role, own in sorted(material.textures.items())]
+        return repr(replace(material, name="", textures={})), tuple(pictures)
+
+    return [numbers.setdefault(look(material), len(numbers)) for material in mesh.materials]
+
+
 @checked
 def quality(
     mesh: Mesh,
@@ -241,7 +254,9 @@ def quality(
     the strips that boundaries and seams sweep, plus the same for the texture [2]_. The price per
     face removed decides what comes next. A vertex goes where its faces as they are now have the
     least squared distance, with their volume kept [3]_. A piece may vanish as a whole for its area
-    times its mean distance to the rest, and its borders times the same. Seams that show another
+    times its mean distance to the rest, and its borders times the same; where it can be seen and
+    the surface behind it has another material or colour, it counts as 2 % of the mesh's diagonal
+    away. Materials that differ only in their names look the same. Seams that show another
     chart where they move cost together at most as much as the whole surface that moves as far. At
     the end the vertices are fitted to the original surface, and their texture coordinates to the
     original ones, within their charts.
@@ -278,6 +293,7 @@ def quality(
     options.color_weight = 0.0 if seams is not None and seams.is_flat else color_weight
     if seams is not None:
         mesh = seams.mesh
+    options.looks = _looks(mesh)
     chosen = locked_of(mesh, locked)
     weights = _importance(mesh, importance)
     cleaned = clean(mesh)
@@ -391,6 +407,7 @@ def fast(
     options.color_weight = 0.0 if seams is not None and seams.is_flat else color_weight
     if seams is not None:
         mesh = seams.mesh
+    options.looks = _looks(mesh)
     options.num_threads = threads
     chosen = locked_of(mesh, locked)
     if chosen is not None:

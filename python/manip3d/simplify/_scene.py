@@ -389,9 +389,18 @@ class _Placed:
         for table, corners in (("texcoords", "face_texcoords"), ("normals", "face_normals")):
             if table not in joined:
                 joined.pop(corners, None)
-        # The simplifier asks only whether a material has a texture.
+        return Mesh(**joined, materials=[self._material(i, row) for i, row, _ in self._looks])
+
+    def _material(self, index: int, row: int) -> Material:
+        """Return a material without its name, which does not change its look.
+
+        The simplifier also asks whether any texture is shown: one in a format that is not read
+        counts, too.
+        """
         pictures = {"base_color": Texture()} if self.scene.has_textures else {}
-        return Mesh(**joined, materials=[Material(textures=pictures) for _ in self._looks])
+        own = self.scene.meshes[index].materials
+        material = own[row] if 0 <= row < len(own) else Material()
+        return replace(material, name="", textures={**pictures, **material.textures})
 
     def corners_of_vanished(self, left: Mesh, drawn: int) -> NDArray[np.bool_] | None:
         """Choose corners to keep of meshes that have no face left, the largest meshes first.

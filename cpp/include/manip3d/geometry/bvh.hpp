@@ -58,6 +58,12 @@ class TriangleBvh {
   [[nodiscard]] SurfacePoint closest_point_where(
       const Eigen::Vector3d& query, const std::function<bool(std::int32_t face)>& accept) const;
 
+  /// Whether a ray from `origin` hits a face that `accept` accepts. The boxes are tested in single
+  /// precision: a ray that only touches an edge may miss it.
+  /// @param direction  Its length does not matter; no component may be 0.
+  [[nodiscard]] bool is_hit_where(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                                  const std::function<bool(std::int32_t face)>& accept) const;
+
   /// Finds all faces within `distance` of the query, sorted by face index.
   void faces_within(const Eigen::Vector3d& query, double distance,
                     std::vector<SurfacePoint>& found) const;
@@ -94,6 +100,8 @@ class TriangleBvh {
 
   [[nodiscard]] std::array<Eigen::Vector3d, 3> corners_of(std::int32_t face) const;
   static Triangle make_triangle(const Eigen::Vector3d corners[3]);
+  [[nodiscard]] bool is_hit(std::int32_t slot, const Eigen::Vector3d& origin,
+                            const Eigen::Vector3d& direction) const;
   std::int32_t build_node(std::vector<Primitive>& primitives, std::int64_t begin, std::int64_t end,
                           int depth, const Progress& progress);
   [[nodiscard]] Query make_query(const Eigen::Vector3d& query) const;

@@ -21,8 +21,9 @@ struct FastOptions {
   /// Weight of the planes along lines of equal colour, where colours of vertices do not change
   /// linearly. 0: colours are only interpolated.
   double color_weight = 0.01;
-  std::vector<bool> locked;  ///< Vertices that must not move; empty: none.
-  int num_threads = 0;       ///< 0: all cores of this process.
+  std::vector<bool> locked;         ///< Vertices that must not move; empty: none.
+  std::vector<std::int32_t> looks;  ///< By material, as QualityOptions::looks.
+  int num_threads = 0;              ///< 0: all cores of this process.
 };
 
 /// Fast edge collapse in batches, on any triangle soup, with vertices where the quadric error is

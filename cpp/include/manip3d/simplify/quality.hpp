@@ -35,6 +35,10 @@ struct QualityOptions {
   std::vector<bool> locked;  ///< Vertices that must not move; empty: none.
   /// Factor, > 0, of each vertex on the price of changes of the surface there. Empty: all 1.
   std::vector<double> importance;
+  /// By material: a number that materials share if they look the same. Where a removed piece
+  /// uncovers a surface of another look, its removal is seen even if that surface is near. Empty:
+  /// each material has a look of its own.
+  std::vector<std::int32_t> looks;
 };
 
 struct QualityResult {
@@ -63,7 +67,8 @@ struct QualityResult {
 /// vanishes, and for the colours of vertices. The step with the least price per removed face is
 /// next. A new vertex minimizes the squared distances and preserves the volume. A piece (faces
 /// connected by vertices) may vanish as a whole, at a price for the distance of its surface and its
-/// borders to the rest; if that would be visible, its last faces are flattened first where that
+/// borders to the rest, or where it can be seen for a difference of its look (material or colour)
+/// from that of the rest; if that would be visible, its last faces are flattened first where that
 /// costs less. At the end, vertices that are far off the original faces they represent are moved
 /// back, and all are fitted to the original surface, texture coordinates within their charts.
 ///
