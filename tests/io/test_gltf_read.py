@@ -296,6 +296,38 @@ def test_colors_are_srgb_and_white_where_a_primitive_has_none(tmp_path: Path) ->
     assert seen.warnings == ()
 
 
+@pytest.mark.parametrize("node", [{}, {"rotation": [0, 0, 1, 0]}])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_normals_and_texture_coordinates_that_are_not_finite_are_left_out(
+    node: dict[str, Any], bad: float, tmp_path: Path
+) -> None:
+    """The whole file was refused. The surface does not depend on them."""
+    scene = Scene()
+    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
+    normals[3, 1] = bad
+    texcoords = np.array([[0, 0], [1, 0], [0, 1], [bad, 1]])
+    attributes = {"POSITION": SQUARE, "NORMAL": normals, "TEXCOORD_0": texcoords}
+    views = {name: scene.accessor(values) for name, values in attributes.items()}
+    scene.primitive(views, mode=5)
+    scene.json["nodes"] = [{"mesh": 0, **node}]
+    seen = report(tmp_path, scene.glb())
+    (tmp_path / "scene.glb").write_bytes(scene.glb())
+    scene_read = read_scene(tmp_path / "scene.glb")
+    (of_scene,) = scene_read.meshes
+    for mesh in (seen.mesh, of_scene):
+        for table, faces in (
+            (mesh.normals, mesh.face_normals),
+            (mesh.texcoords, mesh.face_texcoords),
+        ):
+            assert table is not None
+            assert faces is not None
+            assert np.isfinite(table).all()
+            assert (faces >= 0).all(axis=1).tolist() == [True, False]
+    for warnings in (seen.warnings, scene_read.warnings):
+        for what in ("normals", "texture coordinates"):
+            assert f"{what} that are no finite numbers are left out (faces: 1)" in warnings
+
+
 def placed_square(*transforms: dict[str, Any]) -> bytes:
     """One square for each transform, all on the same coordinates: (0, 0) to (1, 1)."""
     scene = Scene()

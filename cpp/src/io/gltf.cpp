@@ -99,9 +99,10 @@ ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resou
   for (const GltfInstance& instance : instances) is_shown[instance.mesh] = true;
   // streams that are not shown stay undecoded, so that damage in them is harmless
   document.expand_draco(draco, is_shown);
-  result.mesh =
-      read_triangles(document, instances, GltfTexcoords::kPlaced, budget, result.warnings, progress)
-          .mesh;
+  GltfTriangles triangles = read_triangles(document, instances, GltfTexcoords::kPlaced, budget,
+                                           result.warnings, progress);
+  result.mesh = std::move(triangles.mesh);
+  for (std::string& text : triangles.losses) warn(result.warnings, std::move(text));
   GltfMeshMaterials materials = read_mesh_materials(document, budget, result.warnings);
   result.mesh.materials = std::move(materials.materials);
   for (std::int32_t& material : result.mesh.face_material) {

@@ -165,6 +165,14 @@ std::string decode_relative_uri(const JsonPlace& uri) {
 }
 
 void GltfAccessor::decode(double* out) const {
+  if (decode_any(out)) return;
+  const double* bad = std::find_if_not(out, out + count * num_components,
+                                       [](double value) { return std::isfinite(value); });
+  place.fail("expected finite numbers, got " + std::to_string(*bad) + " in element " +
+             std::to_string((bad - out) / num_components));
+}
+
+bool GltfAccessor::decode_any(double* out) const {
   const auto load_row = [&](const std::byte* data, GltfType type, double* row) {
     with_type(type, [&](auto zero) {
       using T = decltype(zero);
@@ -192,12 +200,7 @@ void GltfAccessor::decode(double* out) const {
     load_row(sparse_values.data + replacement++ * sparse_values.stride, sparse_values.type,
              out + row * num_components);
   }
-  const double* bad =
-      std::find_if_not(out, out + num_values, [](double value) { return std::isfinite(value); });
-  if (bad != out + num_values) {
-    place.fail("expected finite numbers, got " + std::to_string(*bad) + " in element " +
-               std::to_string((bad - out) / num_components));
-  }
+  return std::all_of(out, out + num_values, [](double value) { return std::isfinite(value); });
 }
 
 void GltfAccessor::check_indices() const {

@@ -121,7 +121,7 @@ MoreTexcoords read_more_texcoords(GltfDocument& document,
 }
 
 SceneMesh read_scene_mesh(GltfDocument& document, std::int64_t index, std::string fixed,
-                          GltfBudget& budget) {
+                          GltfBudget& budget, std::vector<std::string>& warnings) {
   const JsonPlace place = mesh_place(document, index);
   SceneMesh read;
   read.fixed = std::move(fixed);
@@ -134,6 +134,9 @@ SceneMesh read_scene_mesh(GltfDocument& document, std::int64_t index, std::strin
   GltfTriangles triangles =
       read_triangles(document, {instance}, GltfTexcoords::kStored, budget, in_document, {});
   read.mesh = std::move(triangles.mesh);
+  for (std::string& text : triangles.losses) {
+    if (read.fixed.empty()) warn(warnings, std::move(text));
+  }
   if (read.mesh.faces.rows() == 0) read.fixed = "it has no triangles";
   if (read.fixed.empty()) {
     const std::int64_t num_vertices = read.mesh.vertices.rows();
@@ -159,7 +162,8 @@ Scene parse_gltf_scene(std::span<const std::byte> data, const GltfResource& reso
   const std::vector<MeshUse> uses = uses_of_meshes(document, scene.nodes, kept.nodes);
   for (std::int64_t m = 0; m < num_meshes; ++m) {
     const JsonPlace place = mesh_place(document, m);
-    scene.meshes.push_back(read_scene_mesh(document, m, reason_to_keep(place, uses[m]), budget));
+    scene.meshes.push_back(
+        read_scene_mesh(document, m, reason_to_keep(place, uses[m]), budget, scene.warnings));
     const bool is_replaced = scene.meshes.back().fixed.empty();
     const JsonPlace primitives = place.member("primitives");
     for (std::int64_t i = 0; is_replaced && i < primitives.size(); ++i) {

@@ -10,6 +10,7 @@
 
 #include "io/colors.hpp"
 #include "io/gltf_primitives.hpp"
+#include "io/leave_out_nan.hpp"
 #include "io/warnings.hpp"
 #include "manip3d/error.hpp"
 
@@ -243,6 +244,15 @@ class TableWriter {
     fill_faces(draw);
   }
 
+  /// Leaves out texture coordinates and normals that are not finite; called after all draws.
+  void finish(std::vector<std::string>& warnings) {
+    if (!has_nan_) return;
+    leave_out_nan(mesh_.texcoords.data(), mesh_.texcoords.rows(), 2, mesh_.face_texcoords.data(),
+                  mesh_.face_texcoords.rows(), "texture coordinates", warnings);
+    leave_out_nan(mesh_.normals.data(), mesh_.normals.rows(), 3, mesh_.face_normals.data(),
+                  mesh_.face_normals.rows(), "normals", warnings);
+  }
+
  private:
   void fill_vertices(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->position;
@@ -317,11 +327,12 @@ class TableWriter {
   /// Fills in the texture coordinates; v points downwards in glTF.
   void fill_texcoords(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->texcoord;
-    accessor.decode(mesh_.texcoords.data() + 2 * draw.texcoords.first);
+    has_nan_ |= !accessor.decode_any(mesh_.texcoords.data() + 2 * draw.texcoords.first);
     auto rows = mesh_.texcoords.middleRows(draw.texcoords.first, accessor.count);
     const GltfTextureTransform& transform = draw.primitive->texture;
     if (transform != GltfTextureTransform()) {
       for (auto row : rows.rowwise()) {
+        if (!row.allFinite()) continue;
         row = transform(row[0], row[1]);
         if (!row.allFinite()) accessor.place.fail("overflows in KHR_texture_transform");
       }
@@ -332,7 +343,7 @@ class TableWriter {
   void fill_normals(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->normal;
     double* first = mesh_.normals.data() + 3 * draw.normals.first;
-    accessor.decode(first);
+    has_nan_ |= !accessor.decode_any(first);
     add_morph(draw.normal_morph, first);
     const std::vector<GltfTransform> places = places_of_vertices(draw);
     const Eigen::Matrix3d& m = draw.transform->linear;
@@ -341,6 +352,7 @@ class TableWriter {
     for (std::int64_t i = 0; i < accessor.count; ++i) {
       if (!places.empty()) turned = cofactors_of(places[i].linear);
       auto row = mesh_.normals.row(draw.normals.first + i);
+      if (!row.allFinite()) continue;
       const Eigen::Vector3d normal = turned * row.transpose();
       if (!normal.allFinite()) {
         accessor.place.fail("a normal overflows in the transform of its node");
@@ -374,6 +386,7 @@ class TableWriter {
   GltfDocument& document_;
   GltfBudget& budget_;
   std::vector<std::string>& warnings_;
+  bool has_nan_ = false;
 };
 
 }  // namespace
@@ -382,7 +395,7 @@ GltfTriangles read_triangles(GltfDocument& document, const std::vector<GltfInsta
                              GltfTexcoords texcoords, GltfBudget& budget,
                              std::vector<std::string>& warnings, const Progress& progress) {
   const Plan plan = Planner(document, texcoords, budget, warnings).plan(instances);
-  GltfTriangles triangles{allocate(plan, document.count("materials") > 0), {}};
+  GltfTriangles triangles{allocate(plan, document.count("materials") > 0), {}, {}};
   TableWriter writer(triangles.mesh, document, budget, warnings);
   for (std::size_t i = 0; i < plan.draws.size(); ++i) {
     const Draw& draw = plan.draws[i];
@@ -393,6 +406,7 @@ GltfTriangles read_triangles(GltfDocument& document, const std::vector<GltfInsta
     }
     if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(plan.draws.size()));
   }
+  writer.finish(triangles.losses);
   return triangles;
 }
 

@@ -15,6 +15,9 @@ struct GltfTriangles {
   TriangleMesh mesh;
   /// Primitives in the order of the vertices, without those that share the vertices of another one.
   std::vector<PlacedPrimitive> owners;
+  /// Warnings of normals and texture coordinates that are not finite and left out. Other than those
+  /// of read_triangles(), they also hold if the document keeps what a mesh has no place for.
+  std::vector<std::string> losses;
 };
 
 /// Reads the triangles of instances. Primitives of an instance that share vertices in the file

@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "io/leave_out_nan.hpp"
 #include "io/warnings.hpp"
 #include "manip3d/io/corner_colors.hpp"
 
@@ -189,28 +190,6 @@ void MeshBuilder::warn_of_losses(ReadResult& result) {
   }
 }
 
-/// Leaves the faces of rows with numbers that are not finite without this attribute.
-template <typename Matrix>
-void MeshBuilder::leave_out_nan(GrowingTable<Matrix>& rows, GrowingTable<Faces>& faces,
-                                const char* what, ReadResult& result) {
-  std::vector<bool> is_bad(rows.size());
-  for (std::int64_t i = 0; i < rows.size(); ++i) {
-    auto* row = rows.row(i);
-    is_bad[i] = !std::all_of(row, row + rows.kColumns, [](auto x) { return std::isfinite(x); });
-    if (is_bad[i]) std::fill_n(row, rows.kColumns, 0);
-  }
-  std::int64_t count = 0;
-  for (std::int64_t f = 0; f < faces.size(); ++f) {
-    auto* corners = faces.row(f);
-    if (std::none_of(corners, corners + 3, [&](auto c) { return c >= 0 && is_bad[c]; })) continue;
-    std::fill_n(corners, 3, kNone);
-    ++count;
-  }
-  if (std::find(is_bad.begin(), is_bad.end(), true) == is_bad.end()) return;
-  warn(result.warnings, std::string(what) + " that are no finite numbers are left out (faces: " +
-                            std::to_string(count) + ")");
-}
-
 void MeshBuilder::finish(ReadResult& result) {
   warn_of_losses(result);
   const Complete complete = check_forward_references();
@@ -231,8 +210,10 @@ void MeshBuilder::finish(ReadResult& result) {
   if (!face_material_.empty()) face_material_.fill(faces_.size(), kNone, input_);
   cut_polygons();
   if (may_have_nan) {
-    leave_out_nan(texcoords, face_texcoords_, "texture coordinates", result);
-    leave_out_nan(normals, face_normals_, "normals", result);
+    leave_out_nan(texcoords.row(0), texcoords.size(), 2, face_texcoords_.row(0),
+                  face_texcoords_.size(), "texture coordinates", result.warnings);
+    leave_out_nan(normals.row(0), normals.size(), 3, face_normals_.row(0), face_normals_.size(),
+                  "normals", result.warnings);
   }
   result.num_polygons = num_polygons_;
   TriangleMesh& mesh = result.mesh;

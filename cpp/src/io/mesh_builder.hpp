@@ -128,9 +128,6 @@ class MeshBuilder {
   /// Missing texture coordinates and normals are no error, because they do not change the surface.
   [[nodiscard]] Complete check_forward_references() const;
   void cut_polygons();
-  template <typename Matrix>
-  static void leave_out_nan(GrowingTable<Matrix>& rows, GrowingTable<Faces>& faces,
-                            const char* what, ReadResult& result);
   [[nodiscard]] Colors take_colors();
   void use_face_colors(ReadResult& result);
 
