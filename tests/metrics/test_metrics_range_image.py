@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -46,8 +48,9 @@ def test_a_slanted_plane_has_its_depth_and_not_one_interpolated_in_the_image() -
         Intrinsics(64, 48, 60.0, -55.0, 30.7, 24.2),
         Intrinsics(64, 48, 60.0, 55.0, 30.7, 24.2, mirrored=True),
         Intrinsics(64, 48, 60.0, 55.0, 30.7, 24.2, distortion=(-0.2, 0.05, 0.001, -0.002, 0.0)),
+        Intrinsics(64, 48, 40.0, 40.0, 30.7, 24.2, distortion=(-0.28, 0.07, 0.0, 0.0, 0.0)),
     ],
-    ids=["pinhole", "rows up", "mirrored", "distorted"],
+    ids=["pinhole", "rows up", "mirrored", "distorted", "wide"],
 )
 def test_triangles_at_random_are_hit_where_open3d_hits_them(camera: Intrinsics) -> None:
     o3d = pytest.importorskip("open3d")
@@ -72,6 +75,25 @@ def test_triangles_at_random_are_hit_where_open3d_hits_them(camera: Intrinsics) 
     both = np.isfinite(depth) & hit
     assert (np.abs(depth - expected)[both] > 1e-4).mean() < 2e-3
     np.testing.assert_array_equal(depth, metrics.render_depth(mesh, camera, threads=2))
+
+
+WIDE = Intrinsics(160, 120, 62.5, 62.5, 80.0, 60.0, distortion=(-0.31, 0.1, 0.0, 0.0, -0.012))
+
+
+def test_a_distorted_lens_takes_hardly_more_time_than_a_pinhole() -> None:
+    """All pixels up to the largest shift of the image from a triangle were tried: 160 times."""
+    depth = np.full((120, 160), 2.0, np.float32)
+
+    def seconds(camera: Intrinsics) -> float:
+        mesh, times = dense_mesh(depth, camera), []
+        for _ in range(3):
+            started = time.perf_counter()
+            metrics.range_image_error(depth, camera, mesh, threads=1)
+            times.append(time.perf_counter() - started)
+        return min(times)
+
+    pinhole = Intrinsics(160, 120, 62.5, 62.5, 80.0, 60.0)
+    assert seconds(WIDE) < 30.0 * seconds(pinhole)
 
 
 def test_the_error_of_a_shifted_mesh_is_its_shift() -> None:

@@ -131,10 +131,100 @@ struct SeenTriangle {
   std::int64_t first_col, last_col, first_row, last_row;
 };
 
+/// Pixel coordinates at which the points of the grid are seen, which may differ from the centres of
+/// their pixels.
+struct Places {
+  std::vector<Eigen::Vector2d> pixel;
+  double farthest = 0.0;  ///< Largest distance from the point's own column or row, over the grid.
+};
+
+/// Column and row of a pixel of the grid.
+Eigen::Vector2d own_place(const PointGridView& grid, std::int64_t pixel) {
+  return {static_cast<double>(pixel % grid.cols), static_cast<double>(pixel / grid.cols)};
+}
+
+Places places_of(const PointGridView& grid, const RangeCamera& camera, Ticker& ticker) {
+  Places places;
+  places.pixel.resize(grid.rows * grid.cols);
+  for (std::int64_t i = 0; i < grid.rows * grid.cols; ++i) {
+    ticker.tick();
+    if (grid.valid[i] == 0) continue;
+    places.pixel[i] = project(camera, point_of(grid, i));
+    const Eigen::Vector2d shift = places.pixel[i] - own_place(grid, i);
+    places.farthest = std::max(places.farthest, shift.cwiseAbs().maxCoeff());
+  }
+  return places;
+}
+
+/// Bounds of the shifts from pixels to their places, by cells of places. With a distorted lens
+/// shifts reach a hundred pixels, but are alike in each neighbourhood.
+class Shifts {
+ public:
+  Shifts(const PointGridView& grid, const Places& places, Ticker& ticker)
+      : size_(static_cast<double>(grid.cols), static_cast<double>(grid.rows)),
+        farthest_(places.farthest) {
+    if (are_small()) return;
+    cols_ = cell_of(2.0 * size_[0], size_[0]) + 1;
+    cells_.resize(cols_ * (cell_of(2.0 * size_[1], size_[1]) + 1));
+    for (std::int64_t i = 0; i < grid.rows * grid.cols; ++i) {
+      ticker.tick();
+      const Eigen::Vector2d& place = places.pixel[i];
+      if (grid.valid[i] == 0 || !place.allFinite()) continue;
+      cells_[cell_of(place[1], size_[1]) * cols_ + cell_of(place[0], size_[0])].extend(
+          place - own_place(grid, i));
+    }
+  }
+
+  /// Whether one bound holds for all: no point is seen a pixel from the centre of its own.
+  [[nodiscard]] bool are_small() const { return farthest_ < 1.0; }
+
+  /// The pixels whose places may lie in a box: a box of columns and rows.
+  [[nodiscard]] Eigen::AlignedBox2d pixels(const Eigen::AlignedBox2d& box) const {
+    if (are_small()) {
+      const Eigen::Vector2d farthest(farthest_, farthest_);
+      return {box.min() - farthest, box.max() + farthest};
+    }
+    Eigen::AlignedBox2d shifts;
+    const std::int64_t last_row = cell_of(box.max()[1], size_[1]);
+    const std::int64_t last_col = cell_of(box.max()[0], size_[0]);
+    for (std::int64_t row = cell_of(box.min()[1], size_[1]); row <= last_row; ++row) {
+      for (std::int64_t col = cell_of(box.min()[0], size_[0]); col <= last_col; ++col) {
+        shifts.extend(cells_[row * cols_ + col]);
+      }
+    }
+    if (shifts.isEmpty()) return shifts;  // no pixel sees the box
+    return {box.min() - shifts.max(), box.max() - shifts.min()};
+  }
+
+ private:
+  static constexpr double kCell = 4.0;  // pixels
+
+  /// The cell of a coordinate of a place. Places farther beside the image than half of its side
+  /// share the outermost cells.
+  static std::int64_t cell_of(double place, double side) {
+    const double margin = 0.5 * side;
+    return static_cast<std::int64_t>((std::clamp(place, -margin, side + margin) + margin) / kCell);
+  }
+
+  Eigen::Vector2d size_;  ///< Columns and rows of the image.
+  double farthest_;
+  std::int64_t cols_ = 0;
+  std::vector<Eigen::AlignedBox2d> cells_;
+};
+
+constexpr double kSlack = 1e-6;  // pixels; far above the rounding of a place
+
+/// How far beyond the places of its corners a triangle may be hit, for a coordinate in which they
+/// extend over `extent` pixels. By kOnBorder the weights of two corners may be negative, and a
+/// place is the mean of the corners' weighted by `under` as well.
+double reach_beyond(const Eigen::Vector3d& under, double extent) {
+  return kSlack - 4.0 * kOnBorder * extent * under.maxCoeff() / under.minCoeff();
+}
+
 /// Both coordinates are monotonic along any segment on which the denominators are positive, so the
 /// corners bound the triangle. If a denominator is not positive, the triangle may be seen anywhere.
 SeenTriangle see(const MeshView& mesh, std::int64_t face, const RangeCamera& camera,
-                 const PointGridView& grid, double slack) {
+                 const PointGridView& grid, const Shifts& shifts) {
   SeenTriangle seen;
   for (int k = 0; k < 3; ++k) {
     const Eigen::Vector3d corner = mesh.vertices.row(mesh.faces(face, k));
@@ -144,21 +234,29 @@ SeenTriangle see(const MeshView& mesh, std::int64_t face, const RangeCamera& cam
     seen.v_under[k] = apply(camera.v_under, corner);
     seen.depth[k] = camera.axis.dot(corner);
   }
-  seen.first_col = seen.first_row = 0;
-  seen.last_col = grid.cols - 1;
-  seen.last_row = grid.rows - 1;
-  const auto narrow = [slack](const Eigen::Vector3d& over, const Eigen::Vector3d& under,
-                              std::int64_t& first, std::int64_t& last) {
+  const Eigen::Vector2d end(static_cast<double>(grid.cols - 1), static_cast<double>(grid.rows - 1));
+  const Eigen::Vector2d all = Eigen::Vector2d::Constant(kNoHit);
+  Eigen::AlignedBox2d box(-all, all);
+  const auto narrow = [&](const Eigen::Vector3d& over, const Eigen::Vector3d& under, int axis) {
     if (!(under.minCoeff() > 0.0)) return;
     const Eigen::Array3d place = over.array() / under.array();
-    const double low = std::ceil(place.minCoeff() - slack);
-    const double high = std::floor(place.maxCoeff() + slack);
-    const auto end = static_cast<double>(last);
-    first = static_cast<std::int64_t>(std::clamp(low, 0.0, end + 1.0));
-    last = static_cast<std::int64_t>(std::clamp(high, -1.0, end));
+    const double low = place.minCoeff(), high = place.maxCoeff();
+    const double reach = shifts.are_small() ? kSlack : reach_beyond(under, high - low);
+    box.min()[axis] = low - reach;
+    box.max()[axis] = high + reach;
   };
-  narrow(seen.u_over, seen.u_under, seen.first_col, seen.last_col);
-  narrow(seen.v_over, seen.v_under, seen.first_row, seen.last_row);
+  narrow(seen.u_over, seen.u_under, 0);
+  narrow(seen.v_over, seen.v_under, 1);
+  const Eigen::AlignedBox2d pixels = shifts.pixels(box);
+  const auto first = [&](int axis) {
+    return static_cast<std::int64_t>(
+        std::clamp(std::ceil(pixels.min()[axis]), 0.0, end[axis] + 1.0));
+  };
+  const auto last = [&](int axis) {
+    return static_cast<std::int64_t>(std::clamp(std::floor(pixels.max()[axis]), -1.0, end[axis]));
+  };
+  seen.first_col = first(0), seen.last_col = last(0);
+  seen.first_row = first(1), seen.last_row = last(1);
   return seen;
 }
 
@@ -176,27 +274,6 @@ double hit(const SeenTriangle& seen, const Eigen::Vector2d& pixel) {
   if (!(weights.minCoeff() >= kOnBorder)) return kNoHit;
   const bool in_front = weights.dot(seen.u_under) > 0.0 && weights.dot(seen.v_under) > 0.0;
   return in_front ? weights.dot(seen.depth) : kNoHit;
-}
-
-/// Pixel coordinates at which the points of the grid are seen, which may differ from the centres of
-/// their pixels.
-struct Places {
-  std::vector<Eigen::Vector2d> pixel;
-  double farthest = 0.0;  ///< Largest distance from the point's own column or row, over the grid.
-};
-
-Places places_of(const PointGridView& grid, const RangeCamera& camera, Ticker& ticker) {
-  Places places;
-  places.pixel.resize(grid.rows * grid.cols);
-  for (std::int64_t i = 0; i < grid.rows * grid.cols; ++i) {
-    ticker.tick();
-    if (grid.valid[i] == 0) continue;
-    const Eigen::Vector2d place(static_cast<double>(i % grid.cols),
-                                static_cast<double>(i / grid.cols));
-    places.pixel[i] = project(camera, point_of(grid, i));
-    places.farthest = std::max(places.farthest, (places.pixel[i] - place).cwiseAbs().maxCoeff());
-  }
-  return places;
 }
 
 /// The end of the triangles that are rendered before the next report of progress, from `begin` on.
@@ -267,12 +344,13 @@ std::vector<double> render_depth(const MeshView& mesh, const PointGridView& grid
   check_point_grid(grid);
   Ticker ticker(progress);
   const Places places = places_of(grid, camera, ticker);
+  const Shifts shifts(grid, places, ticker);
   std::vector<SeenTriangle> seen_faces(mesh.num_faces());
   parallel_chunks(
       mesh.num_faces(), kSampleChunk, options.num_threads,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t f = begin; f < end; ++f) {
-          seen_faces[f] = see(mesh, f, camera, grid, places.farthest + 1e-6);
+          seen_faces[f] = see(mesh, f, camera, grid, shifts);
         }
       },
       part_of(progress, 0.0, 0.0));
