@@ -113,6 +113,22 @@ def test_errors_of_files_name_the_options(
     assert "max_edge" not in done.stderr
 
 
+def test_pixels_without_a_line_of_sight_are_told_and_count_as_not_covered(tmp_path: Path) -> None:
+    np.save(tmp_path / "wide.npy", np.full((120, 160), 2.0, np.float32))
+    (tmp_path / "wide.json").write_text(
+        '{"fx": 62.5, "fy": 62.5, "cx": 80, "cy": 60, "k1": -0.31, "k2": 0.1, "k3": -0.012}'
+    )
+    done = manip3d("depth", tmp_path / "wide.npy", "--intrinsics", tmp_path / "wide.json",
+                   "--points", "300", "-o", tmp_path / "a.ply", "--strict", "--json")  # fmt: skip
+    assert done.returncode == 4
+    record = json.loads(done.stdout)
+    assert record["points_before"] == 120 * 160
+    assert record["without_ray"] > 1920
+    assert record["outside"] == pytest.approx(record["without_ray"] / (120 * 160), abs=1e-3)
+    assert record["coverage_missed"]
+    assert "pixels have no line of sight (the lens model cannot be inverted there)" in done.stderr
+
+
 @pytest.mark.parametrize("depth_step", ["0", "0.05"])
 def test_an_image_of_lone_pixels_is_said_to_be_one(depth_step: str, tmp_path: Path) -> None:
     depth = np.zeros((24, 48), np.uint16)

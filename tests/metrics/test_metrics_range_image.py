@@ -80,6 +80,15 @@ def test_triangles_at_random_are_hit_where_open3d_hits_them(camera: Intrinsics) 
 WIDE = Intrinsics(160, 120, 62.5, 62.5, 80.0, 60.0, distortion=(-0.31, 0.1, 0.0, 0.0, -0.012))
 
 
+def test_pixels_without_a_line_of_sight_count_as_not_covered() -> None:
+    depth = np.full((120, 160), 2.0, np.float32)
+    depth[:10] = 0.0
+    seen = np.isfinite(WIDE.unproject(depth)).all(axis=2)
+    error = metrics.range_image_error(depth, WIDE, dense_mesh(depth, WIDE))
+    assert error.valid == 110 * 160 > 1.1 * seen.sum()
+    assert error.coverage == seen.sum() / error.valid
+
+
 def test_a_distorted_lens_takes_hardly_more_time_than_a_pinhole() -> None:
     """All pixels up to the largest shift of the image from a triangle were tried: 160 times."""
     depth = np.full((120, 160), 2.0, np.float32)

@@ -47,6 +47,35 @@ def test_coverage_is_of_the_surface_without_long_edges(method: str) -> None:
     assert type(without) is type(whole)
 
 
+WIDE = Intrinsics(160, 120, 62.5, 62.5, 80.0, 60.0, distortion=(-0.31, 0.1, 0.0, 0.0, -0.012))
+"""A wide lens whose model cannot be inverted towards the corners of the image."""
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_pixels_without_a_line_of_sight_lie_outside(method: str) -> None:
+    depth = np.full((120, 160), 2.0, np.float32)
+    depth[:10], depth[50, 80] = 0.0, np.nan
+    seen = np.isfinite(WIDE.unproject(depth)).all(axis=2)
+    lone = 1 - seen.sum() / np.count_nonzero(depth > 0)
+    assert lone > 0.1
+    found = METHODS[method](depth, WIDE, 200)
+    assert found.outside == pytest.approx(lone)
+    assert found.coverage > 0.8  # a lattice stays half a cell inside
+    assert found.with_faces(found.faces[:1]).outside == pytest.approx(lone)
+
+
+@pytest.mark.parametrize("join", [simplify.relief_cameras, simplify.cs3_cameras])
+def test_pixels_without_a_line_of_sight_are_not_covered_by_joined_views(
+    join: Callable[..., simplify.JointSimplification],
+) -> None:
+    depth = np.full((120, 160), 2.0, np.float32)
+    seen = int(np.isfinite(WIDE.unproject(depth)).all(axis=2).sum())
+    found = join([simplify.CameraView(depth, WIDE, pose=np.eye(4))], 300)
+    assert found.num_measured == depth.size
+    assert found.without_ray == depth.size - seen
+    assert 0.9 * seen / depth.size < found.coverage <= seen / depth.size
+
+
 def test_coverage_after_cutting_depth_steps_is_measured_anew() -> None:
     found = simplify.relief(two_walls(), CAMERA, 50)
     cut = simplify.cut_depth_steps(found, two_walls())

@@ -348,7 +348,7 @@ def _joint_sentence(result: JointFileResult) -> str:
         f"{options.method}: {counted(result.points_before, 'point')} of "
         f"{counted(len(result.sources), 'view')} -> {count(result.points)}, "
         f"{counted(result.faces, 'face')} in {result.seconds * 1000:.1f} ms; covers "
-        f"{100 * result.coverage:.1f} % of the measured pixels{low}, "
+        f"{100 * result.coverage:.1f} % of the measured pixels{low}{_without_ray(result)}, "
         f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
         f"{few if result.target_missed else ''}{_sparse(result)}; wrote {result.output}"
     )
@@ -371,6 +371,7 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
         "coverage": round(result.coverage, 6),
         "bridges": round(result.bridges, 6),
         "lone_pixels": result.lone_pixels,
+        "without_ray": result.without_ray,
         "target_missed": result.target_missed,
         "coverage_missed": result.coverage_missed,
         "bridges_missed": result.bridges_missed,
@@ -684,11 +685,21 @@ def _not_covered(result: DepthFileResult, so_few: str) -> str:
     words = ""
     if round(100 * result.outside, 1) > 0 or so_few:
         words += f", {100 * result.outside:.1f} % of the measured pixels lie on no surface{so_few}"
+    words += _without_ray(result)
     if result.dropped_pixels:
         words += f", {counted(result.dropped_pixels, 'pixel')} of small pieces left out"
     if result.filled_pixels:
         words += f", {counted(result.filled_pixels, 'pixel')} in pinholes filled"
     return words
+
+
+def _without_ray(result: DepthFileResult | JointFileResult) -> str:
+    from manip3d.simplify._depth_options import NO_RAY_WORDS
+
+    if not result.without_ray:
+        return ""
+    have = "has" if result.without_ray == 1 else "have"
+    return f", {counted(result.without_ray, 'pixel')} {have} {NO_RAY_WORDS}"
 
 
 def _sparse(result: DepthFileResult | JointFileResult) -> str:
@@ -742,6 +753,7 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "filled": round(result.filled, 6),
         "outside": round(result.outside, 6),
         "lone_pixels": result.lone_pixels,
+        "without_ray": result.without_ray,
         "dropped_pixels": result.dropped_pixels,
         "filled_pixels": result.filled_pixels,
         "faces_left": result.faces_left,

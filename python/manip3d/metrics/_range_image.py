@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,7 +37,8 @@ class RangeImageError:
     compared : int
         Number of pixels that are valid in both.
     valid : int
-        Number of valid pixels of the range image.
+        Number of valid pixels of the range image. Those without a line of sight, where the lens
+        model cannot be inverted, count as well, although they cannot be compared.
     """
 
     mean_square: float
@@ -200,7 +201,8 @@ def range_image_error(
     """
     image = checked_depth(depth, intrinsics)
     points, valid, rows_up = _lifted(image, intrinsics, threads)
-    return _error(mesh, points, valid, rows_up, intrinsics, threads, progress)
+    error = _error(mesh, points, valid, rows_up, intrinsics, threads, progress)
+    return replace(error, valid=int(np.count_nonzero(image > 0)))
 
 
 @checked

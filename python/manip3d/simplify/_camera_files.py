@@ -88,6 +88,8 @@ class JointFileResult:
         The unit that was used; empty for scans, and if the images state several.
     unit_guessed : bool
         Whether it was guessed from the numbers.
+    without_ray : int
+        Measured pixels without a line of sight, as for `JointSimplification`.
     """
 
     sources: tuple[Path, ...]
@@ -103,6 +105,7 @@ class JointFileResult:
     depth: str = ""
     unit: str = ""
     unit_guessed: bool = False
+    without_ray: int = 0
 
     @property
     def is_sparse(self) -> bool:
@@ -263,6 +266,7 @@ def simplify_camera_files(
         sentence_of_images(depths) if depths else "",
         units.pop() if len(units) == 1 else "",
         any(found.is_guess for found in depths),
+        joint.without_ray,
     )
 
 

@@ -72,6 +72,7 @@ class View:
     registration: Registration | None
     confidence: NDArray[np.float32] | None
     focal: float = 0.0  # focal length, pixels; 0: the view was given as points
+    without_ray: int = 0  # measured pixels at which the lens model cannot be inverted
 
     @cached_property
     def world(self) -> NDArray[np.float64]:
@@ -118,7 +119,10 @@ def checked_view(view: CameraView, index: int, threads: int) -> View:
     points = flat.reshape(*image.shape, 3)
     valid = flags.reshape(image.shape).view(np.bool_)
     focal = min(view.intrinsics.fx, abs(view.intrinsics.fy))
-    return View(points, valid, rows_up, pose, color, view.registration, confidence, focal)
+    without_ray = int(np.count_nonzero(image > 0) - np.count_nonzero(valid))
+    return View(
+        points, valid, rows_up, pose, color, view.registration, confidence, focal, without_ray
+    )
 
 
 def _expect_own_fields(view: CameraView, name: str) -> None:

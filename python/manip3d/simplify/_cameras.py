@@ -100,7 +100,13 @@ class JointSimplification(Showable):
     @property
     def num_measured(self) -> int:
         """Number of measured pixels of all views."""
-        return sum(int(view.valid.sum()) for view, _ in self._measured)
+        valid = sum(int(view.valid.sum()) for view, _ in self._measured)
+        return valid + self.without_ray
+
+    @property
+    def without_ray(self) -> int:
+        """Number of these without a line of sight: the lens model cannot be inverted there."""
+        return sum(view.without_ray for view, _ in self._measured)
 
     @cached_property
     def bridges(self) -> float:
@@ -128,6 +134,7 @@ class JointSimplification(Showable):
     def coverage(self) -> float:
         """Share of the measured pixels of all views that lie within the ``tolerance`` of the mesh.
 
+        Pixels without a line of sight (``without_ray``) are not covered.
         Computed on the first access.
         """
         total = self.num_measured

@@ -237,6 +237,16 @@ class DenseGrid:
         """This grid."""
         return self
 
+    @property
+    def num_measured(self) -> int:
+        """Number of measured pixels."""
+        return int(np.count_nonzero(self.valid))
+
+    @property
+    def without_ray(self) -> int:
+        """Number of measured pixels without a line of sight: none, as all have a point."""
+        return 0
+
 
 @dataclass(frozen=True, eq=False)
 class DenseImage:
@@ -267,6 +277,16 @@ class DenseImage:
         return min(self.intrinsics.fx, abs(self.intrinsics.fy))
 
     @property
+    def num_measured(self) -> int:
+        """Number of measured pixels."""
+        return int(np.count_nonzero(self.depth > 0))
+
+    @cached_property
+    def without_ray(self) -> int:
+        """Number of measured pixels without a line of sight, as `num_without_ray` counts them."""
+        return num_without_ray(self.depth, self.intrinsics)
+
+    @property
     def grid(self) -> DenseGrid:
         """The points of the pixels."""
         points, valid, _ = _core.unproject(self.depth, self.intrinsics, 1)
@@ -278,6 +298,17 @@ class DenseImage:
             self.depth_step,
             self.focal,
         )
+
+
+def num_without_ray(depth: NDArray[np.uint16 | np.float32], intrinsics: Intrinsics) -> int:
+    """Return the number of measured pixels at which the lens model cannot be inverted.
+
+    Such a pixel has no line of sight, and its depth is no point.
+    """
+    if intrinsics.rays is None and not any(intrinsics.distortion):
+        return 0
+    _, valid, _ = _core.unproject(depth, intrinsics, 1)
+    return int(np.count_nonzero(depth > 0) - np.count_nonzero(valid))
 
 
 Cover = tuple[float, float, float, float]
@@ -297,7 +328,8 @@ class DepthSimplification(DepthMesh):
     surface : DenseImage or DenseGrid
         The input.
     cover : (float, float, float, float) or None
-        ``coverage``, ``bridges``, ``outside`` and ``filled``, if the method has measured them.
+        ``coverage``, ``bridges``, ``outside`` (of the pixels with a line of sight) and ``filled``,
+        if the method has measured them.
     """
 
     stop: str
@@ -345,9 +377,14 @@ class DepthSimplification(DepthMesh):
     def outside(self) -> float:
         """Share of the measured pixels that no triangle of the dense surface uses.
 
-        These are lone pixels, and surfaces so steep that each of their pixels is a step.
+        These are lone pixels, surfaces so steep that each of their pixels is a step, and pixels
+        without a line of sight, where the lens model cannot be inverted.
         """
-        return self._cover[2]
+        without_ray = self.surface.without_ray
+        if not without_ray:
+            return self._cover[2]
+        measured = self.surface.num_measured
+        return (self._cover[2] * (measured - without_ray) + without_ray) / measured
 
     @property
     def filled(self) -> float:

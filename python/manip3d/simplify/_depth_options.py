@@ -23,6 +23,7 @@ SPARSE_WORDS = (
     "here makes a surface of them; in Python, simplify.grid_delaunay joins pixels at any distance"
 )
 """Advice about an image whose result `is_sparse`."""
+NO_RAY_WORDS = "no line of sight (the lens model cannot be inverted there)"
 _MIN_PROJECTED = 50  # fewer lone pixels are noise, not a projected scan
 
 
@@ -215,6 +216,9 @@ class DepthFileResult:
         The part of ``bridges`` over pinholes that a ``relief`` filled on purpose.
     outside : float
         Share of the measured pixels that no triangle of the dense mesh uses.
+    without_ray : int
+        Measured pixels without a line of sight, because the lens model cannot be inverted there;
+        they count as ``outside``.
     num_bytes : int or None
         Bytes of all written files, if ``options`` have a bandwidth.
     lone_pixels : int
@@ -246,6 +250,7 @@ class DepthFileResult:
     num_bytes: int | None = None
     lone_pixels: int = 0
     depth_found: DepthFound = field(default_factory=DepthFound)
+    without_ray: int = 0
 
     @property
     def is_sparse(self) -> bool:

@@ -15,7 +15,13 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io import write_mesh
 from manip3d.simplify._bandwidth import MIN_POINTS, fit_bytes
 from manip3d.simplify._depth import DepthSimplification
-from manip3d.simplify._depth_options import SPARSE_WORDS, DepthFileResult, DepthOptions, is_sparse
+from manip3d.simplify._depth_options import (
+    NO_RAY_WORDS,
+    SPARSE_WORDS,
+    DepthFileResult,
+    DepthOptions,
+    is_sparse,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -180,6 +186,8 @@ def _with_faces(
         found = f"found {pixels}, of which no three meet in a square of two by two{without}"
     else:
         found = f"found {pixels}, but no face between those that were chosen"
+    if without_ray := made.found.surface.without_ray:
+        found += f"; {without_ray} of them have {NO_RAY_WORDS}"
     if is_sparse(measured.lone, measured.pixels):
         found += f"; {SPARSE_WORDS}"
     if measured.pixels > 0 and options.method != "relief":  # relief leaves a face for any number
@@ -216,6 +224,7 @@ def result_of(
         bridges=found.bridges,
         filled=found.filled,
         outside=found.outside,
+        without_ray=found.surface.without_ray,
         faces_left=made.faces_left,
         left_area=made.left_area,
         dropped_pixels=getattr(found, "dropped_pixels", 0),
