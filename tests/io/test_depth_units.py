@@ -281,3 +281,20 @@ def test_depths_of_8_bits_are_read_in_coarse_units(
     reading = read_depth_guessing(path, unit=unit)
     np.testing.assert_allclose(reading.depth, [[0.0, metres]])
     assert reading.num_marked == 0
+
+
+@pytest.mark.parametrize("far", [0.6, 1.5, 3.0, 8.0])
+def test_rotated_millimetres_are_known_at_any_distance(far: float) -> None:
+    numbers = stored("sun", ramp(0.3, far))
+    assert guess_depth_unit(numbers)[0] == "sun"
+    numbers[10] += 3  # a few pixels of another program
+    assert guess_depth_unit(numbers)[0] == "sun"
+
+
+def test_other_multiples_of_eight_are_not_rotated() -> None:
+    of_8_bits = np.round(ramp(1.0, 4.0) / 4.0 * 255).astype(np.uint16)
+    assert guess_depth_unit(of_8_bits << 8)[0] != "sun"
+    assert guess_depth_unit(of_8_bits << 4)[0] == "mm"
+    flat = np.where(np.arange(4800).reshape(60, 80) % 2, 2000, 1208).astype(np.uint16)
+    assert guess_depth_unit(flat)[0] == "mm"
+    assert guess_depth_unit(np.rint(ramp(1.0, 4.0) * 1000).astype(np.uint16) * 4)[0] != "sun"

@@ -36,6 +36,11 @@ _NEAREST_MILLIMETRES = 4_000.0
 """If the 5th percentile, read as millimetres, is above 4 m, then 1/5000 m (0.8 m) is the more
 likely unit of a depth camera."""
 
+_MOST_ROTATED = 0.9
+"""SUN RGB-D stores multiples of 8; filtered images of it have a few other numbers."""
+
+_MIN_ROTATED = 50
+"""Fewer different multiples of 8 may be one by chance, as in an image of few flat surfaces."""
 
 _NOTHING_THERE = 65_504.0
 """Metres: the largest finite half-precision number. Renderers store it, or 1e10, where a ray hits
@@ -387,7 +392,7 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
     if _is_disparity(stored.byteswap()):
         return "nyu", "with swapped bytes the values are disparities of a Kinect V1"
     if _is_rotated(measured):
-        return "sun", "the values are multiples of 8, and far too large for millimetres"
+        return "sun", "the values are multiples of 8, as of rotated millimetres"
     return _guess_whole(measured)
 
 
@@ -411,10 +416,16 @@ def _is_disparity(stored: NDArray[Any]) -> bool:
 
 
 def _is_rotated(measured: NDArray[Any]) -> bool:
-    """Return whether the values are millimetres rotated left by three bits (SUN RGB-D)."""
+    """Return whether the values are millimetres rotated left by three bits (SUN RGB-D).
+
+    Nearly all are multiples of 8 then, and about half of them multiples of 16. If most were
+    multiples of 16, they would be coarser numbers that were scaled up, such as those of 8 bits.
+    """
+    multiples = measured[measured % 8 == 0]
     return bool(
-        np.mean(measured % 8 == 0) > 0.9
-        and np.percentile(measured, 95) > _FARTHEST_MILLIMETRES
+        len(multiples) > _MOST_ROTATED * len(measured)
+        and np.mean(multiples % 16 == 0) < _MOST_ROTATED
+        and len(np.unique(multiples)) >= _MIN_ROTATED
         and np.percentile(_sun_millimetres(measured), 95) < _FARTHEST_MILLIMETRES
     )
 
