@@ -123,7 +123,7 @@ def test_arrays_of_other_lengths_are_named(tmp_path: Path) -> None:
         ),
         ({"positions": POINTS[:, :2]}, "expected \\(N, 3\\) or "),
         ({"positions": np.array([{}], dtype=object)}, "expected an array of numbers"),
-        ({"positions": np.full((3, 3), np.inf)}, "coordinates that fit a float"),
+        ({"positions": np.full((3, 3), [np.inf, 0.0, 1.0])}, "coordinates that fit a float"),
     ],
 )
 def test_archives_without_points(arrays: dict[str, Any], match: str, tmp_path: Path) -> None:

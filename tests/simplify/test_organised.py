@@ -320,7 +320,7 @@ def test_a_cloud_has_its_own_camera(tmp_path: Path) -> None:
     [
         (points_of(scene()), (ROWS * COLS, 1), "organised cloud"),
         (points_of(scene())[:, :1], (1, ROWS), "organised cloud"),
-        (np.full((ROWS, COLS, 3), np.inf, np.float32), (COLS, ROWS), "expected coordinates"),
+        (np.full((ROWS, COLS, 3), [np.inf, 0, 1], "<f4"), (COLS, ROWS), "expected coordinates"),
     ],
 )
 def test_what_is_no_image_is_refused(
@@ -539,3 +539,35 @@ def test_a_cloud_without_points_is_refused(tmp_path: Path) -> None:
     cloud = write_pcd(tmp_path / "cloud.pcd", np.full((ROWS, COLS, 3), np.nan))
     with pytest.raises(FormatError, match="no measured pixel"):
         made(cloud, tmp_path / "out.ply")
+
+
+@pytest.mark.parametrize("name", ["cloud.npy", "cloud.npz"])
+def test_whole_numbers_are_a_cloud_too(name: str, tmp_path: Path) -> None:
+    """Azure Kinect's are millimetres in 16 bits, and zeros where nothing was measured."""
+    whole = np.rint(np.nan_to_num(1000 * points_of(scene()))).astype(np.int16)
+    (np.save if name.endswith(".npy") else np.savez)(tmp_path / name, whole)
+    found = made(tmp_path / name, tmp_path / "out.ply")
+    assert (found.unit, found.points_before) == ("mm", int((scene() > 0).sum()))
+    np.save(tmp_path / "colour.npy", np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(InputError, match="expected the camera of the depth image"):
+        made(tmp_path / "colour.npy", tmp_path / "out.ply")
+
+
+@pytest.mark.parametrize("name", ["cloud.pcd", "cloud.npy", "cloud.npz"])
+def test_infinite_points_are_no_measurement(name: str, tmp_path: Path) -> None:
+    points = points_of(scene())
+    points[scene() == 0] = np.inf
+    points[0, 0] = -np.inf
+    if name.endswith(".pcd"):
+        write_pcd(tmp_path / name, points)
+    else:
+        (np.save if name.endswith(".npy") else np.savez)(tmp_path / name, points)
+    grid = io.read_range_grid(tmp_path / name)
+    assert np.array_equal(grid.valid, scene() > 0)
+    assert np.isnan(grid.points[~grid.valid]).all()
+    assert io.read_scan(tmp_path / name).num_points == grid.valid.sum()
+    assert made(tmp_path / name, tmp_path / "out.ply").coverage > 0.99
+    points[5, 70, 0] = np.inf  # only one coordinate: a damaged point
+    np.save(tmp_path / "bad.npy", points)
+    with pytest.raises(FormatError, match="finite"):
+        io.read_range_grid(tmp_path / "bad.npy")

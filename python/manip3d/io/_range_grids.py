@@ -52,8 +52,8 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     path : path-like or URL
         A PLY file with a ``range_grid``, such as Stanford's single scans; a PCD file with a
         ``HEIGHT`` of 2 or more, as depth cameras produce; or a ``.npy`` or ``.npz`` file with an
-        array (H, W, C), C >= 3, or a structured array (H, W). In PCD and NumPy files NaN and
-        (0, 0, 0) mean no measurement.
+        array (H, W, C), C >= 3, or a structured array (H, W). In PCD and NumPy files NaN, (0, 0, 0)
+        and three infinite coordinates mean no measurement.
     max_bytes : int, optional
         See `read_mesh`.
 
@@ -123,7 +123,7 @@ def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
             f"{len(points)} points",
             file=file,
         )
-    valid = ~np.isnan(points).any(axis=1) & points.any(axis=1)
+    valid = ~np.isnan(points).any(axis=1) & points.any(axis=1) & ~np.isinf(points).all(axis=1)
     points[~valid] = 0.0
     measured_points(points, ScanFormat("pcd"), file)  # raises on infinite coordinates
     points[~valid] = np.nan

@@ -57,7 +57,9 @@ def is_scan(head: bytes) -> bool:
     is_list = len(shape) == 2 and shape[0] > _MAX
     is_image = len(shape) == 3 and min(shape[:2]) >= _MIN_SIDE
     is_narrow = (is_list or is_image) and _MIN <= shape[-1] <= _MAX
-    return dtype.names is not None or (is_narrow and dtype.kind == "f")
+    # Whole numbers may be millimetres (Azure Kinect); those of one byte are colours.
+    is_whole = is_image and dtype.kind in "iu" and dtype.itemsize > 1
+    return dtype.names is not None or (is_narrow and (dtype.kind == "f" or is_whole))
 
 
 def has_names(data: bytes) -> bool:

@@ -229,7 +229,7 @@ def frame_of_table(
 ) -> LidarFrame:
     """Return a table of points as a scan; points without coordinates are left out.
 
-    They are NaN, or all three are infinite in a PCD or in a PointCloud2. ``to_file`` is the
+    They are NaN, or all three are infinite in a PCD, a PointCloud2 or an array. ``to_file`` is the
     transform to the file's coordinates; default: the one that suits these points.
 
     Raises
@@ -242,7 +242,7 @@ def frame_of_table(
     if missing:
         raise FormatError(f"a scan has x, y and z; {', '.join(missing)} not found", file=name)
     measured = ~np.any([np.isnan(by_name[axis]) for axis in "xyz"], axis=0)
-    if table.kind in ("pcd", "ros"):
+    if table.kind in ("pcd", "ros", "npy", "npz"):
         measured &= ~np.all([np.isinf(by_name[axis]) for axis in "xyz"], axis=0)
     num_dropped = int(measured.size - np.count_nonzero(measured))
     if num_dropped:
