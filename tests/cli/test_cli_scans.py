@@ -13,7 +13,7 @@ import pytest
 from command_line import manip3d
 from manip3d import Intrinsics, LidarFrame, RgbdCalibration, RgbdFrame, capture
 from manip3d.datasets import open_kitti
-from manip3d.io import read_scan
+from manip3d.io import read_range_grid, read_scan
 from velodyne_packets import block, ethernet, packet, pcap, udp_frame
 
 ALONE = ("--jobs", 1)
@@ -128,6 +128,17 @@ def test_convert(tmp_path: Path) -> None:
     assert "expected a name that ends in .pcd.bin" in run(
         "convert", tmp_path / "a.bin", "-o", tmp_path / "c.obj", code=1
     )
+
+
+def test_convert_tells_that_a_grid_is_not_kept(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).uniform(1, 2, (6, 8, 3)).astype(np.float32)
+    points[2, 3] = np.nan
+    np.save(tmp_path / "a.npy", points)
+    done = manip3d("convert", str(tmp_path / "a.npy"), "-o", str(tmp_path / "a.xyz"))
+    assert "the cloud's grid of 8 x 6 pixels is not kept in .xyz" in done.stderr
+    done = manip3d("convert", str(tmp_path / "a.npy"), "-o", str(tmp_path / "a.pcd"))
+    assert "not kept" not in done.stderr
+    assert np.array_equal(read_range_grid(tmp_path / "a.pcd").valid, ~np.isnan(points[..., 0]))
 
 
 def test_a_recording_becomes_a_drive(tmp_path: Path) -> None:

@@ -211,11 +211,12 @@ def test_pcd(tmp_path: Path, data: str) -> None:
     assert frame.fields["normal"].tolist() == [[0, 0, 1], [1, 0, 0], [0, 0, 0.5]]
     assert frame.origin == (1.0, 2.0, 3.0)
     assert frame.intensity is None
-    # Written back: same encoding, types and order; the cloud is no longer organised.
+    # Written back: same encoding, types and order, with the point that was not measured.
     frame.write(tmp_path / "b.pcd")
     again = read_scan(tmp_path / "b.pcd")
     assert f"DATA {data}\n".encode() in (tmp_path / "b.pcd").read_bytes()
-    assert b"WIDTH 3\nHEIGHT 1\n" in (tmp_path / "b.pcd").read_bytes()
+    assert b"WIDTH 2\nHEIGHT 2\n" in (tmp_path / "b.pcd").read_bytes()
+    assert again.num_dropped == 1
     assert again.exact is not None
     assert np.array_equal(again.exact, frame.exact)
     assert again.fields["rgb"].tolist() == [255, 1, 3]

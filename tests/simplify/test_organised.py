@@ -571,3 +571,40 @@ def test_infinite_points_are_no_measurement(name: str, tmp_path: Path) -> None:
     np.save(tmp_path / "bad.npy", points)
     with pytest.raises(FormatError, match="finite"):
         io.read_range_grid(tmp_path / "bad.npy")
+
+
+@pytest.mark.parametrize("source", ["a.pcd", "a.npy", "a.npz"])
+@pytest.mark.parametrize("target", ["b.pcd", "b.npy"])
+def test_a_cloud_keeps_its_grid_in_formats_that_hold_one(
+    source: str, target: str, tmp_path: Path
+) -> None:
+    points = points_of(scene())
+    if source.endswith(".pcd"):
+        write_pcd(tmp_path / source, points)
+    else:
+        (np.save if source.endswith(".npy") else np.savez)(tmp_path / source, points)
+    read = io.read_scan(tmp_path / source)
+    read.write(tmp_path / target)
+    grid = io.read_range_grid(tmp_path / target)
+    assert np.array_equal(grid.points.astype(np.float32), points, equal_nan=True)
+    again = io.read_scan(tmp_path / target)
+    assert np.array_equal(again.points, read.points)
+    assert again.num_dropped == read.num_dropped > 0
+    # A part of the points is no grid.
+    read.select(read.points[:, 0] > 0).write(tmp_path / target)
+    with pytest.raises(FormatError, match="expected an organised cloud"):
+        io.read_range_grid(tmp_path / target)
+
+
+def test_a_cloud_without_gaps_keeps_its_grid_and_its_columns(tmp_path: Path) -> None:
+    columns = np.random.default_rng(0).uniform(1, 2, (6, 8, 4)).astype(np.float32)
+    np.save(tmp_path / "a.npy", columns)
+    read = io.read_scan(tmp_path / "a.npy")
+    read.write(tmp_path / "b.npy")
+    assert np.array_equal(np.load(tmp_path / "b.npy"), columns)
+    read.write(tmp_path / "b.pcd")
+    assert io.read_range_grid(tmp_path / "b.pcd").valid.shape == (6, 8)
+    whole = np.rint(1000 * columns[..., :3]).astype(np.int16)
+    np.save(tmp_path / "a.npy", whole)
+    io.read_scan(tmp_path / "a.npy").write(tmp_path / "b.npy")
+    assert np.array_equal(np.load(tmp_path / "b.npy"), whole)

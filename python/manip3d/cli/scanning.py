@@ -187,6 +187,7 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
     io.write_scans(found, output)
     for scan in found:
         _tell_of_map(scan, suffix, terminal)
+        _tell_of_grid(scan, suffix, terminal)
     _tell_left_out(
         [name for scan in found for name in names_left_out(scan, suffix)], output, terminal
     )
@@ -199,6 +200,18 @@ def _measured(scan: LidarFrame, suffix: str, terminal: Terminal) -> LidarFrame:
         return scan
     terminal.say(f"{counted(scan.num_empty, 'cell')} of the grid without a point left out")
     return scan.select(scan.points.any(axis=1))
+
+
+def _tell_of_grid(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
+    """Warn if the scan is an organised cloud, and a format does not hold its grid."""
+    from manip3d.io._scan_tables import grid_of
+
+    sides = None if suffix in (".pcd", ".npy") else grid_of(scan)
+    if sides is not None:
+        terminal.say(
+            f"warning: the cloud's grid of {sides[1]} x {sides[0]} pixels is not kept in {suffix}: "
+            "write .pcd or .npy to keep it"
+        )
 
 
 def _tell_left_out(names: list[str], output: Path, terminal: Terminal) -> None:

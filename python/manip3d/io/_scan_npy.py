@@ -19,8 +19,9 @@ from manip3d.io._scan_tables import (
     Column,
     Table,
     frame_of_table,
+    grid_rows,
+    kept_grid,
     kind_of_coordinates,
-    packed_rows,
 )
 from manip3d.lidar import LidarFrame, ScanFormat
 
@@ -142,20 +143,22 @@ def pairs_of(sides: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
 
 
 def write(frame: LidarFrame, path: Path) -> None:
-    """Write a scan in its own layout if it was read from .npy, else rows of x, y, z, intensity."""
+    """Write a scan in its own layout if it was read from .npy, else rows of x, y, z, intensity.
+
+    The points of an organised cloud are written as its pixels.
+    """
     layout = frame.format
     if layout is None or layout.name != "npy":
         names = _NAMES if frame.intensity is not None else _NAMES[:3]
         kind = kind_of_coordinates(frame, "npy")
         layout = ScanFormat("npy", tuple((n, kind, 1) for n in names), {"plain": True})
-    rows = packed_rows(frame, layout)
+    rows = grid_rows(frame, layout)
+    sides = kept_grid(frame, layout) or (len(rows),)
     if layout.header["plain"]:
-        array: NDArray[Any] = rows.view(layout.columns[0][1]).reshape(
-            len(rows), len(layout.columns)
-        )
+        array: NDArray[Any] = rows.view(layout.columns[0][1]).reshape(*sides, len(layout.columns))
     else:
         named = [(c[0], c[1]) if c[2] == 1 else (c[0], c[1], (c[2],)) for c in layout.columns]
-        array = rows.view(np.dtype(named))
+        array = rows.view(np.dtype(named)).reshape(sides)
     with atomic_path(path) as local, local.open("wb") as file:
         # Written to memory first, because NumPy's error for a full disk does not name the cause.
         content = io.BytesIO()

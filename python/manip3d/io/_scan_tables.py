@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import re
 import warnings
@@ -581,12 +582,47 @@ def _cast(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
 
 
 def _header(layout: ScanFormat, frame: LidarFrame) -> list[list[str]]:
-    """Return the header entries, without width and height if the number of points has changed."""
-    pairs = [list(pair) for pair in layout.header.get("pairs", ())]
-    sizes = {key: int(value) for key, value in pairs if key in ("width", "height")}
-    if sizes and sizes["width"] * sizes["height"] != frame.num_points:
-        pairs = [pair for pair in pairs if pair[0] not in sizes]
+    """Return the header entries, with width and height if the points still are those of a grid."""
+    pairs = [[k, v] for k, v in layout.header.get("pairs", ()) if k not in ("width", "height")]
+    if layout.name == "pcd" and (sides := kept_grid(frame, layout)) is not None:
+        pairs += [["width", str(sides[1])], ["height", str(sides[0])]]
     return pairs
+
+
+def grid_of(frame: LidarFrame) -> tuple[int, int] | None:
+    """Return height and width of the organised cloud that a scan was read from; None: no grid.
+
+    The scan must still hold each point that was measured.
+    """
+    pairs = () if frame.format is None else frame.format.header.get("pairs", ())
+    sizes = {key: int(value) for key, value in pairs if key in ("width", "height")}
+    height, width = sizes.get("height", 1), sizes.get("width", 0)
+    is_whole = height * width == frame.num_points + frame.num_dropped
+    has_rows = frame.num_dropped == 0 or frame.file_rows is not None
+    return (height, width) if min(height, width) > 1 and is_whole and has_rows else None
+
+
+def kept_grid(frame: LidarFrame, layout: ScanFormat) -> tuple[int, int] | None:
+    """Return height and width of the grid of a scan that a layout can hold; None: no grid.
+
+    Pixels without a return need coordinates that can be NaN.
+    """
+    kinds = {np.dtype(kind).kind for name, kind, _ in layout.columns if plain_name(name) in "xyz"}
+    return grid_of(frame) if kinds == {"f"} or frame.num_dropped == 0 else None
+
+
+def grid_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
+    """Return `packed_rows`; pixels of a `kept_grid` without a return have rows of NaN and zeros."""
+    rows = packed_rows(frame, layout)
+    sides = kept_grid(frame, layout)
+    if sides is None or frame.file_rows is None:
+        return rows
+    grid = np.zeros(math.prod(sides), rows.dtype)
+    for i, (name, _, _) in enumerate(layout.columns):
+        if plain_name(name) in "xyz":
+            grid[f"{i} {name}"] = np.nan
+    grid[frame.file_rows] = rows
+    return grid
 
 
 def _kitti_layout(frame: LidarFrame) -> ScanFormat:
@@ -733,7 +769,7 @@ def write_table(frame: LidarFrame, name: str) -> None:
         return
     own = frame.format is not None and frame.format.name == table.name
     layout = frame.format if own and frame.format is not None else table.layout(frame)
-    rows = packed_rows(frame, layout)
+    rows = grid_rows(frame, layout) if table.name == "pcd" else packed_rows(frame, layout)
     header = [(key, value) for key, value in _header(layout, frame)]
     data = rows.view(np.int8)
     _core.write_points(os.fsencode(name), list(layout.columns), header, len(rows), data)
