@@ -495,12 +495,19 @@ def camera_depth_unit(camera: str | os.PathLike[str]) -> str:
     -------
     str
         A unit of `manip3d.io.read_depth_guessing`: that of a preset; ``disparity:FB,DOFFS`` for the
-        ``calib.txt`` of a stereo pair, whose images are disparities; ``guess`` if it is not known.
+        ``calib.txt`` of a stereo pair, whose images are disparities; by the ``depth_scale`` of a
+        ``.json`` file, see Notes; ``guess`` if it is not known.
 
     Raises
     ------
     FormatError, OSError
         The file cannot be read.
+
+    Notes
+    -----
+    Programs mean different things by ``depth_scale``, which their usual numbers tell apart: up to
+    0.01 it is metres per unit (librealsense), from 0.02 to 10 millimetres per unit (BOP's
+    ``camera.json``), and from 100 on units per metre (Open3D). Other numbers are not read.
 
     Examples
     --------
@@ -512,10 +519,29 @@ def camera_depth_unit(camera: str | os.PathLike[str]) -> str:
     preset = CAMERA_PRESETS.get(text)
     if preset is not None:
         return preset.depth_unit
+    if text.lower().endswith(".json"):
+        return _unit_of_json(_text_of_camera(Path(text)))
     if not text.lower().endswith(".txt"):
         return "guess"
     stereo = _stereo_calibration(_text_of_camera(Path(text)), Path(text))
     return "guess" if stereo is None else stereo.depth_unit
+
+
+_DEPTH_SCALE = "depth_scale"
+
+
+def _unit_of_json(text: str) -> str:
+    """Return the unit of depth images that a camera's JSON file states, or ``guess``."""
+    try:
+        fields = json.loads(text)
+        scale = float(fields[_DEPTH_SCALE])
+    except (ValueError, TypeError, KeyError, RecursionError):  # read_intrinsics tells what is wrong
+        return "guess"
+    if 1e-6 <= scale <= 0.01:
+        return f"{1.0 / scale:.9g}"
+    if 0.02 <= scale <= 10.0:
+        return f"{1000.0 / scale:.9g}"
+    return f"{scale:.9g}" if 100.0 <= scale <= 1e6 else "guess"
 
 
 @dataclass(frozen=True)
@@ -766,7 +792,7 @@ def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
     if absent := [name for name in ("fx", "fy", "cx", "cy") if name not in ours]:
         raise ValueError(f"no {' and no '.join(absent)}")
     known = {name for name in Intrinsics.__dataclass_fields__ if name != "rays"}
-    if others := [name for name in ours if name not in known]:
+    if others := [name for name in ours if name not in known and name != _DEPTH_SCALE]:
         if any(np.any(ours[name]) for name in others if name in ("coeffs", "k4", "k5", "k6")):
             raise ValueError("a distortion of more than k1, k2, p1, p2 and k3")
         if any("fisheye" in str(value).lower() for value in ours.values()):

@@ -129,6 +129,15 @@ def test_pixels_without_a_line_of_sight_are_told_and_count_as_not_covered(tmp_pa
     assert "pixels have no line of sight (the lens model cannot be inverted there)" in done.stderr
 
 
+def test_a_centre_outside_of_the_image_is_doubted(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.full((48, 64), 2000, np.uint16))
+    for camera, is_doubted in (("60,60,31.5,23.5", False), ("60,60,31.5,480", True)):
+        done = manip3d("depth", tmp_path / "a.npy", "--intrinsics", camera, "--points", "99",
+                       "-o", tmp_path / "a.ply", "--force")  # fmt: skip
+        assert done.returncode == 0
+        assert ("(31.5, 480) lies outside of the image of 64 x 48" in done.stderr) == is_doubted
+
+
 @pytest.mark.parametrize("depth_step", ["0", "0.05"])
 def test_an_image_of_lone_pixels_is_said_to_be_one(depth_step: str, tmp_path: Path) -> None:
     depth = np.zeros((24, 48), np.uint16)

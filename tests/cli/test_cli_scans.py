@@ -141,6 +141,12 @@ def test_convert_tells_that_a_grid_is_not_kept(tmp_path: Path) -> None:
     assert np.array_equal(read_range_grid(tmp_path / "a.pcd").valid, ~np.isnan(points[..., 0]))
 
 
+def test_the_help_of_convert_names_what_it_takes() -> None:
+    words = " ".join(manip3d("convert", "--help").stdout.replace("\u2502", " ").split())
+    assert "A mesh, a scan or a recording of a LiDAR" in words
+    assert "depth image" not in words
+
+
 def test_a_recording_becomes_a_drive(tmp_path: Path) -> None:
     path = recording(tmp_path / "a.pcap")
     run("convert", path, "-o", tmp_path / "drive")

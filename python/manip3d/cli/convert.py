@@ -10,7 +10,7 @@ import typer
 from manip3d.cli import kinds, scanning
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
-from manip3d.cli.options import Calibration, Force, Output, Quiet, Source
+from manip3d.cli.options import Calibration, Force, MeshOrScan, Output, Quiet
 from manip3d.cli.sources import open_mesh
 from manip3d.cli.terminal import Terminal, check_output
 from manip3d.io import SCAN_SUFFIXES, WRITABLE
@@ -39,7 +39,7 @@ class Up(StrEnum):
     choose=kinds.own_sources,
 )
 def convert(
-    source: Source,
+    source: MeshOrScan,
     output: Output,
     unit: Annotated[
         Unit | None, typer.Option(help="Unit of the input; the output is in metres.")

@@ -18,6 +18,13 @@ Source = Annotated[
         help="A mesh, a scan, a depth image or a recording, or - for a mesh from stdin.",
     ),
 ]
+MeshOrScan = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="A mesh, a scan or a recording of a LiDAR, or - for a mesh from stdin.",
+    ),
+]
 Scan = Annotated[
     str,
     typer.Argument(

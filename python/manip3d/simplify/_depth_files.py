@@ -208,6 +208,14 @@ def simplify_depth_file(
     return _from_scan(path, target, options, maps)
 
 
+def _shows_centre(camera: Intrinsics) -> bool:
+    """Return whether the principal point lies in the image, as it does unless that was cropped."""
+    if camera.rays is not None:
+        return True
+    inside = (-0.5 <= camera.cx <= camera.width - 0.5, -0.5 <= camera.cy <= camera.height - 0.5)
+    return all(inside)
+
+
 def writes_y_up(output: Path) -> bool:
     """Return whether a mesh file has +y up: glTF does, by its standard."""
     return output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
@@ -260,6 +268,11 @@ def from_image(
     reading, words, doubt = read_frame(path, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
+    if not _shows_centre(camera):
+        words += (
+            f"; warning: the camera's centre ({camera.cx:g}, {camera.cy:g}) lies outside of the "
+            f"image of {width} x {height} pixels: it may be the camera of another image"
+        )
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
     made = from_depth(depth, camera, path, output, options, maps, take, words, reading.unit)
     return replace(made, depth_found=DepthFound.of(reading, doubt))

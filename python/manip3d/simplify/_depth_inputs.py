@@ -12,7 +12,7 @@ import numpy as np
 from manip3d._util.paths import path_of
 from manip3d.camera import CAMERA_PRESETS, CAMERA_SUFFIXES, camera_depth_unit
 from manip3d.errors import InputError
-from manip3d.io import DepthReading, read_depth_guessing, read_pixel_map
+from manip3d.io import DEPTH_UNITS, DepthReading, read_depth_guessing, read_pixel_map
 from manip3d.io._images import read_color
 from manip3d.simplify._depth_options import DepthOptions, check_confidence
 from manip3d.simplify._depth_words import COMMON_GUESS
@@ -104,7 +104,8 @@ def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, st
     known = read_depth_guessing(path, unit=unit)
     words = f"{known.sentence}, as intrinsics {options.intrinsics} has it"
     doubt = known.doubt
-    if known.unit != reading.unit and not of_stereo:
+    is_unusual = known.unit not in DEPTH_UNITS and reading.unit in ("mm", "tum")
+    if known.unit != reading.unit and not of_stereo and not is_unusual:  # such a unit is no guess
         doubt = f"the numbers look like {reading.unit}: {reading.reason}"
         words += f"; but {doubt}"
     return known, words, doubt
