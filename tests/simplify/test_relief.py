@@ -344,6 +344,51 @@ def test_dropped_pixels_are_those_of_the_level_that_is_the_result() -> None:
     assert result.dropped_pixels == small.dropped_pixels
 
 
+@pytest.mark.realdata
+def test_live_does_not_fall_apart_with_few_points(realdata: RealData) -> None:
+    """With 6 to 10 points it covered .02 to .27 of this scan, whose rows are in reverse order."""
+    grid = read_range_grid(realdata("range_scans/happy_stand/happyStandRight_336.ply.xz"))
+    rows, columns = (np.flatnonzero(grid.valid.any(axis=axis)) for axis in (1, 0))
+    part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    points, valid = (np.ascontiguousarray(each[part][::-1]) for each in (grid.points, grid.valid))
+    for number in (6, 7, 8, 9, 10):
+        found = simplify.relief_grid(points, valid, number, effort="live")
+        assert found.coverage > 0.4
+
+
+def room(realdata: RealData, name: str) -> tuple[NDArray[np.float32], Intrinsics]:
+    """Every second pixel of a Kinect's image, and its camera."""
+    found = manip3d.io.read_depth_guessing(realdata(f"rgbd/scene_single_frames/{name}")).depth
+    metres = found / np.float32(1000) if found.dtype == np.uint16 else found
+    height, width = found.shape
+    depth = np.ascontiguousarray(metres[::2, ::2])
+    return depth, Intrinsics(
+        depth.shape[1], depth.shape[0], 290.0, 290.0, width / 4 - 0.25, height / 4 - 0.25
+    )
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("effort", ["live", "balanced"])
+def test_levels_of_a_room_with_depth_steps_have_their_sizes(
+    effort: simplify.Effort, realdata: RealData
+) -> None:
+    """Meshes that lacked a vertex of the smaller level were kept, so that all were the smallest."""
+    depth, camera = room(realdata, "NYU_depth.pgm")
+    found = simplify.relief(depth, camera, 62, effort=effort, depth_step=0.05, levels=[20, 5])
+    assert found.num_vertices > 55
+    assert [count for count, _ in found.levels] == [20, 5]
+    coverage = [found.prefix(size).coverage for size in (62, 20, 5)]
+    assert coverage[0] > 1.1 * coverage[1] > 1.2 * coverage[2]
+
+
+@pytest.mark.realdata
+def test_a_few_more_points_than_64_cover_hardly_less(realdata: RealData) -> None:
+    depth, camera = room(realdata, "SUN_depth.png")
+    few, *more = (simplify.relief(depth, camera, points, depth_step=0.05).coverage
+                  for points in (64, 65, 70, 80))  # fmt: skip
+    assert min(more) > few / 1.1  # .45 to .56 of .72
+
+
 def test_a_plane_needs_its_corners_only() -> None:
     camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
     v, u = np.mgrid[0:48, 0:64]

@@ -85,6 +85,16 @@ constexpr int kFewTries = 3;
 constexpr std::array<std::int64_t, 15> kFewSizes = {3,  4,  5,  6,  7,  8,  10, 12,
                                                     14, 16, 20, 25, 30, 40, 50};
 
+/// For targets above kFew and up to kNearFew, meshes of kFew vertices are tried as well. Of 116
+/// targets on scans and frames of the data folder, 8 covered less than such a mesh by more than the
+/// factor kWorthLeaving, 7 with kLive.
+constexpr std::int64_t kNearFew = 2 * relief_detail::kFew;
+
+/// If a mesh of few vertices that kLive made covers less than this, that of kFast is tried as well.
+/// On 190 targets on scans and frames of the data folder this takes 1.7 times as long on average;
+/// smaller sizes as well (kFewTries) would take 3.2 times as long, and cover hardly more.
+constexpr double kFallenApart = 0.5;
+
 /// A connected piece of the surface is a speck if it has less than one in this many of the pixels.
 constexpr std::int64_t kSpeck = 1000;
 
@@ -338,7 +348,8 @@ struct Relief::Memory {
   double written_coverage(const Triangulation& of);
   void try_mesh(const ReliefOptions& options, std::int64_t target, const LeftOut& left_out,
                 double factor, double& covered, ReliefResult& result);
-  void make_best_mesh(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
+  void make_best_mesh(const PointGridView& grid, const ReliefOptions& options, std::int64_t target,
+                      ReliefResult& result);
   /// Flips edges and moves vertices.
   void refine(const Budget& budget);
   /// The surface without filled pinholes.
@@ -353,6 +364,11 @@ struct Relief::Memory {
            std::span<const float> confidence);
   void fix_vertices();
   [[nodiscard]] bool holds(const Triangulation& smaller);
+  /// Can the mesh be the result for this size: is it small enough, and does it hold the next
+  /// smaller level?
+  [[nodiscard]] bool fits(std::int64_t target) {
+    return levels.empty() || (mesh.num_vertices() <= target && holds(levels.back()));
+  }
   void find_sight(const ReliefOptions& options);
   [[nodiscard]] bool has_many_pixels() const {
     return static_cast<std::int64_t>(surface.num_pixels()) > relief_detail::kManyPixels;
@@ -612,18 +628,20 @@ double Relief::Memory::written_coverage(const Triangulation& of) {
       .whole.coverage;
 }
 
-/// Makes another mesh. It replaces `mesh` if it covers more than `factor` times `covered`, which is
-/// the coverage of `mesh` and is updated.
+/// Makes another mesh. It replaces `mesh` if it fits and covers more than `factor` times `covered`,
+/// which is the coverage of `mesh` (negative: `mesh` does not fit) and is updated.
 void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target,
                               const LeftOut& left_out, double factor, double& covered,
                               ReliefResult& result) {
   std::swap(mesh, best);
   const auto [stop, dropped] = std::pair(result.stop, result.dropped_pixels);
   make_mesh(options, target, left_out, result);
-  const double now = written_coverage(mesh);
-  if (now > factor * covered) {
-    covered = now;
-    return;
+  if (fits(target)) {
+    const double now = written_coverage(mesh);
+    if (now > factor * covered) {
+      covered = now;
+      return;
+    }
   }
   std::swap(mesh, best);
   result.stop = stop;
@@ -642,20 +660,40 @@ void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target,
 ///
 /// With few vertices: a collapse can gain surface as well as lose it, for example where it fills a
 /// bay, so that a mesh with fewer vertices may cover more.
-void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t target,
-                                    ReliefResult& result) {
+///
+/// With not many more vertices: the mesh of kFew vertices is the best of several and may cover
+/// more.
+///
+/// With few vertices and kLive: the mesh of every second pixel can fall apart.
+void Relief::Memory::make_best_mesh(const PointGridView& grid, const ReliefOptions& options,
+                                    std::int64_t target, ReliefResult& result) {
   make_mesh(options, target, {}, result);
   const bool is_hasty = options.effort == ReliefEffort::kLive;
   const bool is_few = target <= relief_detail::kFew;
   const int tries = is_few && levels.empty() && !is_hasty ? kFewTries : 0;
-  const bool has_steps = is_few && surface.steps().has_steps();
+  const bool has_steps = surface.steps().has_steps();
+  const bool is_near_few = !is_few && target <= kNearFew && levels.empty();
+  const bool may_fall_apart = is_few && levels.empty() && is_hasty;
   const bool much_speck = levels.empty() && speck_area > kMuchSpeck;
   const bool has_specks = much_speck || (tries > 0 && speck_area > 0.0);
-  if (!has_steps && tries == 0 && !has_specks) return;
-  double covered = written_coverage(mesh);
-  if (has_steps) {
-    try_mesh(options, target, {OffFaces::kAvoid}, 1.0, covered, result);
-    try_mesh(options, target, {OffFaces::kNever}, kWorthLeaving, covered, result);
+  if (!(is_few && has_steps) && tries == 0 && !is_near_few && !may_fall_apart && !has_specks)
+    return;
+  double covered = fits(target) ? written_coverage(mesh) : -1.0;
+  const auto try_without_off = [&](std::int64_t size, double factor) {
+    try_mesh(options, size, {OffFaces::kAvoid}, factor, covered, result);
+    try_mesh(options, size, {OffFaces::kNever}, kWorthLeaving, covered, result);
+  };
+  if (is_few && has_steps) try_without_off(target, 1.0);
+  if (is_near_few && kWorthLeaving * covered < 1.0) {
+    try_mesh(options, relief_detail::kFew, {}, kWorthLeaving, covered, result);
+    if (has_steps) try_without_off(relief_detail::kFew, kWorthLeaving);
+  }
+  if (may_fall_apart && covered < kFallenApart) {
+    ReliefOptions slower = options;
+    slower.effort = ReliefEffort::kFast;
+    choose_surface(slower.effort, target);
+    recall(grid, slower);
+    try_mesh(slower, target, {}, kWorthLeaving, covered, result);
   }
   const auto end = std::ranges::lower_bound(kFewSizes, target);
   for (auto size = end; size != kFewSizes.begin() && end - size < tries;) {
@@ -663,7 +701,7 @@ void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t t
   }
   if (!(has_specks && kWorthLeaving * covered < 1.0)) return;
   try_mesh(options, target, {OffFaces::kTake, true}, kWorthLeaving, covered, result);
-  if (much_speck && has_steps)
+  if (much_speck && is_few && has_steps)
     try_mesh(options, target, {OffFaces::kNever, true}, kWorthLeaving, covered, result);
 }
 
@@ -694,11 +732,11 @@ void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions
     recall(grid, options);
     if (!levels.empty()) fix_vertices();
     const std::int64_t dropped_before = result.dropped_pixels;
-    make_best_mesh(options, target, result);
+    make_best_mesh(grid, options, target, result);
     if (levels.empty()) keep_a_face(result);
     // The vertices of the next smaller level are fixed. If this size is hardly larger, they may
     // leave no legal collapse that reaches it; the result is then that smaller level again.
-    if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {
+    if (!fits(target)) {
       mesh = levels.back();
       result.dropped_pixels = dropped_before;
       if (mesh.num_vertices() < target) result.stop = ReliefStop::kSmallerLevel;

@@ -336,7 +336,9 @@ def relief(
     silhouette filled and small pieces left out; ``coverage`` and ``bridges`` say how much. Except
     with ``live``, triangles go of which more lies over unmeasured pixels than they alone cover of
     the surface. With up to 64 points several meshes are made, and the result is the one that covers
-    most; except with ``live`` also meshes of fewer points, which must cover a tenth more. ``live``
+    most; except with ``live`` also meshes of fewer points, which must cover a tenth more. With 65
+    to 128 points a mesh of 64 is the result if it covers a tenth more. With up to 64 points,
+    ``live`` also makes a mesh as ``fast`` does if its own covers less than half. ``live``
     measures ``coverage`` and ``bridges`` when they are first asked for, which takes up to a third
     of the time of the mesh.
 

@@ -102,7 +102,9 @@ struct ReliefResult {
 ///    increases from pass to pass.
 ///    With a limit on steps and at most 64 points, two more meshes are made: one without triangles
 ///    across a step, and one of those triangles of a finer mesh that cover most. The result is the
-///    mesh that covers most. If pieces of fewer than one pixel in a thousand are a tenth of the
+///    mesh that covers most. With 65 to 128 points, the meshes of 64 are made as well, and one is
+///    the result if it covers 1.1 times as much; with at most 64 points of which kLive covers less
+///    than half, that of kFast. If pieces of fewer than one pixel in a thousand are a tenth of the
 ///    area, as with depths that are far off, a mesh without them is made as well; it is the result
 ///    if it covers 1.1 times as much. Without `levels`, a surface always keeps at least one
 ///    triangle.
