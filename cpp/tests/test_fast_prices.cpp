@@ -41,7 +41,8 @@ TEST(FastPrices, AreThoseOfOneEdgeAtATime) {
     const Progress progress;
     Tasks tasks(1, progress);
     FastMesh mesh(view, bounding_box(view), {}, tasks);
-    const FastPieces pieces(mesh);
+    const std::vector<std::int32_t> looks;
+    const FastPieces pieces(mesh, looks);
     sum_quadrics(mesh, {1.0, 1.0});
     const float limit = 1e-5F;
     Bulk<PricedEdge> edges;
