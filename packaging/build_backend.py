@@ -67,6 +67,8 @@ def _bundle() -> None:
         try:
             subprocess.run(command, cwd=VIEWER, check=True)
         except (OSError, subprocess.CalledProcessError) as error:
-            what = "older than its sources" if (VIEWER / "dist").exists() else "left out"
+            what = (
+                "incomplete or older than its sources" if (VIEWER / "dist").exists() else "left out"
+            )
             print(f"warning: the viewer's bundle is {what}: {error}", file=sys.stderr)
             return

@@ -608,22 +608,32 @@ def test_lenses_that_the_formula_does_not_have(fields: str, message: str, tmp_pa
         (0.1, "10000"),  # BOP
         (1.0, "1000"),
         (5000.0, "5000"),  # Open3D
-        (50.0, "guess"),
-        ("NaN", "guess"),
     ],
 )
 def test_the_scale_of_depths_beside_a_camera_is_their_unit(
     scale: float, unit: str, tmp_path: Path
 ) -> None:
-    path = tmp_path / "camera.json"
-    path.write_text(f'{{"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, "depth_scale": {scale}}}')
+    path = scaled_camera(tmp_path, str(scale))
     assert camera.camera_depth_unit(path) == unit
     assert camera.read_intrinsics(path, width=64, height=48).fx == 50.0  # and no warning
     np.save(tmp_path / "a.npy", np.full((48, 64), 12_000, np.uint16))
     options = manip3d.simplify.DepthOptions(9, intrinsics=str(path))
     found = manip3d.simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
-    metres = 12_000 / float(unit) if unit != "guess" else 2.4  # as of TUM
-    assert found.depth_found.near == pytest.approx(metres, rel=1e-6)
+    assert found.depth_found.near == pytest.approx(12_000 / float(unit), rel=1e-6)
+
+
+@pytest.mark.parametrize("scale", ["50.0", "NaN", "1" + 400 * "0"])
+def test_a_scale_of_depths_that_is_none_is_left_out(scale: str, tmp_path: Path) -> None:
+    path = scaled_camera(tmp_path, scale)
+    assert camera.camera_depth_unit(path) == "guess"
+    with pytest.warns(UserWarning, match="left out: 'depth_scale'"):
+        assert camera.read_intrinsics(path, width=64, height=48).fx == 50.0
+
+
+def scaled_camera(folder: Path, scale: str) -> Path:
+    path = folder / "camera.json"
+    path.write_text(f'{{"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, "depth_scale": {scale}}}')
+    return path
 
 
 def test_the_fields_that_are_left_out_are_named(tmp_path: Path) -> None:

@@ -322,7 +322,7 @@ def _number(value: float, name: str) -> float:
         if np.iscomplexobj(value):  # NumPy's would lose their imaginary part
             raise TypeError
         return float(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name}: expected a number, got {value!r}") from error
 
 
@@ -535,7 +535,8 @@ def _unit_of_json(text: str) -> str:
     try:
         fields = json.loads(text)
         scale = float(fields[_DEPTH_SCALE])
-    except (ValueError, TypeError, KeyError, RecursionError):  # read_intrinsics tells what is wrong
+    # read_intrinsics tells what is wrong
+    except (ValueError, TypeError, KeyError, RecursionError, OverflowError):
         return "guess"
     if 1e-6 <= scale <= 0.01:
         return f"{1.0 / scale:.9g}"
@@ -602,7 +603,11 @@ def _fields_of_file(path: Path, width: int, height: int) -> dict[str, Any]:
         stereo = _stereo_calibration(text, path)
         return _fields_of_matrix(text) if stereo is None else stereo.fields
     if suffix == ".json":
-        return _fields_of_mapping(json.loads(_text_of_camera(path)), path)
+        text = _text_of_camera(path)
+        fields = json.loads(text)
+        if isinstance(fields, dict) and _unit_of_json(text) != "guess":
+            fields.pop(_DEPTH_SCALE)  # `camera_depth_unit` reads it
+        return _fields_of_mapping(fields, path)
     from manip3d._util.text_files import parse_xml, parse_yaml
 
     if suffix == ".xml":
@@ -792,7 +797,7 @@ def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
     if absent := [name for name in ("fx", "fy", "cx", "cy") if name not in ours]:
         raise ValueError(f"no {' and no '.join(absent)}")
     known = {name for name in Intrinsics.__dataclass_fields__ if name != "rays"}
-    if others := [name for name in ours if name not in known and name != _DEPTH_SCALE]:
+    if others := [name for name in ours if name not in known]:
         if any(np.any(ours[name]) for name in others if name in ("coeffs", "k4", "k5", "k6")):
             raise ValueError("a distortion of more than k1, k2, p1, p2 and k3")
         if any("fisheye" in str(value).lower() for value in ours.values()):

@@ -176,6 +176,12 @@ def test_a_turn_with_a_large_gap_is_not_complete(tmp_path: Path) -> None:
     assert complete(frames) == [False, True, True, False, True, False]
 
 
+def test_a_stray_packet_is_no_vls128(tmp_path: Path) -> None:
+    """Another device's payload of the same length may end in the byte of that product."""
+    frames, _ = decode(tmp_path, [bytes(1205) + b"\xa1", GOOD])
+    assert len(frames) == 1
+
+
 def test_a_vls128_is_named(tmp_path: Path) -> None:
     for options in ({}, {"calibration": hdl64e_calibration(two_points=False)}, {"model": "vlp16"}):
         with pytest.raises(FormatError, match=r"p\.pcap: packets of a Velodyne VLS-128"):

@@ -291,6 +291,10 @@ def test_rotated_millimetres_are_known_at_any_distance(far: float) -> None:
     assert guess_depth_unit(numbers)[0] == "sun"
 
 
+def test_millimetres_in_steps_of_eight_are_not_rotated() -> None:
+    assert guess_depth_unit((ramp(0.5, 12.0) * 125).astype(np.uint16) * 8)[0] == "mm"
+
+
 def test_other_multiples_of_eight_are_not_rotated() -> None:
     of_8_bits = np.round(ramp(1.0, 4.0) / 4.0 * 255).astype(np.uint16)
     assert guess_depth_unit(of_8_bits << 8)[0] != "sun"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from manip3d import FormatError, LidarFrame, viewer
 from manip3d.cli.kinds import kind_of
-from manip3d.io import ReadLimits, read_scan
+from manip3d.io import ReadLimits, read_scan, write_scan
 
 POINTS = np.random.default_rng(4).normal(scale=9.0, size=(30, 3)).astype(np.float32)
 SHARES = np.arange(90).reshape(30, 3) / 89.0
@@ -158,3 +158,17 @@ def test_archives_that_expand_are_refused(tmp_path: Path) -> None:
         read_scan(tmp_path / "bomb.npz")
     with ReadLimits(max_points=5), pytest.raises(FormatError, match="more than max_points"):
         read_scan(saved(tmp_path, positions=POINTS))
+
+
+@pytest.mark.parametrize("rows", [[0, 0, 2, 3, 4, 5, 6], [6, 5, 4, 3, 2, 1, 0]])
+@pytest.mark.parametrize("suffix", [".npy", ".pcd"])
+def test_chosen_points_of_an_organised_cloud_are_written_as_they_were_chosen(
+    rows: list[int], suffix: str, tmp_path: Path
+) -> None:
+    points = np.arange(24, dtype=np.float32).reshape(2, 4, 3) + 1
+    points[1, 2] = np.nan
+    np.save(tmp_path / "a.npy", points)
+    chosen = read_scan(tmp_path / "a.npy").select(rows)
+    write_scan(chosen, tmp_path / f"b{suffix}")
+    found = read_scan(tmp_path / f"b{suffix}")
+    assert np.array_equal(found.points, chosen.points)

@@ -336,7 +336,8 @@ bool VelodyneDecoder::identify(std::span<const std::byte> payload) {
     has_fourth = has_fourth || flag == kFourthFlag;
   }
   const auto byte = std::to_integer<std::uint8_t>(payload[kVelodynePacketBytes - 1]);
-  if ((has_third && has_fourth) || (!has_lower && !model_ && byte == kVls128Byte)) {
+  if ((has_third && has_fourth) ||
+      (!has_lower && !model_ && byte == kVls128Byte && is_velodyne_data(payload))) {
     if (counters_.packets == 0) {
       throw FormatError(
           "packets of a Velodyne VLS-128 (Alpha Prime), which is not read; HDL-64E, HDL-32E, "

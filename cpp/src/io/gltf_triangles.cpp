@@ -352,7 +352,10 @@ class TableWriter {
     for (std::int64_t i = 0; i < accessor.count; ++i) {
       if (!places.empty()) turned = cofactors_of(places[i].linear);
       auto row = mesh_.normals.row(draw.normals.first + i);
-      if (!row.allFinite()) continue;
+      if (!row.allFinite()) {
+        has_nan_ = true;  // also if a morph target overflowed
+        continue;
+      }
       const Eigen::Vector3d normal = turned * row.transpose();
       if (!normal.allFinite()) {
         accessor.place.fail("a normal overflows in the transform of its node");

@@ -36,7 +36,7 @@ class Pieces {
   [[nodiscard]] double cost(std::int32_t piece) const { return pieces_[piece].cost; }
   [[nodiscard]] double mean_distance(std::int32_t piece) const;
   /// Mean difference between the texture coordinates of the piece and those of the points to which
-  /// the distance is measured; 0 for parts where the other piece shows another material.
+  /// the distance is measured; 0 for parts where the other piece has another look.
   [[nodiscard]] double texture_shift(std::int32_t piece) const {
     return pieces_[piece].texture_shift;
   }

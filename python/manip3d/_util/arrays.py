@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 import sys
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -45,7 +46,7 @@ def as_array(values: ArrayLike, name: str) -> NDArray[Any]:
     try:
         array = np.asarray(values)
     except (TypeError, ValueError) as error:  # for example rows of different lengths
-        raise InputError(f"{name}: expected an array, got {values!r}") from error
+        raise InputError(f"{name}: expected an array, got {reprlib.repr(values)}") from error
     return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 

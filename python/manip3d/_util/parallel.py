@@ -145,7 +145,8 @@ def _attempt_on_dask(
     _log.setLevel(log_level)
     if log_level <= logging.WARNING:
         return _attempt(function, arguments)
-    with warnings.catch_warnings(action="ignore"):  # the worker may serve others afterwards
+    # The worker may serve others afterwards. With several threads it may stay quiet for them, too.
+    with warnings.catch_warnings(action="ignore"):
         return _attempt(function, arguments)
 
 

@@ -669,7 +669,8 @@ def _judged(
         verdict, reason = "tampered", _accusation(regions)
     elif lattice.is_exact and untold + len(strewn[1]) >= MIN_EXACT:
         verdict = "undecidable"
-        reason = (UNTOLD if untold >= MIN_EXACT else FEW_STREWN).format(untold + len(strewn[1]))
+        few = FEW_STREWN.format(untold + len(strewn[1]))
+        reason = UNTOLD.format(untold) if untold >= MIN_EXACT else few
     return GenericResult(
         verdict,
         reason,

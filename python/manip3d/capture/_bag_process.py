@@ -70,10 +70,14 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str) -> None:
     from rosbags.rosbag2 import Reader as Ros2Reader
     from rosbags.typesys import Stores, get_typestore
 
-    is_ros1 = path.is_file() and path.open("rb").read(8) == b"#ROSBAG "
+    head = b""  # of a folder
+    if path.is_file():
+        with path.open("rb") as file:
+            head = file.read(1024)
+    is_ros1 = head.startswith(b"#ROSBAG ")
     types = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
     read = types.deserialize_ros1 if is_ros1 else types.deserialize_cdr
-    profile = _mcap_profile(path)
+    profile = _mcap_profile(head)
     if profile not in (None, "ros2") and not (profile == "" and _allows_no_profile()):
         _line(out, {"profile": profile})
         return
@@ -105,12 +109,8 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str) -> None:
             _message(out, *made)
 
 
-def _mcap_profile(path: Path) -> str | None:
-    """Return the profile that the header of an MCAP file states; None for other bags."""
-    if not path.is_file():
-        return None
-    with path.open("rb") as file:
-        head = file.read(1024)
+def _mcap_profile(head: bytes) -> str | None:
+    """Return the profile that the first bytes of an MCAP file state; None for other bags."""
     if not head.startswith(MCAP_HEADER):
         return None
     begin = len(MCAP_HEADER) + 8  # after the length of the record

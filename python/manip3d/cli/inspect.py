@@ -406,7 +406,7 @@ def _code_of_drive(together: DriveInspection, codes: Mapping[str, int], shell: T
         told = f"{count(together.num_missing)} of {counted(together.num_scans, 'scan')}"
         print(f"manip3d: error: {told} could not be read", file=sys.stderr)
     code = codes[together.verdict] or (codes["remarks"] if together.remarks else 0)
-    is_whole = not together.num_missing or (together.verdict == "tampered" and code)
+    is_whole = not together.num_missing or (together.verdict == "tampered" and codes["tampered"])
     return code if is_whole else 1
 
 

@@ -275,9 +275,9 @@ def _simplify_scene(
     }
     if done.scene.num_faces == 0:
         raise InputError(f"{source}: nothing is left of it at this target; {output} is not written")
+    record["gone_materials"] = gone_materials(scene.meshes, done.scene.meshes, terminal)
     if record["stop"] != "refused":
         done.scene.write(output)
-        record["gone_materials"] = gone_materials(scene.meshes, done.scene.meshes, terminal)
         tell_scene(scene, done.scene, terminal)
     terminal.say(_sentence(record))
     return record

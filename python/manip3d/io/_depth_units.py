@@ -37,10 +37,16 @@ _NEAREST_MILLIMETRES = 4_000.0
 likely unit of a depth camera."""
 
 _MOST_ROTATED = 0.9
-"""SUN RGB-D stores multiples of 8; filtered images of it have a few other numbers."""
+"""SUN RGB-D stores multiples of 8; filtered images of it have a few other numbers. Also the largest
+share of multiples of 16 among them."""
 
 _MIN_ROTATED = 50
-"""Fewer different multiples of 8 may be one by chance, as in an image of few flat surfaces."""
+"""Smallest number of different multiples of 8: all numbers of an image of a few flat surfaces may
+be multiples of 8 by chance."""
+
+_NEAREST_ROTATED = 300.0
+"""Millimetres: depth cameras measure little that is nearer. An image in steps of 8 mm, read as SUN
+RGB-D's, would be 8 times too near."""
 
 _NOTHING_THERE = 65_504.0
 """Metres: the largest finite half-precision number. Renderers store it, or 1e10, where a ray hits
@@ -363,7 +369,8 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
     -----
     Millimetres and 1/5000 m are told apart only by the range of the numbers. The guess is wrong for
     a scene beyond 4 m stored in millimetres, and for a scene nearer than 0.8 m stored in 1/5000 m.
-    Give the unit if it is known.
+    Millimetres in steps of 8 mm beyond 2.4 m are taken for those of SUN RGB-D. Give the unit if it
+    is known.
 
     Examples
     --------
@@ -426,6 +433,7 @@ def _is_rotated(measured: NDArray[Any]) -> bool:
         len(multiples) > _MOST_ROTATED * len(measured)
         and np.mean(multiples % 16 == 0) < _MOST_ROTATED
         and len(np.unique(multiples)) >= _MIN_ROTATED
+        and np.percentile(_sun_millimetres(measured), 5) > _NEAREST_ROTATED
         and np.percentile(_sun_millimetres(measured), 95) < _FARTHEST_MILLIMETRES
     )
 

@@ -592,14 +592,15 @@ def _header(layout: ScanFormat, frame: LidarFrame) -> list[list[str]]:
 def grid_of(frame: LidarFrame) -> tuple[int, int] | None:
     """Return height and width of the organised cloud that a scan was read from; None: no grid.
 
-    The scan must still hold each point that was measured.
+    The scan must still hold each point that was measured, in the file's order.
     """
     pairs = () if frame.format is None else frame.format.header.get("pairs", ())
     sizes = {key: int(value) for key, value in pairs if key in ("width", "height")}
     height, width = sizes.get("height", 1), sizes.get("width", 0)
     is_whole = height * width == frame.num_points + frame.num_dropped
-    has_rows = frame.num_dropped == 0 or frame.file_rows is not None
-    return (height, width) if min(height, width) > 1 and is_whole and has_rows else None
+    rows = frame.file_rows
+    in_order = frame.num_dropped == 0 if rows is None else bool((np.diff(rows) > 0).all())
+    return (height, width) if min(height, width) > 1 and is_whole and in_order else None
 
 
 def kept_grid(frame: LidarFrame, layout: ScanFormat) -> tuple[int, int] | None:

@@ -331,7 +331,12 @@ def scene_of_bytes(data: bytes, name: str) -> Scene | None:
         try:
             return replace(_read_local(local, False, limit, look, name), source=None)
         except FormatError as error:
-            raise FormatError(error.reason, file=name) from None
+            raise FormatError(
+                error.reason, file=name, line=error.line, byte_offset=error.byte_offset
+            ) from None
+
+
+_MAX_XZ = 80 << 20  # bytes of memory for an .xz, as for files
 
 
 def _start(data: bytes) -> tuple[str, bytes]:
@@ -341,7 +346,7 @@ def _start(data: bytes) -> tuple[str, bytes]:
         if data.startswith(b"\x1f\x8b"):
             return ".gz", zlib.decompressobj(31).decompress(data, length)
         if data.startswith(b"\xfd7zXZ"):
-            return ".xz", lzma.LZMADecompressor().decompress(data, length)
+            return ".xz", lzma.LZMADecompressor(memlimit=_MAX_XZ).decompress(data, length)
     except (zlib.error, lzma.LZMAError):
         return "", b""
     return "", data[:length]

@@ -140,7 +140,8 @@ def _noise(samples: FootSamples) -> float:
 def advise_pedal(state: GameState) -> str:
     """Return a sentence if the feet are seen too unsteadily for the game's moves, or nothing."""
     swing = state.game.swings[state.difficulty - 1]
-    watched = [foot for foot in state.feet if foot.samples.seconds >= _TELL_S]
+    moves = 2 * state.game.strokes[state.difficulty - 1]
+    watched = [f for f in state.feet if f.samples.seconds >= _TELL_S and f.moves < moves]
     needed = max((_needed(foot, state) for foot in watched), default=swing)
     unsteady = "The camera sees your feet unsteadily, "
     if needed > _LARGEST:

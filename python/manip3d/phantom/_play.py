@@ -126,10 +126,6 @@ class Play:
             self._finish("stopped")
             self.game = replace(self.game, phase="over", targets=(), events=())
 
-    def forget_person(self) -> None:
-        """Discard data about the person, before a frame of another recording or person."""
-        self.forget_times()
-
     def forget_times(self) -> None:
         """Note that the camera's clock was reset."""
         self._interrupt()
@@ -170,7 +166,8 @@ class Play:
             self.advice = _TOO_SLOW
             return False
         played = seconds if seconds <= LONGEST_STEP_S else 0.0
-        game = replace(self.game, gain=self.gain)
+        is_enlarged = self.limb.endswith(self.game.game.limbs.removesuffix("s"))
+        game = replace(self.game, gain=self.gain if is_enlarged else 1.0)
         self.game = step(game, played, self._touched, shown.skeleton)
         self._watch.update(self.game)
         self._keep_clips()

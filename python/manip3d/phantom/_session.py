@@ -37,7 +37,8 @@ _FRAMES = 90  # number of frames over which times of stages are averaged
 class LiveSession:
     """Turns each frame into a message for the page; the game's time is that of the frames.
 
-    The same frames, commands and seed give the same game. While the phantom limb is not
+    The same frames, commands and seed give the same game. Where the frames' clock begins again, the
+    time that passed is that of their arrivals (``captured_ns``). While the phantom limb is not
     ``tracking``, and in gaps of more than 0.25 s between frames, the game is paused: nothing can be
     hit and nothing is missed.
 
@@ -174,7 +175,7 @@ class LiveSession:
         if self._chosen is not None:  # the reset also drops the choice
             self._pipeline.select(self._chosen)
         self._body.reset()
-        self._play.forget_person()
+        self._play.forget_times()
         self._times.clear()
         self._frame_time = self._last_time = None
 

@@ -50,9 +50,10 @@ class ColorSeams:
         rows = numbered(pairs)
         self._pairs = np.empty((rows.max() + 1, 2), dtype=np.int64)
         self._pairs[rows] = pairs
+        numbers = self._pairs[:, 0].tolist()  # one object for all charts of a material
+        known = {number: _material(original, number) for number in set(numbers)}
         self.mesh = original.replace(
-            face_material=rows.astype(np.int32),
-            materials=[_material(original, index) for index in self._pairs[:, 0]],
+            face_material=rows.astype(np.int32), materials=[known[number] for number in numbers]
         )
         order = np.argsort(self._charts, kind="stable")
         corners = colors[original.faces][order]

@@ -307,7 +307,7 @@ def num_without_ray(depth: NDArray[np.uint16 | np.float32], intrinsics: Intrinsi
     """
     if intrinsics.rays is None and not any(intrinsics.distortion):
         return 0
-    _, valid, _ = _core.unproject(depth, intrinsics, 1)
+    _, valid, _ = _core.unproject(depth, intrinsics, threads_of(0))
     return int(np.count_nonzero(depth > 0) - np.count_nonzero(valid))
 
 

@@ -91,7 +91,7 @@ def expect_camera(intrinsics: str, image: Path) -> None:
 def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, str]:
     """Read a depth image; describe its unit in words, and state a reason to doubt it, or none.
 
-    The unit of the camera preset, if it has one, overrides the guess.
+    The unit that the camera states, if any, overrides the guess.
     """
     reading = read_depth_guessing(path, unit=options.unit.removeprefix(COMMON_GUESS))
     if options.unit.startswith(COMMON_GUESS):
@@ -104,8 +104,9 @@ def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, st
     known = read_depth_guessing(path, unit=unit)
     words = f"{known.sentence}, as intrinsics {options.intrinsics} has it"
     doubt = known.doubt
+    # A guess never finds an unusual unit, so that it is no reason to doubt one.
     is_unusual = known.unit not in DEPTH_UNITS and reading.unit in ("mm", "tum")
-    if known.unit != reading.unit and not of_stereo and not is_unusual:  # such a unit is no guess
+    if known.unit != reading.unit and not of_stereo and not is_unusual:
         doubt = f"the numbers look like {reading.unit}: {reading.reason}"
         words += f"; but {doubt}"
     return known, words, doubt

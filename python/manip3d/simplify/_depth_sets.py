@@ -160,8 +160,8 @@ def common_depth_unit(
     unit : str
         Returned as it is unless it is ``"guess"``.
     intrinsics : str
-        If this camera preset states a unit, ``"guess"`` is returned: each image is then read with
-        the preset's unit.
+        If this camera (a preset or a file) states a unit, ``"guess"`` is returned: each image is
+        then read with the camera's unit.
 
     Returns
     -------

@@ -187,7 +187,8 @@ def _with_faces(
     else:
         found = f"found {pixels}, but no face between those that were chosen"
     if without_ray := made.found.surface.without_ray:
-        found += f"; {without_ray} of them have {NO_RAY_WORDS}"
+        have = "has" if without_ray == 1 else "have"
+        found += f"; {without_ray} of them {have} {NO_RAY_WORDS}"
     if is_sparse(measured.lone, measured.pixels):
         found += f"; {SPARSE_WORDS}"
     if measured.pixels > 0 and options.method != "relief":  # relief leaves a face for any number

@@ -173,7 +173,9 @@ def _looks(mesh: Mesh) -> list[int]:
         pictures = [(role, own.path, own.data) for role, own in sorted(material.textures.items())]
         return repr(replace(material, name="", textures={})), tuple(pictures)
 
-    return [numbers.setdefault(look(material), len(numbers)) for material in mesh.materials]
+    of_object = {id(material): material for material in mesh.materials}  # one may have many rows
+    found = {i: numbers.setdefault(look(one), len(numbers)) for i, one in of_object.items()}
+    return [found[id(material)] for material in mesh.materials]
 
 
 @checked
@@ -227,7 +229,8 @@ def quality(
     color_weight : float
         Price of wrong colours of vertices relative to that of a shifted surface, each on average
         over the surface. By default the shape comes first: colours decide where it is flat. With 0,
-        colours are only interpolated. ``max_error`` and ``max_distance`` limit the shape alone.
+        colours are only interpolated, and decide whether a part that vanishes is missed.
+        ``max_error`` and ``max_distance`` limit the shape alone.
     locked : (V,) bool, optional
         Vertices that stay where they are, with their texture coordinates; a piece with one of
         them does not vanish. Where several share a place, one locks all.
@@ -256,7 +259,8 @@ def quality(
     least squared distance, with their volume kept [3]_. A piece may vanish as a whole for its area
     times its mean distance to the rest, and its borders times the same; where it can be seen and
     the surface behind it has another material or colour, it counts as 2 % of the mesh's diagonal
-    away. Materials that differ only in their names look the same. Seams that show another
+    away. Materials that differ only in their names look the same, unless nothing but the names
+    is known. Seams that show another
     chart where they move cost together at most as much as the whole surface that moves as far. At
     the end the vertices are fitted to the original surface, and their texture coordinates to the
     original ones, within their charts.
@@ -354,7 +358,8 @@ def fast(
     color_weight : float
         Price of wrong colours of vertices relative to that of a shifted surface: where colours do
         not change linearly, lines of equal colour are held in place, also by ``max_error``. By
-        default the shape comes first. With 0, colours are only interpolated.
+        default the shape comes first. With 0, colours are only interpolated, and decide
+        whether a part that vanishes is missed.
     locked : (V,) bool, optional
         Vertices that stay where they are, with one face at least. At one place, one that is
         locked locks all.

@@ -387,7 +387,7 @@ class _Film:
             if self._read is not None and time_ns > self._read[0]:
                 seconds = min((time_ns - self._read[0]) / 1e9, _LONGEST_S)
                 ticks = max(self._ticks + 1, self._read[1] + round(_TICKS * seconds))
-                self._step = ticks - self._ticks
+                self._step = min(ticks - self._ticks, _TICKS // 4)  # a longer one is a gap
             self._read = time_ns, ticks
         self._ticks = ticks
         return ticks

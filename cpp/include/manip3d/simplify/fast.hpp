@@ -19,7 +19,8 @@ struct FastOptions {
   /// Weight of the planes along borders of materials and texture charts.
   double seam_weight = 1.0;
   /// Weight of the planes along lines of equal colour, where colours of vertices do not change
-  /// linearly. 0: colours are only interpolated.
+  /// linearly. 0: colours are only interpolated, and decide whether a part that vanishes is
+  /// missed.
   double color_weight = 0.01;
   std::vector<bool> locked;         ///< Vertices that must not move; empty: none.
   std::vector<std::int32_t> looks;  ///< By material, as QualityOptions::looks.

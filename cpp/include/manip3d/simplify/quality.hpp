@@ -30,7 +30,8 @@ struct QualityOptions {
   /// but only the shape is visible.
   bool texture_seen = true;
   /// Price of colours of vertices that are wrong on average by as much as they change over a step,
-  /// relative to a surface that is shifted by this step. 0: colours are only interpolated.
+  /// relative to a surface that is shifted by this step. 0: colours are only interpolated,
+  /// and decide whether a part that vanishes is missed.
   double color_weight = 0.01;
   std::vector<bool> locked;  ///< Vertices that must not move; empty: none.
   /// Factor, > 0, of each vertex on the price of changes of the surface there. Empty: all 1.

@@ -103,11 +103,11 @@ struct ReliefResult {
 ///    With a limit on steps and at most 64 points, two more meshes are made: one without triangles
 ///    across a step, and one of those triangles of a finer mesh that cover most. The result is the
 ///    mesh that covers most. With 65 to 128 points, the meshes of 64 are made as well, and one is
-///    the result if it covers 1.1 times as much; with at most 64 points of which kLive covers less
-///    than half, that of kFast. If pieces of fewer than one pixel in a thousand are a tenth of the
-///    area, as with depths that are far off, a mesh without them is made as well; it is the result
-///    if it covers 1.1 times as much. Without `levels`, a surface always keeps at least one
-///    triangle.
+///    the result if it covers 1.1 times as much. With at most 64 points, if the mesh of kLive
+///    covers less than half, that of kFast is made too, under the same condition. If pieces of
+///    fewer than one pixel in a thousand are a tenth of the area, as with depths that are far off,
+///    a mesh without them is made as well; it is the result if it covers 1.1 times as much. Without
+///    `levels`, a surface always keeps at least one triangle.
 /// 3. Refinement. Edges are flipped, and vertices moved to measured points nearby, while that
 ///    lowers the sum of distances between the pixels and the planes of their triangles [cf. Dyn,
 ///    Levin & Rippa 1990, data dependent triangulations]. kLive evaluates flips at twelve pixels of
