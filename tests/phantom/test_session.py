@@ -202,6 +202,22 @@ def test_feet_that_are_seen_unsteadily_are_told_on_the_page() -> None:
     assert "The camera sees your feet unsteadily, so that only movements of" in last["message"]
 
 
+def test_enlarged_arms_ask_for_no_larger_movements_of_the_feet() -> None:
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    from manip3d.simulate import BodySimulator
+
+    simulator = BodySimulator(
+        amputated="right_arm", motion="still", sitting=True, tracker="kinect-v2", seed=6, rate=10,
+        color="none", room=False, frames=70, threads=1,
+    )  # fmt: skip
+    frames, messages = list(simulator), []
+    for gain in (1.0, 2.0):
+        session = LiveSession("right_arm", game="pedal", gain=gain)
+        session.command("ready")
+        messages.append([shown.status["message"] for shown in play(session, frames)])
+    assert messages[0] == messages[1]
+
+
 def test_the_frame_in_which_a_game_begins_counts_as_tracked() -> None:
     session = LiveSession("right_arm")
     frames = patient()

@@ -53,7 +53,7 @@ struct GltfAccessor {
 
   /// Writes `count` rows of `num_components` finite doubles, row by row.
   void decode(double* out) const;
-  /// As above for attributes that may be missing: returns whether all values are finite.
+  /// Writes the same for an attribute that may be missing; returns whether all values are finite.
   [[nodiscard]] bool decode_any(double* out) const;
   /// Checks that it contains unsigned integers of type SCALAR.
   /// @throws FormatError  it does not.

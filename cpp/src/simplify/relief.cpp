@@ -278,7 +278,7 @@ std::vector<Triangle> triangles_of(const Surface& surface, bool rows_up,
   return triangles;
 }
 
-/// What a mesh is made without.
+/// Parts of the surface and faces that a mesh is made without.
 struct LeftOut {
   OffFaces off = OffFaces::kTake;
   bool specks = false;
