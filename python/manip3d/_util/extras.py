@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 from collections.abc import Mapping
 from typing import Any
 
-from manip3d.errors import MissingExtraError
+from manip3d.errors import Error, MissingExtraError
 
 EXTRAS: Mapping[str, tuple[str, ...]] = {
     "io": ("trimesh", "PIL", "yaml"),
@@ -65,35 +66,51 @@ def require(extra: str) -> None:
     """
     absent = missing_modules(extra)
     if absent:
-        names = [DISTRIBUTIONS.get(name, (name,))[0] for name in absent]
-        raise MissingExtraError(", ".join(names), extra)
+        raise MissingExtraError(", ".join(map(_distribution, absent)), extra)
 
 
-def scipy_stats() -> Any:
-    """Import ``scipy.stats``.
-
-    Raises
-    ------
-    MissingExtraError
-        SciPy is not installed.
-    """
-    try:
-        from scipy import stats
-    except ImportError as error:
-        raise MissingExtraError("scipy", "live") from error
-    return stats
+def _distribution(module: str) -> str:
+    return DISTRIBUTIONS.get(module, (module,))[0]
 
 
-def opencv() -> Any:
-    """Import OpenCV.
+def imported(module: str, extra: str) -> Any:
+    """Import a module that one of manip3d's extras installs.
+
+    Parameters
+    ----------
+    module : str
+        Name of the module, such as ``PIL.Image``.
+    extra : str
+        The extra, for the message of `MissingExtraError`.
 
     Raises
     ------
     MissingExtraError
-        OpenCV is not installed.
+        The module is not installed.
+    Error
+        It is installed but cannot be imported, for example because a shared library is missing.
+
+    Examples
+    --------
+    >>> imported("PIL.Image", "io").new("L", (4, 3)).size
+    (4, 3)
     """
+    package = module.partition(".")[0]
     try:
-        import cv2
+        return importlib.import_module(module)
     except ImportError as error:
-        raise MissingExtraError("opencv-python-headless", "alert") from error
-    return cv2
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+            raise MissingExtraError(_distribution(package), extra) from error
+        if _was_interrupted(error):
+            raise KeyboardInterrupt from None
+        raise Error(
+            f"{_distribution(package)} is installed but cannot be imported: {error}"
+        ) from error
+
+
+def _was_interrupted(error: BaseException) -> bool:
+    """Whether an exception comes from Ctrl-C; extension modules turn it into an ImportError."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__ or cause.__context__
+    return cause is not None

@@ -23,7 +23,8 @@ from itertools import islice
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-from manip3d.errors import InputError, MissingExtraError, error_details
+from manip3d._util.extras import imported
+from manip3d.errors import InputError, error_details
 
 _Key = TypeVar("_Key", bound=Hashable)
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -217,10 +218,7 @@ def _end_with_parent() -> None:
 
 
 def _dask_client(workers: int, address: str) -> Any:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise MissingExtraError("distributed", "dask") from None
+    Client = imported("distributed", "dask").Client
     if address == "local":
         # Port 0 is any free port; another cluster may use the default port of the dashboard.
         return Client(n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0")

@@ -10,8 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from manip3d._util.extras import imported
 from manip3d._util.regular_files import limited_bytes
-from manip3d.errors import FormatError, MissingExtraError
+from manip3d.errors import FormatError
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -109,12 +110,10 @@ def parse_yaml(path: Path, *, extra: str) -> Any:
     MissingExtraError
         PyYAML is not installed.
     """
-    try:
-        import yaml
-    except ImportError:
-        raise MissingExtraError("PyYAML", extra) from None
+    yaml = imported("yaml", extra)
+    safe_loader: Any = yaml.SafeLoader
 
-    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+    class Loader(safe_loader):  # type: ignore[misc]
         """Loader that refuses aliases, since nine nested ones can expand to a billion words."""
 
         def compose_node(self, parent: Any, index: Any) -> Any:

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
-from manip3d._util.extras import opencv
+from manip3d._util.extras import imported
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d.authenticate._alert_observations import accused_boxes, attack_observations
 from manip3d.authenticate._alert_verdict import WITNESSES, Alert, AlertCounts, WitnessReport, joined
@@ -429,10 +429,10 @@ class AlertMonitor:
                 known = ", ".join(sorted(self._rigs)) or "none, since the monitor has no named rigs"
                 raise InputError(f"pairs: expected names of rigs ({known}), got {name!r}")
         if self._rig is not None and left is not None and right is not None:
-            opencv()
+            imported("cv2", "alert")
             checked_pair(left, right)
         for name, both in (pairs or {}).items():
-            opencv()
+            imported("cv2", "alert")
             try:
                 checked_pair(*both)
             except InputError as error:

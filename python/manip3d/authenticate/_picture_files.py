@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import imported
 from manip3d._util.paths import path_of
 from manip3d.authenticate._picture_records import checked_picture
 from manip3d.errors import FormatError
 from manip3d.io._files import atomic_write, regular_bytes
-from manip3d.io._images import require
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -100,7 +100,7 @@ def read_carrier(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
         _check_chunks(data)
     except FormatError as error:
         raise FormatError(error.reason, file=str(file)) from None
-    image_module = require("PIL.Image", "alert", "pillow")
+    image_module = imported("PIL.Image", "alert")
     try:
         with image_module.open(io.BytesIO(data), formats=("PNG",)) as image:
             pixels: NDArray[np.uint8] = np.array(image)
@@ -144,7 +144,7 @@ def write_carrier(picture: ArrayLike, path: str | os.PathLike[str]) -> None:
 def carrier_bytes(picture: ArrayLike) -> bytes:
     """Return the content of `write_carrier`'s file."""
     pixels = checked_picture(picture)
-    image_module = require("PIL.Image", "alert", "pillow")
+    image_module = imported("PIL.Image", "alert")
     stream = io.BytesIO()
     image_module.fromarray(pixels).save(stream, format="PNG", compress_level=1)
     return stream.getvalue()

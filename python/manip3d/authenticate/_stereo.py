@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.extras import opencv
+from manip3d._util.extras import imported
 from manip3d._util.linear import product
 from manip3d.errors import InputError
 
@@ -235,7 +235,7 @@ def stereo_disparity(left: ArrayLike, right: ArrayLike) -> Disparity:
     >>> float(np.median(found.values[found.values > 0]) * found.step)
     20.0
     """
-    cv2 = opencv()
+    cv2 = imported("cv2", "alert")
     images = [_grey(cv2, image) for image in checked_pair(left, right)]
     height, width = images[0].shape
     size = (width // STEP, height // STEP)

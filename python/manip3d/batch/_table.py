@@ -9,7 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from manip3d._util.checked import checked
-from manip3d.errors import InputError, MissingExtraError
+from manip3d._util.extras import imported
+from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 from manip3d.io._remote import local_output
 
@@ -98,11 +99,8 @@ def printable(text: str) -> str:
 
 
 def _parquet(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> bytes:
-    try:
-        import pyarrow as arrow
-        from pyarrow import parquet
-    except ImportError:
-        raise MissingExtraError("pyarrow", "parquet") from None
+    arrow = imported("pyarrow", "parquet")
+    parquet = imported("pyarrow.parquet", "parquet")
     arrays = {}
     for column in columns:
         values = [row.get(column) for row in rows]

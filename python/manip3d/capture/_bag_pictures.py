@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from manip3d._util.extras import opencv
+from manip3d._util.extras import imported
 from manip3d._util.linear import product
 from manip3d.capture._bag import BagPicture
 from manip3d.errors import FormatError
@@ -51,7 +51,7 @@ def decoded(picture: BagPicture) -> NDArray[np.uint8]:
         raise FormatError(f"{name}: expected one of the encodings {known}, got {encoding!r}")
     rows = rows_of(picture, channels)
     if encoding in _BAYER:
-        cv2 = opencv()
+        cv2 = imported("cv2", "alert")
         code = getattr(cv2, f"COLOR_Bayer{_BAYER[encoding]}2RGB")
         pixels: NDArray[np.uint8] = cv2.cvtColor(np.ascontiguousarray(rows), code)
         return pixels

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.extras import imported
 from manip3d._util.paths import path_of
 from manip3d.capture._addresses import ouster_metadata
-from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._files import check_regular
 from manip3d.io._packet_files import PACKETS
 from manip3d.io._scan_tables import scan_suffix
@@ -31,10 +32,8 @@ class OusterRecording:
         meta = None if metadata is None else path_of(metadata, "metadata")
         if meta is None and scan_suffix(path.name) in PACKETS:
             meta = ouster_metadata(path) or path.with_suffix(".json")
-        try:
-            from ouster.sdk import core, open_source
-        except ImportError:
-            raise MissingExtraError("ouster-sdk", "ouster") from None
+        sdk = imported("ouster.sdk", "ouster")
+        core = imported("ouster.sdk.core", "ouster")
         check_regular(path)  # raises OSError before the parser runs
         if meta is not None and not meta.is_file():
             raise InputError(f"metadata: expected the sensor's JSON file, {meta} is not there")
@@ -45,7 +44,7 @@ class OusterRecording:
         self._counters = {"frames": 0, "points": 0, "no_return": 0}
         self._lock = threading.RLock()
         more = {} if meta is None else {"meta": [str(meta)]}
-        self._frames = self._guarded(open_source, str(path), **more)
+        self._frames = self._guarded(sdk.open_source, str(path), **more)
         self._sensor = self._number(sensor, len(self._frames.sensor_info))
         self._next = iter(self._frames)
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from manip3d._util.extras import imported
 from manip3d.cli import kinds
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
@@ -36,7 +37,7 @@ from manip3d.cli.terminal import (
     table,
 )
 from manip3d.cli.triggers import trigger_of
-from manip3d.errors import InputError, MissingExtraError
+from manip3d.errors import InputError
 from manip3d.rgbd import RgbdFrame
 
 if TYPE_CHECKING:
@@ -424,12 +425,9 @@ def _tiled(images: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint8]:
 def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
     from manip3d.io._files import atomic_path
 
-    try:
-        from PIL import Image
-    except ImportError:
-        raise MissingExtraError("pillow", "io") from None
+    pillow = imported("PIL.Image", "io")
     with atomic_path(path) as temporary:
-        Image.fromarray(image).save(temporary)
+        pillow.fromarray(image).save(temporary)
 
 
 @app.command("list")

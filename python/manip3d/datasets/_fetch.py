@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import imported
 from manip3d.datasets._registry import DataFile, DataSet, cache_folder, locate, require
-from manip3d.errors import Error, MissingExtraError
+from manip3d.errors import Error
 from manip3d.io._files import atomic_write
 
 if TYPE_CHECKING:
@@ -155,10 +156,7 @@ def _target(file: DataFile) -> Path:
 
 
 def _download(data_set: DataSet, file: DataFile) -> None:
-    try:
-        import pooch
-    except ImportError:
-        raise MissingExtraError("pooch", "experiments") from None
+    pooch = imported("pooch", "experiments")
     target = _target(file)
     pooch.get_logger().setLevel("WARNING")
     try:

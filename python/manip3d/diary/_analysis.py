@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import imported
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Adherence, Protocol, adherence
 from manip3d.diary._records import Occasion, local_day
-from manip3d.errors import InputError, MissingExtraError
+from manip3d.errors import InputError
 
 OCCASIONS = tuple(name for name in get_args(Occasion) if name != "other")
 _LEVEL = 0.95
@@ -346,10 +347,7 @@ def analyse(
     ...     analyse(diary).responders_50.number
     1
     """
-    try:
-        import scipy.special  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("scipy", "diary") from error
+    imported("scipy.special", "diary")
     people = diary.participants()
     if not people:
         raise InputError("diary: expected participants, got none")

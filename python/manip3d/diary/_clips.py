@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import imported
 from manip3d._util.paths import path_of
 from manip3d.diary._sealing import seal, unseal
-from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_folder, refuse_other_files
 
 if TYPE_CHECKING:
@@ -129,16 +130,13 @@ def film(clip: Clip) -> bytes:
     """
     if not clip.pictures:
         raise InputError("clip: expected pictures, got none")
-    try:
-        from PIL import Image, UnidentifiedImageError
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("PIL", "diary") from error
+    pillow = imported("PIL.Image", "diary")
     images = []
     try:
         for _, content in clip.pictures:
-            with Image.open(io.BytesIO(content), formats=["JPEG"]) as image:
+            with pillow.open(io.BytesIO(content), formats=["JPEG"]) as image:
                 images.append(image.convert("RGB"))
-    except (UnidentifiedImageError, OSError) as error:
+    except (pillow.UnidentifiedImageError, OSError) as error:
         raise FormatError(f"clip: expected JPEG images: {error}") from error
     times = [seconds for seconds, _ in clip.pictures]
     lasts = [round(1000 * (b - a)) for a, b in itertools.pairwise(times)] + [1000]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import imported
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import open_regular, write_new
@@ -131,12 +132,7 @@ def require_key_material(key: str | os.PathLike[str] | None) -> bytes | None:
     """Read the key file; None if no path is given."""
     if key is None:
         return None
-    try:
-        import cryptography  # noqa: F401
-    except ModuleNotFoundError as error:
-        from manip3d.errors import MissingExtraError
-
-        raise MissingExtraError("cryptography", "diary") from error
+    imported("cryptography", "diary")
     path = path_of(key, "key")
     if path.is_dir():
         raise InputError(f"key: expected a file, got the folder {path}")

@@ -11,9 +11,9 @@ from typing import Self
 
 import numpy as np
 
+from manip3d._util.extras import imported
 from manip3d.diary._analysis import Estimate, fit_slope
 from manip3d.diary._records import DiarySession, local_day
-from manip3d.errors import MissingExtraError
 
 _GRID, _BLUE, _RED = "#d5dbe3", "#1d6fb8", "#a02b1d"
 _LEFT, _TOP, _BOTTOM = 34.0, 12.0, 26.0
@@ -35,10 +35,7 @@ class Point:
 
 def require_scipy() -> None:
     """Raise MissingExtraError if SciPy, which computes the intervals, is not installed."""
-    try:
-        import scipy.special  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("scipy", "diary") from error
+    imported("scipy.special", "diary")
 
 
 def change_a_week(points: Sequence[Point]) -> Estimate | None:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.callers import caller_level
-from manip3d.errors import Error, FormatError, MissingExtraError
+from manip3d._util.extras import imported
+from manip3d.errors import Error, FormatError
 from manip3d.io._limits import byte_limit, check_points
 from manip3d.io._npy_headers import read_npy_header
 from manip3d.io._scan_tables import refuse_expansion
@@ -145,10 +146,7 @@ _DEPTH_CHANNELS = ("z", "depth", "y", "v")  # last part of names such as "ViewLa
 
 
 def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
-    try:
-        import OpenEXR
-    except ImportError:
-        raise MissingExtraError("OpenEXR", "exr") from None
+    OpenEXR = imported("OpenEXR", "exr")
 
     def opened(*, header_only: bool) -> Any:
         stream = io.BytesIO(data)
@@ -273,11 +271,7 @@ def _read_with_pillow(
     Images of Pillow's modes ``narrow_modes`` are returned unchanged. Those of ``color_modes`` are
     reduced to the largest of red, green and blue.
     """
-    try:
-        from PIL import Image as pillow
-        from PIL import UnidentifiedImageError
-    except ImportError:
-        raise MissingExtraError("pillow", "io") from None
+    pillow = imported("PIL.Image", "io")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # files about which Pillow warns are refused
@@ -295,7 +289,7 @@ def _read_with_pillow(
                 has_more = _has_more(image)
     except Error:
         raise
-    except UnidentifiedImageError as error:  # its message names neither file nor reason
+    except pillow.UnidentifiedImageError as error:  # its message names neither file nor reason
         kinds = "whole numbers of 8, 16 or 32 bits or fractions of 32 bits"
         raise FormatError(f"expected an image of {kinds}, or the file is damaged") from error
     except Exception as error:  # Pillow's parsers raise various types for damaged files

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from manip3d.errors import MissingExtraError
+from manip3d._util.extras import imported
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -12,10 +12,7 @@ if TYPE_CHECKING:
 
 def decode_draco(stream: bytes) -> tuple[NDArray[Any], dict[int, NDArray[Any]]] | str:
     """Return faces (F, 3) and vertex attributes (V, C) by unique id, or an error message."""
-    try:
-        import DracoPy
-    except ImportError:
-        raise MissingExtraError("DracoPy", "draco") from None
+    DracoPy = imported("DracoPy", "draco")
     try:
         mesh = DracoPy.decode(stream)
     except MemoryError:

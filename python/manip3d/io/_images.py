@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import io
 import logging
 import os
@@ -14,8 +13,9 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.checked import checked
+from manip3d._util.extras import imported
 from manip3d._util.paths import path_of
-from manip3d.errors import FormatError, MissingExtraError
+from manip3d.errors import FormatError
 from manip3d.io._files import open_regular, regular_bytes
 from manip3d.io._remote import is_url
 from manip3d.mesh import Mesh, Texture
@@ -28,20 +28,6 @@ _COMMON = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")  # first bytes of PNG and JPEG
 _WITH_ALPHA = {"PA": "RGBA", "La": "LA", "RGBa": "RGBA"}
 
 _logger = logging.getLogger("manip3d")
-
-
-def require(package: str, extra: str, distribution: str | None = None) -> Any:
-    """Import a package that belongs to one of manip3d's extras.
-
-    Raises
-    ------
-    MissingExtraError
-        The package is not installed.
-    """
-    try:
-        return importlib.import_module(package)
-    except ImportError as error:
-        raise MissingExtraError(distribution or package, extra) from error
 
 
 @checked
@@ -141,7 +127,7 @@ def _is_common(mesh: Mesh, texture: Texture) -> bool:
 
 
 def _as_png(mesh: Mesh, texture: Texture) -> Texture:
-    image_module = require("PIL.Image", "io", "pillow")
+    image_module = imported("PIL.Image", "io")
     content = image_bytes(mesh, texture)
     assert content is not None  # _is_common is True for absent images
     stream = io.BytesIO()
@@ -171,7 +157,7 @@ def read_color(path: Path) -> NDArray[np.uint8]:
     MissingExtraError
         Pillow is not installed.
     """
-    image_module = require("PIL.Image", "io", "pillow")
+    image_module = imported("PIL.Image", "io")
     try:
         with open_regular(path) as file, image_module.open(file) as image:
             if image.mode.startswith(("I", "F")):  # Pillow would replace all above 255 by white
@@ -209,7 +195,7 @@ def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
         Pillow is not installed.
     """
     stream = io.BytesIO()
-    require("PIL.Image", "io", "pillow").fromarray(pixels).save(stream, format="PNG")
+    imported("PIL.Image", "io").fromarray(pixels).save(stream, format="PNG")
     return stream.getvalue()
 
 
@@ -223,7 +209,7 @@ def decoded_picture(data: bytes, extra: str) -> NDArray[np.uint8]:
     MissingExtraError
         Pillow is not installed.
     """
-    image_module = require("PIL.Image", extra, "pillow")
+    image_module = imported("PIL.Image", extra)
     try:
         with image_module.open(io.BytesIO(data), formats=("PNG", "JPEG")) as image:
             if image.mode.startswith(("I", "F")):

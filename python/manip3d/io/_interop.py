@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.callers import caller_level
+from manip3d._util.extras import imported
 from manip3d.errors import InputError
 from manip3d.io._face_colors import with_corner_colors
-from manip3d.io._images import image_bytes, require, with_common_images
+from manip3d.io._images import image_bytes, with_common_images
 from manip3d.mesh import AlphaMode, Material, Mesh, Texture
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def _texture_table(
 
 def to_open3d(mesh: Mesh) -> Any:
     """See `Mesh.to_open3d`."""
-    o3d = require("open3d", "simulate")
+    o3d = imported("open3d", "simulate")
     result = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces)
     )
@@ -187,7 +188,7 @@ def _open3d_tensor_material(material: Any) -> Material:
 
 
 def _open3d_png(image: Any) -> bytes:
-    o3d = require("open3d", "simulate")
+    o3d = imported("open3d", "simulate")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "image.png"
         if not o3d.io.write_image(str(path), image.flip_vertical()):
@@ -230,7 +231,7 @@ def _parts(mesh: Mesh) -> Iterator[_Part]:
 
 def to_trimesh(mesh: Mesh, *, geometry_only: bool = False) -> Any:
     """See `Mesh.to_trimesh`."""
-    trimesh = require("trimesh", "io")
+    trimesh = imported("trimesh", "io")
     if geometry_only:
         return trimesh.Trimesh(
             vertices=mesh.vertices,
@@ -292,7 +293,7 @@ def _trimesh_material(trimesh: Any, mesh: Mesh, material: Material) -> Any:
     for role, texture in material.textures.items():
         data = image_bytes(mesh, texture)
         if data is not None:
-            image = require("PIL.Image", "io", "pillow").open(io.BytesIO(data))
+            image = imported("PIL.Image", "io").open(io.BytesIO(data))
             image.load()
             images[_ROLES[role]] = image
     light = material.emissive
@@ -313,7 +314,7 @@ def _trimesh_material(trimesh: Any, mesh: Mesh, material: Material) -> Any:
 
 def from_trimesh(source: Any) -> Mesh:
     """See `Mesh.from_trimesh`."""
-    trimesh = require("trimesh", "io")
+    trimesh = imported("trimesh", "io")
     if isinstance(source, trimesh.Trimesh):
         placed = [(source, np.eye(4))]
     elif isinstance(source, trimesh.Scene):

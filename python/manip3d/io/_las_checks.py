@@ -9,9 +9,10 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn
+from typing import BinaryIO, NoReturn
 
-from manip3d.errors import FormatError, MissingExtraError
+from manip3d._util.extras import imported
+from manip3d.errors import FormatError
 from manip3d.io._files import open_regular
 from manip3d.io._limits import check_points
 from manip3d.io._scan_tables import refuse_expansion
@@ -235,7 +236,7 @@ def _chunk_sizes(stream: BinaryIO, header: _Header, laszip: _LasZip) -> list[int
 
     The number of entries in the table must have been checked before.
     """
-    lazrs = _lazrs()
+    lazrs = imported("lazrs", "las")
     stream.seek(header.start)
     try:
         table = lazrs.read_chunk_table(stream, lazrs.LazVlr(laszip.data))
@@ -251,11 +252,3 @@ def _chunk_sizes(stream: BinaryIO, header: _Header, laszip: _LasZip) -> list[int
         if sum(counts) < header.count:
             _fail(header.start, f"chunks of {sum(counts)} points in a file of {header.count}")
     return [int(num_bytes) for _, num_bytes in table]
-
-
-def _lazrs() -> Any:
-    try:
-        import lazrs
-    except ImportError:
-        raise MissingExtraError("lazrs", "las") from None
-    return lazrs

@@ -24,8 +24,9 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import imported
 from manip3d._util.paths import path_of
-from manip3d.errors import Error, FormatError, InputError, MissingExtraError
+from manip3d.errors import Error, FormatError, InputError
 from manip3d.io._packet_files import PACKETS, ouster_metadata_names
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(://|::)")
@@ -94,10 +95,7 @@ def filesystem(url: str) -> tuple[Any, str]:
     OSError
         The server cannot be reached; ``filename`` is the URL.
     """
-    try:
-        from fsspec.core import url_to_fs
-    except ImportError:
-        raise MissingExtraError("fsspec", "remote") from None
+    url_to_fs = imported("fsspec.core", "remote").url_to_fs
     path_of(url, "url")  # raises on NUL characters and on bytes that are not UTF-8
     try:
         # Not a cached instance, because its transaction would be shared with other writers.

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.extras import imported
 from manip3d._util.linear import product, quaternions
-from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_path, open_regular
 from manip3d.io._limits import check_points
 from manip3d.io._scan_tables import (
@@ -45,17 +46,9 @@ INTEGERS: dict[str, type[np.unsignedinteger[Any]]] = {
 """Columns that are written in addition to coordinates and intensity, and their types."""
 
 
-def _pye57() -> Any:
-    try:
-        import pye57
-    except ImportError:
-        raise MissingExtraError("pye57", "e57") from None
-    return pye57
-
-
 def read_all(path: Path, limit: int) -> list[LidarFrame]:
     """Read all scan positions, in the file's order; see `manip3d.io.read_scans`."""
-    pye57 = _pye57()
+    pye57 = imported("pye57", "e57")
     with open_regular(path) as stream:  # raises OSError before the parser runs
         if stream.read(8) != b"ASTM-E57":
             raise FormatError("expected an E57 file", file=str(path), byte_offset=0)
@@ -84,7 +77,7 @@ def _check_claims(file: Any, path: Path, limit: int) -> None:
 
 def _columns_of(file: Any, header: Any) -> dict[str, NDArray[Any]]:
     """Columns that pye57 knows; also echoes, times and invalid intensities, which it leaves out."""
-    pye57 = _pye57()
+    pye57 = imported("pye57", "e57")
     known = [name for name in header.point_fields if name in pye57.e57.SUPPORTED_POINT_FIELDS]
     data: dict[str, NDArray[Any]]
     data, buffers = file.make_buffers(
@@ -169,7 +162,7 @@ def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
     InputError
         A frame has no points, which pye57 cannot write.
     """
-    pye57 = _pye57()
+    pye57 = imported("pye57", "e57")
     for frame in frames:
         if not frame.num_points:
             raise InputError("points: E57 needs at least one in each scan")

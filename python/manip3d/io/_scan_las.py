@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.callers import caller_level
-from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d._util.extras import imported
+from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_path
 from manip3d.io._las_checks import check_las
 from manip3d.io._las_units import stated_unit
@@ -33,17 +34,9 @@ _RAW = ("X", "Y", "Z")  # whole numbers from which a reader computes x, y, z
 _LONGEST_NAME = 32  # bytes of the name of an extra dimension
 
 
-def _laspy() -> Any:
-    try:
-        import laspy
-    except ImportError:
-        raise MissingExtraError("laspy", "las") from None
-    return laspy
-
-
 def read(path: Path, limit: int) -> LidarFrame:
     """Read a scan, see `manip3d.io.read_scan`; points far from 0 are shifted near 0."""
-    laspy = _laspy()
+    laspy = imported("laspy", "las")
     num_chunks = check_las(path, limit)
     # The parallel decoder allocates a whole chunk of the size that the file claims. A single chunk
     # may claim any size, and decoding it in parallel would be no faster.
@@ -85,7 +78,7 @@ def read(path: Path, limit: int) -> LidarFrame:
 
 def write(frame: LidarFrame, path: Path) -> None:
     """Write a scan, see `manip3d.io.write_scan`."""
-    laspy = _laspy()
+    laspy = imported("laspy", "las")
     own = frame.format is not None and frame.format.name == "las"
     if own and frame.format is not None:
         header = _without_octree(copy.deepcopy(frame.format.header["las"]))

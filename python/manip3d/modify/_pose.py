@@ -9,8 +9,9 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.closing import Closing
+from manip3d._util.extras import imported
 from manip3d._util.linear import product
-from manip3d.errors import InputError, MissingExtraError
+from manip3d.errors import InputError
 from manip3d.modify._joints import joint_layouts, skeleton_from
 from manip3d.rgbd import (
     INFERRED,
@@ -199,11 +200,7 @@ class PoseTracker(Closing):
         self._pose: Any = self._start()
 
     def _start(self) -> Any:
-        try:
-            from mediapipe.python.solutions.pose import Pose
-        except ImportError:
-            raise MissingExtraError("mediapipe", "pose") from None
-        return Pose(**self._options)
+        return imported("mediapipe.python.solutions.pose", "pose").Pose(**self._options)
 
     def find(self, frame: RgbdFrame) -> Skeleton | None:
         """Find the person's skeleton.

@@ -8,7 +8,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from manip3d.errors import FormatError, MissingExtraError
+from manip3d._util.extras import imported
+from manip3d.errors import FormatError
 from manip3d.experiments import counted
 from manip3d.io._files import regular_bytes
 from manip3d.report._tables import number, readable, tables
@@ -43,14 +44,11 @@ def environment() -> jinja2.Environment:
     MissingExtraError
         jinja2 is not installed.
     """
-    try:
-        import jinja2
-    except ImportError:
-        raise MissingExtraError("jinja2", "experiments") from None
-    made = jinja2.Environment(
-        loader=jinja2.FunctionLoader(template),
+    engine = imported("jinja2", "experiments")
+    made: jinja2.Environment = engine.Environment(
+        loader=engine.FunctionLoader(template),
         autoescape=True,
-        undefined=jinja2.StrictUndefined,
+        undefined=engine.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )

@@ -28,7 +28,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d.errors import DeviceError, FormatError, InputError, MissingExtraError
+from manip3d._util.extras import imported
+from manip3d.errors import DeviceError, FormatError, InputError
 from manip3d.serve._certificate import Certificate, address_of
 
 if TYPE_CHECKING:
@@ -375,10 +376,7 @@ class LocalServer:
         limits: Limits | None = None,
         certificate: Certificate | None = None,
     ) -> None:
-        try:
-            import aiohttp  # noqa: F401
-        except ImportError as error:
-            raise MissingExtraError("aiohttp", "live") from error
+        imported("aiohttp", "live")
         address = address_of(host)
         if certificate is None and not address.is_loopback:
             raise InputError(

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from manip3d._util.extras import imported
 from manip3d._util.options import threads_of
-from manip3d.errors import Error, MissingExtraError
+from manip3d.errors import Error
 
 Floats = NDArray[np.float32]
 
@@ -117,11 +118,8 @@ def _open3d() -> Any:
     Error
         Rays do not hit triangles, as with Debian's package.
     """
-    try:
-        with _without_web_visualizer():
-            import open3d as o3d
-    except ImportError as error:
-        raise MissingExtraError("open3d", "simulate") from error
+    with _without_web_visualizer():
+        o3d = imported("open3d", "simulate")
     scene = o3d.t.geometry.RaycastingScene()
     corners = np.array([[-1, -1, 2], [3, -1, 2], [-1, 3, 2]], np.float32)
     scene.add_triangles(

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import imported
 from manip3d._util.linear import product
 from manip3d._util.options import generator_of, reporting
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import RIGS_FILE, CameraPair, write_rigs
-from manip3d.errors import InputError, MissingExtraError
+from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder
 from manip3d.lidar import Box
 from manip3d.simulate import cameras
@@ -286,11 +287,8 @@ def surround_pairs() -> dict[str, CameraPair]:
 
 
 def _image(pixels: NDArray[np.uint8]) -> PIL.Image.Image:
-    try:
-        import PIL.Image
-    except ImportError as error:
-        raise MissingExtraError("pillow", "simulate") from error
-    return PIL.Image.fromarray(pixels)
+    image: PIL.Image.Image = imported("PIL.Image", "simulate").fromarray(pixels)
+    return image
 
 
 def _write(path: Path, data: bytes) -> None:

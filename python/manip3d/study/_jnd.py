@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.extras import scipy_stats
+from manip3d._util.extras import imported
 from manip3d._util.options import generator_of
 from manip3d.errors import FormatError, InputError
 from manip3d.study._definition import Common, Section
@@ -569,7 +569,7 @@ def mean_interval(values: Sequence[float]) -> tuple[float | None, float | None]:
     """Return Student's 95 % interval of a mean; None for fewer than two values."""
     if len(values) < 2:
         return None, None
-    stats = scipy_stats()
+    stats = imported("scipy.stats", "live")
     half = float(stats.t.ppf(0.975, len(values) - 1)) * float(np.std(values, ddof=1))
     half /= math.sqrt(len(values))
     return float(np.mean(values)) - half, float(np.mean(values)) + half
@@ -618,7 +618,7 @@ def paired_power(
             raise InputError(f"{name}: expected {low} to {high}, got {value}")
     if not 0.0 < alpha < 1.0:
         raise InputError(f"alpha: expected between 0 and 1, got {alpha}")
-    stats = scipy_stats()
+    stats = imported("scipy.stats", "live")
     freedom = participants - 1
     critical = float(stats.t.ppf(1.0 - alpha / comparisons / 2.0, freedom))
     shifted = stats.nct(freedom, abs(effect) * math.sqrt(participants))  # the test is two-sided

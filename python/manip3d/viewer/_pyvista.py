@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from manip3d.errors import MissingExtraError
+from manip3d._util.extras import imported
 from manip3d.mesh import Mesh
 from manip3d.viewer.points import DrawnPoints
 from manip3d.viewer.renderers import egl_window
@@ -39,10 +39,7 @@ LIGHTS = (((-0.6, 0.9, 1.0), 0.78), ((1.0, -0.1, 0.8), 0.25), ((0.0, 0.0, 1.0), 
 
 def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
     """Draw a mesh or points as seen by ``camera``."""
-    try:
-        import pyvista
-    except ImportError as error:
-        raise MissingExtraError("pyvista", "viz") from error
+    pyvista = imported("pyvista", "viz")
     width, height = style.size
     with egl_window():
         plotter: Any = pyvista.Plotter(
@@ -73,10 +70,7 @@ def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
 @contextlib.contextmanager
 def scene(meshes: Sequence[Mesh], camera: Camera, style: Style) -> Iterator[Any]:
     """Yield a VTK plotter with all meshes, which can be drawn repeatedly."""
-    try:
-        import pyvista
-    except ImportError as error:
-        raise MissingExtraError("pyvista", "viz") from error
+    pyvista = imported("pyvista", "viz")
     with egl_window():
         plotter: Any = pyvista.Plotter(
             off_screen=True,

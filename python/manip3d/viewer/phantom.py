@@ -18,8 +18,9 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
+from manip3d._util.extras import imported
 from manip3d._util.options import reporting
-from manip3d.errors import InputError, MissingExtraError
+from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder, atomic_path, atomic_write
 
 if TYPE_CHECKING:
@@ -351,11 +352,7 @@ class _Film:
     """
 
     def __init__(self, path: Path) -> None:
-        try:
-            import av
-        except ImportError as error:
-            raise MissingExtraError("av", "video") from error
-        self._av = av
+        self._av = av = imported("av", "video")
         self._container = av.open(os.fspath(path), "w", format="mp4")
         self._stream: Any = None
         self._step = _TICKS // RATE  # between the last two frames

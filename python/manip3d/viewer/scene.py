@@ -13,8 +13,9 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.checked import checked
+from manip3d._util.extras import imported
 from manip3d._util.options import threads_of
-from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.errors import FormatError, InputError
 from manip3d.io import texture_path
 from manip3d.io._files import regular_bytes
 from manip3d.mesh import Material, Mesh, Texture
@@ -370,11 +371,7 @@ def downsampled(image: Image, factor: int) -> Image:
 
 def pillow() -> Any:
     """Return the module ``PIL.Image``."""
-    try:
-        import PIL.Image
-    except ImportError as error:
-        raise MissingExtraError("pillow", "viz") from error
-    return PIL.Image
+    return imported("PIL.Image", "viz")
 
 
 def _base_color_images(mesh: Mesh) -> dict[Texture | None, Image | None]:

@@ -1,0 +1,60 @@
+"""Modules of optional packages: absent, broken, or interrupted while they are imported."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from manip3d._util.extras import imported
+from manip3d.errors import Error, MissingExtraError
+
+
+def package_with(code: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Make a package with ``code`` importable, and return its name."""
+    (folder / "imported_by_a_test.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(folder)
+    return "imported_by_a_test"
+
+
+def test_an_absent_package_is_told_by_the_name_under_which_it_is_installed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(MissingExtraError, match=r"^opencv-python-headless is needed here: .*alert"):
+        imported("cv2", "alert")
+
+
+def test_a_package_whose_system_library_is_missing_is_not_called_absent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lacks = 'raise ImportError("libGL.so.1: cannot open shared object file")'
+    name = package_with(lacks, tmp_path, monkeypatch)
+    with pytest.raises(Error, match=r"is installed but cannot be imported: libGL\.so\.1") as told:
+        imported(name, "viz")
+    assert not isinstance(told.value, MissingExtraError)
+
+
+def test_a_package_that_lacks_another_package_names_that_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = package_with("import nobody_has_this", tmp_path, monkeypatch)
+    with pytest.raises(Error, match=r"cannot be imported: No module named 'nobody_has_this'"):
+        imported(name, "viz")
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "raise KeyboardInterrupt",
+        "raise ImportError('initialization failed') from KeyboardInterrupt()",
+        "try:\n    raise KeyboardInterrupt\nexcept BaseException:\n    raise ImportError('failed')",
+    ],
+)
+def test_ctrl_c_during_an_import_stays_ctrl_c(
+    code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = package_with(code, tmp_path, monkeypatch)
+    with pytest.raises(KeyboardInterrupt):
+        imported(name, "simulate")
