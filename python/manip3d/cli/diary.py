@@ -742,6 +742,7 @@ def analyse(path: File, key: Key = None, as_json: Json = False) -> None:
             "participants": list(found.identifiers),
             "scores": found.scores.tolist(),
             "model": None if found.model is None else _model(found),
+            "why_no_model": found.why_no_model,
             "paired": [None if one is None else vars(one) for one in found.paired],
             "responders_30": vars(found.responders_30),
             "responders_50": vars(found.responders_50),
