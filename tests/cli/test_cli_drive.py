@@ -110,6 +110,9 @@ def test_a_policy_can_act_on_remarks(drive: Path, tmp_path: Path) -> None:
     assert _code_of_rows([row], {"policy": "remarks=7"}) == 7
     assert _code_of_rows([row, {"verdict": "tampered"}], {"policy": "remarks=7"}) == 3
     assert _code_of_rows([row], {"policy": ""}) == 0
+    unread = [row, {"source": "two.pcap", "error": "cut"}, {"verdict": "tampered"}]
+    assert _code_of_rows(unread, {"policy": "tampered=0,remarks=7"}) == 1
+    assert _code_of_rows(unread, {"policy": "remarks=7"}) == 3
 
 
 def test_a_drive_is_one_page(drive: Path, tmp_path: Path) -> None:

@@ -212,6 +212,7 @@ def test_a_film_has_the_speed_of_its_frames(tmp_path: Path) -> None:
         (7, 7, 7): (0, 33, 67),  # no times
         (500, 400, 417): (0, 33, 50),  # the clock went back
         (0, 60_000, 60_100): (0, 10_000, 10_100),
+        (0, 60_000, 0): (0, 10_000, 10_250),  # the step after a gap is not the gap's
     }
     for times, shown in steps_ms.items():
         frames = [replace(f, time_ns=t * 10**6) for f, t in zip(source, times, strict=True)]

@@ -665,6 +665,25 @@ def test_compressed(tmp_path: Path, suffix: str) -> None:
     np.testing.assert_array_equal(manip3d.read_mesh(path).vertices, SQUARE)
 
 
+def test_a_scene_in_xz_that_asks_for_much_memory_is_not_unpacked() -> None:
+    import lzma
+    import zlib
+
+    from manip3d.io._scenes import scene_of_bytes
+
+    def with_dictionary(code: int) -> bytes:
+        packed = bytearray(lzma.compress(square(), check=lzma.CHECK_NONE))
+        header = packed[12 : 12 + 4 * (packed[12] + 1)]  # of the first block
+        header[header.index(b"\x21\x01") + 2] = code
+        header[-4:] = zlib.crc32(header[:-4]).to_bytes(4, "little")
+        packed[12 : 12 + len(header)] = header
+        return bytes(packed)
+
+    scene = scene_of_bytes(with_dictionary(22), "-")  # 8 MiB
+    assert scene is not None and scene.num_faces == 2
+    assert scene_of_bytes(with_dictionary(30), "-") is None  # 128 MiB
+
+
 # --- What is left out, what is refused ----------------------------------------------------------
 
 
