@@ -15,6 +15,7 @@ import pytest
 from command_line import error_line, manip3d
 from gltf_files import PNG
 from manip3d import LidarFrame, Material, Mesh, Texture, io, read_mesh, simplify, simulate
+from manip3d.metrics import metro
 
 
 def test_version() -> None:
@@ -581,9 +582,13 @@ def test_compare_measures_both_directions_and_samplings(torus: Path, tmp_path: P
     manip3d("simplify", torus, "-o", light, "--faces", "300")
     record = json.loads(manip3d("compare", torus, light, "--json").stdout)
     assert record["faces"][0] == 1152
+    meshes = read_mesh(torus), read_mesh(light)
     for sampling in ("vertex", "area"):
-        for direction in ("forward", "backward"):
-            assert record["metro"][sampling][direction]["mean"] >= 0
+        found = metro(*meshes, sampling=sampling)
+        for direction, expected in (("forward", found.forward), ("backward", found.backward)):
+            assert record["metro"][sampling][direction]["mean"] == pytest.approx(expected.mean)
+    assert found.forward.mean > 0
+    assert found.forward.mean != found.backward.mean
     assert record["boundary_gap"]["cracks"] == 0
     text = manip3d("compare", torus, light).stdout
     assert "Metro, area samples, simplified to original" in text

@@ -24,6 +24,7 @@ from cave_scans import AHEAD, ball
 from manip3d._util.extras import EXTRAS
 from manip3d.cli import _VERBS, app, load
 from manip3d.experiments import _simplification
+from manip3d.phantom._page import HAZARDS
 from trial_files import write_trial
 
 ROOT = Path(__file__).parents[2]
@@ -335,6 +336,13 @@ def mkv_is_here() -> bool:
 )
 def test_each_line_of_readme_runs(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     check(line, place, monkeypatch)
+
+
+def test_the_hazards_of_readme_are_those_of_the_page_that_people_must_read() -> None:
+    table = README.partition("| Hazard |")[2].partition("\n\n")[0].splitlines()[2:]
+    rows = [tuple(cell.strip() for cell in row.strip("|").split("|")) for row in table]
+    assert rows
+    assert [tuple(cell.replace("`", "") for cell in row) for row in rows] == list(HAZARDS)
 
 
 def test_other_lines_of_readme_name_what_is_there() -> None:

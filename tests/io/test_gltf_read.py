@@ -680,7 +680,8 @@ def test_a_scene_in_xz_that_asks_for_much_memory_is_not_unpacked() -> None:
         return bytes(packed)
 
     scene = scene_of_bytes(with_dictionary(22), "-")  # 8 MiB
-    assert scene is not None and scene.num_faces == 2
+    assert scene is not None
+    assert scene.num_faces == 2
     assert scene_of_bytes(with_dictionary(30), "-") is None  # 128 MiB
 
 

@@ -161,13 +161,13 @@ def run(
 ) -> None:
     """Judge every frame of a drive and follow the risk.
 
-    Three witnesses judge the frames. The watermark is verified in every frame if there is a key.
+    Three checks judge the frames. The watermark is verified in every frame if there is a key.
     LiDAR and cameras are compared in every frame (with --live, if there is time). Forensics judge
     one frame a second, each frame that the others cannot judge, and each frame that only the
     cameras accuse. With --budget these are at most one accused frame a second more; with --live
     forensics work in the background, so that their verdict comes some frames later, and frames that
     only the cameras accuse come first. If a picture, record or speed cannot be read, or the
-    calibration is missing or of pictures of another size, the other witnesses still judge the
+    calibration is missing or of pictures of another size, the other checks still judge the
     frame. A drive that ends in an error is judged by the frames before the error.
 
     The output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0

@@ -22,46 +22,59 @@ INTENDED_USE = (
 HAZARDS: Sequence[tuple[str, str, str]] = (
     (
         "pain grows during a session",
-        "asks before and after; at 2 points more it says stop, starts no further game and notes an "
-        "adverse event (only with a diary)",
+        "starts no game before a rating; at 2 points more than the first rating, at any time "
+        "since, it says stop, starts no further game that day, also after a restart, and notes "
+        "an adverse event (only with a diary)",
         'ask; stop at any time with Stop, the space bar or "End this session"',
     ),
     (
         "sickness, a disturbing sight",
-        '"I feel sick" stops the play, and confirmed ends it for the day and is noted (only with a '
-        "diary)",
+        '"I feel sick" stops the game; if it is confirmed, no game starts again that day and it '
+        "is noted (only with a diary)",
         "stay with the patient; begin on a screen before a headset",
     ),
     (
         "a phantom limb in the wrong place",
-        "the state is shown in words; while it is not followed nothing can be hit or missed",
+        "the state of the tracking is shown in words; while the limb is not tracked, nothing "
+        "can be hit or missed",
         "stop where the picture is not believable",
     ),
     (
         "falls, strain, a headset that hides the room",
         "games for legs are played sitting; difficulty begins at easy",
-        "a chair that does not move; free space; hold who wears a headset",
+        "a chair that does not move; free space; support the wearer of a headset",
     ),
     (
-        "somebody reads or changes what is kept",
+        "somebody reads or changes the stored data",
         "pseudonyms, encryption of the diary on demand, an encrypted connection for other "
-        "machines, an address that lets in one browser, once, and a code on the page that lets in "
-        "another one",
+        "machines, an address that works once, for one browser, and a code on the page for a "
+        "second browser",
         "keep keys elsewhere; encrypt the disk; exports and films are not encrypted",
     ),
     (
         "films of a patient",
-        "none without consent; the person before a grey ground, nothing of the room; taken back, "
-        "they are deleted",
+        "none without consent; they show the person before a grey background, without the room; "
+        "if the consent is withdrawn, they are deleted",
         "ask for consent on paper too; delete copies",
     ),
     (
         "data are lost",
-        "each game and rating is on the disk before the next one begins",
+        "each game is written when it begins, every 10 s and when it ends, and so is each "
+        "rating; entries that cannot be written (full disk, locked file) are shown, tried again "
+        "and, if that fails, listed at the end",
         "copies of the diary, and of its key",
     ),
+    (
+        "a participant withdraws",
+        "diary delete removes every entry of the participant from the file (the audit keeps "
+        "only the number of rows); exported files are listed, and removed with --exports",
+        "delete other copies too",
+    ),
 )
-"""Hazards: what can happen, what the software does about it, and what people must do."""
+"""Hazards: what can happen, what the software does about it, and what people must do.
+
+README.md has the same table.
+"""
 
 _HAZARD_PAGE = """\
 <!DOCTYPE html>

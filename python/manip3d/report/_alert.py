@@ -269,7 +269,7 @@ _MEANING = {
     "undecidable": "undecidable",
     "processed": "processed after the scanner",
     "skipped": "skipped: no time, or not due",
-    "absent": "no such witness",
+    "absent": "not checked: no key or no pictures",
 }
 _MAP_LEGEND = (
     "<li><b style='background:#c62828'></b>added: only the LiDAR sees it"
@@ -293,7 +293,7 @@ def _facts(source: str, counts: AlertCounts) -> str:
         f"{source}: {counts.frames} frames ({verdicts})",
         f"time for a verdict: mean {1e3 * counts.mean_s:.0f} ms, slowest "
         f"{1e3 * counts.slowest_s:.0f} ms, {counts.late} later than the budget",
-        f"frames in which a witness was skipped: {skipped}",
+        f"frames in which a check was skipped: {skipped}",
     )
     return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
 
