@@ -170,9 +170,18 @@ def test_doctor_reports_state_and_cure(tmp_path: Path) -> None:
         ("empty", "holds none of the folders"),
     ],
 )
-def test_doctor_names_a_wrong_data_folder(name: str, message: str, tmp_path: Path) -> None:
+def test_a_wrong_data_folder_is_named(name: str, message: str, tmp_path: Path) -> None:
+    """Simulated data would otherwise stand in for those that somebody meant."""
     (tmp_path / "file").touch()
     (tmp_path / "empty").mkdir()
+    here = {"MANIP3D_DATA": str(tmp_path / name), "MANIP3D_CACHE": str(tmp_path / "cache")}
+    refused = manip3d("reproduce", "table-2.1", "-o", tmp_path / "out", **here)
+    assert f"MANIP3D_DATA: {tmp_path / name} {message}" in error_line(refused)
+    assert not (tmp_path / "out").exists()
+    assert f"{tmp_path / name} {message}" in error_line(
+        manip3d("reproduce", "table-2.1", "--data", "real", "-o", tmp_path / "out", **here)
+    )
+    assert message in manip3d("data", "list", **here).stdout
     done = manip3d("doctor", "--json", MANIP3D_DATA=str(tmp_path / name), MANIP3D_RENDERER="none")
     assert done.returncode == 1
     (check,) = [c for c in json.loads(done.stdout) if c["what"] == "MANIP3D_DATA"]
@@ -680,6 +689,7 @@ def test_reproduce_refuses_a_foreign_folder(tmp_path: Path) -> None:
 
 
 def test_real_data_that_is_missing_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
     done = manip3d(
         "reproduce",
         "table-2.1",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import struct
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from command_line import manip3d
-from manip3d import Intrinsics, LidarFrame, RgbdCalibration, RgbdFrame, capture
+from manip3d import Intrinsics, LidarFrame, RgbdCalibration, RgbdFrame, capture, simulate
 from manip3d.datasets import open_kitti
 from manip3d.io import read_range_grid, read_scan
 from velodyne_packets import block, ethernet, packet, pcap, udp_frame
@@ -179,6 +180,34 @@ def test_a_folder_of_exported_clouds_is_inspected(tmp_path: Path) -> None:
     (tmp_path / "notes.csv").write_text("name,value\na,1\n")
     rows = json.loads(run("inspect", tmp_path, "--json", "--policy", "undecidable=0", *ALONE))
     assert [Path(row["source"]).name for row in rows] == ["a.csv", "b.npy"]
+
+
+def test_a_name_that_is_not_utf_8_gets_its_page(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"drive\xe9") / "velodyne"
+    folder.mkdir(parents=True)
+    path = folder / os.fsdecode(b"caf\xe9.bin")
+    scan().write(path)
+    run("inspect", path, "-o", tmp_path / "scan.html", *ALONE, code=4)
+    assert "caf\\udce9.bin" in (tmp_path / "scan.html").read_text(encoding="utf-8")
+    scan().write(path.rename(folder / "0.bin").with_name("1.bin"))
+    run("inspect", folder.parent, "-o", tmp_path / "drive.html", *ALONE, code=4)
+    assert "drive\\udce9" in (tmp_path / "drive.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("verb", "name"),
+    [
+        *(("info", "a.bin"), ("convert", "a.bin"), ("view", "a.bin"), ("inspect", "a.bin")),
+        *(("info", "a.ply"), ("convert", "a.ply"), ("view", "a.ply")),
+    ],
+)
+def test_a_calibration_of_lasers_is_for_packets(verb: str, name: str, tmp_path: Path) -> None:
+    source = tmp_path / name
+    (simulate.models.floor() if name == "a.ply" else scan()).write(source)
+    output = () if verb == "info" else ("-o", tmp_path / "out.html")
+    done = manip3d(verb, source, "--calibration", tmp_path / "lasers.xml", *output)
+    assert done.returncode == 1
+    assert "--calibration: can only be given with a" in done.stderr
 
 
 def test_coordinates_of_a_map_that_are_lost_are_told(tmp_path: Path) -> None:

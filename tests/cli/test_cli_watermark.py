@@ -52,6 +52,16 @@ def drive(tmp_path: Path) -> Path:
     return folder
 
 
+def test_loose_scans_are_said_to_have_no_chain(key: Path, drive: Path, tmp_path: Path) -> None:
+    loose = tmp_path / "loose"
+    shutil.copytree(drive / "velodyne_points" / "data", loose)
+    told = run("embed", loose, "--key", key, "-o", tmp_path / "signed", "--jobs", 1)
+    assert told.exit_code == 0
+    assert "4 scans, each a session of its own: if one is missing" in " ".join(told.output.split())
+    whole = run("embed", drive, "--key", key, "-o", tmp_path / "whole")
+    assert "of its own" not in whole.output
+
+
 def test_a_survey_file_is_signed_as_it_is(key: Path, tmp_path: Path) -> None:
     pytest.importorskip("laspy")
     corner = np.array([500_000.0, 5_400_000.0, 200.0])

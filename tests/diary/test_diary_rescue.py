@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import shutil
 import sqlite3
@@ -112,6 +113,13 @@ def test_a_damaged_index_loses_nothing(kept: Path, tmp_path: Path) -> None:
         assert [clip.pictures[0] for clip in diary.clips("P02")] == [(0.0, FILM)]
         export_csv(diary, tmp_path / "tables")
     assert len((tmp_path / "tables" / "games.csv").read_text().splitlines()) == 1 + GAMES
+
+
+def test_a_diary_whose_name_is_not_utf_8_is_rescued(kept: Path, tmp_path: Path) -> None:
+    odd = kept.rename(tmp_path / os.fsdecode(b"caf\xe9#%41.diary"))
+    found = rescue_diary(odd, tmp_path / os.fsdecode(b"neu\xe9.diary"))
+    assert found.missing == ()
+    assert len(games(found.output)) == GAMES
 
 
 def test_the_diary_is_left_as_it_was_without_files_beside_it(kept: Path, tmp_path: Path) -> None:

@@ -66,6 +66,7 @@ def convert(
 
     shell = Terminal(quiet=quiet)
     expect_kind(source, "mesh", "scan", "range grid", "packets", "drive", verb="convert")
+    scanning.expect_packets(source, calibration)
     if source != "-" and kind_of(source) == "scan":
         if unit is not None or up is not None:
             raise typer.BadParameter("--unit and --up are for meshes: scans know their units")

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from manip3d.cli.options import Json, Quiet
+from manip3d.cli.options import Json, Quiet, Tier
 from manip3d.cli.terminal import Terminal, counted, table
-from manip3d.errors import Error
+from manip3d.errors import Error, InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -46,6 +46,7 @@ def listing() -> list[dict[str, Any]]:
 def show(console: Console, records: list[dict[str, Any]]) -> None:
     """Print one line per data set, then the folder in which data is searched."""
     from manip3d import datasets
+    from manip3d.datasets._registry import chosen_folder_problem
 
     rows = [
         (r["name"], _state(r), r["kind"], f"{r['bytes'] / 1e6:.1f} MB", r["title"]) for r in records
@@ -54,11 +55,27 @@ def show(console: Console, records: list[dict[str, Any]]) -> None:
     root = datasets.data_root()
     here = sum(record["here"] for record in records)
     console.print(f"\n{here} of {len(records)} here; data folder: {root or 'none'}")
+    if problem := chosen_folder_problem():
+        console.print(f"{problem}.")
     if here < len(records):
         console.print(
             "Set MANIP3D_DATA to the folder that holds them, or 'manip3d data get NAME' for those "
             f"to fetch; it goes to {datasets.cache_folder()}."
         )
+
+
+def expect_data_folder(tier: Tier) -> None:
+    """Refuse to measure simulated data because ``MANIP3D_DATA`` is misspelt.
+
+    Raises
+    ------
+    InputError
+        The variable is set, recorded data are asked for, and it names no folder with such data.
+    """
+    from manip3d.datasets._registry import chosen_folder_problem
+
+    if tier is not Tier.simulated and (problem := chosen_folder_problem()):
+        raise InputError(f"{problem}; unset it, or give --data simulated, for simulated data")
 
 
 def _state(record: dict[str, Any]) -> str:

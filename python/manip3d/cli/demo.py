@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from manip3d.cli.data import expect_data_folder
 from manip3d.cli.options import Processes, Quiet, Seed, Tier
 from manip3d.cli.reproduce import refuse_foreign_folder, say_what_was_done
 from manip3d.cli.terminal import Terminal
@@ -39,6 +40,7 @@ def demo(
     from manip3d._util.extras import require
 
     require("demo")
+    expect_data_folder(data)
     shell = Terminal(quiet=quiet)
     done = tell(output, data=data.value, seed=seed, jobs=jobs, terminal=shell)
     open_page(done.page, shell)

@@ -92,10 +92,10 @@ def _viewer() -> dict[str, Any]:
 
 def _data() -> list[dict[str, Any]]:
     from manip3d import datasets
+    from manip3d.datasets._registry import chosen_folder_problem
 
-    chosen = os.environ.get("MANIP3D_DATA")
     checks = []
-    problem = datasets.data_folder_problem(Path(chosen)) if chosen else ""
+    problem = chosen_folder_problem().removeprefix("MANIP3D_DATA: ")
     if problem:
         checks.append(_check("MANIP3D_DATA", "broken", problem, "set it to the data folder"))
     known = datasets.registry().values()

@@ -36,6 +36,7 @@ def info(
 
     expect_kind(source, *SHOWN, verb="info")
     shell = Terminal(as_json=as_json, quiet=quiet)
+    scanning.expect_packets(source, calibration)
     kind = "mesh" if source == "-" else kind_of(source)
     if kind == "rgbd":
         opened = capture.open_source(source, shell, intrinsics=intrinsics)

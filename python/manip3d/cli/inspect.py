@@ -27,6 +27,7 @@ from manip3d.cli.options import (
     OptionalOutput,
     Quiet,
 )
+from manip3d.cli.scanning import expect_packets
 from manip3d.cli.terminal import (
     Terminal,
     check_output,
@@ -346,8 +347,7 @@ def inspect(
                          "printed": printed, "threads": jobs},
             )  # fmt: skip
         raise typer.Exit(_code_of_drive(together, codes, shell))
-    if calibration is not None:
-        raise InputError("--calibration: can only be given with a recording of packets, got a scan")
+    expect_packets(source, calibration)
     check_output(output, report.EVIDENCE_KINDS, force=force)
     check_output(rows, (".csv",), force=force, option="--rows")
     frame = read_scan(source)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from manip3d.cli.data import expect_data_folder
 from manip3d.cli.options import MISSED, Force, Json, Processes, Quiet, Scale, Seed, Tier
 from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, counted, naming_options, table
@@ -75,6 +76,7 @@ def reproduce(
         records = listing(ids or [])
         shell.result(records, lambda console: show_listing(console, records))
         return
+    expect_data_folder(data)
     plan = {"data": data.value, "scale": scale.value, "seed": seed}
     summary = run_experiments(ids or [], output, plan, shell, jobs=jobs, dask=dask, force=force)
     shell.result(digest(summary), lambda console: show(console, summary))

@@ -24,6 +24,22 @@ _MAX_TOLD = 8
 """Largest number of column names in a message."""
 
 
+def expect_packets(source: str, calibration: Path | None) -> None:
+    """Refuse ``--calibration`` for a source that is no recording of packets.
+
+    Raises
+    ------
+    InputError
+        A calibration is given, and the source is a mesh or a scan.
+    """
+    from manip3d import capture
+
+    if calibration is not None and (source == "-" or capture.scan_address(source) is None):
+        raise InputError(
+            f"--calibration: can only be given with a recording of packets, got {source}"
+        )
+
+
 def frames(
     source: str, terminal: Terminal, calibration: Path | None = None
 ) -> Iterator[LidarFrame]:

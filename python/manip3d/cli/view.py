@@ -14,6 +14,7 @@ from manip3d.cli import kinds
 from manip3d.cli.kinds import SHOWN, expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Calibration, DepthUnit, Force, OptionalOutput, Quiet, Source
+from manip3d.cli.scanning import expect_packets
 from manip3d.cli.sources import open_mesh
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
 from manip3d.errors import InputError
@@ -59,7 +60,7 @@ def _refuse_unused(sources: Sequence[str], given: Mapping[str, Any]) -> None:
     Nothing is refused if a source is a folder, a pattern or an address, whose content is not known
     here, or a missing file, about which another error is raised later.
     """
-    from manip3d import viewer
+    from manip3d import capture, viewer
 
     if not all(source == "-" or Path(source).is_file() for source in sources):
         return
@@ -71,6 +72,8 @@ def _refuse_unused(sources: Sequence[str], given: Mapping[str, Any]) -> None:
                 f"--{name.replace('_', '-')}: can only be given with {expected}, got "
                 f"{', '.join(sources)}"
             )
+    if not any(source != "-" and capture.scan_address(source) for source in sources):
+        expect_packets(sources[0], given["calibration"])
 
 
 def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:

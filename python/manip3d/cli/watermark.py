@@ -168,6 +168,17 @@ def of_one_only(
     return {}
 
 
+def _without_chain(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a sentence on scans that were signed one by one; empty if there are not several."""
+    scans = sum("session" in row and not Path(str(row["source"])).is_dir() for row in rows)
+    if scans < 2:
+        return ""
+    return (
+        f"{counted(scans, 'scan')}, each a session of its own: if one is missing or two are "
+        "exchanged, verify does not notice it; scans in a folder velodyne/ are signed as one drive"
+    )
+
+
 @app.command("embed")
 @over_files(
     lambda: FOLDER_SUFFIXES,
@@ -175,6 +186,7 @@ def of_one_only(
     drives=True,
     has_to=False,
     depends=key_of,
+    sentence=_without_chain,
 )
 def embed(
     source: Source,
@@ -228,6 +240,8 @@ def embed(
     quiet: Quiet = False,
 ) -> None:
     """Embed a watermark into a scan or a drive. All scans of a drive form one chain.
+
+    Scans of a folder without KITTI's layout are signed one by one, without a chain.
 
     The record of each scan is written beside it, as SCAN.wm, or with --picture in the lowest bits
     of the picture, SCAN.png or that of the drive. Points move by at most 1.8 mm (lbm), 1.9 mm (qim)

@@ -212,8 +212,8 @@ def data_folder_problem(folder: Path) -> str:
     Parameters
     ----------
     folder : Path
-        The folder. It should hold at least one of the folders with which the paths of registered
-        files begin.
+        The folder. It should hold at least one of the folders of real data: ``lidar``, or one with
+        which the path of a registered file begins.
 
     Returns
     -------
@@ -237,9 +237,18 @@ def data_folder_problem(folder: Path) -> str:
     if not folder.is_dir():
         return f"{folder} is not a folder"
     parts = {f.path.partition("/")[0] for data_set in registry().values() for f in data_set.files}
+    parts.add("lidar")  # scans of which experiments take whole folders
     if any((folder / part).is_dir() for part in parts):
         return ""
     return f"{folder} holds none of the folders {', '.join(sorted(parts))}"
+
+
+def chosen_folder_problem() -> str:
+    """Return why ``MANIP3D_DATA`` is set but cannot be used, with its name; empty: it can, or is
+    not set."""
+    chosen = os.environ.get("MANIP3D_DATA")
+    problem = data_folder_problem(Path(chosen)) if chosen else ""
+    return f"MANIP3D_DATA: {problem}" if problem else ""
 
 
 def _roots() -> list[Path]:
@@ -342,7 +351,8 @@ def require(file: DataFile, name: str) -> Path:
     path = locate(file)
     if path is None:
         raise DataMissingError(
-            f"{name}: {file.path} is not here; set MANIP3D_DATA to the folder that holds it, "
+            f"{name}: {file.path} is not here; "
+            f"{chosen_folder_problem() or 'set MANIP3D_DATA to the folder that holds it'}, "
             f"or try 'manip3d data get {name}'"
         )
     expected = file.sha256 if path.name == Path(file.path).name else file.content_sha256

@@ -184,7 +184,7 @@ def _to_read(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def _connected(path: Path, mode: str) -> contextlib.closing[sqlite3.Connection]:
-    where = f"file:{quote(os.path.abspath(path))}?mode={mode}"
+    where = f"file:{quote(os.fsencode(os.path.abspath(path)))}?mode={mode}"
     return contextlib.closing(sqlite3.connect(where, uri=True, isolation_level=None))
 
 

@@ -17,6 +17,7 @@ from manip3d.authenticate import RiskParameters
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 from manip3d.report._alert import QUIET, STYLE, strip_of, timeline_html
+from manip3d.report._evidence_files import page_bytes
 
 _GRAVEST_FIRST = ("failed", "tampered", "undecidable", "no_trace", "authentic")
 
@@ -76,7 +77,7 @@ def write_alert_overview(
         + "".join(_vehicle(drive, names[str(drive["source"])]) for drive in ranked)
         + f"<p class=fine>The gravest first. manip3d {html.escape(__version__)}</p></html>\n"
     )
-    atomic_write(path, page.encode())
+    atomic_write(path, page_bytes(page))
 
 
 def _verdict_of(drive: Mapping[str, Any]) -> str:

@@ -17,6 +17,7 @@ from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 from manip3d.report._evidence import PAGE_STYLE
+from manip3d.report._evidence_files import page_bytes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -104,7 +105,8 @@ def write_drive_evidence(
         raise InputError(f"output: expected a name that ends in .html, got {path.name}")
     if len(names) != len(found):
         raise InputError(f"names: expected {len(found)}, one for each scan, got {len(names)}")
-    atomic_write(path, _drive_page(found, names, source, errors, numbers, times_ns).encode())
+    page = _drive_page(found, names, source, errors, numbers, times_ns)
+    atomic_write(path, page_bytes(page))
 
 
 def scanner_poses(found: Sequence[Inspection | None]) -> list[Pose | None]:

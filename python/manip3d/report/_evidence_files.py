@@ -28,7 +28,12 @@ def write_page_or_record(
     if kind not in EVIDENCE_KINDS:
         raise InputError(f"output: expected a name that ends in .html or .json, got {path.name}")
     text = page() if kind == ".html" else json.dumps(finite(record()), indent=1) + "\n"
-    atomic_write(path, text.encode())
+    atomic_write(path, page_bytes(text))
+
+
+def page_bytes(page: str) -> bytes:
+    """Encode a page. Names of files may hold bytes that are not UTF-8; these become escapes."""
+    return page.encode(errors="backslashreplace")
 
 
 _SCAN_SCHEMES = ("pcap", "ouster", "kitti", "bag")
