@@ -286,8 +286,8 @@ def make_study(words: list[str], place: Path) -> None:
         text = text.replace("step_percent = 5", "step_percent = 15")
         file.write_text(text)
         if words[1] == "jnd":
-            line = f"study stimuli {file} --force -q"
-            assert CliRunner().invoke(app, line.split()).exit_code == 0
+            made = CliRunner().invoke(app, ["study", "stimuli", str(file), "--force", "-q"])
+            assert made.exit_code == 0
     elif words[1] in ("results", "withdraw"):
         study, content = read_study(file)
         with StudyFolder(place / "answers", content) as folder:

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from test_argument_kinds import call_with, recorded
 
 import kernels
-from manip3d import InputError, Intrinsics, capture, simplify
+from manip3d import InputError, Intrinsics, Mesh, capture, simplify
 
 LAZY = ("forge.at_pace", "forge.stream")
 """Their results make frames when they are asked for."""
@@ -72,3 +73,15 @@ def test_whole_numbers_of_all_kinds(count: Any) -> None:
         simplify.relief(kernels.DEPTH, kernels.CAMERA, np.uint64(2**63))
     assert capture.from_frames(kernels.walk)[np.int64(2)] is kernels.walk[2]
     assert Intrinsics(count, count, 9, 9, 5, 5).width == 60
+
+
+@pytest.mark.parametrize("kind", [RuntimeError, TypeError])
+def test_a_tensor_that_is_no_array_is_refused_with_its_own_advice(kind: type[Exception]) -> None:
+    """PyTorch says by its error that ``detach()`` or ``cpu()`` makes an array."""
+
+    class Tensor:
+        def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
+            raise kind("use tensor.cpu()")
+
+    with pytest.raises(InputError, match=r"vertices: expected an array: use tensor\.cpu"):
+        Mesh(Tensor(), np.zeros((0, 3), int))  # type: ignore[arg-type]

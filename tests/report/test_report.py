@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -232,3 +233,10 @@ def test_vehicles_with_folders_of_one_name_are_told_apart(
     page = tmp_path / "overview.html"
     write_alert_overview([{"source": each, "error": "no such drive"} for each in sources], page)
     assert re.findall("<h2>(.*?): <span", page.read_text()) == names
+
+
+def test_the_overview_links_pages_whose_names_are_not_utf_8(tmp_path: Path) -> None:
+    name = os.fsdecode(b"drive\xe9")
+    record = {"source": name, "error": "no such drive", "page": f"{name}.html"}
+    write_alert_overview([record], tmp_path / "overview.html")
+    assert "<a href='drive%E9.html'>drive\\udce9</a>" in (tmp_path / "overview.html").read_text()

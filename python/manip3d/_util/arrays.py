@@ -46,7 +46,11 @@ def as_array(values: ArrayLike, name: str) -> NDArray[Any]:
     try:
         array = np.asarray(values)
     except (TypeError, ValueError) as error:  # for example rows of different lengths
+        if hasattr(values, "__array__"):  # a tensor of a GPU, whose error says what to do
+            raise InputError(f"{name}: expected an array: {error}") from error
         raise InputError(f"{name}: expected an array, got {reprlib.repr(values)}") from error
+    except RuntimeError as error:  # a tensor that needs its gradient
+        raise InputError(f"{name}: expected an array: {error}") from error
     return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 

@@ -170,7 +170,7 @@ def _types_of_folder(folder: Path) -> bytes:
 
 def _types_of_database(path: Path) -> bytes:
     open_regular(path).close()  # raises OSError, and refuses pipes
-    address = f"file:{urllib.parse.quote(str(path.resolve()))}?mode=ro&immutable=1"
+    address = f"file:{urllib.parse.quote(os.fsencode(path.resolve()))}?mode=ro&immutable=1"
     try:
         with contextlib.closing(sqlite3.connect(address, uri=True)) as database:
             rows = database.execute("SELECT type FROM topics LIMIT 10000").fetchall()

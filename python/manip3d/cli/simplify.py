@@ -86,7 +86,7 @@ _TARGETS = ("faces", "ratio", "max_error", "max_distance")
 def _expect_target(*targets: float | None) -> None:
     if all(target is None for target in targets):
         raise typer.BadParameter(
-            "give --faces, --ratio, --max-error or --max-distance", param_hint="--faces"
+            "give --faces, --ratio, --max-error, --max-distance or --headset", param_hint="--faces"
         )
 
 

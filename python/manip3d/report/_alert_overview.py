@@ -92,7 +92,7 @@ def _vehicle(drive: Mapping[str, Any], name: str) -> str:
     """Return the section of a drive: name, verdict, reason, timeline with risk, worst frame."""
     name = html.escape(name)
     if drive.get("page"):
-        name = f"<a href='{quote(str(drive['page']))}'>{name}</a>"
+        name = f"<a href='{quote(os.fsencode(drive['page']))}'>{name}</a>"
     verdict = _verdict_of(drive)
     shown = f"<h2>{name}: <span class={verdict}>{_word(verdict)}</span></h2>"
     if verdict == "failed":
