@@ -297,7 +297,10 @@ def test_inspect_asks_the_turns(turns: list[np.ndarray], tmp_path: Path) -> None
     assert report.calibration is not None
     assert report.calibration.num_scans > 500
     assert report_page(found, tmp_path).count("what the turn before saw there in blue") >= 1
+    assert found.power["white-box added"].share > 0.5
+    assert not any("white-box" in name for name in found.blind)
     alone = authenticate.inspect(now, lattice=LATTICE)
+    assert any("white-box" in name for name in alone.blind)
     assert alone.turns is None
     cropped = now.replace(points=frame[np.abs(frame[:, 1]) < 5.0], exact=None, format=None)
     half = authenticate.inspect(cropped, previous=before, following=after, lattice=LATTICE)

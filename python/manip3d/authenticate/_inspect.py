@@ -35,6 +35,7 @@ from manip3d.authenticate._power import (
     BLIND,
     BLIND_SPARSE,
     BLIND_TERRESTRIAL,
+    BLIND_WITHOUT_TURNS,
     EDITS,
     measure_power,
 )
@@ -499,7 +500,7 @@ def _by_angles(
     )
     return combined(
         scan, position, source, sensor, reports, processing, density=density, occlusion=occlusion,
-        blind=(*BLIND, BLIND_TERRESTRIAL, BLIND_SPARSE),
+        blind=(*BLIND, BLIND_WITHOUT_TURNS, BLIND_TERRESTRIAL, BLIND_SPARSE),
     )  # fmt: skip
 
 

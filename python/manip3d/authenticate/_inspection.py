@@ -14,7 +14,14 @@ from manip3d._util.showing import Showable
 from manip3d.authenticate._density import DensityResult
 from manip3d.authenticate._generic import GenericResult
 from manip3d.authenticate._occlusion import OcclusionResult
-from manip3d.authenticate._power import BLIND, FARTHEST, MIN_POINTS, NEAREST, known_power
+from manip3d.authenticate._power import (
+    BLIND,
+    BLIND_WITHOUT_TURNS,
+    FARTHEST,
+    MIN_POINTS,
+    NEAREST,
+    known_power,
+)
 from manip3d.authenticate._reflectance import ReflectanceResult
 from manip3d.authenticate._repeats import points_id
 from manip3d.authenticate._sensors import Sensor
@@ -168,7 +175,7 @@ class Inspection(Showable):
     origin: Position | None
     origin_from: str
     detectors: tuple[DetectorReport, ...]
-    blind: tuple[str, ...] = BLIND
+    blind: tuple[str, ...] = (*BLIND, BLIND_WITHOUT_TURNS)
     planted_here: Mapping[str, Power] = field(default_factory=lambda: NO_POWER, repr=False)
     density: DensityResult | None = field(default=None, repr=False)
     occlusion: OcclusionResult | None = field(default=None, repr=False)

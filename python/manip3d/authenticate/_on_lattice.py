@@ -21,6 +21,7 @@ from manip3d.authenticate._power import (
     BLIND_WHOLE_STEPS,
     BLIND_WITHOUT_REFLECTANCES,
     BLIND_WITHOUT_STEPS,
+    BLIND_WITHOUT_TURNS,
     known_power,
 )
 from manip3d.authenticate._processing import (
@@ -167,19 +168,27 @@ def _returns_by_lattice(case: Case, beside: Beside, padded: tuple[Processing, ..
     return combined(
         case.scan, position, case.source, sensor, reports, processing, generic=generic,
         turns=compared.turns, reflectance=compared.reflectance,
-        blind=_blind(sensor, judges_reflectances=bool(reports[-1].power)
-                     and reports[-1].name == "reflectance"),
+        blind=_blind(sensor, {report.name for report in reports if report.power}),
     )  # fmt: skip
 
 
-def _blind(sensor: Sensor, *, judges_reflectances: bool) -> tuple[str, ...]:
-    """Classes of edits that no detector finds in scans of a scanner."""
+def _blind(sensor: Sensor, judging: set[str]) -> tuple[str, ...]:
+    """Classes of edits that no detector finds in scans of a scanner.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    judging : set of str
+        Names of the detectors that judged the scan with known power.
+    """
     blind = [*BLIND]
+    if "turns" not in judging:
+        blind.append(BLIND_WITHOUT_TURNS)
     if sensor.lattice is not None and not sensor.lattice.steps:
         blind.append(BLIND_WITHOUT_STEPS)
     if sensor.lattice is not None and sensor.lattice.is_exact:
         blind.append(BLIND_WHOLE_STEPS)
-    if not judges_reflectances:
+    if "reflectance" not in judging:
         blind.append(BLIND_WITHOUT_REFLECTANCES)
     return tuple(blind)
 

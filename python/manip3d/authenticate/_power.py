@@ -43,11 +43,15 @@ if TYPE_CHECKING:
 
 BLIND = (
     "reflectance rewritten within the noise, or with that of other firings of the same lasers",
-    "ranges of existing firings rewritten on the lattice, with reflectances that fit (white-box)",
     "points left out one by one: fewer than one of 200 of the scan, or up to 4 of 5 of an object's",
     "points left out that stand alone, where they are too few to be told as a filter of outliers",
 )
 """Classes of edits that no detector here finds."""
+
+BLIND_WITHOUT_TURNS = (
+    "ranges of existing firings rewritten on the lattice, with reflectances that fit (white-box)"
+)
+"""A further blind class if detector IV did not compare the scan with its neighbouring turns."""
 
 BLIND_WITHOUT_REFLECTANCES = "reflectance rewritten: the scan has none that can be judged"
 """A further blind class if detector V cannot judge the scan."""
@@ -63,6 +67,9 @@ BLIND_TERRESTRIAL = "points removed, cropped or moved together: only what was ad
 
 BLIND_SPARSE = "objects added with a spacing coarser than the scan's: few points hide nothing"
 """Another one: a gap must span a region of neighbouring directions."""
+
+NOT_FOUND = "not found; a watermark shows it"
+"""What reports say of a blind class, beside a share of 0 %."""
 
 NEAREST, FARTHEST = 5.0, 25.0
 """Metres: range of distances at which edits are planted."""

@@ -649,6 +649,7 @@ def _exit_codes(policy: str) -> dict[str, int]:
 
 def show(console: Console, found: Inspection) -> None:
     """Print the verdicts with their reasons, the power, and the boxes."""
+    from manip3d.authenticate._power import NOT_FOUND
     from manip3d.report import place_sentence
 
     console.print(f"{found.verdict}: {found.reason}", soft_wrap=True)
@@ -669,7 +670,7 @@ def show(console: Console, found: Inspection) -> None:
             )
             for name, power in found.power.items()
         ]
-        cells += [(name, "0%", "not looked for", "") for name in found.blind]
+        cells += [(name, "0%", NOT_FOUND, "") for name in found.blind]
         titles = ("edits of this class", "found", "planted in clean scans", "planted in this scan")
         columns = len(titles) if here else 3
         table(console, [cell[:columns] for cell in cells], titles[:columns])

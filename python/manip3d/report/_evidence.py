@@ -16,7 +16,7 @@ import numpy as np
 
 from manip3d import __version__, viewer
 from manip3d._util.checked import checked
-from manip3d.authenticate._power import EDIT_MEANINGS
+from manip3d.authenticate._power import EDIT_MEANINGS, NOT_FOUND
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, Calibration
 from manip3d.datasets import file_sha256
 from manip3d.report._evidence_files import write_page_or_record
@@ -432,8 +432,7 @@ def _power(inspection: Inspection) -> str:
         for name, power in inspection.power.items()
     )
     rows += "".join(
-        f"<tr><td>{html.escape(name)}</td><td>0%</td><td>cannot be seen in a scan alone; only a "
-        "watermark tells</td></tr>"
+        f"<tr><td>{html.escape(name)}</td><td>0%</td><td>{NOT_FOUND}</td></tr>"
         for name in inspection.blind
     )
     sources = {power.source for power in inspection.power.values() if power.source}
