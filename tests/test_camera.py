@@ -695,3 +695,11 @@ def test_depth_images_may_have_either_byte_order(dtype: str) -> None:
     depth = np.arange(1, 64 * 48 + 1).reshape(48, 64)
     native = depth.astype(np.dtype(dtype).newbyteorder("="))
     np.testing.assert_array_equal(PINHOLE.unproject(depth.astype(dtype)), PINHOLE.unproject(native))
+
+
+@pytest.mark.parametrize(
+    "name", ["tum", "kinect-v1", "kinect-v2", "azure", "realsense", "primesense"]
+)
+def test_nominal_cameras_look_through_the_middle_of_their_pixels(name: str) -> None:
+    for each in camera.CAMERA_PRESETS[name].cameras:
+        assert (each.cx, each.cy) == ((each.width - 1) / 2, (each.height - 1) / 2)

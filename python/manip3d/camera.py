@@ -384,9 +384,7 @@ CAMERA_PRESETS: Mapping[str, CameraPreset] = {
         "TUM RGB-D, freiburg3", _vga(535.4, 539.2, 320.1, 247.6), False, "tum"
     ),
     "kinect-v1": CameraPreset("Kinect V1, its infrared camera", _vga(585.0, 585.0), True, "guess"),
-    "kinect-v2": CameraPreset(
-        "Kinect V2", (Intrinsics(512, 424, 365.0, 365.0, 256.0, 212.0),), False, "mm"
-    ),
+    "kinect-v2": CameraPreset("Kinect V2", _centred((512, 424, 365.0)), False, "mm"),
     "azure": CameraPreset(
         "Azure Kinect",
         _centred((640, 576, 504.0), (320, 288, 252.0), (1024, 1024, 504.0), (512, 512, 252.0)),

@@ -22,7 +22,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.camera import Intrinsics
+from manip3d.camera import CAMERA_PRESETS, Intrinsics
 from manip3d.datasets._registry import DataFile, DataSet, get, require
 from manip3d.datasets._tables import data_file, table
 from manip3d.datasets.rgbd import frame_names, load_frame
@@ -52,7 +52,7 @@ _NOMINAL_PERIOD_NS = 33_333_333  # 30 frames per second, for recordings without 
 # shoulder centre, spine and hip centre, the Kinect with the hip centre.
 _UTD_JOINTS = (3, 2, 1, 0, *range(4, 20))
 _UTD_CAMERA = Intrinsics(320, 240, 285.63, 285.63, 160.0, 120.0)  # nominal Kinect V1, mirrored
-_KINECT2_CAMERA = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)  # nominal
+_KINECT2_CAMERA = CAMERA_PRESETS["kinect-v2"].cameras[0]  # nominal
 
 
 def _data_sets() -> tuple[DataSet, ...]:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
-from manip3d.camera import Intrinsics, Registration
+from manip3d.camera import CAMERA_PRESETS, Intrinsics, Registration
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh
 from manip3d.rgbd import (
@@ -55,7 +55,7 @@ Floats = NDArray[np.float32]
 Limb = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 Interval: TypeAlias = "tuple[float, float]"
 
-DEPTH_CAMERA = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)
+DEPTH_CAMERA = CAMERA_PRESETS["kinect-v2"].cameras[0]
 """A Kinect V2's depth camera, with the principal point in the middle for symmetric images."""
 
 COLOR_CAMERA = Registration(
