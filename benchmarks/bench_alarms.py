@@ -273,9 +273,9 @@ def run(file: Path, scanner: str, numbers: range, until: float = math.inf) -> li
 
 def interval(events: int, trials: int) -> tuple[float, float]:
     """Return the 95 % confidence interval of a rate [Clopper and Pearson, 1934]."""
-    from manip3d.experiments._roc import upper_bound
+    from manip3d._util.shares import clopper_pearson
 
-    return 1.0 - upper_bound(trials - events, trials, 0.975), upper_bound(events, trials, 0.975)
+    return clopper_pearson(events, trials)
 
 
 def p_values(line: Line) -> dict[str, float]:
@@ -336,7 +336,8 @@ def drives_alarmed(lines: list[Line]) -> int:
 def report_sequence(file: Path, streets: range, until: float) -> str:
     """Return the table of long drives: accused frames, and alarms of added evidence with bound."""
     import tables
-    from manip3d.authenticate._sequence import FRAMES_PER_SECOND, upper_rate
+    from manip3d._util.shares import upper_rate
+    from manip3d.authenticate._sequence import FRAMES_PER_SECOND
 
     lines = run(file, "HDL-64E, sequence", streets, until)
     drives = len({line["number"] for line in lines})

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from manip3d import InputError, LidarFrame, authenticate, report
+from manip3d._util.shares import binomial_tail, clopper_pearson, upper_limit, upper_rate
 from manip3d.authenticate import DetectorReport, Inspection, drive_evidence, likelihood_ratio
 from manip3d.authenticate._drives import share_with_alarms
-from manip3d.authenticate._sequence import upper_rate
-from manip3d.authenticate._verdict import binomial_tail
 
 NOTHING = authenticate.inspect(LidarFrame(np.zeros((0, 3), np.float32)))
 
@@ -82,6 +81,9 @@ def test_the_bound_is_that_of_the_binomial_law() -> None:
     fewer = sum(math.comb(50, k) * rate**k * (1.0 - rate) ** (50 - k) for k in range(3))
     assert fewer == pytest.approx(0.05)
     assert upper_rate(5, 5) == 1.0
+    pytest.importorskip("scipy")
+    assert upper_limit(2, 50) == pytest.approx(rate, rel=1e-12)
+    assert clopper_pearson(48, 50, 0.9)[0] == pytest.approx(1.0 - rate, rel=1e-12)
 
 
 def test_a_drive_page_shows_the_p_value_that_accuses(tmp_path: Path) -> None:

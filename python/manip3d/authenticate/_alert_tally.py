@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
+from manip3d._util.shares import binomial_tail
 from manip3d.authenticate._alert_verdict import Alert, WitnessReport, joined
 from manip3d.authenticate._cross_modal import CLEAN_ACCUSED
-from manip3d.authenticate._verdict import binomial_tail
 from manip3d.authenticate._watermark_files import StreamTally
 from manip3d.errors import InputError
 

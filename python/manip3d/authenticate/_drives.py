@@ -16,6 +16,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
+from manip3d._util.shares import binomial_tail
 from manip3d.authenticate._extent import left_out_of_turn
 from manip3d.authenticate._inspect import inspect_beside, repeating
 from manip3d.authenticate._inspection import Inspection
@@ -25,7 +26,7 @@ from manip3d.authenticate._on_lattice import LeftOut
 from manip3d.authenticate._processing import STILL_COMPARED
 from manip3d.authenticate._repeats import EarlierScans
 from manip3d.authenticate._sequence import FRAMES_PER_SECOND, DriveEvidence, drive_evidence
-from manip3d.authenticate._verdict import FALSE_ALARM_RATE, Processing, binomial_tail, rate_of
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE, Processing, rate_of
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame

@@ -16,6 +16,7 @@ from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import generator_of, reporting, shares, sharing
 from manip3d._util.paths import path_of
+from manip3d._util.shares import binomial_tail
 from manip3d.authenticate._carriers import ALLOWED, without_bits
 from manip3d.authenticate._generic import consistency_allowing, generic_consistency
 from manip3d.authenticate._lattice import SensorLattice
@@ -23,7 +24,7 @@ from manip3d.authenticate._lattice_estimate import estimate_lattice
 from manip3d.authenticate._reflectance import reflectance_consistency, why_not_judged
 from manip3d.authenticate._sensors import HDL64E, is_hdl64e
 from manip3d.authenticate._turns import turn_consistency
-from manip3d.authenticate._verdict import NO_POWER, Power, binomial_tail, rate_of
+from manip3d.authenticate._verdict import NO_POWER, Power, rate_of
 from manip3d.errors import InputError
 from manip3d.io import read_scan
 from manip3d.io._scan_files import scan_paths

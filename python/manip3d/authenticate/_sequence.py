@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.shares import upper_rate
 from manip3d.authenticate._inspection import Inspection
-from manip3d.authenticate._verdict import binomial_tail
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -136,25 +136,6 @@ def drive_evidence(
             sum_ = 0.0
     judged = sum(each is not None and each.likelihood_ratio is not None for each in found)
     return DriveEvidence(ratios, evidence, threshold, tuple(alarms), alarms_per_hour, judged)
-
-
-def upper_rate(alarms: int, frames: int) -> float:
-    """Return the upper limit of a rate with 95 % confidence [Clopper and Pearson, 1934].
-
-    Parameters
-    ----------
-    alarms, frames : int
-        Number of alarms, and number of frames; without frames the limit is 1.
-    """
-    low, high = 0.0, 1.0
-    if alarms >= frames:
-        return 1.0
-    # bisection: at the limit, at most this many alarms have a probability of 5 %
-    for _ in range(60):
-        rate = 0.5 * (low + high)
-        fewer = 1.0 - binomial_tail(alarms + 1, frames, rate)
-        low, high = (rate, high) if fewer > 0.05 else (low, rate)
-    return high
 
 
 def _log10_ratio(found: Inspection | None) -> float:

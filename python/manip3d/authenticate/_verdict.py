@@ -392,24 +392,3 @@ def likelihood_ratio(p_value: float) -> float:
     if not 0.0 <= p_value <= 1.0:
         raise InputError(f"p_value: expected a probability in [0, 1], got {p_value!r}")
     return 0.5 / math.sqrt(max(p_value, 1e-300))
-
-
-def binomial_tail(least: int, frames: int, rate: float) -> float:
-    """Return the probability that at least ``least`` of ``frames`` independent frames alarm.
-
-    Parameters
-    ----------
-    least, frames : int
-        Number of alarms, and number of frames.
-    rate : float
-        Probability that one frame alarms, in (0, 1).
-    """
-
-    def log_share(count: int) -> float:
-        ways = math.lgamma(frames + 1) - math.lgamma(count + 1) - math.lgamma(frames - count + 1)
-        return ways + count * math.log(rate) + (frames - count) * math.log1p(-rate)
-
-    # The upper tail is summed directly: 1 minus the lower tail has no significant digits if it is
-    # small.
-    tail = math.fsum(math.exp(log_share(count)) for count in range(max(least, 0), frames + 1))
-    return min(1.0, tail)

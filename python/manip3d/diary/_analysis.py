@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
+from manip3d._util.shares import clopper_pearson
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Adherence, Protocol, adherence
 from manip3d.diary._records import Occasion, local_day
@@ -282,12 +283,7 @@ def _t_estimate(value: float, spread: float, df: float) -> Estimate:
 
 def _share(number: int, of: int) -> Share:
     """Return a share with its exact (Clopper-Pearson) confidence interval."""
-    from scipy import special
-
-    tail = (1.0 - _LEVEL) / 2
-    low = float(special.betaincinv(number, of - number + 1, tail)) if number else 0.0
-    high = float(special.betaincinv(number + 1, of - number, 1 - tail)) if number < of else 1.0
-    return Share(number, of, low, high)
+    return Share(number, of, *clopper_pearson(number, of, _LEVEL))
 
 
 def _paired(before: NDArray[np.float64], after: NDArray[np.float64]) -> Estimate | None:

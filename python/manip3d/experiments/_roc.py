@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.shares import upper_limit
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
@@ -52,6 +54,4 @@ def curve(clean: Sequence[float], forged: Sequence[float]) -> tuple[list[float],
 
 def upper_bound(events: int, trials: int, confidence: float = 0.95) -> float:
     """Return Clopper and Pearson's one-sided upper confidence bound of a rate."""
-    from scipy.stats import beta
-
-    return 1.0 if events >= trials else float(beta.ppf(confidence, events + 1, trials - events))
+    return upper_limit(events, trials, confidence)

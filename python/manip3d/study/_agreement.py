@@ -9,6 +9,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.options import generator_of
+from manip3d._util.shares import wilson
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,12 +51,7 @@ def share_interval(hits: int, count: int) -> Interval:
     """
     if not 0 <= hits <= count or count == 0:
         raise InputError(f"hits, count: expected 0 <= hits <= count > 0, got {hits} and {count}")
-    z = 1.959964
-    share = hits / count
-    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
-    half = math.sqrt(share * (1 - share) / count + z * z / (4 * count * count)) * z
-    half /= 1 + z * z / count
-    return Interval(share, max(0.0, middle - half), min(1.0, middle + half))
+    return Interval(hits / count, *wilson(hits, count))
 
 
 @checked
