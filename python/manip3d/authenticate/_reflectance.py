@@ -17,7 +17,7 @@ from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import largest_group, tight_box
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._turns import TurnResult, turn_consistency
-from manip3d.authenticate._verdict import BesideTurns, Calibration, Verdict
+from manip3d.authenticate._verdict import BesideTurns, Calibration, Verdict, tail_p_value
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -405,8 +405,7 @@ def _share_foreign(values: NDArray[np.float64], one: float) -> float:
 
 def reflectance_p_value(strength: float) -> float:
     """Return an upper bound of the probability that a clean frame has a region as strong."""
-    as_strong = sum(value >= strength for value in TAIL)
-    return (1 + as_strong) / (1 + TAIL_FRAMES) if as_strong < len(TAIL) else 1.0
+    return tail_p_value(strength, TAIL, TAIL_FRAMES)
 
 
 def _shifted_as_a_whole(frame: LidarFrame, previous: LidarFrame, following: LidarFrame) -> str:

@@ -16,7 +16,7 @@ from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import largest_group, tight_box
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._movers import passes_by
-from manip3d.authenticate._verdict import BesideTurns, Calibration
+from manip3d.authenticate._verdict import BesideTurns, Calibration, tail_p_value
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -363,8 +363,7 @@ def turn_strength(region: Mapping[str, Any]) -> float:
 
 def turn_p_value(strength: float) -> float:
     """Return an upper bound of the probability that a clean frame has a region as strong."""
-    as_strong = sum(value >= strength for value in TAIL)
-    return (1 + as_strong) / (1 + TAIL_FRAMES) if as_strong < len(TAIL) else 1.0
+    return tail_p_value(strength, TAIL, TAIL_FRAMES)
 
 
 def _why_not_judged(

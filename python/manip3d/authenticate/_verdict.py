@@ -392,3 +392,20 @@ def likelihood_ratio(p_value: float) -> float:
     if not 0.0 <= p_value <= 1.0:
         raise InputError(f"p_value: expected a probability in [0, 1], got {p_value!r}")
     return 0.5 / math.sqrt(max(p_value, 1e-300))
+
+
+def tail_p_value(strength: float, tail: Sequence[float], frames: int) -> float:
+    """Return an upper bound of the probability that a clean frame has a region as strong.
+
+    Parameters
+    ----------
+    strength : float
+        Strength of the strongest region of a frame.
+    tail : sequence of float
+        The largest strengths among clean frames, one for a frame.
+    frames : int
+        Number of clean frames. The bound is 1 for a strength that the whole tail reaches, because
+        weaker regions of clean frames were not counted.
+    """
+    as_strong = sum(value >= strength for value in tail)
+    return (1 + as_strong) / (1 + frames) if as_strong < len(tail) else 1.0
