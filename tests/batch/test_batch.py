@@ -391,7 +391,7 @@ def test_errors_of_remote_files_name_the_url(memory: str) -> None:
         read_mesh(f"{memory}/none.ply")
     assert absent.value.filename == f"{memory}/none.ply"
     TRIANGLE.write(f"{memory}/x.ply")
-    with pytest.raises(FormatError, match=f"{memory}/x.ply: more than max_bytes = 10"):
+    with pytest.raises(FormatError, match=f"{memory}/x.ply: expected at most max_bytes = 10 bytes"):
         read_mesh(f"{memory}/x.ply", max_bytes=10)
     with pytest.raises(InputError, match="Protocol not known: bogus"):
         read_mesh("bogus://x.ply")

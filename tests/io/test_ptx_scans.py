@@ -97,7 +97,7 @@ def test_a_file_may_not_be_larger_than_it_is_allowed(tmp_path: Path) -> None:
     path = written(tmp_path, HEAD + POINTS)
     size = path.stat().st_size
     assert io.read_scan(path, max_bytes=size).num_points == 6
-    with pytest.raises(FormatError, match="more than max_bytes"):
+    with pytest.raises(FormatError, match="at most max_bytes = "):
         io.read_scan(path, max_bytes=size - 1)
 
 

@@ -255,7 +255,7 @@ def test_damaged_and_hostile_archives(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match="set max_bytes"):
         io.read_mesh_bytes(bomb, "3mf")
     (tmp_path / "a.3mf").write_bytes(data)
-    with pytest.raises(FormatError, match=r"a\.3mf: more than max_bytes = 100"):
+    with pytest.raises(FormatError, match=r"a\.3mf: expected at most max_bytes = 100 bytes"):
         io.read_mesh(tmp_path / "a.3mf", max_bytes=100)
     with io.ReadLimits(max_points=3), pytest.raises(FormatError, match="max_points"):
         io.read_mesh(tmp_path / "a.3mf")

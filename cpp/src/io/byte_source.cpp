@@ -25,6 +25,11 @@ constexpr std::size_t kStoredBlock = std::size_t{1} << 16;
 // Bytes: xz -9 needs 65 MiB for its dictionary, while a header can claim 4 GiB.
 constexpr std::uint64_t kXzMemoryLimit = std::uint64_t{80} << 20;
 
+// Reason of the refusal of a file or text that is larger than the caller allows.
+std::string reason_of_limit(std::uint64_t max_bytes) {
+  return "expected at most max_bytes = " + std::to_string(max_bytes) + " bytes, got more";
+}
+
 class FileSource final : public ByteSource {
  public:
   FileSource(const fs::path& path, SpecialFiles special) : path_(path) {
@@ -103,7 +108,7 @@ class PeekedSource final : public ByteSource {
     total_ += got;
     if (max_bytes_ > 0 && total_ > max_bytes_) {
       throw FormatError::at_byte(static_cast<std::int64_t>(max_bytes_),
-                                 "more than max_bytes = " + std::to_string(max_bytes_));
+                                 reason_of_limit(max_bytes_));
     }
     return got;
   }
@@ -167,7 +172,7 @@ class DecompressedSource : public ByteSource {
  private:
   void check_limit() const {
     if (max_bytes_ > 0) {
-      if (total_ > max_bytes_) fail("more than max_bytes = " + std::to_string(max_bytes_));
+      if (total_ > max_bytes_) fail(reason_of_limit(max_bytes_));
       return;
     }
     if (total_ > kFreeExpansion && total_ / kMaxExpansion > stored_->stored_bytes()) {

@@ -44,3 +44,31 @@ def limited_bytes(path: str | os.PathLike[str], most: int) -> bytes:
             f"expected at most {most} bytes, got more", file=str(path), byte_offset=most
         )
     return content
+
+
+def bytes_below(path: str | os.PathLike[str], limit: int) -> bytes:
+    """Return the content of a regular file of at most ``limit`` bytes, a user's ``max_bytes``.
+
+    Parameters
+    ----------
+    path : path-like
+    limit : int
+        Largest number of bytes; 0: no limit.
+
+    Raises
+    ------
+    FormatError
+        The file has more bytes, or is no regular file.
+    OSError
+        See `open_regular`.
+    """
+    with open_regular(path) as file:
+        content = file.read(limit + 1) if limit else file.read()
+    if limit and len(content) > limit:
+        raise FormatError(over_max_bytes(limit), file=str(path))
+    return content
+
+
+def over_max_bytes(limit: int) -> str:
+    """Return the reason for refusing a file of more than ``max_bytes``, in the core's words."""
+    return f"expected at most max_bytes = {limit} bytes, got more"

@@ -23,7 +23,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError, MissingExtraError
-from manip3d.io._files import check_regular, open_regular
+from manip3d.io._files import check_regular, open_regular, over_max_bytes
 from manip3d.io._scan_tables import Table, frame_of_table
 from manip3d.lidar import LidarFrame
 
@@ -240,7 +240,7 @@ class BagRecording:
             raise FormatError("a folder of a ROS 2 bag has a metadata.yaml", file=str(path))
         self._path = path
         self._uri = f"bag:{path}"
-        self._left = max_bytes
+        self._max_bytes = self._left = max_bytes
         self._counters = {"frames": 0, "points": 0, "no_return": 0}
         self._lock = threading.RLock()
         self._ended = False
@@ -355,10 +355,10 @@ class BagRecording:
 
     def _data(self, header: dict[str, Any]) -> bytes:
         assert self._process.stdout is not None
-        if self._left is not None:
+        if self._left is not None and self._max_bytes is not None:
             self._left -= header["size"]
             if self._left < 0:
-                raise self._refuse("more than max_bytes")
+                raise self._refuse(over_max_bytes(self._max_bytes))
         data = self._process.stdout.read(header["size"])
         if len(data) != header["size"]:
             raise self._refuse("damaged bag: its reader ended")

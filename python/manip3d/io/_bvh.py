@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import regular_bytes
+from manip3d.io._files import over_max_bytes, regular_bytes
 from manip3d.io._limits import byte_limit, check_points, clock
 
 Floats = NDArray[np.float64]
@@ -136,7 +136,7 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
     name = str(path)
     size, limit = os.stat(path_of(path)).st_size, byte_limit(None)
     if limit and size > limit:
-        raise FormatError(f"more than max_bytes = {limit}", file=name)
+        raise FormatError(over_max_bytes(limit), file=name)
     if size > MAX_BYTES:
         raise FormatError(f"expected at most {MAX_BYTES} bytes, got {size}", file=name)
     with clock(name) as look:

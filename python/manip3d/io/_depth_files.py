@@ -12,7 +12,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._depth_formats import HEADER_BYTES, decode_depth, decode_map
-from manip3d.io._files import open_regular, refuse_pointer
+from manip3d.io._files import open_regular, over_max_bytes, refuse_pointer
 from manip3d.io._limits import byte_limit, clock
 from manip3d.io._remote import local_copy
 
@@ -104,7 +104,7 @@ def _read(
             data = file.read(min(largest, limit or largest) + 1)
         try:
             if limit and len(data) > limit:
-                raise FormatError(f"more than max_bytes = {limit}")
+                raise FormatError(over_max_bytes(limit))
             if len(data) > largest:
                 raise FormatError(f"expected at most {max_pixels} pixels, got a larger file")
             values = decode(data, max_pixels)

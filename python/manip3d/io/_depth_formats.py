@@ -14,6 +14,7 @@ import numpy as np
 
 from manip3d._util.callers import caller_level
 from manip3d._util.extras import imported
+from manip3d._util.regular_files import over_max_bytes
 from manip3d.errors import Error, FormatError
 from manip3d.io._limits import byte_limit, check_points
 from manip3d.io._npy_headers import read_npy_header
@@ -76,7 +77,7 @@ def _checked_size(rows: int, columns: int, max_pixels: int) -> None:
     check_points(rows * columns, "")
     limit = byte_limit(None)
     if limit and rows * columns > limit:  # a pixel takes at least one byte
-        raise FormatError(f"more than max_bytes = {limit}")
+        raise FormatError(over_max_bytes(limit))
 
 
 # --- PGM: read here, because Pillow rescales the numbers if the maximum is not 65535 ------------

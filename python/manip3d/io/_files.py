@@ -13,8 +13,10 @@ from pathlib import Path
 from manip3d import _core
 from manip3d._util.durable import folder_beside, sync_file, sync_folder
 from manip3d._util.paths import path_of
+from manip3d._util.regular_files import bytes_below as bytes_below
 from manip3d._util.regular_files import limited_bytes as limited_bytes
 from manip3d._util.regular_files import open_regular as open_regular
+from manip3d._util.regular_files import over_max_bytes as over_max_bytes
 from manip3d.errors import FormatError, InputError
 
 

@@ -16,7 +16,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io import _collada, _three_mf
 from manip3d.io._draco import decode_draco
 from manip3d.io._elsewhere import mesh_advice, scan_advice
-from manip3d.io._files import open_regular, refuse_pointer, regular_bytes
+from manip3d.io._files import bytes_below, refuse_pointer, regular_bytes
 from manip3d.io._images import texture_path, with_common_images
 from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import is_url, local_copy, local_output
@@ -104,9 +104,9 @@ def read_report(
     with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
         refuse_pointer(local)
         if local.suffix.lower() == _three_mf.SUFFIX:
-            found = _read_three_mf(_limited(local, limit), os.fspath(path), limit, look)
+            found = _read_three_mf(bytes_below(local, limit), os.fspath(path), limit, look)
         elif local.suffix.lower() == _collada.SUFFIX:
-            data, place = _limited(local, limit), (os.fspath(path), local.parent, allow_outside)
+            data, place = bytes_below(local, limit), (os.fspath(path), local.parent, allow_outside)
             found = _read_collada(data, *place, limit, look)
         else:
             found = _read_by_core(local, allow_outside, limit, look)
@@ -130,14 +130,6 @@ def _read_by_core(local: Path, allow_outside: bool, limit: int, look: _Look) -> 
             raise FormatError(advice, file=error.file) from None
         reason = f"unknown mesh format; manip3d reads {' '.join(READABLE)}{mesh_advice(local)}"
         raise FormatError(reason, file=error.file) from None
-
-
-def _limited(path: Path, limit: int) -> bytes:
-    with open_regular(path) as file:
-        data = file.read(limit + 1) if limit else file.read()
-    if limit and len(data) > limit:
-        raise FormatError(f"more than max_bytes = {limit}", file=str(path))
-    return data
 
 
 def _read_three_mf(data: bytes, file: str, limit: int, look: _Look) -> _Found:

@@ -26,6 +26,7 @@ from typing import Any
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
 from manip3d._util.paths import path_of
+from manip3d._util.regular_files import over_max_bytes
 from manip3d.errors import Error, FormatError, InputError
 from manip3d.io._packet_files import PACKETS, ouster_metadata_names
 
@@ -257,7 +258,7 @@ def _fetch(system: Any, remote: str, local: Path, max_bytes: int | None, url: st
         while block := source.read(_BLOCK):
             num_bytes += len(block)
             if max_bytes is not None and num_bytes > max_bytes:
-                raise FormatError(f"more than max_bytes = {max_bytes}", file=url)
+                raise FormatError(over_max_bytes(max_bytes), file=url)
             copy.write(block)
 
 

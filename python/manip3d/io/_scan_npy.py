@@ -12,7 +12,7 @@ import numpy as np
 
 from manip3d._util.callers import caller_level
 from manip3d.errors import FormatError
-from manip3d.io._files import atomic_path, open_regular
+from manip3d.io._files import atomic_path, bytes_below, open_regular
 from manip3d.io._limits import check_points
 from manip3d.io._npy_headers import MAX_HEADER, read_npy_header
 from manip3d.io._scan_tables import (
@@ -87,11 +87,7 @@ def read_table(path: Path, limit: int) -> Table:
     FormatError
         The file is damaged, or holds no scan.
     """
-    with open_regular(path) as file:
-        data = file.read(limit + 1) if limit else file.read()
-    if limit and len(data) > limit:
-        raise FormatError(f"more than max_bytes = {limit}", file=str(path))
-    return table_of(data, str(path))
+    return table_of(bytes_below(path, limit), str(path))
 
 
 def table_of(data: bytes, name: str) -> Table:

@@ -14,7 +14,7 @@ import numpy as np
 from manip3d._util.callers import caller_level
 from manip3d.errors import Error, FormatError
 from manip3d.io import _scan_npy
-from manip3d.io._files import atomic_path, open_regular
+from manip3d.io._files import atomic_path, bytes_below, open_regular
 from manip3d.io._limits import check_points
 from manip3d.io._npy_headers import MAX_HEADER, read_npy_header
 from manip3d.io._scan_tables import (
@@ -80,10 +80,7 @@ def read_table(path: Path, limit: int) -> Table:
     """
     name = str(path)
     try:
-        with open_regular(path) as file:
-            data = file.read(limit + 1) if limit else file.read()
-        if limit and len(data) > limit:
-            raise FormatError(f"more than max_bytes = {limit}")
+        data = bytes_below(path, limit)
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             arrays = _arrays(archive)
             claimed = sum(entry.file_size for entry in arrays.values())

@@ -11,7 +11,7 @@ import numpy as np
 
 from manip3d._util.linear import product
 from manip3d.errors import FormatError
-from manip3d.io._files import atomic_path, open_regular
+from manip3d.io._files import atomic_path, open_regular, over_max_bytes
 from manip3d.io._limits import check_points
 from manip3d.io._scan_colors import color_names
 from manip3d.io._scan_tables import (
@@ -43,7 +43,7 @@ def read_all(path: Path, limit: int) -> list[LidarFrame]:
     """Read all scans in the order of the file; see `manip3d.io.read_scans`."""
     size = path.stat().st_size
     if limit and size > limit:
-        raise FormatError(f"more than max_bytes = {limit}", file=str(path))
+        raise FormatError(over_max_bytes(limit), file=str(path))
     frames: list[LidarFrame] = []
     with open_regular(path) as file:
         lines = _Lines(file, str(path))

@@ -16,6 +16,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.callers import caller_level
+from manip3d._util.regular_files import over_max_bytes
 from manip3d._util.text_files import text_of
 from manip3d.errors import FormatError
 from manip3d.io._limits import check_points
@@ -92,7 +93,7 @@ def refuse_expansion(claimed: int, stored: int, limit: int, file: str) -> None:
         times ``stored``.
     """
     if limit and claimed > limit:
-        raise FormatError(f"more than max_bytes = {limit}", file=file)
+        raise FormatError(over_max_bytes(limit), file=file)
     if not limit and claimed > 64 << 20 and claimed > 200 * stored:
         raise FormatError(
             f"{stored} bytes claim to hold {claimed}; set max_bytes to read them", file=file
