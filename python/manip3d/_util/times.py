@@ -6,6 +6,9 @@ from datetime import UTC, datetime
 
 SECOND_NS = 1_000_000_000  # nanoseconds per second
 
+NOMINAL_PERIOD_NS = 33_333_333
+"""Between frames of recordings and sources without times: 30 frames per second."""
+
 
 def parse_time(text: str) -> int:
     """Return nanoseconds since 1970 of a time such as ``2011-09-26 13:02:44.317412775`` in UTC.

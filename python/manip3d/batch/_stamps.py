@@ -11,7 +11,14 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from manip3d.errors import InputError
-from manip3d.io._remote import companions, filesystem, is_url, naming_remote, reads_beside
+from manip3d.io._remote import (
+    MAX_COMPANIONS,
+    companions,
+    filesystem,
+    is_url,
+    naming_remote,
+    reads_beside,
+)
 
 _GONE = "gone"
 _STAMPS = (
@@ -20,7 +27,6 @@ _STAMPS = (
     "updated", "modify", "modified", "modificationTime", "mtime", "ctime", "created", "date_time",
 )  # fmt: skip
 """Names that file systems of fsspec give to times and hashes that change with the content."""
-_MAX_COMPANIONS = 256
 BESIDE = (".wm", ".truth.json", ".truth.npz")
 """Suffixes of what verbs write beside an output: records of watermarks, and truths of forgeries."""
 
@@ -163,7 +169,7 @@ def _is_within(name: str, places: Iterable[str]) -> bool:
 def _named_by(path: Path) -> Iterator[Path]:
     """The files that a file names, and those that they name."""
     waiting, seen = [path], {path}
-    while waiting and len(seen) <= _MAX_COMPANIONS:
+    while waiting and len(seen) <= MAX_COMPANIONS:
         one = waiting.pop()
         try:
             found = [path.parent / name for name in companions(one)]

@@ -25,9 +25,6 @@ from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 LEARNED = 30
 """Number of first frames from which the scene behind the person is learnt; they are not forged."""
 
-MAX_KEPT = 300
-"""Largest number of frames of a background or a motion that are kept in memory."""
-
 _RATE = 30.0  # frames per second to which a BVH motion is resampled
 
 

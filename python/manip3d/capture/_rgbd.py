@@ -18,9 +18,10 @@ from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics
 from manip3d.capture._bag import place_and_topic
 from manip3d.capture._bag_rgbd import BagImages
-from manip3d.capture._forged import MAX_KEPT, SwitchedForgery, motion_of, read_plan
+from manip3d.capture._forged import SwitchedForgery, motion_of, read_plan
 from manip3d.capture._rgbd_source import ForgedSource, RgbdSource, source_of
 from manip3d.errors import InputError
+from manip3d.forge import MAX_KEPT
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
 _PEOPLE = ("utd-mhad", "labanotation", "people")

@@ -57,8 +57,6 @@ _KEPT_BYTES, _KEPT_ARRAY_BYTES = 256 << 20, 32 << 20
 """Largest amount of freed memory that the process keeps at the end of its heap, and largest array
 that is allocated on the heap (glibc's maximum), in bytes."""
 
-GRAVEST_FIRST = ("tampered", "processed", "undecidable", "no_trace")
-
 
 def _check_for_many(options: Mapping[str, Any]) -> None:
     """Refuse options that are valid only for a single scan, and logs that cannot be written."""
@@ -75,6 +73,8 @@ def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any])
 
     The code is 1 if a source, or a scan of a drive, could not be read, unless one is tampered.
     """
+    from manip3d.authenticate._drives import GRAVEST_FIRST
+
     codes = _exit_codes(options["policy"])
     verdicts = {row.get("verdict") for row in rows}
     if any(row.get("failed") or row.get("error") for row in rows):

@@ -12,7 +12,7 @@ import typer
 
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
-from manip3d.cli.options import Force, Json, Quiet
+from manip3d.cli.options import MISSED, Force, Json, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
 from manip3d.errors import InputError
 from manip3d.io._scan_files import FOLDER_SUFFIXES
@@ -30,7 +30,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-EXIT_CODES = {"authentic": 0, "tampered": 3, "undecidable": 4}
+EXIT_CODES = {"authentic": 0, "tampered": 3, "undecidable": MISSED}
 """Exit code of each verdict."""
 
 Source = Annotated[

@@ -22,6 +22,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.times import NOMINAL_PERIOD_NS
 from manip3d.camera import CAMERA_PRESETS, Intrinsics
 from manip3d.datasets._registry import DataFile, DataSet, get, require
 from manip3d.datasets._tables import data_file, table
@@ -46,7 +47,6 @@ _IMAGES = (
 )
 # The writing on this person's shirt is mirrored, as in the unprocessed images of a Kinect.
 _MIRRORED_IMAGES = (("person_normalgan", "01"),)
-_NOMINAL_PERIOD_NS = 33_333_333  # 30 frames per second, for recordings without times
 
 # Index in the data set of each joint in the Kinect V1's order. The data set begins with head,
 # shoulder centre, spine and hip centre, the Kinect with the hip centre.
@@ -238,7 +238,7 @@ def _utd_mhad(uri: str, trial: Path, skeleton: Path | None = None) -> RgbdSequen
             skeletons=(
                 (skeleton_from(told, layout="kinect-v1", axes="kinect", body=0),) if is_told else ()
             ),
-            time_ns=number * _NOMINAL_PERIOD_NS,
+            time_ns=number * NOMINAL_PERIOD_NS,
             number=number,
         )
 
@@ -293,7 +293,7 @@ def _images(uri: str, name: str) -> RgbdSequence:
             calibration=RgbdCalibration(camera),
             color=None if frame.color is None else np.ascontiguousarray(frame.color[:, columns]),
             body_index=np.ascontiguousarray(body[:, columns]),
-            time_ns=number * _NOMINAL_PERIOD_NS,
+            time_ns=number * NOMINAL_PERIOD_NS,
             number=number,
         )
 

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
     Picture = NDArray[np.uint8]
 
-FEET = 0.3048
-"""Length of a foot in metres."""
-
 ROLE = "simulated patient, in the place of the published recordings"
 NOTE = (
     "A simulated patient (`manip3d.simulate.BodySimulator`) before a simulated Kinect V2 stands in "

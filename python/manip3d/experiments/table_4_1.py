@@ -36,6 +36,8 @@ _LOOP = 120
 
 
 def _cases(plan: Plan) -> list[Case]:
+    from manip3d.simulate.people import FEET
+
     return [
         Case(
             time_steps,
@@ -45,7 +47,7 @@ def _cases(plan: Plan) -> list[Case]:
                 "scene": {
                     "motion": "arm-raise",
                     "amputated": "right_arm",
-                    "distance": feet * _phantom.FEET,
+                    "distance": feet * FEET,
                     "jitter": 0.005,
                     "seed": plan.seed,
                 },

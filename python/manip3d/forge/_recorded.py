@@ -17,7 +17,8 @@ from manip3d.forge._plates import background_plate
 from manip3d.rgbd import RgbdFrame, check_frames
 
 MAX_KEPT = 300
-"""Largest number of frames of a background in memory, and for estimating a background plate."""
+"""Largest number of frames of a background or a motion in memory, and for estimating a background
+plate."""
 
 _MAX_POSES = 30 * MAX_KEPT  # skeletons are small: five minutes at 30 frames per second
 _TIMED = 60  # number of first frames whose times determine the frame rate

@@ -13,14 +13,12 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.io._depth_files import MAX_PIXELS, MILLIMETRES, read_stored_depth
+from manip3d.rgbd import NO_MEASUREMENT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Depth = NDArray[np.uint16] | NDArray[np.float32]
-
-NO_MEASUREMENT = 65_535
-"""Many cameras store this number for "no measurement"; in millimetres it would be 65.5 m."""
 
 _NO_DISPARITY = 2047
 """The Kinect V1 stores this value for "no measurement"."""

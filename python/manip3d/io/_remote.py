@@ -37,7 +37,7 @@ _OBJECT_STORES = frozenset(
     {"abfs", "abfss", "adl", "az", "gcs", "gs", "memory", "oss", "r2", "s3", "s3a"}
 )
 _BLOCK = 1 << 20  # bytes per read
-_MAX_COMPANIONS = 256  # largest number of files that are downloaded with a file
+MAX_COMPANIONS = 256  # largest number of files that are downloaded with a file
 _MAX_TEXT = 64 << 20  # bytes of a compressed or remote file that are searched for names
 _MAX_GLTF = 1 << 30  # bytes of a .gltf file that are searched for names
 _MAX_WORDS = 32  # largest number of words in an .mtl statement at which a name may begin
@@ -270,7 +270,7 @@ def _fetch_companions(
     while waiting:
         for name in companions(waiting.pop()):
             local = copy.parent / name
-            if local in seen or len(seen) > _MAX_COMPANIONS:
+            if local in seen or len(seen) > MAX_COMPANIONS:
                 continue
             seen.add(local)
             local.parent.mkdir(parents=True, exist_ok=True)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.times import NOMINAL_PERIOD_NS
 from manip3d.errors import InputError
 from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState, repose
 from manip3d.phantom._felt import LIMITS, FeltLimb, felt_places
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from manip3d.modify import BodyColliders, PhantomFrame
 
 _ENHANCED = {"arm": ("Shoulder", "Elbow"), "leg": ("Hip", "Knee", "Ankle")}
-_NOMINAL_PERIOD_NS = 33_333_333  # between frames of a source without a clock
 _PEOPLE = 64  # number of people whose numbers are remembered
 _FRAMES = 90  # number of frames over which times of stages are averaged
 
@@ -291,7 +291,7 @@ class LiveSession:
     def _time_of(self, frame: RgbdFrame) -> int:
         before, self._frame_time = self._frame_time, frame.time_ns
         if frame.time_ns == 0 == before:  # no clock: 30 frames a second, as for the pipeline
-            return (self._last_time or 0) + _NOMINAL_PERIOD_NS
+            return (self._last_time or 0) + NOMINAL_PERIOD_NS
         return frame.time_ns
 
     def _seconds_since_last(self, now: int, captured: int) -> float:

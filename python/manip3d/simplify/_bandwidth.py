@@ -10,11 +10,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from manip3d._util.times import SECOND_NS
 from manip3d.errors import InputError
 
 Item = TypeVar("Item")
 
-SECOND_NS = 1_000_000_000
 MIN_POINTS = 3
 _AIM = 0.97  # share of the allowed bytes to aim at, because a size is only predicted
 _MAX_TRIES = 8

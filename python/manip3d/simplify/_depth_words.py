@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from manip3d.io import describe_unit
-from manip3d.io._depth_units import NO_MEASUREMENT
+from manip3d.rgbd import NO_MEASUREMENT
 
 if TYPE_CHECKING:
     from manip3d.io import DepthReading

@@ -32,8 +32,9 @@ if TYPE_CHECKING:
     from manip3d._util.options import Progress
     from manip3d.mesh import Mesh
 
-_TABLES = ("vertices", "faces", "texcoords", "face_texcoords", "normals", "face_normals",
-           "colors", "face_material")  # fmt: skip
+MESH_TABLES = ("vertices", "faces", "texcoords", "face_texcoords", "normals", "face_normals",
+               "colors", "face_material")  # fmt: skip
+"""Names of the tables of a `Mesh`."""
 
 
 class _Items(NamedTuple):
@@ -80,7 +81,7 @@ _CUTS = (0.5, 0.35, 0.6)  # share below the cut in each round; borders move, so 
 
 
 def _storage(mesh: Mesh) -> int:
-    tables = (getattr(mesh, name) for name in _TABLES)
+    tables = (getattr(mesh, name) for name in MESH_TABLES)
     return sum(table.nbytes for table in tables if table is not None)
 
 
@@ -143,7 +144,7 @@ def _plan(mesh: Mesh, mode: str, memory: int, target: int) -> _Plan:
     maps = 4 * (mesh.num_vertices + num_faces)
     fewest = min(num_faces, math.ceil(_SLACK * target) + 1000)
     left = min(num_faces, int((free - maps) / (mode_bytes + stored)))
-    rows = max(len(table) for name in _TABLES if (table := getattr(mesh, name)) is not None)
+    rows = max(len(table) for name in MESH_TABLES if (table := getattr(mesh, name)) is not None)
     index = 2 * (mesh.num_vertices + num_faces) + 6 * rows
     part_bytes = fast_bytes + stored + 40
 

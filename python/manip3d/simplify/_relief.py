@@ -12,12 +12,12 @@ from manip3d import _core
 from manip3d._util.arrays import checked_grid
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
+from manip3d._util.times import SECOND_NS
 from manip3d.camera import Intrinsics, Registration, checked_depth
 from manip3d.errors import InputError
 from manip3d.simplify._arguments import checked_color, limit_of
 from manip3d.simplify._bandwidth import (
     MIN_POINTS,
-    SECOND_NS,
     Bandwidth,
     SlidingSecond,
     fit_bytes,

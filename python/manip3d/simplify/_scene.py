@@ -24,7 +24,7 @@ from manip3d.simplify._collapse import (
 )
 from manip3d.simplify._deformation import deformation_of, rows_of, sway
 from manip3d.simplify._lod import LodChain, check_options, lod_chain, runner, targets_of
-from manip3d.simplify._memory import simplify_within
+from manip3d.simplify._memory import MESH_TABLES, simplify_within
 from manip3d.simplify._parts import compact_rows
 from manip3d.simplify._quality import QualityResult, boundary_vertices
 from manip3d.simplify._texcoords import charts, parted, texcoords_of
@@ -61,17 +61,6 @@ _SHIFT = 1e-9
 # such meshes are no more than this share of the target.
 _CORNERS = 4
 _SHARE_OF_CORNERS = 0.1
-
-_TABLES = (
-    "vertices",
-    "faces",
-    "texcoords",
-    "face_texcoords",
-    "normals",
-    "face_normals",
-    "colors",
-    "face_material",
-)
 
 
 @dataclass(frozen=True)
@@ -361,7 +350,7 @@ class _Placed:
         """Concatenate the meshes; corners of a mesh without an attribute get the index -1."""
         chosen = [self.scene.meshes[i] for i in self.indices]
         has_colors = any(mesh.colors is not None for mesh in chosen)
-        tables: dict[str, list[NDArray[Any]]] = {name: [] for name in _TABLES}
+        tables: dict[str, list[NDArray[Any]]] = {name: [] for name in MESH_TABLES}
         counts = {"vertices": 0, "texcoords": 0, "normals": 0}
         for index, mesh in zip(self.indices, chosen, strict=True):
             turn = slice(None, None, -1 if self._mirrors(index) else 1)

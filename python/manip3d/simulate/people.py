@@ -13,7 +13,7 @@ import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias, overload
+from typing import TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from manip3d._util.linear import product
 from manip3d.camera import CAMERA_PRESETS, Intrinsics, Registration
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh
+from manip3d.modify import Limb
 from manip3d.rgbd import (
     INFERRED,
     NO_BODY,
@@ -52,7 +53,6 @@ __all__ = [
 ]
 
 Floats = NDArray[np.float32]
-Limb = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 Interval: TypeAlias = "tuple[float, float]"
 
 DEPTH_CAMERA = CAMERA_PRESETS["kinect-v2"].cameras[0]
