@@ -17,8 +17,6 @@ constexpr std::int32_t kMinDrifting = 8;
 constexpr std::size_t kMinDriftWindows = 1000;
 // 1 / sqrt(12): standard deviation of a uniform distribution of width 1
 constexpr double kRoundingShare = 0.2887;
-// standard deviation of a normal distribution over its median absolute value
-constexpr double kNormalMad = 1.4826;
 
 struct DriftTally {
   std::int32_t points = 0;

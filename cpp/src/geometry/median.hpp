@@ -5,6 +5,9 @@
 
 namespace manip3d {
 
+/// Standard deviation of a normal distribution over its median absolute value.
+inline constexpr double kNormalMad = 1.4826;
+
 /// The one of the two middle values of an even number of values that is the median.
 enum class Middle { kLower, kUpper };
 

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "geometry/constants.hpp"
+#include "geometry/median.hpp"
 #include "geometry/wide_vectors.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/depth_step.hpp"
@@ -52,11 +53,9 @@ void renew(double& noise, double now, double share) {
 /// The standard deviation, relative to a Kinect's, of a quantity with these second differences over
 /// time.
 double deviation_of(std::vector<float>& differences, double most) {
-  // Standard deviation over median absolute value of a normal distribution.
-  constexpr double kDeviationOverMedian = 1.4826;
   const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
   std::ranges::nth_element(differences, middle);
-  return std::min(kDeviationOverMedian / std::sqrt(6.0) * *middle, most);
+  return std::min(kNormalMad / std::sqrt(6.0) * *middle, most);
 }
 
 /// Adds to each number of a row its neighbours up to kRadius before and after it.
@@ -167,6 +166,7 @@ void DepthSmoother::take(const DepthView& depth) {
     std::int64_t first = cols_, end = 0;
     for (std::int64_t u = 0; u < cols_; ++u) {
       const float z = depth.at(v * cols_ + u);
+      // NaN and -0 become 0; negative and infinite depths stay, and count as not measured.
       out_[v * cols_ + u] = z > 0.0F || z < 0.0F ? z : 0.0F;
       if (!is_measured(z)) continue;
       first = std::min(first, u);

@@ -10,6 +10,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
+from manip3d._util.robust import NORMAL_MAD
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
 from manip3d.authenticate._verdict import Calibration, Region, Verdict, WithoutRate
 from manip3d.errors import InputError
@@ -377,7 +378,7 @@ def _off(ratio: Floats, parameters: DensityParameters) -> tuple[NDArray[np.bool_
     if parameters.deviation > 0.0:
         residual = ratio - 1.0
         known = residual[np.isfinite(residual)]
-        spread = 1.4826 * float(np.median(np.abs(known - np.median(known))))
+        spread = NORMAL_MAD * float(np.median(np.abs(known - np.median(known))))
         size = residual / max(spread, 1e-9)
         low, high = -size, size
         limits = (parameters.deviation, parameters.deviation)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -472,14 +472,6 @@ def complete_quality(row: Row) -> Row:
 
 
 QUALITY = "table_3_4_quality_at_5_percent"
-
-
-def by_model(rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Row]]]:
-    """Yield each model with its rows by method, in the order of the table."""
-    groups: dict[str, dict[str, Row]] = {}
-    for row in rows:
-        groups.setdefault(row["model"], {})[row["method"]] = row
-    yield from groups.items()
 
 
 def listing(rows: Mapping[str, Row], name: str, scale: float = 1.0, digits: int = 3) -> str:

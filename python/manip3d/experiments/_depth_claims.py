@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from manip3d.experiments._depth import SHORT, by_model, listing
-from manip3d.experiments._model import Claim, Finding, Row
+from manip3d.experiments._depth import SHORT, listing
+from manip3d.experiments._model import Claim, Finding, Row, by_model
 
 
 def below_others(method: str, others: Sequence[str], name: str, what: str, source: str) -> Claim:
@@ -21,3 +21,11 @@ def below_others(method: str, others: Sequence[str], name: str, what: str, sourc
 
     names = ", ".join(SHORT[other] for other in others)
     return Claim(f"{SHORT[method]} has a lower {what} than {names}", source, judge)
+
+
+def twenty_times_faster(rows: Sequence[Row], method: str, than: str) -> Iterator[Finding]:
+    """Judge by model whether a method takes at most a twentieth of another one's time."""
+    for model, group in by_model(rows):
+        ratio = group[than]["time_ms"] / group[method]["time_ms"]
+        numbers = f"{ratio:.0f} times: {listing(group, 'time_ms', digits=2)} ms"
+        yield Finding(model, ratio >= 20, numbers)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from manip3d.experiments._model import Claim, Column, Finding, Row
+from manip3d.experiments._model import Claim, Column, Finding, Row, by_model
 from manip3d.experiments._simplification import (
     METHOD_TITLES,
     SHARED_COLUMNS,
-    by_model,
     listing,
     ran,
 )

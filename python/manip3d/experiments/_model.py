@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -437,3 +437,11 @@ class Experiment:
     role: str = ""
     split: str = ""
     folders: tuple[str, ...] = ()
+
+
+def by_model(rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Row]]]:
+    """Yield each model with its rows by method, in the order of the table."""
+    groups: dict[str, dict[str, Row]] = {}
+    for row in rows:
+        groups.setdefault(row["model"], {})[row["method"]] = row
+    yield from groups.items()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -158,6 +158,27 @@ def box_of(mask: Mask, margin: int = 12) -> tuple[slice, slice]:
         slice(max(0, int(rows[0]) - margin), int(rows[-1]) + margin),
         slice(max(0, int(columns[0]) - margin), int(columns[-1]) + margin),
     )
+
+
+def grey_view(
+    person: NDArray[np.floating[Any]], box: tuple[slice, slice]
+) -> Callable[[NDArray[np.floating[Any]]], str]:
+    """Return a function that draws a depth image, metres, in grey and packs the part in a box.
+
+    Parameters
+    ----------
+    person : (n,) float, metres
+        Depths of the person; all but the nearest and farthest 1 % determine the scale.
+    box : (slice, slice)
+    """
+    from manip3d.viewer import people
+
+    near, far = np.quantile(person, [0.01, 0.99])
+
+    def grey(depth: NDArray[np.floating[Any]]) -> str:
+        return packed(people.depth_picture(depth, near=near - 0.1, far=far + 0.1)[box])
+
+    return grey
 
 
 def packed(picture: Picture) -> str:

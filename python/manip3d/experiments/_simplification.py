@@ -15,7 +15,7 @@ from typing import Any
 from manip3d import datasets
 from manip3d.datasets import CLEANINGS, STAND_INS, StandIn
 from manip3d.experiments import _published
-from manip3d.experiments._model import Case, Claim, Column, Finding, Plan, Row, counted
+from manip3d.experiments._model import Case, Claim, Column, Finding, Plan, Row, by_model, counted
 from manip3d.experiments._notes import data_note
 from manip3d.mesh import Mesh
 
@@ -234,14 +234,6 @@ def complete(row: Row) -> Row:
 
 
 # --- claims over rows ----------------------------------------------------------------------------
-
-
-def by_model(rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Row]]]:
-    """Yield each model with its rows by method, in the order of the table."""
-    groups: dict[str, dict[str, Row]] = {}
-    for row in rows:
-        groups.setdefault(row["model"], {})[row["method"]] = row
-    yield from groups.items()
 
 
 def ran(rows: dict[str, Row]) -> dict[str, Row]:

@@ -12,13 +12,13 @@ from manip3d.experiments._depth import (
     NOTE,
     QEM_NOTE,
     TIME_NOTE,
-    by_model,
     listing,
     models,
     real_data,
     reduction_case,
 )
-from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
+from manip3d.experiments._depth_claims import twenty_times_faster
+from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row, by_model
 
 METHODS = ("qem-tp", "qem-orig", "cios", "relief")
 _PRINTED = {"qem-tp": "texture-preserving QEM", "qem-orig": "QEM", "cios": "CS3"}
@@ -68,10 +68,7 @@ def _relief_below_preserving(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _fraction_of_the_time(rows: Sequence[Row]) -> Iterator[Finding]:
-    for model, group in by_model(rows):
-        ratio = group["qem-tp"]["time_ms"] / group["cios"]["time_ms"]
-        numbers = f"{ratio:.0f} times: {listing(group, 'time_ms', digits=2)} ms"
-        yield Finding(model, ratio >= 20, numbers)
+    yield from twenty_times_faster(rows, "cios", "qem-tp")
 
 
 _COLUMNS = (

@@ -14,14 +14,13 @@ from manip3d.experiments._depth import (
     NOTE,
     TIME_NOTE,
     RangeInput,
-    by_model,
     models,
     open_input,
     real_data,
     reduce,
     time_ms,
 )
-from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
+from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row, by_model
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -50,11 +50,8 @@ def view_steps(case: Case) -> Row:
     )
     mine = (frame.body_index == 0) & (frame.depth > 0)
     metres = frame.depth / 1000.0
-    near, far = np.quantile(metres[mine], [0.01, 0.99])
     box = _phantom.box_of(mine | (twice.kinds > 0))
-
-    def grey(depth: Any) -> str:
-        return _phantom.packed(people.depth_picture(depth, near=near - 0.1, far=far + 0.1)[box])
+    grey = _phantom.grey_view(metres[mine], box)
 
     body = _phantom.drawn(once, "BODY")
     added = body | _phantom.drawn(once, "PHANTOM", "AWAY")

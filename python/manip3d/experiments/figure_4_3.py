@@ -34,10 +34,7 @@ def view_steps(case: Case) -> Row:
     added = removed | _phantom.drawn(phantom, "PHANTOM", "AWAY")
     box = _phantom.box_of(mine | (phantom.kinds > 0))
     metres = frame.depth / 1000.0
-    near, far = np.quantile(metres[mine], [0.01, 0.99])
-
-    def grey(depth: np.ndarray) -> str:
-        return _phantom.packed(people.depth_picture(depth, near=near - 0.1, far=far + 0.1)[box])
+    grey = _phantom.grey_view(metres[mine], box)
 
     wanted = mine | _phantom.true_cover(outcome, _LIMB)
     limb = np.isin(outcome.truth.bones, LIMBS[_LIMB][1:]) & mine

@@ -11,14 +11,13 @@ from manip3d.experiments._depth import (
     NOTE,
     TIME_NOTE,
     VARIANTS,
-    by_model,
     listing,
     models,
     printed_time,
     real_data,
     reduction_case,
 )
-from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
+from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row, by_model
 
 _MODELS = ("Dragon", "Bunny", "Buddha")
 _TABLE = "table_3_2_variant_time_ms"

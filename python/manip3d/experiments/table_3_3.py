@@ -12,14 +12,14 @@ from manip3d.experiments._depth import (
     QEM_NOTE,
     REAL_TIME,
     TIME_NOTE,
-    by_model,
     listing,
     models,
     printed_time,
     real_data,
     reduction_case,
 )
-from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
+from manip3d.experiments._depth_claims import twenty_times_faster
+from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row, by_model
 
 _TABLE = "table_3_3_time_ms"
 
@@ -42,10 +42,7 @@ def _complete(row: Row) -> Row:
 
 
 def _faster_than_qem(rows: Sequence[Row]) -> Iterator[Finding]:
-    for model, group in by_model(rows):
-        ratio = group["qem4vr"]["time_ms"] / group["cios"]["time_ms"]
-        numbers = f"{ratio:.0f} times: {listing(group, 'time_ms', digits=2)} ms"
-        yield Finding(model, ratio >= 20, numbers)
+    yield from twenty_times_faster(rows, "cios", "qem4vr")
 
 
 def _faster_than_fmeps(rows: Sequence[Row]) -> Iterator[Finding]:

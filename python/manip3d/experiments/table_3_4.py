@@ -14,12 +14,11 @@ from manip3d.experiments._depth import (
     QUALITY_COLUMNS,
     REAL_TIME,
     SHORT,
-    by_model,
     complete_quality,
     listing,
     real_data,
 )
-from manip3d.experiments._model import Claim, Experiment, Finding, Row
+from manip3d.experiments._model import Claim, Experiment, Finding, Row, by_model
 from manip3d.experiments.table_3_3 import cases
 
 

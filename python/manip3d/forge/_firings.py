@@ -12,6 +12,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import generator_of
+from manip3d._util.robust import NORMAL_MAD
 from manip3d.errors import InputError
 from manip3d.forge._attacks import box_around
 from manip3d.forge._truth import Forgery
@@ -396,7 +397,7 @@ def _noise_of(seen: Floats, place: NDArray[np.int64]) -> float:
     """Standard deviation of ranges between shots, metres, from second differences."""
     near = (np.diff(place)[1:] <= 4) & (np.diff(place)[:-1] <= 4)
     bend = np.abs(np.diff(seen, 2))[near]
-    return float(1.4826 * np.median(bend) / math.sqrt(6.0)) if len(bend) else 0.0
+    return float(NORMAL_MAD * np.median(bend) / math.sqrt(6.0)) if len(bend) else 0.0
 
 
 def _rewritten(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from manip3d.study._definition import Common, Section
-from manip3d.study._engine import Study
+from manip3d.study._engine import ListedStudy
 from manip3d.study._steps import Field, Step, Value
 from manip3d.study._store import Session
 
@@ -45,7 +45,7 @@ PUBLISHED_AGREE: Mapping[str, Mapping[str, float]] = {
 
 
 @dataclass(frozen=True)
-class DisplayStudy(Study):
+class DisplayStudy(ListedStudy):
     """The displays study.
 
     Attributes
@@ -186,10 +186,6 @@ class DisplayStudy(Study):
             )
         )
         return found
-
-    def next_step(self, session: Session) -> Step | None:
-        done = {answer.step for answer in session.answers}
-        return next((step for step in self.steps(session) if step.id not in done), None)
 
     def progress(self, session: Session) -> float:
         steps = {step.id for step in self.steps(session)}

@@ -254,6 +254,31 @@ def study_server(
     return LocalServer(study_pages(study), conductor.hear, port=port, limits=limits)
 
 
+class ListedStudy(Study):
+    """A study whose own steps are known before the first of them is answered."""
+
+    @abstractmethod
+    def steps(self, session: Session) -> list[Step]:
+        """Return all steps of the study's own, in this participant's order.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        """
+
+    def next_step(self, session: Session) -> Step | None:
+        """Return the first of `steps` without an answer; None: all are answered.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        """
+        done = {answer.step for answer in session.answers}
+        return next((step for step in self.steps(session) if step.id not in done), None)
+
+
 class Conductor:
     """Handles the messages of pages: codes of participants, and answers to steps.
 

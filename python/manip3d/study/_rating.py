@@ -15,7 +15,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
 from manip3d.study._agreement import fleiss_kappa_interval, share_interval
 from manip3d.study._definition import Common, Section
-from manip3d.study._engine import SHOWABLE, Study
+from manip3d.study._engine import SHOWABLE, ListedStudy
 from manip3d.study._steps import Field, Step, Value
 from manip3d.study._store import Session
 
@@ -147,7 +147,7 @@ def _item(row: Sequence[str], number: int, path: Path) -> Item:
 
 
 @dataclass(frozen=True)
-class RatingStudy(Study):
+class RatingStudy(ListedStudy):
     """A study in which people distinguish forged from real stimuli.
 
     Attributes
@@ -249,10 +249,6 @@ class RatingStudy(Study):
                 )
             )
         return found
-
-    def next_step(self, session: Session) -> Step | None:
-        done = {answer.step for answer in session.answers}
-        return next((step for step in self.steps(session) if step.id not in done), None)
 
     def progress(self, session: Session) -> float:
         count = len(self.items)
