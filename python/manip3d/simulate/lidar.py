@@ -41,11 +41,22 @@ Doubles = NDArray[np.float64]
 FIRING_PERIOD = 48e-6
 """Seconds between firings (20 833 per second, HDL-64E S2 manual)."""
 ENCODER_STEPS = 4000
-"""Steps of the encoder per turn, 0.09 degrees each."""
+"""Steps of the encoder per turn."""
+STEP_DEG = 360.0 / ENCODER_STEPS
+"""Degrees of one step of the encoder: 0.09."""
 SEAM = 1980
 """Encoder value at which a sweep begins: 178.2 degrees."""
 TURN_PERIOD = 0.10313
 """Seconds of one turn."""
+PERIOD_SPREAD = 3e-5
+"""Seconds: standard deviation of `TURN_PERIOD` between sweeps. The source of this number and of
+`WOBBLE` is not recorded."""
+WOBBLE = 0.6, 0.15
+"""Steps of the encoder: amplitudes of the deviation from a uniform turn that has one period in a
+turn, and of the one that has two."""
+SPARE_FIRINGS = 4
+"""Firings beyond a whole turn that are simulated before the turn is cut out of them: the firings
+begin up to one period early, and the wobble is less than a step."""
 FULL_LOSS = 25.0
 """Metres: the share of lost pulses is constant beyond this range. On smooth bright surfaces KITTI's
 frames lose 0.02 % of the pulses up to 8 m, 0.06 % at 10 m, 0.2 % at 17 m and 0.3 to 0.4 % beyond
@@ -69,6 +80,7 @@ _LASER_GAIN = np.random.default_rng(65).normal(0.0, 0.04, 64)
 # due to patterns of surfaces, and a kurtosis of 4 to 5.
 _LASER_NOISE = np.repeat([0.06, 0.04], 32) * np.exp(np.random.default_rng(66).normal(0.0, 0.2, 64))
 _HEAVY_TAIL = 0.05
+"""Weight of the cube of a normal number in that noise: it raises the kurtosis from 3 to 4.5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,14 +284,15 @@ def _in_world(
 def _firings(time: float, random: np.random.Generator) -> tuple[NDArray[np.int16], Doubles]:
     """Encoder values and times of the firings of one sweep.
 
-    The head turns uniformly except for a wobble of about half an encoder step, as measured.
+    The head turns uniformly except for a wobble of about half an encoder step.
     """
-    period = TURN_PERIOD + 3e-5 * random.standard_normal()
-    count = int(np.ceil(period / FIRING_PERIOD)) + 4
+    period = TURN_PERIOD + PERIOD_SPREAD * random.standard_normal()
+    count = int(np.ceil(period / FIRING_PERIOD)) + SPARE_FIRINGS
     moment = (np.arange(count) - random.random()) * FIRING_PERIOD
     turn = moment / period
     phases = random.uniform(0.0, 2.0 * np.pi, 2)
-    wobble = 0.6 * np.sin(2.0 * np.pi * turn + phases[0]) + 0.15 * np.sin(
+    once_a_turn, twice_a_turn = WOBBLE
+    wobble = once_a_turn * np.sin(2.0 * np.pi * turn + phases[0]) + twice_a_turn * np.sin(
         4.0 * np.pi * turn + phases[1]
     )
     angle = SEAM - ENCODER_STEPS * turn + wobble
@@ -291,7 +304,7 @@ def _firings(time: float, random: np.random.Generator) -> tuple[NDArray[np.int16
 def _beams(encoder: NDArray[np.int16], ring: NDArray[np.int64]) -> tuple[Doubles, Doubles]:
     """Origins and unit directions of the beams in the sensor's frame, at given encoder values."""
     table = lasers()
-    azimuth = np.radians(0.09 * encoder + table.azimuth_deg[ring])
+    azimuth = np.radians(STEP_DEG * encoder + table.azimuth_deg[ring])
     ahead = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
     level = 1.0 / np.hypot(1.0, table.slope[ring])  # cosine of the elevation
@@ -350,7 +363,7 @@ _POSTS = (
 def _hidden() -> NDArray[np.bool_]:
     """Whether the own car hides each laser at each encoder value, (64, 4000)."""
     ring, encoder = np.mgrid[:64, :ENCODER_STEPS]
-    azimuth = 0.09 * encoder + lasers().azimuth_deg[:, None]
+    azimuth = STEP_DEG * encoder + lasers().azimuth_deg[:, None]
     hidden = np.zeros(ring.shape, np.bool_)
     for right, left, first, last in _OWN_CAR:
         within = (azimuth - right) % 360.0 < left - right
@@ -369,7 +382,7 @@ def _with_own_car(
     columns: tuple[NDArray[Any], ...], encoder: NDArray[np.int16], laser_bias: float
 ) -> list[NDArray[Any]]:
     """The columns of a sweep (points to firing) with the returns of the own car's posts."""
-    azimuth = 0.09 * encoder + lasers().azimuth_deg[_POST_LASER]
+    azimuth = STEP_DEG * encoder + lasers().azimuth_deg[_POST_LASER]
     azimuth = 180.0 - (180.0 - azimuth) % 360.0
     reach = np.nansum(
         [np.interp(azimuth, at, reach, left=np.nan, right=np.nan) for at, reach in _POSTS], axis=0
