@@ -39,7 +39,8 @@ size; the larger one holds, as for glTF."""
 _BYTES_A_FACE, _BYTES_A_VERTEX = 50, 24
 """Memory of a face and of a vertex (three doubles), in bytes."""
 _DEEPEST = 64
-"""Largest depth of nested objects."""
+"""Largest depth of nested objects, in levels, which keeps the recursion over them far from Python's
+limit of calls."""
 
 _Look = Callable[[float], None] | None
 _Key = tuple[str, int]

@@ -18,15 +18,25 @@ if TYPE_CHECKING:
     from manip3d.modify import PhantomFrame
 
 NEAREST_M, FARTHEST_M = 1.4, 3.6
+"""Distances of the patient from the camera, metres."""
+
 MAX_TURN = 25.0
 """Largest turn of the shoulders away from the camera, degrees. Beyond it, too much of the mirrored
 surface faces away from the camera."""
 MIN_VISIBLE = 0.9
+"""Least visible share of the intact limb, by length: what is hidden of it has no mirror image. The
+pipeline mirrors a limb from half on."""
+
 MIN_RATE = 20.0
+"""Least number of frames per second: two thirds of a Kinect's 30."""
+
 MARGIN = 0.01
 """Width of the image's border, as a share of its sides, in which joints count as outside."""
 
 STILL_S = 2.0
+"""Time for which the patient holds still for a calibration, seconds; the page says so, too. Frames
+that lie farther apart begin it anew."""
+
 STILL_M = 0.03
 """Largest median movement of the joints during calibration, metres; above a tracker's noise."""
 

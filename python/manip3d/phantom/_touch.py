@@ -15,8 +15,8 @@ from manip3d.errors import InputError
 Mode = Literal["synchronous", "asynchronous"]
 MODES: Sequence[Mode] = ("synchronous", "asynchronous")
 
-SECONDS = 60.0
-TOUCH_S = 0.4
+SECONDS = 60.0  # length of a round of touches; the page says that it is a minute
+TOUCH_S = 0.4  # seconds for which the ball stays on the limb
 _PAUSES = (1.0, 1.8)  # seconds from the end of a touch to the next one
 _DELAYS = (0.5, 0.9)  # seconds from the seen touch to the felt one in asynchronous mode
 
