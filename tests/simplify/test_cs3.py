@@ -437,7 +437,10 @@ def test_a_stream_gives_what_single_calls_give() -> None:
         ({"variant": "best"}, "variant: expected 'lnms', 'lios', 'cnms' or 'cios', got 'best'"),
         ({"max_edge": 0.0}, "max_edge: expected > 0"),
         ({"max_edge": math.nan}, "max_edge: expected > 0"),
-        ({"reading": {"stencil": "wide"}}, "stencil is one of gradient_of_gradient, compact"),
+        (
+            {"reading": {"stencil": "wide"}},
+            "expected one of gradient_of_gradient, compact, ",
+        ),
         ({"reading": {"kernel": "wide"}}, "reading: expected stencil, beside_invalid, rounding"),
         ({"reading": {"outliers": 1.0}}, "outliers: expected a share"),
         ({"threads": -1}, "threads: expected 0 to 2147483647, got -1"),

@@ -827,7 +827,7 @@ def test_what_a_scan_cannot_follow_is_refused(
 
 def test_numbers_that_are_none_are_refused_by_name() -> None:
     depth = waves()
-    with pytest.raises(InputError, match="outliers is a number, got 'x'"):
+    with pytest.raises(InputError, match="expected a number for outliers, got 'x'"):
         simplify.cs3(depth, CAMERA, 50, reading={"outliers": "x"})
     with pytest.raises(InputError, match="target_points: expected >= 1, got 0"):
         simplify.cs3(depth, CAMERA, 0)

@@ -484,7 +484,10 @@ class AlertMonitor:
         reason = joined.reason
         if len(found) < len(self._rigs):
             silent = ", ".join(name for name in self._rigs if name not in heard)
-            reason += f" (not asked: {silent})" * bool(silent) + f" ({why})" * bool(why)
+            if silent:
+                reason += f" (not asked: {silent})"
+            if why:
+                reason += f" ({why})"
         return joined, WitnessReport(joined.verdict, reason, self._clock() - start)
 
     def _ask_forensics(

@@ -672,18 +672,18 @@ def _judged(
         few = FEW_STREWN.format(untold + len(strewn[1]))
         reason = UNTOLD.format(untold) if untold >= MIN_EXACT else few
     return GenericResult(
-        verdict,
-        reason,
-        10.0 ** min(logs, default=0.0),
-        abs(min(best, default=0.0)),
-        false_alarm_rate,
-        evidence,
-        regions,
-        suspected,
-        found["cells"].reshape(-1, _core.CELL_COLUMNS),
-        lattice,
-        scan,
-        rules,
+        verdict=verdict,
+        reason=reason,
+        p_value=10.0 ** min(logs, default=0.0),
+        score=abs(min(best, default=0.0)),
+        false_alarm_rate=false_alarm_rate,
+        evidence=evidence,
+        regions=regions,
+        suspected=suspected,
+        evidence_map=found["cells"].reshape(-1, _core.CELL_COLUMNS),
+        lattice=lattice,
+        scan=scan,
+        rules=rules,
     )
 
 

@@ -246,7 +246,10 @@ def _planted(
     threads: int,
     progress: Progress,
 ) -> Inspection:
-    """The result with the power by planted edits, if the scan itself has no trace."""
+    """Add to a result how many edits are found that are planted in copies of the scan.
+
+    The result stays as it is if the scan itself has a trace.
+    """
     scan, sensor, position = result.scan, result.sensor, result.origin
     is_unmeasured = _is_unmeasured(result)
     if not is_unmeasured and result.verdict != "no_trace":

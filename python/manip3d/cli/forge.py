@@ -494,7 +494,8 @@ def forge_frames(
     ------
     InputError
         An option does not fit; the truth file exists without ``force``; the source is live, and
-        ``frames`` is not given; no frame that was written has a forged pixel.
+        ``frames`` is not given; no frame has a forged pixel (the recording and its truth are
+        written all the same).
     FormatError, DeviceError, OSError
         A source cannot be read.
     """

@@ -448,5 +448,6 @@ def folder_sha256(folder: Path) -> str:
 
 @cache
 def _sha256(path: Path, size: int, modified_ns: int) -> str:
+    """Hash a file; its size and time are only keys of the cache, so that a changed one is read."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

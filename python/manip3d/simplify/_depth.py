@@ -598,7 +598,7 @@ def _reading(choices: dict[str, str | float]) -> _core.Cs3Reading:
         if name == "outliers":
             is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
             if not is_number:
-                raise InputError(f"reading: outliers is a number, got {value!r}")
+                raise InputError(f"reading: expected a number for outliers, got {value!r}")
             reading.outliers = float(value)
         elif name not in _READINGS:
             raise InputError(f"reading: expected {', '.join([*_READINGS, 'outliers'])}: {name!r}")
@@ -606,7 +606,7 @@ def _reading(choices: dict[str, str | float]) -> _core.Cs3Reading:
             members = _READINGS[name].__members__
             if str(value).upper() not in members:
                 known = ", ".join(member.lower() for member in members)
-                raise InputError(f"reading: {name} is one of {known}, got {value!r}")
+                raise InputError(f"reading: expected one of {known} for {name}, got {value!r}")
             setattr(reading, name, members[str(value).upper()])
     return reading
 

@@ -340,7 +340,11 @@ class Surface:
 
 
 def surfaces(mesh: Mesh) -> Iterator[Surface]:
-    """Yield the faces by material, those with and without texture coordinates separately."""
+    """Yield the faces by material, those with and without texture coordinates separately.
+
+    A material with a texture yields both surfaces, and either may be without faces. The opacity of
+    the textured one is 1, because the material's alpha is in its image.
+    """
     materials = np.full(mesh.num_faces, -1) if mesh.face_material is None else mesh.face_material
     images = _base_color_images(mesh)
     for index in np.unique(materials):
