@@ -106,6 +106,14 @@ def test_a_killed_recorder_leaves_its_frames(tmp_path: Path, size: int) -> None:
     assert source.counters["damaged"] == source.counters["lost"] == 0
 
 
+def test_an_existing_recording_names_what_replaces_it(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mkv"
+    capture.record([frame_of(0)], path)
+    expected = r"path: .*walk\.mkv exists already; --force \(overwrite=True\) replaces it"
+    with pytest.raises(manip3d.InputError, match=expected):
+        capture.record([frame_of(1)], path)
+
+
 def test_other_programs_read_it(tmp_path: Path) -> None:
     av = pytest.importorskip("av")
     path = tmp_path / "walk.mkv"

@@ -31,7 +31,10 @@ bool is_matroska(const fs::path& path) {
 
 void check_target(const fs::path& path, bool overwrite) {
   if (!fs::exists(path)) return;
-  if (!overwrite) throw InputError("path: " + path.string() + " exists");
+  if (!overwrite) {
+    throw InputError("path: " + path.string() +
+                     " exists already; --force (overwrite=True) replaces it");
+  }
   if (!fs::is_regular_file(path) || !is_matroska(path)) {
     throw InputError("path: expected a recording to replace, got " + path.string());
   }

@@ -141,7 +141,7 @@ def export_joints(
     if suffix not in (".csv", ".bvh"):
         raise InputError(f"path: expected a name that ends in .csv or .bvh, got {target}")
     if target.exists() and not overwrite:
-        raise InputError(f"path: expected a new file, {target} exists already")
+        raise InputError(f"path: {target} exists already; --force (overwrite=True) replaces it")
     if frames is not None and not frames > 0:
         raise InputError(f"frames: expected > 0, got {frames}")
     with ExitStack() as opened:

@@ -193,7 +193,7 @@ def export_clips(
     """
     target = path_of(output, "output")
     if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists")
+        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
     theirs = re.compile(rf"{re.escape(identifier)}-\d{{4}}-\d\d-\d\d-\d{{4}}-.*\.webp")
     refuse_other_files(target, lambda name: bool(theirs.fullmatch(name)))
     clips = diary.clips(identifier)

@@ -101,7 +101,7 @@ def export_csv(
     """
     target = path_of(output, "output")
     if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists")
+        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
     refuse_other_files(target, {f"{name}.csv" for name in _TABLES}.__contains__)
     chosen = _chosen(diary, participants)
     tables = _tables(diary, chosen)
@@ -298,7 +298,7 @@ def export_fhir(
     """
     target = path_of(output, "output")
     if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists")
+        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
     bundle = fhir_bundle(diary, identifier)
     diary.note_export(identifier)
     atomic_write(target, json.dumps(bundle, indent=1) + "\n")

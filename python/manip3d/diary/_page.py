@@ -95,7 +95,7 @@ def write_page(
     """
     target = path_of(output, "output")
     if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists")
+        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
     text = _page(diary, identifier, today or date.today(), clips)
     diary.note_export(identifier)
     atomic_write(target, text)
@@ -150,7 +150,7 @@ def write_overview(
     require_scipy()
     target = path_of(output, "output")
     if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists")
+        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
     refuse_other_files(target, lambda name: bool(_OWN_PAGE.fullmatch(name)))
     day = today or date.today()
     people = [person.identifier for person in diary.participants()]

@@ -103,7 +103,7 @@ def rescue_diary(
     source, target = path_of(path, "path"), path_of(output, "output")
     opener = require_key_material(key)
     if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists")
+        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
     if target.exists() and source.exists() and target.samefile(source):
         raise InputError(f"output: expected another file than the diary, got {target}")
     if not source.is_file():

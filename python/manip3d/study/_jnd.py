@@ -751,7 +751,7 @@ def make_jnd_stimuli(
     if study.stimuli is None or study.base is None:
         raise InputError("study: expected a study that was read from a file")
     if study.stimuli.exists() and not overwrite:
-        raise InputError(f"{study.stimuli}: exists already")
+        raise InputError(f"{study.stimuli}: exists already; --force (overwrite=True) replaces it")
     refuse_other_stimuli(study.stimuli, LEVELS)
     found: list[JndLevel] = []
     total = len(study.conditions) * len(study.levels)

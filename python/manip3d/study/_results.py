@@ -110,7 +110,9 @@ def write_results(
     target = path_of(output)
     if target.exists():
         if not overwrite:
-            raise InputError(f"output: {target} exists already")
+            raise InputError(
+                f"output: {target} exists already; --force (overwrite=True) replaces it"
+            )
         if not target.is_dir() or any(each.name not in FILES for each in target.iterdir()):
             raise InputError(f"output: expected a folder of results, got {target}")
     sessions = [s for s in folder.sessions.values() if state_of(study, s) != "declined"]

@@ -193,7 +193,7 @@ def make_rating_stimuli(
     _check_composition(wanted)
     target = path_of(output)
     if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists already")
+        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
     refuse_other_stimuli(target, MANIFEST)
     require("simulate")
     plan = _planned(wanted, examples=examples, surfaces=surfaces)
@@ -319,7 +319,7 @@ def copy_rating_stimuli(
     if not source.is_dir():
         raise InputError(f"images: expected a folder, got {source}")
     if target.exists() and not overwrite:
-        raise InputError(f"output: {target} exists already")
+        raise InputError(f"output: {target} exists already; --force (overwrite=True) replaces it")
     refuse_other_stimuli(target, MANIFEST)
     if target.resolve().is_relative_to(source.resolve()):
         raise InputError("output: expected a folder beside that of the images, not within it")
