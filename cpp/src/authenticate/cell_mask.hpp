@@ -8,8 +8,9 @@
 
 namespace manip3d {
 
-/// A binary image of directions. Columns are cyclic: column 0 is next to the last one. Cells above
-/// the first and below the last row are unmarked.
+/// An image of directions: 0 unmarked, 1 marked; from `window_sums`, counts of 0 to 9. Columns are
+/// cyclic: column 0 is next to the last one. Cells above the first and below the last row are
+/// unmarked.
 struct CellMask {
   std::int64_t rows = 0, columns = 0;
   std::vector<std::uint8_t> cells;
@@ -18,9 +19,11 @@ struct CellMask {
   [[nodiscard]] const std::uint8_t* row(std::int64_t r) const { return cells.data() + r * columns; }
 };
 
-/// Sums over 3x3 windows. Rows without a marked cell around them are skipped.
+/// Returns the number of marked cells, 0 to 9, in the 3x3 window around each cell. Rows without a
+/// marked cell around them are skipped.
 inline CellMask window_sums(const CellMask& mask, const Progress& progress) {
-  Ticker ticker(progress, 1U << 6);
+  if (mask.columns == 0) return mask;
+  Ticker ticker(progress, 1U << 6);  // rows between two reports
   CellMask across{mask.rows, mask.columns, std::vector<std::uint8_t>(mask.cells.size())};
   std::vector<std::uint8_t> any(mask.rows);
   const std::int64_t n = mask.columns;

@@ -11,7 +11,8 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kWindowReach = 2;  // of a window of 5 pixels
+constexpr std::int64_t kWindowReach = 2;  // pixels on each side of the middle one
+constexpr std::int64_t kWindow = 2 * kWindowReach + 1;
 
 void check_millimetres(const DepthView& depth) {
   if (depth.millimetres == nullptr || depth.rows == 0 || depth.cols == 0) {
@@ -19,12 +20,12 @@ void check_millimetres(const DepthView& depth) {
   }
 }
 
-std::array<double, 5> gaussian(double sigma) {
-  std::array<double, 5> weights{};
+std::array<double, kWindow> gaussian(double sigma) {
+  std::array<double, kWindow> weights{};
   double sum = 0.0;
-  for (int i = -2; i <= 2; ++i) {
-    weights[i + 2] = std::exp(-0.5 * i * i / (sigma * sigma));
-    sum += weights[i + 2];
+  for (int i = -kWindowReach; i <= kWindowReach; ++i) {
+    weights[i + kWindowReach] = std::exp(-0.5 * i * i / (sigma * sigma));
+    sum += weights[i + kWindowReach];
   }
   for (double& w : weights) w /= sum;
   return weights;
@@ -145,12 +146,13 @@ void number_objects(std::vector<SilhouetteSpan>& spans, const std::vector<float>
 std::vector<double> depth_noise(const DepthView& depth, const DepthNoiseOptions& options) {
   check_millimetres(depth);
   if (options.region < 2 || options.region > kMaxImageSide) {
-    throw InputError("region: expected 2 to 16384, got " + std::to_string(options.region));
+    throw InputError("region: expected 2 to " + std::to_string(kMaxImageSide) + ", got " +
+                     std::to_string(options.region));
   }
   if (!(options.sigma >= 0.1 && options.sigma <= 100.0)) {
     throw InputError("sigma: expected 0.1 to 100, got " + std::to_string(options.sigma));
   }
-  const std::array<double, 5> weights = gaussian(options.sigma);
+  const std::array<double, kWindow> weights = gaussian(options.sigma);
   const std::int64_t rows = depth.rows, cols = depth.cols, side = options.region;
   const std::int64_t across = (cols + side - 1) / side, down = (rows + side - 1) / side;
   std::vector<double> smooth(rows * cols);  // smoothed along rows only

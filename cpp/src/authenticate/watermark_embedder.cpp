@@ -245,8 +245,8 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
   s.sample(points, grid);
   s.make_tiles();
   if (frame.picture && record_size(header.tile_of.size(), header.num_tiles) > kMaxCarried) {
-    throw InputError("picture: expected a record of at most 2048 bytes, got " +
-                     std::to_string(header.num_tiles) + " tiles of " +
+    throw InputError("picture: expected a record of at most " + std::to_string(kMaxCarried) +
+                     " bytes, got " + std::to_string(header.num_tiles) + " tiles of " +
                      std::to_string(header.tile_of.size()) + " slices");
   }
   const std::vector<std::uint8_t> head = header_bytes(header);

@@ -58,8 +58,8 @@ WatermarkTag tag_of_picture(std::span<const std::uint8_t> key, const PictureView
 std::vector<std::uint8_t> with_record(const PictureView& picture,
                                       std::span<const std::uint8_t> record) {
   if (record.size() > kMaxCarried) {
-    throw InputError("record: expected at most 2048 bytes for a picture, got " +
-                     std::to_string(record.size()));
+    throw InputError("record: expected at most " + std::to_string(kMaxCarried) +
+                     " bytes for a picture, got " + std::to_string(record.size()));
   }
   std::vector<std::uint8_t> samples = without_record(picture);
   for (std::size_t i = 0; i < 8 * record.size(); ++i) {

@@ -47,6 +47,7 @@ void for_each_part(const PersonPoints& points, const Skeleton& person, Limb leg,
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     float nearest = std::numeric_limits<float>::max();
     std::size_t part = 0;
+    // The last bone is the foot: it competes for the points too, and its points are left out.
     for (std::size_t k = 0; k <= kNumParts; ++k) {
       const Eigen::Vector3f from = person[chain[k]], bone = person[chain[k + 1]] - from;
       const float along = std::clamp((p - from).dot(bone) / squared_length(bone), 0.0F, 1.0F);
@@ -55,7 +56,7 @@ void for_each_part(const PersonPoints& points, const Skeleton& person, Limb leg,
       nearest = off;
       part = k;
     }
-    if (part < kNumParts) use(part, p.cast<double>());  // the part after these is the foot
+    if (part < kNumParts) use(part, p.cast<double>());
   }
 }
 

@@ -28,7 +28,7 @@ inline constexpr float kPullToMiddle = 3e-5F;
 
 /// On flat regions every price is rounding noise; with this share of the squared length, short
 /// edges collapse first there.
-inline constexpr float kShortEdgeFirst = 1e-9F;
+inline constexpr float kShortEdgePreference = 1e-9F;
 
 #define MANIP3D_EDGE_QUADRIC EdgeQuadric
 #include "simplify/edge_quadric.inc"

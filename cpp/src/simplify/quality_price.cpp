@@ -22,7 +22,7 @@ constexpr double kOffPlanes = 1e-2;
 
 /// On flat regions every price is rounding noise; with this share, short edges collapse first
 /// there.
-constexpr double kShortEdgeWeight = 1e-5;
+constexpr double kShortEdgePreference = 1e-5;
 
 /// Factor on the price of the faces around an edge. They are counted fully for each edge, while a
 /// price should count each face once. Measured on the models with many parts; with 1, pieces vanish
@@ -218,7 +218,7 @@ Plan Prices::plan(std::int32_t v, std::int32_t t, std::int32_t num_edge_faces, P
   if (original_.is_colored) plan.owed += original_.wrong_color(v, t, p);
   plan.price = kSurfaceShare * integral(star.quadric(p), star.area) +
                std::max(0.0, plan.owed - original_.owed[v] - original_.owed[t]) + spike(v, t, p) +
-               kShortEdgeWeight * area * length;
+               kShortEdgePreference * area * length;
   plan.price *= std::max(kept_.importance(v), kept_.importance(t)) / num_edge_faces;
   return plan;
 }

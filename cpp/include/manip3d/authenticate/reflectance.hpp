@@ -15,7 +15,6 @@ enum class ReflectanceEvidence : std::uint8_t {
   kEven,     ///< Neighbours along a ring have the same reflectance: no shot noise.
   kChanged,  ///< The turns before and after agree on a reflectance that the frame does not have.
 };
-inline constexpr int kNumReflectanceEvidence = 2;
 
 /// A connected set of directions with one kind of evidence.
 struct ReflectanceRegion {

@@ -36,7 +36,8 @@ class DepthSmoother {
   /// @throws InputError  newest_share not in (0, 1]; gate is not > 0.
   explicit DepthSmoother(const DepthSmootherOptions& options = {});
   /// Return the smoothed frame: (rows, cols) metres, 0 where the newest frame has no measurement.
-  /// Valid until the next call. A frame of another size restarts everything.
+  /// Valid until the next call. A frame of another size restarts everything. The mesh given to
+  /// `show` is used by the next call only.
   const std::vector<float>& add(const DepthView& depth);
   /// Sets the mesh that was made from the last frame.
   /// @param pixels  (n, 2) column and row of each vertex.
@@ -116,6 +117,8 @@ class DepthSmoother {
   std::vector<BlockSum> block_sums_;
   std::vector<float> moving_blocks_, block_motion_;
   std::vector<float> out_;
+  /// Whether `shown_` is the mesh of the last frame: set by `show`, cleared by each `add` and
+  /// `reset`.
   bool has_shown_ = false;
   bool starts_anew_ = true;
   // Standard deviations relative to a Kinect's pixel; negative: unknown.
