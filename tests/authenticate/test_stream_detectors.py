@@ -326,6 +326,110 @@ def test_the_first_frames_of_a_recording_whose_holes_were_filled_are_not_accused
     assert "copies" in found.reason
 
 
+def from_window(
+    depth: NDArray[np.uint16],
+    side: int,
+    choose: Callable[..., NDArray[np.float64]],
+    *,
+    holes: bool = False,
+) -> NDArray[np.uint16]:
+    """All pixels, or missing ones only, take a statistic of the depths measured around them."""
+    padded = np.pad(depth.astype(np.float64), side // 2)
+    padded[padded == 0] = np.nan
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
+    rows, columns = np.nonzero((depth == 0) | (not holes))
+    filtered = depth.copy()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # nothing is measured around them
+        chosen = choose(windows[rows, columns].reshape(len(rows), side * side), axis=-1)
+    filtered[rows, columns] = np.rint(np.nan_to_num(chosen))
+    return filtered
+
+
+def with_ragged_holes() -> list[RgbdFrame]:
+    """Somebody who was cut out, before a wall with holes whose rims come and go."""
+
+    def smooth(rng: np.random.Generator) -> NDArray[np.float64]:
+        field = rng.standard_normal((250, 330))
+        shifted = [field[v : v + 240, u : u + 320] for v in range(11) for u in range(11)]
+        return np.sum(shifted, axis=0) / 11.0
+
+    lasting = smooth(np.random.default_rng(11))
+    frames = stream(soft=False)
+    for frame in frames:
+        rng = np.random.default_rng([12, frame.number])
+        field = lasting + 0.2 * smooth(rng) + 0.03 * rng.standard_normal(lasting.shape)
+        field[55:205, 115:205] = 0.0
+        frame.depth[field > 0.7] = 0
+    return frames
+
+
+def depths_changed(
+    frames: list[RgbdFrame], change: Callable[[NDArray[np.uint16]], NDArray[np.uint16]]
+) -> list[RgbdFrame]:
+    return [replace(frame, depth=change(frame.depth)) for frame in frames]
+
+
+WINDOWS = {
+    "minimum": lambda depth: from_window(depth, 3, np.nanmin),
+    "larger minimum": lambda depth: from_window(depth, 5, np.nanmin),
+    "median of holes": lambda depth: from_window(depth, 5, np.nanmedian, holes=True),
+}
+
+
+@pytest.mark.parametrize("filter_", WINDOWS)
+def test_holes_that_were_filled_from_windows_accuse_nobody(filter_: str) -> None:
+    frames = with_ragged_holes()
+    assert authenticate.inspect_stream(frames).verdict == "tampered"
+    found = authenticate.inspect_stream(depths_changed(frames, WINDOWS[filter_]))
+    assert (found.verdict, found.regions) == ("processed", ())
+    assert [step.kind for step in found.processing] == ["filtered"]
+    assert "narrower than three pixels: holes were filled from windows" in found.reason
+
+
+@pytest.mark.parametrize(("least", "last"), [(1, 5), (2, 8)])
+def test_pixels_that_stay_once_they_were_measured_accuse_nobody(least: int, last: int) -> None:
+    found = authenticate.inspect_stream(kept_pixels(with_ragged_holes(), least, last))
+    assert (found.verdict, found.regions) == ("processed", ())
+    assert "missing ones kept their depth" in found.reason
+
+
+@pytest.mark.parametrize("filter_", WINDOWS)
+def test_a_filter_of_the_inserted_person_alone_hides_nobody(filter_: str) -> None:
+    place = np.s_[50:210, 110:210]
+    frames = with_ragged_holes()
+    for frame in frames:
+        frame.depth[place] = WINDOWS[filter_](frame.depth)[place]
+    assert authenticate.inspect_stream(frames).verdict == "tampered"
+
+
+def test_a_camera_that_seldom_loses_pixels_is_no_filter() -> None:
+    """0.6 % of the pixels are lost in each frame, and therefore of those that just appeared."""
+    frames = stream(soft=False)
+    for frame in frames:
+        rng = np.random.default_rng([13, frame.number])
+        for v, u in rng.integers(5, 225, (13, 2)):
+            frame.depth[v : v + 6, u : u + 6] = 0
+    assert authenticate.inspect_stream(frames).verdict == "tampered"
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("filter_", [*WINDOWS, "missing pixels kept"])
+def test_a_clean_recording_behind_a_filter_of_the_whole_image_is_not_accused(
+    filter_: str, realdata: RealData
+) -> None:
+    from manip3d.experiments import _streams
+
+    realdata.needs("scene_kitchen")
+    frames = _streams.scene("scene_kitchen")[:10]
+    if filter_ in WINDOWS:
+        filtered = depths_changed(frames, WINDOWS[filter_])
+    else:
+        filtered = kept_pixels(frames, 1, 4)
+    found = authenticate.inspect_stream(filtered)
+    assert (found.verdict, found.regions) == ("processed", ())
+
+
 @pytest.mark.realdata
 @pytest.mark.parametrize("subject", [2, 3, 6, 7, 8])
 def test_people_before_a_wall_with_gaps_are_found(subject: int, realdata: RealData) -> None:

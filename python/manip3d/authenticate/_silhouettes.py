@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d.authenticate._filter_traces import filter_trace
 from manip3d.authenticate._stream_frames import following
 from manip3d.authenticate._stream_verdict import StreamRegion, StreamReport, box_of
 from manip3d.camera import Intrinsics
@@ -155,12 +156,10 @@ def _judged_along_rows(
         why = f"silhouettes are sharp, but {wide:.1%} of the gaps within rows are wide: large ones"
         why += " were filled, and whether somebody was cut out cannot be told"
         return StreamReport("silhouettes", "processed", why, score), (), nothing
-    if (filled := _filled(frames)) is not None:
-        why = (
-            f"silhouettes are sharp, but {filled}, and whether somebody was cut out cannot be told"
-        )
-        return StreamReport("silhouettes", "processed", why, score), (), nothing
     regions, masks = _cut_regions(frames, found)
+    if (trace := _filled(frames) or filter_trace(frames, masks)) is not None:
+        why = f"silhouettes are sharp, but {trace}, and whether somebody was cut out cannot be told"
+        return StreamReport("silhouettes", "processed", why, score), (), nothing
     why = f"silhouettes are sharp on both sides in {score:.0%} of their rows: cut out"
     if (first, last) != (0, len(frames) - 1):
         why += f" in frames {frames[first].number} to {frames[last].number} most of all"
@@ -312,7 +311,7 @@ def _filled(frames: Sequence[RgbdFrame]) -> str | None:
 
     Filters that copy depths into holes, a few pixels deep, make the pixels beside what is left of
     the holes equal. Those that fill small holes only leave no missing pixel alone. Means and
-    medians of many neighbours copy nothing, and are not recognised.
+    medians of many neighbours copy nothing: `filter_trace` recognises them.
     """
     some = [frame.depth for frame in frames[:: max(1, len(frames) // _MAX_FILLED)]]
     sides = np.sum(

@@ -165,11 +165,16 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     silhouettes are sharp because missing pixels beside them keep the depth of the previous frame,
     as RealSense's temporal filter does with a moving camera, if no wide gap is left in the image,
     because large holes were filled, or if holes were filled a few pixels deep: depths beside what
-    is left of them are copies, or no missing pixel stands alone. For time-of-flight cameras, which
-    are recognised by the size of their images, missing wide gaps are no evidence. If silhouettes
-    have neither a step nor a gap on either side, as blended silhouettes and those of time of
-    flight, streams of other cameras are ``undecidable``; a person who was blended into a time-of-
-    flight stream leaves no trace. No verdict says that a stream is authentic.
+    is left of them are copies, or no missing pixel stands alone. A filter of the whole image also
+    shows away from the sharp silhouettes: after medians of measured pixels, minima and the like, no
+    strip of measured pixels between holes is one or two pixels wide, and after filters that keep
+    the depth of missing pixels, those that appear are not lost again in the next frames. Then the
+    images are ``processed``, too; a filter of an inserted person alone does not hide it. For
+    time-of-flight cameras, which are recognised by the size of their images, missing wide gaps are
+    no evidence. If silhouettes have neither a step nor a gap on either side, as blended silhouettes
+    and those of time of flight, streams of other cameras are ``undecidable``; a person who was
+    blended into a time-of-flight stream leaves no trace. No verdict says that a stream is
+    authentic.
 
     An image that was cropped to the size of another camera is recognised if the field of view of
     its calibration is below 50 degrees. An image that was made smaller by leaving pixels out, with
