@@ -155,8 +155,8 @@ std::string UdpSender::address_text() const {
 }
 
 std::string UdpSender::text() const {
-  const std::string host = is_ipv6 ? "[" + address_text() + "]" : address_text();
-  return host + ":" + std::to_string(destination_port);
+  const std::string host = address_text();
+  return (is_ipv6 ? '[' + host + ']' : host) + ':' + std::to_string(destination_port);
 }
 
 // The records of a file in either format.
