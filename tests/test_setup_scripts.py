@@ -55,6 +55,34 @@ def test_a_step_that_fails_shows_everything() -> None:
     assert "a title: failed with status 7" in done.stderr
 
 
+def needs_of_venv(folder: Path, user: int, python: str) -> list[str]:
+    """List what the Makefile wants before it makes .venv, for a user and a Python."""
+    for name, script in {"id": f"echo {user}", "a_python": python}.items():
+        (folder / name).write_text(f"#!/bin/sh\n{script}\n")
+        (folder / name).chmod(0o755)
+    rules = subprocess.run(
+        ["make", "--question", "--print-data-base", "help", f"PYTHON={folder / 'a_python'}"],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env=os.environ | {"PATH": f"{folder}:{os.environ['PATH']}"},
+    )
+    found = re.search(r"^\.venv/stamps/venv: (.*)$", rules.stdout, re.MULTILINE)
+    assert found is not None
+    return found[1].split()
+
+
+@pytest.mark.parametrize(
+    ("user", "python", "waits"), [(0, "exit 0", False), (0, "exit 1", True), (1000, "exit 0", True)]
+)
+def test_python_packages_wait_for_those_of_the_system_only_where_they_must(
+    tmp_path: Path, user: int, python: str, waits: bool
+) -> None:
+    needs = needs_of_venv(tmp_path, user, python)
+    assert (".venv/stamps/packages" in needs) == waits
+    assert "pyproject.toml" in needs
+
+
 def nightly(folder: Path, steps: str) -> subprocess.CompletedProcess[str]:
     """Run steps of the night with a `make` that only fails to fuzz."""
     make = folder / "make"
