@@ -221,6 +221,56 @@ def test_materials_are_those_that_the_scene_binds() -> None:
     assert (material.alpha_mode, material.emissive) == ("blend", (0.0, 0.5, 0.0))
 
 
+def painted(color: str, symbol: str) -> str:
+    """Two triangles of the given material; the corners of each have a colour of their own."""
+    colors = source("c", np.array([[int(d) for d in name] for name in color.split()]), "R G B")
+    faces = (
+        f"<triangles material='{symbol}' count='2'><input semantic='VERTEX' source='#cube-v' "
+        "offset='0'/><input semantic='COLOR' source='#c' offset='1'/>"
+        "<p>0 0 1 0 2 0 3 1 4 1 5 1</p></triangles>"
+    )
+    return geometry(faces, sources=colors)
+
+
+def test_a_layer_of_white_colors_leaves_materials_as_they_are() -> None:
+    """Blender writes such a layer by default."""
+    library = effect("<diffuse><color>.2 .4 .6 1</color></diffuse>")
+    mesh = read(document(painted("111 111", "sym"), BOUND, library))
+    assert mesh.colors is None
+    assert mesh.face_material is not None
+    assert mesh.face_material.tolist() == [0, 0]
+    assert [m.name for m in mesh.materials] == ["wood"]
+
+
+def test_colors_of_faces_with_a_material_are_those_of_vertices() -> None:
+    library = effect("<diffuse><color>.2 .4 .6 1</color></diffuse>")
+    mesh = read(document(painted("100 111", "sym"), BOUND, library))
+    assert mesh.colors is not None
+    assert mesh.colors[:6].tolist() == [[255, 0, 0]] * 3 + [[255, 255, 255]] * 3
+    assert mesh.face_material is not None
+    assert mesh.face_material.tolist() == [0, 0]
+    assert [m.name for m in mesh.materials] == ["wood"]
+
+
+def test_colors_of_faces_without_a_material_are_materials() -> None:
+    mesh = read(document(painted("111 001", "unknown")))
+    assert mesh.colors is None
+    assert mesh.face_material is not None
+    assert [mesh.materials[i].base_color[:3] for i in mesh.face_material] == [(1, 1, 1), (0, 0, 1)]
+
+
+def test_colors_that_differ_around_a_vertex_with_a_material_are_told(tmp_path: Path) -> None:
+    shape = painted("100 001", "sym").replace("3 1 4 1 5 1", "0 1 4 1 5 1")
+    library = effect("<diffuse><color>.2 .4 .6 1</color></diffuse>")
+    (tmp_path / "a.dae").write_bytes(document(shape, BOUND, library))
+    report = io.read_report(tmp_path / "a.dae")
+    assert report.mesh.colors is not None
+    assert report.mesh.colors[0].tolist() == [128, 0, 128]
+    assert report.warnings == (
+        "faces with materials have colors, too: each vertex takes the mean of its faces",
+    )
+
+
 def test_a_material_that_nobody_would_see_is_opaque() -> None:
     look = (
         "<diffuse><color>1 1 1 1</color></diffuse><transparent><color>1 1 1 1</color>"

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <string>
 #include <unordered_map>
 
 #include "io/colors.hpp"
@@ -16,14 +17,28 @@ constexpr std::int32_t kNone = -1;
 // thousands.
 constexpr std::size_t kMaxMaterials = 256;
 
+constexpr std::int32_t kWhite = 0xFFFFFF;
+
 using CornerColors = MeshView::Map<Faces>;
 
-bool have_faces_one_color(const CornerColors& colors) {
+/// The colours of the faces that have a material in the mesh, or of those that have none.
+Faces colors_of_faces(const MeshView& mesh, const CornerColors& colors, bool with_material) {
+  Faces chosen = colors;
+  for (Eigen::Index f = 0; f < chosen.rows(); ++f) {
+    const bool has_material = mesh.has_materials() && mesh.face_material[f] != kNone;
+    if (has_material != with_material) chosen.row(f).setConstant(kNone);
+  }
+  return chosen;
+}
+
+bool have_color(const Faces& colors) { return (colors.array() != kNone).any(); }
+
+bool have_faces_one_color(const Faces& colors) {
   return colors.col(0) == colors.col(1) && colors.col(0) == colors.col(2);
 }
 
 // Makes a material for each colour, in order of appearance; returns false if there are too many.
-bool use_materials(const MeshView& mesh, std::int32_t num_materials, const CornerColors& colors,
+bool use_materials(const MeshView& mesh, std::int32_t num_materials, const Faces& colors,
                    SurfaceColors& result) {
   std::unordered_map<std::int32_t, std::int32_t> material_of_color;
   for (const std::int32_t color : colors.col(0)) {
@@ -40,7 +55,7 @@ bool use_materials(const MeshView& mesh, std::int32_t num_materials, const Corne
   return true;
 }
 
-Colors mean_of_corners(const MeshView& mesh, const CornerColors& corner_colors) {
+Colors mean_of_corners(const MeshView& mesh, const Faces& corner_colors) {
   Rows<float, 3> sums = Rows<float, 3>::Zero(mesh.num_vertices(), 3);
   Eigen::VectorXf counts = Eigen::VectorXf::Zero(mesh.num_vertices());
   for (Eigen::Index f = 0; f < mesh.num_faces(); ++f) {
@@ -61,6 +76,18 @@ Colors mean_of_corners(const MeshView& mesh, const CornerColors& corner_colors) 
   return colors;
 }
 
+/// Whether each corner has the colour of its vertex.
+bool are_kept(const MeshView& mesh, const Faces& corner_colors, const Colors& colors) {
+  for (Eigen::Index f = 0; f < mesh.num_faces(); ++f) {
+    for (int c = 0; c < 3; ++c) {
+      const std::int32_t rgb = corner_colors(f, c);
+      const auto own = colors.row(mesh.faces(f, c));
+      if (rgb != kNone && rgb != (own[0] << 16 | own[1] << 8 | own[2])) return false;
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 SurfaceColors surface_colors(const MeshView& mesh, std::int32_t num_materials,
@@ -70,15 +97,22 @@ SurfaceColors surface_colors(const MeshView& mesh, std::int32_t num_materials,
                      " rows, one for each face, got " + std::to_string(corner_colors.rows()));
   }
   SurfaceColors result;
-  if ((corner_colors.array() == kNone).all()) return result;
-  const bool is_flat = have_faces_one_color(corner_colors);
-  if (is_flat && use_materials(mesh, num_materials, corner_colors, result)) return result;
-  result = {};
-  result.colors = mean_of_corners(mesh, corner_colors);
-  if (is_flat) {
-    result.warning = "faces have more than " + std::to_string(kMaxMaterials) +
-                     " colors: each vertex takes the mean of its faces";
+  Faces on_material = colors_of_faces(mesh, corner_colors, true);
+  const Faces alone = colors_of_faces(mesh, corner_colors, false);
+  // Many programs write a layer of white that nobody has painted.
+  if ((on_material.array() == kNone || on_material.array() == kWhite).all()) {
+    on_material.setConstant(kNone);
   }
+  const bool has_few =
+      have_faces_one_color(alone) && use_materials(mesh, num_materials, alone, result);
+  if (!has_few || result.materials.empty()) result = {};
+  const Faces rest = has_few ? on_material : on_material.cwiseMax(alone);
+  if (!have_color(rest)) return result;
+  result.colors = mean_of_corners(mesh, rest);
+  if (!have_faces_one_color(rest) || are_kept(mesh, rest, result.colors)) return result;
+  result.warning = has_few ? "faces with materials have colors, too"
+                           : "faces have more than " + std::to_string(kMaxMaterials) + " colors";
+  result.warning += ": each vertex takes the mean of its faces";
   return result;
 }
 

@@ -17,8 +17,10 @@ if TYPE_CHECKING:
 def with_corner_colors(mesh: Mesh, colors: NDArray[np.int64], warn: Callable[[str], None]) -> Mesh:
     """Return the mesh with the colours (F, 3) of its face corners; -1 means no colour.
 
-    If faces have a single colour each, and these are few, the colours become materials. Otherwise a
-    vertex gets the mean colour of its corners. ``_core`` uses the same rule for its formats.
+    If the faces without a material have a single colour each, and these are few, the colours become
+    materials. Otherwise a vertex gets the mean colour of its corners. Faces with a material keep
+    it: their colours go to vertices, unless all are white. ``_core`` uses the same rule for its
+    formats.
     """
     face_material, materials, vertex_colors, warning = _core.surface_colors(
         mesh, np.ascontiguousarray(colors, dtype=np.int32)
@@ -27,5 +29,5 @@ def with_corner_colors(mesh: Mesh, colors: NDArray[np.int64], warn: Callable[[st
         warn(warning)
     if materials:
         added = [*mesh.materials, *materials]
-        return mesh.replace(face_material=face_material, materials=added)
+        mesh = mesh.replace(face_material=face_material, materials=added)
     return mesh.replace(colors=vertex_colors) if len(vertex_colors) else mesh
