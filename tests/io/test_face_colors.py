@@ -35,6 +35,10 @@ def colored_stl(attributes: list[int], header: bytes = b"") -> bytes:
 
 ORANGE_PART = b"COLOR=\xff\x80\x00\xff,MATERIAL=0000"
 ORANGE = (255, 128, 0)
+# MeshLab's header, and MeshLab's attributes of red and blue.
+GREY_PART = b"COLOR=\x7f\x7f\x7f\xff MATERIAL=\x7f\x7f\x7f\xff"
+MARKED_RED, MARKED_BLUE = 0x801F, 0xFC00
+GREY, BLACK, WHITE = (127, 127, 127), (0, 0, 0), (255, 255, 255)
 
 
 @pytest.mark.parametrize(
@@ -45,6 +49,13 @@ ORANGE = (255, 128, 0)
         ([31, 31 << 10], ORANGE_PART, [RED, BLUE]),
         ([31, 0x8000], ORANGE_PART, [RED, ORANGE]),  # Magics: marked, the colour of the part
         ([0, 0], b"made by me " + ORANGE_PART, [ORANGE, ORANGE]),
+        ([MARKED_RED, MARKED_BLUE], GREY_PART, [RED, BLUE]),
+        ([MARKED_RED, MARKED_RED], GREY_PART, [RED, RED]),
+        ([0x8000, 0xFFFF], GREY_PART, [BLACK, WHITE]),
+        ([0, 0], GREY_PART, [GREY, GREY]),
+        ([MARKED_RED, MARKED_BLUE], ORANGE_PART, [RED, BLUE]),  # they differ: no mark of Magics
+        ([MARKED_RED, MARKED_RED], ORANGE_PART, [ORANGE, ORANGE]),
+        ([0x8000, 0xFFFF], ORANGE_PART, [ORANGE, ORANGE]),
     ],
 )
 def test_colors_of_binary_stl(

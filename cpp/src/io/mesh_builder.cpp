@@ -75,9 +75,9 @@ void MeshBuilder::add_polygon(std::span<const Corner> corners, std::int32_t mate
   ++num_polygons_;
 }
 
-void MeshBuilder::color_last_polygon(std::int32_t rgb) {
-  face_colors_.fill(last_face_, kNone, input_);
-  face_colors_.fill(faces_.size(), rgb, input_);
+void MeshBuilder::color_faces(std::int64_t begin, std::int64_t end, std::int32_t rgb) {
+  face_colors_.fill(begin, kNone, input_);
+  face_colors_.fill(end, rgb, input_);
 }
 
 void MeshBuilder::add_triangle(const Corner& a, const Corner& b, const Corner& c) {

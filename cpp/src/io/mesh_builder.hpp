@@ -98,7 +98,9 @@ class MeshBuilder {
   ///
   /// A few colours become materials, so that borders stay sharp; if there are more, each vertex
   /// gets the mean. Colours of vertices or materials in the file take precedence.
-  void color_last_polygon(std::int32_t rgb);
+  void color_last_polygon(std::int32_t rgb) { color_faces(last_face_, num_faces(), rgb); }
+  /// Gives faces that come after all coloured ones a colour.
+  void color_faces(std::int64_t begin, std::int64_t end, std::int32_t rgb);
 
   [[nodiscard]] std::int64_t num_polygons() const { return num_polygons_; }
   [[nodiscard]] std::int64_t num_faces() const { return faces_.size(); }

@@ -5,8 +5,10 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <set>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "io/colors.hpp"
 #include "io/formats.hpp"
@@ -84,7 +86,8 @@ class StlReader {
   void read_binary() {
     const std::string head(input_.bytes(kStlHeaderBytes, "the header"), kStlHeaderBytes);
     const std::uint32_t num_faces = num_triangles(head);
-    const std::int32_t color_of_all = magics_color(head);
+    const bool has_part_color = part_color(head) != MeshBuilder::kNone;
+    std::vector<std::uint16_t> attributes;  // empty if each face tells its colour on its own
     constexpr std::int64_t kCountOffset = kStlHeaderBytes - 4;
     builder_.reserve_faces(
         input_.checked_claim(num_faces, kTriangleBytes, "triangles", {std::nullopt, kCountOffset}));
@@ -103,15 +106,21 @@ class StlReader {
       builder_.add_polygon(corners_, MeshBuilder::kNone, {std::nullopt, start});
       std::uint16_t attribute = 0;
       std::memcpy(&attribute, bytes + sizeof(values), sizeof(attribute));
-      color_face(attribute, color_of_all);
+      if (has_part_color) {
+        attributes.push_back(attribute);
+      } else if ((attribute & kMarked) != 0) {
+        builder_.color_last_polygon(viscam_color(attribute));
+      }
     }
+    if (has_part_color) color_faces(attributes, head);
     if (!input_.at_end()) {
       warn(result_.warnings, "bytes after the last triangle left out");
     }
   }
 
-  // Materialise Magics writes the colour of the whole part into the header: COLOR= and four bytes.
-  static std::int32_t magics_color(std::string_view head) {
+  // Materialise Magics writes the colour of the whole part into the header: COLOR= and four bytes,
+  // followed by ,MATERIAL= and further colours.
+  static std::int32_t part_color(std::string_view head) {
     constexpr std::string_view kKey = "COLOR=";
     const std::string_view comment = head.substr(0, kStlHeaderBytes - 4);
     const std::size_t at = comment.find(kKey);
@@ -125,19 +134,47 @@ class StlReader {
     return rgb;
   }
 
+  // MeshLab writes a blank where Magics writes a comma.
+  static bool is_of_meshlab(std::string_view head) {
+    constexpr std::string_view kKey = "COLOR=";
+    return head.substr(head.find(kKey) + kKey.size() + 4).starts_with(" MATERIAL=");
+  }
+
   // Colours have five bits per channel. VisCAM and SolidView: blue is lowest, and bit 15 set means
-  // that the face has a colour. Magics: red is lowest, and bit 15 set means that the face has the
-  // colour of the part; so has a face without attributes, because many programs write no others.
-  void color_face(std::uint16_t attribute, std::int32_t color_of_all) {
-    const bool is_magics = color_of_all != MeshBuilder::kNone;
-    const bool is_marked = (attribute & kMarked) != 0;
-    if (is_magics && (is_marked || attribute == 0)) {
-      builder_.color_last_polygon(color_of_all);
-    } else if (is_magics || is_marked) {
-      const auto five_bits = [&](int shift) { return (attribute >> shift & 0x1F) / 31.0; };
-      std::array<double, 3> values{five_bits(10), five_bits(5), five_bits(0)};
-      if (is_magics) std::swap(values[0], values[2]);
-      builder_.color_last_polygon(packed_color(values.data()));
+  // that the face has a colour.
+  static std::int32_t viscam_color(std::uint16_t attribute) {
+    const auto five_bits = [&](int shift) { return (attribute >> shift & 0x1F) / 31.0; };
+    const std::array<double, 3> values{five_bits(10), five_bits(5), five_bits(0)};
+    return packed_color(values.data());
+  }
+  // In files with a colour of the part, red is lowest.
+  static std::int32_t magics_color(std::uint16_t attribute) {
+    const auto red = static_cast<std::uint16_t>(attribute & 0x1FU);
+    return viscam_color(
+        static_cast<std::uint16_t>(red << 10U | (attribute & 0x3E0U) | (attribute >> 10U & 0x1FU)));
+  }
+
+  // Colours the faces of a file with a colour of the part. Magics: bit 15 set means that the face
+  // has that colour. MeshLab sets this bit on each face that has a colour of its own, and so do
+  // other programs in whose files the bits below it differ; only 0x8000 and 0xFFFF are then the
+  // part's. A face without attributes has the colour of the part, because many programs write no
+  // others.
+  void color_faces(const std::vector<std::uint16_t>& attributes, std::string_view head) {
+    const bool is_meshlab = is_of_meshlab(head);
+    const auto says_part = [&](std::uint16_t attribute) {
+      return attribute == 0 || (!is_meshlab && (attribute == kMarked || attribute == 0xFFFF));
+    };
+    std::set<std::uint16_t> marked;
+    for (const std::uint16_t attribute : attributes) {
+      if ((attribute & kMarked) != 0 && !says_part(attribute)) marked.insert(attribute);
+    }
+    const bool are_colors = is_meshlab || marked.size() > 1;
+    const std::int32_t color_of_part = part_color(head);
+    for (std::size_t f = 0; f < attributes.size(); ++f) {
+      const std::uint16_t attribute = attributes[f];
+      const bool is_own = !says_part(attribute) && (are_colors || (attribute & kMarked) == 0);
+      const auto face = static_cast<std::int64_t>(f);
+      builder_.color_faces(face, face + 1, is_own ? magics_color(attribute) : color_of_part);
     }
   }
 
