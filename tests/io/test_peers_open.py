@@ -52,6 +52,47 @@ def vtk_surface(path: Path) -> Any:
     return surface.GetOutput()
 
 
+@pytest.mark.parametrize("face_material", [[0, -1, 1], [-1, 0, 1], [0, 1, -1]])
+def test_faces_without_a_material_get_none_of_the_others_in_obj(
+    face_material: list[int], tmp_path: Path
+) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    open3d = pytest.importorskip("open3d")
+    path = tmp_path / "mesh.obj"
+    triangles = np.arange(9).reshape(3, 3)
+    colored = [Material("red", (1, 0, 0, 1)), Material("blue", (0, 0, 1, 1))]
+    mesh = Mesh(
+        [[x, y, 0] for i in range(3) for x, y in ((i, 0), (i + 1, 0), (i, 1))],
+        triangles,
+        face_material=face_material,
+        materials=colored,
+    )
+    mesh.write(path)
+    expected = [[(1, 0, 0), (0, 0, 1), (1, 1, 1)][i] for i in face_material]
+
+    scene = trimesh.load(path, process=False, force="scene")
+    by_place = {
+        float(part.bounds[0, 0]): tuple(part.visual.material.diffuse[:3] / 255)
+        for part in scene.dump()
+    }
+    assert [by_place[i] for i in range(3)] == expected
+    model = open3d.io.read_triangle_model(str(path))
+    by_place = {
+        float(part.mesh.get_min_bound()[0]): tuple(
+            model.materials[part.material_idx].base_color[:3].tolist()
+        )
+        for part in model.meshes
+    }
+    assert [by_place[i] for i in range(3)] == expected
+
+    back = manip3d.read_mesh(path)
+    np.testing.assert_array_equal(back.faces, triangles)
+    assert back.face_material is not None
+    names = [back.materials[i].name if i >= 0 else None for i in back.face_material]
+    assert names == [colored[i].name if i >= 0 else None for i in face_material]
+    assert len(back.materials) == 2
+
+
 @pytest.mark.parametrize("suffix", WRITABLE)
 def test_every_format_opens_elsewhere(suffix: str, tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")

@@ -22,6 +22,11 @@ namespace manip3d {
 namespace fs = std::filesystem;
 namespace {
 
+// Name that we write for faces without a material if other faces have one. OBJ has no standard
+// statement for that, and programs give faces after a `usemtl` without a name, or before the first
+// one, the material of others.
+constexpr std::string_view kNoMaterial = "manip3d_no_material";
+
 class ObjReader {
  public:
   ObjReader(ByteSource& source, const ReadOptions& options, const Progress& progress)
@@ -165,7 +170,7 @@ class ObjReader {
 
   // Without a name, the following faces have no material.
   void use_material(std::string_view name) {
-    if (name.empty()) {
+    if (name.empty() || name == kNoMaterial) {
       material_ = MeshBuilder::kNone;
       return;
     }
@@ -250,9 +255,10 @@ std::string shortest(double value) {
   return {digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr};
 }
 
-std::string mtl_text(const WriteJob& job, const std::vector<std::string>& names,
+std::string mtl_text(const WriteJob& job, const std::vector<std::string>& names, bool is_some_bare,
                      CompanionFiles& companions) {
   std::string text;
+  if (is_some_bare) text = "newmtl " + std::string(kNoMaterial) + "\nKd 1 1 1\nd 1\nPr 1\nPm 0\n";
   for (std::size_t i = 0; i < names.size(); ++i) {
     const Material& m = job.materials[i];
     const bool is_opaque = m.alpha_mode == AlphaMode::kOpaque;  // whatever its alpha
@@ -331,22 +337,25 @@ void write_corner(Output& out, const MeshView& mesh, Eigen::Index face, int corn
 void write_obj(Output& out, const WriteJob& job) {
   const MeshView& mesh = job.mesh;
   const std::vector<std::string> names = unique_names(job.materials);
+  const auto material_of = [&](Eigen::Index f) {
+    const std::int32_t given = mesh.has_materials() ? mesh.face_material[f] : MeshBuilder::kNone;
+    return given < static_cast<std::int32_t>(names.size()) ? given : MeshBuilder::kNone;
+  };
   CompanionFiles companions(job);
   if (!names.empty()) {
+    bool is_some_bare = false;
+    for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) is_some_bare |= material_of(f) < 0;
     const fs::path stem = without_compression_suffix(job.path).stem();
-    const std::string content = mtl_text(job, names, companions);
+    const std::string content = mtl_text(job, names, is_some_bare, companions);
     out.text("mtllib " + companions.place(line_name(stem.string()) + ".mtl", content) + "\n");
   }
   write_vertices(out, mesh);
   write_rows(out, "vt", mesh.texcoords);
   write_rows(out, "vn", mesh.normals);
-  std::int32_t material = MeshBuilder::kNone;
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
-    const std::int32_t now = mesh.has_materials() ? mesh.face_material[f] : MeshBuilder::kNone;
-    if (now != material) {
-      const bool named = now >= 0 && now < static_cast<std::int32_t>(names.size());
-      out.text(named ? "usemtl " + names[now] + "\n" : "usemtl\n");
-      material = now;
+    const std::int32_t now = material_of(f);
+    if (!names.empty() && (f == 0 || now != material_of(f - 1))) {
+      out.text("usemtl " + (now < 0 ? std::string(kNoMaterial) : names[now]) + "\n");
     }
     out.text("f");
     for (int c = 0; c < 3; ++c) write_corner(out, mesh, f, c);
