@@ -308,6 +308,33 @@ def test_textures(tmp_path: Path, uri: str, stored: str, through_sampler: bool) 
     assert mesh.materials[0].textures["base_color"].path == stored
 
 
+@pytest.mark.parametrize("named", ["images/wood.png", "../pictures/wood.png"])
+def test_a_picture_beside_the_file_is_used_if_its_folder_is_missing(
+    tmp_path: Path, named: str
+) -> None:
+    look = "<diffuse><texture texture='i' texcoord='UV'/></diffuse>"
+    library = (
+        f"<library_images><image id='i'><init_from>{named}</init_from></image>"
+        "</library_images>" + effect(look)
+    )
+    path = tmp_path / "here" / "cube.dae"
+    path.parent.mkdir()
+    path.write_bytes(document(geometry(polylist(QUADS, symbol="sym")), BOUND, library))
+    (path.parent / "wood.png").touch()
+    report = io.read_report(path)
+    assert report.mesh.materials[0].textures["base_color"].path == "wood.png"
+    assert report.warnings == (f"texture '{named}' not found, 'wood.png' is used",)
+    outside = io.read_mesh(path, allow_outside=True).materials[0].textures["base_color"].path
+    assert outside is not None
+    assert outside.endswith(named)
+    if named.startswith("images"):
+        (path.parent / "images").mkdir()
+        (path.parent / named).touch()
+        report = io.read_report(path)
+        assert report.mesh.materials[0].textures["base_color"].path == named
+        assert report.warnings == ()
+
+
 def test_a_texture_outside_of_the_folder_is_left_out(tmp_path: Path) -> None:
     look = "<diffuse><texture texture='i' texcoord='UV'/></diffuse>"
     library = (
@@ -384,6 +411,28 @@ def test_a_file_without_a_scene_gives_its_geometries() -> None:
     data = document(geometry(polylist(QUADS))).decode()
     start, end = data.index("<library_visual_scenes>"), data.index("</COLLADA>")
     assert read((data[:start] + data[end:]).encode()).num_faces == 12
+
+
+@pytest.mark.parametrize(
+    ("behind", "warnings"),
+    [
+        (bytes(300), ()),
+        (b"\n" + bytes(20) + b"</mesh>", ("bytes behind the end of the document are left out",)),
+    ],
+)
+def test_nuls_behind_the_end_are_left_out(
+    tmp_path: Path, behind: bytes, warnings: tuple[str, ...]
+) -> None:
+    """A file that was written over a longer one."""
+    (tmp_path / "a.dae").write_bytes(document(geometry(polylist(QUADS))) + behind)
+    report = io.read_report(tmp_path / "a.dae")
+    assert report.mesh.num_faces == 12
+    assert report.warnings == warnings
+
+
+def test_a_file_in_utf_16_is_read() -> None:
+    text = document(geometry(polylist(QUADS))).decode().replace("utf-8", "utf-16")
+    assert read(text.encode("utf-16")).num_faces == 12
 
 
 def test_what_is_damaged_is_named() -> None:

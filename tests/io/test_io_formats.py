@@ -243,6 +243,34 @@ def test_mtl_textures_of_another_machine_are_found_beside(tmp_path: Path, path: 
     assert seen.warnings == ()
 
 
+@pytest.mark.parametrize("path", ["maps/a.png", "maps\\a.png", "../maps/a.png"])
+def test_mtl_textures_of_a_missing_folder_are_found_beside(tmp_path: Path, path: str) -> None:
+    (tmp_path / "a.png").touch()
+    seen = with_mtl(tmp_path, f"newmtl a\nmap_Kd {path}\n")
+    assert seen.mesh.materials[0].textures["base_color"].path == "a.png"
+    written = path.replace("\\", "/")
+    assert seen.warnings == (f"texture '{written}' not found, 'a.png' is used",)
+
+
+@pytest.mark.parametrize("path", ["maps/a.png", "maps/b.png"])
+def test_mtl_textures_stay_where_they_are_or_nowhere(tmp_path: Path, path: str) -> None:
+    (tmp_path / "a.png").touch()
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "a.png").touch()
+    seen = with_mtl(tmp_path, f"newmtl a\nmap_Kd {path}\n")
+    assert seen.mesh.materials[0].textures["base_color"].path == path
+    assert seen.warnings == ()
+
+
+def test_a_texture_beside_may_not_be_a_link_to_elsewhere(tmp_path: Path) -> None:
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    (tmp_path / "secret.png").touch()
+    (inner / "a.png").symlink_to("../secret.png")
+    seen = with_mtl(inner, "newmtl a\nmap_Kd maps/a.png\n")
+    assert seen.mesh.materials[0].textures["base_color"].path == "maps/a.png"
+
+
 def test_mtl_faults_of_one_keyword_are_counted(tmp_path: Path) -> None:
     seen = with_mtl(tmp_path, "newmtl b\nmap_Kd\nnewmtl a\nKd 0.5\nmap_Kd\nmap_Kd\nKd\n")
     assert seen.mesh.materials[0].base_color == (0.5, 0.5, 0.5, 1)

@@ -89,20 +89,26 @@ std::optional<std::string> why_outside(const fs::path& folder, const std::string
   }
 }
 
-// Exporters write texture paths of the author's machine. If a file of that name is beside the mesh,
-// it is used instead.
-void find_textures_beside(const fs::path& folder, std::vector<Material>& materials) {
-  for (Material& m : materials) {
+// Exporters write texture paths of the author's machine, or of a folder from which the picture was
+// taken when the files were passed on. If a file of that name is beside the mesh, it is used
+// instead.
+void find_textures_beside(const fs::path& folder, ReadResult& result) {
+  const auto is_file = [&](const std::string& path) {
+    std::error_code ignored;
+    return !path.empty() && !why_outside(folder, path) &&
+           fs::is_regular_file(folder / path, ignored);
+  };
+  for (Material& m : result.mesh.materials) {
     for (auto& [role, texture] : m.textures) {
       const std::string& path = texture.path;
-      const bool has_drive = path.size() > 2 && path[1] == ':';
-      if (!has_drive && !path.starts_with('/') && !path.starts_with('\\')) continue;
       const std::string name = path.substr(path.find_last_of("/\\") + 1);
-      std::error_code ignored;
-      if (!name.empty() && !why_outside(folder, name) &&
-          fs::is_regular_file(folder / name, ignored)) {
-        texture.path = name;
+      const bool has_drive = path.size() > 2 && path[1] == ':';
+      const bool is_absolute = has_drive || path.starts_with('/') || path.starts_with('\\');
+      if ((!is_absolute && is_file(path)) || name == path || !is_file(name)) continue;
+      if (!is_absolute) {
+        warn(result.warnings, "texture '" + path + "' not found, '" + name + "' is used");
       }
+      texture.path = name;
     }
   }
 }
@@ -112,7 +118,7 @@ void find_textures_beside(const fs::path& folder, std::vector<Material>& materia
 // folder.
 void confine_textures(ReadResult& result, const ReadOptions& options) {
   if (options.folder.empty()) return;
-  if (!options.allow_outside) find_textures_beside(options.folder, result.mesh.materials);
+  if (!options.allow_outside) find_textures_beside(options.folder, result);
   for (Material& m : result.mesh.materials) {
     for (auto item = m.textures.begin(); item != m.textures.end();) {
       Texture& texture = item->second;

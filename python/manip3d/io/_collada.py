@@ -85,7 +85,10 @@ def read(
         The file is damaged, or its instances would take more than the limit of memory. The error
         does not name the file.
     """
-    document = _Document(parse_xml_bytes(data, "", look, most_depth=_DEEPEST_ELEMENT))
+    text = _up_to_end(data)
+    document = _Document(parse_xml_bytes(text, "", look, most_depth=_DEEPEST_ELEMENT))
+    if data[len(text) :].strip(b"\0"):
+        document.warn("bytes behind the end of the document are left out")
     looks = _Materials(document, folder, allow_outside=allow_outside)
     geometries: dict[int, _Geometry] = {}
     pieces, num_polygons = [], 0
@@ -101,6 +104,15 @@ def read(
     if not any(len(piece.faces) for piece in pieces):
         raise FormatError("expected polygons in the geometries of the scene, got none")
     return join(pieces, looks.materials, document.warn), num_polygons, document.warnings
+
+
+def _up_to_end(data: bytes) -> bytes:
+    """Return the file without what follows the last tag and a NUL.
+
+    Some files were written over longer ones.
+    """
+    text = data[: data.find(b"\0")] if b"\0" in data else data
+    return text if text.rstrip().endswith(b"COLLADA>") else data
 
 
 # --- The document -----------------------------------------------------------------------------
@@ -607,6 +619,11 @@ class _Materials:
             return Texture(path=path)
         if re.match(r"/|[A-Za-z]:", path):  # absolute path on the author's computer
             path = posixpath.basename(path)
+        name = posixpath.basename(path)
+        is_beside = name != path and not self.is_file(path) and self.is_file(name)
+        if is_beside and not self.allow_outside:  # though the file names it in a folder
+            self.document.warn(f"texture '{path}' not found, '{name}' is used")
+            path = name
         try:
             _core.resolve_inside(os.fsencode(self.folder), os.fsencode(path))
         except InputError as error:
@@ -615,6 +632,15 @@ class _Materials:
             self.document.warn(f"texture left out: {error}")
             return None
         return Texture(path=path)
+
+    def is_file(self, path: str) -> bool:
+        """Return whether a path leads to a file in the folder of the document."""
+        assert self.folder is not None
+        try:
+            inside = _core.resolve_inside(os.fsencode(self.folder), os.fsencode(path))
+        except InputError:
+            return False
+        return Path(os.fsdecode(inside)).is_file()
 
 
 def _shader(profile: Element) -> Element | None:
