@@ -359,6 +359,74 @@ def test_poles_that_rounding_keeps_open_grow_no_spikes() -> None:
     assert farthest < 1e-3
 
 
+def cone_with_hole(radius: float, rows: int = 8, sides: int = 36) -> Mesh:
+    """An open cone whose tip is a ring of the given radius, with texture coordinates (turn, row).
+
+    The radius of its base is 1.
+    """
+    share = np.linspace(0.0, 1.0, rows + 1)
+    wide = np.concatenate([1.0 - share[:-1], [radius]])
+    turn = np.arange(sides + 1) / sides
+    angle = 2.0 * np.pi * (np.arange(sides) / sides)
+    place = [np.outer(wide, np.cos(angle)), np.outer(wide, np.sin(angle))]
+    high = np.repeat(2.0 * share, sides)
+    i, k = (side.ravel() for side in np.mgrid[0:rows, 0:sides])
+    low, next_low = i * sides + k, i * sides + (k + 1) % sides
+    faces = [[low, next_low, low + sides], [next_low, next_low + sides, low + sides]]
+    left = i * (sides + 1) + k
+    corners = [[left, left + 1, left + sides + 1], [left + 1, left + sides + 2, left + sides + 1]]
+    return Mesh(
+        np.column_stack([*(side.ravel() for side in place), high]),
+        np.concatenate([np.column_stack(each) for each in faces]).astype(np.int32),
+        texcoords=np.column_stack([np.tile(turn, rows + 1), np.repeat(share, sides + 1)]),
+        face_texcoords=np.concatenate([np.column_stack(each) for each in corners]).astype(np.int32),
+    )
+
+
+@pytest.mark.parametrize("is_split", [False, True])
+@pytest.mark.parametrize("ratio", [0.1, 0.05])
+@pytest.mark.parametrize("radius", [1e-16, 1e-12, 1e-8, 1e-7, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 1e-3])
+def test_a_cone_whose_tip_is_a_ring_of_almost_equal_points_stays(
+    radius: float, ratio: float, is_split: bool
+) -> None:
+    """Without a hold of that ring, the cone was cut off from its tip downwards."""
+    ring = cone_with_hole(radius)
+    ring = Mesh(ring.vertices, ring.faces)
+    if is_split:  # as glTF stores flat faces
+        corners = np.arange(3 * ring.num_faces, dtype=np.int32).reshape(-1, 3)
+        ring = Mesh(ring.vertices[ring.faces.ravel()], corners)
+    whole = cone_with_hole(0.0)
+    light = simplify.fast(ring, ratio=ratio)
+    heavy = simplify.fast(Mesh(whole.vertices, whole.faces), ratio=ratio)
+    assert light.mesh.num_faces <= ratio * ring.num_faces
+    limit = 2.0 * metrics.metro(whole, heavy.mesh).max + 0.002
+    assert limit < 0.02
+    assert metrics.metro(ring, light.mesh).max < limit
+
+
+def test_vertices_of_a_tip_that_rounding_keeps_apart_are_one() -> None:
+    mesh = cone_with_hole(1e-9)
+    result = simplify.fast(mesh, ratio=0.5)
+    tip = np.arange(8 * 36, 9 * 36)
+    assert len(set(result.vertex_map[tip].tolist())) == 1
+    assert result.vertex_map[tip[0]] >= 0
+    assert result.dropped_faces == 36
+    locked = np.zeros(mesh.num_vertices, bool)
+    locked[tip] = True
+    kept = simplify.fast(mesh, ratio=0.5, locked=locked)
+    places = kept.mesh.vertices[kept.vertex_map[tip]]
+    np.testing.assert_array_equal(places, mesh.vertices[tip])
+
+
+@pytest.mark.parametrize(("rows", "ratio"), [(1, 0.04), (8, 0.1)])
+def test_textures_at_a_tip_that_rounding_keeps_apart_stay(rows: int, ratio: float) -> None:
+    """Each face has a texture coordinate of its own there, which makes hardly a seam."""
+    mesh = cone_with_hole(1e-9, rows, 512 // rows)
+    light = simplify.fast(mesh, ratio=ratio).mesh
+    assert metrics.metro(mesh, light).max < 0.02
+    assert metrics.texture_error(mesh, light).mean < 0.02
+
+
 def test_wrong_options() -> None:
     hill = exact_models.hill(5)
     with pytest.raises(InputError, match="max_distance: expected mode='quality' or"):

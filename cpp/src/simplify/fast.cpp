@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -14,6 +15,7 @@
 #include "simplify/fast_pieces.hpp"
 #include "simplify/fast_prices.hpp"
 #include "simplify/fast_quadrics.hpp"
+#include "simplify/rounding_weld.hpp"
 #include "simplify/turned_normals.hpp"
 #include "simplify/usual_unit.hpp"
 
@@ -30,18 +32,23 @@ constexpr double kVisibleDistance = 1e-3;
 /// target out of reach, they are waived one after the other.
 class FastSimplifier {
  public:
+  /// @param is_welded  Whether RoundingWeld changed the mesh.
   FastSimplifier(const MeshView& input, const BoundingBox& box, const FastOptions& options,
-                 const Progress& progress)
+                 bool is_welded, const Progress& progress)
       : options_(options),
         tasks_(options.num_threads, progress),
         mesh_(input, box, options.locked, tasks_),
         pieces_(mesh_, options.looks),
         collapser_(mesh_, squared_limit()),
         passes_(mesh_, pieces_, collapser_) {
-    sum_quadrics(mesh_, {options.boundary_weight, options.seam_weight, options.color_weight});
+    has_short_edges_ = sum_quadrics(
+        mesh_, {options.boundary_weight, options.seam_weight, options.color_weight, is_welded});
     tasks_.report(0.16);
     pieces_.find();
   }
+
+  /// Whether some edge may be short enough for RoundingWeld.
+  [[nodiscard]] bool has_short_edges() const { return has_short_edges_; }
 
   QualityResult run() {
     const auto start = static_cast<double>(mesh_.num_faces());
@@ -167,6 +174,7 @@ class FastSimplifier {
   FastPieces pieces_;
   EdgeCollapser collapser_;
   FastPass passes_;
+  bool has_short_edges_ = false;
   double patience_ = 1.0;      // factor on the usual number of candidates
   double whole_weight_ = 0.0;  // sum over the quadrics of all vertices
   std::int64_t num_too_expensive_ = 0;
@@ -203,7 +211,18 @@ QualityResult simplify_fast(const MeshView& mesh, const FastOptions& options,
   const UsualUnit usual(mesh);
   FastOptions in_unit = options;
   in_unit.max_error = usual.from_file(options.max_error);
-  QualityResult result = FastSimplifier(usual.mesh(), usual.box(), in_unit, progress).run();
+  std::optional<FastSimplifier> simplifier;
+  simplifier.emplace(usual.mesh(), usual.box(), in_unit, false, progress);
+  const Progress rest = part_of(progress, 0.16, 1.0);
+  // Only few meshes have vertices to weld, and looking for them takes time, so the edges are
+  // measured while the mesh is loaded.
+  std::optional<RoundingWeld> weld;
+  if (mesh.num_faces() > options.target_faces && simplifier->has_short_edges()) {
+    weld.emplace(usual.mesh(), options.locked);
+    if (weld->any()) simplifier.emplace(weld->mesh(), usual.box(), in_unit, true, rest);
+  }
+  QualityResult result = simplifier->run();
+  if (weld) weld->complete(result.vertex_map);
   usual.to_file(result.mesh.vertices);
   result.max_error = usual.to_file(result.max_error);
   return result;

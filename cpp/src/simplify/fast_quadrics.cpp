@@ -3,16 +3,24 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <bit>
+#include <cmath>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "manip3d/geometry/patch_distance.hpp"
 #include "simplify/attribute_quadric.hpp"
 #include "simplify/collapse_rules.hpp"
+#include "simplify/rounding_weld.hpp"
 
 namespace manip3d::fast_detail {
 namespace {
+
+/// Length of edges, in the unit of FastMesh, below which RoundingWeld decides. Its limit is in
+/// double precision, so this one is larger by several roundings.
+constexpr float kShortEdge = 1.5F * static_cast<float>(RoundingWeld::kFarthest);
 
 /// Corners of the faces around a vertex, padded to a multiple of four.
 struct Ring {
@@ -47,12 +55,18 @@ void add_plane(QuadricVertex& v, const Vector3f& n, float weight) {
   v.weight += weight;
 }
 
-void add_planes(const FastMesh& mesh, QuadricVertex& vertex, const Ring& ring) {
+/// Returns whether the vertex starts an edge of a face that may be so short due to rounding.
+bool add_planes(FastMesh& mesh, std::int32_t v, const Ring& ring) {
+  QuadricVertex& vertex = mesh.vertices[v];
   const Vectors4 p = four_of(position_of(vertex));
+  const Int4 self{v, v, v, v};  // padding has no edge
   Float4 high = load4(&vertex.xx), low = load4(&vertex.yz);
+  Int4 is_short{};
   for (std::size_t i = 0; i < ring.size; i += 4) {
-    const Vectors4 n =
-        (mesh.positions_of(&ring.next[i]) - p).cross(mesh.positions_of(&ring.last[i]) - p);
+    const Vectors4 edge = mesh.positions_of(&ring.next[i]) - p;
+    is_short |=
+        (edge.squared_norm() < all_of(kShortEdge * kShortEdge)) & (load4(&ring.next[i]) != self);
+    const Vectors4 n = edge.cross(mesh.positions_of(&ring.last[i]) - p);
     const Float4 length = sqrt4(n.squared_norm());
     const Float4 divisor = length > 0.0F ? length : all_of(1.0F);
     const Vectors4 unit{n.x / divisor, n.y / divisor, n.z / divisor};
@@ -69,6 +83,7 @@ void add_planes(const FastMesh& mesh, QuadricVertex& vertex, const Ring& ring) {
   }
   store4(&vertex.xx, high);
   store4(&vertex.yz, low);
+  return true_lanes(is_short) != 0;
 }
 
 bool has_one_wedge(const FastMesh& mesh, std::int32_t v) {
@@ -79,12 +94,19 @@ bool has_one_wedge(const FastMesh& mesh, std::int32_t v) {
                      [&](std::uint32_t corner) { return wedge(corner) == wedge(around.front()); });
 }
 
-/// Adds the planes of the faces of v. Returns whether v is inside the surface and on no seam: each
-/// of its edges has two faces, which run along it in opposite directions and are not the two sides
-/// of one triangle, and all faces have the same wedge at v.
-bool add_faces(FastMesh& mesh, std::int32_t v) {
+struct Surroundings {
+  /// Whether a vertex is inside the surface and on no seam: each of its edges has two faces, which
+  /// run along it in opposite directions and are not the two sides of one triangle, and all faces
+  /// have the same wedge at the vertex.
+  bool is_inside;
+  bool has_short_edge;
+};
+
+/// Adds the planes of the faces of v.
+Surroundings add_faces(FastMesh& mesh, std::int32_t v) {
   const auto around = mesh.corners(v);
   Ring ring;  // NOLINT: filled below
+  bool has_short_edge = false;
   for (std::size_t begin = 0; begin < around.size(); begin += Ring::kMost) {
     const auto some = around.subspan(begin, std::min(Ring::kMost, around.size() - begin));
     ring.size = 0;
@@ -95,9 +117,10 @@ bool add_faces(FastMesh& mesh, std::int32_t v) {
     }
     // Padding with v: triangles without area and without an edge from v.
     for (std::size_t i = ring.size; i % 4 != 0; ++i) ring.next[i] = ring.last[i] = v;
-    add_planes(mesh, mesh.vertices[v], ring);
+    has_short_edge |= add_planes(mesh, v, ring);
   }
-  return around.size() <= Ring::kMost && is_closed(ring) && has_one_wedge(mesh, v);
+  return {around.size() <= Ring::kMost && is_closed(ring) && has_one_wedge(mesh, v),
+          has_short_edge};
 }
 
 /// Another face at the edge v t than f; f itself if there is none.
@@ -132,32 +155,68 @@ Vector3f area_vector_at(const FastMesh& mesh, std::uint32_t f) {
   }
 }
 
-void add_border(FastMesh& mesh, std::int32_t v, std::int32_t t, std::uint32_t f, double weight) {
+/// @param least  Length of an edge below which its plane weighs as much as one of this length.
+void add_border(FastMesh& mesh, std::int32_t v, std::int32_t t, std::uint32_t f, double weight,
+                float least) {
   const Vector3f normal = area_vector_at(mesh, f);
   const Vector3f along = position_of(mesh.vertices[t]) - position_of(mesh.vertices[v]);
   const Vector3f across = along.cross(normal);
   const float length = across.norm();
   if (!(length > 0.0F)) return;
   add_plane(mesh.vertices[v], across / length,
-            static_cast<float>(0.5 * weight) * along.squaredNorm());
+            static_cast<float>(0.5 * weight) * std::max(along.squaredNorm(), least * least));
+}
+
+/// An edge from a vertex, in one of its faces.
+struct Spoke {
+  std::int32_t end;
+  std::uint32_t face, corner, end_corner;
+};
+
+/// Separation of the texture at an edge of several faces, 0 to 1, if it is closed at one end of the
+/// edge: the distance at the other end, relative to the edge. Around a tip each face may have a
+/// texture coordinate of its own, as if its edges were seams, but they separate it hardly at all
+/// from its neighbours. 1 for other seams.
+double parted(const FastMesh& mesh, std::span<const Spoke> spokes) {
+  const auto wedge = [&](const Spoke& s, bool at_end) {
+    return mesh.wedges[s.face][at_end ? s.end_corner : s.corner];
+  };
+  const auto place = [&](std::int32_t w) { return mesh.table.texcoords[w]; };
+  std::array<double, 2> gaps{};  // at the vertex, at the end
+  double length = 0.0;
+  for (const Spoke& spoke : spokes) {
+    for (const bool at_end : {false, true}) {
+      const std::int32_t w = wedge(spoke, at_end), first = wedge(spokes.front(), at_end);
+      if (mesh.table.surface[w] != mesh.table.surface[first]) return 1.0;
+      gaps[at_end ? 1 : 0] = std::max(gaps[at_end ? 1 : 0], (place(w) - place(first)).norm());
+    }
+    length = std::max(length, (place(wedge(spoke, true)) - place(wedge(spoke, false))).norm());
+  }
+  const auto [least, most] = std::minmax(gaps[0], gaps[1]);
+  return least > 0.0 || !(most < length) ? 1.0 : most / length;
 }
 
 /// Adds planes through boundaries and seams, perpendicular to their faces. The rim of a two-sided
 /// sheet counts as a boundary; its faces all lie in one plane, so nothing else would keep it in
-/// place.
+/// place. A boundary edge weighs at least a thousandth of the longest edge: nothing else keeps a
+/// tiny hole in a cone or another developable surface from growing, as at a tip of equal points but
+/// for rounding.
 void add_borders(FastMesh& mesh, const BorderWeights& weights, std::int32_t v) {
-  struct Spoke {
-    std::int32_t end;
-    std::uint32_t face, corner, end_corner;
-  };
   const auto third_vertex = [&](const Spoke& spoke) {
     return mesh.faces[spoke.face][3 - spoke.corner - spoke.end_corner];
   };
+  constexpr float kLeastShare = 1e-3F;
   std::vector<Spoke> spokes;
+  float longest = 0.0F;  // squared
   mesh.for_each_face(v, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
     spokes.push_back({a, f, c, after(c)});
     spokes.push_back({b, f, c, before(c)});
+    for (const std::int32_t end : {a, b}) {
+      const Vector3f edge = position_of(mesh.vertices[end]) - position_of(mesh.vertices[v]);
+      longest = std::max(longest, edge.squaredNorm());
+    }
   });
+  const float least = kLeastShare * std::sqrt(longest);
   std::sort(spokes.begin(), spokes.end(), [](const Spoke& a, const Spoke& b) {
     return a.end != b.end ? a.end < b.end : a.face < b.face;
   });
@@ -174,10 +233,13 @@ void add_borders(FastMesh& mesh, const BorderWeights& weights, std::int32_t v) {
         end - begin == 1 ||
         (end - begin == 2 && third_vertex(spokes[begin]) == third_vertex(spokes[begin + 1]));
     if (!is_boundary && !is_seam) continue;
-    const double weight =
+    double weight =
         is_boundary ? weights.boundary : weights.seam / static_cast<double>(end - begin);
+    if (!is_boundary && weights.parts_tips) {
+      weight *= parted(mesh, std::span(spokes).subspan(begin, end - begin));
+    }
     for (std::size_t i = begin; i < end; ++i)
-      add_border(mesh, v, spokes[i].end, spokes[i].face, weight);
+      add_border(mesh, v, spokes[i].end, spokes[i].face, weight, is_boundary ? least : 0.0F);
   }
 }
 
@@ -225,13 +287,16 @@ void add_color_lines(FastMesh& mesh, std::int32_t v, double factor) {
 
 }  // namespace
 
-void sum_quadrics(FastMesh& mesh, const BorderWeights& weights) {
+bool sum_quadrics(FastMesh& mesh, const BorderWeights& weights) {
   const bool is_colored = !mesh.colors.empty() && weights.color > 0.0;
   const double length = is_colored ? weights.color * color_length_of(mesh) : 0.0;
   mesh.is_open.assign(mesh.vertices.size(), 0);
   mesh.is_complex.assign(mesh.vertices.size(), 0);
+  std::atomic<bool> has_short_edges = false;
   mesh.over_vertices([&](std::int32_t v) {
-    if (!add_faces(mesh, v)) {
+    const Surroundings around = add_faces(mesh, v);
+    if (around.has_short_edge) has_short_edges.store(true, std::memory_order_relaxed);
+    if (!around.is_inside) {
       mesh.is_open[v] = 1;
       add_borders(mesh, weights, v);
     }
@@ -240,6 +305,7 @@ void sum_quadrics(FastMesh& mesh, const BorderWeights& weights) {
   if (std::find(mesh.is_complex.begin(), mesh.is_complex.end(), 1) == mesh.is_complex.end()) {
     mesh.is_complex.clear();
   }
+  return has_short_edges.load();
 }
 
 }  // namespace manip3d::fast_detail

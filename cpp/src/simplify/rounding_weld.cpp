@@ -1,9 +1,11 @@
 #include "simplify/rounding_weld.hpp"
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <new>
 #include <numeric>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -11,11 +13,6 @@
 
 namespace manip3d {
 namespace {
-
-/// Relative to the diagonal. Coordinates in single precision that were computed from angles, or
-/// shifted by a few diagonals, have errors of 1e-7 to 5e-7 of it, and so have files with six
-/// decimals.
-constexpr double kFarthest = 1e-6;
 
 /// Relative to the longest edge at a vertex.
 constexpr double kFarthestOfEdge = 1e-3;
@@ -32,24 +29,33 @@ class NearVertices {
  public:
   NearVertices(const MeshView& mesh, const std::vector<bool>& locked)
       : mesh_(mesh),
-        farthest_(kFarthest * bounding_box(mesh).diagonal()),
-        reach_(mesh.num_vertices(), 0.0),
-        into_(mesh.num_vertices()) {
-    std::iota(into_.begin(), into_.end(), 0);
+        farthest_(RoundingWeld::kFarthest * bounding_box(mesh).diagonal()),
+        reach_(mesh.num_vertices(), 0.0) {
     measure(locked);
+    for_each_edge(mesh, [&](std::int32_t a, std::int32_t b) { any_ |= are_near(a, b); });
+    if (!any_) return;
+    find_places();
+    into_ = place_;
+    is_joined_.assign(mesh.num_vertices(), false);
     for_each_edge(mesh, [&](std::int32_t a, std::int32_t b) { join(a, b); });
   }
 
   [[nodiscard]] bool any() const { return any_; }
   /// The vertex into which each one was welded.
   [[nodiscard]] Indices take() {
-    for (std::int32_t v = 0; v < into_.size(); ++v) into_[v] = root(v);
+    for (std::int32_t v = 0; v < into_.size(); ++v) {
+      const std::int32_t to = root(place_[v]);
+      into_[v] = is_joined_[to] ? to : v;
+    }
     return std::move(into_);
   }
 
  private:
   [[nodiscard]] double distance(std::int32_t a, std::int32_t b) const {
     return (mesh_.vertices.row(a) - mesh_.vertices.row(b)).norm();
+  }
+  [[nodiscard]] bool are_near(std::int32_t a, std::int32_t b) const {
+    return a != b && distance(a, b) <= std::min(reach_[a], reach_[b]);
   }
 
   void measure(const std::vector<bool>& locked) {
@@ -59,7 +65,29 @@ class NearVertices {
       reach_[b] = std::max(reach_[b], length);
     });
     for (std::size_t v = 0; v < reach_.size(); ++v) {
-      reach_[v] = !locked.empty() && locked[v] ? -1.0 : std::min(reach_[v], farthest_);
+      reach_[v] = !locked.empty() && locked[v] ? kLocked : std::min(reach_[v], farthest_);
+    }
+  }
+
+  /// Finds the lowest vertex at the position of each one. Vertices at one position are welded
+  /// together or not at all, so that faces that share only the position are not torn apart.
+  void find_places() {
+    const auto position = [&](std::int32_t v) {
+      const double* p = mesh_.vertices.data() + 3 * static_cast<std::ptrdiff_t>(v);
+      return std::tie(p[0], p[1], p[2]);
+    };
+    std::vector<std::int32_t> order(mesh_.num_vertices());
+    std::iota(order.begin(), order.end(), 0);
+    std::sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
+      return position(a) != position(b) ? position(a) < position(b) : a < b;
+    });
+    place_.resize(mesh_.num_vertices());
+    for (std::size_t i = 0; i < order.size(); ++i) {
+      const std::int32_t v = order[i];
+      const bool is_first = i == 0 || position(v) != position(order[i - 1]);
+      place_[v] = is_first ? v : place_[order[i - 1]];
+      double& reach = reach_[place_[v]];
+      reach = std::min(reach, reach_[v]) < 0.0 ? kLocked : std::max(reach, reach_[v]);
     }
   }
 
@@ -67,10 +95,10 @@ class NearVertices {
   /// The representatives of both must be near each other, so that a chain of vertices does not
   /// become one.
   void join(std::int32_t a, std::int32_t b) {
-    const auto [low, high] = std::minmax({root(a), root(b)});
-    if (low == high || !(distance(low, high) <= std::min(reach_[low], reach_[high]))) return;
+    const auto [low, high] = std::minmax({root(place_[a]), root(place_[b])});
+    if (!are_near(low, high)) return;
     into_[high] = low;
-    any_ = true;
+    is_joined_[low] = true;
   }
 
   [[nodiscard]] std::int32_t root(std::int32_t v) const {
@@ -78,10 +106,14 @@ class NearVertices {
     return v;
   }
 
+  static constexpr double kLocked = -1.0;
+
   const MeshView& mesh_;
   double farthest_;
-  std::vector<double> reach_;  // by vertex: largest distance for welding; < 0: none
+  std::vector<double> reach_;  // by vertex: largest distance for welding, or kLocked
+  Indices place_;              // by vertex: the lowest one at its position
   Indices into_;
+  std::vector<bool> is_joined_;  // by vertex: whether others were welded to it
   bool any_ = false;
 };
 

@@ -341,9 +341,10 @@ def fast(
     ----------
     mesh : Mesh
         Not changed. It may be open, non-manifold, in many pieces, with several materials, several
-        texture coordinates per vertex and faces without any. Vertices at one place are welded,
-        corners keep their texture coordinates. Vertices of different colours at one place stay
-        apart, but the surface keeps no gap between them.
+        texture coordinates per vertex and faces without any. Vertices at one place, also those
+        that only rounding keeps apart, are welded, corners keep their texture coordinates.
+        Vertices of different colours at one place stay apart, but the surface keeps no gap between
+        them.
     target_faces : int, optional
         Stop at this many faces or fewer.
     ratio : float in [0, 1], optional

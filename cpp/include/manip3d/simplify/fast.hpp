@@ -35,8 +35,9 @@ struct FastOptions {
 /// faces is also waived if it would move the surface more than three times as far, by a visible
 /// distance.
 ///
-/// First, vertices at the same position are welded, duplicate faces are removed, and everything is
-/// sorted in space. Then passes follow: all edges are priced by the sum of the quadrics of their
+/// First, vertices at the same position are welded, and so are the ends of edges whose length is
+/// only a rounding error, as at poles; duplicate faces are removed, and everything is sorted in
+/// space. Then passes follow: all edges are priced by the sum of the quadrics of their
 /// ends [Garland & Heckbert 1997], and those below a limit are collapsed from the cheapest one on,
 /// each vertex at most once per pass. Blocks of faces are processed independently; edges across
 /// their borders follow in blocks that are eight times as large, and so on. The blocks do not
