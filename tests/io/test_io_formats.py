@@ -673,6 +673,36 @@ def test_ply_colors_of_16_bits(encoding: str, largest: int, alpha: int, tmp_path
     assert any("alpha" in text for text in report.warnings) == (alpha < full)
 
 
+@pytest.mark.parametrize("has_index", [False, True])
+@pytest.mark.parametrize(("largest", "alpha"), [(255, 255), (255, 128), (65535, 65535), (256, 255)])
+def test_ply_colors_of_faces_of_16_bits(
+    has_index: bool, largest: int, alpha: int, tmp_path: Path
+) -> None:
+    names = ("red", "green", "blue", "alpha")
+    header = f"element vertex 4\n{XYZ}element face 2\nproperty list uchar int vertex_indices\n"
+    header += "".join(f"property ushort {name}\n" for name in names)
+    header += "property int material_index\n" if has_index else ""
+    faces: list[list[tuple[str, float | list[float]]]] = []
+    for face, color in ([0, 1, 2], [largest, 0, 0]), ([0, 2, 3, 1], [0, largest, largest // 5]):
+        values: list[tuple[str, float | list[float]]] = [("ushort", c) for c in [*color, alpha]]
+        faces.append([("uchar int", face), *values, *([("int", len(faces))] if has_index else [])])
+    path = tmp_path / "a.ply"
+    path.write_bytes(ply("binary_little_endian", header, [*vertex_elements(), *faces]))
+    report = io.read_report(path)
+    assert report.mesh.face_material is not None
+    assert report.mesh.face_material.tolist() == [0, 1, 1]
+    full = 255 if largest <= 255 else 65535
+    shown = [round(255 * c / full) for c in (largest, largest // 5)]
+    linear = [
+        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in np.divide(shown, 255)
+    ]
+    expected = [(linear[0], 0, 0), (0, linear[0], linear[1])]
+    for material, color in zip(report.mesh.materials, expected, strict=True):
+        np.testing.assert_allclose(material.base_color[:3], color, atol=1 / 65535)
+    assert any("8-bit colors" in text for text in report.warnings) == (largest <= 255)
+    assert any("alpha" in text for text in report.warnings) == (alpha < full)
+
+
 @pytest.mark.parametrize("encoding", PLY_FORMATS)
 def test_ply_corner_texcoords_and_textures_as_meshlab_writes_them(encoding: str) -> None:
     header = "comment TextureFile a.png\ncomment TextureFile b c.png\nelement vertex 4\n" + XYZ

@@ -405,9 +405,16 @@ class PlyReader {
         float* color = builder_.colors.row(i);
         for (int k = 0; k < 3; ++k) color[k] *= 65535.0F / full;
       }
-      warn(result_.warnings, "16-bit colors are at most 255: they are read as 8-bit colors");
+      warn_of_8_bits();
     }
     if (least_alpha_ < full) warn_of_alpha();
+  }
+
+  void warn_of_8_bits() {
+    constexpr const char* kText = "16-bit colors are at most 255: they are read as 8-bit colors";
+    if (std::ranges::find(result_.warnings, kText) == result_.warnings.end()) {
+      warn(result_.warnings, kText);
+    }
   }
 
   [[nodiscard]] Corner corner_of(std::int32_t vertex) const {
@@ -425,6 +432,8 @@ class PlyReader {
     materials_.has_index = e.has(kMaterial);
     const bool has_face_colors = has_color(e);
     const float face_color_scale = color_scale(e);
+    std::vector<FaceColor> wide_colors;  // of 16 bits: see finish_16_bit_colors()
+    double least_alpha = 65535.0;
     for (std::int64_t i = 0; i < e.count; ++i) {
       row.read(e);
       corners_.clear();
@@ -438,26 +447,52 @@ class PlyReader {
         material = number(row, kMaterial);
         if (texture >= 0) materials_.note_texture(material, texture);
       }
+      const std::int64_t first_face = builder_.num_faces();
       builder_.add_polygon(corners_, material, row.position());
       if (!has_face_colors) continue;
-      note_alpha(e, row, face_color_scale);
-      const std::int32_t rgb = face_color(row, face_color_scale);
-      if (materials_.has_index) {
-        if (material >= 0) materials_.note_color(material, rgb);
-      } else if (header_.texture_files.empty()) {
-        builder_.color_last_polygon(rgb);
+      FaceColor color{first_face, builder_.num_faces(), material, {}};
+      for (std::size_t k = 0; k < 3; ++k) color.values[k] = row.finite(kColor[k], kColorName[k]);
+      if (face_color_scale == kScaleOf16Bits) {
+        if (color.begin < color.end) wide_colors.push_back(color);
+        least_alpha = std::min(least_alpha, e.has(kAlpha) ? row.scalars[kAlpha] : 65535.0);
+      } else {
+        note_alpha(e, row, face_color_scale);
+        color_faces(color, face_color_scale);
       }
+    }
+    double largest = 0.0;
+    for (const FaceColor& color : wide_colors) {
+      largest = std::max(largest, *std::ranges::max_element(color.values));
+    }
+    const bool has_8_bits = largest > 0.0 && largest <= 255.0;
+    if (has_8_bits) warn_of_8_bits();
+    if (!wide_colors.empty() && least_alpha < (has_8_bits ? 255.0 : 65535.0)) warn_of_alpha();
+    for (const FaceColor& color : wide_colors) {
+      color_faces(color, has_8_bits ? 1.0F / 255.0F : kScaleOf16Bits);
     }
     if (has_face_colors && !materials_.has_index && !header_.texture_files.empty()) {
       warn(result_.warnings, "colors of faces are left out: there is a texture");
     }
   }
 
-  static std::int32_t face_color(const RowReader& row, double scale) {
-    const std::array<double, 3> color{scale * row.finite(kRed, "red"),
-                                      scale * row.finite(kGreen, "green"),
-                                      scale * row.finite(kBlue, "blue")};
-    return packed_color(color.data());
+  /// The colour of a polygon as it is stored.
+  struct FaceColor {
+    std::int64_t begin, end;  // its faces
+    std::int32_t material;
+    std::array<double, 3> values;
+  };
+  static constexpr std::array<Role, 3> kColor{kRed, kGreen, kBlue};
+  static constexpr std::array<const char*, 3> kColorName{"red", "green", "blue"};
+
+  void color_faces(const FaceColor& color, double scale) {
+    std::array<double, 3> values = color.values;
+    for (double& value : values) value *= scale;
+    const std::int32_t rgb = packed_color(values.data());
+    if (materials_.has_index) {
+      if (color.material >= 0) materials_.note_color(color.material, rgb);
+    } else if (header_.texture_files.empty()) {
+      builder_.color_faces(color.begin, color.end, rgb);
+    }
   }
 
   // A number that may be absent: values below 0 mean none.
