@@ -40,6 +40,8 @@ def read(path: Path, text: str, name: str = "a.csv") -> LidarFrame:
         "X [m]\tY [m]\tZ [m]\tIntensity\n1.5\t-2\t3.25\t7\n4\t5\t-6\t8\n",
         "intensity,Points_m_XYZ:0,Points_m_XYZ:1,Points_m_XYZ:2\n7,1.5,-2,3.25\n8,4,5,-6\n",
         "Points:0,Points:1,Points:2,intensity\n1.5,-2,3.25,7\n4,5,-6,8\n",
+        "# frame num: 0\n# REFLECTIVITY (%), X1 (m), Y1 (m), Z1 (m)\n7,1.5,-2,3.25\n8,4,5,-6\n",
+        "x1,y1,z1,Intensity [counts]\n1.5,-2,3.25,7\n4,5,-6,8\n",
     ],
 )
 def test_columns_of_every_writer(text: str, tmp_path: Path) -> None:
@@ -73,6 +75,51 @@ def test_comments_that_only_speak_of_coordinates_name_no_columns(text: str, tmp_
     assert frame.intensity is None
     frame.write(tmp_path / "again.csv")
     assert io.read_scan(tmp_path / "again.csv").points.tolist() == EXPECTED
+
+
+OUSTER_HEADER = (
+    "# frame num: 0\n# TIMESTAMP (ns), ROW, DESTAGGERED IMAGE COLUMN, MEASUREMENT_ID, FLAGS, "
+    "NEAR_IR (photons), RANGE (mm), REFLECTIVITY (%), {} (m), {} (m), {} (m)\n"
+)
+
+
+def test_tables_of_ouster_cli_have_the_first_return(tmp_path: Path) -> None:
+    rows = "99168,0,1,9,0,400,4061,7,1.5,-2,3.25\n99169,1,1,9,0,368,8775,8,4,5,-6\n"
+    frame = read(tmp_path, OUSTER_HEADER.format("X1", "Y1", "Z1") + rows)
+    assert frame.points.tolist() == EXPECTED
+    assert frame.intensity is not None
+    assert frame.intensity.tolist() == [7.0, 8.0]
+    assert frame.fields["timestamp (ns)"].tolist() == [99168.0, 99169.0]
+    assert frame.fields["range (mm)"].tolist() == [4061.0, 8775.0]
+    twice = read(tmp_path, "x1,y1,z1,x2,y2,z2\n1.5,-2,3.25,7,7,7\n4,5,-6,7,7,7\n")
+    assert twice.points.tolist() == EXPECTED
+    assert list(twice.fields) == ["x2", "y2", "z2"]
+    beside = read(tmp_path, "x1,y1,z1,x,y,z\n7,7,7,1.5,-2,3.25\n7,7,7,4,5,-6\n")
+    assert beside.points.tolist() == EXPECTED
+    assert read(tmp_path, "X1 (mm),Y1 (mm),Z1 (mm)\n1500,0,0\n").points.tolist() == [[1.5, 0, 0]]
+
+
+def test_a_comment_that_names_other_columns_warns(tmp_path: Path) -> None:
+    rows = "99168,0,1,9,0,400,4061,7,1.5,-2,3.25\n"
+    with pytest.warns(UserWarning, match=r"columns are read as x, y, z, c3.*: # TIMESTAMP"):
+        frame = read(tmp_path, OUSTER_HEADER.format("A", "B", "C") + rows)
+    assert list(frame.fields)[-1] == "c10"
+    with pytest.warns(UserWarning, match="names others: // easting;northing;height"):
+        read(tmp_path, "// easting;northing;height\n1;2;3\n")
+
+
+@pytest.mark.parametrize(
+    "comment",
+    [
+        "# of the hall, in May",
+        "# one two three",
+        "# 4, 5, 6",
+        "# hall, 3 m high, by Anna",
+        "# a, b, c\n# the last comment",
+    ],
+)
+def test_other_comments_are_silent(comment: str, tmp_path: Path) -> None:
+    assert read(tmp_path, f"{comment}\n1,2,3\n").points.tolist() == [[1.0, 2.0, 3.0]]
 
 
 def test_columns_without_a_name_are_numbered(tmp_path: Path) -> None:

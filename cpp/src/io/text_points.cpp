@@ -18,6 +18,8 @@ namespace manip3d {
 namespace {
 
 constexpr std::size_t kMaxCells = 64;
+/// Key of the header for a comment that names as many columns as there are, but no x, y and z.
+constexpr const char* kUnusedNames = "unused_names";
 constexpr double kMissing = std::numeric_limits<double>::quiet_NaN();
 
 std::string_view trimmed(std::string_view text) {
@@ -123,22 +125,42 @@ bool has_zero_in_front(const std::vector<std::string_view>& cells) {
   return false;
 }
 
+/// Is it this word alone, or with a unit behind it, as in "x (m)", "x [m]" or "x_m"?
+bool is_word(std::string_view name, std::string_view word) {
+  if (!name.starts_with(word)) return false;
+  const std::string_view unit = trimmed(name.substr(word.size()));
+  return unit.empty() || unit.starts_with("(") || unit.starts_with("[") || unit == "_m";
+}
+
 /// The name of a column in lower case. x, y and z are also recognised in the spelling of other
 /// writers.
 std::string column_name(std::string_view text) {
   std::string name = lower_case(text);
-  const std::string_view unit = trimmed(std::string_view(name).substr(name.empty() ? 0 : 1));
-  const bool has_unit = unit.starts_with("(") || unit.starts_with("[") || unit == "_m";
   for (int axis = 0; axis < 3; ++axis) {
     // VeloView's names end with the number of the axis
     const std::string number = std::to_string(axis);
-    const bool is_letter = !name.empty() && name[0] == "xyz"[axis];
-    if ((is_letter && (name.size() == 1 || has_unit)) || name == "points_m_xyz:" + number ||
-        name == "points:" + number) {
-      return {"xyz"[axis]};
+    const std::string letter(1, "xyz"[axis]);
+    if (is_word(name, letter) || name == "points_m_xyz:" + number || name == "points:" + number) {
+      return letter;
     }
   }
   return name;
+}
+
+bool has_axes(const std::vector<std::string>& names) {
+  const std::array<std::string_view, 3> axes = {"x", "y", "z"};
+  return std::all_of(axes.begin(), axes.end(), [&](std::string_view axis) {
+    return std::find(names.begin(), names.end(), axis) != names.end();
+  });
+}
+
+/// Makes x1, y1 and z1 the coordinates: ouster-cli numbers the returns of a pulse, from 1 on.
+void take_first_return(std::vector<std::string>& names) {
+  for (std::string& name : names) {
+    for (const std::string axis : {"x", "y", "z"}) {
+      if (is_word(name, axis + "1")) name = axis;
+    }
+  }
 }
 
 /// Names of columns between separators, if they include x, y and z; else none.
@@ -154,16 +176,34 @@ std::vector<std::string> column_names(std::string_view line, char separator) {
   for (std::size_t i = 0; i < names.size(); ++i) {
     if (names[i].empty()) names[i] = std::string("c").append(std::to_string(i));
   }
-  for (const std::string axis : {"x", "y", "z"}) {
-    if (std::find(names.begin(), names.end(), axis) == names.end()) return {};
-  }
-  return names;
+  if (!has_axes(names)) take_first_return(names);
+  return has_axes(names) ? names : std::vector<std::string>();
+}
+
+std::string_view without_comment_mark(std::string_view line) {
+  while (!line.empty() && (line.front() == '#' || line.front() == '/')) line.remove_prefix(1);
+  return line;
+}
+
+/// Number of names that a comment separates by commas, semicolons or tabs; 0: it has no such list.
+std::size_t count_names(std::string_view comment) {
+  const std::string_view line = without_comment_mark(comment);
+  const bool has_tabs = line.find('\t') != std::string_view::npos;
+  const char separator = has_tabs ? '\t' : separator_of(line);
+  if (separator == ' ') return 0;
+  std::vector<std::string_view> cells;
+  split(line, separator, cells);
+  drop_last(cells, cells.size() - 1);
+  const auto is_name = [](std::string_view cell) {
+    return !cell.empty() && lower_case(cell.front()) >= 'a' && lower_case(cell.front()) <= 'z';
+  };
+  return std::all_of(cells.begin(), cells.end(), is_name) ? cells.size() : 0;
 }
 
 /// Names of columns, if the line names x, y and z; else none. Between tabs, names may contain
 /// blanks before units: "X [m]".
 std::vector<std::string> column_names(std::string_view line) {
-  while (!line.empty() && (line.front() == '#' || line.front() == '/')) line.remove_prefix(1);
+  line = without_comment_mark(line);
   std::vector<std::string> names;
   if (line.find('\t') != std::string_view::npos) names = column_names(line, '\t');
   return names.empty() ? column_names(line, separator_of(line)) : names;
@@ -210,7 +250,9 @@ class TextReader {
   /// Is it a comment? One before the points may name the columns, as CloudCompare's does.
   bool is_comment(std::string_view line) {
     if (!line.starts_with("#") && !line.starts_with("//")) return false;
-    if (table_.num_points == 0 && names_.empty()) are_from_comment_ = take_names(line);
+    if (table_.num_points > 0) return true;
+    last_comment_ = line;
+    if (names_.empty()) are_from_comment_ = take_names(line);
     return true;
   }
 
@@ -250,7 +292,13 @@ class TextReader {
   }
 
   void set_columns(std::size_t num_columns) {
-    if (names_.empty()) names_ = usual_names(num_columns);
+    if (names_.empty()) {
+      // The comment may be prose with commas, so that the reader warns and refuses nothing.
+      if (num_columns >= 3 && count_names(last_comment_) == num_columns) {
+        table_.header.emplace_back(kUnusedNames, last_comment_);
+      }
+      names_ = usual_names(num_columns);
+    }
     for (const std::string& name : names_) table_.fields.push_back({name, FieldType::kDouble});
   }
 
@@ -300,6 +348,7 @@ class TextReader {
   PointTable table_;
   std::vector<std::string> names_;
   bool are_from_comment_ = false;  ///< The names are from a comment, which may be prose.
+  std::string last_comment_;       ///< The last comment before the points.
   std::vector<std::string_view> cells_;
   char separator_ = ' ';
   std::optional<double> count_;  ///< Number of points that the file states.
@@ -309,7 +358,7 @@ class TextReader {
 
 // Reads a point per line. Columns are separated by commas, semicolons or blanks; with the latter
 // two, numbers may have decimal commas. A line before the points, a comment or not, may name the
-// columns.
+// columns; "unused_names" of the header is a comment that names others than x, y and z.
 PointTable read_text_points(ByteSource& source, const Progress& progress) {
   return TextReader(source, progress).read();
 }

@@ -35,6 +35,8 @@ _NAMES = {
 }
 _CLOUDCOMPARE_PREFIX = "scalar_"
 """Prefix of column names that CloudCompare writes."""
+_UNIT = re.compile(r"(?<=\w) ?(\([^()]*\)|\[[^\[\]]*\])$")
+"""Unit behind a column name, as in ``reflectivity (%)``."""
 _WIDE = ("las", "csv")
 """Formats whose colours may have 16 bits."""
 _LAS_STEP = 256
@@ -42,8 +44,8 @@ _LAS_STEP = 256
 
 
 def plain_name(name: str) -> str:
-    """Return a column name in lower case without CloudCompare's prefix: ``intensity``."""
-    return name.lower().removeprefix(_CLOUDCOMPARE_PREFIX)
+    """Return a column name in lower case without CloudCompare's prefix and without a unit."""
+    return _UNIT.sub("", name.lower().removeprefix(_CLOUDCOMPARE_PREFIX))
 
 
 def renamed(frame: LidarFrame, name: str) -> LidarFrame:

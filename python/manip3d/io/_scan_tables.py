@@ -51,7 +51,7 @@ are larger."""
 _MOST_LARGE = 0.01  # share of such numbers in a scan with damaged points
 _MIN_PLANAR, _MAX_COMPARED = 400, 40_000  # numbers
 _PLANAR = 0.1  # differences within rows, relative to the range of half of all numbers
-_AXIS_UNIT = re.compile(r"(?i)(?<![a-z_])[xyz] ?[(\[]([^)\]]*)[)\]]")
+_AXIS_UNIT = re.compile(r"(?i)(?<![a-z_])[xyz]1? ?[(\[]([^)\]]*)[)\]]")
 _LENGTHS = {"mm": 1e-3, "millimeters": 1e-3, "cm": 1e-2, "centimeters": 1e-2}  # metres
 _FEET = ("ft", "feet", "foot", "us-ft", "ftus")
 _FAR = 8192.0
@@ -143,9 +143,23 @@ def read_columns(
     values = raw.view(dtype) if raw.size else np.empty(num_points, dtype)
     if kind in _BARE:
         _refuse_other_records(raw, name)
-    header: dict[str, Any] = {"pairs": tuple((str(a), str(b)) for a, b in pairs)}
+    header: dict[str, Any] = {"pairs": _without_unused_names(pairs, columns, name)}
     layout = _with_short_intensity(columns) if kind in _TEXT else columns
     return Table(kind, _columns(values, columns, name), name, layout, header)
+
+
+def _without_unused_names(
+    pairs: Sequence[tuple[Any, Any]], columns: Sequence[Column], file: str
+) -> tuple[tuple[str, str], ...]:
+    """Return a header's pairs; warn if a comment of a text file names columns without x, y, z."""
+    found = tuple((str(a), str(b)) for a, b in pairs)
+    if unused := dict(found).get("unused_names"):
+        warnings.warn(
+            f"{file}: its columns are read as {', '.join(column[0] for column in columns)}; the "
+            f"comment before the points names others: {unused[:200]}",
+            stacklevel=caller_level(),
+        )
+    return tuple(pair for pair in found if pair[0] != "unused_names")
 
 
 def _refuse_other_records(raw: NDArray[np.uint8], file: str) -> None:
@@ -217,8 +231,9 @@ def read_table(
 
 def _with_short_intensity(columns: tuple[Column, ...]) -> tuple[Column, ...]:
     """Return the columns of a text file with the intensity as float32, so that 0.1 stays 0.1."""
-    names = {column[0] for column in columns}
-    taken = next((name for name in _INTENSITY if name in names), None)
+    own = [column[0] for column in columns]
+    names = {**{plain_name(name): name for name in own}, **dict(zip(own, own, strict=True))}
+    taken = next((names[name] for name in _INTENSITY if name in names), None)
     return tuple((name, "<f4" if name == taken else kind, n) for name, kind, n in columns)
 
 
@@ -340,7 +355,7 @@ def _are_same(first: NDArray[Any], again: NDArray[Any]) -> bool:
 
 
 def _by_plain_names(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return the columns, with variants of known names (``Intensity``, ``X``) in lower case.
+    """Return the columns; variants of known names (``Intensity``, ``x [m]``) get the plain name.
 
     Integer columns X, Y and Z are not renamed, because they are steps of an unknown size, as in
     LAS.
