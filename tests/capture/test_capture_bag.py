@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -451,7 +452,7 @@ def test_damaged_messages_of_livox_are_refused_or_have_bytes_for_what_they_say(
 
 @pytest.mark.parametrize(("kind", "driver"), [
     ("velodyne_msgs/msg/VelodyneScan", "velodyne_pointcloud"),
-    ("ouster_sensor_msgs/msg/PacketMsg", r"ouster_ros \(its launch file replay\)"),
+    ("ouster_sensor_msgs/msg/PacketMsg", ""),
     ("hesai_lidar/msg/PandarScan", "hesai_lidar"),  # General_ROS; Swift_ROS has pandar_msgs
     ("pandar_msgs/msg/PandarScan", "pandar_pointcloud"),
     ("rslidar_msg/msg/RslidarScan", r"rslidar_sdk \(msg_source: 2 in its config.yaml\)"),
@@ -467,9 +468,39 @@ def test_bags_of_packets_say_what_makes_clouds_of_them(
         camera = writer.add_connection("/camera", "sensor_msgs/msg/Image", typestore=TYPES)
         assert camera.topic == "/camera"
     assert capture.holds_clouds(path)
-    with pytest.raises(FormatError, match=f"it holds .*{driver} makes clouds of these packets"):
-        list(capture.open(f"bag:{path}"))
+    cure = f"{driver} makes clouds of these packets"
     if kind.startswith("ouster"):
         (file,) = path.glob("*.mcap")
+        cure = f"ouster:{path} reads these packets"
         with pytest.raises(FormatError, match=f"ouster:{file} reads these packets"):
             list(capture.open(f"bag:{file}"))
+    with pytest.raises(FormatError, match=f"it holds .*{cure}"):
+        list(capture.open(f"bag:{path}"))
+
+
+def test_ros2_folders_reach_the_software_of_ousters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = []
+
+    class Frames(list[object]):
+        sensor_info = (SimpleNamespace(prod_line="OS-1-128"),)
+
+    def open_source(path: str) -> Frames:
+        opened.append(path)
+        return Frames()
+
+    fakes = {
+        "ouster": ModuleType("ouster"),
+        "ouster.sdk": SimpleNamespace(open_source=open_source),
+        "ouster.sdk.core": SimpleNamespace(),
+    }
+    for name, module in fakes.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    folder = tmp_path / "drive.bag"
+    folder.mkdir()
+    with pytest.raises(OSError, match=r"drive\.bag"):
+        capture.open(f"ouster:{folder}")
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
+    assert list(capture.open(f"ouster:{folder}")) == []
+    assert opened == [str(folder)]

@@ -332,7 +332,7 @@ class BagRecording:
                         f"; {driver} makes clouds of these packets: play the bag to it and record "
                         "its topic of clouds ('rosbag record', 'ros2 bag record')"
                     )
-                    if kind.startswith("ouster") and self._path.is_file():
+                    if kind.startswith("ouster"):
                         hint = f"; ouster:{self._path} reads these packets"
             raise self._refuse(
                 "no point clouds (sensor_msgs/msg/PointCloud2, livox_ros_driver2/msg/CustomMsg); "

@@ -154,9 +154,9 @@ def open_lidar(
           and port 2368. Use 0.0.0.0 for a sensor on the network, and port 0 for any free port. If
           several sensors send and none is chosen by ``sender``, the first one is read; data packets
           of the others are counted as ``udp_other_sender``.
-        - ``ouster:FILE[#N]``: packets of an Ouster in a pcap or a ROS bag, or an ``.osf`` file,
-          through ouster-sdk. N is the number of the sensor, from 0, and is needed if there are
-          several. The only option is ``metadata``.
+        - ``ouster:PATH[#N]``: packets of an Ouster in a pcap or a ROS bag (a file, or the folder of
+          a ROS 2 bag), or an ``.osf`` file, through ouster-sdk. N is the number of the sensor, from
+          0, and is needed if there are several. The only option is ``metadata``.
         - ``kitti:FOLDER``: a drive, see `manip3d.datasets.open_kitti`. It takes no options.
         - ``bag:PATH[#TOPIC]``: PointCloud2 or Livox CustomMsg messages of a ROS bag (a ``.mcap``
           or ``.db3`` file, a ROS 2 bag's folder, a ROS 1 ``.bag``) through rosbags. The topic may

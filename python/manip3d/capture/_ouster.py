@@ -34,10 +34,12 @@ class OusterRecording:
             meta = ouster_metadata(path) or path.with_suffix(".json")
         sdk = imported("ouster.sdk", "ouster")
         core = imported("ouster.sdk.core", "ouster")
-        check_regular(path)  # raises OSError before the parser runs
+        is_folder = (path / "metadata.yaml").is_file()  # of a ROS 2 bag
+        if not is_folder:
+            check_regular(path)  # raises OSError before the parser runs
         if meta is not None and not meta.is_file():
             raise InputError(f"metadata: expected the sensor's JSON file, {meta} is not there")
-        if path.stat().st_size == 0:
+        if not is_folder and path.stat().st_size == 0:
             raise FormatError("the file is empty", file=str(path))
         self._path, self._core = path, core
         self._uri = f"ouster:{path}"
