@@ -278,6 +278,22 @@ def test_azimuths_between_packets_have_no_steps() -> None:
     assert said(without_labels(points)).verdict == "undecidable"
 
 
+@pytest.mark.parametrize(("lasers", "name"), [
+    (16, "VLP-16"), (32, "scanner of at least 32 lasers"), (14, "scanner of at least 14 lasers"),
+])  # fmt: skip
+def test_the_lines_of_the_lattice_name_the_model(lasers: int, name: str) -> None:
+    scan = exact_scan(velodyne(lasers), labelled=True)
+    clean = said(scan).sensor
+    assert clean is not None
+    assert clean.name == name
+    points = scan.points.copy()
+    rows = np.flatnonzero(on_post(points))
+    points[rows] += np.float32([0.5, 0.3, 0.0])
+    edited = said(scan.replace(points=points)).sensor
+    assert edited is not None
+    assert edited.name == name
+
+
 @pytest.mark.parametrize("second_returns", [0.0, 0.1])
 def test_a_clean_scan_is_never_accused(unit: Unit, second_returns: float) -> None:
     for seed in range(4):

@@ -384,7 +384,7 @@ def test_the_power_of_one_scanner_is_not_that_of_another() -> None:
     clean = sixteen_street()
     found = authenticate.inspect(clean, lattice=lattice)
     assert found.sensor is not None
-    assert found.sensor.name == "scanner of 16 lasers"
+    assert found.sensor.name == "scanner of at least 16 lasers"
     assert (found.verdict, dict(found.power)) == ("undecidable", {})
     assert "was not measured for this scanner" in found.reason
     assert [each.name for each in found.detectors][3:] == []
@@ -392,7 +392,7 @@ def test_the_power_of_one_scanner_is_not_that_of_another() -> None:
         clean, previous=sixteen_street(6), following=sixteen_street(7), lattice=lattice
     )
     assert beside.verdict == "undecidable"
-    assert "no thresholds for a scanner of 16 lasers" in beside.detectors[3].reason
+    assert "no thresholds for a scanner of at least 16 lasers" in beside.detectors[3].reason
     assert beside.detectors[3].p_value is None
     car = np.array([12.0, -4.0, -1.0]) + np.random.default_rng(0).uniform(-1, 1, (500, 3))
     forged = np.concatenate([clean.points, car.astype(np.float32)])

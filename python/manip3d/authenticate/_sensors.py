@@ -80,6 +80,14 @@ MIN_OF_RING, MAX_OF_RINGS = 50, 0.8
 rings at the nominal elevations of a model; the motion of a car moves rings that mostly see one
 direction."""
 
+MIN_SEEN = 0.6
+"""A model is recognised by the lines of an exact lattice if more than this share of its lasers is
+among them."""
+
+NEARLY_EQUAL = 0.05
+"""Of models whose shares of points at the elevations of lasers differ by less, the one with the
+fewest lasers is named: edits of a VLP-16's cloud may stand at the other lasers of a PandarXT-32."""
+
 FAR = 2.0
 """Metres: nearer points are ignored, because offsets of the lasers blur their elevations."""
 
@@ -176,8 +184,8 @@ class Sensor:
     Attributes
     ----------
     name : str
-        ``HDL-64E``, ``scanner of 16 lasers`` (or however many its lattice has), another model,
-        ``terrestrial scanner``, or ``unknown``.
+        ``HDL-64E``, ``scanner of at least 16 lasers`` (or however many its lattice has; some may
+        have had no returns), another model, ``terrestrial scanner``, or ``unknown``.
     kind : str
         ``lattice``: a spinning scanner whose lattice is known, which detector III judges;
         ``spinning``: another spinning scanner; ``terrestrial``: a grid of azimuth and elevation,
@@ -267,7 +275,7 @@ def is_unit_of_kitti(lattice: SensorLattice) -> bool:
 
 
 def _name_of(lattice: SensorLattice) -> str:
-    return HDL64E if is_hdl64e(lattice) else f"scanner of {len(lattice.slope)} lasers"
+    return HDL64E if is_hdl64e(lattice) else f"scanner of at least {len(lattice.slope)} lasers"
 
 
 @checked
@@ -428,9 +436,23 @@ def _on_exact_lattice(
     steps = f", {lattice.steps} steps of azimuth" if lattice.steps else ""
     ranges = f"{1000.0 * lattice.range_step:g} mm"
     reason = f"its points stand on {len(lattice.slope)} lines{steps} and whole ranges of {ranges}"
-    model = _by_beams(points).name
-    name = model if model in BEAMS else _name_of(lattice)
+    name = _model_of(lattice) or _name_of(lattice)
     return Sensor(name, "lattice", reason, lattice, is_own=True)
+
+
+def _model_of(lattice: SensorLattice) -> str:
+    """The model with the fewest lasers besides those at the lines of a lattice; empty: none.
+
+    The odd degrees of a VLP-16 are lasers of a PandarXT-32, too.
+    """
+    lines = np.degrees(np.arctan(lattice.slope))
+    best, seen = "", MIN_SEEN
+    for model, beams in BEAMS.items():
+        near = np.abs(lines[:, None] - beams) < BEAM_WIDTH
+        share = float(np.mean(near.any(axis=0)))
+        if np.mean(near.any(axis=1)) > MAX_OF_RINGS and share > seen:
+            best, seen = model, share
+    return best
 
 
 def _errors_go_on(
@@ -689,10 +711,10 @@ def _by_beams(points: NDArray[np.float32]) -> Sensor:
     elevation = _elevations(points)
     if elevation.size < MIN_POINTS:
         return UNKNOWN
-    best, share = max(
-        ((name, _share_on(elevation, beams)) for name, beams in BEAMS.items()),
-        key=lambda found: found[1],
-    )
+    shares = {name: _share_on(elevation, beams) for name, beams in BEAMS.items()}
+    alike = [name for name, each in shares.items() if each > max(shares.values()) - NEARLY_EQUAL]
+    best = min(alike, key=lambda name: len(BEAMS[name]))
+    share = shares[best]
     if share > 0.9:
         return Sensor(best, "spinning", f"{share:.0%} of the points at its lasers' elevations")
     peaks = _peaks(elevation)
