@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rich.console import Console
 
 import exact_scans
 from exact_scans import Unit, exact_scan, hesai, in_polar_steps, ouster, velodyne
@@ -33,6 +34,7 @@ from manip3d.authenticate._exact_lattice import (
 )
 from manip3d.authenticate._lattice_steps import first_encoders, off_the_steps
 from manip3d.authenticate._power import BLIND_WHOLE_STEPS, BLIND_WITHOUT_STEPS
+from manip3d.cli.inspect import show
 from manip3d.report import write_evidence
 from real_data import RealData
 
@@ -311,6 +313,14 @@ def test_edits_planted_in_it_are_all_that_is_known_of_its_power(unit: Unit) -> N
     assert found.verdict == "no_trace"
     assert found.power["moved"].found == found.power["moved"].planted == 2
     assert found.power["moved"].source == "edits planted in this scan"
+    assert (found.power["moved"].here_found, found.power["moved"].here_planted) == (2, 2)
+    console = Console(record=True, width=300)
+    show(console, found)
+    shown = console.export_text()
+    assert "edits of this class" in shown
+    assert "planted in this scan" in shown
+    assert "planted in clean scans" not in shown
+    assert "not found; a watermark shows it" in shown
     assert found.power["white-box added"].found == 0
     elsewhere = exact_scan(unit).points + np.float32(0.5)
     assert said(without_labels(elsewhere), plant=2).verdict == "undecidable"
@@ -325,7 +335,7 @@ def test_few_found_edits_are_the_reason_of_an_undecidable_scan(
     monkeypatch.setattr("manip3d.authenticate._inspect.measure_power", few)
     found = said(exact_scan(hesai()), plant=20)
     assert found.verdict == "undecidable"
-    assert found.power["added"].found == 9
+    assert (found.power["added"].found, found.power["added"].here_found) == (9, 9)
     assert found.reason == (
         "detector III finds fewer than half of the edits of each class that were planted in this "
         "scan"
@@ -334,7 +344,8 @@ def test_few_found_edits_are_the_reason_of_an_undecidable_scan(
     write_evidence(found, tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()
     assert "edits planted in this scan" in page
-    assert "planted in clean scans" not in page
+    assert "<td>9 of 20 in this scan</td>" in page
+    assert "<td>9 of 20;" not in page
 
 
 def test_thresholds_that_no_scan_chose_are_told_as_such(tmp_path: Path) -> None:

@@ -51,7 +51,7 @@ from manip3d.authenticate._reports import (
 from manip3d.authenticate._sensors import MIN_POINTS, Sensor
 from manip3d.authenticate._standpoint import ON_LATTICE, at_origin, identify, lifted, scanner_of
 from manip3d.authenticate._thinning import why_thinned
-from manip3d.authenticate._verdict import NO_POWER, Power, Processing, Region, Verdict
+from manip3d.authenticate._verdict import NO_POWER, PLANTED_HERE, Power, Processing, Region, Verdict
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame, ScanLike, as_frame, position_of
@@ -288,7 +288,7 @@ def _measured_here(result: Inspection, here: Mapping[str, Power]) -> Inspection:
     if not here or result.sensor is None:
         return result
     power = ReadOnlyMapping(
-        {name: replace(each, source="edits planted in this scan") for name, each in here.items()}
+        {name: replace(each, source=PLANTED_HERE) for name, each in here.items()}
     )
     anew = {report.name: report for report in not_applicable(result.sensor, power)}
     reports = tuple(
@@ -303,7 +303,7 @@ def _measured_here(result: Inspection, here: Mapping[str, Power]) -> Inspection:
         )
     else:
         reason = reason_of(verdict, reports, ())
-    return replace(result, verdict=verdict, reason=reason, detectors=reports)
+    return replace(result, verdict=verdict, reason=reason, detectors=reports, planted_here=power)
 
 
 class _Asked(NamedTuple):

@@ -81,6 +81,10 @@ class Calibration:
     chose: bool = True
 
 
+PLANTED_HERE = "edits planted in this scan"
+"""Source of a power that is known from copies of the inspected scan only."""
+
+
 @dataclass(frozen=True)
 class Power:
     """Share of the edits of one class that a detector finds.
@@ -88,12 +92,13 @@ class Power:
     Attributes
     ----------
     found, planted : int
-        Number of edits that were found, and that were planted, in clean frames of this scanner.
+        Number of edits that were found, and that were planted, in clean frames of this scanner; in
+        copies of the inspected scan alone, if ``source`` is ``edits planted in this scan``.
     here_found, here_planted : int
         The same in copies of the inspected scan itself, by all detectors together; 0 and 0: not
         tried. Only `Inspection.power` states them.
     source : str
-        Clean frames in which ``planted`` edits were planted.
+        Frames in which ``planted`` edits were planted.
     """
 
     found: int

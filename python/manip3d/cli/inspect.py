@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -650,6 +651,7 @@ def _exit_codes(policy: str) -> dict[str, int]:
 def show(console: Console, found: Inspection) -> None:
     """Print the verdicts with their reasons, the power, and the boxes."""
     from manip3d.authenticate._power import NOT_FOUND
+    from manip3d.authenticate._verdict import PLANTED_HERE
     from manip3d.report import place_sentence
 
     console.print(f"{found.verdict}: {found.reason}", soft_wrap=True)
@@ -660,7 +662,9 @@ def show(console: Console, found: Inspection) -> None:
     table(console, [(r.title, r.verdict, r.reason) for r in found.detectors])
     if found.power:
         console.print()
-        here = any(power.here_planted for power in found.power.values())
+        powers = found.power.values()
+        kept = [True, True, any(power.source != PLANTED_HERE for power in powers)]
+        kept.append(any(power.here_planted for power in powers))
         cells = [
             (
                 name,
@@ -670,10 +674,10 @@ def show(console: Console, found: Inspection) -> None:
             )
             for name, power in found.power.items()
         ]
-        cells += [(name, "0%", NOT_FOUND, "") for name in found.blind]
+        unseen = (NOT_FOUND, "") if kept[2] else ("", NOT_FOUND)
+        cells += [(name, "0%", *unseen) for name in found.blind]
         titles = ("edits of this class", "found", "planted in clean scans", "planted in this scan")
-        columns = len(titles) if here else 3
-        table(console, [cell[:columns] for cell in cells], titles[:columns])
+        table(console, [tuple(compress(cell, kept)) for cell in cells], (*compress(titles, kept),))
         for note in found.power_notes:
             console.print(note, soft_wrap=True)
     boxes = [(report.name, box) for report in found.detectors for box in report.boxes]

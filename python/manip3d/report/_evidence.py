@@ -17,7 +17,7 @@ import numpy as np
 from manip3d import __version__, viewer
 from manip3d._util.checked import checked
 from manip3d.authenticate._power import EDIT_MEANINGS, NOT_FOUND
-from manip3d.authenticate._verdict import FALSE_ALARM_RATE, Calibration
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE, PLANTED_HERE, Calibration, Power
 from manip3d.datasets import file_sha256
 from manip3d.report._evidence_files import write_page_or_record
 from manip3d.report._suspected import place_sentence
@@ -422,13 +422,7 @@ def _power(inspection: Inspection) -> str:
     rows = "".join(
         f"<tr><td>{html.escape(name)}{_small(meanings.get(name, ''))}</td>"
         f"<td>{power.share:.0%}</td>"
-        f"<td>{power.found} of {power.planted}"
-        + (
-            f"; {power.here_found} of {power.here_planted} in this scan"
-            if power.here_planted
-            else ""
-        )
-        + "</td></tr>"
+        f"<td>{_counts(power)}</td></tr>"
         for name, power in inspection.power.items()
     )
     rows += "".join(
@@ -442,6 +436,14 @@ def _power(inspection: Inspection) -> str:
         f"<th>found<th>edits found and planted</tr>{rows}</table></div>{notes}"
         f"<p>{html.escape('; '.join(sorted(sources)))}</p>"
     )
+
+
+def _counts(power: Power) -> str:
+    """Numbers of edits found and planted, in clean scans and in copies of the inspected one."""
+    counts = [] if power.source == PLANTED_HERE else [f"{power.found} of {power.planted}"]
+    if power.here_planted:
+        counts.append(f"{power.here_found} of {power.here_planted} in this scan")
+    return "; ".join(counts)
 
 
 def _small(text: str) -> str:
