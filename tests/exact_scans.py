@@ -69,7 +69,12 @@ def _walls_and_ground(start: Doubles, beam: Doubles) -> Doubles:
 
 
 def exact_scan(
-    unit: Unit, seed: int = 0, *, labelled: bool = False, second_returns: float = 0.0
+    unit: Unit,
+    seed: int = 0,
+    *,
+    labelled: bool = False,
+    second_returns: float = 0.0,
+    noise_m: float = 0.01,
 ) -> LidarFrame:
     """A turn: noisy ranges in whole steps, coordinates in single precision.
 
@@ -88,7 +93,7 @@ def exact_scan(
     beam = np.column_stack([level[ring] * np.cos(angle), level[ring] * np.sin(angle), rise[ring]])
     off, up = unit.start
     start = np.column_stack([off * np.cos(encoder), off * np.sin(encoder), np.full(len(ring), up)])
-    distance = _walls_and_ground(start, beam) + random.normal(0.0, 0.01, len(ring))
+    distance = _walls_and_ground(start, beam) + random.normal(0.0, noise_m, len(ring))
     rows = np.flatnonzero(random.random(len(ring)) < 0.95)
     whole = np.rint(distance[rows] / unit.step)
     if second_returns:

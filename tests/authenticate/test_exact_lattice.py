@@ -33,7 +33,7 @@ from manip3d.authenticate._exact_lattice import (
     _one_below_the_other,
 )
 from manip3d.authenticate._lattice_steps import first_encoders, off_the_steps
-from manip3d.authenticate._power import BLIND_WHOLE_STEPS, BLIND_WITHOUT_STEPS
+from manip3d.authenticate._power import BLIND_TURNED, BLIND_TURNED_ANYHOW, BLIND_WHOLE_STEPS
 from manip3d.cli.inspect import show
 from manip3d.report import write_evidence
 from real_data import RealData
@@ -321,7 +321,7 @@ def test_edits_planted_in_it_are_all_that_is_known_of_its_power(unit: Unit) -> N
     assert "planted in this scan" in shown
     assert "planted in clean scans" not in shown
     assert "not found; a watermark shows it" in shown
-    assert found.power["white-box added"].found == 0
+    assert found.power["turned on steps"].found == 0
     elsewhere = exact_scan(unit).points + np.float32(0.5)
     assert said(without_labels(elsewhere), plant=2).verdict == "undecidable"
 
@@ -361,16 +361,94 @@ def test_thresholds_that_no_scan_chose_are_told_as_such(tmp_path: Path) -> None:
 
 def test_planted_edits_do_not_give_themselves_away_by_rounding() -> None:
     """A turn about the scanner keeps lines and ranges; azimuths have no steps in some packets."""
-    classes = ["added", "moved", "along rays"]
-    for unit, added in ((velodyne(), 0), (hesai(), 2)):
+    classes = ["moved", "along rays", "turned on steps"]
+    for unit, blind in ((velodyne(), BLIND_TURNED_ANYHOW), (hesai(), BLIND_TURNED)):
         clean = exact_scan(unit, labelled=True)
         lattice = estimate_lattice(clean)
         found = measure_power([clean], lattice, planted=2, classes=classes)
         assert {name: each.found for name, each in found.items()} == {
-            "added": added, "moved": 2, "along rays": 0,  # 10 cm are whole steps of range
+            "moved": 2, "along rays": 0,  # 10 cm are whole steps of range
+            "turned on steps": 0,
         }  # fmt: skip
-        assert (BLIND_WITHOUT_STEPS in said(clean).blind) is (unit.is_stepped is False)
+        assert {BLIND_TURNED, BLIND_TURNED_ANYHOW} & {*said(clean).blind} == {blind}
         assert BLIND_WHOLE_STEPS in said(clean).blind
+
+
+@pytest.mark.parametrize("kind", ["hesai", "ouster", "velodyne"])
+def test_copies_turned_by_whole_steps_have_the_ranges_of_the_original(kind: str) -> None:
+    scan = exact_scan({**UNITS, "velodyne": velodyne()}[kind], labelled=True)
+    found = measure_power([scan], estimate_lattice(scan), planted=2, classes=["copied on steps"])
+    assert (found["copied on steps"].found, found["copied on steps"].planted) == (2, 2)
+    post = np.flatnonzero(on_post(scan.points))
+    beside = 2.8125 if kind == "ouster" else 3.0  # whole steps
+    for degrees, verdict in ((180.0, "tampered"), (-45.0, "tampered"), (beside, "undecidable")):
+        edited, copies = pasted(scan, turned(scan.points[post], degrees))
+        judged = said(edited)
+        assert judged.verdict == verdict
+        if verdict == "tampered":
+            assert "one of them is a turned copy" in judged.reason
+            regions = judged.detectors[2].regions
+            assert len(regions) == 2
+            assert all("which of them is the copy is not known" in each.note for each in regions)
+            shares = [
+                [np.isin(each.rows, place).mean() for place in (post, copies)] for each in regions
+            ]  # a few neighbours of the object have equal ranges by chance
+            assert np.max(shares, axis=0).min() > 0.95
+            assert np.max(shares, axis=1).min() > 0.95
+            assert min(len(each.rows) for each in regions) > 0.5 * len(post)
+
+
+def test_copies_that_are_mirrored_or_many_are_found_too() -> None:
+    scan = exact_scan(velodyne(), labelled=True)
+    post = scan.points[on_post(scan.points)]
+    mirrored, _ = pasted(scan, post * np.float32([1, -1, 1]))
+    assert said(mirrored).verdict == "tampered"
+    many, _ = pasted(scan, np.concatenate([turned(post, 33.3 * k) for k in (1, 2, 3, 5)]))
+    assert said(many).verdict == "tampered"
+
+
+@pytest.mark.parametrize("kind", ["ouster", "velodyne"])
+def test_a_turn_that_was_fused_with_itself_has_no_copied_object(kind: str) -> None:
+    scan = exact_scan({**UNITS, "velodyne": velodyne()}[kind], labelled=True)
+    fused, _ = pasted(scan, turned(scan.points, 90.0))
+    assert said(fused).verdict != "tampered"
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.001, 0.003])
+def test_opposite_walls_at_one_distance_are_no_copies(unit: Unit, noise_m: float) -> None:
+    scan = exact_scan(unit, labelled=True, noise_m=noise_m)
+    assert said(scan).verdict != "tampered"
+
+
+@pytest.mark.parametrize("kind", ["hesai", "velodyne"])
+def test_a_turned_copy_that_is_off_the_steps_has_one_region(kind: str) -> None:
+    """The place that is off the lattice is the copy; the original is not suspected."""
+    scan = exact_scan(UNITS.get(kind, velodyne()), labelled=True)
+    post = scan.points[on_post(scan.points)]
+    copy = turned(post, 90.003) + np.float32([0.0, 0.0, 0.001])
+    edited, copies = pasted(scan, copy)
+    judged = said(edited)
+    assert judged.verdict == "tampered"
+    assert set(judged.suspected.tolist()) <= set(copies.tolist())
+
+
+def turned(points: Points, degrees: float) -> Points:
+    angle = math.radians(degrees)
+    turn = [[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0]]
+    there: Points = (points.astype(np.float64) @ np.array([*turn, [0, 0, 1]]).T).astype(np.float32)
+    return there
+
+
+def pasted(scan: LidarFrame, copy: Points) -> tuple[LidarFrame, NDArray[np.intp]]:
+    """The scan with points at its end, in the lasers where they lie, and their rows."""
+    lattice = estimate_lattice(scan)
+    assert scan.ring is not None
+    label = np.zeros(len(lattice.slope), np.uint16)
+    label[lattice.read(scan.points).ring] = scan.ring
+    ring = np.concatenate([scan.ring, label[lattice.read(copy).ring]])
+    points = np.concatenate([scan.points, copy])
+    rows = np.arange(scan.num_points, len(points))
+    return scan.replace(points=points, ring=ring, intensity=None), rows
 
 
 def on_post(points: Points) -> NDArray[np.bool_]:

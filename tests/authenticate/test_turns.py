@@ -455,7 +455,8 @@ def test_a_drive_looks_closer_at_turns_beside_one_that_was_cut(
 def test_power_says_what_neighbours_add_for_white_box_edits(turns: list[np.ndarray]) -> None:
     frames = [LidarFrame(points, origin=(0, 0, 0)) for points in turns]
     measured = authenticate.measure_power(frames[1:2], LATTICE, planted=1, rng=1)
-    assert set(measured) == {name for name in authenticate.EDITS if "reflectance" not in name}
+    expected = {name for name in authenticate.EDITS if "reflectance" not in name}
+    assert set(measured) == {name for name in expected if "on steps" not in name}  # exact clouds
     hidden = ("white-box removed", "white-box added", "spoofed")
     alone = authenticate.measure_power(frames[1:2], LATTICE, planted=3, classes=hidden, rng=1)
     assert set(alone) == set(hidden)

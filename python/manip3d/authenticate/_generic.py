@@ -22,6 +22,7 @@ from manip3d._util.showing import Showable
 from manip3d.authenticate._carriers import ALLOWED, MILLIMETRES, allowance, allowing
 from manip3d.authenticate._lattice import LINE_TOLERANCE, SensorLattice
 from manip3d.authenticate._lattice_estimate import estimate_lattice, without_roundings
+from manip3d.authenticate._turned_copies import TURNS, turned_copy
 from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
@@ -128,6 +129,7 @@ IN_WORDS: dict[Verdict, str] = {
 
 WRONG_PLACE = "points lie where the sensor cannot measure"
 NO_RETURN = "returns are missing where a surface must have answered"
+REPEATED = "two places have the same ranges, firing after firing: one of them is a turned copy"
 
 UNTOLD = "{} points are on no line, where a laser without a line may look: they cannot be judged"
 """Reason of an undecidable scan with `MIN_EXACT` or more such points. None of five clouds of
@@ -178,7 +180,9 @@ class SuspectRegion:
     strength : mapping of str to float
         Strength of each kind of evidence, see `EvidenceReport`; kinds without evidence are left
         out. ``scattered``: -log10 of the probability that points off the lattice lie so near to
-        each other, or that the frame has so many of them.
+        each other, or that the frame has so many of them. ``copied``: the same of the probability
+        that so many successive ranges equal those of another region; which of the two is the copy
+        is not known.
     lower, upper : (float, float, float), metres
         Corners of the axis-parallel box around the suspected points, or around the former places of
         removed points.
@@ -300,7 +304,7 @@ class GenericResult(Showable):
         points = 0 if self.scan is None else self.scan.num_points
         tests = math.log10(1 + sum(said.used for said in self.evidence.values()))
         if not set(STRAYING).isdisjoint(kinds):
-            kinds = (*kinds, "scattered")
+            kinds = (*kinds, "scattered", "copied")
         kept = []
         for region in self.regions:
             strength = {k: s for k, s in region.strength.items() if k not in kinds}
@@ -407,6 +411,8 @@ def generic_consistency(
       by less than the rounding, but all in the same direction (``drift``). Their coordinates were
       rounded twice, or their ranges are between the steps: some of them are not the rounding of any
       point that their laser can measure (``place``).
+    - Copies of an object that were turned about the scanner, or mirrored, may stand on the lattice
+      of an exact cloud, but they have its ranges, firing after firing (``copied``).
     - Removed points leave firings into the ground without a return (``void``), above ground with
       returns and with returns on both sides.
 
@@ -491,11 +497,11 @@ def _consistency(
     told = scan.select(kept)
     reading = lattice.read(told.points, threads=threads)
     reading = without_roundings(reading, told.points, limits.tolerance)
-    reading = _ranges_as_lines(reading, limits.tolerance)
-    found = _examined(told.points, lattice, None, None, limits, reading, threads)
+    as_lines = _ranges_as_lines(reading, limits.tolerance)
+    found = _examined(told.points, lattice, None, None, limits, as_lines, threads)
     judged = _judged(
         found, told, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated,
-        untold=untold, threads=threads,
+        reading=reading, untold=untold, threads=threads,
     )  # fmt: skip
     return judged.with_rows(kept, scan)
 
@@ -609,7 +615,7 @@ def _log10_p(kind: str, strength: float, points: int) -> float:
         log = (fewest - strength) / scale * math.log10(math.e)
     elif kind == "range":
         log = math.log10(WINDOWS) - strength * math.log10(math.e)
-    elif kind == "scattered":
+    elif kind in ("scattered", "copied"):
         log = -strength
     else:  # a region of `strength` stray points, see `generic_consistency`
         stray = max(points, 1) * STRAY_RATE
@@ -625,13 +631,15 @@ def _judged(
     false_alarm_rate: float,
     *,
     is_stated: bool,
+    reading: LatticeReading | None = None,
     untold: int = 0,
     threads: int,
 ) -> GenericResult:
     """Return the verdict on a frame from what the kernel found in it.
 
-    ``untold``: number of points off all lines of an exact lattice that were not judged. ``best``
-    are log10 p-values of the regions alone; ``logs`` allow for the number of kinds.
+    ``reading``: places of the points on an exact lattice. ``untold``: number of points off all
+    lines of an exact lattice that were not judged. ``best`` are log10 p-values of the regions
+    alone; ``logs`` allow for the number of kinds.
     """
     points, fewest = scan.num_points, 2
     if lattice.is_exact:
@@ -661,8 +669,16 @@ def _judged(
     best.append(log)
     logs.append(min(0.0, tests + log))
     if 10.0 ** logs[-1] <= false_alarm_rate:
-        regions = (*regions, _scattered_region(logs[-1], log, rows, scan.points))
+        regions = (*regions, _region_of(rows, "scattered", logs[-1], log, scan.points))
         suspected = np.union1d(suspected, rows)
+    if reading is not None:
+        log, places = _copied(scan.points, reading, lattice, suspected)
+        best.append(log)
+        logs.append(min(0.0, tests + log))
+        if 10.0 ** logs[-1] <= false_alarm_rate:
+            copies = (_region_of(at, "copied", logs[-1], log, scan.points) for at in places)
+            regions = (*regions, *copies)
+            suspected = np.union1d(suspected, np.concatenate(places))
     verdict = _quiet_verdict(evidence, found["directions"], is_stated)
     reason = IN_WORDS[verdict]
     if regions:
@@ -689,9 +705,10 @@ def _judged(
 
 def _accusation(regions: Sequence[SuspectRegion]) -> str:
     """The reason of ``tampered`` in words; a region without rows is one of missing returns."""
-    added = any(len(region.rows) for region in regions)
+    copied = any("copied" in region.strength for region in regions)
+    added = any(len(region.rows) and "copied" not in region.strength for region in regions)
     removed = any(not len(region.rows) for region in regions)
-    return " and ".join([WRONG_PLACE] * added + [NO_RETURN] * removed)
+    return " and ".join([WRONG_PLACE] * added + [NO_RETURN] * removed + [REPEATED] * copied)
 
 
 def _without_rests(found: Mapping[str, Any], alarming: list[int]) -> list[int]:
@@ -871,12 +888,32 @@ def _log_poisson(number: int, mean: float) -> float:
     return min(0.0, number * math.log10(mean) - math.lgamma(number + 1.0) / math.log(10.0))
 
 
-def _scattered_region(
-    log: float, strength: float, rows: NDArray[np.int64], points: NDArray[np.float32]
+def _copied(
+    points: NDArray[np.float32],
+    reading: LatticeReading,
+    lattice: SensorLattice,
+    known: NDArray[np.int64],
+) -> tuple[float, tuple[NDArray[np.int64], ...]]:
+    """Return the log10 p-value and rows of two places of which one is a copy of the other.
+
+    The number of runs of equal ranges at one turn is compared, by the Poisson law, with that of
+    other turns. There is no p-value if most rows of one of the places are in ``known``: then the
+    copy was found already, and the other place is the original.
+    """
+    found = turned_copy(points, reading, lattice)
+    if found is None or any(2 * np.isin(at, known).sum() > len(at) for at in found.places):
+        return 0.0, ()
+    log = math.log10(TURNS) + _log_poisson(found.runs, found.elsewhere + 1.0)
+    return min(0.0, log), found.places
+
+
+def _region_of(
+    rows: NDArray[np.int64], kind: str, log: float, strength: float, points: NDArray[np.float32]
 ) -> SuspectRegion:
+    """Return the region of evidence whose strength is the log10 of its probability."""
     there = points[rows].astype(np.float64)
     low, high = (tuple(each(axis=0).tolist()) for each in (there.min, there.max))
-    return SuspectRegion(10.0**log, {"scattered": -strength}, low, high, rows, tight_box(there))
+    return SuspectRegion(10.0**log, {kind: -strength}, low, high, rows, tight_box(there))
 
 
 def _rows_of(found: Mapping[str, Any], region: int) -> NDArray[np.int64]:

@@ -18,6 +18,8 @@ from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 from manip3d.authenticate._no_returns import returns_of
 from manip3d.authenticate._power import (
     BLIND,
+    BLIND_TURNED,
+    BLIND_TURNED_ANYHOW,
     BLIND_WHOLE_STEPS,
     BLIND_WITHOUT_REFLECTANCES,
     BLIND_WITHOUT_STEPS,
@@ -184,10 +186,11 @@ def _blind(sensor: Sensor, judging: set[str]) -> tuple[str, ...]:
     blind = [*BLIND]
     if "turns" not in judging:
         blind.append(BLIND_WITHOUT_TURNS)
-    if sensor.lattice is not None and not sensor.lattice.steps:
-        blind.append(BLIND_WITHOUT_STEPS)
     if sensor.lattice is not None and sensor.lattice.is_exact:
+        blind.append(BLIND_TURNED if sensor.lattice.steps else BLIND_TURNED_ANYHOW)
         blind.append(BLIND_WHOLE_STEPS)
+    elif sensor.lattice is not None and not sensor.lattice.steps:
+        blind.append(BLIND_WITHOUT_STEPS)
     if "reflectance" not in judging:
         blind.append(BLIND_WITHOUT_REFLECTANCES)
     return tuple(blind)

@@ -60,6 +60,19 @@ BLIND_WITHOUT_REFLECTANCES = "reflectance rewritten: the scan has none that can 
 BLIND_WITHOUT_STEPS = "points turned about the scanner: its azimuths have no steps"
 """A further blind class if the lattice has lines and ranges only, as that of a Velodyne."""
 
+BLIND_TURNED = (
+    "objects turned about the scanner by whole steps of azimuth, or mirrored, whose own place is "
+    "empty; copies that overlap the original or are less than 5 degrees away"
+)
+"""A further blind class in exact clouds whose azimuths have steps: detector III finds other turned
+copies, since they have the ranges of the original."""
+
+BLIND_TURNED_ANYHOW = (
+    "objects turned about the scanner, or mirrored, whose own place is empty; copies that overlap "
+    "the original or are less than 5 degrees away: its azimuths have no steps"
+)
+"""The same in exact clouds of a scanner without steps of azimuth."""
+
 BLIND_WHOLE_STEPS = "points moved along their rays by whole range steps"
 """A further blind class in exact clouds, whose coordinates are not rounded a second time."""
 
@@ -138,6 +151,26 @@ def _resampled(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.
     first, second = cloud[rows, :3], cloud[rng.permutation(rows), :3]
     weight = rng.uniform(0.2, 0.8, (len(rows), 1))
     return _written(_with(cloud, rows, first * weight + second * (1.0 - weight), lattice), lattice)
+
+
+def _copied(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
+    """Paste a copy of the object, turned about the scanner by 1 to 5 radians in whole steps."""
+    pasted = cloud[rows]
+    pasted[:, :3] = _turned_by_steps(pasted, lattice, rng)
+    return _written(np.concatenate([cloud, pasted]), lattice)
+
+
+def _swung(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
+    """Turn the object itself about the scanner by 1 to 5 radians in whole steps."""
+    turned = _turned_by_steps(cloud[rows], lattice, rng).astype(np.float64)
+    return _written(_with(cloud, rows, turned, lattice), lattice)
+
+
+def _turned_by_steps(object_: Cloud, lattice: SensorLattice, rng: np.random.Generator) -> Points:
+    """Points of the object, turned about the scanner by whole steps, or degrees without steps."""
+    steps = lattice.steps or 360
+    angle = round(rng.uniform(1.0, 5.0) * steps / (2.0 * math.pi)) * 2.0 * math.pi / steps
+    return _rounded(_turned(object_[:, :3].astype(np.float64), angle), lattice)
 
 
 def _removed(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
@@ -267,6 +300,14 @@ REFLECTANCE_EDITS: Mapping[str, Edit] = MappingProxyType(
 )
 """Edits of the reflectances alone; frames need reflectances that detector V can judge."""
 
+TURNS_BY_STEPS: Mapping[str, Edit] = MappingProxyType(
+    {
+        "copied on steps": _copied,
+        "turned on steps": _swung,
+    }
+)
+"""Edits that leave points on an exact lattice; they are planted in exact clouds only."""
+
 EDITS: Mapping[str, Edit] = MappingProxyType(
     {
         "added": _added,
@@ -279,6 +320,7 @@ EDITS: Mapping[str, Edit] = MappingProxyType(
         "five points": _few_points,
         **WHITE_BOX,
         **REFLECTANCE_EDITS,
+        **TURNS_BY_STEPS,
     }
 )
 """Classes of edits that can be planted. Edited points are in the scanner's order, and in the steps
@@ -302,6 +344,8 @@ EDIT_MEANINGS: Mapping[str, str] = MappingProxyType(
         "reflectance: shifted": "an object's reflectances plus or minus 0.2",
         "reflectance: exchanged": "an object's reflectances in another order",
         "reflectance: from elsewhere": "an object with the reflectances of another place",
+        "copied on steps": "a copy of an object, turned about the scanner by whole steps",
+        "turned on steps": "an object turned about the scanner by whole steps of azimuth",
     }
 )
 """Description of each class of edits, for reports."""
@@ -421,6 +465,8 @@ def _can_be_planted(name: str, cloud: Cloud, lattice: SensorLattice) -> bool:
     """Whether a class of edits can be planted in a scan, given its reflectances and lattice."""
     if name in REFLECTANCE_EDITS and cloud.shape[1] == 3:
         return False
+    if name in TURNS_BY_STEPS:
+        return lattice.is_exact
     return name not in WHITE_BOX or bool(lattice.steps)
 
 

@@ -123,6 +123,9 @@ class Power:
 SEAM = "points beside a seam between firings; which side of it is foreign is not known"
 """Note on regions whose evidence is of the kinds `OF_SEAMS` only."""
 
+OF_COPY = "one of two places with the same ranges; which of them is the copy is not known"
+"""Note on regions whose evidence is a copy within the scan."""
+
 OF_SEAMS = frozenset(("firing", "duplicate"))
 """Kinds of evidence that arise where parts of two turns meet: on either side of the seam, points
 contradict the firings of the other side. Of two regions of such kinds, one may be as it was
@@ -154,6 +157,8 @@ class Region:
     @property
     def note(self) -> str:
         """Limits of what ``rows`` tell, in words; empty if they are the points of an edit."""
+        if "copied" in self.evidence:
+            return OF_COPY
         return SEAM if "firing" in self.evidence and OF_SEAMS.issuperset(self.evidence) else ""
 
     def record(self) -> dict[str, Any]:
