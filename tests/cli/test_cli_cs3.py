@@ -869,7 +869,8 @@ def test_depths_of_8_bits_need_their_unit(tmp_path: Path) -> None:
     path, target = tmp_path / "a.png", tmp_path / "a.ply"
     Image.fromarray(np.full((24, 32), 170, np.uint8)).save(path)
     arguments = ("depth", path, "-o", target, "--points", "8", "--intrinsics", "30,30,15.5,11.5")
-    assert "give their number in a metre as --unit" in error_line(manip3d(*arguments))
+    advice = "give their number in a metre as --unit, or disparity:FB of a stereo pair"
+    assert advice in error_line(manip3d(*arguments))
     assert manip3d(*arguments, "--unit", "85").returncode == 0
     np.testing.assert_allclose(read_mesh(target).vertices[:, 2], 2.0)
 
@@ -894,3 +895,30 @@ def test_a_guess_for_a_folder_is_told(more: tuple[str, ...], tmp_path: Path) -> 
     assert "depth 7.00 to 8.00 m, unit mm (" in done.stderr
     assert "guessed" not in done.stderr + str([row["depth"] for row in json.loads(done.stdout)])
     assert not any(row["unit_guessed"] for row in json.loads(done.stdout))
+
+
+def test_disparities_of_8_bits_have_the_unit_of_the_pair(tmp_path: Path) -> None:
+    """A stereo pair's calibration states it, also for a folder with the pair's colours."""
+    (tmp_path / "in").mkdir()
+    path, calibration = tmp_path / "in" / "disp0.png", tmp_path / "calib.txt"
+    Image.fromarray(np.full((24, 32), 40, np.uint8)).save(path)
+    Image.fromarray(np.full((24, 32, 3), 90, np.uint8)).save(tmp_path / "in" / "im0.png")
+    calibration.write_text(
+        "cam0=[30 0 15.5; 0 30 11.5; 0 0 1]\ncam1=[30 0 15.5; 0 30 11.5; 0 0 1]\ndoffs=0\n"
+        "baseline=2000\nwidth=32\nheight=24\nndisp=64\n"
+    )
+    asked = ("--points", "8", "--intrinsics", calibration, "--json")
+    target = tmp_path / "a.ply"
+    record = json.loads(manip3d("depth", path, "-o", target, *asked).stdout)
+    assert record["unit"] == "disparity:60"
+    np.testing.assert_allclose(read_mesh(target).vertices[:, 2], 1.5)
+    rows = json.loads(
+        manip3d("depth", tmp_path / "in", "-o", tmp_path / "out", "--jobs", "1", *asked).stdout
+    )
+    units = {Path(row["source"]).name: row.get("unit") for row in rows}
+    assert units == {"disp0.png": "disparity:60", "im0.png": None}
+    assert not any(row.get("error") for row in rows)
+    poses = tmp_path / "poses.txt"
+    poses.write_text("0 0 0 0 0 0 1\n")
+    joint = ("depth", path, "--poses", poses, "-o", tmp_path / "all.ply", *asked)
+    assert json.loads(manip3d(*joint).stdout)["unit"] == "disparity:60"

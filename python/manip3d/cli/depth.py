@@ -34,7 +34,6 @@ from manip3d.cli.terminal import (
 )
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, WRITABLE
-from manip3d.io._depth_units import fits_8_bits
 from manip3d.io._scan_tables import scan_suffix
 
 if TYPE_CHECKING:
@@ -89,11 +88,12 @@ _OPTIONS = ("intrinsics", "unit", "variant", "effort", "by-distance", "move-poin
 def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
     """One unit for all depth images, and the colour image, mask and confidence of each frame."""
     from manip3d import simplify
+    from manip3d.simplify._depth_inputs import may_have_8_bits
     from manip3d.simplify._depth_sets import common_guess
 
-    with naming_options("unit"):
-        may_be_8_bits = fits_8_bits(options["unit"])
-    names = [file.name for file in files if may_be_8_bits or not _is_color_png(file.name)]
+    with naming_options("unit", "intrinsics"):
+        may_be_8_bits = may_have_8_bits(options["unit"], options["intrinsics"])
+    names = [file.name for file in files if not _is_picture(file.name, may_be_8_bits)]
     _expect_camera(names, options["intrinsics"])
     each: dict[str, dict[str, str]] = {file.name: {"color": ""} for file in files}
     with naming_options("color", "mask", "confidence", "unit"):
@@ -142,11 +142,15 @@ def _expect_camera(names: list[str], intrinsics: str) -> None:
             expect_camera(intrinsics, Path(names[0]))
 
 
-def _is_color_png(name: str) -> bool:
+def _is_picture(name: str, may_be_8_bits: bool) -> bool:
+    """Return whether a file is a PNG of 8 bits, unless it is grey and depths may have 8 bits."""
     from manip3d.io import is_color_png, is_url
+    from manip3d.io._depth_files import is_grey_png
 
     try:
-        return not is_url(name) and is_color_png(name)
+        if is_url(name) or not is_color_png(name):
+            return False
+        return not (may_be_8_bits and is_grey_png(name))
     except (OSError, FormatError):  # the frame's own turn reports it
         return False
 
@@ -217,6 +221,7 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         return False
     from manip3d import simplify
     from manip3d.batch import find_files
+    from manip3d.simplify._depth_inputs import may_have_8_bits
 
     _expect_budget(given["points"], given["ratio"], wanted="--points or --ratio")
     output: Path = given["output"]
@@ -227,7 +232,8 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
             raise InputError(f"{refused[0]}: cannot be given with poses")
         check_output(output, WRITABLE, force=given["force"])
         found = find_files(sources, suffixes=(*DEPTH_SUFFIXES, *_SCANS))
-        pictures = [] if fits_8_bits(given["unit"]) else [f for f in found if _is_color_png(f.name)]
+        may_be_8_bits = may_have_8_bits(given["unit"], given["intrinsics"])
+        pictures = [f for f in found if _is_picture(f.name, may_be_8_bits)]
         for file in pictures:
             if file.is_named or len(pictures) == len(found):
                 expect_kind(file.name, "depth", "range grid", verb="depth")
@@ -566,6 +572,7 @@ def depth(
     Example: manip3d depth depth.png --intrinsics kinect-v2 --points 5000 -o person.glb
     """
     from manip3d import simplify
+    from manip3d.simplify._depth_inputs import may_have_8_bits
 
     assert not poses  # those files were joined
     assert frames is None  # that was a recording
@@ -593,7 +600,9 @@ def depth(
         )
         # Whether a cloud is an organised one is decided by its reader.
         clouds = ("scan",) if scan_suffix(source) in (".pcd", ".npy", ".npz") else ()
-        pictures = ("picture",) if not unit.startswith("guess") and fits_8_bits(unit) else ()
+        may_be_8_bits = may_have_8_bits(unit, intrinsics)
+        is_open = may_be_8_bits and not _is_picture(source, may_be_8_bits)
+        pictures = ("picture",) if is_open else ()
         expect_kind(source, "depth", "range grid", *clouds, *pictures, verb="depth")
         check_output(output, WRITABLE, force=force)
         sequence = _sequence.get()

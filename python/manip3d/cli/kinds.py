@@ -169,7 +169,8 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
     if kind == "depth" and "scan" in kinds and (cure := _POINTS_IN.get(_suffix(Path(source)))):
         message += f". {cure}"
     if kind == "picture" and verb == "depth" and _suffix(Path(source)) == ".png":
-        message += ". If it holds depths of 8 bits, give their number in a metre as --unit"
+        message += ". If it holds depths of 8 bits, give their number in a metre as --unit, or "
+        message += "disparity:FB of a stereo pair"
     raise OtherKindError(message, NAMES[kind])
 
 

@@ -187,9 +187,21 @@ def is_color_png(path: str | os.PathLike[str]) -> bool:
     >>> io.is_color_png("mask.png"), io.is_color_png("depth.png")
     (True, False)
     """
+    header = _png_header(path)
+    return len(header) == 26 and header[24] <= 8
+
+
+def is_grey_png(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is a PNG with one channel of grey; only its header is read."""
+    header = _png_header(path)
+    return len(header) == 26 and header[25] == 0
+
+
+def _png_header(path: str | os.PathLike[str]) -> bytes:
+    """Return the bytes of a PNG up to bit depth and colour type; empty for other files."""
     with open_regular(path_of(path)) as file:
         header = file.read(26)
-    return header.startswith(b"\x89PNG\r\n\x1a\n") and len(header) == 26 and header[24] <= 8
+    return header if header.startswith(b"\x89PNG\r\n\x1a\n") else b""
 
 
 def _in_our_units(

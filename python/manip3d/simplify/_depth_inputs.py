@@ -13,6 +13,7 @@ from manip3d._util.paths import path_of
 from manip3d.camera import CAMERA_PRESETS, CAMERA_SUFFIXES, camera_depth_unit
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_UNITS, DepthReading, read_depth_guessing, read_pixel_map
+from manip3d.io._depth_units import fits_8_bits
 from manip3d.io._images import read_color
 from manip3d.simplify._depth_options import DepthOptions, check_confidence
 from manip3d.simplify._depth_words import COMMON_GUESS
@@ -93,15 +94,15 @@ def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, st
 
     The unit that the camera states, if any, overrides the guess.
     """
-    reading = read_depth_guessing(path, unit=options.unit.removeprefix(COMMON_GUESS))
+    reading = read_depth_guessing(path, unit=_unit_to_read(options.unit, options.intrinsics))
     if options.unit.startswith(COMMON_GUESS):
         reading = replace(reading, guessed=True, reason="most of the images look like it")
         return reading, reading.sentence, reading.doubt
-    unit = camera_depth_unit(options.intrinsics) if reading.guessed else "guess"
+    unit = camera_depth_unit(options.intrinsics) if options.unit == "guess" else "guess"
     of_stereo = unit.startswith("disparity:")
     if unit == "guess" or (reading.unit == "m" and not of_stereo):
         return reading, reading.sentence, reading.doubt
-    known = read_depth_guessing(path, unit=unit)
+    known = reading if of_stereo else read_depth_guessing(path, unit=unit)
     words = f"{known.sentence}, as intrinsics {options.intrinsics} has it"
     doubt = known.doubt
     # A guess never finds an unusual unit, so that it is no reason to doubt one.
@@ -110,3 +111,19 @@ def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, st
         doubt = f"the numbers look like {reading.unit}: {reading.reason}"
         words += f"; but {doubt}"
     return known, words, doubt
+
+
+def may_have_8_bits(unit: str, intrinsics: str) -> bool:
+    """Return whether a depth image of 8 bits can be read with these options of `DepthOptions`."""
+    return fits_8_bits(_unit_to_read(unit, intrinsics))
+
+
+def _unit_to_read(unit: str, intrinsics: str) -> str:
+    """Return the unit with which to read an image first: the camera's if that has disparities.
+
+    They cannot be told from the numbers, and an image of 8 bits is read in no other unit.
+    """
+    if unit != "guess":
+        return unit.removeprefix(COMMON_GUESS)
+    of_camera = camera_depth_unit(intrinsics)
+    return of_camera if of_camera.startswith("disparity:") else unit
