@@ -531,6 +531,31 @@ def test_a_mask_and_confidences_come_from_files(frame: Path, tmp_path: Path) -> 
     assert meshes["levels"] == meshes["shares"] != meshes["plain"]
 
 
+def test_a_cut_out_is_a_mask(frame: Path, tmp_path: Path) -> None:
+    """Its shape is in the alpha; the colours around it are those of the picture."""
+    left = np.tile(np.arange(160) < 80, (120, 1))
+    colors = np.random.default_rng(0).integers(1, 256, (120, 160, 3))
+    cutout, mask = tmp_path / "cutout.png", tmp_path / "mask.png"
+    rgba = np.dstack([colors, 255 * left])
+    Image.fromarray(rgba.astype(np.uint8)).save(cutout)
+    Image.fromarray(left).save(mask)
+    base = ("depth", frame, "--points", "300", "--intrinsics", FOCAL, "-q", "-o")
+    outputs = [tmp_path / "0.ply", tmp_path / "1.ply"]
+    for output, path in zip(outputs, (cutout, mask), strict=True):
+        assert manip3d(*base, output, "--mask", path).returncode == 0
+    assert outputs[0].read_bytes() == outputs[1].read_bytes()
+
+
+@pytest.mark.parametrize("shape", [(1, 80), (80, 1)])
+def test_one_row_or_column_has_no_surface(shape: tuple[int, int], tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.full(shape, 2000, np.uint16))
+    done = manip3d("depth", tmp_path / "a.npy", "--points", "9", "--intrinsics", "60,60,4,4", "-q",
+                   "-o", tmp_path / "a.ply")  # fmt: skip
+    line = error_line(done)
+    assert "an image of one row or one column has no surface" in line
+    assert "LiDAR" not in line
+
+
 def test_an_image_without_depth_names_a_mask_only_where_there_is_one(tmp_path: Path) -> None:
     empty, mask = tmp_path / "empty.png", tmp_path / "mask.npy"
     Image.fromarray(np.zeros((120, 160), np.uint16)).save(empty)
@@ -875,28 +900,6 @@ def test_depths_of_8_bits_need_their_unit(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_mesh(target).vertices[:, 2], 2.0)
 
 
-@pytest.mark.parametrize("more", [(), ("--stable",)])
-def test_a_guess_for_a_folder_is_told(more: tuple[str, ...], tmp_path: Path) -> None:
-    """Two walls 7 and 8 m away, stored in millimetres, look like units of 1/5000 m."""
-    (tmp_path / "d").mkdir()
-    for number in (7, 8):
-        np.save(tmp_path / "d" / f"{number}.npy", np.full((48, 64), 1000 * number, np.uint16))
-    base = ("depth", tmp_path / "d", "-o", tmp_path / "o", "--points", "60", "--json",
-            "--intrinsics", "60,60,31.5,23.5", *more)  # fmt: skip
-    told = "read 2 depth images, depth 1.40 to 1.60 m, unit tum (1/5000 m: TUM RGB-D, ICL-NUIM)"
-    for _ in range(2):  # the rows of the second run are those of the first
-        done = manip3d(*base)
-        assert done.returncode == 0, done.stderr
-        assert f"{told}, guessed; --unit overrides it" in done.stderr
-        for row in json.loads(done.stdout):
-            assert (row["unit"], row["unit_guessed"]) == ("tum", True)
-            assert ", guessed: most of the images look like it" in row["depth"]
-    done = manip3d(*base, "--unit", "mm", "--force")
-    assert "depth 7.00 to 8.00 m, unit mm (" in done.stderr
-    assert "guessed" not in done.stderr + str([row["depth"] for row in json.loads(done.stdout)])
-    assert not any(row["unit_guessed"] for row in json.loads(done.stdout))
-
-
 def test_disparities_of_8_bits_have_the_unit_of_the_pair(tmp_path: Path) -> None:
     """A stereo pair's calibration states it, also for a folder with the pair's colours."""
     (tmp_path / "in").mkdir()
@@ -922,3 +925,25 @@ def test_disparities_of_8_bits_have_the_unit_of_the_pair(tmp_path: Path) -> None
     poses.write_text("0 0 0 0 0 0 1\n")
     joint = ("depth", path, "--poses", poses, "-o", tmp_path / "all.ply", *asked)
     assert json.loads(manip3d(*joint).stdout)["unit"] == "disparity:60"
+
+
+@pytest.mark.parametrize("more", [(), ("--stable",)])
+def test_a_guess_for_a_folder_is_told(more: tuple[str, ...], tmp_path: Path) -> None:
+    """Two walls 7 and 8 m away, stored in millimetres, look like units of 1/5000 m."""
+    (tmp_path / "d").mkdir()
+    for number in (7, 8):
+        np.save(tmp_path / "d" / f"{number}.npy", np.full((48, 64), 1000 * number, np.uint16))
+    base = ("depth", tmp_path / "d", "-o", tmp_path / "o", "--points", "60", "--json",
+            "--intrinsics", "60,60,31.5,23.5", *more)  # fmt: skip
+    told = "read 2 depth images, depth 1.40 to 1.60 m, unit tum (1/5000 m: TUM RGB-D, ICL-NUIM)"
+    for _ in range(2):  # the rows of the second run are those of the first
+        done = manip3d(*base)
+        assert done.returncode == 0, done.stderr
+        assert f"{told}, guessed; --unit overrides it" in done.stderr
+        for row in json.loads(done.stdout):
+            assert (row["unit"], row["unit_guessed"]) == ("tum", True)
+            assert ", guessed: most of the images look like it" in row["depth"]
+    done = manip3d(*base, "--unit", "mm", "--force")
+    assert "depth 7.00 to 8.00 m, unit mm (" in done.stderr
+    assert "guessed" not in done.stderr + str([row["depth"] for row in json.loads(done.stdout)])
+    assert not any(row["unit_guessed"] for row in json.loads(done.stdout))

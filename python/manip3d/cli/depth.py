@@ -481,8 +481,8 @@ def depth(
     mask: Annotated[
         str,
         typer.Option(
-            help="Image or .npy of the same size: black (0) where the depth is not to be used. For "
-            "several depth images, one mask for all or a folder with one for each."
+            help="Image or .npy of the same size: black (0) or transparent where the depth is not "
+            "to be used. For several depth images, one mask for all or a folder with one for each."
         ),
     ] = "",
     confidence: Annotated[

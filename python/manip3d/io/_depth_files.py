@@ -133,7 +133,8 @@ def read_pixel_map(
     -------
     (H, W) bool, uint8, uint16, float32 or float64
         The stored values. Coloured and paletted images of 8 bits give the largest of red, green
-        and blue, so that only black pixels are 0; an alpha channel is ignored.
+        and blue, and 0 where an alpha channel is 0: only black pixels and those outside of a
+        cut-out are 0. The transparency of a palette's colours is ignored.
 
     Raises
     ------

@@ -270,7 +270,7 @@ def _read_with_pillow(
     """Read a PNG or TIFF with one channel of 16-bit integers or floats, or in a given mode.
 
     Images of Pillow's modes ``narrow_modes`` are returned unchanged. Those of ``color_modes`` are
-    reduced to the largest of red, green and blue.
+    reduced to the largest of red, green and blue, and to 0 where an alpha channel is 0.
     """
     pillow = imported("PIL.Image", "io")
     try:
@@ -310,8 +310,13 @@ def _read_with_pillow(
 def _brightest_channel(data: bytes, image: Image.Image) -> NDArray[Any]:
     if (depth := _bits_of_channel(data, image)) > 8:  # Pillow would keep only the upper 8 bits
         raise FormatError(f"expected colours of 8 bits, got {depth}")
-    whole = image.convert("RGBA") if image.mode == "P" else image
-    return np.asarray(np.array(whole.convert("RGB")).max(axis=2))
+    channels = np.array(image.convert("RGBA"))
+    brightest = np.asarray(channels[..., :3].max(axis=2))
+    # The shape of a cut-out is its alpha channel: under it are the colours of the whole picture. A
+    # label of a palette that is shown transparent is still a label.
+    if image.mode in ("RGBA", "LA"):
+        brightest[channels[..., 3] == 0] = 0
+    return brightest
 
 
 def _has_more(image: Image.Image) -> bool:

@@ -47,6 +47,7 @@ class Measured:
     pixels: int
     lone: int
     is_masked: bool = False  # whether a mask was applied before they were counted
+    is_line: bool = False  # whether the image has a single row or column
 
     @staticmethod
     def of(valid: NDArray[np.bool_], *, is_masked: bool = False) -> Measured:
@@ -56,7 +57,7 @@ class Measured:
         full = square >= 3
         joined = full[:-1, :-1] | full[:-1, 1:] | full[1:, :-1] | full[1:, 1:]
         lone = int(np.count_nonzero(valid & ~joined))
-        return Measured(int(np.count_nonzero(valid)), lone, is_masked)
+        return Measured(int(np.count_nonzero(valid)), lone, is_masked, min(valid.shape) == 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +190,9 @@ def _with_faces(
     if without_ray := made.found.surface.without_ray:
         have = "has" if without_ray == 1 else "have"
         found += f"; {without_ray} of them {have} {NO_RAY_WORDS}"
-    if is_sparse(measured.lone, measured.pixels):
+    if measured.is_line:
+        found += "; an image of one row or one column has no surface"
+    elif is_sparse(measured.lone, measured.pixels):
         found += f"; {SPARSE_WORDS}"
     if measured.pixels > 0 and options.method != "relief":  # relief leaves a face for any number
         enough = _enough_points(make, points, measured.pixels)
