@@ -48,6 +48,7 @@ _LATER = {
     "outside": 0.0,
     "chose": True,
     "outside_charts": 0.0,
+    "unsure_pixels": 0,
 }
 """Fields that came after the hashes were made, left out where nothing asked for them."""
 

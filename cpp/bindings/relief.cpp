@@ -44,6 +44,7 @@ Fields to_fields(ReliefResult&& result) {
   fields["cover"] = shares_in(result.cover);
   fields["without_off"] = shares_in(result.cover_without_off);
   fields["filled"] = to_numpy(std::move(result.filled));
+  fields["unsure"] = to_numpy(std::move(result.unsure));
   fields["off"] = to_numpy(std::move(result.off));
   fields["mean_move"] = result.mean_move;
   fields["max_move"] = result.max_move;

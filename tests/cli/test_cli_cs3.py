@@ -531,6 +531,29 @@ def test_a_mask_and_confidences_come_from_files(frame: Path, tmp_path: Path) -> 
     assert meshes["levels"] == meshes["shares"] != meshes["plain"]
 
 
+def test_pixels_without_confidence_that_are_left_out_are_counted(tmp_path: Path) -> None:
+    """A reflection at 1.8 m in a wall at 3 m, which has confidence 0."""
+    v, u = np.mgrid[0:120, 0:160]
+    wrong = np.hypot(u - 60, v - 50) < 15
+    image, levels, output = tmp_path / "a.png", tmp_path / "levels.png", tmp_path / "a.ply"
+    Image.fromarray(np.where(wrong, 1800, 3000).astype(np.uint16)).save(image)
+    Image.fromarray(np.where(wrong, 0, 2).astype(np.uint8)).save(levels)
+    base = ("depth", image, "--points", "200", "--intrinsics", FOCAL, "--unit", "mm", "-o", output)
+    done = manip3d(*base, "--confidence", levels, "--confidence-max", "2")
+    left = np.count_nonzero(wrong)
+    assert f", {left} pixels without confidence left out" in done.stderr
+    np.testing.assert_allclose(read_mesh(output).vertices[:, 2], 3.0)
+    asked = ("--confidence", levels, "--confidence-max", "2", "--json", "--force")
+    record = json.loads(manip3d(*base, *asked).stdout)
+    assert (record["unsure_pixels"], record["points_before"]) == (left, wrong.size)
+    assert record["outside"] == 0
+    everything = json.loads(manip3d(*base[:3], str(wrong.size), *base[4:], *asked).stdout)
+    assert everything["points"] == wrong.size - left
+    assert not everything["target_missed"]
+    plain = manip3d(*base, "--force")
+    assert "without confidence" not in plain.stderr
+
+
 def test_a_cut_out_is_a_mask(frame: Path, tmp_path: Path) -> None:
     """Its shape is in the alpha; the colours around it are those of the picture."""
     left = np.tile(np.arange(160) < 80, (120, 1))

@@ -1282,6 +1282,22 @@ def test_a_hole_between_two_surfaces_stays_one() -> None:
     assert (depth[v, u] < 4).all()
 
 
+@pytest.mark.parametrize("points", [150, 300])
+def test_many_specks_do_not_take_the_points_of_live(points: int) -> None:
+    """More than 700 pieces of 3 x 8 pixels, such as thin bars in noise, stand before a wall."""
+    v, u = np.mgrid[:480, :640]
+    random = np.random.default_rng(0)
+    wall = 4.0 + 0.4 * np.sin(u / 60) * np.cos(v / 75)
+    dashes = (u > 512) & (u % 20 < 3) & (v % 10 < 8)
+    metres = np.where(dashes, 2.6 + 0.1 * random.random(u.shape), wall)
+    depth = (1000 * metres + random.normal(0, 10, u.shape)).round().astype(np.uint16)
+    camera = Intrinsics(640, 480, 512.0, 512.0, 320.0, 240.0)
+    found = simplify.relief(depth, camera, points, effort="live", depth_step=0.05)
+    at_dashes = dashes[found.pixels[:, 1], found.pixels[:, 0]]
+    assert at_dashes.sum() < 0.1 * points
+    assert found.coverage > 0.9
+
+
 def test_room_for_all_points_fills_nothing() -> None:
     points, valid = bumps(20, 20), np.ones((20, 20), bool)
     valid[9, 9] = False

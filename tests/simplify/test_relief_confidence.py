@@ -167,6 +167,92 @@ def test_wrong_measurements_that_are_not_believed_cost_no_points() -> None:
     assert at_wrong[1] <= at_wrong[0] // 8
 
 
+WALL_CAMERA = Intrinsics(160, 120, 130.0, 130.0, 79.5, 59.5)
+WALL_V, WALL_U = np.mgrid[0:120, 0:160]
+
+
+def wall(factor: float, radius: int = 15) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """A wall with noise, and the pixels of a blob that is wrong by a factor."""
+    wrong = np.hypot(WALL_U - 60, WALL_V - 50) < radius
+    noise = np.random.default_rng(0).normal(0, 0.004, wrong.shape)
+    return ((3.0 + noise) * np.where(wrong, factor, 1.0)).astype(np.float32), wrong
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+@pytest.mark.parametrize("points", [40, 200])
+def test_a_piece_that_is_not_believed_is_no_measurement(
+    effort: simplify.Effort, points: int
+) -> None:
+    """A reflection lies a depth step before the wall; one of its pixels is believed by mistake."""
+    depth, wrong = wall(0.6)
+    believed = np.where(wrong, 0.0, 1.0)
+    believed[50, 60] = 0.3
+    plain, found, masked = (
+        simplify.relief(depth, WALL_CAMERA, points, effort=effort, depth_step=0.05, **maps)  # type: ignore[arg-type]
+        for maps in ({}, {"confidence": believed}, {"mask": ~wrong})
+    )
+    assert (plain.vertices[:, 2] < 2.5).any()
+    assert found.vertices.tobytes() == masked.vertices.tobytes()
+    assert found.faces.tobytes() == masked.faces.tobytes()
+    assert (found.coverage, found.bridges, found.outside) == (
+        masked.coverage,
+        masked.bridges,
+        masked.outside,
+    )
+    assert (plain.unsure_pixels, found.unsure_pixels) == (0, np.count_nonzero(wrong))
+    assert found.surface.num_measured == np.count_nonzero(~wrong)
+    options = simplify.DepthOptions(points, effort=effort)
+    cut = simplify.simplify_depth(depth, WALL_CAMERA, options, confidence=believed)
+    assert cut.vertices[:, 2].min() > 2.5
+    assert cut.coverage == found.coverage
+
+
+def test_little_confidence_is_some() -> None:
+    """The limit is a thousandth of the mean, whatever the largest confidence is."""
+    depth, wrong = wall(0.6)
+    for of_wrong, of_wall, is_left in ((1e-2, 1.0, False), (1e-4, 1.0, True), (1e-6, 1e-2, True)):
+        believed = np.where(wrong, of_wrong, of_wall)
+        found = simplify.relief(depth, WALL_CAMERA, 200, depth_step=0.05, confidence=believed)
+        assert (found.unsure_pixels > 0) == is_left
+    none = np.zeros(depth.shape)
+    found = simplify.relief(depth, WALL_CAMERA, 200, depth_step=0.05, confidence=none)
+    assert found.unsure_pixels == 0
+    assert found.coverage > 0.95
+
+
+def test_pieces_of_scans_and_streams_that_are_not_believed() -> None:
+    depth, wrong = wall(0.6)
+    believed = np.where(wrong, 0.0, 1.0)
+    stream = simplify.ReliefStream(WALL_CAMERA, 150, depth_step=0.05)
+    for _ in range(2):
+        found = stream.simplify(depth, confidence=believed)
+        assert found.vertices[:, 2].min() > 2.5
+        assert found.unsure_pixels == np.count_nonzero(wrong)
+    points = scan(np.where(wrong, 60.0, 0.0) + np.sin(WALL_U / 9))
+    valid = np.ones(wrong.shape, bool)
+    asked = {"max_edge": 5.0, "effort": "live"}
+    one = simplify.relief_grid(points, valid, 150, confidence=believed, **asked)  # type: ignore[arg-type]
+    two = simplify.relief_grid(points, valid & ~wrong, 150, **asked)  # type: ignore[arg-type]
+    assert one.vertices.tobytes() == two.vertices.tobytes()
+    assert one.coverage == two.coverage
+    assert valid.all()
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+@pytest.mark.parametrize("points", [100, 900])
+def test_triangles_lie_over_what_is_not_believed(effort: simplify.Effort, points: int) -> None:
+    """Without a depth step the blob is part of the wall; its own depth must not shape it."""
+    depth, wrong = wall(0.97)
+    believed = np.where(wrong, 0.0, 1.0)
+    found = simplify.relief(
+        depth, WALL_CAMERA, points, effort=effort, depth_step=0.05, confidence=believed
+    )
+    assert found.unsure_pixels == 0
+    assert found.coverage > 0.98
+    assert not wrong[found.pixels[:, 1], found.pixels[:, 0]].any()
+    assert found.vertices[:, 2].min() > 2.96  # the blob is at 2.91
+
+
 @pytest.mark.parametrize("effort", EFFORTS)
 def test_a_mask_is_no_measurement(effort: simplify.Effort) -> None:
     mask = np.hypot(U - 30, V - 20) < 18

@@ -15,6 +15,7 @@
 #include "simplify/relief_start.hpp"
 #include "simplify/relief_surface.hpp"
 #include "simplify/relief_triangulation.hpp"
+#include "simplify/relief_unsure.hpp"
 #include "simplify/relief_writer.hpp"
 
 namespace manip3d {
@@ -101,6 +102,11 @@ constexpr std::int64_t kSpeck = 1000;
 /// If specks are more than this share of the area, a mesh without them is also made for targets
 /// above kFew vertices and for kLive: specks take a large share of the vertices then.
 constexpr double kMuchSpeck = 0.1;
+
+/// If specks would have more than this share of the vertices with a triangle each, as where noise
+/// tears thin bars to pieces, Collapser::sweep() leaves out specks like Collapser::run(). Otherwise
+/// the rest of the surface would give its vertices first.
+constexpr double kManySpecks = 0.1;
 
 /// How much work an effort does in each stage. The values were chosen on the Stanford scans: each
 /// slower effort has a smaller error.
@@ -278,6 +284,14 @@ std::vector<Triangle> triangles_of(const Surface& surface, bool rows_up,
   return triangles;
 }
 
+/// Column and row of pixels of the input.
+void list_pixels(std::span<const std::int32_t> pixels, std::int64_t cols,
+                 Rows<std::int32_t, 2>& out) {
+  out.resize(static_cast<Eigen::Index>(pixels.size()), 2);
+  const auto width = static_cast<std::int32_t>(cols);
+  for (Eigen::Index i = 0; i < out.rows(); ++i) out.row(i) << pixels[i] % width, pixels[i] / width;
+}
+
 /// Parts of the surface and faces that a mesh is made without.
 struct LeftOut {
   OffFaces off = OffFaces::kTake;
@@ -288,6 +302,7 @@ struct LeftOut {
 
 struct Relief::Memory {
   PointGrid points;  ///< Points of the depth image, if one was given.
+  relief_detail::UnsurePieces unsure;
   relief_detail::PinholeFiller pinholes;
   Surface surface;
   Surface measured;                  ///< `surface` without the filled pinholes, if there are any.
@@ -318,12 +333,11 @@ struct Relief::Memory {
         options.levels.empty() ? options.target_points : options.levels.back();
     return surface.num_used() <= least;
   }
-  /// Builds the dense surface of a grid. It is continued over pinholes unless the target leaves
-  /// room for all pixels.
+  /// Builds the dense surface of a grid, without the pieces that have no confidence. It is
+  /// continued over pinholes unless the target leaves room for all pixels.
   /// @return  the grid of that surface, with filled pinholes.
-  PointGridView take_surface(const PointGridView& grid, const ReliefOptions& options,
+  PointGridView take_surface(const PointGridView& whole, const ReliefOptions& options,
                              std::span<const float> confidence);
-  void find_filled(Rows<std::int32_t, 2>& pixels) const;
   /// Moves vertices from filled pixels to measured ones.
   void leave_pinholes();
   [[nodiscard]] bool is_pinhole(std::int32_t pixel) const {
@@ -337,6 +351,8 @@ struct Relief::Memory {
   void move_boundary(const ReliefOptions& options, std::int64_t target);
   /// Marks the vertices of the previous frame in `keep`.
   void recall(const PointGridView& grid, const ReliefOptions& options);
+  /// Vertices of the mesh that Collapser::leave_unsure() does not remove.
+  [[nodiscard]] std::int64_t num_sure() const;
   /// Does the first triangulation have more contour than `target` vertices can follow?
   [[nodiscard]] bool has_much_contour(std::int64_t target) const;
   /// Triangulates and collapses edges until the mesh has at most `target` vertices.
@@ -384,10 +400,17 @@ struct Relief::Memory {
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 };
 
-PointGridView Relief::Memory::take_surface(const PointGridView& grid, const ReliefOptions& options,
+PointGridView Relief::Memory::take_surface(const PointGridView& whole, const ReliefOptions& options,
                                            std::span<const float> confidence) {
-  surface.assign(grid, options.dense, confidence, options.num_threads);
+  surface.assign(whole, options.dense, confidence, options.num_threads);
   pinholes.clear();
+  unsure.clear();
+  PointGridView grid = whole;
+  if (!surface.empty() && unsure.find(whole, surface)) {
+    check_cancelled();
+    grid = unsure.grid();
+    surface.assign(grid, options.dense, confidence, options.num_threads);
+  }
   if (surface.empty() || takes_all(options)) return grid;
   check_cancelled();
   if (!pinholes.fill(grid, options.dense, confidence, surface)) return grid;
@@ -401,16 +424,6 @@ PointGridView Relief::Memory::take_surface(const PointGridView& grid, const Reli
     surface.assign(filled, options.dense, pinholes.confidence(), options.num_threads);
   }
   return filled;
-}
-
-/// Lists the filled pixels of the input.
-void Relief::Memory::find_filled(Rows<std::int32_t, 2>& pixels) const {
-  pixels.resize(pinholes.num_filled(), 2);
-  const auto cols = static_cast<std::int32_t>(pinholes.grid().cols);
-  for (Eigen::Index i = 0; i < pixels.rows(); ++i) {
-    const std::int32_t pixel = pinholes.filled()[i];
-    pixels.row(i) << pixel % cols, pixel / cols;
-  }
 }
 
 void Relief::Memory::leave_pinholes() {
@@ -459,6 +472,16 @@ void Relief::Memory::recall(const PointGridView& grid, const ReliefOptions& opti
   }
 }
 
+std::int64_t Relief::Memory::num_sure() const {
+  if (!worked->avoids_unsure()) return mesh.num_vertices();
+  std::int64_t count = 0;
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    const Triangulation::Vertex& vertex = mesh.vertex(v);
+    count += vertex.alive() && (vertex.on_boundary || !worked->is_unsure(vertex.pixel)) ? 1 : 0;
+  }
+  return count;
+}
+
 bool Relief::Memory::has_much_contour(std::int64_t target) const {
   std::int64_t ends = 0;
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
@@ -491,13 +514,13 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
     mesh.assign(*worked, budget.by_tile ? start.order_by_tile(*worked) : faces);
   };
   triangulate();
-  while (mesh.num_vertices() < target && (splits < used || finest > 1 || by_blocks)) {
+  while (num_sure() < target && (splits < used || finest > 1 || by_blocks)) {
     if (splits == used) by_blocks = false;  // ContourBlocks leave pixels out
     splits = std::min(2 * splits, used);
     if (splits == used) finest = 1;
     triangulate();
   }
-  if (mesh.num_vertices() < target && target < used) {
+  if (num_sure() < target && target < used) {
     // Bisection never ends at pixels in flat parts, and the others are too few for the target.
     worked->dense_triangles(dense);
     mesh.assign(*worked, dense);
@@ -523,8 +546,15 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
                    false_factor);
   speck_area = collapser.area_of_specks(used / kSpeck);
   if (left_out.specks) collapser.leave_out_specks(mesh, used / kSpeck);
-  if (budget.sweep_share > 0.0F)
-    collapser.sweep(*worked, mesh, target, budget.sweep_share, progress);
+  if (worked->avoids_unsure()) collapser.leave_unsure(*worked, mesh, target, progress);
+  if (budget.sweep_share > 0.0F) {
+    const std::int64_t specks =
+        target > relief_detail::kFew ? collapser.num_specks(used / kSpeck) : 0;
+    const bool is_many =
+        3.0 * static_cast<double>(specks) > kManySpecks * static_cast<double>(target);
+    collapser.sweep(*worked, mesh, target, budget.sweep_share, is_many ? used / kSpeck : 0,
+                    progress);
+  }
   result.dropped_pixels = pixels_each * collapser.run(*worked, mesh, target, budget.round_share,
                                                       left_out.off, progress);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
@@ -834,8 +864,11 @@ void Relief::Memory::run(const PointGridView& grid, const ReliefOptions& options
                          ReliefResult& result, std::span<const float> confidence) {
   levels.clear();
   const PointGridView taken = take_surface(grid, options, confidence);
+  if (!confidence.empty()) surface.avoid_unsure();
   check_cancelled();
-  find_filled(result.filled);
+  const std::span<const std::int32_t> filled = pinholes.filled();
+  list_pixels(pinholes.num_filled() > 0 ? filled : filled.first(0), grid.cols, result.filled);
+  list_pixels(unsure.pixels(), grid.cols, result.unsure);
   if (surface.empty()) {
     mesh.clear();
     levels.assign(options.levels.size(), mesh);

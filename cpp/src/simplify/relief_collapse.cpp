@@ -411,12 +411,25 @@ float Collapser::sampled_price(const Surface& surface, const Triangulation& mesh
   return *at;
 }
 
+/// Leaves out a vertex's piece if that is a single triangle of a speck and costs at most `limit`
+/// per vertex.
+bool Collapser::leave_out_swept(const Surface& surface, Triangulation& mesh, std::int32_t v,
+                                std::int64_t target, float limit) {
+  if (swept_specks_ == 0 || !is_speck(nodes_[v].piece, largest_, swept_specks_)) return false;
+  if (!mesh.vertex(v).alive() || mesh.num_vertices() - 3 < target) return false;
+  const std::int32_t t = mesh.vertex(v).triangle;
+  if (!mesh.is_alone(t) || !(price_of_piece(surface, mesh, t) <= limit)) return false;
+  leave_out(mesh, nodes_[v].piece, {&t, 1});
+  return true;
+}
+
 void Collapser::sweep_below(const Surface& surface, Triangulation& mesh, std::int64_t target,
                             float limit, Ticker& ticker) {
   Fan fan;
   for (std::int32_t v = 0; v < mesh.num_slots() && mesh.num_vertices() > target; ++v) {
     ticker.tick();
-    if (known_[v] > limit || !may_sweep(mesh, v, fan)) continue;
+    if (known_[v] > limit || leave_out_swept(surface, mesh, v, target, limit)) continue;
+    if (!may_sweep(mesh, v, fan)) continue;
     const int i = cheapest(surface, mesh, v, fan, false, kNoRound, known_[v]);
     if (i < 0 || !(known_[v] <= limit) || !may_collapse(surface, mesh, v, fan, i)) continue;
     merge(mesh, v, fan, i);
@@ -424,10 +437,55 @@ void Collapser::sweep_below(const Surface& surface, Triangulation& mesh, std::in
   }
 }
 
+/// The nearest neighbour in the image onto which a vertex may collapse, as an index in `fan`; -1 if
+/// there is none. Nearest ones let the vertices around a region close over it from all sides, and
+/// no fan becomes too large.
+int Collapser::nearest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
+                       const Fan& fan, bool to_unsure) const {
+  int best = -1, least = 0;
+  for (int i = 0; i < fan.num_neighbors; ++i) {
+    const Triangulation::Vertex& to = mesh.vertex(fan.neighbors[i]);
+    if (!to_unsure && surface.is_unsure(to.pixel)) continue;
+    const int du = to.u - mesh.vertex(v).u, dv = to.v - mesh.vertex(v).v;
+    const int squared = du * du + dv * dv;
+    if (best >= 0 && squared >= least) continue;
+    if (may_collapse(surface, mesh, v, fan, i)) least = squared, best = i;
+  }
+  return best;
+}
+
+void Collapser::leave_unsure(const Surface& surface, Triangulation& mesh, std::int64_t target,
+                             const Progress& progress) {
+  Ticker ticker(progress);
+  Fan fan;
+  refuses_off_ = false;
+  const auto leaves = [&](std::int32_t v) {
+    const Triangulation::Vertex& vertex = mesh.vertex(v);
+    return vertex.alive() && !vertex.on_boundary && !is_fixed(v) &&
+           surface.is_unsure(vertex.pixel) && mesh.fan(v, fan);
+  };
+  // Each pass brings sure vertices beside others. Where none may be merged into, unsure ones merge
+  // into each other, which makes other collapses legal.
+  bool made = true, to_unsure = false;
+  while (made || !to_unsure) {
+    to_unsure = !made;
+    made = false;
+    for (std::int32_t v = 0; v < mesh.num_slots() && mesh.num_vertices() > target; ++v) {
+      ticker.tick();
+      if (!leaves(v)) continue;
+      const int i = nearest(surface, mesh, v, fan, to_unsure);
+      if (i < 0) continue;
+      merge(mesh, v, fan, i);
+      made = true;
+    }
+  }
+}
+
 void Collapser::sweep(const Surface& surface, Triangulation& mesh, std::int64_t target,
-                      float sweep_share, const Progress& progress) {
+                      float sweep_share, std::int64_t speck_pixels, const Progress& progress) {
   Ticker ticker(progress);
   refuses_off_ = false;
+  swept_specks_ = speck_pixels;
   known_.assign(mesh.num_slots(), 0.0F);
   constexpr std::int64_t kLeast = 8 * kFew;
   for (;;) {
@@ -536,6 +594,15 @@ double Collapser::area_of_specks(std::int64_t least_pixels) const {
     if (is_speck(i, largest, least_pixels)) specks += pieces_[i].area;
   }
   return specks > 0.0 ? specks / area : 0.0;
+}
+
+std::int64_t Collapser::num_specks(std::int64_t least_pixels) const {
+  const std::int32_t largest = largest_piece(least_pixels);
+  std::int64_t count = 0;
+  for (std::int32_t i = 0; i < static_cast<std::int32_t>(pieces_.size()); ++i) {
+    count += is_speck(i, largest, least_pixels) ? 1 : 0;
+  }
+  return count;
 }
 
 void Collapser::leave_out_specks(Triangulation& mesh, std::int64_t least_pixels) {

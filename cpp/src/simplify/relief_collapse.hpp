@@ -69,8 +69,10 @@ class Collapser {
   /// surplus. A vertex whose price was above the limit when it was last computed is skipped
   /// afterwards, here and in run(), unless another one has merged into it since. Leaves no slots of
   /// removed vertices.
+  /// @param speck_pixels  Pieces of fewer pixels than this are left out below the limit, as run()
+  ///                      does; 0: none is.
   void sweep(const Surface& surface, Triangulation& mesh, std::int64_t target, float sweep_share,
-             const Progress& progress);
+             std::int64_t speck_pixels, const Progress& progress);
   /// Stops at `target` vertices, or with more if vertices that must stay prevent it. Each round
   /// makes the best moves first, and removes at most the share `round_share` of the vertices. If no
   /// collapse leads to `target`, the result is few_faces() of the mesh at that point.
@@ -80,6 +82,12 @@ class Collapser {
   /// The share of the area in pieces of fewer pixels than this, which may be left out; 0 if there
   /// are none. If no piece has more pixels, the largest one does not count.
   [[nodiscard]] double area_of_specks(std::int64_t least_pixels) const;
+  /// The number of these pieces.
+  [[nodiscard]] std::int64_t num_specks(std::int64_t least_pixels) const;
+  /// Merges the vertices within the surface at pixels without confidence (Surface::is_unsure())
+  /// into others, before run(); stops at `target` vertices.
+  void leave_unsure(const Surface& surface, Triangulation& mesh, std::int64_t target,
+                    const Progress& progress);
   /// Leaves out these pieces, before run().
   void leave_out_specks(Triangulation& mesh, std::int64_t least_pixels);
 
@@ -117,6 +125,8 @@ class Collapser {
   /// @param legal  Consider only legal collapses.
   int cheapest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                const Triangulation::Fan& fan, bool legal, std::int32_t round, float& lowest) const;
+  [[nodiscard]] int nearest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
+                            const Triangulation::Fan& fan, bool to_unsure) const;
   /// cheapest() for a vertex off the boundary, including illegal collapses and touched neighbours.
   int cheapest_inside(const Triangulation& mesh, std::int32_t v, const Triangulation::Fan& fan,
                       float& lowest) const;
@@ -137,6 +147,8 @@ class Collapser {
   void merge(Triangulation& mesh, std::int32_t v, const Triangulation::Fan& fan, int i);
   [[nodiscard]] bool may_sweep(const Triangulation& mesh, std::int32_t v,
                                Triangulation::Fan& fan) const;
+  bool leave_out_swept(const Surface& surface, Triangulation& mesh, std::int32_t v,
+                       std::int64_t target, float limit);
   float sampled_price(const Surface& surface, const Triangulation& mesh, float share);
   void sweep_below(const Surface& surface, Triangulation& mesh, std::int64_t target, float limit,
                    Ticker& ticker);
@@ -157,7 +169,8 @@ class Collapser {
   std::vector<LocalQuadric> boundary_;  ///< By vertex.
   std::vector<Piece> pieces_;
   std::int32_t largest_ = 0;
-  std::int64_t left_out_ = 0;  ///< Twice the pixels of the pieces left out.
+  std::int64_t left_out_ = 0;      ///< Twice the pixels of the pieces left out.
+  std::int64_t swept_specks_ = 0;  ///< Argument of sweep().
   bool has_fixed_ = false;
   bool refuses_off_ = false;  ///< Moves must not make a triangle that lies a step off the surface.
   float boundary_weight_ = 0.0F, cover_factor_ = 0.0F;

@@ -430,7 +430,7 @@ int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radi
         if (u0 + du < 0 || v0 + dv < 0 || u0 + du >= surface.cols() || v0 + dv >= surface.rows())
           continue;
         const std::int32_t pixel = (v0 + dv) * surface.cols() + u0 + du;
-        if (!surface.is_used(pixel)) continue;
+        if (!surface.is_used(pixel) || surface.is_unsure(pixel)) continue;
         const float sum = error_at(surface, mesh, fan, pixel, now, errors);
         // Pixels of an island over a closed hole are a step away. Triangles to them are steep and
         // therefore near many pixels, but cover none.

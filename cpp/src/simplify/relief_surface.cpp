@@ -726,8 +726,11 @@ float Surface::mean_weight() const {
 }
 
 void Surface::weigh(const PointGridView& grid, std::span<const float> confidence) {
+  constexpr float kUnsure = 1e-3F;
   confidence_.clear();
   mean_confidence_ = 1.0F;
+  least_sure_ = 0.0F;
+  avoids_unsure_ = false;
   if (confidence.empty()) return;
   mean_area_ = mean_weight();
   confidence_.assign(samples_.size(), 0.0F);
@@ -740,7 +743,10 @@ void Surface::weigh(const PointGridView& grid, std::span<const float> confidence
     samples_[p].weight *= confidence_[p];
     sum += used_[p] != 0 ? double{confidence_[p]} : 0.0;
   }
-  if (sum > 0.0) mean_confidence_ = static_cast<float>(sum / static_cast<double>(num_used_));
+  if (sum > 0.0) {
+    mean_confidence_ = static_cast<float>(sum / static_cast<double>(num_used_));
+    least_sure_ = kUnsure * mean_confidence_;
+  }
   find_unsure_tiles();
 }
 
@@ -841,6 +847,8 @@ void Surface::assign_half(const Surface& whole) {
   steps_ = whole.steps_;
   num_valid_ = whole.num_valid_;
   mean_confidence_ = whole.mean_confidence_;
+  least_sure_ = whole.least_sure_;
+  avoids_unsure_ = whole.avoids_unsure_;
   num_faces_ = num_used_ = 0;
   if (used_cols_ < 1 || used_rows_ < 1) return;
   cols_ = padded(used_cols_);

@@ -156,6 +156,17 @@ class Surface {
   [[nodiscard]] std::span<const std::uint8_t> used() const { return used_; }
   /// Mean confidence of the used pixels; 1 if all are 0.
   [[nodiscard]] float mean_confidence() const { return mean_confidence_; }
+  /// Confidence below which a pixel has none: a thousandth of the mean, or 0 if all are 0. It is
+  /// above 0 so that a few pixels at the rim of a region, where confidences of another resolution
+  /// were rounded, do not decide about it.
+  [[nodiscard]] float least_sure() const { return least_sure_; }
+  /// Lets is_unsure() hold. Confidences that only mark filled pinholes do not need it.
+  void avoid_unsure() { avoids_unsure_ = has_confidence(); }
+  [[nodiscard]] bool avoids_unsure() const { return avoids_unsure_; }
+  /// Whether a pixel has no confidence, so that no vertex within the surface should be there.
+  [[nodiscard]] bool is_unsure(std::int32_t pixel) const {
+    return avoids_unsure_ && confidence_[pixel] < least_sure_;
+  }
   /// Column and row of the input.
   [[nodiscard]] std::int32_t input_u(std::int32_t pixel) const { return step_ * u(pixel) + u0_; }
   [[nodiscard]] std::int32_t input_v(std::int32_t pixel) const { return step_ * v(pixel) + v0_; }
@@ -229,7 +240,8 @@ class Surface {
   StepRule steps_;
   Eigen::Vector3d low_ = Eigen::Vector3d::Zero(), high_ = Eigen::Vector3d::Zero();
   std::int64_t num_faces_ = 0, num_used_ = 0, num_valid_ = 0;
-  float mean_confidence_ = 1.0F;
+  float mean_confidence_ = 1.0F, least_sure_ = 0.0F;
+  bool avoids_unsure_ = false;
   float mean_area_ = 0.0F;  ///< mean_area(), set only if there are confidences.
 };
 

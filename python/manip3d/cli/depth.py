@@ -489,8 +489,9 @@ def depth(
         str,
         typer.Option(
             help="Grey image or .npy of the same size: weight of each pixel's error, as levels "
-            "or 0 to 1; a pixel with weight 0 does not shape the surface, and may not count as "
-            "covered (--method relief). A file or a folder, as --mask."
+            "or 0 to 1 (--method relief). A pixel with weight 0 does not shape the surface; "
+            "triangles lie over it. Where only such pixels lie between depth steps, they are left "
+            "out as by --mask. A file or a folder, as --mask."
         ),
     ] = "",
     confidence_max: Annotated[
@@ -697,6 +698,8 @@ def _not_covered(result: DepthFileResult, so_few: str) -> str:
     words += _without_ray(result)
     if result.dropped_pixels:
         words += f", {counted(result.dropped_pixels, 'pixel')} of small pieces left out"
+    if result.unsure_pixels:
+        words += f", {counted(result.unsure_pixels, 'pixel')} without confidence left out"
     if result.filled_pixels:
         words += f", {counted(result.filled_pixels, 'pixel')} in pinholes filled"
     return words
@@ -765,6 +768,7 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "without_ray": result.without_ray,
         "dropped_pixels": result.dropped_pixels,
         "filled_pixels": result.filled_pixels,
+        "unsure_pixels": result.unsure_pixels,
         "faces_left": result.faces_left,
         "left_area": round(result.left_area, 6),
         "target_missed": result.target_missed,

@@ -110,6 +110,8 @@ def simplify_depth(
     if options.points is None:
         raise InputError("options.points: expected a number, as nothing is written here, got None")
     uncut = _uncut(image, intrinsics, options, options.points, color, registration, confidence)
+    assert isinstance(uncut.surface, DenseImage)
+    image = uncut.surface.depth  # without pieces that have no confidence
     return cut_depth_steps(uncut, image, step=options.depth_step) if options.depth_step else uncut
 
 

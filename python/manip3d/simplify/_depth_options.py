@@ -198,6 +198,8 @@ class DepthFileResult:
         Pixels of small pieces of the surface that a ``relief`` left out.
     filled_pixels : int
         Pixels of pinholes that a ``relief`` continued the surface over.
+    unsure_pixels : int
+        Measured pixels that a ``relief`` left out, as pieces of the surface without confidence.
     stop : str
         Why the run stopped, as in `DepthSimplification`.
     reached : str or None
@@ -251,6 +253,7 @@ class DepthFileResult:
     lone_pixels: int = 0
     depth_found: DepthFound = field(default_factory=DepthFound)
     without_ray: int = 0
+    unsure_pixels: int = 0
 
     @property
     def is_sparse(self) -> bool:
@@ -289,7 +292,8 @@ class DepthFileResult:
         """
         if self.options.points is None or self.num_bytes is not None:
             return False
-        return self.points < 0.99 * min(self.options.points, self.points_before)
+        most = self.points_before - self.unsure_pixels
+        return self.points < 0.99 * min(self.options.points, most)
 
 
 def check_confidence(options: DepthOptions, is_given: bool) -> None:

@@ -233,5 +233,6 @@ def result_of(
         left_area=made.left_area,
         dropped_pixels=getattr(found, "dropped_pixels", 0),
         filled_pixels=getattr(found, "filled_pixels", 0),
+        unsure_pixels=getattr(found, "unsure_pixels", 0),
         **more,
     )

@@ -88,6 +88,9 @@ class Relief(DepthSimplification):
         steps all around them, that the surface was continued over; 0 if they are fewer than one of
         a thousand pixels. If they are one of fifty, pixels are missing at random, and holes of at
         most 32 are continued over as well. No vertex is there.
+    unsure_pixels : int
+        Measured pixels of pieces of the dense surface without confidence, which are left out and
+        count as not measured: they are missing in ``surface``. See `relief`.
     mean_move, max_move : float
         How far vertices moved from their measured points (``move_points``), in the points' unit.
     levels : tuple of (num_vertices, (m, 3) int32)
@@ -103,6 +106,7 @@ class Relief(DepthSimplification):
     max_move: float
     levels: tuple[tuple[int, NDArray[np.int32]], ...] = field(repr=False)
     encoded: bytes | None = field(default=None, repr=False)
+    unsure_pixels: int = 0
     _filled: NDArray[np.int32] = field(default_factory=_no_pixels, repr=False)
     _off: OffSurface | None = field(default=None, repr=False)
 
@@ -235,16 +239,30 @@ def _relief_of(
     fields["stop"] = fields["stop"].name
     cover = fields.pop("cover")
     fields["_filled"] = fields.pop("filled")
+    unsure = fields.pop("unsure")
+    fields["unsure_pixels"] = len(unsure)
     off, left = fields.pop("off"), fields.pop("without_off")
     has_cover, has_steps = options.measure_coverage, np.isfinite(options.max_step)
     fields["cover"] = cover if has_cover else None
     fields["_off"] = (
         OffSurface(off.view(np.bool_), left if has_cover else None) if has_steps else None
     )
-    fields["surface"] = surface
+    fields["surface"] = _without(surface, unsure)
     if registration is not None:
         fields["texcoords"] = _core.registered_texcoords(fields["vertices"], registration)
     return Relief(**fields, color=color)
+
+
+def _without(surface: DenseImage | DenseGrid, pixels: NDArray[np.int32]) -> DenseImage | DenseGrid:
+    """Return a surface without the measurements at some pixels (column, row)."""
+    if not len(pixels):
+        return surface
+    stored = surface.depth if isinstance(surface, DenseImage) else surface.valid
+    left = stored.copy()
+    left[pixels[:, 1], pixels[:, 0]] = 0
+    if isinstance(surface, DenseImage):
+        return replace(surface, depth=left)
+    return replace(surface, valid=left)
 
 
 @checked
@@ -283,9 +301,11 @@ def relief(
         Pixels to use; the others count as not measured.
     confidence : (H, W) float, 0 to 1, optional
         Weight of the error (area times distance from the mesh) of each pixel. A pixel with weight 0
-        does not shape the surface; triangles lie over it, but possibly farther from it than a
-        depth step, so that it is not covered. `confidence_of_levels` converts the levels
-        of a camera; see Notes.
+        (less than a thousandth of the mean) does not shape the surface: vertices within the surface
+        leave it, and triangles lie over it, but possibly farther from it than a depth step, so that
+        it is not covered. A piece of the surface between depth steps or gaps, of which the mean is
+        as low, counts as not measured (``unsure_pixels``). If all weights are 0, they are ignored
+        in this. `confidence_of_levels` converts the levels of a camera; see Notes.
     move_points : bool
         Let vertices leave the measured points along their lines of sight, towards the least-squares
         fit of all pixels, where this lowers the error around them; ``mean_move`` and ``max_move``
@@ -332,6 +352,7 @@ def relief(
     squares of four pixels where the surface ends and keeps of the contour in each the pixels at
     which it turns; most of its edges collapse one after the other, below a limit for the price
     that rises from pass to pass, and it flips edges by twelve pixels of each pair of triangles.
+    Small pieces that would have a tenth of the points are left out in these passes, too.
     Any target is met: where it costs less than the next collapse, holes are closed, bays of the
     silhouette filled and small pieces left out; ``coverage`` and ``bridges`` say how much. Except
     with ``live``, triangles go of which more lies over unmeasured pixels than they alone cover of
@@ -346,8 +367,10 @@ def relief(
     and the pixel's area in the sum of distances that flips and moves lower. A triangle's quadric,
     and what is lost beside its outer sides, count by the least of its corners' confidences and of
     the mean of the other pixels in it; of what is lost, no less than a twentieth of the mean
-    confidence. Closing a hole or filling a bay costs the same whatever is
-    believed, and ``coverage`` counts each pixel alike.
+    confidence. Closing a hole or filling a bay costs the same whatever is believed. ``coverage``
+    counts each pixel of the dense surface alike; pieces without confidence are no part of it. Two
+    kinds of vertices can be at a pixel without confidence: those where the surface ends, and one
+    or two within a region of thousands of pixels.
 
     Examples
     --------

@@ -65,6 +65,8 @@ struct ReliefResult {
   std::int64_t dropped_pixels = 0;  ///< Pixels of the pieces left out, triangles at pinholes aside.
   /// (k, 2) column and row of the pixels of pinholes over which the surface was continued.
   Rows<std::int32_t, 2> filled;
+  /// (k, 2) column and row of the measured pixels that were left out as pieces without confidence.
+  Rows<std::int32_t, 2> unsure;
   /// Coverage of the mesh before points move; 0 if it was not measured.
   DepthCoverage cover;
   /// By face, with a limit on steps: 1 if the face joins surfaces that a step separates: steps make
@@ -99,7 +101,8 @@ struct ReliefResult {
 ///    left out. Vertices on the boundary then move pixel by pixel to the ends of the surface. kLive
 ///    makes all but that last step with every second pixel, if there are at least 64 pixels per
 ///    vertex; it makes most collapses in the order of the vertices, below a price limit that
-///    increases from pass to pass.
+///    increases from pass to pass. If pieces of fewer than one pixel in a thousand would have a
+///    tenth of the vertices, those below the limit are left out in these passes too.
 ///    With a limit on steps and at most 64 points, two more meshes are made: one without triangles
 ///    across a step, and one of those triangles of a finer mesh that cover most. The result is the
 ///    mesh that covers most. With 65 to 128 points, the meshes of 64 are made as well, and one is
@@ -126,7 +129,10 @@ struct ReliefResult {
 /// bisected or covered by a triangle, and on the area of a triangle in step 2, where the factor is
 /// the smaller of the least confidence of its corners and the mean confidence of its other pixels.
 /// Lost surface counts with at least a twentieth of the mean confidence. Closing holes and filling
-/// bays does not depend on confidences, because nothing was measured there.
+/// bays does not depend on confidences, because nothing was measured there. A piece of the surface
+/// whose mean confidence is below a thousandth of the whole's counts as not measured
+/// (ReliefResult::unsure). Step 2 begins with the vertices within the surface at pixels of less
+/// confidence than that, for which step 1 makes room; they merge into others around them.
 ///
 /// Keeps its memory between frames of the same size. The result depends only on the input.
 class Relief {
@@ -139,7 +145,7 @@ class Relief {
   /// Overwrites `result`, reusing its memory.
   /// @param confidence  By pixel, 0 to 1: factor on the distance of the pixel from the mesh, in
   ///                    addition to its area. May be empty; then all are 1. A pixel of confidence 0
-  ///                    is still surface that should be covered.
+  ///                    is still surface that should be covered, except in pieces of such pixels.
   /// @param progress    May throw to cancel the run; the previous frame is forgotten then. It is
   ///                    called with the fraction 0, because the remaining time is unknown.
   /// @throws InputError  as check_point_grid; target_points < 3; DenseRule::check(); stability < 1;
