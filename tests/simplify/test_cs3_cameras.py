@@ -344,6 +344,12 @@ def test_masks_and_confidences_of_views() -> None:
         for c in (None, np.where(left, 0.05, 1.0))
     )
     assert (weighed.pixels[:, 0] >= 80).sum() > 1.2 * (plain.pixels[:, 0] >= 80).sum()
+    wall = np.full(depth.shape, 3.0, np.float32)
+    wall[30:60, 50:90] = 1.8  # a reflection
+    believed = np.where(wall == 3.0, 1.0, 0.0)
+    found = relief_cameras([CameraView(wall, CAMERA, confidence=believed)], 300, depth_step=0.05)
+    assert found.vertices[:, 2].min() == 3.0
+    assert found.coverage == pytest.approx(believed.mean(), abs=0.01)
     for bad, message in (
         (CameraView(depth, CAMERA, mask=left[1:]), r"views\[0\]\.mask: expected bool of shape"),
         (CameraView(depth, CAMERA, confidence=left), r"views\[0\]\.confidence: expected floats"),

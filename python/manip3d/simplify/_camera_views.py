@@ -45,7 +45,8 @@ class CameraView:
     mask : (H, W) bool, optional
         Pixels to use.
     confidence : (H, W) float, 0 to 1, optional
-        Confidence of each pixel, as for `relief`; only `relief_cameras` uses it.
+        Confidence of each pixel, as for `relief`; only `relief_cameras` uses it. Pieces of the
+        surface without confidence are left out, and count as measured pixels that are not covered.
     """
 
     depth: ArrayLike | None = None
