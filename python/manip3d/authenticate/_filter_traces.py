@@ -62,7 +62,7 @@ def filter_trace(frames: Sequence[RgbdFrame], accused: Mask) -> str | None:
             "hardly a strip of measured pixels between holes is narrower than three pixels: holes"
             " were filled from windows"
         )
-    return _slow_changes(frames, accused.any(axis=0))
+    return _slow_changes(frames, np.asarray(accused.any(axis=0)))
 
 
 def _measured(frame: RgbdFrame) -> Mask:
