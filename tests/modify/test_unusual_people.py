@@ -235,6 +235,41 @@ def test_joints_beyond_the_border_of_the_picture_are_no_wrong_calibration(
             assert sum(r.state is PhantomState.DEGRADED for r in outside) > 12
 
 
+@pytest.mark.parametrize("height", [293, 317, 337])
+def test_feet_beyond_the_border_of_the_picture_tell_no_height(height: int) -> None:
+    """A picture that ends between knees and ankles, and whose last rows have no depth.
+
+    The lowest pixels of the shins, which are not at the border, were taken for the soles.
+    """
+    blind = 6
+    people = BodySimulator(
+        motion="reach",
+        amputated="right_arm",
+        tracker="kinect-v2",
+        color="none",
+        room=False,
+        frames=8,
+        rate=15.0,
+        seed=2,
+    )
+    camera = replace(DEPTH_CAMERA, height=height)
+    pipeline = PhantomPipeline("right_arm")
+    for frame in people:
+        assert frame.body_index is not None
+        depth = frame.depth[:height].copy()
+        depth[height - blind :] = 0
+        result = pipeline.process(
+            replace(
+                frame,
+                depth=depth,
+                body_index=frame.body_index[:height].copy(),
+                calibration=RgbdCalibration(camera),
+            )
+        )
+        assert result.reason is not PhantomReason.CALIBRATION
+        assert result.quality.stature == 1.0
+
+
 @pytest.mark.parametrize(
     ("limb", "turn"),
     [("left_arm", 50.0), ("right_arm", -48.0), ("left_leg", -48.0), ("right_leg", 48.0)],

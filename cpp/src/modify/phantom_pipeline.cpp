@@ -414,7 +414,7 @@ class PhantomPipeline::Workspace {
     // Without a body index the floor could be taken for the person's soles; without skins the
     // distance of soles from the foot's bone is unknown.
     if (input.body_index != nullptr && goes_by_skin()) {
-      stature_.learn(*now.person, bones_, points_, input.depth);
+      stature_.learn(*now.person, bones_, points_, input.depth, PixelProjector(*camera_, rays_));
       learn_offset(now.raw);
     }
     quality.stature = stature_.ratio();

@@ -106,12 +106,16 @@ CrownAndGround find_crown_and_ground(const PersonPoints& points, Joint ankle, Jo
 /// Height of the pixels over that of the joints, from the crown to the sole of one leg.
 std::optional<double> height_ratio(const Skeleton& person, Joint knee, Joint ankle, Joint foot,
                                    const BoneSegments& bones, const PersonPoints& points,
-                                   const DepthView& depth) {
+                                   const DepthView& depth, const PixelProjector& projector) {
   constexpr float kNearest = 0.3F;  // metres from the camera
   // Share of the distance along the axis; shorter lines are too inaccurate.
   constexpr float kShortest = 0.2F;
+  // Trackers go on beyond the border of the image; what is seen of such a leg ends above its sole.
   const auto is_seen = [&](Joint joint) {
-    return person.state(joint) == TrackingState::kTracked && person[joint].z() > kNearest;
+    const Eigen::Vector3f& p = person[joint];
+    if (person.state(joint) != TrackingState::kTracked || !(p.z() > kNearest)) return false;
+    const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
+    return pixel >= 0 && !is_at_border(pixel, points);
   };
   if (!is_seen(Joint::kHead) || !is_seen(ankle) || !is_seen(foot)) return std::nullopt;
   if (shows_sole(person[knee], person[ankle])) return std::nullopt;
@@ -147,13 +151,13 @@ std::optional<double> height_ratio(const Skeleton& person, Joint knee, Joint ank
 }  // namespace
 
 void Stature::learn(const Skeleton& person, const BoneSegments& bones, const PersonPoints& points,
-                    const DepthView& depth) {
+                    const DepthView& depth, const PixelProjector& projector) {
   using enum Joint;
   double sum = 0.0;
   int legs = 0;
   for (const auto& [knee, ankle, foot] : {std::tuple{kKneeLeft, kAnkleLeft, kFootLeft},
                                           std::tuple{kKneeRight, kAnkleRight, kFootRight}}) {
-    const auto ratio = height_ratio(person, knee, ankle, foot, bones, points, depth);
+    const auto ratio = height_ratio(person, knee, ankle, foot, bones, points, depth, projector);
     if (!ratio) continue;
     sum += *ratio;
     ++legs;

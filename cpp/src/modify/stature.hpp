@@ -6,6 +6,7 @@
 #include "manip3d/modify/body_bones.hpp"
 #include "manip3d/modify/limb.hpp"
 #include "manip3d/modify/segmentation.hpp"
+#include "modify/phantom_image.hpp"
 
 namespace manip3d {
 
@@ -20,10 +21,10 @@ namespace manip3d {
 /// crown, and high soles only lower the soles.
 class Stature {
  public:
-  /// Updates the mean with a frame that was segmented by these bones. Frames without head and foot,
-  /// or with one of them at the border of the image or hidden, are not used.
+  /// Updates the mean with a frame that was segmented by these bones. Frames without head, ankle
+  /// and foot, or with one of them outside the image, at its border or hidden, are not used.
   void learn(const Skeleton& person, const BoneSegments& bones, const PersonPoints& points,
-             const DepthView& depth);
+             const DepthView& depth, const PixelProjector& projector);
 
   /// The mean ratio of the two heights; 1 while it is unknown.
   [[nodiscard]] double ratio() const { return frames_ > 0.0 ? ratio_ : 1.0; }
