@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from capsule_body import KINECT, SMALL, frame, jittered, pose, render
-from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, Skeleton
+from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, Skeleton, datasets
 from manip3d.errors import InputError
 from manip3d.modify import (
     Limb,
@@ -24,6 +24,7 @@ from manip3d.modify import (
 from manip3d.rgbd import INFERRED, JOINTS, MIRRORED_JOINTS
 from manip3d.simulate import BodySimulator
 from manip3d.simulate.people import DEPTH_CAMERA
+from real_data import RealData
 
 ARM = (9, 10, 11, 23, 24)  # bones of the right arm
 HAND = JOINTS.index("HandLeft")
@@ -987,6 +988,70 @@ def test_joints_beside_the_flesh_are_named(limb: Limb, by: tuple[float, float, f
     assert result.state is not PhantomState.TRACKING
     assert result.reason is PhantomReason.CALIBRATION
     assert result.quality.offset > 0.03
+
+
+@pytest.mark.parametrize(
+    ("limb", "body", "aside"),
+    [
+        ("left_arm", {"motion": "wave"}, 0.25),
+        ("right_arm", {"motion": "reach"}, 0.15),
+        ("left_leg", {"motion": "stepping"}, 0.25),
+    ],
+)
+def test_joints_that_were_beside_the_person_for_a_while_leave_nothing_behind(
+    limb: Limb, body: dict[str, Any], aside: float
+) -> None:
+    """For two thirds of a second; their offset from the flesh was remembered for two seconds.
+
+    Planes under tracking were up to 4 (arm) and 12 degrees (leg) off, and frames whose joints were
+    right again were `calibration` for as long.
+    """
+    people = BodySimulator(
+        amputated=limb, tracker="kinect-v2", color="none", room=False, seed=4, **body
+    )
+    pipeline = PhantomPipeline(limb)
+    for number in range(60):
+        capture = people.capture(1.0 + number / 30.0)
+        image = capture.frame
+        if 20 <= number < 40:
+            told = tuple(beside(person, (aside, 0.0, 0.0)) for person in image.skeletons)
+            image = replace(image, skeletons=told)
+        result = pipeline.process(image)
+        if number >= 40 and result.state is PhantomState.TRACKING:
+            _, normal = capture.truth.mirror_plane(limb)
+            assert result.plane is not None
+            cosine = abs(float(np.dot(result.plane.normal, normal)))
+            assert np.degrees(np.arccos(min(1.0, cosine))) < 2.0, number
+        if number >= 53:  # 0.3 seconds until joints are believed, and the first planes
+            assert result.state is PhantomState.TRACKING, number
+            assert result.quality.offset < 0.02
+
+
+def test_a_real_person_s_joints_that_were_beside_it_leave_nothing_behind(
+    realdata: RealData,
+) -> None:
+    """A trial that is played to and fro; the leap of its joints must not count as jitter either."""
+    realdata.needs("people_utd_mhad")
+    trial = list(datasets.open_people("utd-mhad:a3_s5"))
+    there_and_back = trial + trial[-2:0:-1]
+    right, wrong = PhantomPipeline("left_arm"), PhantomPipeline("left_arm")
+    arm = [JOINTS.index(f"{part}Left") for part in ("Elbow", "Wrist", "Hand")]
+    off = []
+    for number in range(150):
+        image = there_and_back[number % len(there_and_back)]
+        image = replace(image, time_ns=number * 33_333_333, number=number)
+        told = image
+        if 60 <= number < 90:
+            aside = tuple(beside(person, (0.25, 0.0, 0.0)) for person in image.skeletons)
+            told = replace(image, skeletons=aside)
+        a, b = right.process(image), wrong.process(told)
+        if number >= 90 and a.state is b.state is PhantomState.TRACKING:
+            assert a.skeleton is not None
+            assert b.skeleton is not None
+            leaps = a.skeleton.positions[arm] - b.skeleton.positions[arm]
+            off.append(float(np.linalg.norm(leaps, axis=1).max()))
+    assert len(off) > 40
+    assert max(off) < 0.15
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 30.0, 60.0])

@@ -54,6 +54,10 @@ class BodyPlane {
   /// @param has_limb  whether the person has the affected leg.
   void follow_legs(const PersonPoints& points, const Skeleton& fitted, bool has_limb);
 
+  /// Whether the last joints are far from where the trunk has them.
+  [[nodiscard]] bool has_far_joints() const { return trunk_.has_far_joints(); }
+  /// Whether the plane was found anew because the joints stay at other places of the body.
+  [[nodiscard]] bool has_moved() const { return trunk_.has_moved(); }
   /// Standard deviation of the plane's direction, degrees.
   [[nodiscard]] double deviation_deg() const { return trunk_.deviation_deg(); }
   /// The largest standard deviation of the distance of an intact joint from the plane, metres,

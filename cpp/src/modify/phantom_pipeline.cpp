@@ -347,6 +347,7 @@ class PhantomPipeline::Workspace {
     if (fitted) {
       const Skeleton* raw = now.is_here && !stopped_.are_stopped() ? &now.raw : nullptr;
       plane_.update(raw, *fitted, offset_, input, rays_, clock_.seconds());
+      if (plane_.has_moved()) offset_.reset();  // it was that of joints at other places
       segment_by_bones(*fitted);
       plane_.learn_surface(points_, input, rays_);
     }
@@ -415,7 +416,7 @@ class PhantomPipeline::Workspace {
     // distance of soles from the foot's bone is unknown.
     if (input.body_index != nullptr && goes_by_skin()) {
       stature_.learn(*now.person, bones_, points_, input.depth, PixelProjector(*camera_, rays_));
-      learn_offset(now.raw);
+      if (!plane_.has_far_joints()) learn_offset(now.raw);
     }
     quality.stature = stature_.ratio();
     quality.offset = offset_.metres();

@@ -24,8 +24,6 @@ constexpr double kFirstJitter = 0.005,
 // Correlation of a joint's errors from frame to frame until it is measured. It is high, because
 // trackers filter.
 constexpr double kFirstCorrelation = 0.8, kMaxCorrelation = 0.95;
-// Metres; joints that are off by as much belong to another pose.
-constexpr double kContradiction = 0.15;
 // Standard deviation of the plane of the joints: roll and yaw in radians, offset in metres.
 const Eigen::Vector3d kPlaneBias(0.03, 0.04, 0.012);
 constexpr double kLegRoll = 0.005;  // a leaning trunk hardly changes the roll of the pelvis
@@ -227,13 +225,25 @@ Eigen::Vector3d TrunkJoints::plane_variance(const Eigen::Vector3d& n, Limb limb,
   return bias.cwiseProduct(bias) + Eigen::Vector3d(roll, yaw, 1.0 / precision);
 }
 
-bool TrunkJoints::are_far(const Skeleton& joints, const TrunkPose& pose, double pelvis_turn) const {
+Eigen::Vector3d TrunkJoints::mean_step(const Skeleton& joints) const {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  int count = 0;
+  for (const Joint joint : kTrunkJoints) {
+    if (of(joint).num_last == 0 || !is_usable(joints, joint)) continue;
+    sum += joints[joint].cast<double>() - of(joint).last[0];
+    ++count;
+  }
+  return sum / std::max(count, 1);
+}
+
+bool TrunkJoints::are_far(const Skeleton& joints, const TrunkPose& pose, double pelvis_turn,
+                          double limit) const {
   int off = 0, all = 0;
   for (const Joint joint : kTrunkJoints) {
     if (!is_known(joint) || !is_usable(joints, joint)) continue;
     ++all;
     const Eigen::Vector3d expected = pose(place(joint, pelvis_turn));
-    if ((joints[joint].cast<double>() - expected).norm() > kContradiction) ++off;
+    if ((joints[joint].cast<double>() - expected).norm() > limit) ++off;
   }
   return 2 * off > all;
 }

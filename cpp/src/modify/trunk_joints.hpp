@@ -18,6 +18,8 @@ namespace manip3d {
 inline constexpr double kJointBias = 0.02;
 /// Distance of a joint, metres, at which its Cauchy weight is a half.
 inline constexpr double kJointScale = 0.05;
+/// Metres; joints that are off by as much belong to another pose.
+inline constexpr double kContradiction = 0.15;
 /// Weight of a joint with errors of this variance at this squared distance from its expected place.
 double joint_weight(double variance, double squared_off, double scale = kJointScale);
 
@@ -69,9 +71,11 @@ class TrunkJoints {
   [[nodiscard]] Eigen::Vector3d plane_variance(const Eigen::Vector3d& n, Limb limb,
                                                const Eigen::Matrix3d& down_covariance) const;
 
-  /// Whether most joints of a frame are far from their expected places.
-  [[nodiscard]] bool are_far(const Skeleton& joints, const TrunkPose& pose,
-                             double pelvis_turn) const;
+  /// Mean step of the joints since the last frame, metres; 0 if none of them was usable in both.
+  [[nodiscard]] Eigen::Vector3d mean_step(const Skeleton& joints) const;
+  /// Whether most joints of a frame are farther from their expected places than a limit, metres.
+  [[nodiscard]] bool are_far(const Skeleton& joints, const TrunkPose& pose, double pelvis_turn,
+                             double limit = kContradiction) const;
   /// Mean distance of the tracked joints from their expected places, metres, after the best rigid
   /// alignment of the trunk [Kabsch, "A solution for the best rotation to relate two sets of
   /// vectors", 1976].

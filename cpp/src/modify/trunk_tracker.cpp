@@ -52,7 +52,7 @@ void TrunkTracker::reset() {
   pose_.reset();
   velocity_.setZero();
   turn_variance_ = 0.0;
-  is_contradicted_ = false;
+  is_contradicted_ = have_leapt_ = are_far_ = false;
   joints_.reset();
   surface_.reset();
   pelvis_.reset();
@@ -86,14 +86,22 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
   const bool are_back = joints != nullptr && without_joints > kGap;
   if (pose_ && (elapsed > kGap || are_back)) end_motion();
   const bool jumps = pose_ && joints != nullptr && has_jumped(*joints, std::max(elapsed, 1e-3));
+  const bool were_far = are_far_;
+  have_moved_ = false;
   if (joints != nullptr) {
+    look_for_far_joints(*joints, std::max(without_joints, 1e-3));
+    if (are_far_ != were_far) joints_.end_motion();  // the step to other places is not jitter
     joints_.measure_jitter(*joints);
     joints_time_s_ = time_s;
   }
-  if (pose_ && joints != nullptr && contradicts(*joints)) {
+  if (pose_ && joints != nullptr && contradicts()) {
     if (!is_contradicted_) contradicted_since_ = time_s;
     is_contradicted_ = true;
-    if (time_s - contradicted_since_ > kContradictionTime) pose_.reset();
+    if (time_s - contradicted_since_ > kContradictionTime) {
+      pose_.reset();
+      have_moved_ = are_far_;
+      if (have_moved_) offset_.setZero();
+    }
   } else if (joints != nullptr || !pose_) {  // joints may come less often than images
     is_contradicted_ = false;
   }
@@ -265,11 +273,24 @@ double TrunkTracker::deviation_at(const Eigen::Vector3d& p, const BodyFrame& fra
   return std::sqrt(within + turn_variance_ * row.head<2>().squaredNorm());
 }
 
+/// Are most joints far from where they are in the trunk, or have all leapt aside and not come back?
+void TrunkTracker::look_for_far_joints(const Skeleton& joints, double elapsed) {
+  // Metres in a frame beyond the foreseen step; people do not start to move at 3 metres a second.
+  // In one trial of the tuning half the joints leap as far, while the person's pixels stay.
+  constexpr double kLeap = 0.10;
+  constexpr double kStillFar = 0.05;  // metres
+  are_far_ = false;
+  if (!pose_) return;
+  const Eigen::Vector3d step = joints_.mean_step(joints) - elapsed * velocity_.tail<3>();
+  have_leapt_ = (have_leapt_ || step.norm() > kLeap * std::max(1.0, elapsed / kFrameTime)) &&
+                joints_.are_far(joints, *pose_, pelvis_.turn(), kStillFar);
+  are_far_ = have_leapt_ || joints_.are_far(joints, *pose_, pelvis_.turn());
+}
+
 /// Are most joints far from where they are in the trunk, is the plane turned against them, or is
 /// the pelvis turned against the hips?
-bool TrunkTracker::contradicts(const Skeleton& joints) const {
-  return across_.disagreement() > 0.0 || hips_.is_against_turn() ||
-         joints_.are_far(joints, *pose_, pelvis_.turn());
+bool TrunkTracker::contradicts() const {
+  return are_far_ || across_.disagreement() > 0.0 || hips_.is_against_turn();
 }
 
 bool TrunkTracker::has_jumped(const Skeleton& joints, double elapsed) const {

@@ -47,6 +47,11 @@ namespace manip3d {
 /// joints jump by a common rotation from one frame to the next, the surface is searched for after
 /// this rotation. They must keep their places within the trunk, because a skeleton that collapses
 /// shows no rotation.
+///
+/// Joints are far if most of them are 15 cm from their places, or if all of them leapt aside and
+/// have not come back: the surface of a trunk hardly resists a move along itself, so that the trunk
+/// would follow them. Far joints are not believed; after 0.3 seconds the trunk starts again at
+/// them, and their offset from the points around them, which was that of other joints, is 0.
 class TrunkTracker {
  public:
   explicit TrunkTracker(Limb affected) : affected_(affected), pelvis_(affected) {}
@@ -79,6 +84,13 @@ class TrunkTracker {
 
   void reset();
 
+  /// Whether most joints of the last frame are far from where the trunk has them: the trunk is not
+  /// fitted to them, and how far they lie from the points around them says nothing of other frames.
+  [[nodiscard]] bool has_far_joints() const { return are_far_; }
+  /// Whether the trunk started again in the last frame, because its joints stay at other places.
+  /// Their offset from the points around them is unknown then.
+  [[nodiscard]] bool has_moved() const { return have_moved_; }
+
   /// Standard deviation of the plane's normal, degrees: of its roll and yaw within the trunk and of
   /// the trunk's own rotation, plus the turn of the plane relative to the joints or, for a leg, the
   /// twist of the chest relative to the hips. Infinite before the first frame.
@@ -99,7 +111,8 @@ class TrunkTracker {
   [[nodiscard]] std::optional<BodyFrame> joint_axes(const TrunkPose& pose) const;
   [[nodiscard]] std::optional<BodyFrame> frame_at(const TrunkPose& pose) const;
   void measure_symmetry(const SeenDepth& seen);
-  [[nodiscard]] bool contradicts(const Skeleton& joints) const;
+  void look_for_far_joints(const Skeleton& joints, double elapsed);
+  [[nodiscard]] bool contradicts() const;
   [[nodiscard]] bool has_jumped(const Skeleton& joints, double elapsed) const;
   [[nodiscard]] double offset_along(const Eigen::Vector3d& n) const;
 
@@ -113,6 +126,9 @@ class TrunkTracker {
   double turn_variance_ = 0.0;          ///< Variance of the orientation, square radians.
   double time_s_ = 0.0, joints_time_s_ = 0.0, contradicted_since_ = 0.0;
   bool is_contradicted_ = false;
+  bool have_leapt_ = false;  ///< All joints leapt aside and have not come back.
+  bool are_far_ = false;     ///< Most joints of the last frame are far from where they were.
+  bool have_moved_ = false;  ///< The trunk started again at such joints in the last frame.
   TrunkJoints joints_;
   KeySurface surface_;
   Pelvis pelvis_;

@@ -131,7 +131,8 @@ class PhantomQuality:
     offset : float, metres
         Distance of the limbs' pixels from their bones, sideways or behind; a mean over about two
         seconds. A large value indicates joints beside the person, caused for instance by a wrong
-        principal point or unit of depth. 0 if there is no body index.
+        principal point or unit of depth. Frames whose joints leap aside do not count; if the joints
+        stay there, the mean starts anew. 0 if there is no body index.
     plane_deg : float, degrees
         Standard deviation of the plane of symmetry's normal. It includes the normal's deviation
         from the shoulders and hips beyond their errors (for instance if the chest twists above a
