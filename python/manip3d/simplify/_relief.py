@@ -257,12 +257,14 @@ def _without(surface: DenseImage | DenseGrid, pixels: NDArray[np.int32]) -> Dens
     """Return a surface without the measurements at some pixels (column, row)."""
     if not len(pixels):
         return surface
-    stored = surface.depth if isinstance(surface, DenseImage) else surface.valid
-    left = stored.copy()
-    left[pixels[:, 1], pixels[:, 0]] = 0
+    columns, rows = pixels.T
     if isinstance(surface, DenseImage):
-        return replace(surface, depth=left)
-    return replace(surface, valid=left)
+        depth = surface.depth.copy()
+        depth[rows, columns] = 0
+        return replace(surface, depth=depth)
+    valid = surface.valid.copy()
+    valid[rows, columns] = False
+    return replace(surface, valid=valid)
 
 
 @checked
