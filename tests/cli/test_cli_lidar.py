@@ -187,6 +187,8 @@ def test_missing_options_are_named(scan: Path, tmp_path: Path) -> None:
     assert "--hoax" in str(run("forge", "lidar", "ctp", scan, "-o", output).exception)
     done = run("forge", "lidar", "ctp", scan, "-o", output, "--hoax", scan)
     assert "--position" in str(done.exception)
+    far = run("forge", "lidar", "crtp", scan, "-o", output, "--hoax", scan, "--position", 0, 900, 0)
+    assert str(far.exception).startswith("--position: expected scene points within")
     assert not output.exists()
 
 

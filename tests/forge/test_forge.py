@@ -83,6 +83,22 @@ ATTACKS: dict[str, Callable[..., forge.Forgery]] = {
 }
 
 
+WIDE = Box((3.0, 1.0, 0.0), (8.0, 4.0, 2.0), 0.5)  # contains the origin
+
+AROUND_ORIGIN: dict[str, Callable[..., forge.Forgery]] = {
+    "subtract": lambda s: forge.subtract(s, WIDE),
+    "deform": lambda s: forge.deform(s, WIDE, amplitude=0.1, rng=3),
+    "dent": lambda s: forge.deform(s, WIDE, amplitude=0.1, direction="normal"),
+    "subtractive": lambda s: forge.subtractive(s, WIDE),
+    "additive_subtractive": lambda s: forge.additive_subtractive(
+        s, grid_plate(), WIDE, offset=(-4, 0, 0), allow_collision=True
+    ),
+    "replacement": lambda s: forge.replacement(s, grid_plate(), WIDE, allow_collision=True),
+    "translation": lambda s: forge.translation(s, WIDE, allow_collision=True),
+    "rotation": lambda s: forge.rotation(s, WIDE, allow_collision=True),
+}
+
+
 # Points of the room that an attack moves: those in the box, or behind the plate.
 MOVED = dict.fromkeys(("deform", "dent", "translation", "rotation"), 56)
 MOVED |= {"insert": 239, "insert cloud": 251}
@@ -421,6 +437,43 @@ def test_rows_without_a_return_are_no_object() -> None:
     np.testing.assert_array_equal(found.label[500:-500], forge.segment(scan).label)
     assert set(found.label[:500]) | set(found.label[-500:]) == {-2}
     assert len(forge.translation(mixed, distance=0.5, allow_collision=True).moved) > 100
+
+
+@pytest.mark.parametrize("name", AROUND_ORIGIN)
+def test_rows_without_a_return_are_in_no_box(name: str) -> None:
+    """Organised clouds hold (0, 0, 0) where nothing came back; these boxes contain the origin."""
+    scan = room()
+    rows = np.arange(0, len(scan) + 1, 8)  # before, between and after the points
+    mixed = np.insert(scan, rows, 0.0, axis=0)
+    is_empty = ~mixed.any(axis=1)
+    assert WIDE.contains(np.zeros((1, 3)))[0]
+    forged = AROUND_ORIGIN[name](mixed)
+    assert not is_empty[forged.moved_from].any()
+    assert not is_empty[forged.removed].any()
+    alone = AROUND_ORIGIN[name](scan)
+    assert len(forged.moved) == len(alone.moved)
+    assert len(forged.removed) == len(alone.removed)
+    np.testing.assert_array_equal(forged.points[forged.added], alone.points[alone.added])
+
+
+def test_rows_without_a_return_occupy_no_place() -> None:
+    """The empty rows are in the middle of the place to which the car moves."""
+    car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T.astype(np.float32)
+    scan = _street(car, np.zeros((50, 3)))
+    box = Box((5.0, 0.0, -0.3), (2.4, 2.4, 2.2))
+    assert len(forge.translation(scan, box, distance=-5.0).moved) == len(car)
+
+
+@pytest.mark.parametrize("empty", [0, 500])
+def test_points_stored_twice_have_the_spacing_of_one(empty: int) -> None:
+    """Some scans of rooms hold each point twice; rows without a return are at the origin."""
+    once = room(3, 40_000)
+    twice = np.concatenate([np.zeros((empty, 3), np.float32), np.repeat(once, 2, axis=0)])
+    one, two = (forge.crtp(s, grid_plate(), position=(0.3, 0, 0)) for s in (once, twice))
+    assert two.parameters["spacing"] == one.parameters["spacing"]
+    np.testing.assert_array_equal(two.points[two.added], one.points[one.added])
+    with pytest.raises(InputError, match=r"position: expected scene points within .* different"):
+        forge.crtp(np.ones((500, 3)), grid_plate(), position=(1, 1, 1))
 
 
 @pytest.mark.parametrize("axes", [(1.0, -1.0, 0, 1), (-1.0, 1.0, 0, 1), (1.0, 1.0, 1, 0)])

@@ -2,7 +2,9 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <numeric>
 #include <string>
 #include <utility>
 
@@ -134,6 +136,25 @@ struct NearSpacing {
   bool is_sure = true;  // no nearer neighbour can be outside of the reach
 };
 
+// The points without repetitions, in their order.
+Points distinct(const Points& points) {
+  const auto coordinates = [&](std::int32_t row) {
+    return std::array<float, 3>{points(row, 0), points(row, 1), points(row, 2)};
+  };
+  std::vector<std::int32_t> rows(static_cast<std::size_t>(points.rows()));
+  std::iota(rows.begin(), rows.end(), 0);
+  std::sort(rows.begin(), rows.end(), [&](std::int32_t a, std::int32_t b) {
+    return std::pair(coordinates(a), a) < std::pair(coordinates(b), b);
+  });
+  const auto is_same = [&](std::int32_t a, std::int32_t b) {
+    return coordinates(a) == coordinates(b);
+  };
+  rows.erase(std::unique(rows.begin(), rows.end(), is_same), rows.end());
+  std::sort(rows.begin(), rows.end());
+  return rows_of(PointsView({points.data(), points.rows(), 3}), rows);
+}
+
+// Points at one place count once: some scans store each point twice.
 // @param near  the points of the scene within `reach` of the position.
 NearSpacing spacing_near(const Points& near, const Vector3d& position, double radius, double reach,
                          const Progress& progress) {
@@ -146,6 +167,7 @@ NearSpacing spacing_near(const Points& near, const Vector3d& position, double ra
     const double squared = (p - position).squaredNorm();
     if (!(squared <= radius * radius)) continue;
     const double distance = tree.nearest_distance(i);
+    if (distance == 0.0) return spacing_near(distinct(near), position, radius, reach, progress);
     spacing.is_sure = spacing.is_sure && distance + std::sqrt(squared) <= (1.0 - 1e-9) * reach;
     if (!std::isfinite(distance)) continue;
     spacing.sum += distance;
@@ -217,7 +239,8 @@ double local_spacing(const PointsView& scene, const Vector3d& position, double r
   NearSpacing spacing;
   for (const double reach : {1.125 * radius, 2.0 * radius}) {
     const auto within = [&](float x, float y, float z) {
-      return (Vector3d(x, y, z) - position).squaredNorm() <= reach * reach;
+      return (Vector3d(x, y, z) - position).squaredNorm() <= reach * reach &&
+             !is_no_return(x, y, z);
     };
     spacing = spacing_near(rows_of(scene, select_rows(scene, num_threads, within, progress)),
                            position, radius, reach, progress);
@@ -225,7 +248,8 @@ double local_spacing(const PointsView& scene, const Vector3d& position, double r
   }
   if (spacing.count < 2) {
     throw InputError("position: expected scene points within " + std::to_string(radius) +
-                     " m, whose spacing the object takes; got " + std::to_string(spacing.count));
+                     " m at different places, whose spacing the object takes; got " +
+                     std::to_string(spacing.count));
   }
   return spacing.sum / static_cast<double>(spacing.count);
 }

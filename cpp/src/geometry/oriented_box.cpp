@@ -36,6 +36,7 @@ std::vector<std::int32_t> points_in_box(const PointsView& view, const OrientedBo
     if (x < low.x() || x > high.x() || y < low.y() || y > high.y() || z < low.z() || z > high.z()) {
       return false;
     }
+    if (is_no_return(x, y, z)) return false;
     const Vector3d p = to_box * (Vector3d(x, y, z) - box.center);
     return (p.cwiseAbs().array() <= half.array()).all();
   };

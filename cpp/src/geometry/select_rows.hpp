@@ -13,6 +13,9 @@ namespace manip3d {
 
 constexpr std::int64_t kPointChunk = 1 << 16;
 
+/// Whether a row of a scan has no return: drivers of organised clouds write (0, 0, 0) for it.
+inline bool is_no_return(float x, float y, float z) { return x == 0.0F && y == 0.0F && z == 0.0F; }
+
 /// Return the rows for which `predicate(x, y, z)` holds, ascending. Checks the view in the same
 /// pass over the points, because a second pass over ten million of them takes too long.
 template <typename Predicate>

@@ -93,7 +93,10 @@ def forge_scan(
         raise InputError(f"{truth}: exists already; --force replaces it")
     frame = manip3d.io.read_scan(source)
     terminal.say(f"read {source}: {counted(frame.num_points, 'point')}")
-    forged = ATTACKS[attack](frame, order)
+    with naming_options(
+        "amplitude", "box", "distance", "hoax", "lattice", "position", "range-noise", "scale"
+    ):
+        forged = ATTACKS[attack](frame, order)
     if not forged.num_touched:
         raise InputError(f"{attack}: expected a change of {source}, but no point would change")
     record = truth_of(forged) | {"source": source, "output": str(output)}

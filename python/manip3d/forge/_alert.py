@@ -1,6 +1,7 @@
 """The six attacks on LiDAR scans by which ALERT is tested (dissertation section 7.4).
 
-Boxes of objects come from labels or from `segment`.
+Boxes of objects come from labels or from `segment`. Rows at exactly (0, 0, 0) have no return: they
+are in no box, and occupy no place.
 """
 
 from __future__ import annotations

@@ -117,7 +117,8 @@ def crtp(
     scan, hoax, position, rotation, scale, translation, threads
         As in `ctp`. Meshes are interpolated on their faces, points between neighbours.
     spacing : float, metres, optional
-        MID_scene; default: that of the scan's points within 1 m of ``position``.
+        MID_scene; default: that of the scan's points within 1 m of ``position``. Points at one
+        place count once, and rows at exactly (0, 0, 0), which have no return, do not count.
     resampling : 'poisson' or 'uniform'
         How points are thinned out: with a least distance between points, or at random.
     intensity : float
@@ -133,8 +134,8 @@ def crtp(
     Raises
     ------
     InputError
-        As `ctp`; ``spacing`` is not given, and fewer than two scene points are within 1 m of
-        ``position``.
+        As `ctp`; ``spacing`` is not given, and fewer than two scene points at different places are
+        within 1 m of ``position``.
 
     Examples
     --------
@@ -259,7 +260,8 @@ def subtract(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         The scan.
     box : Box, optional
-        Box whose points are removed, also those on its faces.
+        Box whose points are removed, also those on its faces. Rows at exactly (0, 0, 0) have no
+        return and stay.
     rows : (K,) integers, optional
         Rows to remove, instead of a box.
     threads : int
@@ -320,7 +322,7 @@ def deform(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         The scan.
     box : Box
-        Box whose points are displaced.
+        Box whose points are displaced. Rows at exactly (0, 0, 0) have no return and stay.
     amplitude : float, metres
         Largest displacement.
     direction : 'random' or 'normal'

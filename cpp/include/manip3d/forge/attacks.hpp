@@ -68,12 +68,14 @@ Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
                 const ResampleOptions& options, const Progress& progress = {});
 
 /// Returns the mean nearest-neighbour distance (MID) of the scene's points within `radius` of a
-/// position.
-/// @throws InputError  the points fail check_points; fewer than 2 points within `radius`.
+/// position. Points at one place count once; rows at exactly (0, 0, 0) have no return and are left
+/// out.
+/// @throws InputError  the points fail check_points; fewer than 2 places with points within
+///                     `radius`.
 double local_spacing(const PointsView& scene, const Eigen::Vector3d& position, double radius,
                      int num_threads = 0, const Progress& progress = {});
 
-/// Removes the points in a box.
+/// Removes the points in a box; see points_in_box.
 /// @throws InputError  the points or the box fail check_points or check_box.
 Forgery subtract(const PointsView& scene, const OrientedBox& box, int num_threads = 0,
                  const Progress& progress = {});
@@ -96,14 +98,14 @@ struct DeformOptions {
   std::uint64_t seed = 0;
 };
 
-/// Displaces the points of a box. The depth of a dent is amplitude * (1 - d^2)^2 with the
-/// normalised distance d from the middle of the box, which is 1 at its border.
+/// Displaces the points in a box; see points_in_box. The depth of a dent is amplitude * (1 - d^2)^2
+/// with the normalised distance d from the middle of the box, which is 1 at its border.
 /// @throws InputError  the points or the box fail check_points or check_box; a number is not
 ///                     finite.
 Forgery deform(const PointsView& scene, const OrientedBox& box, const DeformOptions& options,
                int num_threads = 0, const Progress& progress = {});
 
-/// Moves the points of a box by a rigid transform.
+/// Moves the points in a box by a rigid transform; see points_in_box.
 /// @throws InputError  the points or the box fail check_points or check_box; the transform is not
 ///                     rigid.
 Forgery move_box(const PointsView& scene, const OrientedBox& box, const Eigen::Matrix4d& transform,

@@ -20,7 +20,8 @@ struct OrientedBox {
 /// @throws InputError  a number that is not finite; a negative size; a yaw beyond 1e6.
 void check_box(const OrientedBox& box);
 
-/// Return the rows of the points inside the box or on its boundary, ascending.
+/// Return the rows of the points inside the box or on its boundary, ascending. Rows at exactly
+/// (0, 0, 0) have no return and are left out.
 /// @throws InputError  as check_points and check_box.
 std::vector<std::int32_t> points_in_box(const PointsView& view, const OrientedBox& box,
                                         int num_threads = 0, const Progress& progress = {});
