@@ -701,6 +701,15 @@ def test_a_frame_that_was_left_out_moves_the_car_all_the_same(tmp_path: Path) ->
     assert spaces[0] == spaces[1] == spaces[2] < 1.0
 
 
+def test_alerts_name_the_scan_or_its_time() -> None:
+    named, timed, unread = DriveMoment(FRAME, name="0012"), DriveMoment(FRAME, time_s=0.25), "gone"
+    moments = [named, timed, DriveMoment(FRAME), DriveMoment(unread, name="0015", time_s=1.0)]
+    alerts: list[Alert] = []
+    watch_drive(AlertMonitor(), moments, show=alerts.append)
+    assert [alert.record()["scan"] for alert in alerts] == ["0012", "0.250 s", "", "0015"]
+    assert alerts[0].brief().scan == "0012"
+
+
 def test_a_velocity_that_is_no_number_is_an_unknown_motion() -> None:
     moments = [
         DriveMoment(FRAME, velocity=velocity, time_s=float(number))

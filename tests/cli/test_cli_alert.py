@@ -64,6 +64,22 @@ def test_a_signed_drive_is_authentic_until_a_point_moves(drive: Path, tmp_path: 
     assert not re.search(r"(src|href)=.?https?:", html)  # it loads nothing
     assert str(tmp_path) not in html.replace(str(signed), "")
 
+    gap = Path(shutil.copytree(signed, tmp_path / "gap"))
+    for lost in (gap / "velodyne_points" / "data").glob("0000000001.*"):
+        lost.unlink()
+    accused = gap / "velodyne_points" / "data" / "0000000002.bin"
+    rows = np.fromfile(accused, "<f4").reshape(-1, 4)
+    rows[5, 0] += 1.0
+    accused.write_bytes(rows.tobytes())
+    done = run("alert", "run", str(gap), "--key", str(key), "-o", str(page), "--force")
+    assert done.returncode == 3, done.stderr
+    row = next(line for line in done.stdout.splitlines() if " tampered " in line)
+    assert row.split()[:3] == ["1", "0000000002", "tampered"]
+    assert "<td>1</td><td>0000000002</td><td class=tampered>" in page.read_text()
+    assert "<h3>Frame 1 (scan 0000000002): watermark: " in page.read_text()
+    told = json.loads(in_process(gap, "--key", key, "--json").stdout)
+    assert [frame["scan"] for frame in told["frames"]] == ["0000000000", "0000000002"]
+
     cut = Path(shutil.copytree(signed, tmp_path / "cut"))
     for last in (cut / "velodyne_points" / "data").glob("0000000002.*"):
         last.unlink()

@@ -178,6 +178,7 @@ def test_several_vehicles_are_on_one_page(signed: Path, key: Path, tmp_path: Pat
     page = (out / "overview.html").read_text()
     assert "3 vehicles" in page
     assert "1 tampered, 2 authentic" in page
+    assert re.search(r"worst: frame \d+ \(scan \d{10}\)", page)
     order = re.findall(r"href='([^']*)'", page)
     assert order[0] == "monday/car_b.html"  # the gravest first
     assert set(order) == set(pages) - {"overview.html"}

@@ -78,6 +78,9 @@ class Alert:
         Result of the watermark; None: it was not verified.
     forensics : Inspection or None
         Result of the detectors; None: they did not judge the frame.
+    scan : str
+        Name of the frame's scan, or its time in seconds; empty: unknown. Unlike ``number``, it is
+        the same after earlier scans were lost. `watch_drive` sets it.
     """
 
     number: int
@@ -92,6 +95,7 @@ class Alert:
     cross_modal: CrossModalResult | SurroundResult | None = field(default=None, repr=False)
     watermark: WatermarkResult | None = field(default=None, repr=False)
     forensics: Inspection | None = field(default=None, repr=False)
+    scan: str = ""
 
     def brief(self) -> Alert:
         """Return the alert without scans, maps and points, so that a whole drive fits in memory.
@@ -116,6 +120,7 @@ class Alert:
         """Return the alert without maps, ready for JSON; tiles of the watermark are included."""
         return {
             "frame": self.number,
+            "scan": self.scan,
             "verdict": self.verdict,
             "reason": self.reason,
             "attack": self.attack,

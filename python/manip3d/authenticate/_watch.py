@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -48,6 +48,8 @@ class DriveMoment(NamedTuple):
     unread : mapping of str to str
         Reasons why files of this frame could not be read: of the record (key ``watermark``) or of
         the pictures (key ``cross-modal``). These checks are then ``undecidable``.
+    name : str
+        Name of the scan, such as that of its file, for `Alert`; empty: its time is taken.
     """
 
     frame: LidarFrame | str
@@ -58,6 +60,7 @@ class DriveMoment(NamedTuple):
     pairs: Mapping[str, tuple[Any, Any]] | None = None
     carrier: Any = None
     unread: Mapping[str, str] = MappingProxyType({})
+    name: str = ""
 
 
 class WatchedDrive(NamedTuple):
@@ -240,16 +243,22 @@ def _judged(
             unmoved.append(number)
         is_first, last = last is None, now
         if waited > _FARTHEST_BEHIND and not is_first:
-            yield monitor.skip(motion=motion)
+            yield _with_scan(monitor.skip(motion=motion), moment)
             continue
         if isinstance(moment.frame, str):
-            yield _judged_unread(monitor, moment.frame, moment, motion)
+            yield _with_scan(_judged_unread(monitor, moment.frame, moment, motion), moment)
             continue
         judge = partial(
             monitor.judge, moment.frame, speed_mps=abs(ahead) if math.isfinite(ahead) else speed,
             motion=motion, time_s=now, waited_s=waited,
         )  # fmt: skip
-        yield _judged_without_refused(judge, moment)
+        yield _with_scan(_judged_without_refused(judge, moment), moment)
+
+
+def _with_scan(alert: Alert, moment: DriveMoment) -> Alert:
+    """The alert with the name of its scan, or else with the scan's time."""
+    time_s = "" if moment.time_s is None else f"{moment.time_s:.3f} s"
+    return replace(alert, scan=moment.name or time_s)
 
 
 def _judged_unread(

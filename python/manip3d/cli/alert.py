@@ -395,7 +395,8 @@ class _View:
         for name in _COLUMNS:
             grid.add_column(name)
         for row in self._recent:
-            style = "red" if row[1] == "tampered" else "yellow" if row[1] == "undecidable" else ""
+            verdict = row[_COLUMNS.index("verdict")]
+            style = {"tampered": "red", "undecidable": "yellow"}.get(verdict, "")
             grid.add_row(*row, style=style)
         try:
             self._live.update(grid, refresh=True)
@@ -404,13 +405,14 @@ class _View:
             self._end()
 
 
-_COLUMNS = ("frame", "verdict", "attack", "risk", "ms", "why")
+_COLUMNS = ("frame", "scan", "verdict", "attack", "risk", "ms", "why")
 
 
 def _row(record: dict[str, Any]) -> tuple[str, ...]:
     risk = record["risk"]
     return (
         str(record["frame"]),
+        record["scan"],
         record["verdict"],
         record["attack"],
         f"{risk['level']} {risk['score']:.2f}",

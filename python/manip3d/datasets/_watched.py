@@ -168,6 +168,7 @@ def _moment(frame: KittiFrame, wanted: _Wanted) -> DriveMoment:
         pairs or None,
         carrier,
         unread,
+        frame.name,
     )
 
 

@@ -57,6 +57,12 @@ class _Scene:
     above: str
 
 
+def frame_and_scan(record: Mapping[str, Any]) -> str:
+    """Return the number of a frame and the name of its scan, if it has one."""
+    scan = record.get("scan")
+    return f"{record['frame']} (scan {scan})" if scan else str(record["frame"])
+
+
 _TAMPERED = 2  # gravity of a tampered frame
 
 
@@ -141,7 +147,7 @@ class AlertTimeline:
                 return
             self._scenes.remove(least)
         maps = "" if alert.cross_modal is None else _all_maps(alert.cross_modal)
-        title = f"Frame {alert.number}: {alert.reason}"
+        title = f"Frame {frame_and_scan(record)}: {alert.reason}"
         self._scenes.append(_Scene(gravity, alert.number, title, maps, _from_above(alert)))
 
     @property
@@ -392,7 +398,8 @@ def _table(shown: Sequence[dict[str, Any]], count: int) -> str:
     if not shown:
         return "<h2>Frames</h2><p>Every frame is quiet.</p>"
     rows = "".join(
-        f"<tr><td>{record['frame']}</td><td class={record['verdict']}>{record['verdict']}</td>"
+        f"<tr><td>{record['frame']}</td><td>{html.escape(record['scan'])}</td>"
+        f"<td class={record['verdict']}>{record['verdict']}</td>"
         f"<td>{html.escape(record['attack'])}</td>"
         f"<td>{html.escape(record['risk']['level'])} ({record['risk']['score']:.2f})</td>"
         f"<td>{html.escape(record['risk']['action'])}</td>"
@@ -401,8 +408,8 @@ def _table(shown: Sequence[dict[str, Any]], count: int) -> str:
     )
     more = f"<p>and {count - len(shown)} more</p>" if count > len(shown) else ""
     return (
-        "<h2>Frames to look at</h2><div class=wide><table><tr><th>frame<th>verdict<th>attack"
-        f"<th>risk<th>recommended<th>why</tr>{rows}</table></div>{more}"
+        "<h2>Frames to look at</h2><div class=wide><table><tr><th>frame<th>scan<th>verdict"
+        f"<th>attack<th>risk<th>recommended<th>why</tr>{rows}</table></div>{more}"
     )
 
 

@@ -16,7 +16,7 @@ from manip3d._util.paths import path_of
 from manip3d.authenticate import RiskParameters
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
-from manip3d.report._alert import QUIET, STYLE, strip_of, timeline_html
+from manip3d.report._alert import QUIET, STYLE, frame_and_scan, strip_of, timeline_html
 from manip3d.report._evidence_files import page_bytes
 
 _GRAVEST_FIRST = ("failed", "tampered", "undecidable", "no_trace", "authentic")
@@ -106,7 +106,7 @@ def _vehicle(drive: Mapping[str, Any], name: str) -> str:
     if worst is not None:
         attack = f", {worst['attack']}" if worst["attack"] else ""
         facts.append(
-            f"worst: frame {worst['frame']}{attack}, risk {worst['risk']['level']} "
+            f"worst: frame {frame_and_scan(worst)}{attack}, risk {worst['risk']['level']} "
             f"({worst['risk']['score']:.2f}); recommended: {worst['risk']['action']}"
         )
     lines = "".join(f"<li>{html.escape(fact)}" for fact in facts)
