@@ -451,7 +451,7 @@ VERBS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("s0.bin", "s0.bin.wm", "lattice.json", "k.key", "db.xml"),
     ),
     "forge lidar": (
-        ("ctp", "SRC.bin", "-o", "out", "--hoax", "original.obj", "--lattice", "lattice.json"),
+        ("spoof", "SRC.bin", "-o", "out", "--hoax", "original.obj", "--lattice", "lattice.json"),
         ("s0.bin", "original.obj", "original.mtl", "lattice.json"),
     ),
     "forge stream": (

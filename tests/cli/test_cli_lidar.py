@@ -10,8 +10,9 @@ import platform
 import re
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ import manip3d.report
 from cave_scans import AHEAD, ball
 from manip3d import authenticate, datasets, report
 from manip3d.cli import app
-from manip3d.cli.forge import ATTACKS
+from manip3d.cli.forge import ATTACKS, Order
 from manip3d.cli.inspect import _append, _code_of_rows
 from manip3d.cli.many import _gravest
 from manip3d.cli.terminal import Terminal
@@ -99,6 +100,18 @@ def test_clean_forged_and_undecidable(scan: Path, hoax: Path, tmp_path: Path) ->
     assert run("inspect", fused, "-q").exit_code == 4
 
 
+def used(attack: str, hoax: Path) -> dict[str, tuple[Any, ...]]:
+    """Hoax, place and box of an attack, those that it uses."""
+    place = AHEAD[len(AHEAD) // 2] if attack == "crtp" else (3, 1, 0)
+    options = {"hoax": (hoax,), "position": place, "box": (6, 0, 0, 4, 4, 4, 0.2)}
+    return {name: options[name] for name in options if name in ATTACKS[attack].options}
+
+
+def words(name: str, values: tuple[Any, ...] | None) -> tuple[Any, ...]:
+    """An option and its values on the command line; None: it is not given."""
+    return () if values is None else (f"--{name.replace('_', '-')}", *values)
+
+
 @pytest.mark.parametrize(
     "attack",
     ["crtp", "insert", "subtract", "deform", "dent", "translation", "rotation", "replacement"],
@@ -107,25 +120,9 @@ def test_every_attack_writes_a_scan_and_its_truth(
     attack: str, scan: Path, hoax: Path, tmp_path: Path
 ) -> None:
     output = tmp_path / "forged.bin"
-    place = AHEAD[len(AHEAD) // 2] if attack == "crtp" else (3, 1, 0)
-    box = ("--box", 6, 0, 0, 4, 4, 4, 0.2)
-    done = run(
-        "forge",
-        "lidar",
-        attack,
-        scan,
-        "-o",
-        output,
-        "--hoax",
-        hoax,
-        "--position",
-        *place,
-        *box,
-        "--yaw",
-        0.1,
-        "-q",
-        "--allow-collision",  # a room full of points
-    )
+    options = used(attack, hoax) | {"yaw": (0.1,), "allow_collision": ()}  # a room full of points
+    given = [word for name in ATTACKS[attack].options for word in words(name, options.get(name))]
+    done = run("forge", "lidar", attack, scan, "-o", output, *given, "-q")
     assert done.exit_code == 0, done.output
     truth = json.loads((tmp_path / "forged.bin.truth.json").read_text())
     forged = manip3d.io.read_scan(output)
@@ -155,11 +152,8 @@ def test_truth_files_tell_what_the_bytes_say(
     source = tmp_path / f"scan{suffix}"
     manip3d.io.read_scan(scan).write(source)
     output = tmp_path / f"forged{suffix}"
-    place = AHEAD[len(AHEAD) // 2] if attack == "crtp" else (3, 1, 0)
-    done = run(
-        "forge", "lidar", attack, source, "-o", output, "--hoax", hoax, "--position", *place,
-        "--box", 6, 0, 0, 4, 4, 4, 0.2, "-q",
-    )  # fmt: skip
+    given = [word for name, values in used(attack, hoax).items() for word in words(name, values)]
+    done = run("forge", "lidar", attack, source, "-o", output, *given, "-q")
     assert done.exit_code == 0, done.output
     truth = json.loads(output.with_name(output.name + ".truth.json").read_text())
     before, after = manip3d.io.read_scan(source).points, manip3d.io.read_scan(output).points
@@ -190,6 +184,50 @@ def test_missing_options_are_named(scan: Path, tmp_path: Path) -> None:
     far = run("forge", "lidar", "crtp", scan, "-o", output, "--hoax", scan, "--position", 0, 900, 0)
     assert str(far.exception).startswith("--position: expected scene points within")
     assert not output.exists()
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_an_attack_uses_the_options_of_its_list(attack: str, scan: Path, tmp_path: Path) -> None:
+    mesh = tmp_path / "box.obj"
+    manip3d.Mesh([[1, 0, 0], [0, 2, 0], [0, 0, 4]], [[0, 1, 2]]).write(mesh)
+    is_seen = "lattice" in ATTACKS[attack].options  # from a scan
+    order = Order(
+        str(scan if is_seen else mesh), (3, 1, 0), (6, 0, 0, 4, 4, 4, 0.2), 1.0, None, 0.1, 3.0,
+        0.0, False, None, "z", 0, 1, False,
+    )  # fmt: skip
+    read: set[str] = set()
+
+    class Watched:
+        def __getattr__(self, name: str) -> object:
+            read.add(name)
+            return getattr(order, name)
+
+    with suppress(manip3d.InputError):  # the scan is on no lattice, and its room is full
+        ATTACKS[attack].forge(manip3d.io.read_scan(scan), cast(Order, Watched()))
+    assert read - {"seed", "threads"} == set(ATTACKS[attack].options)
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_options_that_an_attack_does_not_use_are_refused(
+    several: bool, scan: Path, tmp_path: Path
+) -> None:
+    options = {
+        "hoax": ("nope.ply",), "position": (9, 2, -1), "scale": (2,), "yaw": (3,), "up": ("y",),
+        "printed": (), "range_noise": (0.1,), "box": (6, 0, 0, 4, 4, 4, 0), "amplitude": (0.2,),
+        "distance": (1,), "allow_collision": (), "lattice": ("nope.json",),
+    }  # fmt: skip
+    assert set(options) == {name for each in ATTACKS.values() for name in each.options}
+    more = ("--table", tmp_path / "table.csv") if several else ()
+    before = sorted(tmp_path.iterdir())
+    for attack, (_, known) in ATTACKS.items():
+        for name in options.keys() - set(known):
+            given = words(name, options[name])
+            done = run("forge", "lidar", attack, scan, "-o", tmp_path / "out.bin", *given, *more)
+            assert str(done.exception).startswith(f"{given[0]}: can only be given with '")
+            assert str(done.exception).endswith(f", got '{attack}'")
+    assert sorted(tmp_path.iterdir()) == before
+    done = run("forge", "lidar", "subtract", scan, "-o", tmp_path / "out.bin", "--range-noise", 1)
+    assert str(done.exception) == "--range-noise: can only be given with 'insert', got 'subtract'"
 
 
 @pytest.mark.parametrize(("up", "size"), [("z", (1.0, 2.0, 3.0)), ("y", (1.0, 3.0, 2.0))])

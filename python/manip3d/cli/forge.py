@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
@@ -65,7 +66,7 @@ class Order:
     amplitude: float
     distance: float
     range_noise: float
-    paper: bool
+    printed: bool
     lattice: Path | None
     up: str
     seed: int
@@ -96,7 +97,7 @@ def forge_scan(
     with naming_options(
         "amplitude", "box", "distance", "hoax", "lattice", "position", "range-noise", "scale"
     ):
-        forged = ATTACKS[attack](frame, order)
+        forged = ATTACKS[attack].forge(frame, order)
     if not forged.num_touched:
         raise InputError(f"{attack}: expected a change of {source}, but no point would change")
     record = truth_of(forged) | {"source": source, "output": str(output)}
@@ -119,7 +120,7 @@ def _ctp(frame: LidarFrame, order: Order) -> Forgery:
         position=_position(order),
         rotation=order.yaw or 0.0,
         scale=order.scale,
-        translation="paper" if order.paper else "centroid",
+        translation="paper" if order.printed else "centroid",
         threads=order.threads,
     )
 
@@ -133,7 +134,7 @@ def _crtp(frame: LidarFrame, order: Order) -> Forgery:
         position=_position(order),
         rotation=order.yaw or 0.0,
         scale=order.scale,
-        translation="paper" if order.paper else "centroid",
+        translation="paper" if order.printed else "centroid",
         rng=order.seed,
         threads=order.threads,
     )
@@ -250,20 +251,43 @@ def _lattice_remove(frame: LidarFrame, order: Order) -> Forgery:
     )
 
 
-ATTACKS: dict[str, Callable[[LidarFrame, Order], Forgery]] = {
-    "ctp": _ctp,
-    "crtp": _crtp,
-    "insert": _insert,
-    "subtract": _subtract,
-    "deform": _deform,
-    "dent": _dent,
-    "translation": _translate,
-    "rotation": _rotate,
-    "replacement": _replace,
-    "lattice-insert": _lattice_insert,
-    "lattice-remove": _lattice_remove,
-    "spoof": _spoof,
+class Attack(NamedTuple):
+    """An attack of ``forge lidar``, and those options that only some attacks use."""
+
+    forge: Callable[[LidarFrame, Order], Forgery]
+    options: tuple[str, ...]
+
+
+_PASTED = ("hoax", "position", "scale", "yaw", "up")
+_SEEN = ("hoax", "box", "yaw", "lattice")
+
+ATTACKS = {
+    "ctp": Attack(_ctp, (*_PASTED, "printed")),
+    "crtp": Attack(_crtp, (*_PASTED, "printed")),
+    "insert": Attack(_insert, (*_PASTED, "range_noise")),
+    "subtract": Attack(_subtract, ("box",)),
+    "deform": Attack(_deform, ("box", "amplitude")),
+    "dent": Attack(_dent, ("box", "amplitude")),
+    "translation": Attack(_translate, ("box", "distance", "allow_collision")),
+    "rotation": Attack(_rotate, ("box", "yaw", "allow_collision")),
+    "replacement": Attack(_replace, ("hoax", "box", "scale", "up", "allow_collision")),
+    "lattice-insert": Attack(_lattice_insert, _SEEN),
+    "lattice-remove": Attack(_lattice_remove, ("box", "lattice")),
+    "spoof": Attack(_spoof, _SEEN),
 }
+
+
+def _check_used(given: Mapping[str, Any]) -> None:
+    """Raise `InputError` if an option is given that the attack does not use."""
+    attack = str(given["attack"])
+    parameters = inspect.signature(forge_lidar).parameters
+    for name in dict.fromkeys(name for each in ATTACKS.values() for name in each.options):
+        if name in ATTACKS[attack].options or given[name] == parameters[name].default:
+            continue
+        users = [f"'{other}'" for other, each in ATTACKS.items() if name in each.options]
+        raise InputError(
+            f"--{name.replace('_', '-')}: can only be given with {', '.join(users)}, got '{attack}'"
+        )
 
 
 def _hoax(order: Order) -> Any:
@@ -345,7 +369,7 @@ class LidarAttack(StrEnum):
 
 
 @app.command("lidar")
-@over_files(lambda: FOLDER_SUFFIXES, writable=lambda: SCAN_SUFFIXES)
+@over_files(lambda: FOLDER_SUFFIXES, writable=lambda: SCAN_SUFFIXES, check=_check_used)
 def forge_lidar(
     attack: Annotated[LidarAttack, typer.Argument(metavar="ATTACK", help="Attack on the scan.")],
     source: Scan,
@@ -408,10 +432,11 @@ def forge_lidar(
 ) -> None:
     """Forge a LiDAR scan. The truth is written beside it, as OUT.truth.json.
 
+    An option that the attack does not use is refused.
+
     Example: manip3d forge lidar ctp scan.bin -o forged.bin --hoax car.obj --position 8 2 -1
     """
     expect_kind(source, "scan", verb="forge lidar")
-    check_output(output, SCAN_SUFFIXES, force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
     order = Order(
         hoax,
@@ -429,6 +454,8 @@ def forge_lidar(
         jobs,
         allow_collision,
     )
+    _check_used({"attack": attack.value, **vars(order)})
+    check_output(output, SCAN_SUFFIXES, force=force)
     record = forge_scan(attack.value, source, output, order, shell, force=force)
     shell.result(record)
 
