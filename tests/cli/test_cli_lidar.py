@@ -193,7 +193,7 @@ def test_an_attack_uses_the_options_of_its_list(attack: str, scan: Path, tmp_pat
     is_seen = "lattice" in ATTACKS[attack].options  # from a scan
     order = Order(
         str(scan if is_seen else mesh), (3, 1, 0), (6, 0, 0, 4, 4, 4, 0.2), 1.0, None, 0.1, 3.0,
-        0.0, False, None, "z", 0, 1, False,
+        0.0, False, None, "z", 0, 1, False, print,
     )  # fmt: skip
     read: set[str] = set()
 
@@ -204,7 +204,7 @@ def test_an_attack_uses_the_options_of_its_list(attack: str, scan: Path, tmp_pat
 
     with suppress(manip3d.InputError):  # the scan is on no lattice, and its room is full
         ATTACKS[attack].forge(manip3d.io.read_scan(scan), cast(Order, Watched()))
-    assert read - {"seed", "threads"} == set(ATTACKS[attack].options)
+    assert read - {"seed", "threads", "say"} == set(ATTACKS[attack].options)
 
 
 @pytest.mark.parametrize("several", [False, True])
@@ -228,6 +228,21 @@ def test_options_that_an_attack_does_not_use_are_refused(
     assert sorted(tmp_path.iterdir()) == before
     done = run("forge", "lidar", "subtract", scan, "-o", tmp_path / "out.bin", "--range-noise", 1)
     assert str(done.exception) == "--range-noise: can only be given with 'insert', got 'subtract'"
+
+
+def test_the_box_of_the_nearest_object_is_printed(tmp_path: Path) -> None:
+    ground = np.mgrid[-20:20:0.5, -20:20:0.5, -1.5:-1:1].reshape(3, -1).T
+    car = np.mgrid[4:6:0.2, -1:1:0.2, -1:0.4:0.2].reshape(3, -1).T
+    source, output = tmp_path / "street.bin", tmp_path / "out.bin"
+    manip3d.LidarFrame(np.concatenate([ground, car]).astype(np.float32)).write(source)
+    done = run("forge", "lidar", "subtract", source, "-o", output)
+    assert done.exit_code == 0, done.output
+    line = next(line for line in done.stderr.splitlines() if line.startswith("box: "))
+    assert line.endswith(", that of the nearest object, at a range of 4.9 m")
+    box = line.split(",")[0].split()[1:]
+    assert [round(float(value)) for value in box] == [5, 0, 0, 2, 2, 1, 0]
+    again = run("forge", "lidar", "subtract", source, "-o", output, "--box", *box, "--force")
+    assert "box: " not in again.stderr
 
 
 @pytest.mark.parametrize(("up", "size"), [("z", (1.0, 2.0, 3.0)), ("y", (1.0, 3.0, 2.0))])

@@ -427,6 +427,25 @@ def test_segmentation_finds_the_boxes() -> None:
     np.testing.assert_array_equal(found.label, again.label)
 
 
+def test_the_carrier_of_the_scanner_is_not_the_nearest_object() -> None:
+    """The scanner stands on a mast at the edge of a roof; yaws and places of the whole vary."""
+    car = np.mgrid[4:6:0.2, -1:1:0.2, -1:0.4:0.2].reshape(3, -1).T
+    for beside, is_carrier in ((-1.0, True), (0.3, True), (0.9, True), (1.4, False)):
+        roof = np.mgrid[beside : beside + 1.2 : 0.1, -0.6:0.6:0.1, -0.5:-0.3:0.1].reshape(3, -1).T
+        for turn in (0.0, 2.0):
+            c, s, shift = math.cos(turn), math.sin(turn), np.array([100.0, -50.0, 3.0])
+            scan = _street(car, roof) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + shift
+            first = forge.segment(scan, origin=shift).boxes[0]
+            assert np.linalg.norm(first.center - shift) < 3.0
+            if not is_carrier:
+                assert forge.nearest_object(scan, origin=shift) == first
+                continue
+            found = forge.nearest_object(scan, origin=shift)
+            np.testing.assert_allclose(found.center[:2] - shift[:2], (5 * c, 5 * s), atol=0.3)
+    with pytest.raises(InputError, match="more than 1 m from the scanner, found none"):
+        forge.nearest_object(_street(roof - np.array([beside, 0, 0])))
+
+
 def test_rows_without_a_return_are_no_object() -> None:
     """Scans that are written firing by firing hold (0, 0, 0) where nothing came back."""
     scan, _ = street()

@@ -38,7 +38,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io import SCAN_SUFFIXES
 from manip3d.io._files import atomic_pair
 from manip3d.io._scan_files import FOLDER_SUFFIXES
-from manip3d.lidar import Box, LidarFrame
+from manip3d.lidar import Box, LidarFrame, origin_of, to_scan
 from manip3d.rgbd import RgbdFrame
 
 if TYPE_CHECKING:
@@ -72,6 +72,7 @@ class Order:
     seed: int
     threads: int
     allow_collision: bool
+    say: Callable[[str], object]
 
 
 def forge_scan(
@@ -158,7 +159,7 @@ def _insert(frame: LidarFrame, order: Order) -> Forgery:
 def _subtract(frame: LidarFrame, order: Order) -> Forgery:
     from manip3d import forge
 
-    return forge.subtractive(frame, _box(order), threads=order.threads)
+    return forge.subtractive(frame, _box(order, frame), threads=order.threads)
 
 
 def _deform(frame: LidarFrame, order: Order) -> Forgery:
@@ -166,7 +167,7 @@ def _deform(frame: LidarFrame, order: Order) -> Forgery:
 
     return forge.deform(
         frame,
-        _box(order) or forge.nearest_object(frame),
+        _box(order, frame),
         amplitude=order.amplitude,
         rng=order.seed,
         threads=order.threads,
@@ -178,7 +179,7 @@ def _dent(frame: LidarFrame, order: Order) -> Forgery:
 
     return forge.deform(
         frame,
-        _box(order) or forge.nearest_object(frame),
+        _box(order, frame),
         amplitude=order.amplitude,
         direction="normal",
         rng=order.seed,
@@ -191,7 +192,7 @@ def _translate(frame: LidarFrame, order: Order) -> Forgery:
 
     return forge.translation(
         frame,
-        _box(order),
+        _box(order, frame),
         distance=order.distance,
         allow_collision=order.allow_collision,
         threads=order.threads,
@@ -204,7 +205,7 @@ def _rotate(frame: LidarFrame, order: Order) -> Forgery:
     angle = {} if order.yaw is None else {"angle": order.yaw}
     return forge.rotation(
         frame,
-        _box(order),
+        _box(order, frame),
         allow_collision=order.allow_collision,
         threads=order.threads,
         **angle,
@@ -218,7 +219,7 @@ def _replace(frame: LidarFrame, order: Order) -> Forgery:
     return forge.replacement(
         frame,
         points,
-        _box(order),
+        _box(order, frame),
         allow_collision=order.allow_collision,
         threads=order.threads,
     )
@@ -245,7 +246,7 @@ def _spoof(frame: LidarFrame, order: Order) -> Forgery:
 def _lattice_remove(frame: LidarFrame, order: Order) -> Forgery:
     from manip3d import forge
 
-    box = _box(order) or forge.nearest_object(frame)
+    box = _box(order, frame)
     return forge.lattice_remove(
         frame, box, lattice=_lattice(order), rng=order.seed, threads=order.threads
     )
@@ -314,10 +315,9 @@ def _seen_object(frame: LidarFrame, order: Order) -> LidarFrame:
     Without a box, the nearest object is used.
     """
     import manip3d
-    from manip3d import forge
 
     scan = frame if order.hoax is None else manip3d.io.read_scan(order.hoax)
-    inside = (_box(order) or forge.nearest_object(scan)).contains(scan.points)
+    inside = (_box(order, scan)).contains(scan.points)
     intensity = None if scan.intensity is None else scan.intensity[inside]
     return LidarFrame(scan.points[inside], intensity)
 
@@ -344,11 +344,18 @@ def _position(order: Order) -> Sequence[float]:
     return order.position
 
 
-def _box(order: Order) -> Box | None:
-    if order.box is None:
-        return None
-    x, y, z, length, width, height, yaw = order.box
-    return Box((x, y, z), (length, width, height), yaw)
+def _box(order: Order, scan: LidarFrame) -> Box:
+    """Return the box of the order, or that of the nearest object, which is printed."""
+    from manip3d import forge
+
+    if order.box is not None:
+        x, y, z, length, width, height, yaw = order.box
+        return Box((x, y, z), (length, width, height), yaw)
+    box = forge.nearest_object(scan)
+    numbers = " ".join(f"{value:.2f}" for value in (*box.center, *box.size, box.yaw))
+    distance = np.linalg.norm(np.subtract(box.center, origin_of(None, to_scan(scan))))
+    order.say(f"box: {numbers}, that of the nearest object, at a range of {distance:.1f} m")
+    return box
 
 
 class LidarAttack(StrEnum):
@@ -384,7 +391,7 @@ def forge_lidar(
         typer.Option(
             metavar="X Y Z L W H YAW",
             help="Box of the object that is changed: centre, size (metres) and yaw (radians); by "
-            "default that of the nearest object.",
+            "default that of the nearest object more than 1 m from the scanner, which is printed.",
         ),
     ] = None,
     scale: Annotated[float, typer.Option(help="Factor from the hoax's units to metres.")] = 1.0,
@@ -453,6 +460,7 @@ def forge_lidar(
         seed,
         jobs,
         allow_collision,
+        shell.say,
     )
     _check_used({"attack": attack.value, **vars(order)})
     check_output(output, SCAN_SUFFIXES, force=force)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,10 @@ from manip3d.lidar import Box, ScanLike, origin_of, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+CARRIER = 1.0
+"""Metres: objects whose footprint is at most this far from the scanner are what carries it, such as
+the roof of the car."""
 
 NEITHER = -2
 """Label of rows that are neither ground nor an object."""
@@ -126,6 +131,9 @@ def segment(
 def nearest_object(scan: ScanLike, *, origin: ArrayLike | None = None) -> Box:
     """Return the box of the object nearest to the scanner, as `segment` finds it.
 
+    Boxes whose footprint contains the scanner or is within 1 m of it are left out: the car or the
+    person that carries the scanner is no object of the scene.
+
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
@@ -140,7 +148,7 @@ def nearest_object(scan: ScanLike, *, origin: ArrayLike | None = None) -> Box:
     Raises
     ------
     InputError
-        There is no object.
+        There is no object that is more than 1 m away.
 
     Examples
     --------
@@ -152,7 +160,20 @@ def nearest_object(scan: ScanLike, *, origin: ArrayLike | None = None) -> Box:
     >>> forge.nearest_object(scan).center[0] > 4.0
     True
     """
-    boxes = segment(scan, origin=origin).boxes
-    if not boxes:
-        raise InputError("scan: expected an object that stands free on the ground, found none")
-    return boxes[0]
+    scanner = origin_of(origin, to_scan(scan))
+    for box in segment(scan, origin=origin).boxes:
+        if _distance_to_footprint(box, scanner) > CARRIER:
+            return box
+    raise InputError(
+        "scan: expected an object that stands free on the ground, more than "
+        f"{CARRIER:g} m from the scanner, found none"
+    )
+
+
+def _distance_to_footprint(box: Box, scanner: NDArray[np.float64]) -> float:
+    """Return the horizontal distance from the scanner to a box; 0: inside, above or below it."""
+    x, y = scanner[:2] - np.asarray(box.center[:2])
+    cosine, sine = math.cos(box.yaw), math.sin(box.yaw)
+    along, across = abs(cosine * x + sine * y), abs(cosine * y - sine * x)
+    length, width, _ = box.size
+    return math.hypot(max(along - length / 2, 0.0), max(across - width / 2, 0.0))
