@@ -32,9 +32,11 @@ def expect_packets(source: str, calibration: Path | None) -> None:
     InputError
         A calibration is given, and the source is a mesh or a scan.
     """
+    if calibration is None:
+        return
     from manip3d import capture
 
-    if calibration is not None and (source == "-" or capture.scan_address(source) is None):
+    if source == "-" or capture.scan_address(source) is None:
         raise InputError(
             f"--calibration: can only be given with a recording of packets, got {source}"
         )

@@ -60,7 +60,7 @@ def _refuse_unused(sources: Sequence[str], given: Mapping[str, Any]) -> None:
     Nothing is refused if a source is a folder, a pattern or an address, whose content is not known
     here, or a missing file, about which another error is raised later.
     """
-    from manip3d import capture, viewer
+    from manip3d import viewer
 
     if not all(source == "-" or Path(source).is_file() for source in sources):
         return
@@ -72,8 +72,11 @@ def _refuse_unused(sources: Sequence[str], given: Mapping[str, Any]) -> None:
                 f"--{name.replace('_', '-')}: can only be given with {expected}, got "
                 f"{', '.join(sources)}"
             )
-    if not any(source != "-" and capture.scan_address(source) for source in sources):
-        expect_packets(sources[0], given["calibration"])
+    if (calibration := given["calibration"]) is not None:
+        from manip3d import capture
+
+        if not any(source != "-" and capture.scan_address(source) for source in sources):
+            expect_packets(sources[0], calibration)
 
 
 def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
