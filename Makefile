@@ -51,9 +51,11 @@ help: ## List the targets
 setup: ## Install all that developers need: packages, .venv, the package (editable), the viewer
 	@$(MAKE) --no-print-directory -j3 $(STAMPS)/packages $(STAMPS)/viewer $(STAMPS)/built
 
-# Python packages come while the system's are installed, unless .venv needs one of those, or somebody
-# is asked for a password, which nobody would see between other lines.
+# Python packages come while the system's are installed, unless .venv needs one of those, which could
+# also bring a newer Python, or somebody is asked for a password, which nobody would see between other
+# lines.
 VENV_NEEDS := $(if $(shell [ "$$(id -u)" = 0 ] && $(PYTHON) -c 'import ensurepip' 2>/dev/null \
+	&& { [ "$$(command -v $(PYTHON))" != /usr/bin/python3 ] || dpkg -s python3-dev >/dev/null 2>&1; } \
 	&& echo nothing),,$(STAMPS)/packages)
 
 # $(call install_python,TITLE,EXTRAS[,NPM]): makes .venv and installs what the extras want, and that

@@ -414,7 +414,7 @@ def test_a_turn_that_was_fused_with_itself_has_no_copied_object(kind: str) -> No
     assert said(fused).verdict != "tampered"
 
 
-@pytest.mark.parametrize("noise_m", [0.0, 0.001, 0.003])
+@pytest.mark.parametrize("noise_m", [0.0, 0.0005, 0.001, 0.003])
 def test_opposite_walls_at_one_distance_are_no_copies(unit: Unit, noise_m: float) -> None:
     scan = exact_scan(unit, labelled=True, noise_m=noise_m)
     assert said(scan).verdict != "tampered"

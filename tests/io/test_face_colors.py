@@ -10,6 +10,7 @@ import pytest
 
 import manip3d
 from manip3d import Mesh, io
+from manip3d.io._face_colors import with_corner_colors
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=np.float32)
@@ -223,3 +224,32 @@ def test_a_file_and_trimesh_give_the_same_colors(most: int) -> None:
     assert (made.colors is None) == (most == 3)
     for name in ("face_material", "colors"):
         np.testing.assert_array_equal(getattr(made, name), getattr(read, name))
+
+
+def test_colors_beside_a_material_do_not_tint_the_materials_made_of_others() -> None:
+    """glTF multiplies the colour of a material by those of its vertices."""
+    material = manip3d.Material(name="paint")
+    mesh = Mesh(SQUARE, TWO, face_material=np.array([0, -1], np.int32), materials=(material,))
+    red, blue = 0xFF0000, 0x0000FF
+    told: list[str] = []
+    both = with_corner_colors(mesh, np.array([[red] * 3, [blue] * 3]), told.append)
+    assert srgb_of_faces(both) == [WHITE, BLUE]
+    assert both.colors is not None
+    assert both.colors.tolist() == [[255, 128, 128], [255, 0, 0], [255, 128, 128], [255, 255, 255]]
+    assert told == [
+        "faces with materials have colors, too: each vertex takes the mean of its faces"
+    ]
+
+
+def test_a_material_with_the_name_of_none_is_kept_in_an_obj(tmp_path: Path) -> None:
+    materials = (
+        manip3d.Material(name="manip3d_no_material", base_color=(1.0, 0.0, 0.0, 1.0)),
+        manip3d.Material(name="manip3d_no_material_"),
+    )
+    mesh = Mesh(SQUARE, TWO, face_material=np.array([0, -1], np.int32), materials=materials)
+    mesh.write(tmp_path / "a.obj")
+    again = manip3d.read_mesh(tmp_path / "a.obj")
+    assert srgb_of_faces(again) == [RED, None]
+    mesh.replace(face_material=None).write(tmp_path / "bare.obj")
+    assert "usemtl" not in (tmp_path / "bare.obj").read_text()
+    assert "no_material\n" not in (tmp_path / "bare.mtl").read_text()

@@ -67,6 +67,7 @@ def test_columns_of_every_writer(text: str, tmp_path: Path) -> None:
         "# x y z [m]\n1.5 -2 3.25\n4 5 -6\n",
         "# x, y, and, z\nx,y,z\n1.5,-2,3.25\n4,5,-6\n",
         "// z y x, as measured\n1.5,-2,3.25\n4,5,-6\n",
+        "# X1, Y1, Z1, X\n1.5 -2 3.25\n4 5 -6\n",
     ],
 )
 def test_comments_that_only_speak_of_coordinates_name_no_columns(text: str, tmp_path: Path) -> None:

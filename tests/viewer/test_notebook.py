@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from manip3d import Mesh, RenderError
-from manip3d.viewer import notebook, page, renderer
+from manip3d.viewer import notebook, page, picture, renderer
 
 
 def test_text_is_always_there() -> None:
@@ -63,3 +64,16 @@ def test_huge_meshes_are_text_only(quad: Mesh, monkeypatch: pytest.MonkeyPatch) 
     shown = quad._repr_mimebundle_()
     assert set(shown) == {"text/plain"}
     assert "manip3d.view(mesh)" in str(shown["text/plain"])
+
+
+def test_a_renderer_that_cannot_be_imported_leaves_the_text(
+    quad: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As with pyvista where ``libGL.so.1`` is missing."""
+    (tmp_path / "pyvista.py").write_text('raise ImportError("libGL.so.1: cannot open")')
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "pyvista", raising=False)
+    monkeypatch.setenv("MANIP3D_RENDERER", "pyvista")
+    with pytest.raises(RenderError, match=r"cannot be imported: libGL\.so\.1"):
+        picture(quad)
+    assert repr(quad) in str(quad._repr_mimebundle_()["text/plain"])

@@ -106,8 +106,12 @@ SurfaceColors surface_colors(const MeshView& mesh, std::int32_t num_materials,
   const bool has_few =
       have_faces_one_color(alone) && use_materials(mesh, num_materials, alone, result);
   if (!has_few || result.materials.empty()) result = {};
-  const Faces rest = has_few ? on_material : on_material.cwiseMax(alone);
+  Faces rest = has_few ? on_material : on_material.cwiseMax(alone);
   if (!have_color(rest)) return result;
+  for (Eigen::Index f = 0; has_few && f < alone.rows(); ++f) {
+    // The material made for this face has its colour, and those of vertices multiply it.
+    if (alone(f, 0) != kNone) rest.row(f).setConstant(kWhite);
+  }
   result.colors = mean_of_corners(mesh, rest);
   if (!have_faces_one_color(rest) || are_kept(mesh, rest, result.colors)) return result;
   result.warning = has_few ? "faces with materials have colors, too"

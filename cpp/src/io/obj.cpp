@@ -336,7 +336,13 @@ void write_corner(Output& out, const MeshView& mesh, Eigen::Index face, int corn
 
 void write_obj(Output& out, const WriteJob& job) {
   const MeshView& mesh = job.mesh;
-  const std::vector<std::string> names = unique_names(job.materials);
+  std::vector<std::string> names = unique_names(job.materials);
+  // A material of the mesh with this name would be read as none.
+  if (const auto taken = std::find(names.begin(), names.end(), kNoMaterial); taken != names.end()) {
+    std::string other = *taken;
+    while (std::find(names.begin(), names.end(), other) != names.end()) other += "_";
+    *taken = other;
+  }
   const auto material_of = [&](Eigen::Index f) {
     const std::int32_t given = mesh.has_materials() ? mesh.face_material[f] : MeshBuilder::kNone;
     return given < static_cast<std::int32_t>(names.size()) ? given : MeshBuilder::kNone;
@@ -344,7 +350,9 @@ void write_obj(Output& out, const WriteJob& job) {
   CompanionFiles companions(job);
   if (!names.empty()) {
     bool is_some_bare = false;
-    for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) is_some_bare |= material_of(f) < 0;
+    for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
+      is_some_bare |= mesh.has_materials() && material_of(f) < 0;
+    }
     const fs::path stem = without_compression_suffix(job.path).stem();
     const std::string content = mtl_text(job, names, is_some_bare, companions);
     out.text("mtllib " + companions.place(line_name(stem.string()) + ".mtl", content) + "\n");
@@ -354,7 +362,7 @@ void write_obj(Output& out, const WriteJob& job) {
   write_rows(out, "vn", mesh.normals);
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
     const std::int32_t now = material_of(f);
-    if (!names.empty() && (f == 0 || now != material_of(f - 1))) {
+    if (!names.empty() && mesh.has_materials() && (f == 0 || now != material_of(f - 1))) {
       out.text("usemtl " + (now < 0 ? std::string(kNoMaterial) : names[now]) + "\n");
     }
     out.text("f");

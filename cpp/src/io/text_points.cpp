@@ -154,8 +154,12 @@ bool has_axes(const std::vector<std::string>& names) {
   });
 }
 
-/// Makes x1, y1 and z1 the coordinates: ouster-cli numbers the returns of a pulse, from 1 on.
+/// Makes x1, y1 and z1 the coordinates where there is no x, y or z: ouster-cli numbers the returns
+/// of a pulse, from 1 on.
 void take_first_return(std::vector<std::string>& names) {
+  for (const std::string& name : names) {
+    if (name == "x" || name == "y" || name == "z") return;
+  }
   for (std::string& name : names) {
     for (const std::string axis : {"x", "y", "z"}) {
       if (is_word(name, axis + "1")) name = axis;
@@ -176,7 +180,7 @@ std::vector<std::string> column_names(std::string_view line, char separator) {
   for (std::size_t i = 0; i < names.size(); ++i) {
     if (names[i].empty()) names[i] = std::string("c").append(std::to_string(i));
   }
-  if (!has_axes(names)) take_first_return(names);
+  take_first_return(names);
   return has_axes(names) ? names : std::vector<std::string>();
 }
 

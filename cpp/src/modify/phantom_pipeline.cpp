@@ -347,7 +347,7 @@ class PhantomPipeline::Workspace {
     if (fitted) {
       const Skeleton* raw = now.is_here && !stopped_.are_stopped() ? &now.raw : nullptr;
       plane_.update(raw, *fitted, offset_, input, rays_, clock_.seconds());
-      if (plane_.has_moved()) offset_.reset();  // it was that of joints at other places
+      if (plane_.has_moved()) offset_.reset();  // the offset was that of joints at other places
       segment_by_bones(*fitted);
       plane_.learn_surface(points_, input, rays_);
     }

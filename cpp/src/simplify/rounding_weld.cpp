@@ -38,6 +38,7 @@ class NearVertices {
     into_ = place_;
     is_joined_.assign(mesh.num_vertices(), false);
     for_each_edge(mesh, [&](std::int32_t a, std::int32_t b) { join(a, b); });
+    any_ = std::find(is_joined_.begin(), is_joined_.end(), true) != is_joined_.end();
   }
 
   [[nodiscard]] bool any() const { return any_; }

@@ -412,7 +412,8 @@ def generic_consistency(
       rounded twice, or their ranges are between the steps: some of them are not the rounding of any
       point that their laser can measure (``place``).
     - Copies of an object that were turned about the scanner, or mirrored, may stand on the lattice
-      of an exact cloud, but they have its ranges, firing after firing (``copied``).
+      of an exact cloud, but they have its ranges, firing after firing (``copied``). Clouds with
+      little noise, where symmetrical places have equal ranges, and of both returns are not judged.
     - Removed points leave firings into the ground without a return (``void``), above ground with
       returns and with returns on both sides.
 

@@ -62,14 +62,16 @@ BLIND_WITHOUT_STEPS = "points turned about the scanner: its azimuths have no ste
 
 BLIND_TURNED = (
     "objects turned about the scanner by whole steps of azimuth, or mirrored, whose own place is "
-    "empty; copies that overlap the original or are less than 5 degrees away"
+    "empty; copies that overlap the original or are less than 5 degrees away; copies in clouds "
+    "with little noise or two returns a firing"
 )
 """A further blind class in exact clouds whose azimuths have steps: detector III finds other turned
 copies, since they have the ranges of the original."""
 
 BLIND_TURNED_ANYHOW = (
     "objects turned about the scanner, or mirrored, whose own place is empty; copies that overlap "
-    "the original or are less than 5 degrees away: its azimuths have no steps"
+    "the original or are less than 5 degrees away, and copies in clouds with little noise or two "
+    "returns a firing: its azimuths have no steps"
 )
 """The same in exact clouds of a scanner without steps of azimuth."""
 

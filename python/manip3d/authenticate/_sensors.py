@@ -441,7 +441,7 @@ def _on_exact_lattice(
 
 
 def _model_of(lattice: SensorLattice) -> str:
-    """The model with the fewest lasers besides those at the lines of a lattice; empty: none.
+    """The model of whose lasers the largest share is among the lines of a lattice; empty: none.
 
     The odd degrees of a VLP-16 are lasers of a PandarXT-32, too.
     """

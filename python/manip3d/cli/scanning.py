@@ -30,7 +30,7 @@ def expect_packets(source: str, calibration: Path | None) -> None:
     Raises
     ------
     InputError
-        A calibration is given, and the source is a mesh or a scan.
+        A calibration is given, and the source is no recording of packets, no bag and no drive.
     """
     if calibration is None:
         return

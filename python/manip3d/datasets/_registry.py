@@ -244,8 +244,7 @@ def data_folder_problem(folder: Path) -> str:
 
 
 def chosen_folder_problem() -> str:
-    """Return why ``MANIP3D_DATA`` is set but cannot be used, with its name; empty: it can, or is
-    not set."""
+    """Return why the folder of ``MANIP3D_DATA`` cannot be used; empty if it can or none is set."""
     chosen = os.environ.get("MANIP3D_DATA")
     problem = data_folder_problem(Path(chosen)) if chosen else ""
     return f"MANIP3D_DATA: {problem}" if problem else ""

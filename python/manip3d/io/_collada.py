@@ -621,7 +621,7 @@ class _Materials:
             path = posixpath.basename(path)
         name = posixpath.basename(path)
         is_beside = name != path and not self.is_file(path) and self.is_file(name)
-        if is_beside and not self.allow_outside:  # though the file names it in a folder
+        if is_beside and not self.allow_outside:  # the folder that the file names is not here
             self.document.warn(f"texture '{path}' not found, '{name}' is used")
             path = name
         try:

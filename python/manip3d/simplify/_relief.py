@@ -372,7 +372,8 @@ def relief(
     confidence. Closing a hole or filling a bay costs the same whatever is believed. ``coverage``
     counts each pixel of the dense surface alike; pieces without confidence are no part of it. Two
     kinds of vertices can be at a pixel without confidence: those where the surface ends, and one
-    or two within a region of thousands of pixels.
+    or two within a region of thousands of pixels; more if fewer pixels have a confidence than there
+    are points (with ``live``, of every second row and column).
 
     Examples
     --------

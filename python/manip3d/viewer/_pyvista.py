@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.extras import imported
+from manip3d.errors import Error, MissingExtraError, RenderError
 from manip3d.mesh import Mesh
 from manip3d.viewer.points import DrawnPoints
 from manip3d.viewer.renderers import egl_window
@@ -39,7 +40,7 @@ LIGHTS = (((-0.6, 0.9, 1.0), 0.78), ((1.0, -0.1, 0.8), 0.25), ((0.0, 0.0, 1.0), 
 
 def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
     """Draw a mesh or points as seen by ``camera``."""
-    pyvista = imported("pyvista", "viz")
+    pyvista = _imported_pyvista()
     width, height = style.size
     with egl_window():
         plotter: Any = pyvista.Plotter(
@@ -67,10 +68,28 @@ def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
     return downsampled(large, SUPERSAMPLING)
 
 
+def _imported_pyvista() -> Any:
+    """Import pyvista.
+
+    Raises
+    ------
+    MissingExtraError
+        It is not installed.
+    RenderError
+        It is installed but cannot be imported.
+    """
+    try:
+        return imported("pyvista", "viz")
+    except MissingExtraError:
+        raise
+    except Error as error:
+        raise RenderError(str(error)) from error
+
+
 @contextlib.contextmanager
 def scene(meshes: Sequence[Mesh], camera: Camera, style: Style) -> Iterator[Any]:
     """Yield a VTK plotter with all meshes, which can be drawn repeatedly."""
-    pyvista = imported("pyvista", "viz")
+    pyvista = _imported_pyvista()
     with egl_window():
         plotter: Any = pyvista.Plotter(
             off_screen=True,
