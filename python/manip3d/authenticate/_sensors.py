@@ -85,8 +85,9 @@ MIN_SEEN = 0.6
 among them."""
 
 NEARLY_EQUAL = 0.05
-"""Of models whose shares of points at the elevations of lasers differ by less, the one with the
-fewest lasers is named: edits of a VLP-16's cloud may stand at the other lasers of a PandarXT-32."""
+"""Models whose shares of points at the elevations of lasers differ by less are alike: the one with
+the fewest lasers is named. Edits of a VLP-16's cloud may stand at the other lasers of a
+PandarXT-32."""
 
 FAR = 2.0
 """Metres: nearer points are ignored, because offsets of the lasers blur their elevations."""
