@@ -69,7 +69,7 @@ def test_huge_meshes_are_text_only(quad: Mesh, monkeypatch: pytest.MonkeyPatch) 
 def test_a_renderer_that_cannot_be_imported_leaves_the_text(
     quad: Mesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As with pyvista where ``libGL.so.1`` is missing."""
+    """The same happens to pyvista where ``libGL.so.1`` is missing."""
     (tmp_path / "pyvista.py").write_text('raise ImportError("libGL.so.1: cannot open")')
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "pyvista", raising=False)

@@ -85,7 +85,7 @@ BLIND_SPARSE = "objects added with a spacing coarser than the scan's: few points
 """Another one: a gap must span a region of neighbouring directions."""
 
 NOT_FOUND = "not found; a watermark shows it"
-"""What reports say of a blind class, beside a share of 0 %."""
+"""Text of reports on a blind class, beside a share of 0 %."""
 
 NEAREST, FARTHEST = 5.0, 25.0
 """Metres: range of distances at which edits are planted."""
