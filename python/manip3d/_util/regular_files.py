@@ -37,13 +37,7 @@ def limited_bytes(path: str | os.PathLike[str], most: int) -> bytes:
     OSError
         See `open_regular`.
     """
-    with open_regular(path) as file:
-        content = file.read(most + 1)
-    if len(content) > most:
-        raise FormatError(
-            f"expected at most {most} bytes, got more", file=str(path), byte_offset=most
-        )
-    return content
+    return _bytes_of(path, most, f"expected at most {most} bytes, got more", most)
 
 
 def bytes_below(path: str | os.PathLike[str], limit: int) -> bytes:
@@ -62,10 +56,17 @@ def bytes_below(path: str | os.PathLike[str], limit: int) -> bytes:
     OSError
         See `open_regular`.
     """
+    return _bytes_of(path, limit or None, over_max_bytes(limit))
+
+
+def _bytes_of(
+    path: str | os.PathLike[str], most: int | None, reason: str, at: int | None = None
+) -> bytes:
+    """Return a file's content; longer than ``most`` bytes, it is refused with ``reason``."""
     with open_regular(path) as file:
-        content = file.read(limit + 1) if limit else file.read()
-    if limit and len(content) > limit:
-        raise FormatError(over_max_bytes(limit), file=str(path))
+        content = file.read() if most is None else file.read(most + 1)
+    if most is not None and len(content) > most:
+        raise FormatError(reason, file=str(path), byte_offset=at)
     return content
 
 

@@ -56,7 +56,7 @@ def show(console: Console, records: list[dict[str, Any]]) -> None:
     here = sum(record["here"] for record in records)
     console.print(f"\n{here} of {len(records)} here; data folder: {root or 'none'}")
     if problem := chosen_folder_problem():
-        console.print(f"{problem}.")
+        console.print(f"MANIP3D_DATA: {problem}.")
     if here < len(records):
         console.print(
             "Set MANIP3D_DATA to the folder that holds them, or 'manip3d data get NAME' for those "
@@ -75,7 +75,9 @@ def expect_data_folder(tier: Tier) -> None:
     from manip3d.datasets._registry import chosen_folder_problem
 
     if tier is not Tier.simulated and (problem := chosen_folder_problem()):
-        raise InputError(f"{problem}; unset it, or give --data simulated, for simulated data")
+        raise InputError(
+            f"MANIP3D_DATA: {problem}; unset it, or give --data simulated, for simulated data"
+        )
 
 
 def _state(record: dict[str, Any]) -> str:

@@ -95,7 +95,7 @@ def _data() -> list[dict[str, Any]]:
     from manip3d.datasets._registry import chosen_folder_problem
 
     checks = []
-    problem = chosen_folder_problem().removeprefix("MANIP3D_DATA: ")
+    problem = chosen_folder_problem()
     if problem:
         checks.append(_check("MANIP3D_DATA", "broken", problem, "set it to the data folder"))
     known = datasets.registry().values()

@@ -246,8 +246,7 @@ def data_folder_problem(folder: Path) -> str:
 def chosen_folder_problem() -> str:
     """Return why the folder of ``MANIP3D_DATA`` cannot be used; empty if it can or none is set."""
     chosen = os.environ.get("MANIP3D_DATA")
-    problem = data_folder_problem(Path(chosen)) if chosen else ""
-    return f"MANIP3D_DATA: {problem}" if problem else ""
+    return data_folder_problem(Path(chosen)) if chosen else ""
 
 
 def _roots() -> list[Path]:
@@ -349,10 +348,10 @@ def require(file: DataFile, name: str) -> Path:
     """
     path = locate(file)
     if path is None:
+        problem = chosen_folder_problem()
         raise DataMissingError(
-            f"{name}: {file.path} is not here; "
-            f"{chosen_folder_problem() or 'set MANIP3D_DATA to the folder that holds it'}, "
-            f"or try 'manip3d data get {name}'"
+            f"{name}: {file.path} is not here; set MANIP3D_DATA to the folder that holds it"
+            f"{f' ({problem})' if problem else ''}, or try 'manip3d data get {name}'"
         )
     expected = file.sha256 if path.name == Path(file.path).name else file.content_sha256
     actual = file_sha256(path)
