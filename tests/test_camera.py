@@ -444,6 +444,14 @@ def test_other_names_in_a_calibration(tmp_path: Path) -> None:
     assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
     with pytest.raises(InputError, match="is for 64 x 48 pixels"):
         camera.read_intrinsics(path, width=48, height=64)
+    path = tmp_path / "frame_camera.xml"  # a matrix and a pose, as OpenCV's course programs write
+    matrix = "<rows>3</rows><cols>3</cols><dt>f</dt><data>50. 0. 31.5 0. 51. 23.5 0. 0. 1.</data>"
+    path.write_text(
+        f'<?xml version="1.0"?><opencv_storage><intrinsic type_id="opencv-matrix">{matrix}'
+        "</intrinsic><t><rows>3</rows><cols>1</cols><data>0. 0. 1.</data></t></opencv_storage>"
+    )
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
     path = tmp_path / "view.json"  # Open3D's PinholeCameraParameters
     matrix = "[50.0, 0.0, 0.0, 0.0, 51.0, 0.0, 31.5, 23.5, 1.0]"
     size = '"height": 48, "width": 64'

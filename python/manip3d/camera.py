@@ -623,14 +623,15 @@ def _values_of(element: Element) -> Any:
 def _fields_of_mapping(fields: Any, path: Path) -> dict[str, Any]:
     if not isinstance(fields, Mapping):
         raise TypeError("no object")
-    if isinstance(fields.get("intrinsic"), Mapping):  # PinholeCameraParameters of Open3D
-        fields = fields["intrinsic"]
+    inner = fields.get("intrinsic")  # PinholeCameraParameters of Open3D, or a matrix of OpenCV
+    if isinstance(inner, Mapping) and "data" not in inner:
+        fields = inner
     matrix = fields.get("intrinsic_matrix")
     if matrix is not None:
         size = {n: fields[n] for n in ("width", "height") if n in fields}
         return size | _pinhole_of_matrix(_square_of(_numbers_of(matrix), "an intrinsic_matrix"))
     plain = {str(name).lower().replace("_", ""): value for name, value in fields.items()}
-    if "cameramatrix" in plain or "k" in plain:
+    if any(name in plain for name in _MATRIX):
         return _fields_of_calibration(plain, path)
     if (left := _left_of_pair(plain, path)) is not None:
         return _fields_of_calibration(left, path)
@@ -643,7 +644,7 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
     def first(*names: str) -> Any:
         return next((fields[name] for name in names if name in fields), None)
 
-    square = _square_of(_numbers_of(first("cameramatrix", "k")), "a camera_matrix")
+    square = _square_of(_numbers_of(first(*_MATRIX)), "a camera_matrix")
     camera: dict[str, Any] = _pinhole_of_matrix(square)
     model = str(fields.get("distortionmodel", "")).lower()
     if model in ("equidistant", "fisheye") or str(fields.get("fisheyemodel", 0)) not in ("0", ""):
@@ -663,6 +664,7 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
     return camera
 
 
+_MATRIX = ("cameramatrix", "k", "intrinsic", "intrinsics", "intrinsicmatrix")
 _SIZES = ("imagesize", "imagewidth", "imageheight", "width", "height", "w", "h")
 _LEFT = ("1", "l", "left")
 """Endings of the left camera's fields: M1, cameraMatrixL, camera_matrix_left."""

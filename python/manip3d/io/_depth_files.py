@@ -11,7 +11,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._depth_formats import HEADER_BYTES, decode_depth, decode_map
+from manip3d.io._depth_formats import HEADER_BYTES, decode_depth, decode_map, decode_mask
 from manip3d.io._files import open_regular, over_max_bytes, refuse_pointer
 from manip3d.io._limits import byte_limit, clock
 from manip3d.io._remote import local_copy
@@ -123,7 +123,7 @@ def read_pixel_map(
     Parameters
     ----------
     path : path-like or URL
-        PNG or TIFF, or ``.npy`` of bool, uint8, uint16, float32 or float64. The format is
+        PNG, TIFF or JPEG, or ``.npy`` of bool, uint8, uint16, float32 or float64. The format is
         recognised by the content, not by the suffix.
     max_pixels : int
         Larger images are refused before any memory is allocated for them. The default is 2**25
@@ -134,7 +134,8 @@ def read_pixel_map(
     (H, W) bool, uint8, uint16, float32 or float64
         The stored values. Coloured and paletted images of 8 bits give the largest of red, green
         and blue, and 0 where an alpha channel is 0: only black pixels and those outside of a
-        cut-out are 0. The transparency of a palette's colours is ignored.
+        cut-out are 0. The transparency of a palette's colours is ignored. A JPEG has small numbers
+        where 0 was before its compression.
 
     Raises
     ------
@@ -146,7 +147,7 @@ def read_pixel_map(
     OSError
         The file cannot be read.
     MissingExtraError
-        Pillow is not installed (PNG and TIFF).
+        Pillow is not installed (PNG, TIFF and JPEG).
 
     Examples
     --------
@@ -157,6 +158,11 @@ def read_pixel_map(
     3
     """
     return _read(path, max_pixels, decode_map)
+
+
+def read_mask(path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS) -> NDArray[np.bool_]:
+    """Read the mask of a depth image: pixels of a map that are not 0, in a JPEG the bright half."""
+    return _read(path, max_pixels, decode_mask)
 
 
 @checked

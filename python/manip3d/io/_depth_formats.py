@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
 _PNG_OR_TIFF = (b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_JPEG = b"\xff\xd8\xff"
 HEADER_BYTES = 1 << 20  # allowance for headers, colour profiles and text beside the pixels
 
 
@@ -58,13 +59,24 @@ def decode_depth(data: bytes, max_pixels: int, *, may_be_narrow: bool = False) -
     raise FormatError(f"expected {kinds}, got bytes that begin with {data[:8]!r}", byte_offset=0)
 
 
+def decode_mask(data: bytes, max_pixels: int) -> NDArray[np.bool_]:
+    """Return a mask (H, W): True where a map of pixels is neither 0 nor NaN.
+
+    The compression of a JPEG leaves small numbers where 0 was, so that a pixel of one has to be at
+    least half as bright as white.
+    """
+    least = 128 if data.startswith(_JPEG) else 0
+    values = np.nan_to_num(decode_map(data, max_pixels))
+    return np.asarray(values >= least if least else values != 0)
+
+
 def decode_map(data: bytes, max_pixels: int) -> NDArray[Any]:
     if data.startswith(b"\x93NUMPY"):
         return _read_npy(data, max_pixels, _MAP_DTYPES)
-    if data.startswith(_PNG_OR_TIFF):
+    if data.startswith((*_PNG_OR_TIFF, _JPEG)):
         return _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
     raise FormatError(
-        f"expected a PNG or TIFF, or a .npy file, got bytes that begin with {data[:8]!r}",
+        f"expected a PNG, TIFF or JPEG, or a .npy file, got bytes that begin with {data[:8]!r}",
         byte_offset=0,
     )
 
@@ -267,7 +279,7 @@ def _read_with_pillow(
     narrow_modes: tuple[str, ...] = (),
     color_modes: tuple[str, ...] = (),
 ) -> NDArray[Any]:
-    """Read a PNG or TIFF with one channel of 16-bit integers or floats, or in a given mode.
+    """Read a PNG, TIFF or JPEG with one channel of 16-bit integers or floats, or in a given mode.
 
     Images of Pillow's modes ``narrow_modes`` are returned unchanged. Those of ``color_modes`` are
     reduced to the largest of red, green and blue, and to 0 where an alpha channel is 0.
@@ -276,7 +288,7 @@ def _read_with_pillow(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # files about which Pillow warns are refused
-            with pillow.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
+            with pillow.open(io.BytesIO(data), formats=("PNG", "TIFF", "JPEG")) as image:
                 _checked_size(image.height, image.width, max_pixels)
                 if image.mode in narrow_modes:
                     return np.array(image)

@@ -13,6 +13,7 @@ from manip3d._util.paths import path_of
 from manip3d.camera import CAMERA_PRESETS, CAMERA_SUFFIXES, camera_depth_unit
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_UNITS, DepthReading, read_depth_guessing, read_pixel_map
+from manip3d.io._depth_files import read_mask
 from manip3d.io._depth_units import fits_8_bits
 from manip3d.io._images import read_color
 from manip3d.simplify._depth_options import DepthOptions, check_confidence
@@ -47,7 +48,7 @@ def read_maps(
         raise InputError("confidence_max: can only be given with confidence")
     return Maps(
         None if color is None else read_color(path_of(color, "color")),
-        None if mask is None else np.nan_to_num(read_pixel_map(path_of(mask, "mask"))) != 0,
+        None if mask is None else read_mask(path_of(mask, "mask")),
         None if confidence is None else _read_confidence(confidence, confidence_max),
     )
 
