@@ -482,7 +482,8 @@ def depth(
         str,
         typer.Option(
             help="Image or .npy of the same size: black (0) or transparent where the depth is not "
-            "to be used, in a JPEG darker than half. For several depth images, one mask for all or a folder with one for each."
+            "to be used, in a JPEG darker than half. For several depth images, one mask for all or "
+            "a folder with one for each."
         ),
     ] = "",
     confidence: Annotated[
