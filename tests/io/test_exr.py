@@ -31,6 +31,12 @@ def write(path: Path, channels: dict[str, Any], **header: Any) -> Path:
         {"R": DEPTH, "G": DEPTH, "B": DEPTH},
         {"R": DEPTH, "G": 2 * DEPTH, "B": DEPTH, "A": DEPTH, "Z": DEPTH},
         {"View Layer.Depth.Z": DEPTH, "View Layer.Combined.R": 0 * DEPTH},
+        {"a.Depth.Z": DEPTH, "a.Mist.Z": 0 * DEPTH},
+        {"a.Depth.Z": DEPTH} | {f"a.Normal.{axis}": 0 * DEPTH for axis in "XYZ"},
+        {"depth": DEPTH} | {name: 0 * DEPTH for name in ("R", "G", "B", "N.X", "N.Y", "N.Z")},
+        {"Z": DEPTH} | {name: 0 * DEPTH for name in ("R", "G", "B", "N.X", "N.Y", "N.Z", "a.Z")},
+        {"a.Z": DEPTH} | {name: 0 * DEPTH for name in ("N.X", "N.Y", "N.Z", "UV.U", "UV.V")},
+        {f"a.DEPTH.{name}": DEPTH for name in "RGBA"} | {"R": 0 * DEPTH},
     ],
 )
 def test_the_channel_of_depth_is_found(channels: dict[str, Any], tmp_path: Path) -> None:
@@ -51,15 +57,61 @@ def test_compressions_and_halves(kind: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(io.read_depth(path), expected)
 
 
-def test_a_window_that_does_not_begin_at_zero(tmp_path: Path) -> None:
-    window = (np.array([5, 7], np.int32), np.array([34, 26], np.int32))
-    path = write(tmp_path / "a.exr", {"Z": DEPTH}, dataWindow=window)
+def window(left: int, top: int, right: int, bottom: int) -> tuple[Any, Any]:
+    return np.array([left, top], np.int32), np.array([right, bottom], np.int32)
+
+
+def test_pixels_lie_where_they_are_in_the_display_window(tmp_path: Path) -> None:
+    """The data window is the part that a renderer has stored; a camera has the other one."""
+    part = {"Z": np.ascontiguousarray(DEPTH[4:9, 6:20])}
+    inside = window(6, 4, 19, 8)
+    path = write(tmp_path / "a.exr", part, dataWindow=inside, displayWindow=window(0, 0, 29, 19))
+    expected = np.zeros_like(DEPTH)
+    expected[4:9, 6:20] = DEPTH[4:9, 6:20]
+    np.testing.assert_array_equal(io.read_depth(path), expected)
+    write(path, part, dataWindow=inside, displayWindow=window(5, 3, 24, 10))
+    np.testing.assert_array_equal(io.read_depth(path), expected[3:11, 5:25])
+
+
+def test_overscan_is_cut_off(tmp_path: Path) -> None:
+    stored, shown = window(-3, -2, 26, 17), window(0, 0, 9, 40)
+    path = write(tmp_path / "a.exr", {"Z": DEPTH}, dataWindow=stored, displayWindow=shown)
+    expected = np.zeros((41, 10), np.float32)
+    expected[:18] = DEPTH[2:, 3:13]
+    np.testing.assert_array_equal(io.read_depth(path), expected)
+
+
+def test_both_windows_may_begin_anywhere(tmp_path: Path) -> None:
+    same = window(5, 7, 34, 26)
+    path = write(tmp_path / "a.exr", {"Z": DEPTH}, dataWindow=same, displayWindow=same)
     np.testing.assert_array_equal(io.read_depth(path), DEPTH)
 
 
-def test_no_channel_of_depth(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.exr", {"R": DEPTH, "G": 2 * DEPTH, "B": DEPTH})
-    with pytest.raises(FormatError, match="one named Z or Depth, got 'B', 'G', 'R'"):
+def test_display_windows_that_are_too_large_or_empty(tmp_path: Path) -> None:
+    path, big = tmp_path / "a.exr", 2**20
+    write(path, {"Z": DEPTH}, displayWindow=window(-big, -big, big - 1, big - 1))
+    with pytest.raises(FormatError, match=f"expected at most .* pixels, got {2 * big} x {2 * big}"):
+        io.read_depth(path)
+    write(path, {"Z": DEPTH}, displayWindow=window(30, 0, 59, 19))
+    with pytest.raises(FormatError, match="expected pixels in the display window, got none"):
+        io.read_depth(path)
+
+
+@pytest.mark.parametrize(
+    "names",
+    ["R G B N.X N.Y N.Z", "R G B X Y Z", "UV.U UV.V", "R G B a.Z b.Z", "a.Mist.Z R", "R G B",
+     "R G B a.depth.Z b.depth.Z"],
+)  # fmt: skip
+def test_no_channel_of_depth(names: str, tmp_path: Path) -> None:
+    different = {name: (1 + i) * DEPTH for i, name in enumerate(names.split())}
+    path = write(tmp_path / "a.exr", different)
+    with pytest.raises(FormatError, match="one named Z or Depth, got '"):
+        io.read_depth(path)
+
+
+def test_a_grey_picture_beside_several_depths(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.exr", {name: DEPTH for name in ("R", "G", "B", "a.Z", "b.Z")})
+    with pytest.raises(FormatError, match="one named Z or Depth"):
         io.read_depth(path)
 
 

@@ -43,8 +43,10 @@ def read_depth(
         16-bit grey PNG, PGM or TIFF, ``.pfm``, ``.exr``, ``.npy`` or ``.npz``. The format is
         recognised by the content, not by the suffix. Arrays may have further axes of length 1:
         (H, W, 1), (1, H, W). Of an ``.npz`` the only array is read, or the one that is named
-        ``depth``. Of an ``.exr`` the only channel is read, or the one named Z, Depth, Y or V, or
-        red if red, green and blue are equal.
+        ``depth``. Of an ``.exr`` the display window is read, whose pixels outside of the data
+        window are not measured: the only channel, or the one with the part ``depth`` in its name
+        (``ViewLayer.Depth.Z``), or ``Z``, or the only ``.Z``, ``.Y`` or ``.V`` that is no part of
+        a vector; or red if red, green and blue are equal and no channel has such a name.
     units_per_metre : float
         Stored units per metre of integer images: 1000 for Kinect and most others, 5000 for TUM and
         ICL-NUIM. Images of floating-point numbers (TIFF, ``.pfm``, ``.exr``, ``.npy``) are in

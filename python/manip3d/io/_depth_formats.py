@@ -8,7 +8,7 @@ import re
 import sys
 import warnings
 import zipfile
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from manip3d.io._npy_headers import read_npy_header
 from manip3d.io._scan_tables import refuse_expansion
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
     from PIL import Image
 
@@ -155,7 +157,8 @@ def _read_pfm(data: bytes, max_pixels: int) -> NDArray[np.float32]:
 _NOTHING_HIT = 65504.0
 """Largest finite half-precision number. Blender writes it, or 1e10, where a ray hits nothing."""
 
-_DEPTH_CHANNELS = ("z", "depth", "y", "v")  # last part of names such as "ViewLayer.Depth.Z"
+_DEPTH_CHANNELS = {"z": "xy", "y": "xz", "v": "u"}
+"""Last parts of names such as "ViewLayer.Depth.Z", with the parts beside which they are vectors."""
 
 
 def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
@@ -169,9 +172,10 @@ def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
         with contextlib.redirect_stdout(sys.stderr):  # OpenEXR prints its errors
             with opened(header_only=True) as file:
                 header = dict(file.header())  # a copy, because closing the file empties it
-            (left, top), (right, bottom) = header["dataWindow"]
-            rows, columns = int(bottom) - int(top) + 1, int(right) - int(left) + 1
+            window, shown = _Window.of(header["dataWindow"]), _Window.of(header["displayWindow"])
+            rows, columns = window.size
             _checked_size(rows, columns, max_pixels)
+            _checked_size(*shown.size, max_pixels)
             if rows * columns * len(header["channels"]) > 2 * max_pixels:
                 raise FormatError(f"more than {2 * max_pixels} numbers in all channels")
             with opened(header_only=False) as file:
@@ -183,21 +187,81 @@ def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
         raise
     except Exception as error:  # OpenEXR raises various types for damaged files
         raise FormatError(f"damaged .exr: {str(error) or type(error).__name__}") from error
-    return np.where(stored < _NOTHING_HIT, stored, np.float32(0.0))
+    return _in_window(np.where(stored < _NOTHING_HIT, stored, np.float32(0.0)), window, shown)
+
+
+class _Window(NamedTuple):
+    """A window of an EXR file; ``right`` and ``bottom`` lie just beyond its last pixel."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @staticmethod
+    def of(stored: Any) -> _Window:
+        (left, top), (right, bottom) = stored
+        return _Window(int(left), int(top), int(right) + 1, int(bottom) + 1)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.bottom - self.top, self.right - self.left
+
+
+def _in_window(stored: NDArray[np.float32], window: _Window, shown: _Window) -> NDArray[np.float32]:
+    """Return the image of the display window, to which the camera belongs, from the stored pixels.
+
+    Renderers store only a part where the rest is empty, or more than the image (overscan).
+    """
+    if window == shown:
+        return stored
+    left, top = max(window.left, shown.left), max(window.top, shown.top)
+    right, bottom = min(window.right, shown.right), min(window.bottom, shown.bottom)
+    if left >= right or top >= bottom:
+        raise FormatError("expected pixels in the display window, got none")
+    image = np.zeros(shown.size, np.float32)
+    part = stored[top - window.top : bottom - window.top, left - window.left : right - window.left]
+    image[top - shown.top : bottom - shown.top, left - shown.left : right - shown.left] = part
+    return image
 
 
 def _depth_channel(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:
-    """Return the only channel, or the one named as depth, or red if R, G and B are equal."""
+    """Return the only channel, or the one named as depth, or red if R, G and B are equal.
+
+    A renderer's passes are layers: "ViewLayer.Depth.Z" is the depth, "ViewLayer.Normal.Z" and the
+    fog "ViewLayer.Mist.Z" are not.
+    """
     if len(channels) == 1:
         return next(iter(channels.values()))
-    of_depth = [n for n in channels if n.rpartition(".")[2].lower() in _DEPTH_CHANNELS]
-    if len(of_depth) == 1:
-        return channels[of_depth[0]]
-    color = [channels[name] for name in "RGB" if name in channels]
-    if len(color) == 3 and all(np.array_equal(one, color[0], equal_nan=True) for one in color):
-        return color[0]
+    passes = {name: name.lower().split(".") for name in channels}
+    named = [name for name, parts in passes.items() if "depth" in parts]
+    single = [name for name, parts in passes.items() if _is_single(parts, [*passes.values()])]
+    if len(named) > 1:
+        named = [n for n in named if passes[n][-1] in ("z", "depth")] or _grey(named, channels)
+    elif not named:
+        named = [name for name in single if name == "Z"] or single
+        if not named:
+            named = _grey([name for name in channels if name in ("R", "G", "B")], channels)
+    if len(named) == 1:
+        return channels[named[0]]
     names = ", ".join(repr(name[:40]) for name in sorted(channels)[:20]) or "none"
     raise FormatError(f"expected one channel, or one named Z or Depth, got {names}")
+
+
+def _is_single(parts: Sequence[str], others: Sequence[Sequence[str]]) -> bool:
+    """Return whether a channel is called like a depth, and is no part of a vector."""
+    *layer, last = parts
+    if last not in _DEPTH_CHANNELS or "mist" in layer:
+        return False
+    return all([*layer, beside] not in others for beside in _DEPTH_CHANNELS[last])
+
+
+def _grey(names: Sequence[str], channels: dict[str, NDArray[Any]]) -> list[str]:
+    """Return the name of red if just red, green and blue are among the names and equal."""
+    color = [name for name in sorted(names) if name.rpartition(".")[2] in ("R", "G", "B")]
+    values = [channels[name] for name in color]
+    is_grey = all(np.array_equal(each, values[0], equal_nan=True) for each in values)
+    return color[-1:] if len(color) == 3 and is_grey else []
 
 
 # --- NumPy -------------------------------------------------------------------------------------
