@@ -311,9 +311,34 @@ def test_cameras_by_other_names_in_json(tmp_path: Path) -> None:
     assert (found.fx, found.fy, found.cx, found.cy) == (50.0, 51.0, 31.5, 23.5)
     assert tuple(found.distortion) == (0.1, 0.0, 0.0, 0.02, 0.0)
     path.write_text('{"fx": 50, "fy": 51, "ppx": 31.5, "ppy": 23.5, "coeffs": [0, 0, 0, 0, 0]}')
-    with pytest.warns(UserWarning, match="left out: 'coeffs'"):
-        found = camera.read_intrinsics(path, width=64, height=48)
+    found = camera.read_intrinsics(path, width=64, height=48)
     assert (found.cx, found.cy) == (31.5, 23.5)
+    assert not any(found.distortion)
+
+
+@pytest.mark.parametrize("model", ['"distortion.brown_conrady"', '"Brown Conrady"', "4"])
+def test_the_lens_of_librealsense(model: str, tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    lens = (0.1, -0.2, 0.001, 0.0005, 0.05)
+    fields = '"fx": 50, "fy": 51, "ppx": 31.5, "ppy": 23.5'
+    path.write_text(f'{{{fields}, "coeffs": {[*lens]}, "model": {model}}}')
+    assert tuple(camera.read_intrinsics(path, width=64, height=48).distortion) == lens
+    inverse = '"distortion.inverse_brown_conrady"'
+    path.write_text(f'{{{fields}, "coeffs": [0, 0, 0, 0, 0], "model": {inverse}}}')
+    assert not any(camera.read_intrinsics(path, width=64, height=48).distortion)
+
+
+def test_the_camera_of_replica(tmp_path: Path) -> None:
+    path = tmp_path / "cam_params.json"
+    fields = '"w": 1200, "h": 680, "fx": 600.0, "fy": 601.0, "cx": 599.5, "cy": 339.5'
+    path.write_text(f'{{"camera": {{{fields}, "scale": 6553.5}}}}')
+    found = camera.read_intrinsics(path, width=1200, height=680)
+    assert camera.same_camera(found, Intrinsics(1200, 680, 600.0, 601.0, 599.5, 339.5))
+    assert camera.camera_depth_unit(path) == "6553.5"
+    path.write_text(f'{{"camera": {{{fields}, "scale": "large"}}}}')
+    with pytest.warns(UserWarning, match="left out: 'depth_scale'"):
+        camera.read_intrinsics(path, width=1200, height=680)
+    assert camera.camera_depth_unit(path) == "guess"
 
 
 @pytest.mark.parametrize("size", ["", '"width": 64, "height": 48, '])
@@ -596,7 +621,15 @@ def test_cameras_of_colmap_that_are_refused(content: str, message: str, tmp_path
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ('"coeffs": [0, 0, 0, 0.1, 0]', "a distortion of more than k1"),
+        ('"coeffs": [0, 0, 0, 0.1, 0]', "coeffs without a model; the one that can be read is"),
+        (
+            '"coeffs": [0, 0, 0, 0.1, 0], "model": "distortion.inverse_brown_conrady"',
+            "coeffs of the model 'inverse_brown_conrady'; the one",
+        ),
+        ('"coeffs": [0.1, 0, 0, 0, 0], "model": "Modified Brown Conrady"', "model 'Modified Brown"),
+        ('"coeffs": [0.1, 0, 0, 0, 0], "model": 2', "coeffs of the model '2'; the one"),
+        ('"coeffs": [0, 0, 0, 0, 0], "model": "F-Theta"', "a fisheye camera .F-Theta"),
+        ('"coeffs": [0.1, 0, 0, 0, 0, 0.1], "model": "brown_conrady"', "a distortion of more than"),
         ('"k4": 0.1', "a distortion of more than k1"),
         ('"camera_model": "OPENCV_FISHEYE"', "a fisheye camera"),
     ],

@@ -420,9 +420,10 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
 
         - ``fx,fy,cx,cy`` in pixels, or a name of `CAMERA_PRESETS`;
         - an ``.xml``, ``.yaml``, ``.yml`` or ``.json`` file: a calibration in OpenCV's FileStorage,
-          a CameraInfo of ROS, a camera of Open3D or Record3D (``.json``), or an object with the
-          fields of `Intrinsics` under the names of manip3d, nerfstudio or librealsense (other
-          fields are ignored with a warning). If OpenCV's calibration is that of a stereo pair, the
+          a CameraInfo of ROS, a camera of Open3D, Record3D, or Replica and NICE-SLAM (``.json``),
+          or an object with the fields of `Intrinsics` under the names of manip3d, nerfstudio or
+          librealsense (other fields are ignored with a warning; ``coeffs`` other than 0 must be of
+          the model ``brown_conrady``). If OpenCV's calibration is that of a stereo pair, the
           left camera is read (P1 of the rectified images, or else M1 and D1);
         - a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers (7-Scenes, 3DMatch, ScanNet),
           the four numbers above, COLMAP's ``cameras.txt``, or the ``calib.txt`` of a stereo pair of
@@ -505,7 +506,8 @@ def camera_depth_unit(camera: str | os.PathLike[str]) -> str:
     -----
     Programs mean different things by ``depth_scale``, which their usual numbers tell apart: up to
     0.01 it is metres per unit (librealsense), from 0.02 to 10 millimetres per unit (BOP's
-    ``camera.json``), and from 100 on units per metre (Open3D). Other numbers are not read.
+    ``camera.json``), and from 100 on units per metre (Open3D). Other numbers are not read. The
+    ``scale`` in the ``cam_params.json`` of Replica and NICE-SLAM is read alike.
 
     Examples
     --------
@@ -531,8 +533,7 @@ _DEPTH_SCALE = "depth_scale"
 def _unit_of_json(text: str) -> str:
     """Return the unit of depth images that a camera's JSON file states, or ``guess``."""
     try:
-        fields = json.loads(text)
-        scale = float(fields[_DEPTH_SCALE])
+        scale = float(_fields_of_json(text)[_DEPTH_SCALE])
     # read_intrinsics tells what is wrong
     except (ValueError, TypeError, KeyError, RecursionError, OverflowError):
         return "guess"
@@ -541,6 +542,15 @@ def _unit_of_json(text: str) -> str:
     if 0.02 <= scale <= 10.0:
         return f"{1000.0 / scale:.9g}"
     return f"{scale:.9g}" if 100.0 <= scale <= 1e6 else "guess"
+
+
+def _fields_of_json(text: str) -> Any:
+    """Return what a JSON file holds, or the camera in the ``cam_params.json`` of Replica."""
+    fields = json.loads(text)
+    inner = fields.get("camera") if isinstance(fields, dict) else None
+    if isinstance(inner, dict) and "fx" in inner:
+        return {_DEPTH_SCALE if name == "scale" else name: inner[name] for name in inner}
+    return fields
 
 
 @dataclass(frozen=True)
@@ -602,7 +612,7 @@ def _fields_of_file(path: Path, width: int, height: int) -> dict[str, Any]:
         return _fields_of_matrix(text) if stereo is None else stereo.fields
     if suffix == ".json":
         text = _text_of_camera(path)
-        fields = json.loads(text)
+        fields = _fields_of_json(text)
         if isinstance(fields, dict) and _unit_of_json(text) != "guess":
             fields.pop(_DEPTH_SCALE)  # `camera_depth_unit` reads it
         return _fields_of_mapping(fields, path)
@@ -787,6 +797,26 @@ _OTHER_NAMES = {
 _BROWN_NAMES = ("k1", "k2", "p1", "p2", "k3")
 
 
+_BROWN_CONRADY = 4
+"""Number of the model in librealsense's ``rs2_distortion``."""
+
+
+def _lens_of_realsense(coefficients: Any, model: Any) -> tuple[float, ...]:
+    """Return the coefficients of librealsense's lens if its model is that of `Intrinsics`.
+
+    Its modified and inverse models have the same coefficients, with another meaning.
+    """
+    numbers = _numbers_of(coefficients)
+    name = str(model).rpartition(".")[2]
+    plain = re.sub(r"[^a-z]", "", name.lower())
+    if plain.startswith(("ftheta", "kannala")):
+        raise ValueError(f"a fisheye camera ({name[:40]})")
+    if numbers.any() and plain != "brownconrady" and model != _BROWN_CONRADY:
+        of_model = "without a model" if model is None else f"of the model {name[:40]!r}"
+        raise ValueError(f"coeffs {of_model}; the one that can be read is brown_conrady")
+    return _brown_of(numbers)
+
+
 def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
     """Return the fields of a camera under the names of `Intrinsics`; others cause a warning."""
     ours = {_OTHER_NAMES.get(name, name): value for name, value in fields.items()}
@@ -794,6 +824,8 @@ def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
         ours |= {name: ours[name] - 0.5 for name in ("cx", "cy") if name in ours}
     if "distortion" not in ours and any(name in ours for name in _BROWN_NAMES):
         ours["distortion"] = [ours.pop(name, 0.0) for name in _BROWN_NAMES]
+    if "distortion" not in ours and "coeffs" in ours:
+        ours["distortion"] = _lens_of_realsense(ours.pop("coeffs"), ours.pop("model", None))
     if absent := [name for name in ("fx", "fy", "cx", "cy") if name not in ours]:
         raise ValueError(f"no {' and no '.join(absent)}")
     known = {name for name in Intrinsics.__dataclass_fields__ if name != "rays"}

@@ -138,6 +138,21 @@ def test_a_centre_outside_of_the_image_is_doubted(tmp_path: Path) -> None:
         assert ("(31.5, 480) lies outside of the image of 64 x 48" in done.stderr) == is_doubted
 
 
+@pytest.mark.parametrize("more", [(), ("--stable",)])
+def test_a_centre_outside_of_the_images_of_a_folder_is_doubted(
+    more: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "d").mkdir()
+    for number in range(2):
+        np.save(tmp_path / "d" / f"{number}.npy", np.full((48, 64), 2000, np.uint16))
+    done = manip3d("depth", tmp_path / "d", "-o", tmp_path / "o", "--points", "60", "--json",
+                   "--intrinsics", "60,60,31.5,480", *more)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    told = "the camera's centre (31.5, 480) lies outside of the image of 64 x 48 pixels"
+    assert f"warning for 2 of them: {told}" in done.stderr
+    assert all(row["unit_doubt"].startswith(told) for row in json.loads(done.stdout))
+
+
 @pytest.mark.parametrize("depth_step", ["0", "0.05"])
 def test_an_image_of_lone_pixels_is_said_to_be_one(depth_step: str, tmp_path: Path) -> None:
     depth = np.zeros((24, 48), np.uint16)
@@ -269,7 +284,7 @@ def test_cameras_come_from_files_and_presets(
         ("[1, 2]", "no object"),
         ('{"fx": 1}', "expected an object with fx"),
         ('{"intrinsic_matrix": [1, 2]}', "of 2 numbers"),
-        ('{"fx": 1, "fy": 1, "cx": 0, "cy": 0, "coeffs": [0, 1e-3, 0, 0, 0]}', "a distortion of"),
+        ('{"fx": 1, "fy": 1, "cx": 0, "cy": 0, "coeffs": [0, 1e-3, 0, 0, 0]}', "coeffs without"),
         ('{"fl_x": 1, "fl_y": 1, "cx": 0, "cy": 0, "camera_model": "OPENCV_FISHEYE"}', "fisheye"),
         ('{"fx": -1, "fy": 1, "cx": 0, "cy": 0}', "fx"),
         ("[" * 100_000, "expected an object"),
@@ -287,6 +302,26 @@ def test_bad_camera_files_are_one_line(
     with pytest.raises(FormatError, match=message) as caught:
         read_intrinsics(path, width=160, height=120)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["npy", "npz"])
+@pytest.mark.parametrize("more", [(), ("--stable",)])
+def test_folders_of_clouds_in_arrays_need_no_camera(
+    name: str, more: tuple[str, ...], tmp_path: Path
+) -> None:
+    v, u = np.mgrid[:48, :64]
+    cloud = np.stack([(u - 31.5) / 60, (v - 23.5) / 60, 1 + 0 * u], axis=-1).astype(np.float32)
+    (tmp_path / "in").mkdir()
+    for number in range(2):
+        if name == "npy":
+            np.save(tmp_path / "in" / f"{number}.npy", (2 + number / 100) * cloud)
+        else:
+            np.savez(tmp_path / "in" / f"{number}.npz", points=(2 + number / 100) * cloud)
+    done = manip3d("depth", tmp_path / "in", "-o", tmp_path / "o", "--points", "60", *more)
+    assert done.returncode == 0, done.stderr
+    for number in range(2):
+        mesh = read_mesh(tmp_path / "o" / f"{number}.glb")
+        np.testing.assert_allclose(mesh.vertices[:, 2], -2, atol=0.02)
 
 
 def test_a_folder_without_a_camera_is_told_once(frame: Path, tmp_path: Path) -> None:

@@ -94,10 +94,11 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
     with naming_options("unit", "intrinsics"):
         may_be_8_bits = may_have_8_bits(options["unit"], options["intrinsics"])
     names = [file.name for file in files if not _is_picture(file.name, may_be_8_bits)]
-    _expect_camera(names, options["intrinsics"])
+    clouds = {name for name in names if _is_cloud(name)}
+    if not clouds:
+        _expect_camera(names, options["intrinsics"])
     each: dict[str, dict[str, str]] = {file.name: {"color": ""} for file in files}
     with naming_options("color", "mask", "confidence", "unit"):
-        clouds = {name for name in names if _is_cloud(name)}
         for name in clouds:  # the unit of another instrument; each cloud keeps its own guess
             each[name]["unit"] = options["unit"]
         images = [name for name in names if name not in clouds]
@@ -134,10 +135,10 @@ def _sentence_of_all(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _expect_camera(names: list[str], intrinsics: str) -> None:
-    """Raise InputError if no camera is given, unless a file is a scan, which needs none."""
+    """Raise InputError if no camera of depth images is given."""
     from manip3d.simplify._depth_inputs import expect_camera
 
-    if names and not any(scan_suffix(name) in _SCANS for name in names):
+    if names:
         with naming_options("intrinsics"):
             expect_camera(intrinsics, Path(names[0]))
 

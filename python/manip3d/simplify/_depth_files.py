@@ -271,10 +271,12 @@ def from_image(
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     if not _shows_centre(camera):
-        words += (
-            f"; warning: the camera's centre ({camera.cx:g}, {camera.cy:g}) lies outside of the "
-            f"image of {width} x {height} pixels: it may be the camera of another image"
+        off = (
+            f"the camera's centre ({camera.cx:g}, {camera.cy:g}) lies outside of the image of "
+            f"{width} x {height} pixels: it may be the camera of another image"
         )
+        words += f"; warning: {off}"
+        doubt = f"{doubt}; {off}" if doubt else off
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
     made = from_depth(depth, camera, path, output, options, maps, take, words, reading.unit)
     return replace(made, depth_found=DepthFound.of(reading, doubt))
