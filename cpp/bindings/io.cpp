@@ -319,7 +319,7 @@ void bind_io(py::module_& m) {
           grid = read_range_grid(file, options, interruptible(progress));
         }
         return py::make_tuple(grid.num_rows, grid.num_cols, to_numpy(std::move(grid.vertex)),
-                              to_numpy(std::move(grid.points)));
+                              to_numpy(std::move(grid.points)), to_numpy(std::move(grid.colors)));
       },
       py::arg("path"), py::arg("max_bytes"), py::arg("progress") = py::none());
   m.def(

@@ -1671,7 +1671,7 @@ def read_range_grid(
     path: bytes,
     max_bytes: typing.SupportsInt | typing.SupportsIndex,
     progress: collections.abc.Callable[[float], object] | None = None,
-) -> tuple[int, int, numpy.ndarray, numpy.ndarray]: ...
+) -> tuple[int, int, numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
 def read_scene(
     path: bytes,
     allow_outside: bool,

@@ -121,6 +121,16 @@ def test_normals_survive_another_format(tmp_path: Path, first: str, second: str)
     np.testing.assert_allclose(np.asarray(cloud.normals), NORMALS, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["rgb", "color", "colors"])
+@pytest.mark.parametrize("kind", [np.uint8, np.float32])
+def test_colors_in_an_array_beside_the_points(tmp_path: Path, name: str, kind: type) -> None:
+    values = COLORS.astype(np.uint8) if kind is np.uint8 else (COLORS / 255).astype(np.float32)
+    np.savez(tmp_path / "a.npz", **{"points": POINTS, name: values})
+    read_scan(tmp_path / "a.npz").write(tmp_path / "b.ply")
+    back = read_scan(tmp_path / "b.ply").fields
+    assert [back[each].tolist() for each in ("red", "green", "blue")] == COLORS.T.tolist()
+
+
 def test_colors_of_16_bits_that_hold_8(tmp_path: Path) -> None:
     fields = {n: COLORS[:, i].astype(np.uint16) for i, n in enumerate(("red", "green", "blue"))}
     frame = LidarFrame(POINTS, fields=fields, format=ScanFormat("las"))

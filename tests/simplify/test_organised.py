@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from manip3d import FormatError, InputError, io, metrics, simplify
 from manip3d.camera import Intrinsics
-from manip3d.simplify._organised import camera_of_cloud, find_camera
+from manip3d.simplify._organised import camera_of_cloud, camera_of_scan, find_camera
+from real_data import RealData
 
 Image = pytest.importorskip("PIL.Image", reason="the extra 'io' is not installed")
 
@@ -420,15 +421,19 @@ def test_clouds_of_scanners_face_the_scanner(tmp_path: Path, rows: slice) -> Non
     assert facing(tmp_path / "out.ply") > 0.95
 
 
-def write_scan(path: Path, points: NDArray[Any]) -> Path:
+def write_scan(path: Path, points: NDArray[Any], colors: NDArray[np.uint8] | None = None) -> Path:
     """Write a PLY file with a range grid, which says nothing about its sensor."""
     rows, cols = points.shape[:2]
     valid = ~np.isnan(points).any(axis=2)
     vertex = np.where(valid.ravel(), np.cumsum(valid) - 1, -1)
     lines = ["ply", "format ascii 1.0", f"obj_info num_cols {cols}", f"obj_info num_rows {rows}"]
     lines += [f"element vertex {valid.sum()}", *(f"property float {axis}" for axis in "xyz")]
+    table: list[list[Any]] = [[*point] for point in points[valid]]
+    if colors is not None:
+        lines += [f"property uchar {name}" for name in ("red", "green", "blue")]
+        table = [[*point, *color] for point, color in zip(table, colors[valid], strict=True)]
     lines += [f"element range_grid {rows * cols}", "property list uchar int vertex_indices"]
-    lines += ["end_header", *(" ".join(map(str, point)) for point in points[valid])]
+    lines += ["end_header", *(" ".join(map(str, row)) for row in table)]
     lines += ["0" if i < 0 else f"1 {i}" for i in vertex]
     path.write_text("\n".join(lines) + "\n")
     return path
@@ -451,6 +456,109 @@ def test_range_grids_of_cameras_face_the_camera(tmp_path: Path, method: str, ord
     options = simplify.DepthOptions(300, max_edge=0.2)
     simplify.simplify_camera_files([scan], tmp_path / "poses.txt", tmp_path / "joined.ply", options)
     assert facing(tmp_path / "joined.ply") > 0.99
+
+
+def some_colors() -> NDArray[np.uint8]:
+    v, u = np.mgrid[:ROWS, :COLS]
+    return np.stack([3 * u, 4 * v, 100 + u % 9], axis=-1).astype(np.uint8)
+
+
+@pytest.mark.parametrize("turn", [False, True])
+def test_a_range_grid_of_a_camera_is_its_depth_image(turn: bool, tmp_path: Path) -> None:
+    """As PCL writes organised clouds to PLY: colours, and no faces from the box to the wall."""
+    points = points_of(scene())
+    if turn:  # y up, it looks along -z
+        points = points * np.float32([1.0, -1.0, -1.0])
+    scan = write_scan(tmp_path / "scan.ply", 1000.0 * points, some_colors())
+    color = io.read_range_grid(scan).color
+    assert color is not None
+    valid = scene() > 0
+    assert np.array_equal(color[valid], some_colors()[valid])
+    result = made(scan, tmp_path / "out.glb")
+    assert result.unit == "mm"
+    assert "organised cloud of a camera" in result.depth
+    mesh = io.read_mesh(tmp_path / "out.glb")
+    near = mesh.vertices[mesh.faces, 2] > -1.6
+    assert (near.all(axis=1) | ~near.any(axis=1)).all()
+    assert facing(tmp_path / "out.glb") > 0.99
+    data = mesh.materials[0].textures["base_color"].data
+    assert data is not None
+    assert np.array_equal(np.array(Image.open(BytesIO(data)).convert("RGB"))[valid], color[valid])
+    (tmp_path / "p.txt").write_text("0 0 0 0 0 0 1\n")
+    simplify.simplify_camera_files(
+        [scan], tmp_path / "p.txt", tmp_path / "joined.glb", simplify.DepthOptions(300)
+    )
+    assert "base_color" in io.read_mesh(tmp_path / "joined.glb").materials[0].textures
+
+
+@pytest.mark.parametrize("name", ["bunny/bun000", "dragon_stand/dragonStandRight_0"])
+def test_scans_of_stanford_have_no_camera_and_no_colors(name: str, realdata: RealData) -> None:
+    grid = io.read_range_grid(realdata(f"range_scans/{name}.ply.xz"))
+    assert grid.color is None
+    assert camera_of_scan(grid) is None
+
+
+def colored(kind: str, points: NDArray[np.float32], path: Path) -> Path:
+    """Write a cloud with `some_colors` under names that are in use."""
+    colors = some_colors()
+    shares = (colors / 255).astype(np.float32)
+    shares[scene() == 0] = np.nan
+    opaque = np.dstack([colors, np.full((ROWS, COLS), 255, np.uint8)])
+    if kind.startswith("npz "):
+        _, place, name, *share = kind.split()
+        values = opaque if name == "rgba" else shares if share else colors
+        np.savez(path.with_suffix(".npz"), **{place: points, name: values})
+        return path.with_suffix(".npz")
+    if kind.startswith("names "):
+        names = kind.split()[1:]
+        table = np.zeros(
+            (ROWS, COLS), [(axis, "f4") for axis in "xyz"] + [(n, "u1") for n in names]
+        )
+        for i in range(3):
+            table["xyz"[i]], table[names[i]] = points[..., i], colors[..., i]
+    else:
+        last = {
+            "6 bytes": colors.astype(np.float32),
+            "6 shares": shares,
+            "zed": opaque.view(np.float32),
+            "packed": (colors.astype("<u4") @ np.uint32([1 << 16, 1 << 8, 1])[:, None])
+            .astype("<u4")
+            .view(np.float32),
+        }[kind]
+        table = np.concatenate([points, last], axis=-1)
+    np.save(path.with_suffix(".npy"), table)
+    return path.with_suffix(".npy")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["names r g b", "names red green blue", "6 bytes", "6 shares", "zed", "packed"]
+    + [
+        f"npz {place} {name}"
+        for place in ("xyz", "points")
+        for name in ("rgb", "color", "colors", "rgba", "rgb shares", "colors shares")
+    ],
+)
+def test_colors_of_arrays_under_names_in_use(kind: str, tmp_path: Path) -> None:
+    cloud = colored(kind, points_of(scene()), tmp_path / "cloud")
+    grid = io.read_range_grid(cloud)
+    assert grid.color is not None
+    assert np.array_equal(grid.color[grid.valid], some_colors()[grid.valid])
+    if kind in ("zed", "6 bytes"):
+        made(cloud, tmp_path / "out.glb")
+        assert "base_color" in io.read_mesh(tmp_path / "out.glb").materials[0].textures
+
+
+def test_columns_that_are_no_colors(tmp_path: Path) -> None:
+    points = points_of(scene())
+    normals = np.broadcast_to(np.float32([0.6, 0.0, 0.8]), points.shape)
+    far = np.linalg.norm(points, axis=-1, keepdims=True)
+    nothing = np.full_like(far, np.nan)
+    nothing.view(np.uint32)[:] = 0xFFC00000
+    wide = np.rint(100 * np.nan_to_num(points))
+    for rest in (normals, far, nothing, np.zeros_like(far), wide + 300, np.dstack([far, far])):
+        np.save(tmp_path / "cloud.npy", np.concatenate([points, rest], axis=-1))
+        assert io.read_range_grid(tmp_path / "cloud.npy").color is None
 
 
 @pytest.mark.parametrize("bulge", [0.0, 0.02, 1.0])

@@ -110,6 +110,9 @@ class MeshBuilder {
   /// @throws FormatError  (at the first such polygon) the index of a vertex is out of range.
   void finish(ReadResult& result);
 
+  /// Moves the colours of all vertices to the result; empty if the file has none.
+  [[nodiscard]] Colors take_colors();
+
  private:
   struct Polygon {
     std::int64_t first_face;    ///< First of the n - 2 rows of the polygon.
@@ -130,7 +133,6 @@ class MeshBuilder {
   /// Missing texture coordinates and normals are no error, because they do not change the surface.
   [[nodiscard]] Complete check_forward_references() const;
   void cut_polygons();
-  [[nodiscard]] Colors take_colors();
   void use_face_colors(ReadResult& result);
 
   const InputBuffer& input_;

@@ -282,7 +282,9 @@ class PlyReader {
   RangeGrid read_grid() {
     read_elements();
     if (!has_grid_) throw FormatError("no range_grid in this file", {});
-    RangeGrid grid{header_.num_rows, header_.num_cols, grid_.take(), builder_.vertices.take()};
+    Colors colors = builder_.take_colors();  // first, because it needs the number of vertices
+    RangeGrid grid{header_.num_rows, header_.num_cols, grid_.take(), builder_.vertices.take(),
+                   std::move(colors)};
     for (Eigen::Index i = 0; i < grid.vertex.rows(); ++i) {
       if (grid.vertex[i] >= grid.points.rows()) fail_grid(i);
     }

@@ -14,6 +14,7 @@ from manip3d.errors import FormatError
 from manip3d.io._files import refuse_pointer
 from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import local_copy
+from manip3d.io._scan_colors import find_colors, is_packed, with_8_bits
 from manip3d.io._scan_tables import Table, measured_points, read_columns, scan_suffix
 from manip3d.lidar import ScanFormat
 
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
+
+
+_AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +57,9 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
         A PLY file with a ``range_grid``, such as Stanford's single scans; a PCD file with a
         ``HEIGHT`` of 2 or more, as depth cameras produce; or a ``.npy`` or ``.npz`` file with an
         array (H, W, C), C >= 3, or a structured array (H, W). In PCD and NumPy files NaN, (0, 0, 0)
-        and three infinite coordinates mean no measurement.
+        and three infinite coordinates mean no measurement. Colours are read from columns or arrays
+        with usual names (red, r, rgb, rgba, color, colors), as numbers to 255 or fractions to 1; in
+        an array without names from columns 4 to 6, or from the packed column 4 of a ZED.
     max_bytes : int, optional
         See `read_mesh`.
 
@@ -86,12 +92,18 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
         refuse_pointer(local)
         if scan_suffix(path) in (".pcd", ".npy", ".npz"):
             return _grid_of_cloud(_cloud(local, limit, look), os.fspath(path))
-        rows, cols, vertex, vertices = _core.read_range_grid(os.fsencode(local), limit, look)
+        found = _core.read_range_grid(os.fsencode(local), limit, look)
+    rows, cols, vertex, vertices, colors = found
     check_points(len(vertices), os.fspath(path))
     valid = vertex >= 0
     points = np.full((rows * cols, 3), np.nan)
     points[valid] = vertices[vertex[valid]]
-    return RangeGrid(points.reshape(rows, cols, 3), valid.reshape(rows, cols))
+    color = None
+    if len(colors):
+        color = np.zeros((rows * cols, 3), np.uint8)
+        color[valid] = colors[vertex[valid]]
+        color = color.reshape(rows, cols, 3)
+    return RangeGrid(points.reshape(rows, cols, 3), valid.reshape(rows, cols), color)
 
 
 def _cloud(path: Path, limit: int, look: Callable[[float], None] | None) -> Table:
@@ -111,7 +123,7 @@ def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
     sizes = dict(table.header["pairs"])
     columns = table.columns
     rows, cols = int(sizes.get("height", 1)), int(sizes.get("width", len(columns.get("x", ()))))
-    missing = [axis for axis in "xyz" if axis not in columns or columns[axis].ndim != 1]
+    missing = [axis for axis in _AXES if axis not in columns or columns[axis].ndim != 1]
     if missing:
         raise FormatError(f"a cloud has x, y and z; {', '.join(missing)} not found", file=file)
     with np.errstate(invalid="ignore"):  # signalling NaN
@@ -127,7 +139,7 @@ def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
     points[~valid] = 0.0
     measured_points(points, ScanFormat("pcd"), file)  # raises on infinite coordinates
     points[~valid] = np.nan
-    color = _colors(columns)
+    color = _colors(table, valid)
     return RangeGrid(
         points.reshape(rows, cols, 3),
         valid.reshape(rows, cols),
@@ -135,16 +147,45 @@ def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
     )
 
 
-def _colors(columns: dict[str, NDArray[Any]]) -> NDArray[np.uint8] | None:
-    """Return red, green and blue, from three columns or from packed 32-bit numbers; None without.
+def _colors(table: Table, valid: NDArray[np.bool_]) -> NDArray[np.uint8] | None:
+    """Return red, green and blue of each point; None if the cloud has no colours."""
+    columns = {name: values for name, values in table.columns.items() if name not in _AXES}
+    if table.header.get("plain"):
+        columns = _columns_of_plain(list(columns.values()), valid)
+    for name, values in columns.items():
+        if values.dtype.kind == "f" and not is_packed(name, values):  # NaN where nothing was seen
+            use = np.isfinite(values) | valid.reshape(-1, *[1] * (values.ndim - 1))
+            columns[name] = np.where(use, values, values.dtype.type(0))
+    found = find_colors(columns)
+    return None if found is None else with_8_bits(found[1])
 
-    PCD often declares the packed numbers as float.
+
+_OPAQUE = 0xFF
+_NAN = 0xFFC00000
+"""Bits of the NaN that processors compute."""
+
+
+def _columns_of_plain(
+    rest: list[NDArray[Any]], valid: NDArray[np.bool_]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of an array (H, W, C) behind x, y and z that may be colours, by names.
+
+    Three columns are colours unless they are normals. A single one of floats is an intensity unless
+    its bits are those of packed colours: with alpha, no number that a sensor measures has them.
     """
-    triple = [columns[name] for name in ("red", "green", "blue") if name in columns]
-    if len(triple) == 3 and all(each.dtype == np.uint8 and each.ndim == 1 for each in triple):
-        return np.stack(triple, axis=-1)
-    packed = next((columns[name] for name in ("rgb", "rgba") if name in columns), None)
-    if packed is None or packed.ndim != 1 or packed.dtype.itemsize != 4:
-        return None
-    bits = np.ascontiguousarray(packed).view(np.uint32)
-    return np.stack([bits >> 16, bits >> 8, bits], axis=-1).astype(np.uint8)
+    if len(rest) == 3:
+        values = np.column_stack(rest)[valid].astype(np.float64)
+        if np.allclose(np.linalg.norm(values, axis=1), 1.0, atol=1e-3):
+            return {}
+        # Whole numbers above 255 may be anything, so that only fractions take the longer names.
+        are_shares = rest[0].dtype.kind == "f" and values.max(initial=0.0) <= 1.0
+        names = ("red", "green", "blue") if are_shares else ("r", "g", "b")
+        return dict(zip(names, rest, strict=True))
+    if len(rest) != 1 or rest[0].dtype != np.float32:
+        return {}
+    bits = np.ascontiguousarray(rest[0]).view(np.uint32)
+    alpha = bits[valid] >> 24
+    if (alpha == _OPAQUE).all() and not (bits[valid] == _NAN).all():
+        # ZED's XYZRGBA: red is the first byte, where PCL's has blue.
+        return {"rgba": (bits & 0xFF) << 16 | (bits & 0xFF00) | (bits >> 16 & 0xFF)}
+    return {"rgb": rest[0]} if bits[valid].any() and not alpha.any() else {}

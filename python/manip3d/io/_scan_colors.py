@@ -21,7 +21,9 @@ _COLORS = (
     ("r", "g", "b"),
 )
 _PACKED = ("rgb", "rgba")
-"""Names of a column with red, green and blue packed in 32 bits (PCD), or in 3 or 4 bytes a row."""
+"""Names of a column with red, green and blue packed in 32 bits (PCD)."""
+_TABLES = (*_PACKED, "color", "colors", "colour", "colours")
+"""Names of an array with red, green and blue, also with alpha, in each row."""
 _UNNAMED = (("c4", "c5", "c6"), ("c3", "c4", "c5"))
 """Colours in the last columns of a text file without column names: Leica's ``.pts``, Open3D's."""
 NORMALS = {
@@ -67,7 +69,7 @@ def renamed(frame: LidarFrame, name: str) -> LidarFrame:
         if second.any():
             fields["las_intensity"] = second
     _rename_normals(fields, name)
-    found = _find_colors(fields)
+    found = find_colors(fields)
     if found is not None and (name == "pcd" or name in _NAMES):
         taken, colors = found
         kept = {key: values for key, values in fields.items() if key not in taken}
@@ -92,7 +94,7 @@ def _rename_normals(fields: dict[str, NDArray[Any]], name: str) -> None:
             fields |= dict(zip(wanted, taken, strict=True))
 
 
-def _find_colors(
+def find_colors(
     fields: Mapping[str, NDArray[Any]],
 ) -> tuple[Sequence[str], NDArray[Any]] | None:
     """Return the names of the fields with colours, and the colours (N, 3) of 8 or 16 bits."""
@@ -108,11 +110,24 @@ def _find_colors(
         colors = _as_colors([fields[name] for name in taken], most)
         if colors is not None:
             return taken, colors
-    for name in _PACKED:
+    for name in _TABLES:
         values = fields.get(by_plain.get(name, name))
-        if values is not None and (colors := _unpacked(values)) is not None:
+        if values is None or (values.ndim == 1 and name not in _PACKED):
+            continue
+        if (colors := _unpacked(values)) is not None:
             return [by_plain[name]], colors
     return None
+
+
+def is_packed(name: str, values: NDArray[Any]) -> bool:
+    """Return whether a column holds the bits of packed colours, which may be NaN as floats."""
+    return values.ndim == 1 and plain_name(name) in _PACKED
+
+
+def with_8_bits(colors: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return colours of 8 or 16 bits with 8."""
+    wide = colors.dtype == np.uint16
+    return (colors // _LAS_STEP if wide else colors).astype(np.uint8, copy=False)
 
 
 def _as_colors(columns: Sequence[NDArray[Any]], most: int) -> NDArray[Any] | None:
@@ -141,9 +156,9 @@ def _are_shares(values: NDArray[Any]) -> bool:
     return bool((values != np.rint(values)).any())
 
 
-def _unpacked(values: NDArray[Any]) -> NDArray[np.uint8] | None:
-    if values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8:
-        return np.ascontiguousarray(values[:, :3])
+def _unpacked(values: NDArray[Any]) -> NDArray[Any] | None:
+    if values.ndim == 2 and values.shape[1] in (3, 4):
+        return _as_colors([*values[:, :3].T], 65535)
     if values.ndim != 1 or values.dtype.kind not in "iuf" or values.dtype.itemsize != 4:
         return None
     bits = np.ascontiguousarray(values).view(np.uint32)
@@ -153,7 +168,7 @@ def _unpacked(values: NDArray[Any]) -> NDArray[np.uint8] | None:
 def _named_colors(colors: NDArray[Any], name: str) -> dict[str, NDArray[Any]]:
     is_wide = colors.dtype == np.uint16
     if is_wide and name not in _WIDE:
-        colors = (colors // _LAS_STEP).astype(np.uint8)
+        colors = with_8_bits(colors)
     if not is_wide and name == "las":
         colors = colors.astype(np.uint16) * _LAS_STEP
     if name == "xyzrgb":

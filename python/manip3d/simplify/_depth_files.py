@@ -31,11 +31,11 @@ from manip3d.simplify._depth_words import DepthFound
 from manip3d.simplify._depth_writing import LastFile, Made, Measured, result_of, write_simplified
 from manip3d.simplify._organised import (
     CloudCamera,
+    camera_of_scan,
     far_origin,
     find_camera,
     is_cloud_file,
     rows_go_up,
-    scan_rows_go_up,
 )
 from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._pixel_maps import mask_image, masked_depth
@@ -162,11 +162,11 @@ def simplify_depth_file(
         A depth image (``manip3d.io.DEPTH_SUFFIXES``), or a range scan or an organised cloud, as
         `manip3d.io.read_range_grid` reads them. An organised cloud of a depth camera is treated as
         its depth image: the camera is estimated from the points, and the colours are the texture.
-        If the cloud was transformed to another frame, the mesh is in that frame. The rows of a
-        range scan go upwards, as Stanford's do, unless its points are those of a camera's pixels.
+        If the cloud was transformed to another frame, the mesh is in that frame. So is a range scan
+        whose points are those of a camera's pixels; the rows of others go upwards, as Stanford's.
     output : path-like
         A mesh file. The mesh of a depth image is in metres, with +y up in glTF and in the camera's
-        axes in other formats. Scans keep their unit and axes.
+        axes in other formats. Scans without a camera keep their unit and axes.
     options : DepthOptions
         Method, target and limits.
     color : path-like, optional
@@ -344,7 +344,7 @@ def _area(found: DepthSimplification) -> float:
 def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> DepthFileResult:
     grid = read_range_grid(path)
     is_cloud = is_cloud_file(path)
-    camera = find_camera(grid) if is_cloud else None
+    camera = find_camera(grid) if is_cloud else camera_of_scan(grid)
     if camera is not None:
         return from_cloud(grid, camera, path, output, options, maps)
     expect_options_of_scan(options)
@@ -355,7 +355,7 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> D
     options = options.for_pixels(measured.pixels)
     asked: dict[str, Any] = {"max_edge": options.max_edge, "color": maps.color}
     origin = far_origin(grid)
-    asked |= {"rows_up": rows_go_up(grid, origin) if is_cloud else scan_rows_go_up(grid)}
+    asked |= {"rows_up": rows_go_up(grid, origin) if is_cloud else True}  # as Stanford's do
     function: Callable[..., DepthSimplification]
     if options.method == "cs3":
         function = cs3_grid

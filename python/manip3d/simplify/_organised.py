@@ -129,13 +129,21 @@ _MIN_PERSPECTIVE = 0.5
 def scan_rows_go_up(grid: RangeGrid) -> bool:
     """Return whether the rows of a range scan, whose sensor's position is not stored, go up.
 
-    Those of Stanford's scans do, and their origin is not the sensor. Only for points that a camera
-    fits much better than a parallel projection, as those of a converted depth image, the camera's
-    side of the surface is known.
+    Those of Stanford's scans do, and their origin is not the sensor. Only if the scan has a camera,
+    its side of the surface is known.
+    """
+    camera = camera_of_scan(grid)
+    return True if camera is None else rows_go_up(grid, camera.centre)
+
+
+def camera_of_scan(grid: RangeGrid) -> CloudCamera | None:
+    """Return the camera of a range scan, as one of a converted depth image has it; else None.
+
+    A camera must fit the points much better than a parallel projection.
     """
     camera = find_camera(grid)
     if camera is None:
-        return True
+        return None
     rows, cols = np.nonzero(grid.valid)
     some = slice(None, None, -(-len(rows) // _MAX_PIXELS))
     pixels = np.column_stack([cols[some], rows[some]]).astype(np.float64)
@@ -147,7 +155,7 @@ def scan_rows_go_up(grid: RangeGrid) -> bool:
     parallel = design @ np.linalg.lstsq(design, pixels, rcond=None)[0] - pixels
     off, off_parallel = (float(np.sqrt((each**2).mean())) for each in (by_camera, parallel))
     is_camera = off_parallel > max(_MIN_PERSPECTIVE, 2 * off)
-    return rows_go_up(grid, camera.centre) if is_camera else True
+    return camera if is_camera else None
 
 
 def _pose(

@@ -14,6 +14,7 @@ struct RangeGrid {
   std::int64_t num_cols = 0;
   Indices vertex;   ///< (num_rows * num_cols,) row of `points`; -1: no measurement.
   Vertices points;  ///< Points in the file's units and axes.
+  Colors colors;    ///< sRGB of each point; empty: the file has no colours.
 };
 
 /// Reads the `range_grid` of a PLY file (Stanford's single scans), also of `.gz` and `.xz`.
