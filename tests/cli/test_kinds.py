@@ -109,6 +109,23 @@ def test_other_kinds_name_their_commands(verb: str, files: dict[str, Path], tmp_
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["a.ptx", "a.ply"])
+def test_scans_that_depth_refuses_say_which_ones_it_takes(name: str, tmp_path: Path) -> None:
+    """An organised PTX, and a PLY that PCL writes with an element camera."""
+    properties = "".join(f"property float {axis}\n" for axis in "xyz")
+    more = " 0.5" if name == "a.ptx" else ""
+    points = "".join(f"{u} {v} 1{more}\n" for u in (0, 1) for v in (0, 1))
+    head = {
+        "a.ptx": "2\n2\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n",
+        "a.ply": f"ply\nformat ascii 1.0\nelement vertex 4\n{properties}element camera 1\n"
+        "property float view_px\nend_header\n",
+    }
+    (tmp_path / name).write_text(head[name] + points + ("0\n" if name == "a.ply" else ""))
+    done = CliRunner().invoke(app, arguments("depth", tmp_path / name, tmp_path, tmp_path))
+    assert done.exit_code == 1
+    assert "depth (of an organised cloud as .pcd, .npy or .npz, or as " in str(done.exception)
+
+
 def test_the_commands_named_for_a_kind_take_it(files: dict[str, Path]) -> None:
     for verb, kinds in TAKEN.items():
         for kind in kinds:

@@ -944,3 +944,18 @@ def test_far_specks_stay_where_there_are_points_for_all() -> None:
     found = simplify.relief(box_and_far_specks(), CAMERA, 400, depth_step=0.05)
     assert (found.vertices[:, 2] > 50).sum() >= 8 * 4
     assert found.coverage > 0.99
+
+
+def test_poses_with_a_whole_matrix_in_each_line(tmp_path: Path) -> None:
+    """As Replica's traj.txt has them: 4x4, row by row, camera to world."""
+    poses = np.stack([np.eye(4)] * 2)
+    poses[1, :3] = [[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 6.0], [0.0, 0.0, 1.0, 7.0]]
+    place = tmp_path / "traj.txt"
+    np.savetxt(place, poses.reshape(-1, 16))
+    found = simplify.poses_of_files(["depth000000.png", "depth000001.png"], place)
+    np.testing.assert_array_equal(found, poses)
+    poses[1, 3, 0] = 1.0
+    np.savetxt(place, poses.reshape(-1, 16))
+    with pytest.raises(FormatError, match="expected a rigid transform") as caught:
+        simplify.poses_of_files(["depth000000.png", "depth000001.png"], place)
+    assert caught.value.line == 2

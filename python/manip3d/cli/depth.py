@@ -507,8 +507,9 @@ def depth(
         str,
         typer.Option(
             help="Camera pose of each depth image; they become one mesh: TUM's groundtruth.txt "
-            "(time tx ty tz qx qy qz qw, or without the time, or the 12 numbers of a matrix), a "
-            "folder with a matrix for each (7-Scenes, ScanNet), Redwood's .log or a Stanford .conf."
+            "(time tx ty tz qx qy qz qw, or without the time, or the 12 or 16 numbers of a "
+            "matrix), a folder with a matrix for each (7-Scenes, ScanNet), Redwood's .log or a "
+            "Stanford .conf."
         ),
     ] = "",
     min_coverage: Annotated[

@@ -64,7 +64,10 @@ NAMES = {
 }
 VERBS = {
     "mesh": "simplify, compare, info, view, play, convert",
-    "scan": "inspect, forge lidar, watermark, info, view, convert, depth (of an organised cloud)",
+    "scan": (
+        "inspect, forge lidar, watermark, info, view, convert, depth (of an organised cloud as "
+        ".pcd, .npy or .npz, or as .ply with an element range_grid)"
+    ),
     "range grid": "depth, info, view, convert",
     "depth": "depth, info, view",
     "packets": "inspect, info, view, convert",

@@ -96,11 +96,11 @@ def poses_of_log(place: Path) -> dict[int, NDArray[np.float64]]:
 def trajectory(
     place: Path,
 ) -> tuple[NDArray[np.float64] | None, list[NDArray[np.float64]]]:
-    """Read times and poses (camera to world) from lines of 8, 7 or 12 numbers.
+    """Read times and poses (camera to world) from lines of 8, 7, 12 or 16 numbers.
 
     Eight numbers are a time and a translation with a quaternion, as in the TUM RGB-D benchmark;
-    seven lack the time; twelve are the upper rows of a matrix, as in KITTI. Times are None unless a
-    line has 8 numbers.
+    seven lack the time; twelve are the upper rows of a matrix, as in KITTI; sixteen are all of its
+    rows, as in Replica. Times are None unless a line has 8 numbers.
     """
     lines = _numbers_of_lines(place)
     if not lines:
@@ -108,15 +108,15 @@ def trajectory(
     width = len(lines[0][1])
     poses = []
     for number, values in lines:
-        if len(values) != width or width not in (7, 8, 12):
+        if len(values) != width or width not in (7, 8, 12, 16):
             text = (
                 "expected eight numbers (time tx ty tz qx qy qz qw), seven without the time, or "
-                "twelve of a matrix, as in the lines before"
+                "twelve or sixteen of a matrix, as in the lines before"
             )
             raise FormatError(text, file=str(place), line=number)
-        if width == 12:
-            rows = [*values.reshape(3, 4), np.array([0.0, 0.0, 0.0, 1.0])]
-            poses.append(_checked_matrix(rows, place, number))
+        if width in (12, 16):
+            last = [np.array([0.0, 0.0, 0.0, 1.0])] if width == 12 else []
+            poses.append(_checked_matrix([*values.reshape(-1, 4), *last], place, number))
             continue
         if not abs(np.linalg.norm(values[-4:]) - 1) <= _UNIT_TOLERANCE:
             text = "expected a quaternion of length 1 in the last four numbers"
