@@ -491,6 +491,20 @@ def test_a_range_grid_of_a_camera_is_its_depth_image(turn: bool, tmp_path: Path)
     assert "base_color" in io.read_mesh(tmp_path / "joined.glb").materials[0].textures
 
 
+def test_a_sequence_of_range_grids(tmp_path: Path) -> None:
+    sequence = simplify.DepthSequence(simplify.DepthOptions(300))
+    for number in range(2):
+        scan = write_scan(tmp_path / f"{number}.ply", points_of(scene()), some_colors())
+        assert sequence.simplify_file(scan, tmp_path / f"{number}.glb").coverage > 0.99
+        assert "base_color" in io.read_mesh(tmp_path / f"{number}.glb").materials[0].textures
+    v, u = np.mgrid[:ROWS, :COLS]
+    flat = write_scan(
+        tmp_path / "flat.ply", np.stack([0.01 * u, 0.01 * v, 1 + 0.1 * np.sin(u)], -1)
+    )
+    with pytest.raises(InputError, match=r"expected a depth camera's cloud .*, got flat\.ply"):
+        sequence.simplify_file(flat, tmp_path / "flat.glb")
+
+
 @pytest.mark.parametrize("name", ["bunny/bun000", "dragon_stand/dragonStandRight_0"])
 def test_scans_of_stanford_have_no_camera_and_no_colors(name: str, realdata: RealData) -> None:
     grid = io.read_range_grid(realdata(f"range_scans/{name}.ply.xz"))

@@ -11,11 +11,12 @@ from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, read_range_grid
+from manip3d.io._scan_tables import scan_suffix
 from manip3d.simplify._depth_files import Taken, from_cloud, from_image
 from manip3d.simplify._depth_inputs import Maps, read_maps
 from manip3d.simplify._depth_options import DepthFileResult, DepthOptions
 from manip3d.simplify._depth_writing import LastFile
-from manip3d.simplify._organised import find_camera, is_cloud_file
+from manip3d.simplify._organised import camera_of_scan, find_camera, is_cloud_file
 from manip3d.simplify._relief import ReliefStream
 
 if TYPE_CHECKING:
@@ -85,8 +86,9 @@ class DepthSequence:
         Parameters
         ----------
         source : path-like
-            A depth image (``manip3d.io.DEPTH_SUFFIXES``) or an organised cloud of a depth camera,
-            of the same size as the first one. The camera of the first cloud is used for all clouds.
+            A depth image (``manip3d.io.DEPTH_SUFFIXES``), or an organised cloud or range grid of a
+            depth camera, of the same size as the first one. The camera of the first cloud is used
+            for all clouds.
         output, color, mask, confidence, confidence_max
             As for `simplify_depth_file`.
 
@@ -103,14 +105,15 @@ class DepthSequence:
         """
         path, target = path_of(source, "source"), path_of(output, "output")
         is_cloud = is_cloud_file(path)
-        if not is_cloud and path.suffix.lower() not in DEPTH_SUFFIXES:
+        is_grid = scan_suffix(path) == ".ply"
+        if not is_cloud and not is_grid and path.suffix.lower() not in DEPTH_SUFFIXES:
             raise InputError(f"source: expected a depth image in a sequence, got {path.name}")
         maps = read_maps(self._options, color, mask, confidence, confidence_max)
         with self._lock:
-            if not is_cloud:
+            if not is_cloud and not is_grid:
                 return from_image(path, target, self._options, maps, self._smoothing.take)
             grid = read_range_grid(path)
-            camera = find_camera(grid)
+            camera = camera_of_scan(grid) if is_grid else find_camera(grid)
             if camera is None:
                 raise InputError(
                     f"source: expected a depth camera's cloud in a sequence, got {path.name}"
