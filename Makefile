@@ -27,8 +27,9 @@ PACKAGES += $(if $(filter /usr/bin/python3,$(or $(shell command -v $(PYTHON)),/u
 DEV_PACKAGES := $(PACKAGES) libgtest-dev libavcodec-dev libavformat-dev libavutil-dev libopenni2-dev
 SANITIZER_PACKAGES := clang-19 libclang-rt-19-dev
 
-CPP_FILES := $(shell find cpp -name '*.?pp' -o -name CMakeLists.txt)
+CPP_FILES := $(shell find cpp -name corpus -prune -o -type f -print)
 CPP_FORMATTED := $(shell find cpp benchmarks -name '*.?pp' 2>/dev/null)
+PACKAGED := pyproject.toml CMakeLists.txt $(CPP_FILES) packaging/build_backend.py
 VIEWER_FILES := $(shell find $(VIEWER) -name node_modules -prune -o -name dist -prune -o -type f -print 2>/dev/null)
 
 # Warnings are errors in CI only: another compiler has others.
@@ -50,6 +51,11 @@ help: ## List the targets
 # Several steps at a time: packages are downloaded and unpacked while the library is compiled.
 setup: ## Install all that developers need: packages, .venv, the package (editable), the viewer
 	@$(MAKE) --no-print-directory -j3 $(STAMPS)/packages $(STAMPS)/viewer $(STAMPS)/built
+	@$(WORKS)
+
+# A folder that was moved has stamps, but programs that look for its Python at the old place.
+WORKS = $(BIN)/pip --version >/dev/null && $(BIN)/python -c 'import manip3d' || { \
+	echo '$(VENV) does not work; where this folder was moved: make clean, then the same again' >&2; exit 1; }
 
 # Python packages come while the system's are installed, unless .venv needs one of those, which could
 # also bring a newer Python, or somebody is asked for a password, which nobody would see between other
@@ -88,7 +94,7 @@ $(STAMPS)/library: $(STAMPS)/packages
 	@touch $@
 
 # After a change of C++ only: ninja compiles what changed, pip copies the module to its place.
-$(STAMPS)/built: $(STAMPS)/venv $(STAMPS)/library CMakeLists.txt $(CPP_FILES)
+$(STAMPS)/built: $(STAMPS)/venv $(STAMPS)/library $(PACKAGED)
 	@$(ALOUD) "building the package" $(BUILD)
 	@touch $@
 
@@ -102,13 +108,14 @@ $(STAMPS)/viewer: $(STAMPS)/venv $(VIEWER_FILES)
 	@touch $@
 
 # Only that part of `setup` which the demo needs; nothing where `setup` was run.
-$(STAMPS)/demo: Makefile pyproject.toml CMakeLists.txt $(CPP_FILES)
+$(STAMPS)/demo: Makefile $(PACKAGED)
 	@.ci/install_packages.sh $(PACKAGES)
 	$(call install_python,the Python packages of the demo,demo)
 	@$(ALOUD) "building the package" $(BUILD)
 	@touch $@
 
-demo: $(STAMPS)/$(if $(wildcard $(STAMPS)/venv),built,demo) ## Show what manip3d does, on one page with pictures; needs no data
+demo: $(addprefix $(STAMPS)/,$(if $(wildcard $(STAMPS)/venv),viewer built,demo)) ## Show what manip3d does, on one page with pictures; needs no data
+	@$(WORKS)
 	$(BIN)/manip3d demo
 
 test: setup ctest pytest ## Run the C++ tests and the Python tests
@@ -197,4 +204,4 @@ wheel-test: ## Install the wheel in a bare Debian (debootstrap, root) and simpli
 	tests/wheel_in_bare_debian.sh dist/*.whl
 
 clean: ## Remove everything that make made
-	rm -rf build dist $(VENV) $(VIEWER)/dist $(VIEWER)/node_modules demo results
+	rm -rf build dist $(VENV) $(VIEWER)/dist $(VIEWER)/node_modules demo

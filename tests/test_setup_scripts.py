@@ -14,6 +14,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
+pytestmark = pytest.mark.skipif(not (ROOT / ".ci").exists(), reason="only a clone has make and CI")
+
 
 def aloud(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
@@ -81,6 +83,35 @@ def test_python_packages_wait_for_those_of_the_system_only_where_they_must(
     needs = needs_of_venv(tmp_path, user, python)
     assert (".venv/stamps/packages" in needs) == waits
     assert "pyproject.toml" in needs
+
+
+def rules() -> str:
+    return subprocess.run(
+        ["make", "--question", "--print-data-base", "help"],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+    ).stdout
+
+
+def test_make_compiles_after_a_change_of_any_file_that_is_compiled() -> None:
+    found = re.search(r"^\.venv/stamps/built: (.*)$", rules(), re.MULTILINE)
+    assert found is not None
+    watched = {name.rpartition("/")[2] for name in found[1].split()}
+    included = {
+        name.rpartition("/")[2]
+        for path in (ROOT / "cpp").rglob("*.?pp")
+        for name in re.findall(r'^#include "(.+)"', path.read_text(), re.MULTILINE)
+    }
+    assert "build_backend.py" in watched
+    assert included - watched == set()
+
+
+def test_make_clean_keeps_what_a_user_measured() -> None:
+    found = re.search(r"^clean:.*\n(?:#.*\n)*\t(.*)$", rules(), re.MULTILINE)
+    assert found is not None
+    assert " build " in found[1]
+    assert "results" not in found[1]
 
 
 def nightly(folder: Path, steps: str) -> subprocess.CompletedProcess[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from manip3d import Mesh
+from manip3d import Mesh, datasets
 from manip3d.experiments import Case, Claim, Column, Experiment, Finding, Plan, Row
 
 TRIANGLE = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
@@ -36,6 +36,10 @@ def square(case: Case) -> Row:
         "pair": (number, number),
         "simplified": TRIANGLE,
     }
+
+
+def count_faces(case: Case) -> Row:
+    return {"faces": datasets.load_mesh(case.inputs[0]).num_faces}
 
 
 def experiment(

@@ -14,7 +14,7 @@ import pytest
 
 from command_line import error_line, manip3d
 from gltf_files import PNG
-from manip3d import LidarFrame, Material, Mesh, Texture, io, read_mesh, simplify, simulate
+from manip3d import LidarFrame, Material, Mesh, Texture, datasets, io, read_mesh, simplify, simulate
 from manip3d.metrics import metro
 
 
@@ -102,6 +102,17 @@ def test_data_list_says_what_is_missing(tmp_path: Path) -> None:
     assert "missing, can be fetched" in text
     assert "missing, get by hand" in text
     assert f"0 of {len(records)} here" in text
+
+
+def test_data_list_says_what_is_damaged(tmp_path: Path) -> None:
+    path = tmp_path / datasets.get("rockerArm").files[0].path
+    path.parent.mkdir(parents=True)
+    path.write_text("v 0 0 0")
+    done = manip3d(
+        "data", "list", MANIP3D_DATA=str(tmp_path), MANIP3D_CACHE=str(tmp_path / "cache")
+    )
+    states = [line.split()[1] for line in done.stdout.splitlines() if line.startswith("rockerArm ")]
+    assert states == ["damaged"]
 
 
 def test_data_get_shows_the_licence_first_and_honours_offline(tmp_path: Path) -> None:

@@ -15,12 +15,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import InputError
-from manip3d.experiments import Claim, Finding, Plan, Store, Verdict, counted, run, unpack_mesh
+from manip3d import InputError, datasets
+from manip3d.experiments import (
+    Case,
+    Claim,
+    Finding,
+    Plan,
+    Store,
+    Verdict,
+    counted,
+    run,
+    unpack_mesh,
+)
 from manip3d.experiments import _environment as environment_module
 from manip3d.experiments._runner import _strict
 from manip3d.report import write_report
-from toy_experiments import TRIANGLE, all_below, experiment
+from toy_experiments import TRIANGLE, all_below, count_faces, experiment
 
 TESTS = Path(__file__).parents[1]
 
@@ -159,6 +169,24 @@ def test_a_failing_case_is_recorded_and_tried_again(tmp_path: Path, jobs: int) -
     assert (verdict["word"], verdict["unjudged"]) == ("not judged", "1 case failed")
     told = {finding["subject"]: finding["holds"] for finding in verdict["findings"]}
     assert told == {"n1": True, "n3": True, "n2 square": None}
+
+
+def test_a_damaged_file_of_data_fails_only_the_cases_that_read_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MANIP3D_DATA", str(tmp_path / "data"))
+    path = tmp_path / "data" / datasets.get("rockerArm").files[0].path
+    path.parent.mkdir(parents=True)
+    path.touch()
+    reads = Case(count_faces, {"model": "rockerArm"}, inputs=("rockerArm",))
+    both = dataclasses.replace(
+        experiment(2), cases=lambda plan: [reads, *experiment(2).cases(plan)]
+    )
+    summary = run([both], tmp_path / "results", jobs=1)
+    assert (summary.cases, summary.failed) == (2, 1)
+    damaged, sound = rows(tmp_path / "results")
+    assert "the file is damaged" in damaged["error"]
+    assert sound["square"] == 4
 
 
 def test_a_case_that_kills_its_process_fails_alone(tmp_path: Path) -> None:

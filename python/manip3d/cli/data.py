@@ -26,6 +26,7 @@ app = typer.Typer(
 def listing() -> list[dict[str, Any]]:
     """Return a record of each data set: name, kind, size, licence, and its path if it is here."""
     from manip3d import datasets
+    from manip3d.datasets._registry import has_wrong_size
 
     return [
         {
@@ -36,6 +37,7 @@ def listing() -> list[dict[str, Any]]:
             "licence": data_set.licence,
             "page": data_set.page,
             "here": datasets.is_here(data_set),
+            "damaged": has_wrong_size(data_set),
             "path": str(path) if (path := datasets.locate(data_set.files[0])) else None,
             "fetchable": all(file.url or file.text for file in data_set.files),
         }
@@ -82,7 +84,7 @@ def expect_data_folder(tier: Tier) -> None:
 
 def _state(record: dict[str, Any]) -> str:
     if record["here"]:
-        return "here"
+        return "damaged" if record["damaged"] else "here"
     return "missing, can be fetched" if record["fetchable"] else "missing, get by hand"
 
 

@@ -58,7 +58,8 @@ def tell(folder: Path, *, data: Any, seed: int, jobs: int, terminal: Terminal) -
         with terminal.progress("demo") as bar:
             done = run_demo(folder, data=data, seed=seed, jobs=jobs, progress=bar or terminal.line)
     except KeyboardInterrupt:
-        terminal.say(f"interrupted; finished parts are in {folder}, and the same command continues")
+        kept = f"finished parts are in {folder}, and " if any(folder.glob("*")) else ""
+        terminal.say(f"interrupted; {kept}the same command continues")
         raise
     say_what_was_done(done.summary, terminal)
     terminal.say(f"page: {done.page.resolve()}")

@@ -317,6 +317,18 @@ def is_here(data_set: DataSet) -> bool:
     return all(locate(file) is not None for file in data_set.files)
 
 
+def has_wrong_size(data_set: DataSet) -> bool:
+    """Return whether a file that is here has another size than the registered one, or none."""
+    for file in data_set.files:
+        path = locate(file)
+        if path is None:
+            continue
+        size = path.stat().st_size
+        if size != file.size if path.name == Path(file.path).name else not size:
+            return True
+    return False
+
+
 @checked
 def require(file: DataFile, name: str) -> Path:
     """Return the path of a file after verifying its checksum.
@@ -356,7 +368,10 @@ def require(file: DataFile, name: str) -> Path:
     expected = file.sha256 if path.name == Path(file.path).name else file.content_sha256
     actual = file_sha256(path)
     if actual != expected:
-        raise ChecksumError(f"{path}: expected sha256 {expected}, got {actual}")
+        raise ChecksumError(
+            f"{path}: expected sha256 {expected}, got {actual}: the file is damaged, or another "
+            f"one; copy it again, or remove it and try 'manip3d data get {name}'"
+        )
     return path
 
 

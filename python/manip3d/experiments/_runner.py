@@ -13,7 +13,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -128,15 +128,15 @@ def run(
     ------
     InputError
         An argument is out of range, or ``data='real'`` and none of the experiments has real data.
-    DataMissingError, ChecksumError
-        ``data='real'`` and a mesh is absent, or a mesh does not have the registered hash.
+    DataMissingError
+        ``data='real'`` and a mesh is absent.
     KeyboardInterrupt
         Raised again after the workers have stopped; finished cases remain stored.
 
     Notes
     -----
-    A case that fails is recorded with its error and tried again by the next run. Claims that need
-    it are not judged.
+    A case that fails, as for a damaged file of its data, is recorded with its error and tried again
+    by the next run. Claims that need it are not judged.
 
     Examples
     --------
@@ -266,11 +266,18 @@ def _keyed(cases: Sequence[Case]) -> dict[str, Case]:
 
 def _input_hashes(case: Case) -> dict[str, str]:
     sets = (datasets.get(datasets.source_of(name)) for name in case.inputs)
-    return {
-        file.path: datasets.file_sha256(datasets.require(file, data_set.name))
-        for data_set in sets
-        for file in data_set.files
-    }
+    return {file.path: _hash_of(file, each.name) for each in sets for file in each.files}
+
+
+def _hash_of(file: datasets.DataFile, name: str) -> str:
+    """Return the hash of a file; ``damaged`` if it is not the registered one.
+
+    The case that reads a damaged file fails, and no other.
+    """
+    try:
+        return datasets.file_sha256(datasets.require(file, name))
+    except datasets.ChecksumError:
+        return "damaged"
 
 
 def _run_case(case: Case) -> Row:
@@ -317,7 +324,11 @@ def _sound(rows: Sequence[Row]) -> list[Row]:
 
 def _provenance(cases: Any) -> list[dict[str, Any]]:
     names = dict.fromkeys(datasets.source_of(name) for case in cases for name in case.inputs)
-    return [datasets.provenance(name) for name in names]
+    found = []
+    for name in names:
+        with suppress(datasets.ChecksumError):  # damaged data has no results
+            found.append(datasets.provenance(name))
+    return found
 
 
 def _record(experiment: Experiment, rows: list[Row], store: Store) -> dict[str, Any]:
