@@ -313,6 +313,15 @@ def test_strange_scans_and_maps_are_judged_or_refused() -> None:
     assert judged(lidar(), Disparity(wild)).verdict == "undecidable"
 
 
+@pytest.mark.parametrize(("factor", "dtype"), [(16, np.int16), (256, np.uint16)])
+def test_integers_are_divided_before_they_are_a_map(factor: int, dtype: type) -> None:
+    """OpenCV's sixteenths of a pixel and KITTI's 256ths called a clean scan tampered."""
+    stored = np.round(cameras(CAR).values * factor).astype(dtype)
+    with pytest.raises(InputError, match=r"values: expected floats.*by 16\.0.*by 256\.0"):
+        Disparity(stored)
+    assert judged(lidar(CAR), Disparity(stored / factor)).verdict == "no_trace"
+
+
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [

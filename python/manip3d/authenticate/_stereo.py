@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d._util.extras import imported
 from manip3d._util.linear import product
@@ -140,14 +141,20 @@ class Disparity:
 
     Attributes
     ----------
-    values : (h, w) float32, pixels of this map
-        Left column minus right column; 0: not measured.
+    values : (h, w) float, pixels of this map
+        Left column minus right column; 0: not measured. They are kept as float32. Integers are
+        refused, because their unit differs: divide OpenCV's by 16 and those of KITTI's PNG by 256.
     step : int
         Side, in pixels of the image, of the square that a pixel of the map represents.
     producer : str
         Name of the method that computed the map.
     grey : (h, w) uint8, optional
         The left picture at the size of this map. It shows dark surfaces, which LiDAR may not see.
+
+    Raises
+    ------
+    InputError
+        ``values`` or ``grey`` has another shape or dtype; ``step`` is below 1.
     """
 
     values: NDArray[np.float32]
@@ -156,7 +163,14 @@ class Disparity:
     grey: NDArray[np.uint8] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        values = np.ascontiguousarray(self.values, np.float32)
+        given = as_array(self.values, "values")
+        if given.dtype.kind != "f":
+            raise InputError(
+                f"values: expected floats in pixels, got {given.dtype}; divide the int16 of "
+                "OpenCV's StereoSGBM by 16.0, and the uint16 of KITTI's PNG by 256.0"
+            )
+        with np.errstate(over="ignore"):  # a disparity too large for float32 counts as infinite
+            values = np.ascontiguousarray(given, np.float32)
         if values.ndim != 2 or not values.size:
             raise InputError(f"values: expected shape (h, w), got {values.shape}")
         if not self.step >= 1:
