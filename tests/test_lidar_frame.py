@@ -43,6 +43,9 @@ def test_arrays_of_the_right_kind_are_not_copied() -> None:
         ({"intensity": np.zeros((4, 1))}, "intensity: expected shape (N,), got (4, 1)"),
         ({"ring": np.zeros(4)}, "ring: expected integers, got dtype float64"),
         ({"ring": [1, 2]}, "ring: expected 4 rows"),
+        ({"ring": np.zeros((4, 1), np.uint8)}, "ring: expected shape (N,), got (4, 1)"),
+        ({"ring": np.zeros((4, 2), np.int64)}, "ring: expected shape (N,), got (4, 2)"),
+        ({"file_rows": np.zeros((4, 1), np.int64)}, "file_rows: expected shape (N,), got (4, 1)"),
         ({"fields": {"a": np.zeros(3)}}, "a: expected 4 rows, as many as points"),
         (
             {"ring": np.zeros(3, np.uint8), "fields": {"ring": np.zeros(4)}},
@@ -112,6 +115,11 @@ def test_exact_coordinates_stay_where_points_stayed() -> None:
 def test_source_index_is_checked(index: list[Any], message: str) -> None:
     with pytest.raises(InputError, match=re.escape(message)):
         frame().with_points([[0, 0, 0]], source_index=index)
+
+
+def test_an_empty_list_is_an_index_of_no_points() -> None:
+    made = frame().with_points([], source_index=[])
+    assert (made.num_points, made.fields["rgb"].shape) == (0, (0, 3))
 
 
 def test_frames_are_frozen_and_replaced() -> None:

@@ -288,7 +288,9 @@ class LidarFrame(Showable):
             A row is out of range, or numbers of rows differ.
         """
         new = as_rows(points, 3, np.float32, "points")
-        index = np.asarray(source_index)
+        index = as_array(source_index, "source_index")
+        if index.ndim == 1 and not index.size:  # an empty list becomes an array of floats
+            index = index.astype(np.int64)
         if index.shape != (len(new),) or index.dtype.kind not in "iu":
             raise InputError(
                 f"source_index: expected ({len(new)},) integers, got {index.dtype} {index.shape}"
@@ -389,6 +391,8 @@ def _time(time_ns: Any) -> int | None:
 def _integers(values: NDArray[Any], name: str) -> NDArray[Any]:
     if values.dtype.kind not in "iu":
         raise InputError(f"{name}: expected integers, got dtype {values.dtype}")
+    if values.ndim != 1:
+        raise InputError(f"{name}: expected shape (N,), got {values.shape}")
     return values
 
 
