@@ -446,6 +446,26 @@ def test_a_picture_of_points_shows_their_colors_and_boxes(tmp_path: Path) -> Non
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
+def test_coordinates_of_a_map_are_drawn_as_those_near_0() -> None:
+    """In float32, in which VTK draws points, they were a few stripes."""
+    need_renderer()
+    y, x = np.mgrid[0:60, 0:60] * 0.05
+    points = np.column_stack([x.ravel(), y.ravel(), 0.2 * np.sin(3 * x).ravel()])
+    place = np.array([450_000.0, 5_400_000.0, 300.0])
+
+    def drawn(at: np.ndarray) -> np.ndarray:
+        boxes = [Box(tuple(at + np.array([1.5, 1.5, 0.0])), (1.0, 1.0, 1.0))]
+        sensor = tuple(at + np.array([-1.0, 1.0, 1.0]))
+        cloud = drawn_points(points + at, boxes=boxes, origin=sensor)
+        return picture(cloud, size=(240, 180), legend=False).astype(int)
+
+    near, far = drawn(np.zeros(3)), drawn(place)
+    paper = near[0, 0]
+    inked = np.abs(near - paper).max(axis=2) > 40
+    assert inked.sum() > 2000
+    assert (np.abs(near - far).max(axis=2) > 40).sum() < 0.02 * inked.sum()
+
+
 def test_a_depth_image_is_drawn_as_its_camera_saw_it() -> None:
     need_renderer()
     depth = np.full((60, 80), 2000, np.uint16)

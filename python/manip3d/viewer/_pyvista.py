@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,6 +53,7 @@ def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
         try:
             plotter.set_background(style.background)
             if isinstance(thing, DrawnPoints):
+                thing, camera = _near_zero(thing, camera)
                 _add_points(plotter, thing, camera, height)
             elif thing.num_faces:
                 _add_mesh(plotter, thing, style)
@@ -198,6 +200,23 @@ def _add_boundary(plotter: Any, mesh: Mesh) -> None:
     # Draw the lines in front of adjacent faces, which would otherwise hide half of their pixels.
     actor.GetMapper().SetResolveCoincidentTopologyToPolygonOffset()
     actor.GetMapper().SetRelativeCoincidentTopologyLineOffsetParameters(-2.0, -2.0)
+
+
+def _near_zero(cloud: DrawnPoints, camera: Camera) -> tuple[DrawnPoints, Camera]:
+    """Move points, lines and camera near 0, because VTK draws points in float32."""
+    low, high = cloud.bounds
+    middle = 0.5 * low + 0.5 * high
+    origin = None
+    if cloud.origin is not None:
+        x, y, z = (np.asarray(cloud.origin, np.float64) - middle).tolist()
+        origin = x, y, z
+    moved = replace(
+        cloud,
+        points=cloud.points.astype(np.float64) - middle,
+        lines=tuple(replace(lines, ends=lines.ends - middle) for lines in cloud.lines),
+        origin=origin,
+    )
+    return moved, replace(camera, position=camera.position - middle, target=camera.target - middle)
 
 
 def _add_points(plotter: Any, cloud: DrawnPoints, camera: Camera, height: int) -> None:
