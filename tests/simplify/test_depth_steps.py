@@ -189,3 +189,17 @@ def test_a_file_has_no_points_that_no_face_uses(
     mesh = read_mesh(tmp_path / f"o{suffix}")
     assert len(np.unique(mesh.faces)) == mesh.num_vertices == found.points <= 200
     assert mesh.num_faces == found.faces
+
+
+@pytest.mark.parametrize("method", ["cs3", "relief", "uniform"])
+def test_a_depth_image_has_one_of_two_types_in_either_byte_order(method: str) -> None:
+    """Millimetres of another type were metres, in which no step was cut."""
+    depth = wall_with_box()
+    uncut = simplify.simplify_depth(depth, CAMERA, DepthOptions(300, method=method, depth_step=0))
+    cut = cut_depth_steps(uncut, depth)
+    assert cut.num_faces < uncut.num_faces
+    np.testing.assert_array_equal(cut_depth_steps(uncut, depth.astype(">u2")).faces, cut.faces)
+    wrong = [depth.astype(kind) for kind in (np.int16, np.int32, np.int64, np.float64)]
+    for image in (*wrong, depth.tolist()):
+        with pytest.raises(InputError, match="depth: expected dtype uint16 or float32, got"):
+            cut_depth_steps(uncut, image)

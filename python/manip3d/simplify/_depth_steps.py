@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.simplify._depth import DenseImage, DepthMesh, DepthSimplification
@@ -65,7 +66,8 @@ def cut_depth_steps(
     Raises
     ------
     InputError
-        ``step`` is not positive, or a vertex lies outside of the image.
+        ``depth`` has another shape or dtype, ``step`` is not positive, or a vertex lies outside of
+        the image.
 
     Notes
     -----
@@ -96,7 +98,9 @@ def cut_depth_steps(
     """
     if not 0 < step <= float(np.finfo(np.float32).max):
         raise InputError(f"step: expected > 0 and finite, got {step}")
-    image = np.asarray(depth)
+    image = as_array(depth, "depth")
+    if image.dtype not in (np.uint16, np.float32):
+        raise InputError(f"depth: expected dtype uint16 or float32, got {image.dtype}")
     if image.ndim != 2:
         raise InputError(f"depth: expected shape (H, W), got {image.shape}")
     if intrinsics is None and isinstance(found, DepthSimplification):
