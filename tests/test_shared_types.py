@@ -29,6 +29,7 @@ from manip3d import (
     authenticate,
     forge,
     simplify,
+    viewer,
 )
 
 JOINTS = np.tile([0.0, 0.0, 2.0], (25, 1))
@@ -180,7 +181,21 @@ MASKED: dict[str, Callable[[], Any]] = {
     "mesh": lambda: Mesh(masked(np.eye(3)), [[0, 1, 2]]),
     "box": lambda: SCAN.select(masked([0, 1])),
     "skeleton": lambda: Skeleton(masked(JOINTS)),
+    "index": lambda: SCAN.with_points(np.eye(3), source_index=masked([0, 1, 2])),
+    "confidence of a view": lambda: view_with(confidence=masked(np.ones(WIDE, np.float32))),
+    "mask of a view": lambda: view_with(mask=masked(np.ones(WIDE, bool))),
+    "colour of a view": lambda: view_with(color=masked(np.zeros((*WIDE, 3), np.uint8))),
+    "values of points": lambda: viewer.drawn_points(np.eye(3), values={"a": masked([1, 2, 3])}),
+    "suspected points": lambda: viewer.evidence(
+        SCAN, verdict="tampered", suspected={"I": masked([0, 1])}
+    ),
 }
+WIDE = kernels.DEPTH.shape
+
+
+def view_with(**fields: Any) -> Any:
+    view = simplify.CameraView(kernels.DEPTH, kernels.CAMERA, **fields)
+    return simplify.cs3_cameras([view], 60)
 
 
 @pytest.mark.parametrize("name", MASKED)

@@ -137,6 +137,16 @@ def test_points_are_colored_by_who_suspects_them() -> None:
         evidence(street(), verdict="tampered", suspected={"I": [0, 1200]})
 
 
+def test_suspected_points_may_be_a_mask() -> None:
+    mask = np.arange(1200) % 100 == 7
+    for rows in (mask, np.flatnonzero(mask)):
+        cloud = evidence(street(), verdict="tampered", suspected={"density": rows})
+        assert truth(cloud) == {"not suspected": 1188, "suspected by density": 12}
+    for wrong in ([3.7], [3.0], mask[1:], np.zeros((2, 1), int)):
+        with pytest.raises(InputError, match=r"suspected\['density'\]: expected row numbers"):
+            evidence(street(), verdict="tampered", suspected={"density": wrong})
+
+
 @pytest.mark.parametrize(
     ("verdict", "color"), [("tampered", QUIET), ("undecidable", DOUBT), ("no_trace", CLEAR)]
 )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.arrays import as_array
 from manip3d.camera import Registration
 from manip3d.errors import InputError
 
@@ -27,7 +28,7 @@ def checked_color(
         shape = (registration.color.height, registration.color.width)
     if color is None:
         return None
-    image = np.asarray(color)
+    image = as_array(color, "color")
     if image.dtype != np.uint8 or image.shape not in ((*shape, 3), (*shape, 4)):
         raise InputError(
             f"color: expected uint8 of shape ({shape[0]}, {shape[1]}, 3 or 4), "

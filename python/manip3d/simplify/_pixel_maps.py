@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
 
@@ -62,7 +63,7 @@ def mask_image(
     """Check a mask of the given shape; True: the pixel is used."""
     if mask is None:
         return None
-    found = np.asarray(mask)
+    found = as_array(mask, name)
     if found.dtype != np.bool_ or found.shape != shape:
         raise InputError(
             f"{name}: expected bool of shape {shape}, got {found.dtype} of {found.shape}"
@@ -76,7 +77,7 @@ def confidence_image(
     """Check confidences of the given shape, 0 to 1."""
     if confidence is None:
         return None
-    found = np.asarray(confidence)
+    found = as_array(confidence, name)
     if found.dtype.kind != "f" or found.shape != shape:
         raise InputError(
             f"{name}: expected floats of shape {shape}, got {found.dtype} of {found.shape}; "

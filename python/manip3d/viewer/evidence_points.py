@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
@@ -23,7 +24,7 @@ from manip3d.viewer.points import (
 from manip3d.viewer.sensor_points import scan_points
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from manip3d.forge import Forgery
     from manip3d.viewer.scene import Rgb
@@ -52,8 +53,8 @@ def evidence(
     verdict : str
         Verdict on the whole scan. Points that no detector suspects are grey in a ``tampered`` scan,
         amber in an ``undecidable`` or ``processed`` one, and green in all others.
-    suspected : mapping of str to (K,) integers
-        Rows of the points that each detector suspects, by the detector's name.
+    suspected : mapping of str to (K,) integers or (N,) bool
+        Rows or mask of the points that each detector suspects, by the detector's name.
     boxes : mapping of str to sequence of Box, optional
         Boxes of each detector, by the detector's name.
 
@@ -64,7 +65,7 @@ def evidence(
     Raises
     ------
     InputError
-        A row is out of range.
+        A row is out of range, or rows are neither integers nor a mask of all points.
 
     Examples
     --------
@@ -80,7 +81,7 @@ def evidence(
     colors: dict[str, Rgb] = {}
     several = len(suspected) + 1
     for i, (name, given) in enumerate(suspected.items()):
-        rows = np.asarray(given, np.int64)
+        rows = _rows(given, name, scan.num_points)
         if rows.size and not (rows.min() >= 0 and rows.max() < scan.num_points):
             raise InputError(
                 f"suspected: expected rows in [0, {scan.num_points - 1}] by {name}, "
@@ -155,6 +156,19 @@ def _joined(
         return None
     joined: np.ndarray = np.concatenate([forged, original[forgery.removed]])
     return joined
+
+
+def _rows(given: ArrayLike, name: str, count: int) -> NDArray[np.int64]:
+    """Return the numbers of the rows that a detector suspects, which it may state as a mask."""
+    array = as_array(given, f"suspected[{name!r}]")
+    if array.dtype == np.bool_ and array.shape == (count,):
+        return np.flatnonzero(array).astype(np.int64)
+    if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
+        raise InputError(
+            f"suspected[{name!r}]: expected row numbers of shape (K,) or a mask of shape "
+            f"({count},), got {array.dtype} {array.shape}"
+        )
+    return array.astype(np.int64)
 
 
 def _used(classes: Classes) -> Classes:

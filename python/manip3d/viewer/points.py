@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from manip3d._util.arrays import rows
+from manip3d._util.arrays import as_array, rows
 from manip3d._util.checked import checked
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
@@ -526,7 +526,7 @@ def drawn_points(
     >>> cloud.detail, [column.name for column in cloud.columns]
     ('1,000 points', ['distance'])
     """
-    array = np.asarray(points)
+    array = as_array(points, "points")
     place = rows(points, 3, np.float32 if array.dtype == np.float32 else np.float64, "points")
     _check_finite(place)
     columns: list[Column] = []
@@ -559,7 +559,7 @@ def _place(origin: Sequence[float]) -> tuple[float, float, float]:
 
 
 def checked_colors(colors: ArrayLike, count: int) -> Image:
-    array = np.asarray(colors)
+    array = as_array(colors, "colors")
     if array.dtype != np.uint8 or array.shape != (count, 3):
         raise InputError(
             f"colors: expected uint8 of shape ({count}, 3), got {array.dtype} {array.shape}"
@@ -568,7 +568,7 @@ def checked_colors(colors: ArrayLike, count: int) -> Image:
 
 
 def _numbers(values: ArrayLike, name: str) -> NDArray[Any]:
-    array = np.asarray(values)
+    array = as_array(values, name)
     if array.ndim != 1 or array.dtype.kind not in "iufb":
         raise InputError(
             f"{name}: expected a number for each point, got {array.dtype} {array.shape}"
