@@ -279,6 +279,10 @@ def test_boundary_noise_of_a_dense_mesh_and_of_the_truth() -> None:
         metrics.boundary_noise(
             depth, camera, clean, flying=np.zeros_like(capture.flying), truth=scene.depth
         )
+    for dtype in (np.uint8, np.int64):  # which would be numbers of rows
+        flags = capture.flying.astype(dtype)
+        with pytest.raises(InputError, match="flying: expected bool"):
+            metrics.boundary_noise(depth, camera, clean, flying=flags, truth=scene.depth)
 
 
 @pytest.mark.parametrize("name", ["bun000", "happyStandRight_0", "dragonStandRight_0"])

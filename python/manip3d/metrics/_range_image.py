@@ -384,7 +384,8 @@ def boundary_noise(
     Raises
     ------
     InputError
-        There is no flying pixel; an array has another shape; ``tolerance`` is negative.
+        There is no flying pixel; an array has another shape; ``flying`` is no bool; ``tolerance``
+        is negative.
 
     Examples
     --------
@@ -405,6 +406,8 @@ def boundary_noise(
     for name, array in (("flying", flying), ("truth", truth)):
         if np.shape(array) != image.shape:
             raise InputError(f"{name}: expected shape {image.shape}, got {np.shape(array)}")
+    if flying.dtype != np.bool_:  # integers would be used as row numbers
+        raise InputError(f"flying: expected bool, got {flying.dtype}")
     if not np.any(flying):
         raise InputError("flying: expected at least one flying pixel, got none")
     if not tolerance >= 0:
