@@ -310,3 +310,15 @@ def test_weights_that_were_rounded_add_up_to_1_again(tmp_path: Path) -> None:
     (again,) = io.read_scene(tmp_path / "out.glb").deformations
     assert again is not None
     np.testing.assert_allclose(again.weights.sum(axis=1, dtype=np.float64), 1.0, atol=2e-7)
+
+
+def test_a_joint_keeps_its_transform(tmp_path: Path) -> None:
+    scene = io.read_scene(written(tmp_path / "arm.glb", arm()))
+    joint = scene.nodes[0].joint
+    assert joint is not None
+    place = np.eye(4)
+    place[0, 3] = 2.0
+    nodes = list(scene.nodes)
+    nodes[joint] = replace(nodes[joint], transform=place)
+    with pytest.raises(InputError, match=rf"nodes\[{joint}\].transform: .* a joint of a skin"):
+        replace(scene, nodes=tuple(nodes)).write(tmp_path / "out.glb")

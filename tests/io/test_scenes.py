@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -466,3 +467,90 @@ def test_pictures_are_found_behind_the_separators_of_windows(tmp_path: Path) -> 
     found, outside = json_of(tmp_path / "out.glb")["images"]
     assert found["mimeType"] == "image/png"
     assert outside == {"uri": "..\\secret.png"}
+
+
+MOVED = np.array([[0, -1, 0, 5.0], [1, 0, 0, 0.25], [0, 0, 2, -3], [0, 0, 0, 1]])
+
+
+def with_node(scene: io.Scene, index: int, **changes: Any) -> io.Scene:
+    nodes = list(scene.nodes)
+    nodes[index] = replace(nodes[index], **changes)
+    return replace(scene, nodes=tuple(nodes))
+
+
+@pytest.mark.parametrize("quantize", [False, True])
+def test_transforms_of_nodes_are_written(quantize: bool, tmp_path: Path) -> None:
+    scene = io.read_scene(written(tmp_path / "scene.glb"))
+    moved = with_node(scene, 1, transform=MOVED.tolist())
+    moved.write(tmp_path / "out.glb", quantize=quantize)
+    again = io.read_scene(tmp_path / "out.glb")
+    np.testing.assert_array_equal(again.nodes[1].transform, MOVED)
+    np.testing.assert_array_equal(again.world_transforms()[:5], moved.world_transforms())
+    found, before = json_of(tmp_path / "out.glb"), scene_document()
+    assert set(found["nodes"][1]).isdisjoint({"translation", "rotation", "scale"})
+    for i in (0, 2, 3, 4):
+        assert found["nodes"][i].get("name") == before["nodes"][i].get("name")
+        assert found["nodes"][i].get("matrix") == before["nodes"][i].get("matrix")
+    for member in ("cameras", "extensions", "samplers", "textures"):
+        assert found[member] == before[member], member
+
+
+def test_transforms_of_levels_are_those_of_the_finest(tmp_path: Path) -> None:
+    scene = io.read_scene(written(tmp_path / "scene.glb"))
+    moved = with_node(scene, 1, transform=MOVED)
+    io.write_scene(moved, tmp_path / "out.glb", coarser=[moved])
+    np.testing.assert_array_equal(
+        io.read_scene(tmp_path / "out.glb").world_transforms()[1], moved.world_transforms()[1]
+    )
+    with pytest.raises(InputError, match="coarser: expected nodes with the transforms"):
+        io.write_scene(moved, tmp_path / "out.glb", coarser=[scene])
+
+
+@pytest.mark.parametrize(
+    "changes", [{"name": "other"}, {"parent": None}, {"mesh": None}, {"drawn": False}]
+)
+def test_other_changes_of_nodes_are_refused(changes: dict[str, Any], tmp_path: Path) -> None:
+    scene = with_node(io.read_scene(written(tmp_path / "scene.glb")), 1, **changes)
+    with pytest.raises(InputError, match=rf"nodes\[1\]\.{next(iter(changes))}: only transforms"):
+        scene.write(tmp_path / "out.glb")
+    fewer = replace(scene, nodes=scene.nodes[:-1])
+    with pytest.raises(InputError, match="nodes: expected the 5 nodes of the file, got 4"):
+        fewer.write(tmp_path / "out.glb")
+
+
+@pytest.mark.parametrize("pointer", [False, True])
+def test_animated_nodes_keep_their_transforms(pointer: bool, tmp_path: Path) -> None:
+    target: dict[str, Any] = {"node": 1, "path": "translation"}
+    if pointer:
+        named = {"KHR_animation_pointer": {"pointer": "/nodes/1/translation"}}
+        target = {"path": "pointer", "extensions": named}
+    channels = [{"sampler": 0, "target": target}]
+    animation = {"channels": channels, "samplers": [{"input": 0, "output": 1}]}
+    scene = io.read_scene(written(tmp_path / "scene.glb", animations=[animation]))
+    with pytest.raises(InputError, match=r"nodes\[1\].transform: the node is animated"):
+        with_node(scene, 1, transform=MOVED).write(tmp_path / "out.glb")
+    with_node(scene, 2, transform=MOVED).write(tmp_path / "out.glb")
+
+
+@pytest.mark.parametrize(
+    ("transform", "message"),
+    [
+        (MOVED.T, "transform: expected 0 0 0 1 as the last row"),
+        (MOVED[:3], r"transform: expected numbers of shape \(4, 4\)"),
+        (np.full((4, 4), np.nan), "transform: expected finite numbers"),
+        (np.eye(4).astype(str), "transform: expected numbers"),
+    ],
+)
+def test_transforms_of_nodes_are_checked(transform: Any, message: str, tmp_path: Path) -> None:
+    scene = io.read_scene(written(tmp_path / "scene.glb"))
+    with pytest.raises(InputError, match=message):
+        with_node(scene, 0, transform=transform)
+    with pytest.raises(InputError, match=r"instances: expected numbers of shape \(I, 4, 4\)"):
+        with_node(scene, 1, instances=np.eye(4))
+
+
+def test_a_transform_that_overflows_is_a_format_error(tmp_path: Path) -> None:
+    turned = {"mesh": 0, "rotation": [0, 0, 3, 3], "scale": [float(np.finfo(float).max)] * 3}
+    source = written(tmp_path / "scene.glb", nodes=[turned], scenes=[{"nodes": [0]}])
+    with pytest.raises(FormatError, match="nodes: transform: expected finite numbers"):
+        io.read_scene(source)

@@ -9,13 +9,14 @@ import os
 import tempfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d.errors import FormatError, InputError
 from manip3d.io._draco import decode_draco
@@ -54,6 +55,11 @@ class SceneNode:
         by this node instead of its own. None: the mesh has no skin.
     inverse_bind : (4, 4) float64
         Transform from the coordinates of a mesh with a skin to those of ``joint``.
+
+    Raises
+    ------
+    InputError
+        A transform has another shape, is not finite, or its last row is not 0, 0, 0, 1.
     """
 
     name: str
@@ -65,12 +71,35 @@ class SceneNode:
     joint: int | None = None
     inverse_bind: NDArray[np.float64] = field(default_factory=lambda: np.eye(4), repr=False)
 
+    def __post_init__(self) -> None:
+        for name in ("transform", "inverse_bind", "instances"):
+            value = getattr(self, name)
+            if name != "instances" or value is not None:
+                matrices = _transforms(value, 3 if name == "instances" else 2, name)
+                object.__setattr__(self, name, matrices)
+
     @property
     def num_instances(self) -> int:
         """Number of times that the node draws its mesh."""
         if self.mesh is None:
             return 0
         return 1 if self.instances is None else len(self.instances)
+
+
+def _transforms(values: ArrayLike, ndim: int, name: str) -> NDArray[np.float64]:
+    """Return one (4, 4) or several (I, 4, 4) transforms as float64."""
+    given = as_array(values, name)
+    if given.ndim != ndim or given.shape[-2:] != (4, 4) or given.dtype.kind not in "iuf":
+        expected = "(4, 4)" if ndim == 2 else "(I, 4, 4)"
+        raise InputError(
+            f"{name}: expected numbers of shape {expected}, got {given.dtype} {given.shape}"
+        )
+    if not np.isfinite(given).all():
+        raise InputError(f"{name}: expected finite numbers")
+    last = given[..., 3, :].reshape(-1, 4)
+    if (wrong := (last != (0, 0, 0, 1)).any(axis=1)).any():
+        raise InputError(f"{name}: expected 0 0 0 1 as the last row, got {last[wrong][0].tolist()}")
+    return np.asarray(given, np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +132,8 @@ class Scene:
     Attributes
     ----------
     nodes : tuple of SceneNode
-        All nodes of the file.
+        All nodes of the file. Their transforms may be replaced by others, except those of joints
+        and of animated nodes; `write_scene` refuses other changes.
     meshes : tuple of Mesh
         Each mesh once, in its own coordinates, even if several nodes share it. Skin and morph
         targets are not applied, except that a fixed mesh has the shape of the default weights of
@@ -135,6 +165,7 @@ class Scene:
     source: str | None
     _document: bytes = field(repr=False)
     _buffer: bytes = field(repr=False)
+    _nodes_of_file: tuple[SceneNode, ...] = field(repr=False)
 
     @property
     def num_uses(self) -> NDArray[np.int64]:
@@ -361,13 +392,17 @@ def _read_local(
     check_points(sum(entry[1].num_vertices for entry in meshes), name)
     for text in warnings:
         _logger.warning("%s: %s", name, text)
-    return Scene(
-        nodes=tuple(
+    try:
+        read = tuple(
             SceneNode(
                 name, _index(parent), _index(mesh), transform, drawn, instances, _index(joint), bind
             )
             for name, parent, mesh, transform, drawn, instances, joint, bind in nodes
-        ),
+        )
+    except InputError as error:  # the product of a node's rotation and scale overflows
+        raise FormatError(f"nodes: {error}", file=name) from error
+    return Scene(
+        nodes=read,
         meshes=tuple(mesh for _, mesh, _, _, _ in meshes),
         names=tuple(name for name, _, _, _, _ in meshes),
         fixed=tuple(reason for _, _, reason, _, _ in meshes),
@@ -379,6 +414,7 @@ def _read_local(
         source=name,
         _document=document,
         _buffer=buffer,
+        _nodes_of_file=read,
     )
 
 
@@ -450,8 +486,9 @@ def write_scene(
     Raises
     ------
     InputError
-        The suffix is another one, ``coarser`` holds levels of another scene, or a mesh is invalid
-        (see `write_mesh`).
+        The suffix is another one, ``coarser`` holds levels of another scene, a mesh is invalid (see
+        `write_mesh`), or nodes differ from those of the file by more than the transforms of nodes
+        that are neither joints nor animated.
     OSError
         The file cannot be written; an existing file stays unchanged.
 
@@ -466,10 +503,13 @@ def write_scene(
     levels = [scene, *coarser]
     if any(level.fixed != scene.fixed for level in coarser):
         raise InputError("coarser: expected levels of the same scene, got another")
+    moved = _moved_nodes(scene)
+    if any(_moved_nodes(level) != moved for level in coarser):
+        raise InputError("coarser: expected nodes with the transforms of the finest level")
     with local_output(path) as local:
         warnings = _core.write_scene(
             os.fsencode(local),
-            scene._document,  # type: ignore[arg-type]  # bytes are a std::string, too
+            _with_transforms(scene._document, moved),  # type: ignore[arg-type]  # bytes are a std::string, too
             scene._buffer,  # type: ignore[arg-type]
             [_replaced(level) for level in levels],
             0 if max_vertices is None else max_vertices,
@@ -478,6 +518,56 @@ def write_scene(
         )
         for text in warnings:
             _logger.warning("%s: %s", os.fspath(path), text)
+
+
+def _moved_nodes(scene: Scene) -> dict[int, list[float]]:
+    """Return the new transforms of nodes that were moved, column by column, by their index."""
+    nodes, given = scene.nodes, scene._nodes_of_file
+    if len(nodes) != len(given):
+        raise InputError(f"nodes: expected the {len(given)} nodes of the file, got {len(nodes)}")
+    return {
+        i: node.transform.T.ravel().tolist()
+        for i, (node, own) in enumerate(zip(nodes, given, strict=True))
+        if node is not own and _has_moved(node, own, i)
+    }
+
+
+def _with_transforms(document: bytes, moved: Mapping[int, list[float]]) -> bytes:
+    """Return the document of a scene with other transforms of some nodes."""
+    if not moved:
+        return document
+    parsed = json.loads(document)
+    fixed = {joint for skin in parsed.get("skins", ()) for joint in skin.get("joints", ())}
+    for animation in parsed.get("animations", ()):
+        for channel in animation.get("channels", ()):
+            fixed.add(_animated_node(channel.get("target", {})))
+    for i, columns in moved.items():
+        if i in fixed:
+            raise InputError(f"nodes[{i}].transform: the node is animated or a joint of a skin")
+        entry = parsed["nodes"][i]
+        for name in ("translation", "rotation", "scale"):
+            entry.pop(name, None)
+        entry["matrix"] = columns
+    return json.dumps(parsed).encode()
+
+
+def _animated_node(target: Mapping[str, Any]) -> int | None:
+    """Return the node that a channel of an animation moves, by its index or by a JSON pointer."""
+    pointer = target.get("extensions", {}).get("KHR_animation_pointer", {}).get("pointer", "")
+    _, _, rest = pointer.partition("/nodes/")
+    index = rest.partition("/")[0]
+    return int(index) if index.isdecimal() else target.get("node")
+
+
+def _has_moved(node: SceneNode, own: SceneNode, index: int) -> bool:
+    """Return whether the transform of a node was changed; refuse other changes."""
+    for each in fields(SceneNode):
+        if each.name == "transform":
+            continue
+        value, before = getattr(node, each.name), getattr(own, each.name)
+        if not (np.array_equal(value, before) if before is not None else value is None):
+            raise InputError(f"nodes[{index}].{each.name}: only transforms of nodes can be changed")
+    return not np.array_equal(node.transform, own.transform)
 
 
 _Tables = tuple["ArrayLike", "ArrayLike", "ArrayLike", "ArrayLike"]
