@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as _replace
@@ -13,9 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import as_array, vector
+from manip3d._util.arrays import as_array, vector, warn_of_rounding
 from manip3d._util.arrays import rows as as_rows
-from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.mappings import ReadOnlyMapping
@@ -350,10 +348,6 @@ class LidarFrame(Showable):
         return f"<manip3d.LidarFrame: {'; '.join(parts)}>"
 
 
-_FAR_M = 8192.0  # beyond it, float32 rounds by a quarter of a millimetre or more
-_MAX_ROUNDED_M = 0.001
-
-
 def _points(values: ArrayLike, name: str) -> NDArray[np.float32]:
     return as_rows(values, 3, np.float32, name)
 
@@ -361,15 +355,7 @@ def _points(values: ArrayLike, name: str) -> NDArray[np.float32]:
 def _near_points(values: ArrayLike, name: str) -> NDArray[np.float32]:
     """Convert to (N, 3) float32; warn if that rounds points by more than a millimetre."""
     points = _points(values, name)
-    if points is values or not points.size or not _FAR_M < np.abs(points).max() < math.inf:
-        return points
-    rounded = float(np.abs(np.asarray(values) - points.astype(np.float64)).max())
-    if rounded > _MAX_ROUNDED_M:
-        warnings.warn(
-            f"{name}: float32 rounds these coordinates by up to {rounded:.2g} m; subtract a place "
-            "near them first, as readers of files do (`LidarFrame.exact` keeps float64)",
-            stacklevel=caller_level(),
-        )
+    warn_of_rounding(values, points, name, "`LidarFrame.exact` keeps float64")
     return points
 
 

@@ -327,6 +327,23 @@ def test_bad_grids_and_colors() -> None:
         simplify.dense_mesh(np.ones((6, 8), np.float32), None)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("method", ["dense", "relief", "cs3", "uniform"])
+def test_grids_that_float32_rounds_raise_a_warning(method: str) -> None:
+    y, x = np.mgrid[0:30, 0:40] * 0.02
+    points = np.stack([x, -y, 2.0 + 0.3 * np.sin(4 * x)], axis=2)
+    points[:3, :3] = np.nan  # no measurement
+    made: dict[str, Callable[[NDArray[np.float64]], object]] = {
+        "dense": simplify.dense_mesh_grid,
+        "relief": lambda grid: simplify.relief_grid(grid, None, 100, effort="live"),
+        "cs3": lambda grid: simplify.cs3_grid(grid, None, 100),
+        "uniform": lambda grid: simplify.sample_depth_grid(grid, None, 100),
+    }
+    made[method](points)  # near 0: no warning
+    with pytest.warns(UserWarning, match=r"points: float32 rounds .* by up to 0\.2") as warned:
+        made[method](points + np.array([450_000.0, 5_400_000.0, 300.0]))
+    assert [warning.filename for warning in warned] == [__file__]
+
+
 def test_a_range_scan_reads_like_its_grid() -> None:
     """The reader of PLY range scans and the dense mesh of their grid make the same cells."""
     header = (

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import reprlib
 import sys
+import warnings
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from manip3d._util.callers import caller_level
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -99,6 +101,39 @@ def vector(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
     return array.astype(np.float64)
 
 
+_FAR_M = 8192.0  # beyond it, float32 rounds by a quarter of a millimetre or more
+MAX_ROUNDED_M = 0.001
+
+
+def rounded_by(values: ArrayLike, points: NDArray[np.float32]) -> float:
+    """Return the largest distance along an axis by which float32 rounds coordinates in metres.
+
+    0 if all are nearer than 8192 m, where it is below 0.5 mm. Points that are not finite, which
+    mean no measurement in grids, are left out.
+    """
+    given = np.asarray(values)
+    if given.dtype == np.float32 or not points.size:
+        return 0.0
+    if not np.abs(points).max() <= _FAR_M:  # also if a coordinate is NaN
+        with np.errstate(invalid="ignore"):  # inf - inf
+            off = np.abs(given - points.astype(np.float64))
+        return float(off[np.isfinite(off)].max(initial=0.0))
+    return 0.0
+
+
+def warn_of_rounding(
+    values: ArrayLike, points: NDArray[np.float32], name: str, cure: str = ""
+) -> None:
+    """Warn if float32 rounds coordinates in metres by more than a millimetre."""
+    rounded = rounded_by(values, points)
+    if rounded > MAX_ROUNDED_M:
+        warnings.warn(
+            f"{name}: float32 rounds these coordinates by up to {rounded:.2g} m; subtract a place "
+            "near them first, as readers of files do" + (f" ({cure})" if cure else ""),
+            stacklevel=caller_level(),
+        )
+
+
 def index_rows(values: ArrayLike, columns: int | None, name: str) -> NDArray[np.int32]:
     """Return a C-contiguous int32 array (N, columns) or (N,); other integers are range-checked."""
     array = _shaped(as_array(values, name), columns, name)
@@ -128,7 +163,10 @@ def checked_grid(
             f"points: expected (H, W, 3) floats, got shape {grid.shape}, dtype {grid.dtype}"
         )
     taken = np.array if kept else np.asarray  # np.asarray copies only if it must convert
-    grid = taken(grid, np.float32, order="C")
+    given = grid
+    with np.errstate(over="ignore"):  # overflow gives infinity, which is no measurement
+        grid = taken(given, np.float32, order="C")
+    warn_of_rounding(given, grid, "points")
     if valid is None:
         return grid, np.isfinite(grid).all(axis=2)
     mask = as_array(valid, "valid")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import rows, vector
+from manip3d._util.arrays import as_array, rows, vector
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting, seed_of, threads_of
 from manip3d.errors import InputError
@@ -157,8 +157,9 @@ def nearest_distances(
 
     Parameters
     ----------
-    points : (N, 3) float32
-        Points in any order; a C-contiguous float32 array is not copied.
+    points : (N, 3) float32 or float64
+        Points in any order; a C-contiguous float32 array is not copied. Others are converted to
+        float32, after subtracting their middle if they lie far from 0, like those of a map.
     origin : (3,), optional
         Position of the scanner. Neighbours are searched by their direction from it, in O(N) time.
         None: a k-d tree is used, which is slower and gives the same result.
@@ -187,12 +188,30 @@ def nearest_distances(
     >>> manip3d.metrics.nearest_distances([[1, 0, 0], [3, 0, 0], [4, 0, 0]])
     array([2., 1., 1.])
     """
-    cloud = rows(points, 3, np.float32, "points")
-    place = None
-    if origin is not None:
-        place = vector(origin, 3, "origin")
+    place = None if origin is None else vector(origin, 3, "origin")
+    given = as_array(points, "points")
+    if given.dtype != np.float32 and _is_far(given):
+        # float32 would round the coordinates of a map by up to half a metre.
+        middle = (given.min(axis=0).astype(np.float64) + given.max(axis=0)) / 2.0
+        given = given - middle
+        place = None if place is None else place - middle
+    cloud = rows(given, 3, np.float32, "points")
     with reporting(progress, "nearest distances") as report:
         return _core.nearest_distances(cloud, place, resolution, threads_of(threads), report)
+
+
+def _is_far(points: NDArray[Any]) -> bool:
+    """Return whether points are farther from 0 along an axis than they are from each other."""
+    if (
+        points.ndim != 2
+        or points.shape[1] != 3
+        or not len(points)
+        or points.dtype.kind not in "iuf"
+    ):
+        return False
+    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.abs(low + high).max() > 2.0 * (high - low).max())  # False for NaN
 
 
 @checked
