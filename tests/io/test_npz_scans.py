@@ -91,6 +91,13 @@ def test_scans_of_other_formats_and_archives_of_one_array(tmp_path: Path) -> Non
     np.testing.assert_array_equal(read_scan(tmp_path / "rows.npz").points, POINTS)
 
 
+@pytest.mark.parametrize("key", ["points", "positions", "any"])
+def test_four_columns_are_points_with_intensity(key: str, tmp_path: Path) -> None:
+    frame = read_scan(saved(tmp_path, **{key: np.column_stack([POINTS, SHARES[:, 0]])}))
+    np.testing.assert_array_equal(frame.points, POINTS)
+    np.testing.assert_array_equal(frame.intensity, SHARES[:, 0].astype(np.float32))
+
+
 def test_points_with_named_columns(tmp_path: Path) -> None:
     named = np.empty(30, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("intensity", "f4")])
     named["x"], named["y"], named["z"] = POINTS.T

@@ -109,6 +109,20 @@ def test_other_scans_as_las(tmp_path: Path, suffix: str, num_points: int) -> Non
         assert again.intensity.tolist() == frame.intensity.tolist()  # type: ignore[union-attr]
 
 
+@pytest.mark.parametrize("suffix", ["las", "laz"])
+@pytest.mark.parametrize(
+    ("given", "stored"),
+    [(np.float16, np.float32), (np.float32, np.float32), (np.longdouble, np.float64)],
+)
+def test_decimal_numbers_of_other_widths_fit_into_las(
+    tmp_path: Path, suffix: str, given: type, stored: type
+) -> None:
+    frame = LidarFrame(np.eye(3), fields={"score": np.array([1.5, -2.25, 0.0], given)})
+    frame.write(tmp_path / f"a.{suffix}")
+    score = read_scan(tmp_path / f"a.{suffix}").fields["score"]
+    assert (score.dtype, score.tolist()) == (stored, [1.5, -2.25, 0.0])
+
+
 @pytest.mark.parametrize("name", ["reflectance", "deviation"])
 def test_dimensions_with_a_scale_or_several_numbers_are_written_back(
     tmp_path: Path, name: str

@@ -152,7 +152,8 @@ def _placed(
     """
     placed: dict[str, NDArray[Any]] = {}
     renamed = []
-    for name, values in columns.items():
+    for name, given in columns.items():
+        values = given if given.dtype.kind != "f" else _of_las(given)
         used = _names(header)
         if name in used and name not in _RAW and _holds(header, name, values):
             placed[name] = values
@@ -169,6 +170,11 @@ def _placed(
             stacklevel=caller_level(),
         )
     return placed
+
+
+def _of_las(values: NDArray[Any]) -> NDArray[Any]:
+    """Return decimal numbers in one of the types that LAS has: 32 or 64 bits."""
+    return values.astype(np.float32 if values.dtype.itemsize <= 4 else np.float64, copy=False)
 
 
 def _free_name(name: str, used: set[str]) -> str:

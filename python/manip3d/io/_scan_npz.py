@@ -94,7 +94,10 @@ def read_table(path: Path, limit: int) -> Table:
             raise FormatError(f"expected an array named {' or '.join(_POINTS)}, got {names}")
         if _scan_npy.has_names(members[key]):  # pyntcloud writes all columns in one array
             return _scan_npy.table_of(members[key], name)
-        points = _array(members.pop(key))
+        points = _array(members[key])
+        if len(members) == 1 and points.ndim == 2 and points.shape[1] == 4:  # with intensity
+            return _scan_npy.table_of(members[key], name)
+        del members[key]
         if points.ndim not in (2, 3) or points.shape[-1] != 3 or points.dtype.kind not in "iuf":
             raise FormatError(
                 f"{key}: expected (N, 3) or (H, W, 3) numbers, got {points.dtype} {points.shape}"
