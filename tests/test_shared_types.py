@@ -6,6 +6,7 @@ import copy
 import json
 import pickle
 import sys
+import weakref
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -28,6 +29,7 @@ from manip3d import (
     Skeleton,
     authenticate,
     forge,
+    modify,
     simplify,
     viewer,
 )
@@ -220,3 +222,29 @@ def test_a_masked_array_without_masked_elements_is_an_array(tmp_path: Path) -> N
         simplify.dense_mesh(np.ma.masked_greater(kernels.DEPTH, 1300), kernels.CAMERA)
     filled = np.ma.masked_greater(kernels.DEPTH, 1300).filled(0)
     assert simplify.dense_mesh(filled, kernels.CAMERA).mesh.num_vertices > 0
+
+
+# --- byte order -----------------------------------------------------------------------------------
+
+SWAPPED: dict[str, Callable[[Any], Any]] = {
+    "frame": lambda depth: RgbdFrame(depth, kernels.person.calibration).depth,
+    "noise": authenticate.depth_noise,
+    "segments": lambda depth: modify.segment_body(depth, BODY, kernels.skeleton).labels,
+    "mesh": lambda depth: modify.animation_mesh(depth, BODY, kernels.LABELS).vertices,
+}
+BODY = kernels.person.calibration.depth
+
+
+@pytest.mark.parametrize("name", SWAPPED)
+def test_depth_of_either_byte_order_is_the_same(name: str) -> None:
+    depth = kernels.person.depth
+    found, expected = SWAPPED[name](depth.astype(">u2")), SWAPPED[name](depth)
+    assert found.dtype.isnative
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_all_that_is_shown_has_weak_references() -> None:
+    mesh = Mesh(np.eye(3), [[0, 1, 2]])
+    assert weakref.ref(mesh)() is mesh
+    assert weakref.WeakValueDictionary(mesh=mesh)["mesh"].replace().num_faces == 1
+    assert weakref.ref(SCAN)() is SCAN

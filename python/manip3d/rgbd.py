@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import masked_elements, rows
+from manip3d._util.arrays import as_array, masked_elements, rows
 from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
@@ -153,7 +153,7 @@ class RgbdFrame(Showable):
     Attributes
     ----------
     depth : (H, W) uint16
-        Depth in millimetres along the optical axis; 0: no measurement.
+        Depth in millimetres along the optical axis; 0: no measurement. Either byte order is taken.
     calibration : RgbdCalibration
         Calibration of the cameras.
     color : (H', W', 3) uint8, optional
@@ -193,6 +193,8 @@ class RgbdFrame(Showable):
                 f"frame.calibration: expected RgbdCalibration, got {self.calibration!r}"
                 + ("; make one of it: RgbdCalibration(camera)" if made else "")
             )
+        if isinstance(self.depth, np.ndarray) and not self.depth.dtype.isnative:
+            object.__setattr__(self, "depth", as_array(self.depth, "frame.depth"))
         camera = self.calibration.depth
         _check_image("depth", self.depth, np.uint16, (camera.height, camera.width))
         if self.body_index is not None:

@@ -11,7 +11,7 @@ from typing import Any
 class Showable:
     """An object that `manip3d.viewer` can show."""
 
-    __slots__ = ()
+    __slots__ = ("__weakref__",)
 
     def show(self, output: str | os.PathLike[str] | None = None, **options: Any) -> Path:
         """Show the object in the browser, or write a page (``.html``) or a picture (``.png``).

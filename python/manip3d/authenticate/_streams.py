@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d.authenticate._repetition import judge_repetition
@@ -68,7 +69,7 @@ def depth_noise(
     >>> depth_noise(depth).round(1).tolist()
     [[2.0, 0.0], [0.0, 0.0]]
     """
-    image = np.ascontiguousarray(depth)
+    image = np.ascontiguousarray(as_array(depth, "depth"))
     if image.ndim != 2 or image.dtype != np.uint16:
         raise InputError(f"depth: expected uint16 (H, W), got {image.dtype} {image.shape}")
     options = _core.DepthNoiseOptions()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import rows
+from manip3d._util.arrays import as_array, rows
 from manip3d._util.checked import checked
 from manip3d.camera import Intrinsics
 from manip3d.errors import InputError
@@ -126,7 +126,7 @@ def animation_mesh(
     step = _core.DepthStepOptions()
     step.max_step = max_step
     options.step = step
-    image = np.ascontiguousarray(depth)
+    image = np.ascontiguousarray(as_array(depth, "depth"))
     bones = np.ascontiguousarray(labels)
     if bones.dtype != np.uint8:
         raise InputError(f"labels: expected uint8, got {bones.dtype}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.arrays import as_array
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d.camera import Intrinsics, same_camera
@@ -815,7 +816,7 @@ def segment_body(
     >>> int(found.labels[130, 73]), int(found.labels[130, 86])  # shins: bones end at the ankles
     (18, 14)
     """
-    image = np.ascontiguousarray(depth)
+    image = np.ascontiguousarray(as_array(depth, "depth"))
     index = None if body_index is None else np.ascontiguousarray(body_index)
     if index is not None and (index.shape != image.shape or index.dtype != np.uint8):
         raise InputError(
