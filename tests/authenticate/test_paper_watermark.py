@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,16 @@ def test_bad_arguments_are_refused() -> None:
     sent = embed_paper(frame(), BLOCKS)
     with pytest.raises(InputError, match="metadata"):
         compare_paper(frame(), BLOCKS[:35], sent.metadata)
+    for wrong in ([0.5] * 36, [-1] * 36, [[0] * 36]):
+        with pytest.raises(InputError, match="tile_of_slice: expected"):
+            replace(sent.metadata, tile_of_slice=wrong)
+
+
+def test_metadata_may_be_lists() -> None:
+    sent = embed_paper(frame(), BLOCKS)
+    tiles, counts = (getattr(sent.metadata, name).tolist() for name in ("tile_of_slice", "counts"))
+    lists = replace(sent.metadata, tile_of_slice=tiles, counts=counts)
+    assert compare_paper(sent.frame, BLOCKS.tolist(), lists).verdict == "consistent"
 
 
 # --- The forgery that needs no key ---------------------------------------------------------------

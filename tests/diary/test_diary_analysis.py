@@ -230,6 +230,8 @@ def test_days_are_those_of_this_machine(tmp_path: Path, monkeypatch: pytest.Monk
             first, second = (
                 analyse(diary, today=date(2026, 3, day)).adherence["P01"] for day in (1, 2)
             )
+            with pytest.raises(InputError, match="today: expected a date without a time"):
+                analyse(diary, today=datetime(2026, 3, 2))
             with pytest.raises(InputError, match="today: expected 2026-03-01 or later"):
                 analyse(diary, today=date(2026, 2, 28))
     finally:

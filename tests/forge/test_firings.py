@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ import lattice_scans as scans
 import manip3d
 from manip3d import Box, InputError, LidarFrame, forge
 from manip3d.authenticate import generic_consistency
+from manip3d.authenticate._lattice import COLUMNS
 from manip3d.cli import app
 from manip3d.forge import Forgery
 from manip3d.forge._firings import _noise_of
@@ -137,6 +140,17 @@ def test_bad_arguments_are_named() -> None:
         forge.spoof(FRAME, pillar(), lattice=LATTICE, turn=math.nan)
     with pytest.raises(InputError, match="most: expected at least 1, got 0"):
         forge.spoof(FRAME, pillar(), lattice=LATTICE, most=0)
+    rings = len(LATTICE.slope)
+    with pytest.raises(InputError, match=f"offset: expected {rings} values, one for each laser"):
+        dataclasses.replace(LATTICE, offset=LATTICE.offset[:-1])
+
+
+def test_a_lattice_may_be_lists() -> None:
+    lists: dict[str, Any] = {name: getattr(LATTICE, name).tolist() for name in COLUMNS}
+    lattice = dataclasses.replace(LATTICE, **lists)
+    for attack in (forge.lattice_insert, forge.spoof):
+        one, other = (attack(FRAME, pillar(), lattice=each) for each in (lattice, LATTICE))
+        np.testing.assert_array_equal(one.points, other.points)
 
 
 @pytest.mark.parametrize("attack", ["lattice-insert", "lattice-remove", "spoof"])

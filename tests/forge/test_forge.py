@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
@@ -298,6 +299,21 @@ def test_snapped_points_lie_on_the_lattice(along: str) -> None:
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-3)
     np.testing.assert_array_equal(snapped.points[: len(room())], room())
     np.testing.assert_array_equal(snapped.label, forged.label)
+
+
+@pytest.mark.parametrize("kind", ["float64", "Fortran", "strided", "big-endian"])
+def test_points_of_any_layout_are_snapped(kind: str) -> None:
+    lattice = forge.Lattice.grid(np.radians([-2, 0, 2]), np.radians(0.5))
+    forged = forge.ctp(room(), grid_plate(), position=(6, 1, -1))
+    given = {
+        "float64": forged.points.astype(np.float64),
+        "Fortran": np.asfortranarray(forged.points),
+        "strided": np.repeat(forged.points, 2, axis=0)[::2],
+        "big-endian": forged.points.astype(">f4"),
+    }[kind]
+    snapped = forge.snap_to_lattice(dataclasses.replace(forged, points=given), lattice)
+    expected = forge.snap_to_lattice(forged, lattice)
+    np.testing.assert_array_equal(snapped.points, expected.points)
 
 
 def _street(*things: Points) -> Points:

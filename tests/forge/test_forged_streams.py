@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import tracemalloc
 import zipfile
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -408,6 +409,8 @@ def test_frames_at_a_pace_are_a_sequence() -> None:
     played = forge.at_pace(slow, 5e7)
     numbers = [frame.number for frame in played]
     assert numbers == [0, 1, 1, 2, 2]
+    queue = forge.at_pace(deque(slow), 5e7)
+    assert [frame.number for frame in queue] == numbers
     assert [played[n].number for n in range(-5, 0)] == numbers
     assert [frame.number for frame in played[-2:]] == [2, 2]
     for wrong in (5, -6):

@@ -118,6 +118,9 @@ class TestOpen3d:
     def test_others_are_refused(self) -> None:
         with pytest.raises(manip3d.InputError, match="source: expected an Open3D TriangleMesh"):
             Mesh.from_open3d("mesh")
+        trimesh = pytest.importorskip("trimesh")  # whose meshes have triangles, too
+        with pytest.raises(manip3d.InputError, match="source: expected an Open3D TriangleMesh"):
+            Mesh.from_open3d(trimesh.creation.box())
 
 
 class TestTrimesh:

@@ -177,6 +177,13 @@ def test_small_models_refuse_nothing_to_draw() -> None:
             make(0, 0)
 
 
+@pytest.mark.parametrize("rng", [-1, "seed", 1.5])
+def test_seeds_are_checked(rng: object) -> None:
+    for build in (models.rocker, models.lifeboat):
+        with pytest.raises(InputError, match="rng: expected a seed >= 0"):
+            build(5000, rng=rng)
+
+
 def test_materials_are_described() -> None:
     assert len({m.name for m in small("airplane").materials}) == 6
     assert asdict(small("car").materials[1])["alpha_mode"] == "blend"

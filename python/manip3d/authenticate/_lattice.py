@@ -18,7 +18,7 @@ from manip3d._util.options import threads_of
 from manip3d._util.paths import path_of
 from manip3d.authenticate._rings import Cloud
 from manip3d.authenticate._verdict import NO_POWER, Power
-from manip3d.errors import FormatError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, limited_bytes
 from manip3d.lidar import LidarFrame
 
@@ -108,6 +108,11 @@ class SensorLattice:
         ``no_trace``, except for the HDL-64E.
     tolerance : float
         Largest distance of clean points from lines and steps, metres.
+
+    Raises
+    ------
+    InputError
+        The columns of the lasers are not numbers, or have different lengths.
     """
 
     slope: Floats
@@ -123,6 +128,16 @@ class SensorLattice:
     incoherence: float
     power: Mapping[str, Power] = field(default_factory=lambda: NO_POWER, repr=False)
     tolerance: float = LINE_TOLERANCE
+
+    def __post_init__(self) -> None:
+        for name in COLUMNS:
+            column = as_rows(getattr(self, name), None, np.float64, name)
+            if len(column) != len(self.slope):
+                raise InputError(
+                    f"{name}: expected {len(self.slope)} values, one for each laser, got "
+                    f"{len(column)}"
+                )
+            object.__setattr__(self, name, column)
 
     @property
     def is_exact(self) -> bool:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import index_rows
+from manip3d._util.arrays import index_rows, rows
 from manip3d._util.checked import checked
 from manip3d._util.options import generator_of
 from manip3d.errors import InputError
@@ -42,6 +42,11 @@ class PaperMetadata:
         Tile of each slice; merged slices have the same tile.
     counts : (T,) uint32
         Number of points of each tile.
+
+    Raises
+    ------
+    InputError
+        ``tile_of_slice`` or ``counts`` is no list of such whole numbers.
     """
 
     embedding: PaperEmbedding
@@ -50,6 +55,10 @@ class PaperMetadata:
     block_bits: int
     tile_of_slice: NDArray[np.uint16] = field(repr=False)
     counts: NDArray[np.uint32] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        for name, dtype in (("tile_of_slice", np.uint16), ("counts", np.uint32)):
+            object.__setattr__(self, name, rows(getattr(self, name), None, dtype, name))
 
 
 @dataclass(frozen=True, eq=False)

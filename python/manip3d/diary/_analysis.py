@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date
+from datetime import date, datetime
 from typing import get_args
 
 import numpy as np
@@ -329,7 +329,8 @@ def analyse(
     Raises
     ------
     InputError
-        Nobody is enrolled, or a participant was enrolled after the given ``today``.
+        Nobody is enrolled, a participant was enrolled after the given ``today``, or this has a
+        time.
     MissingExtraError
         scipy is not installed.
 
@@ -343,6 +344,8 @@ def analyse(
     ...     analyse(diary).responders_50.number
     1
     """
+    if isinstance(today, datetime):  # a subclass of date, which cannot be compared with one
+        raise InputError(f"today: expected a date without a time (`.date()`), got {today!r}")
     imported("scipy.special", "diary")
     people = diary.participants()
     if not people:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import index_rows
+from manip3d._util.arrays import index_rows, rows
 from manip3d._util.checked import checked
 from manip3d._util.options import seed_of, threads_of
 from manip3d.errors import InputError
@@ -507,8 +507,10 @@ def snap_to_lattice(
     touched = np.concatenate([forgery.added, forgery.moved])
     none = np.empty(0, np.float32)
     parts = _core.snap_to_lattice(
-        forgery.points,
-        none if forgery.intensity is None else forgery.intensity,
+        rows(forgery.points, 3, np.float32, "forgery.points"),
+        none
+        if forgery.intensity is None
+        else rows(forgery.intensity, None, np.float32, "forgery.intensity"),
         touched,
         *lattice.arguments(),
         along_ray,

@@ -180,12 +180,13 @@ def at_pace(frames: Sequence[RgbdFrame], step_ns: float) -> Sequence[RgbdFrame]:
     >>> [slow.index(frame) for frame in forge.at_pace(slow, 1e9 / 30)]
     [0, 0, 1, 1, 1]
     """
-    check_frames("frames", frames[:1])
     if not len(frames):
         raise InputError("frames: expected one at least, got none")
+    first = [frames[i] for i in range(min(_TIMED, len(frames)))]  # a deque has no slices
+    check_frames("frames", first[:1])
     if not 0.0 <= step_ns < math.inf:
         raise InputError(f"step_ns: expected a finite number >= 0, got {step_ns}")
-    return _AtStep(frames, _step_of([frame.time_ns for frame in frames[:_TIMED]]), step_ns)
+    return _AtStep(frames, _step_of([frame.time_ns for frame in first]), step_ns)
 
 
 @dataclass(frozen=True)

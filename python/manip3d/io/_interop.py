@@ -108,7 +108,7 @@ def from_open3d(source: Any) -> Mesh:
     tensor = source if hasattr(source, "to_legacy") else None
     if tensor is not None:
         source = tensor.to_legacy()
-    if not hasattr(source, "triangles"):
+    if not hasattr(source, "has_triangle_uvs"):  # trimesh's meshes have triangles, too
         raise InputError(f"source: expected an Open3D TriangleMesh, got {type(source)}")
     if tensor is not None and "colors" in tensor.triangle:
         _warn_left_out(_FACE_COLORS)

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from manip3d._util.linear import product
+from manip3d._util.options import generator_of
 from manip3d.errors import InputError
 from manip3d.mesh import Material, Mesh, Texture
 from manip3d.simplify import clean
@@ -106,8 +107,13 @@ def rocker(faces: int = 80_354, *, rng: int | np.random.Generator = 0) -> Mesh:
         Approximate number of faces.
     rng : int or numpy.random.Generator
         Seed or generator of the surface's noise.
+
+    Raises
+    ------
+    InputError
+        ``faces`` is below 5000, or ``rng`` is neither a seed nor a generator.
     """
-    random = np.random.default_rng(rng)
+    random = generator_of(rng)
     low, high = (-0.068, -0.030, -0.026), (0.066, 0.030, 0.030)
     trial_cell = 0.002
     trial = surface_of(_rocker_distance, low, high, trial_cell)
@@ -390,7 +396,7 @@ def lifeboat(faces: int = 37_986, *, rng: int | np.random.Generator = 0) -> Mesh
     rng : int or numpy.random.Generator
         Seed or generator of the heap of netting in the bows, a triangle soup.
     """
-    random_seed = np.random.default_rng(rng).integers(2**32)
+    random_seed = generator_of(rng).integers(2**32)
     materials = [
         _plain("hull", 0.85, 0.25, 0.03),
         _plain("wood", 0.45, 0.28, 0.13),
