@@ -98,12 +98,14 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     valid = vertex >= 0
     points = np.full((rows * cols, 3), np.nan)
     points[valid] = vertices[vertex[valid]]
-    color = None
+    color = np.zeros((rows * cols, 3), np.uint8)
     if len(colors):
-        color = np.zeros((rows * cols, 3), np.uint8)
         color[valid] = colors[vertex[valid]]
-        color = color.reshape(rows, cols, 3)
-    return RangeGrid(points.reshape(rows, cols, 3), valid.reshape(rows, cols), color)
+    return RangeGrid(
+        points.reshape(rows, cols, 3),
+        valid.reshape(rows, cols),
+        color.reshape(rows, cols, 3) if len(colors) else None,
+    )
 
 
 def _cloud(path: Path, limit: int, look: Callable[[float], None] | None) -> Table:
@@ -135,7 +137,8 @@ def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
             f"{len(points)} points",
             file=file,
         )
-    valid = ~np.isnan(points).any(axis=1) & points.any(axis=1) & ~np.isinf(points).all(axis=1)
+    infinite = np.isinf(points).all(axis=1)
+    valid = np.asarray(~np.isnan(points).any(axis=1) & points.any(axis=1) & ~infinite)
     points[~valid] = 0.0
     measured_points(points, ScanFormat("pcd"), file)  # raises on infinite coordinates
     points[~valid] = np.nan
