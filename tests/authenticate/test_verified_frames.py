@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import gc
+import hashlib
 import os
 import resource
 import signal
@@ -18,7 +19,7 @@ from manip3d import LidarFrame
 from manip3d.authenticate import KeyFile, Watermarked, Watermarker
 from manip3d.authenticate import _verified_frames as kept
 from manip3d.errors import Error, FormatError, InputError
-from watermark_scans import grid_scan, key_file
+from watermark_scans import ROOT_KEY, grid_scan, key_file
 
 
 @pytest.fixture
@@ -171,6 +172,19 @@ def test_a_file_without_a_journal_is_read(key: KeyFile, state: Path) -> None:
         state.write_bytes(verifier._verifier.state())
     with Watermarker(key, state=state) as again:
         assert orders(again, sent) == ["replay"] * 2
+
+
+def test_a_state_of_the_first_version_is_read(key: KeyFile, state: Path) -> None:
+    """It does not state the last frames of sessions that were left: all of theirs are replays."""
+    left, last = signed(key, 3), signed(key, 2)
+    with Watermarker(key) as verifier:
+        orders(verifier, [*left[:2], last[0]])
+        new = verifier._verifier.state()
+    body = b"m3d-vs01" + new[8:66] + new[66:82]  # magic, the last frame, a session of 16 bytes
+    body += hashlib.blake2b(b"m3d-verifier-state" + body, key=ROOT_KEY, digest_size=32).digest()
+    state.write_bytes(body)
+    with Watermarker(key, state=state) as again:
+        assert orders(again, [left[2], last[0], last[1]]) == ["replay", "replay", "in order"]
 
 
 def test_no_bytes_make_a_state_of_frames_that_were_not_seen(key: KeyFile, state: Path) -> None:

@@ -466,6 +466,57 @@ def test_frames_are_a_chain(key: KeyFile) -> None:
     assert see(3) == ("authentic", "in order", 0)
 
 
+@pytest.mark.parametrize("num_foreign", [1, 2])
+def test_frames_of_other_sessions_do_not_break_the_chain(
+    key: KeyFile, num_foreign: int, tmp_path: Path
+) -> None:
+    """The verifier continues with the session after them, but frames that were seen are replays."""
+    genuine, *others = (
+        [marker.embed(frame(400, n), is_end=n == 7) for n in range(8)]
+        for marker in (marker_of(key), marker_of(key), marker_of(key))
+    )
+    inserted = [other[n] for other, n in zip(others[:num_foreign], (2, 0), strict=False)]
+    first = 2 + num_foreign
+    sent = [*genuine[:2], *inserted, *genuine[first:]]
+    results = []
+    for each in sent:  # the state file remembers the sessions that were left
+        with Watermarker(key, state=tmp_path / "seen") as verifier:
+            results.append(verifier.verify(each.frame, each.record))
+    assert [found.verdict for found in results] == [
+        *["authentic"] * 2,
+        *["undecidable"] * (num_foreign + 1),
+        *["authentic"] * (7 - first),
+    ]
+    for found in results[2:first]:
+        assert found.reason.endswith("the frame is of another session than the one before it")
+    assert (results[first].order, results[first].gap) == ("gap", num_foreign)
+    last = f"to {first} " if num_foreign > 1 else ""
+    for whole in (True, False):
+        verdict, reason = verdict_of_stream(results, whole=whole)
+        assert verdict == "tampered"
+        assert reason.startswith(f"frame{'s' if last else ''} 3 {last}(counted from 1)")
+    with Watermarker(key, state=tmp_path / "seen") as verifier:
+        for each in (*genuine, inserted[0]):
+            found = verifier.verify(each.frame, each.record)
+            assert (found.verdict, found.order) == ("tampered", "replay")
+
+
+def test_a_session_that_begins_anew_without_an_end_of_the_old_one(key: KeyFile) -> None:
+    """A device that was stopped begins a new session; whether frames are lost cannot be told."""
+    old, new = (
+        [marker.embed(frame(400, n)) for n in range(3)]
+        for marker in (marker_of(key), marker_of(key))
+    )
+    verifier = Watermarker(key)
+    results = [verifier.verify(each.frame, each.record) for each in (*old[:2], *new)]
+    assert [found.order for found in results] == ["in order"] * 2 + ["gap"] + ["in order"] * 2
+    assert verdict_of_stream(results)[0] == "undecidable"
+    late = verifier.verify(old[2].frame, old[2].record)  # was held back until now
+    assert (late.verdict, late.order) == ("undecidable", "gap")
+    assert verdict_of_stream([*results, late])[0] == "tampered"
+    assert verifier.verify(old[1].frame, old[1].record).order == "replay"
+
+
 def test_a_tampered_frame_does_not_break_the_chain(key: KeyFile) -> None:
     marker, verifier = marker_of(key), Watermarker(key)
     sent = [marker.embed(frame(1000, n), is_end=n == 2) for n in range(3)]

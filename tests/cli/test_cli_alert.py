@@ -64,6 +64,18 @@ def test_a_signed_drive_is_authentic_until_a_point_moves(drive: Path, tmp_path: 
     assert not re.search(r"(src|href)=.?https?:", html)  # it loads nothing
     assert str(tmp_path) not in html.replace(str(signed), "")
 
+    other, spliced = tmp_path / "other", Path(shutil.copytree(signed, tmp_path / "spliced"))
+    run("watermark", "embed", str(drive), "--key", str(key), "-o", str(other), "-q")
+    for suffix in (".bin", ".bin.wm"):  # one frame of another session
+        name = Path("velodyne_points", "data", f"0000000001{suffix}")
+        shutil.copy(other / name, spliced / name)
+    done = run("alert", "run", str(spliced), "--key", str(key), "--json")
+    told = json.loads(done.stdout)
+    assert (done.returncode, told["verdict"]) == (3, "tampered")
+    assert "frame 2 (counted from 1) is of another session" in told["reason"]
+    verdicts = [frame["verdict"] for frame in told["frames"]]
+    assert verdicts == ["authentic", "undecidable", "undecidable"]
+
     gap = Path(shutil.copytree(signed, tmp_path / "gap"))
     for lost in (gap / "velodyne_points" / "data").glob("0000000001.*"):
         lost.unlink()

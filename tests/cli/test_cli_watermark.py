@@ -354,7 +354,12 @@ def test_dropped_swapped_repeated_and_foreign_frames(
     other = tmp_path / "other"
     assert run("embed", drive, "--key", key, "-o", other, "-q").exit_code == 0
     copy(frame_of(other, 2), frame_of(foreign, 2))
-    assert verify(foreign, key)[0] != 0
+    code, record = verify(foreign, key)
+    assert (code, record["verdict"]) == (3, "tampered")
+    assert str(record["reason"]).startswith("frame 3 (counted from 1) is of another session")
+    assert [each["verdict"] for each in record["frames"]] == [
+        "authentic", "authentic", "undecidable", "undecidable"
+    ]  # fmt: skip
     assert verify(other, key)[0] == 0
 
 

@@ -32,7 +32,9 @@ std::string reason_of_tampering(const WatermarkFinding& finding) {
 }
 
 std::string reason_of_gap(std::int64_t missing) {
-  if (missing <= 0) return "the content holds, but its session began elsewhere";
+  if (missing <= 0) {
+    return "the content holds, but the frame is of another session than the one before it";
+  }
   if (missing == 1) return "the content holds, but the frame before it is missing";
   return "the content holds, but " + std::to_string(missing) + " frames before it are missing";
 }

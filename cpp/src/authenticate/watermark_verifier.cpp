@@ -20,6 +20,13 @@ namespace manip3d {
 namespace {
 
 constexpr std::size_t kMaxSessions = 4096;  // sessions that a verifier remembers
+constexpr std::uint64_t kNoLater = std::numeric_limits<std::uint64_t>::max();
+
+// Number of frames between two frames of a session.
+std::int64_t num_between(std::uint64_t before, std::uint64_t after) {
+  constexpr std::uint64_t kMost = std::numeric_limits<std::int64_t>::max();
+  return static_cast<std::int64_t>(std::min(after - before - 1, kMost));
+}
 
 // Has the scan a zero with a sign, in its coordinates or intensities?
 bool has_negative_zero(const PointsView& points) {
@@ -54,6 +61,13 @@ struct WatermarkVerifier::State {
   TiledSamples tiled;
   std::vector<std::uint8_t> stream;
 
+  // A session that the stream has left, and the number of its last frame. A session that has ended
+  // has `kNoLater`. Others may go on: a frame of another session may have been put into the stream.
+  struct Past {
+    WatermarkId session;
+    std::uint64_t frame;
+  };
+
   // State of the chain of frames.
   bool has_frame = false;
   bool had_end = false;
@@ -61,7 +75,7 @@ struct WatermarkVerifier::State {
   WatermarkId session{};
   std::uint64_t frame = 0;
   WatermarkTag tag{};
-  std::vector<WatermarkId> past;  // earlier sessions, the oldest first
+  std::vector<Past> past;  // earlier sessions, the one left first comes first
 
   void add(const WatermarkKey& key, std::optional<std::int64_t> until_ns);
   void check_open() const;
@@ -315,8 +329,13 @@ void WatermarkVerifier::State::find_place(const WatermarkRecord& record,
   // The stream never returns to an older key: otherwise a thief of an old key could begin sessions,
   // or even name the current one.
   finding.is_of_older_key = has_frame && root_of_keys > root;
-  if (finding.is_of_older_key || std::ranges::find(past, header.session) != past.end()) {
+  const auto left = std::ranges::find(past, header.session, &Past::session);
+  if (finding.is_of_older_key || (left != past.end() && header.frame <= left->frame)) {
     finding.order = WatermarkPlace::kReplay;
+  } else if (left != past.end()) {
+    // Frames of another session came between: also the next frame of the chain may be played late.
+    finding.order = WatermarkPlace::kGap;
+    finding.gap = num_between(left->frame, header.frame);
   } else if (!has_frame || header.session != session || root_of_keys != root) {
     // A session may begin if no frame was seen before, or after the last frame of the previous
     // session.
@@ -329,9 +348,7 @@ void WatermarkVerifier::State::find_place(const WatermarkRecord& record,
     finding.order = WatermarkPlace::kReplay;
   } else if (header.frame > frame + 1) {
     finding.order = WatermarkPlace::kGap;
-    const std::uint64_t missing = header.frame - frame - 1;
-    finding.gap = static_cast<std::int64_t>(
-        std::min<std::uint64_t>(missing, std::numeric_limits<std::int64_t>::max()));
+    finding.gap = num_between(frame, header.frame);
   } else if (equal_in_constant_time(record.previous, tag)) {
     finding.order = WatermarkPlace::kInOrder;
   }
@@ -339,8 +356,9 @@ void WatermarkVerifier::State::find_place(const WatermarkRecord& record,
 
 void WatermarkVerifier::State::go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag) {
   if (has_frame && header.session != session) {
+    std::erase_if(past, [&](const Past& left) { return left.session == header.session; });
     if (past.size() == kMaxSessions) past.erase(past.begin());
-    past.push_back(session);
+    past.push_back({session, had_end ? kNoLater : frame});
   }
   has_frame = true;
   had_end = header.is_end;
@@ -362,19 +380,25 @@ std::vector<std::uint8_t> WatermarkVerifier::state() const {
   const State& s = *state_;
   s.check_open();
   std::vector<std::uint8_t> bytes;
-  bytes.reserve(98 + 16 * s.past.size());
+  bytes.reserve(98 + 24 * s.past.size());
   const auto put = [&](std::span<const std::uint8_t> more) {
     // push_back, because GCC 12 warns of an insert
     for (const std::uint8_t byte : more) bytes.push_back(byte);
   };
-  std::array<std::uint8_t, 8> number;
-  store(s.frame, number.data());
-  put(bytes_of("m3d-vs01"));
+  const auto put_number = [&](std::uint64_t value) {
+    std::array<std::uint8_t, 8> number;
+    store(value, number.data());
+    put(number);
+  };
+  put(bytes_of("m3d-vs02"));
   put(std::array<std::uint8_t, 2>{s.has_frame, s.had_end});
   put(s.session);
-  put(number);
+  put_number(s.frame);
   put(s.tag);
-  for (const WatermarkId& session : s.past) put(session);
+  for (const State::Past& left : s.past) {
+    put(left.session);
+    put_number(left.frame);
+  }
   put(s.state_tag(s.root, bytes));
   return bytes;
 }
@@ -383,8 +407,14 @@ void WatermarkVerifier::restore(std::span<const std::uint8_t> state) {
   State& s = *state_;
   s.check_open();
   constexpr std::size_t kFixed = 8 + 2 + 16 + 8 + 32, kTag = 32;
-  const bool possible = state.size() >= kFixed + kTag && (state.size() - kFixed - kTag) % 16 == 0 &&
-                        state.size() <= kFixed + kTag + 16 * kMaxSessions;
+  // States of the first version do not state the last frames of earlier sessions: all frames of
+  // these sessions are replays.
+  const bool is_first =
+      std::ranges::equal(state.first(std::min<std::size_t>(state.size(), 8)), bytes_of("m3d-vs01"));
+  const std::size_t step = is_first ? 16 : 24;
+  const bool possible = state.size() >= kFixed + kTag &&
+                        (state.size() - kFixed - kTag) % step == 0 &&
+                        state.size() <= kFixed + kTag + step * kMaxSessions;
   // The state was authenticated with the key of the last frame, which is found by trying all keys.
   std::size_t number = 0;
   const auto made_it = [&](std::size_t key) {
@@ -401,9 +431,11 @@ void WatermarkVerifier::restore(std::span<const std::uint8_t> state) {
   std::copy_n(state.data() + 10, 16, s.session.begin());
   s.frame = load<std::uint64_t>(state.data() + 26);
   std::copy_n(state.data() + 34, 32, s.tag.begin());
-  s.past.resize((state.size() - kFixed - kTag) / 16);
+  s.past.resize((state.size() - kFixed - kTag) / step);
   for (std::size_t i = 0; i < s.past.size(); ++i) {
-    std::copy_n(state.data() + kFixed + 16 * i, 16, s.past[i].begin());
+    const std::uint8_t* place = state.data() + kFixed + step * i;
+    std::copy_n(place, 16, s.past[i].session.begin());
+    s.past[i].frame = is_first ? kNoLater : load<std::uint64_t>(place + 16);
   }
 }
 

@@ -30,9 +30,10 @@ def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[
     Returns
     -------
     (verdict, reason)
-        ``tampered`` if a frame is; else ``undecidable`` if a frame is undecidable or was skipped,
-        or if ``whole`` is set and the session is incomplete; else ``authentic`` if every frame is;
-        else ``no_trace``.
+        ``tampered`` if a frame is, or if frames of another session of the watermark lie between
+        frames of one; else ``undecidable`` if a frame is undecidable or was skipped, or if
+        ``whole`` is set and the session is incomplete; else ``authentic`` if every frame is; else
+        ``no_trace``.
 
     Raises
     ------
@@ -128,6 +129,8 @@ class AlertTally:
         is_chance, note = _accused_by_cameras(self._accused, self._seen)
         told = self._without_cameras if is_chance else self._told
         verdict, reason = told.verdict()
+        if verdict != "tampered" and self._stream.splice:
+            verdict, reason = "tampered", f"watermark: {self._stream.splice}"
         if verdict == "authentic" and whole:
             stream, why = self._stream.verdict()
             if stream != "authentic":

@@ -20,7 +20,7 @@ _HEADER = struct.Struct("<8sI")  # magic number, length of the checkpoint
 _HEAD, _TAG = 66, 32  # bytes of a state before and after its list of past sessions
 _ENTRY = _HEAD + _TAG
 _MAX_SESSIONS = 4096  # largest number of sessions that a verifier remembers
-_MAX_BYTES = _HEADER.size + _ENTRY + 16 * _MAX_SESSIONS + CHECKPOINT_FRAMES * _ENTRY
+_MAX_BYTES = _HEADER.size + _ENTRY + 24 * _MAX_SESSIONS + CHECKPOINT_FRAMES * _ENTRY
 
 
 class VerifiedFrames:

@@ -371,8 +371,10 @@ class Watermarker(Closing):
     The watermark protects scans between the embedder and the verifier, not the measurement: laser
     pulses that an attacker injects into the sensor are signed as genuine, and only the forensics of
     `inspect` can notice them. The first embedded frame begins a session. Frames are chained, so
-    that dropped, repeated and reordered ones are noticed. `embed` and `verify` have separate
-    states. Columns other than coordinates and intensity are not protected.
+    that dropped, repeated and reordered ones are noticed. If a frame of another session comes
+    before the session has ended, it is ``undecidable``, and so is the first frame with which the
+    session that was left continues. `embed` and `verify` have separate states. Columns other than
+    coordinates and intensity are not protected.
 
     A scan still verifies after its points were reordered, after it was written as float32 and read
     again, and after it was written with as many decimals as float32 has, as in text. Coordinates in

@@ -712,9 +712,10 @@ def verdict_of_stream(
     Returns
     -------
     (verdict, reason)
-        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or, with ``whole``, if the
-        frames are of several sessions (frames between these may be missing) or the beginning or the
-        end is missing; else ``authentic``.
+        ``tampered`` if a frame is, or if frames of another session lie between frames of one; else
+        ``undecidable`` if a frame is, or, with ``whole``, if the frames are of several sessions
+        (frames between these may be missing) or the beginning or the end is missing; else
+        ``authentic``.
 
     Raises
     ------
@@ -749,14 +750,18 @@ class StreamTally:
         self._count = 0
         self._loud: dict[str, tuple[str, int]] = {}  # by verdict: first reason, number of frames
         self._sessions: set[str] = set()
+        self._left: dict[str, int] = {}  # by session: number of frames until the stream left it
+        self._session = ""  # of the last frame
         self._first: int | None = None  # number of the first frame
         self._ends = False
         self._reason = ""
+        self._foreign: tuple[int, int] | None = None  # first and last of the frames put in between
 
     def add(self, result: WatermarkResult) -> None:
         """Add the result of the next frame."""
         if not self._count:
             self._first = result.number
+        self._find_foreign(result)
         self._count += 1
         self._sessions.add(result.session)
         self._ends, self._reason = result.is_end, result.reason
@@ -764,10 +769,31 @@ class StreamTally:
             first, frames = self._loud.get(result.verdict, (result.reason, 0))
             self._loud[result.verdict] = first, frames + 1
 
+    def _find_foreign(self, result: WatermarkResult) -> None:
+        """Notice a session that continues after frames of another one."""
+        if not result.session or result.order == "replay" or result.session == self._session:
+            return
+        if result.order == "gap" and result.session in self._left and self._foreign is None:
+            self._foreign = self._left[result.session] + 1, self._count
+        self._left[self._session] = self._count
+        self._session = result.session
+
+    @property
+    def splice(self) -> str:
+        """Names frames of another session between frames of one; empty: there are none."""
+        if self._foreign is None:
+            return ""
+        first, last = self._foreign
+        which = f"frame {first}" if first == last else f"frames {first} to {last}"
+        verb = "is" if first == last else "are"
+        return f"{which} (counted from 1) {verb} of another session than those before and after"
+
     def verdict(self, *, whole: bool = True) -> tuple[WatermarkVerdict, str]:
         """Return the verdict and its reason; see `verdict_of_stream`."""
         verdicts: tuple[WatermarkVerdict, ...] = ("tampered", "undecidable")
         for verdict in verdicts:
+            if verdict == "undecidable" and self.splice:
+                return "tampered", self.splice
             if verdict in self._loud:
                 reason, frames = self._loud[verdict]
                 one = f" ({frames} of {self._count} frames)" if self._count > 1 else ""

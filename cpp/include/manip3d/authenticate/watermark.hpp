@@ -224,6 +224,11 @@ struct WatermarkFinding {
 /// correct. Records are refused if they state a time at which their key had expired or had been
 /// replaced. The embedder states the time, so that a thief of an old key can state an earlier one;
 /// but in a stream that has continued with a newer key, frames of the old key count as replays.
+///
+/// If a frame of another session comes before the session has ended, it is a gap, and the stream
+/// continues with that session. The session that was left may continue later, which is a gap, too.
+/// Frames of a session that has ended, and frames up to the last one that was seen of a session
+/// that was left, are replays.
 class WatermarkVerifier {
  public:
   /// @throws Error  the key is closed.
