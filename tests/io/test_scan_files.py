@@ -679,6 +679,21 @@ def test_points_at_infinity_are_not_measured(tmp_path: Path) -> None:
         read_scan(pcd_of(tmp_path / "b.pcd", "x y z intensity", rows))
 
 
+@pytest.mark.parametrize("shine", [0.0, 0.5])
+def test_points_without_a_return_are_no_other_layout(shine: float, tmp_path: Path) -> None:
+    """Livox scanners write them as zeros, in places more than half of the points."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0.0, 40.0, (60_000, 4)).astype("<f4")
+    gone = rng.random(60_000) < 0.6
+    points[gone] = (0.0, 0.0, 0.0, shine)
+    points[gone, 3] *= rng.random(gone.sum(), np.float32)
+    points.tofile(tmp_path / "a.bin")
+    np.testing.assert_array_equal(read_scan(tmp_path / "a.bin").points, points[:, :3])
+    points[:, :3] = 0.0  # nothing at all was measured
+    points.tofile(tmp_path / "b.bin")
+    assert read_scan(tmp_path / "b.bin").num_points == 60_000
+
+
 def test_bin_files_of_other_layouts_are_refused(tmp_path: Path) -> None:
     """They were read as x, y, z, intensity: coordinates of 1e36, or all alike."""
     rng = np.random.default_rng(0)
@@ -693,6 +708,10 @@ def test_bin_files_of_other_layouts_are_refused(tmp_path: Path) -> None:
     np.ascontiguousarray(points.T).tofile(tmp_path / "planar.bin")
     with pytest.raises(FormatError, match="got all x first, then all y"):
         read_scan(tmp_path / "planar.bin")
+    with_zeros = np.concatenate([np.zeros((30_000, 4), "<f4"), points])
+    np.ascontiguousarray(with_zeros.T).tofile(tmp_path / "planar_zeros.bin")
+    with pytest.raises(FormatError, match="got all x first, then all y"):
+        read_scan(tmp_path / "planar_zeros.bin")
     records = np.zeros(2000, [("xyz", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])
     records["xyz"] = np.rint((points[:, :3] + 100.0) / 0.005)
     records["intensity"], records["laser"] = points[:, 3], rng.integers(0, 32, 2000)

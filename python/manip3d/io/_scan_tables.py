@@ -49,7 +49,7 @@ _LARGEST = 1e9
 """Largest number in a scan, metres or otherwise. If 64-bit numbers are read as 32-bit ones, some
 are larger."""
 _MOST_LARGE = 0.01  # share of such numbers in a scan with damaged points
-_MIN_PLANAR, _MAX_COMPARED = 400, 40_000  # numbers
+_MIN_PLANAR, _MAX_COMPARED = 100, 10_000  # rows of four numbers
 _PLANAR = 0.1  # differences within rows, relative to the range of half of all numbers
 _AXIS_UNIT = re.compile(r"(?i)(?<![a-z_])[xyz]1? ?[(\[]([^)\]]*)[)\]]")
 _LENGTHS = {"mm": 1e-3, "millimeters": 1e-3, "cm": 1e-2, "centimeters": 1e-2}  # metres
@@ -189,8 +189,13 @@ def _refuse_other_records(raw: NDArray[np.uint8], file: str) -> None:
                 "layout (NCLT, for example, has 16-bit integers); write it as a .npy file",
                 file=file,
             )
-    if single.size >= _MIN_PLANAR and single.size % 4 == 0:
-        rows = single[:_MAX_COMPARED].reshape(-1, 4)
+    if single.size % 4 == 0:
+        rows = single.reshape(-1, 4)
+        rows = rows[:: max(1, len(rows) // _MAX_COMPARED)]
+        # The numbers of points without a return are alike, too; such points repeat.
+        rows = np.unique(rows[rows[:, :3].any(axis=1)], axis=0)
+        if len(rows) < _MIN_PLANAR:
+            return
         apart = np.median(np.abs(np.diff(rows, axis=1)), axis=0)
         low, high = np.percentile(rows, (25.0, 75.0))
         if apart.max() < _PLANAR * (high - low):  # x, y, z and intensity are alike in each row
