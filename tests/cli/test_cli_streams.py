@@ -59,6 +59,32 @@ def test_forge_writes_a_recording_and_its_truth(person: Path, tmp_path: Path) ->
     assert manip3d(*command, "--force", "-q").returncode == 0
 
 
+@pytest.mark.parametrize("scheme", ["folder", "mkv", "tum"])
+def test_the_truth_lies_beside_a_recording_with_a_scheme(
+    scheme: str, person: Path, tmp_path: Path
+) -> None:
+    place = tmp_path / ("forged.mkv" if scheme == "mkv" else "forged")
+    command = ("forge", "stream", person, "--type", 1, "-o", f"{scheme}:{place}", "-q")
+    done = manip3d(*command)
+    assert done.returncode == 0, done.stderr
+    truth = place.with_name(f"{place.name}.truth.npz")
+    assert sorted(tmp_path.iterdir()) == sorted([person, place, truth])
+    assert forge.read_stream_truth(truth).masks.any()
+    assert capture.open_rgbd(f"{scheme}:{place}").num_frames == 8
+    assert "exists already; --force replaces it" in manip3d(*command).stderr
+    assert manip3d(*command, "--force").returncode == 0
+
+
+def test_poses_without_a_skeleton_are_named(person: Path, tmp_path: Path) -> None:
+    frames = capture.open_rgbd(f"folder:{person}")
+    capture.record([replace(frame, skeletons=()) for frame in frames], tmp_path / "poses")
+    command = ("forge", "stream", person, "--type", 2, "--pose", tmp_path / "poses")
+    done = manip3d(*command, "-o", tmp_path / "forged")
+    assert done.returncode == 1
+    assert "--pose: expected skeletons, got frames without" in done.stderr
+    assert not (tmp_path / "forged").exists()
+
+
 def test_a_person_who_is_hidden_is_told_of(person: Path, tmp_path: Path) -> None:
     out = tmp_path / "forged"
     moved = ("--move", 0, 0, 50)  # far behind the wall

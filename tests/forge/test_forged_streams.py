@@ -134,6 +134,17 @@ def test_without_a_skeleton_the_persons_pixels_are_taken() -> None:
         list(forge.stream([replace(source, body_index=None)], wall(), kind=1))
 
 
+def test_poses_without_skeletons_are_refused() -> None:
+    gone = [replace(person(number), skeletons=()) for number in range(2)]
+    with pytest.raises(InputError, match="pose: expected skeletons, got frames without"):
+        forge.stream([person()], wall(), kind=2, pose=gone)
+    for poses in (iter(gone), forge.at_pace(gone, 0.0)):  # these are not looked through before
+        with pytest.raises(InputError, match="pose: expected skeletons, got frames without"):
+            list(forge.stream([person(0), person(1)], wall(), kind=2, pose=poses))
+    late = forge.stream([person(0), person(1)], wall(), kind=2, pose=[gone[0], person()])
+    assert [bool(each.mask.any()) for each in late.frames()] == [False, True]
+
+
 def test_frames_without_anybody_show_the_background() -> None:
     there = person()
     gone = replace(there, skeletons=(), body_index=None)

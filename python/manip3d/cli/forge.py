@@ -16,6 +16,7 @@ import numpy as np
 import typer
 
 from manip3d.cli import kinds
+from manip3d.cli.capture import check_recording_output, place_of_recording
 from manip3d.cli.convert import Up
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
@@ -528,6 +529,8 @@ def forge_frames(
 ) -> dict[str, Any]:
     """Forge a stream and write it as a recording, with the truth as ``OUT.truth.npz``.
 
+    ``output`` may have a scheme (``tum:walk``), which is no part of the truth's name.
+
     Raises
     ------
     InputError
@@ -539,7 +542,8 @@ def forge_frames(
     """
     from manip3d import forge
 
-    truth = output.with_name(output.name + ".truth.npz")
+    place = place_of_recording(output)
+    truth = place.with_name(place.name + ".truth.npz")
     if truth.exists() and not force:
         raise InputError(f"{truth}: exists already; --force replaces it")
 
@@ -653,7 +657,10 @@ def _motion(
 
     if not pose.lower().endswith(".bvh"):
         with _open_bounded(pose, frames, terminal) as opened:
-            return forge.at_pace(forge.recorded_poses(opened, num_frames=frames), step_ns)
+            poses = forge.recorded_poses(opened, num_frames=frames)
+        if not any(frame.skeletons for frame in poses):
+            raise InputError(f"--pose: expected skeletons, got frames without in {pose}")
+        return forge.at_pace(poses, step_ns)
     from manip3d.io import read_bvh
     from manip3d.modify import skeletons_from_motion
 
@@ -723,12 +730,13 @@ def forge_stream(
 ) -> None:
     """Forge an RGB-D stream. The truth is written beside it, as OUT.truth.npz.
 
-    If no frame has a forged pixel, the recording is kept and the exit code is 1.
+    With 'tum:FOLDER' as output, a sequence for programs that read the TUM RGB-D benchmark is
+    written. If no frame has a forged pixel, the recording is kept and the exit code is 1.
 
     Example: manip3d forge stream "sim:body?frames=12" --type 1 --still -o insertion
     """
     _check_type(kind, pose, method, scope)
-    check_output(output, (".mkv",), force=force, folder=True)
+    check_recording_output(output, force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
     options = {"method": method.value, "scope": scope.value, "move": move, "blend": blend}
     record = forge_frames(

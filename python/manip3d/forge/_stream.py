@@ -163,6 +163,7 @@ class StreamForger:
             self._poses = _endless(self._pose) if self._pose is not None else None
             self._own, self._other = JointSmoother(), JointSmoother()
             self._person, self._model = _Followed(), _Followed()
+            self._has_pose = self._poses is None  # whether any pose has a skeleton
 
     def skip(self) -> None:
         """Skip a frame: background and poses advance, and smoothing restarts."""
@@ -212,6 +213,7 @@ class StreamForger:
             if self._options.smooths and person is not None:
                 person = self._own.add(person)
             target = self._model.of(pose) if isinstance(pose, RgbdFrame) else pose
+            self._has_pose = self._has_pose or target is not None
             if self._options.smooths and target is not None:
                 target = self._other.add(target)
             watch.done("smoothing")
@@ -262,7 +264,7 @@ class ForgedStream:
         for frame in self._source:
             forged = forger.process(frame)
             if forged is None:
-                return
+                break
             is_told = is_told or bool(frame.skeletons) or frame.body_index is not None
             touched = int(np.count_nonzero(forged.mask))
             self.missed += not touched
@@ -272,6 +274,8 @@ class ForgedStream:
             yield forged
         if self._numbers and not is_told:
             raise InputError("source: expected a skeleton or people's pixels, got frames without")
+        if self._numbers and not forger._has_pose:
+            raise InputError("pose: expected skeletons, got frames without")
 
     @property
     def truth(self) -> StreamTruth:
@@ -381,7 +385,8 @@ def stream(
     ------
     InputError
         An option is out of range, type 2 has no poses, or the background has no frames. During
-        iteration: the source has no skeletons or people's pixels, or sizes of images do not agree.
+        iteration: the source has no skeletons or people's pixels, the frames of ``pose`` have no
+        skeletons, or sizes of images do not agree.
 
     Notes
     -----
@@ -424,6 +429,8 @@ def _check_poses(pose: object) -> None:
         for each in pose:
             if not isinstance(each, RgbdFrame | Skeleton):
                 raise InputError(f"pose: expected frames or skeletons, got {type(each).__name__}")
+        if len(pose) and not any(isinstance(each, Skeleton) or each.skeletons for each in pose):
+            raise InputError("pose: expected skeletons, got frames without")
 
 
 def _calibration_of(
