@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -109,18 +109,59 @@ def test_a_camera_that_is_mounted_upright_is_judged_along_its_columns(turns: int
         assert (u + width - 1, v + height - 1) == (columns.max(), rows.max())
 
 
+def marked(frames: Iterable[RgbdFrame], mark: int) -> list[RgbdFrame]:
+    """The frames with a constant other than 0 where nothing was measured."""
+    return [replace(f, depth=np.where(f.depth == 0, np.uint16(mark), f.depth)) for f in frames]
+
+
 @pytest.mark.parametrize("soft", [True, False])
 def test_pixels_of_65535_count_as_missing(soft: bool) -> None:
     """Many cameras mark missing pixels so. A border of them would be a sharp silhouette."""
     frames = stream(soft=soft)
-    marked = [replace(f, depth=np.where(f.depth == 0, np.uint16(65535), f.depth)) for f in frames]
-    found, expected = (authenticate.inspect_stream(each) for each in (marked, frames))
+    found, expected = (authenticate.inspect_stream(f) for f in (marked(frames, 65535), frames))
     assert (found.verdict, found.score, found.regions) == (
         expected.verdict,
         expected.score,
         expected.regions,
     )
     assert np.array_equal(found.masks, expected.masks)
+
+
+def with_border(frames: Iterable[RgbdFrame], mark: int) -> list[RgbdFrame]:
+    """The frames without measurements along their right border, marked by a constant."""
+    border = np.arange(320) >= 280
+    return marked([replace(f, depth=np.where(border, np.uint16(0), f.depth)) for f in frames], mark)
+
+
+@pytest.mark.parametrize("soft", [True, False])
+@pytest.mark.parametrize("mark", [4095, 8191, 10000])
+def test_a_constant_of_missing_pixels_counts_as_missing(mark: int, soft: bool) -> None:
+    """Drivers and simulators store other constants than 0 and 65535. Its border is sharp, and it
+    never changes."""
+    found, expected = (
+        authenticate.inspect_stream(with_border(stream(soft=soft), each)) for each in (mark, 0)
+    )
+    assert expected.verdict == ("no_trace" if soft else "tampered")
+    assert (found.verdict, found.score) == (expected.verdict, expected.score)
+    assert found.regions == expected.regions
+    assert np.array_equal(found.masks, expected.masks)
+    assert found.reason == (
+        f"{expected.reason}; depths of {mark} mm, in {15 if soft else 13}% of the pixels, count as "
+        "not measured"
+    )
+
+
+@pytest.mark.parametrize("mark", [2047, 3000])
+def test_a_constant_of_missing_pixels_among_other_depths_accuses_nobody(mark: int) -> None:
+    """No surface is told from it, but what never changes there is no still background."""
+    frames = with_border(stream(), mark)
+    for number, frame in enumerate(frames):  # something at these depths, and nearer than the wall
+        frame.depth[210:240, 100:300] = 2000 + 10 * np.arange(200) + number
+    found = authenticate.inspect_stream(frames)
+    assert (found.verdict, found.regions) == ("undecidable", ())
+    assert "count as not measured" not in found.reason
+    repetition = next(each for each in found.detectors if each.name == "repetition")
+    assert repetition.verdict == "no_trace"
 
 
 @pytest.mark.parametrize("is_still", [False, True])
@@ -440,8 +481,9 @@ def test_people_before_a_wall_with_gaps_are_found(subject: int, realdata: RealDa
     realdata.needs("person_turning", "people_utd_mhad")
     people = datasets.open_people(f"utd-mhad:a3_s{subject}")[:10]
     walls = _streams.walls()[10 * (subject - 1) : 10 * subject]
-    forged = forge.stream(people, walls, kind=1, move=(0.0, 0.0, -0.9))
-    assert authenticate.inspect_stream(list(forged)).verdict == "tampered"
+    forged = list(forge.stream(people, walls, kind=1, move=(0.0, 0.0, -0.9)))
+    assert authenticate.inspect_stream(forged).verdict == "tampered"
+    assert authenticate.inspect_stream(marked(forged, 10000)).verdict == "tampered"
 
 
 def test_time_of_flight_cameras_need_no_wide_gaps() -> None:
@@ -474,6 +516,9 @@ def test_the_page_of_a_stream_without_numbers_marks_the_frames_that_were_forged(
     captions = re.findall(r"<figcaption>frame (\d+), [^<]*?(pixels inserted)?<", page.read_text())
     assert captions[0] == ("0", "")
     assert captions[-1] == ("9", "pixels inserted")
+    assert "125 clean frames" in page.read_text()
+    assert "Note: cameras other than a few of structured light" in page.read_text()
+    assert page.read_text().count("not covered") == 1
 
 
 def test_a_stream_that_is_forged_for_a_while_is_found() -> None:
@@ -537,6 +582,35 @@ def test_what_codecs_and_filters_repeat_is_not_accused(change: Any) -> None:
     found = authenticate.inspect_stream(change(frames))
     assert found.verdict == "processed"
     assert ("never changes" if change is skipped_blocks else "from frame to frame") in found.reason
+
+
+def test_a_rendered_scene_before_a_fixed_camera_is_undecidable() -> None:
+    """Without noise, all that does not move repeats, and silhouettes are sharp."""
+    wall = 3000.0 + 2.0 * np.arange(320) + np.arange(240)[:, None]
+    frames = []
+    for number in range(12):
+        depth = wall.copy()
+        depth[60:200, 100 + 4 * number : 180 + 4 * number] = 1500.0
+        frames.append(replace(sensed(number), depth=np.rint(depth).astype(np.uint16)))
+    found = authenticate.inspect_stream(frames)
+    assert (found.verdict, found.regions) == ("undecidable", ())
+    assert "rendered" in found.reason
+    repetition = next(each for each in found.detectors if each.name == "repetition")
+    assert "never changes" in repetition.reason
+
+
+def test_filled_holes_before_a_codec_are_not_accused() -> None:
+    frames = [passing(number, np.s_[60 + 8 * number : 140 + 8 * number]) for number in range(12)]
+    for frame in frames:  # each missing pixel gets the depth on its left
+        for u in range(1, 320):
+            missing = frame.depth[:, u] == 0
+            frame.depth[missing, u] = frame.depth[missing, u - 1]
+        frame.depth[:, 0][frame.depth[:, 0] == 0] = 3000
+    found = authenticate.inspect_stream(skipped_blocks(frames, 60.0))
+    assert (found.verdict, found.regions) == ("undecidable", ())
+    assert found.score is not None
+    assert found.score > 0.6
+    assert "filled afterwards" in found.reason
 
 
 def passing(number: int, box: slice) -> RgbdFrame:
@@ -802,12 +876,14 @@ def test_medians_on_the_turning_person(realdata: RealData) -> None:
 
 
 @pytest.mark.realdata
+@pytest.mark.parametrize("mark", [0, 2047, 8191, 10000])
 @pytest.mark.parametrize("name", ["people:person_turning", "people:person_ddrnet"])
-def test_clean_recordings_are_not_accused(name: str, realdata: RealData) -> None:
+def test_clean_recordings_are_not_accused(name: str, mark: int, realdata: RealData) -> None:
     from manip3d import datasets
 
     realdata.needs(name.removeprefix("people:"))
-    found = authenticate.inspect_stream(datasets.open_people(name))
+    frames = datasets.open_people(name)
+    found = authenticate.inspect_stream(marked(frames, mark) if mark else frames)
     assert found.verdict in ("no_trace", "undecidable")
 
 

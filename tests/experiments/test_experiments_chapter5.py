@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from manip3d.authenticate._stream_verdict import POWER
 from manip3d.experiments import (
     Case,
     Plan,
@@ -53,6 +54,26 @@ def test_forged_streams_are_found_and_clean_ones_are_not_accused() -> None:
     missed = [row | {"type 2 running": "no_trace"} for row in rows]
     (claim,) = [c for c in experiment.claims if c.text.startswith("Running backgrounds are")]
     assert claim.verdict(missed).holds is False
+
+
+@pytest.mark.slow
+@pytest.mark.realdata
+@pytest.mark.parametrize("kind", ["streams", "kitchen"])
+def test_the_stated_power_of_the_stream_detector_is_measured(kind: str, realdata: RealData) -> None:
+    """On recorded people; that all of the 16 simulated streams are found is taken for granted."""
+    realdata.needs("person_turning", "people_utd_mhad", "scene_kitchen")
+    plan = Plan(data="real", scale="full")
+    cases = [c for c in registry()["figure-5.8"].cases(plan) if c.options["kind"] == kind]
+    rows = [run(case) for case in cases]
+    assert len(rows) == 8
+    more = ("", "") if kind == "streams" else (", full of near things", ", moving camera")
+    for name, word in zip(("still", "running"), more, strict=True):
+        power = POWER[f"{name} background{word}"]
+        told = [row[f"type {number} {name}"] for row in rows for number in (1, 2)]
+        assert power.planted == (32 if kind == "streams" else 16)
+        assert power.planted - power.found == sum(verdict != "tampered" for verdict in told)
+        if name == "still":
+            assert set(told) == {"tampered", "processed"}
 
 
 def test_points_pasted_into_a_cloud_are_found_and_composited_ones_are_not() -> None:

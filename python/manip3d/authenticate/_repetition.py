@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,7 @@ _MIN_MEASURED = 0.01  # share of the pixels; frames with fewer are empty, and al
 _LONG_RUN = 5  # frames; a camera that skips one or two is no evidence
 _MIN_AGAIN = 3  # frames; of measured depths not even one would come again by chance
 _MIN_REGIONS = 4  # of 1024 pixels, that are judged, and that never change
+_ONE_DEPTH = 0.95  # share of a region's measured pixels; a constant, no surface that was measured
 
 
 def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
@@ -44,6 +45,7 @@ def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
         return StreamReport(
             "repetition", "undecidable", "too few pixels are measured in all frames"
         ), nothing
+    looked_at &= ~_has_one_depth(pairs[0][0].depth)
     frozen = looked_at & (changes == 0)
     moving = (changes > 0).sum()
     share = float(frozen.sum() / max(1, looked_at.sum()))
@@ -97,11 +99,27 @@ def _hash_of(frame: RgbdFrame) -> bytes:
 
 def _by_region(mask: Mask) -> NDArray[np.int64]:
     """Number of pixels of a mask in each region."""
-    height, width = (-(-side // _REGION) * _REGION for side in mask.shape)
-    padded = np.zeros((height, width), np.bool_)
-    padded[: mask.shape[0], : mask.shape[1]] = mask
+    return np.asarray(_regions(mask).sum(axis=2), np.int64)
+
+
+def _regions(image: NDArray[Any]) -> NDArray[Any]:
+    """Pixels of each region, (rows, columns, 1024); those beyond the border are 0."""
+    height, width = (-(-side // _REGION) * _REGION for side in image.shape)
+    padded = np.zeros((height, width), image.dtype)
+    padded[: image.shape[0], : image.shape[1]] = image
     blocks = padded.reshape(height // _REGION, _REGION, width // _REGION, _REGION)
-    return np.asarray(blocks.sum(axis=(1, 3)), np.int64)
+    return blocks.swapaxes(1, 2).reshape(*blocks.shape[::2], _REGION**2)
+
+
+def _has_one_depth(depth: NDArray[np.uint16]) -> Mask:
+    """Whether almost all measured pixels of each region have the same depth."""
+    regions = np.sort(_regions(depth), axis=2)
+    num_missing = (regions == 0).sum(axis=2, keepdims=True)
+    # a depth that most measured pixels have is their median
+    place = (num_missing + regions.shape[2]) // 2
+    middle = np.take_along_axis(regions, np.minimum(place, regions.shape[2] - 1), axis=2)
+    num_equal = (regions == middle).sum(axis=2)
+    return np.asarray(num_equal >= _ONE_DEPTH * (regions.shape[2] - num_missing[..., 0]))
 
 
 def _unfrozen(frames: Sequence[RgbdFrame]) -> Mask:

@@ -20,8 +20,8 @@ CALIBRATION = Calibration(
     "the turning person, the red kitchen of 7-Scenes and simulated people before a Kinect V2",
     125,
     0,
-    "structured light and time of flight; a few cameras of each; other people's compositors may "
-    "draw softer silhouettes",
+    "cameras other than a few of structured light and time of flight, and compositors that draw "
+    "softer silhouettes, are not covered",
 )
 """Clean frames on which `SHARP` was chosen; they are not those of `POWER`."""
 
@@ -30,15 +30,15 @@ _KITCHEN = "8 people of UTD-MHAD in the red kitchen of 7-Scenes"
 
 POWER: Mapping[str, Power] = ReadOnlyMapping(
     {
-        "still background": Power(32, 32, source=_STREAMS),
+        "still background": Power(30, 32, source=_STREAMS),
         "running background": Power(32, 32, source=_STREAMS),
         "still background, full of near things": Power(6, 16, source=_KITCHEN),
         "running background, moving camera": Power(10, 16, source=_KITCHEN),
     }
 )
 """Share of forged streams of `manip3d.forge.stream`, of both types, that are found; from experiment
-``figure-5.8``. The forgeries have sharp silhouettes; blended ones are not found. The other 10
-streams before a still frame of the kitchen, all of which repeats, are ``processed``."""
+``figure-5.8``. The forgeries have sharp silhouettes; blended ones are not found. The other streams
+before a still background are ``processed``."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from manip3d._util.options import reporting
 from manip3d.authenticate._repetition import judge_repetition
 from manip3d.authenticate._silhouettes import SHARP, judge_silhouettes
 from manip3d.authenticate._stream_frames import MAX_FRAMES, frames_to_judge
+from manip3d.authenticate._stream_marks import without_marks
 from manip3d.authenticate._stream_processing import processing_of
 from manip3d.authenticate._stream_verdict import (
     StreamInspection,
@@ -24,7 +25,7 @@ from manip3d.authenticate._stream_verdict import (
 )
 from manip3d.authenticate._verdict import Processing
 from manip3d.errors import InputError
-from manip3d.rgbd import NO_MEASUREMENT, RgbdFrame, check_frames
+from manip3d.rgbd import RgbdFrame, check_frames
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -143,17 +144,19 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
 
     Notes
     -----
-    Pixels of 65535, which many cameras store for "no measurement", count as not measured.
+    Pixels of 65535, which many cameras store for "no measurement", count as not measured. So do
+    pixels of another constant, such as 10000, if at least 2 % of all pixels have it, and hardly any
+    depth is larger, or smaller by less than 5 %; the reason then states it.
 
     There are three detectors. ``repetition``: a camera never measures exactly the same depths
     twice. Regions of 32 pixels that never change over all pairs of frames, while other regions
-    change, are a still background. ``silhouettes``: beside a person before a background, structured
-    light leaves a shadow without measurements on one side, and time of flight mixes the light of
-    both surfaces. A person whose silhouette is sharp on both sides, from one pixel to the next, was
-    cut out. The five successive judged frames with the sharpest silhouettes decide, since only a
-    part of a stream may be forged. Images higher than wide are of a camera that was mounted
-    upright, and are judged along their columns. ``noise``: the published inter-frame noise, without
-    a verdict.
+    change, are a still background; regions with a single depth do not count. ``silhouettes``:
+    beside a person before a background, structured light leaves a shadow without measurements on
+    one side, and time of flight mixes the light of both surfaces. A person whose silhouette is
+    sharp on both sides, from one pixel to the next, was cut out. The five successive judged frames
+    with the sharpest silhouettes decide, since only a part of a stream may be forged. Images higher
+    than wide are of a camera that was mounted upright, and are judged along their columns.
+    ``noise``: the published inter-frame noise, without a verdict.
 
     Whole frames that are the same for long, or come again after others, make a stream
     ``processed``: it was frozen or looped. Frames that are all shown equally often, as after a
@@ -196,7 +199,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
         raise InputError("frames: expected one at least, got none")
     if any(frame.depth.shape != some[0].depth.shape for frame in some):
         raise InputError("frames: expected images of one size")
-    some = [_without_marks(frame) for frame in some]
+    some, remark = without_marks(some)
     with reporting(progress, "inspect") as report:
         told = report or (lambda _: None)
         noise = _relative_change(np.array([depth_noise(f.depth).mean() for f in some]))
@@ -207,17 +210,9 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
         edges = judge_silhouettes(some)
         told(1.0)
     found = _concluded(some, noise, processing, (frozen, frozen_masks), edges)
-    if not has_more:
-        return found
-    return replace(found, reason=f"{found.reason}; of the first {MAX_FRAMES} frames, not the rest")
-
-
-def _without_marks(frame: RgbdFrame) -> RgbdFrame:
-    """The frame with depth 0 where `NO_MEASUREMENT` marks that nothing was measured."""
-    marked = frame.depth == NO_MEASUREMENT
-    if not marked.any():
-        return frame
-    return replace(frame, depth=np.where(marked, np.uint16(0), frame.depth))
+    if has_more:
+        remark += f"; of the first {MAX_FRAMES} frames, not the rest"
+    return replace(found, reason=found.reason + remark) if remark else found
 
 
 def _concluded(
@@ -247,20 +242,23 @@ def _concluded(
     if edges.verdict == "processed":
         step = Processing("filtered", edges.reason)
         return StreamInspection("processed", edges.reason, edges.score, processing=(step,), **base)
-    if len(frozen_masks) and edges.score is not None and edges.score >= SHARP:
-        if edges.verdict == "tampered":  # a person who keeps still repeats depths, too
-            frozen_masks = frozen_masks | edge_masks
+    if edges.verdict == "tampered" and len(frozen_masks):
+        # a person who keeps still repeats depths, too
+        masks = frozen_masks | edge_masks
         regions = tuple(
             StreamRegion(frame.number, box_of(mask), 1.0)
-            for frame, mask in zip(some, frozen_masks, strict=True)
+            for frame, mask in zip(some, masks, strict=True)
             if mask.any()
         )
         why = f"{frozen.reason}, and silhouettes before it are cut out"
-        return StreamInspection("tampered", why, edges.score, regions, frozen_masks, **base)
+        return StreamInspection("tampered", why, edges.score, regions, masks, **base)
     if edges.verdict == "tampered":
         return StreamInspection(
             "tampered", edges.reason, edges.score, edge_regions, edge_masks, **base
         )
-    if frozen.verdict == "processed":
+    # Renderings and images whose holes were filled have sharp silhouettes by nature, and repeat
+    # what does not move.
+    is_sharp = len(frozen_masks) > 0 and edges.score is not None and edges.score >= SHARP
+    if frozen.verdict == "processed" and not is_sharp:
         return StreamInspection("processed", frozen.reason, edges.score, **base)
     return StreamInspection(edges.verdict, edges.reason, edges.score, **base)

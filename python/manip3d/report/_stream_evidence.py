@@ -115,7 +115,7 @@ def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str
             ],
         )
         + f"<p>The threshold was fixed on {inspection.calibration.num_scans} clean frames: "
-        f"{html.escape(inspection.calibration.scenes)}. Not covered: "
+        f"{html.escape(inspection.calibration.scenes)}. Note: "
         f"{html.escape(inspection.calibration.note)}.</p></html>\n"
     )
 
