@@ -392,15 +392,15 @@ class PhantomPipeline::Workspace {
                        plane_.mirror()};
   }
 
-  /// Measures whether the joints lie where the depth image shows the person.
-  void measure_joints(const Skeleton& person, const PhantomInput& input, const PhantomImage& image,
+  /// Measures whether the joints, before smoothing, lie where the depth image shows the person.
+  void measure_joints(const Skeleton& raw, const PhantomInput& input, const PhantomImage& image,
                       PhantomQuality& quality) const {
     const PixelProjector projector(*camera_, rays_);
     const auto [on_person, hidden] =
-        joint_fit(person, options_.affected, input.depth, projector, image);
+        joint_fit(raw, options_.affected, input.depth, projector, points_, image);
     // The share of points near bones says nothing without a body index, where furniture is among
     // the points, or if half of the bones are missing.
-    const double most = input.body_index != nullptr && has_main_joints(person, options_.affected)
+    const double most = input.body_index != nullptr && has_main_joints(raw, options_.affected)
                             ? bone_fit(points_, girth_)
                             : 1.0;
     quality.fit = std::min(on_person, most);
@@ -411,7 +411,7 @@ class PhantomPipeline::Workspace {
   /// the limbs.
   void measure_fit(const PatientFrame& now, const PhantomInput& input, const PhantomImage& image,
                    PhantomQuality& quality) {
-    measure_joints(*now.person, input, image, quality);
+    measure_joints(now.raw, input, image, quality);
     // Without a body index the floor could be taken for the person's soles; without skins the
     // distance of soles from the foot's bone is unknown.
     if (input.body_index != nullptr && goes_by_skin()) {

@@ -143,38 +143,85 @@ bool is_drawn_limb(PixelKind kind) {
   return (kind >= PixelKind::kPhantom) & (kind != PixelKind::kRootFilled);
 }
 
+/// Whether a joint belongs to the limb, its root included.
+bool is_of_limb(Limb limb, Joint joint) {
+  return is_limb_bone(limb, static_cast<std::size_t>(joint)) || joint == limb_root(limb);
+}
+
+/// Whether the person is seen so near to a joint that the joint may be displaced from there.
+bool is_person_near(const Eigen::Vector3f& joint, const PersonPoints& points) {
+  // Metres; a hand with all of its joints is smaller, the lower half of a leg is larger.
+  constexpr float kNear = 0.3F;
+  for (std::int64_t i = 0; i < points.count; ++i) {
+    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
+    if ((p - joint).squaredNorm() < kNear * kNear) return true;
+  }
+  return false;
+}
+
+/// What the depth image shows at a joint.
+enum class JointSight : std::uint8_t {
+  kOnPerson,    ///< The person.
+  kHidden,      ///< Something much nearer to the camera; the person is seen near the joint.
+  kHiddenAway,  ///< Something nearer to the camera; the person is not seen near the joint.
+  kUnseen,      ///< No depth, as for black clothes; the person is not seen near the joint.
+  kBeside       ///< None of these: joint and image do not match.
+};
+
+JointSight sight_of(const Eigen::Vector3f& joint, std::int32_t pixel, const DepthView& depth,
+                    const PersonPoints& points, const PhantomImage& image) {
+  // Pixels; joints of narrow parts such as wrists may lie just beside them.
+  constexpr std::int32_t kMargin = 2;
+  // With a wrong focal length, joints of feet project to nearer parts of the floor, by the same
+  // factor as they are displaced; up to this factor, a joint with the person near to it counts as
+  // displaced and not as hidden.
+  constexpr float kMuchNearer = 0.85F;  // share of a joint's depth
+  const auto cols = static_cast<std::int32_t>(image.cols);
+  const auto rows = static_cast<std::int32_t>(image.rows);
+  const std::int32_t u = pixel % cols, v = pixel / cols;
+  bool is_measured = false;
+  for (std::int32_t y = std::max(v - kMargin, 0); y <= std::min(v + kMargin, rows - 1); ++y) {
+    for (std::int32_t x = std::max(u - kMargin, 0); x <= std::min(u + kMargin, cols - 1); ++x) {
+      const std::int32_t near = y * cols + x;
+      if (image.kind[near] == PixelKind::kBody) return JointSight::kOnPerson;
+      is_measured |= depth.at(near) > 0.0F;
+    }
+  }
+  const float z = depth.at(pixel);
+  const bool is_nearer = z > 0.0F && z < joint.z();
+  if (is_measured && !is_nearer) return JointSight::kBeside;
+  if (!is_person_near(joint, points)) {
+    return is_nearer ? JointSight::kHiddenAway : JointSight::kUnseen;
+  }
+  return is_nearer && z < kMuchNearer * joint.z() ? JointSight::kHidden : JointSight::kBeside;
+}
+
 }  // namespace
 
 JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth,
-                   const PixelProjector& projector, const PhantomImage& image) {
-  // Pixels; joints of narrow parts such as wrists may lie just beside them.
-  constexpr std::int32_t kMargin = 2;
+                   const PixelProjector& projector, const PersonPoints& points,
+                   const PhantomImage& image) {
   constexpr int kMinJoints = 5;
-  // With a wrong focal length, joints of feet project to nearer parts of the floor, by the same
-  // factor as they are displaced; up to this factor, a joint beside the person counts as displaced
-  // and not as hidden.
-  constexpr float kMuchNearer = 0.85F;  // share of a joint's depth
-  int fits = 0, hidden = 0, all = 0;
+  int fits = 0, hidden = 0, hidden_below = 0, unseen = 0, all = 0;
   for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
     const auto j = static_cast<Joint>(joint);
-    if (is_limb_bone(affected, joint) || j == limb_root(affected)) continue;
+    if (is_of_limb(affected, j)) continue;
     if (person.state(j) != TrackingState::kTracked || !is_usable(person, j)) continue;
-    const Eigen::Vector3f& p = person[j];
-    const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
+    const std::int32_t pixel = projector.pixel(person[j].x(), person[j].y(), person[j].z());
     if (pixel < 0) continue;  // trackers report joints beyond the image's border as well
+    const JointSight sight = sight_of(person[j], pixel, depth, points, image);
+    const bool is_below = is_of_limb(Limb::kLeftLeg, j) || is_of_limb(Limb::kRightLeg, j);
+    const bool is_hidden_away = sight == JointSight::kHiddenAway;
+    fits += sight == JointSight::kOnPerson;
+    hidden += sight == JointSight::kHidden || is_hidden_away;
+    // What hides the legs, such as a table, leaves an arm as it is.
+    hidden_below += is_hidden_away && is_below && is_arm(affected);
+    unseen += sight == JointSight::kUnseen;
     ++all;
-    const auto cols = static_cast<std::int32_t>(image.cols);
-    const std::int32_t u = pixel % cols, v = pixel / cols;
-    bool found = false;
-    for (std::int32_t dv = -kMargin; dv <= kMargin && !found; ++dv) {
-      for (std::int32_t du = -kMargin; du <= kMargin && !found; ++du) {
-        if (u + du < 0 || v + dv < 0 || u + du >= cols || v + dv >= image.rows) continue;
-        found = image.kind[(v + dv) * cols + u + du] == PixelKind::kBody;
-      }
-    }
-    fits += found;
-    const float z = depth.at(pixel);
-    hidden += !found && z > 0.0F && z < kMuchNearer * p.z();
+  }
+  if (all - unseen - hidden_below >= kMinJoints) {
+    all -= unseen + hidden_below;
+    hidden -= hidden_below;
   }
   if (all < kMinJoints) return {};
   return {static_cast<double>(fits) / all, static_cast<double>(hidden) / all};

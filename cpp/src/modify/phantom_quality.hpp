@@ -15,17 +15,24 @@
 /// Measures of how wrong the picture of one frame looks, and their limits.
 namespace manip3d {
 
-/// Tracked joints outside the affected limb, as shares of those that project into the image.
+/// Tracked joints outside the affected limb, as shares of those that project into the image. Joints
+/// do not count where no depth is measured and the person is not seen near them, as in black
+/// trousers; for an arm, neither do joints of the legs where something nearer to the camera is
+/// measured and the person is not seen near them. All count if fewer than five would be left.
 struct JointFit {
   double on_person = 1.0;  ///< Joints that project onto the person's pixels or next to them.
-  /// Other joints at whose pixel something much nearer to the camera was measured.
+  /// Other joints at whose pixel something nearer to the camera was measured: much nearer, or with
+  /// the person not seen near the joint.
   double hidden = 0.0;
 };
 
 /// Measure the fit of the joints; `on_person` is 1 and `hidden` 0 if fewer than five are in the
 /// image.
+/// @param person  Joints before smoothing, because smoothed ones lag.
+/// @param points  Points of the person.
 JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth,
-                   const PixelProjector& projector, const PhantomImage& image);
+                   const PixelProjector& projector, const PersonPoints& points,
+                   const PhantomImage& image);
 
 /// Share of the person's points within a limit of their nearest bone, which is larger for a stout
 /// trunk; 1 without points.

@@ -94,8 +94,8 @@ _MESSAGES = {
     PhantomReason.INFERRED: "The tracker only guesses where the intact limb is: see to it that the "
     "camera sees all of it, and that the missing limb is the one that was chosen.",
     PhantomReason.NO_SKELETON: "There is no skeleton in this source: use --pose.",
-    PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration, and "
-    "that both are in metres.",
+    PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration, that "
+    "both are in metres, and that the camera measures the depth of the clothes.",
     PhantomReason.STOPPED: "The joints stand still while the patient moves: start the tracker "
     "again.",
     PhantomReason.SIDES: "Left and right seem to be exchanged, as the patient's feet point "
@@ -121,9 +121,13 @@ class PhantomQuality:
     Attributes
     ----------
     fit : float
-        Share of the tracked joints that lie on the person's pixels.
+        Share of the tracked joints, before smoothing, that lie on the person's pixels. Two kinds of
+        joints that are more than 30 cm from all of these pixels do not count: those where the
+        camera measures no depth, as on black trousers, and for an arm those of the legs that
+        something nearer hides. All count if fewer than five would be left.
     hidden : float
-        Share of the tracked joints that are hidden by something nearer by at least 15 %.
+        Share of the tracked joints that are hidden by something nearer: by at least 15 %, or by
+        less if none of the person's pixels is within 30 cm of the joint.
     stature : float
         Ratio of the height of the person's pixels, from crown to sole, to the height of its joints;
         a mean over about three seconds. A value far from 1 indicates a wrong focal length. 1 if the

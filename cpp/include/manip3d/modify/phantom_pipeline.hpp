@@ -128,7 +128,10 @@ enum class PhantomReason : std::uint8_t {
 
 /// Measures of how wrong a frame with a phantom looks.
 struct PhantomQuality {
-  double fit = 1.0;     ///< Share of the tracked joints that lie on the person's pixels.
+  /// Share of the tracked joints, before smoothing, that lie on the person's pixels. Joints
+  /// without the person near them do not count where no depth is measured; for an arm, neither do
+  /// those of the legs where something hides them.
+  double fit = 1.0;
   double hidden = 0.0;  ///< Share of the tracked joints that a nearer surface hides.
   /// Height of the person's pixels over that of the joints, averaged over frames; 1: unknown.
   double stature = 1.0;
