@@ -5,6 +5,7 @@
 #include <pybind11/typing.h>
 
 #include <algorithm>
+#include <array>
 #include <numeric>
 #include <optional>
 #include <string>
@@ -242,7 +243,20 @@ void bind_cs3(py::module_& m) {
 }
 
 /// Triangulates pixels in any order; vertices are numbered in this order.
-Faces triangulate(const Eigen::Map<const Rows<std::int32_t, 2>>& rows) {
+// Edges between rows as edges between the places that the rows have in `order`.
+std::vector<std::array<std::int32_t, 2>> in_order(
+    const Eigen::Map<const Rows<std::int32_t, 2>>& edges, const std::vector<std::int32_t>& order) {
+  std::vector<std::int32_t> place(order.size());
+  for (std::size_t i = 0; i < order.size(); ++i) place[order[i]] = static_cast<std::int32_t>(i);
+  std::vector<std::array<std::int32_t, 2>> ordered(edges.rows());
+  for (Eigen::Index i = 0; i < edges.rows(); ++i) {
+    for (int k = 0; k < 2; ++k) ordered[i][k] = place.at(edges(i, k));
+  }
+  return ordered;
+}
+
+Faces triangulate(const Eigen::Map<const Rows<std::int32_t, 2>>& rows,
+                  const Eigen::Map<const Rows<std::int32_t, 2>>& edges) {
   std::vector<std::int32_t> order(rows.rows());
   std::iota(order.begin(), order.end(), 0);
   const auto at = [&](std::int32_t i) { return Pixel{rows(i, 0), rows(i, 1)}; };
@@ -252,6 +266,7 @@ Faces triangulate(const Eigen::Map<const Rows<std::int32_t, 2>>& rows) {
   std::transform(order.begin(), order.end(), pixels.begin(), at);
   GridDelaunay delaunay;
   delaunay.triangulate(pixels);
+  delaunay.constrain(in_order(edges, order));
   Faces faces(delaunay.num_faces(), 3);
   for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
     const auto corners = delaunay.triangle(t);
@@ -361,16 +376,17 @@ void bind_depth(py::module_& m) {
       py::arg("vertices").noconvert(), py::arg("registration"));
   m.def(
       "grid_delaunay",
-      [](const CArray<std::int32_t>& pixels) {
+      [](const CArray<std::int32_t>& pixels, const CArray<std::int32_t>& edges) {
         const auto view = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
+        const auto ends = rows<Rows<std::int32_t, 2>>(edges, "edges");
         Faces faces;
         {
           const py::gil_scoped_release nogil;
-          faces = triangulate(view);
+          faces = triangulate(view, ends);
         }
         return to_numpy(std::move(faces));
       },
-      py::arg("pixels").noconvert());
+      py::arg("pixels").noconvert(), py::arg("edges").noconvert());
 }
 
 }  // namespace manip3d::bindings

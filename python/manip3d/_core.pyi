@@ -1466,7 +1466,9 @@ def generic_consistency(
     ]
     | None = None,
 ) -> dict[str, typing.Any]: ...
-def grid_delaunay(pixels: numpy.typing.NDArray[numpy.int32]) -> numpy.ndarray: ...
+def grid_delaunay(
+    pixels: numpy.typing.NDArray[numpy.int32], edges: numpy.typing.NDArray[numpy.int32]
+) -> numpy.ndarray: ...
 def grid_mesh(
     points: numpy.typing.NDArray[numpy.float32],
     valid: numpy.typing.NDArray[numpy.bool],

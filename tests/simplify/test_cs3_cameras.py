@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -356,6 +357,97 @@ def test_masks_and_confidences_of_views() -> None:
     ):
         with pytest.raises(InputError, match=message):
             relief_cameras([bad], 300)
+
+
+def room_views() -> list[CameraView]:
+    """Views of three different cameras of a room with a box on its floor."""
+    low, high = np.array([-2, -1, -0.5]), np.array([2, 1.5, 4])
+    views = []
+    for width, height, focal, place, angle in (
+        (320, 240, 200.0, (-0.6, 0, 0.2), 0.25),
+        (160, 120, 110.0, (0.7, -0.1, 0.3), -0.3),
+        (96, 128, 70.0, (0, 0.2, 0), 0.0),
+    ):
+        pose = looking_at_origin(-angle)
+        pose[:3, 3] = place
+        camera = Intrinsics(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+        v, u = np.mgrid[0:height, 0:width]
+        sight = np.stack([(u - camera.cx) / focal, (v - camera.cy) / focal, np.ones(u.shape)], -1)
+        sight = sight @ pose[:3, :3].T
+        with np.errstate(divide="ignore"):
+            ends = [(corner - pose[:3, 3]) / sight for corner in (low, high)]
+            depth = np.maximum(*ends).min(axis=-1)  # the camera is inside the room
+            box = [(c - pose[:3, 3]) / sight for c in ([-0.4, 0.6, 2.1], [0.4, 1.4, 2.9])]
+        enters, leaves = np.minimum(*box).max(axis=-1), np.maximum(*box).min(axis=-1)
+        depth = np.where(enters <= leaves, np.minimum(enters, depth), depth)
+        millimetres = np.rint(1000 * depth).astype(np.uint16)
+        views.append(CameraView(millimetres, camera, pose=pose))
+    return views
+
+
+ROOM = room_views()
+
+
+def seen_of(joint: JointSimplification, view: CameraView) -> NDArray[np.float64]:
+    """Depth of the mesh on each line of sight of a view; NaN: none."""
+    assert view.intrinsics is not None
+    pose = np.asarray(view.pose)
+    own = Mesh((joint.vertices - pose[:3, 3]) @ pose[:3, :3], joint.faces)
+    return metrics.render_depth(own, view.intrinsics)
+
+
+@pytest.mark.parametrize("points", [300, 1500])
+def test_few_points_leave_no_hole_at_the_seam(points: int) -> None:
+    joint = relief_cameras(ROOM, points, depth_step=0.05)
+    assert joint.bridges < 0.002
+    # The box hides parts of the room, and its outline is as coarse as the mesh.
+    missing = [float(np.isnan(seen_of(joint, view)).mean()) for view in ROOM]
+    assert max(missing) < 0.02
+    assert joint.mesh.summary().non_manifold_edges == 0
+
+
+def hits(joint: JointSimplification, view: CameraView, pixels: NDArray[np.intp]) -> float:
+    """Share of pixels whose line of sight meets the mesh at their depth, by trying each face."""
+    assert view.intrinsics is not None
+    pose = np.asarray(view.pose)
+    corners = ((joint.vertices - pose[:3, 3]) @ pose[:3, :3])[joint.faces]
+    v, u = np.divmod(pixels, view.intrinsics.width)
+    camera = view.intrinsics
+    sight = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(len(u))])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.linalg.solve(
+            np.swapaxes(corners, 1, 2), np.broadcast_to(sight, (len(corners), *sight.shape))
+        )
+        inside = (shares >= -1e-6 * shares.sum(axis=1, keepdims=True)).all(axis=1)
+        depth = np.where(inside, 1 / shares.sum(axis=1), np.inf).min(axis=0)
+    measured = np.asarray(view.depth)[v, u] / 1000
+    return float((np.abs(depth - measured) <= 0.05 * measured).mean())
+
+
+@pytest.mark.parametrize("points", [100, 300])
+@BOTH
+def test_coverage_is_that_of_lines_of_sight(points: int, join: Join) -> None:
+    joint = join(ROOM, points, depth_step=0.05)
+    some = np.random.default_rng(1)
+    met = total = 0.0
+    for view in ROOM:
+        num = np.asarray(view.depth).size
+        met += num * hits(joint, view, some.choice(num, 3000, replace=False))
+        total += num
+    assert joint.coverage == pytest.approx(met / total, abs=0.01)
+
+
+@BOTH
+def test_coverage_of_scans_counts_a_hole(join: Join) -> None:
+    v, u = np.mgrid[0:80, 0:100]
+    z = 50 + 1e-3 * np.random.default_rng(0).normal(size=u.shape)
+    joint = join([CameraView(points=np.stack([u, v, z], axis=-1).astype(np.float32))], u.size)
+    assert joint.coverage == 1
+    corners = joint.vertices[joint.faces][..., :2]
+    inside = (np.abs(corners - (50, 40)) <= 10.5).all(axis=(1, 2))
+    holed = replace(joint, faces=joint.faces[~inside])
+    # Of the 21 x 21 pixels, one or two on each side are on the border of the hole or beside it.
+    assert 1 - 19**2 / u.size <= holed.coverage <= 1 - 17**2 / u.size
 
 
 def test_flips_take_any_surface_and_nothing_else() -> None:

@@ -74,6 +74,7 @@ class View:
     confidence: NDArray[np.float32] | None
     focal: float = 0.0  # focal length, pixels; 0: the view was given as points
     without_ray: int = 0  # measured pixels at which the lens model cannot be inverted
+    camera: Intrinsics | None = None  # None: the view was given as points
 
     @cached_property
     def world(self) -> NDArray[np.float64]:
@@ -122,7 +123,16 @@ def checked_view(view: CameraView, index: int, threads: int) -> View:
     focal = min(view.intrinsics.fx, abs(view.intrinsics.fy))
     without_ray = int(np.count_nonzero(image > 0) - np.count_nonzero(valid))
     return View(
-        points, valid, rows_up, pose, color, view.registration, confidence, focal, without_ray
+        points,
+        valid,
+        rows_up,
+        pose,
+        color,
+        view.registration,
+        confidence,
+        focal,
+        without_ray,
+        view.intrinsics,
     )
 
 
@@ -164,6 +174,11 @@ def spacing(view: View) -> float:
     return float(np.median(np.linalg.norm(steps, axis=1))) if len(steps) else 0.0
 
 
+def from_world(view: View, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Transform points of the shared frame to that of a view."""
+    return product(points - view.pose[:3, 3], view.pose[:3, :3])
+
+
 def in_world(view: View, vertices: NDArray[np.floating]) -> NDArray[np.float64]:
     """Transform vertices of a view to the shared frame."""
     moved: NDArray[np.float64] = product(vertices.astype(np.float64), view.pose[:3, :3].T)
@@ -173,7 +188,7 @@ def in_world(view: View, vertices: NDArray[np.floating]) -> NDArray[np.float64]:
 def uvs(view: View, world: NDArray[np.float64], pixels: NDArray[np.int32]) -> NDArray[np.float32]:
     """Return the texture coordinates of vertices in the view's colour image."""
     if view.registration is not None:
-        local = product(world - view.pose[:3, 3], view.pose[:3, :3])
+        local = from_world(view, world)
         texcoords: NDArray[np.float32] = _core.registered_texcoords(
             np.ascontiguousarray(local, dtype=np.float32), view.registration
         )

@@ -20,7 +20,14 @@ from manip3d.io._images import png_bytes
 from manip3d.mesh import Material, Mesh, Texture
 from manip3d.simplify._arguments import count_of, limit_of
 from manip3d.simplify._bandwidth import MIN_POINTS
-from manip3d.simplify._camera_views import CameraView, View, checked_view, pixel_normals, spacing
+from manip3d.simplify._camera_views import (
+    CameraView,
+    View,
+    checked_view,
+    from_world,
+    pixel_normals,
+    spacing,
+)
 from manip3d.simplify._depth import (
     Cs3Result,
     DenseGrid,
@@ -29,11 +36,14 @@ from manip3d.simplify._depth import (
     cs3_grid,
     with_materials,
 )
+from manip3d.simplify._depth_steps import DEPTH_STEP
 from manip3d.simplify._joined_mesh import GapRules, JoinedMesh, Surface, normals_of
 from manip3d.simplify._relief import Effort, Relief, relief_options, run_relief
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from manip3d.camera import Intrinsics
 
 _PLACES = 20_000  # sampled points of `bridges`: a standard error of at most 0.004
 _MAX_COMPARED = 20_000  # pixels of a view; a share of 1 % is known to within 0.1 %
@@ -132,21 +142,42 @@ class JointSimplification(Showable):
 
     @cached_property
     def coverage(self) -> float:
-        """Share of the measured pixels of all views that lie within the ``tolerance`` of the mesh.
+        """Share of the measured pixels of all views that the mesh covers.
 
-        Pixels without a line of sight (``without_ray``) are not covered.
-        Computed on the first access.
+        A pixel of a depth image is covered if the mesh is the first surface on its line of sight
+        up to ``depth_step`` (default 0.05) of its depth. A pixel of a view given as points is
+        covered if it is as near to the mesh as to its neighbours (median distance), or within the
+        ``tolerance`` of a place that is not on the border of the mesh. Pixels without a line of
+        sight (``without_ray``) are not covered. Computed on the first access.
         """
         total = self.num_measured
         if total == 0 or not self.num_faces:
             return 0.0
-        mesh = Mesh(self.vertices, self.faces)
         covered = 0
         for view, tolerance in self._measured:
-            if view.valid.any():
-                _, face, _ = _core.closest_points(mesh, view.world, tolerance, self._threads, None)
-                covered += int(np.count_nonzero(face >= 0))
+            if view.camera is not None and view.valid.any():
+                covered += self._num_in_sight(view, view.camera)
+            elif view.valid.any():
+                covered += self._num_near(view, tolerance)
         return covered / total
+
+    def _num_in_sight(self, view: View, camera: Intrinsics) -> int:
+        """Return the number of pixels of a depth image that see the mesh at their own depth."""
+        mesh = Mesh(from_world(view, self.vertices), self.faces)
+        found = _core.render_depth(
+            mesh, view.points, view.valid, view.rows_up, camera, self._threads, None
+        ).reshape(view.valid.shape)[view.valid]
+        depth = view.points[view.valid][:, 2].astype(np.float64)
+        return int(
+            np.count_nonzero(np.abs(found - depth) <= (self._steps.step or DEPTH_STEP) * depth)
+        )
+
+    def _num_near(self, view: View, tolerance: float) -> int:
+        """Return the number of points of a view that lie on the mesh."""
+        distance, on_border = Surface(self.vertices, self.faces).distance(
+            view.world, tolerance, self._threads
+        )
+        return int(np.count_nonzero(distance <= np.where(on_border, spacing(view), tolerance)))
 
     @cached_property
     def mesh(self) -> Mesh:
@@ -343,12 +374,12 @@ def relief_cameras(
 
     Notes
     -----
-    Views are joined as in `cs3_cameras`. A view without a seam keeps the triangles of its relief.
-    In a view with a seam, edges away from the seam are flipped while that lowers the sum of
-    distances between the pixels and the planes of their triangles, as in `relief`. A triangle of
-    such a view spans a gap, and is left out, by the following rule: along one of its edges,
-    successive measured points are farther apart than ``max_edge`` times their distance in pixels,
-    and these excesses add up to more than one ``max_edge``.
+    Views are joined as in `cs3_cameras`. A view keeps the triangles of its relief, except where the
+    border of the mesh crosses them. Between them and the border, the triangulation has the edges of
+    both (constrained Delaunay). A triangle of the seam is left out if it spans a step, or if it
+    spans a gap by the following rule: along one of its edges, successive measured points are
+    farther apart than ``max_edge`` times their distance in pixels, and these excesses add up to
+    more than one ``max_edge``.
 
     Examples
     --------

@@ -942,5 +942,6 @@ def grid_delaunay(pixels: ArrayLike) -> NDArray[np.int32]:
     >>> mesh.num_vertices, mesh.num_faces
     (100, 162)
     """
-    faces: NDArray[np.int32] = _core.grid_delaunay(index_rows(pixels, 2, "pixels"))
+    no_edges = np.empty((0, 2), np.int32)
+    faces: NDArray[np.int32] = _core.grid_delaunay(index_rows(pixels, 2, "pixels"), no_edges)
     return faces

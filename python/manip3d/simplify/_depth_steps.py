@@ -196,17 +196,28 @@ def across_steps(
     ).view(np.bool_)
     if surface is None or not crosses.any():
         return np.asarray(crosses)
-    off = _core.faces_off_surface(
+    off = share_off(np.ascontiguousarray(corners[crosses]), places, surface)
+    crosses[crosses] = (off < 0) | (off > _MAX_OFF)
+    return np.asarray(crosses)
+
+
+def share_off(
+    corners: NDArray[np.int32], pixels: NDArray[np.int32], surface: DenseGrid
+) -> NDArray[np.float32]:
+    """Return the share of each face's pixels, without its corners, that lie a step off the surface.
+
+    Negative: unknown, because most of the pixels have no surface.
+    """
+    share: NDArray[np.float32] = _core.faces_off_surface(
         surface.points,
         surface.valid,
-        places,
-        np.ascontiguousarray(corners[crosses]),
+        np.ascontiguousarray(pixels, np.int32),
+        corners,
         surface.max_edge,
         surface.depth_step,
         surface.focal,
     )
-    crosses[crosses] = (off < 0) | (off > _MAX_OFF)
-    return np.asarray(crosses)
+    return share
 
 
 def across_gaps(

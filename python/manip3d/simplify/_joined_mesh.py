@@ -12,11 +12,14 @@ from manip3d import _core
 from manip3d.mesh import Mesh
 from manip3d.simplify._camera_views import View, in_world, uvs
 from manip3d.simplify._depth import DenseGrid, DepthSimplification
-from manip3d.simplify._depth_steps import StepRule, across_gaps, across_steps
+from manip3d.simplify._depth_steps import StepRule, across_gaps, across_steps, share_off
 from manip3d.simplify._relief import Relief
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+
+_NO_EDGES = np.empty((0, 2), np.int32)
 
 
 def normals_of(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -72,17 +75,21 @@ class GapRules:
     ) -> NDArray[np.bool_]:
         """Return which triangles of a seam, made without regard to steps, span a step.
 
-        Besides those of `across`, triangles that have a side across a step and no pixel inside:
-        `across` cannot judge these, because all pixels that they cover may be on their other sides,
-        which lie on the surface.
+        Besides those of `across`, triangles that have a side across a step and either cover a pixel
+        off the surface or have no pixel inside. `across` tolerates some pixels off the surface, and
+        if no pixel is inside, all that they cover may be on their other sides, which lie on it.
         """
         found = self.across(view, pixels, corners)
         if self.step is None or view.focal == 0 or not len(corners):
             return found
         image = np.where(view.valid, view.points[..., 2], np.float32(0))
+        surface = DenseGrid(view.points, view.valid, self.max_edge, self.step, view.focal)
         rule = StepRule.of(self.step, view.focal)
         crosses = across_steps(np.ascontiguousarray(corners), pixels, image, rule, None)
-        return np.asarray(found | (crosses & (_num_inside(pixels[corners]) == 0)))
+        judged = np.ascontiguousarray(corners[crosses])
+        off = share_off(judged, pixels, surface) != 0  # negative: unknown
+        found[crosses] |= off | (_num_inside(pixels[judged]) == 0)
+        return found
 
     def surface(self, view: View, faces: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the triangles of the dense mesh that do not span a step."""
@@ -118,9 +125,7 @@ class Surface:
         """
         if not len(points) or not self.mesh.num_faces:
             return np.zeros(len(points), bool)
-        distance, face, foot = _core.closest_points(
-            self.mesh, points, float(np.max(tolerance)), threads, None
-        )
+        distance, face, foot = self._closest(points, float(np.max(tolerance)), threads)
         covered: NDArray[np.bool_] = distance <= tolerance
         near = np.flatnonzero(covered)
         face, foot = face[near], foot[near]
@@ -128,6 +133,26 @@ class Surface:
         same_side = np.einsum("ij,ij->i", of_faces, normals[near]) > 0
         covered[near] = same_side & ~self._on_border(face, foot, of_faces)
         return covered
+
+    def distance(
+        self, points: NDArray[np.float64], most: float, threads: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the distance of points up to ``most`` (else infinity), and if the border is next.
+
+        The latter tells whether the closest point of the surface is on its border.
+        """
+        distance, face, foot = self._closest(points, most, threads)
+        near = np.flatnonzero(face >= 0)
+        on_border = np.zeros(len(points), bool)
+        of_faces = normals_of(self.mesh.vertices, self.mesh.faces[face[near]])
+        on_border[near] = self._on_border(face[near], foot[near], of_faces)
+        return np.where(face >= 0, distance, np.inf), on_border
+
+    def _closest(
+        self, points: NDArray[np.float64], most: float, threads: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+        """Return the distance of each point from the surface up to ``most``, the face and place."""
+        return _core.closest_points(self.mesh, points, most, threads, None)
 
     def _on_border(
         self, face: NDArray[np.int32], foot: NDArray[np.float64], normals: NDArray[np.float64]
@@ -158,6 +183,14 @@ def _own_vertices(
     return own
 
 
+def _at_pixels(chosen: DepthSimplification, pixels: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the faces of a view with corners that are places in ``pixels``."""
+    keys = _pixel_keys(pixels)
+    order = np.argsort(keys)
+    place = order[np.searchsorted(keys[order], _pixel_keys(chosen.pixels))].astype(np.int32)
+    return np.ascontiguousarray(place[chosen.faces])
+
+
 def _centroids(pixels: NDArray[np.int32], corners: NDArray[np.int32]) -> NDArray[np.int32]:
     """Return the pixel at the centroid of each triangle, rounded."""
     centroids: NDArray[np.int32] = (2 * pixels[corners].sum(axis=1) + 3) // 6
@@ -165,16 +198,25 @@ def _centroids(pixels: NDArray[np.int32], corners: NDArray[np.int32]) -> NDArray
 
 
 def _triangles_between(
-    view: View, pixels: NDArray[np.int32], open_pixels: NDArray[np.bool_]
-) -> NDArray[np.int32]:
-    """Triangulate pixels (Delaunay), and keep triangles whose centroid is an open pixel.
+    view: View,
+    pixels: NDArray[np.int32],
+    edges: NDArray[np.int32],
+    whole: NDArray[np.int32],
+    open_pixels: NDArray[np.bool_],
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """Triangulate pixels (Delaunay) with the given edges, and keep triangles over open pixels.
 
-    The triangles face the camera.
+    Kept are those whose centroid is an open pixel, and those that are one of the faces ``whole``.
+    They face the camera. Also returned is which of them are one of ``whole``.
     """
-    corners: NDArray[np.int32] = _core.grid_delaunay(np.ascontiguousarray(pixels))
+    corners: NDArray[np.int32] = _core.grid_delaunay(
+        np.ascontiguousarray(pixels), np.ascontiguousarray(edges)
+    )
     centroids = _centroids(pixels, corners)
-    corners = corners[open_pixels[centroids[:, 1], centroids[:, 0]]]
-    return corners if view.rows_up else corners[:, [0, 2, 1]]
+    is_whole = np.isin(_face_keys(corners), _face_keys(whole))
+    keep = open_pixels[centroids[:, 1], centroids[:, 0]] | is_whole
+    corners = corners if view.rows_up else corners[:, [0, 2, 1]]
+    return np.ascontiguousarray(corners[keep]), is_whole[keep]
 
 
 def _is_turned_right(
@@ -253,23 +295,26 @@ class JoinedMesh:
         vertex = np.concatenate([border[0], new])
         world = in_world(view, chosen.vertices[own])
         vertices = np.concatenate([self.vertices, world])
-        corners = _triangles_between(view, pixels, open_pixels)
+        edges, whole = _NO_EDGES, np.empty((0, 3), np.int32)
+        if isinstance(chosen, Relief):
+            whole = _at_pixels(chosen, pixels)
+            whole = whole[~steps.across(view, pixels, whole)]
+            # Delaunay edges may cross the border, and triangles across it would be left out whole.
+            edges = np.concatenate([self._edges_between(border[0]), _edges_of(whole)])
+        corners, is_whole = _triangles_between(view, pixels, edges, whole, open_pixels)
         keep = self._fits(vertex[corners])
         keep &= _is_turned_right(vertices[vertex], pixels, corners, len(border[0]), normals)
         if isinstance(chosen, Relief):
             # The limit holds for edges between neighbouring pixels, not for those of the relief.
-            keep &= ~steps.apart(view, pixels, corners)
-        elif steps.max_edge < math.inf:
-            faces = vertex[corners]
-            sides = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
-            keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= steps.max_edge
-        across = steps.across_between if isinstance(chosen, Relief) else steps.across
-        keep &= ~across(view, pixels, corners)
+            across = steps.apart(view, pixels, corners)
+            keep &= is_whole | ~(across | steps.across_between(view, pixels, corners))
+        else:
+            if steps.max_edge < math.inf:
+                faces = vertex[corners]
+                sides = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
+                keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= steps.max_edge
+            keep &= ~steps.across(view, pixels, corners)
         corners = corners[keep]
-        if isinstance(chosen, Relief):
-            seam = (corners < len(border[0])).any(axis=1)
-            corners[~seam] = self._flipped(view, pixels, corners[~seam])
-            corners = corners[~(across(view, pixels, corners) | steps.apart(view, pixels, corners))]
         texcoords = uvs(view, vertices[vertex], pixels)[corners]
         self._extend(index, world, vertex[corners], chosen.pixels[own], texcoords)
 
@@ -298,14 +343,16 @@ class JoinedMesh:
         self.face_view = np.concatenate([self.face_view, np.full(len(faces), index, np.int32)])
         self.corner_texcoords = np.concatenate([self.corner_texcoords, corner_texcoords])
 
-    @staticmethod
-    def _flipped(
-        view: View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
-    ) -> NDArray[np.int32]:
-        """Flip edges between triangles of the view's own pixels, as a relief does."""
-        return _core.relief_flip_edges(
-            view.points, view.valid, view.rows_up, pixels, corners, view.confidence
-        )
+    def _edges_between(self, border: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the edges that have one face only and join two of the vertices ``border``.
+
+        Their ends are places in ``border``.
+        """
+        keys, counts = np.unique(_edge_keys(self.faces), return_counts=True)
+        place = np.full(len(self.vertices), -1, np.int32)
+        place[border] = np.arange(len(border))
+        edges = place[_ends_of(keys[counts == 1])]
+        return np.ascontiguousarray(edges[(edges >= 0).all(axis=1)])
 
     def _fits(self, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Return which new faces to keep, so that no edge has more than two faces.
@@ -336,3 +383,19 @@ def _edge_keys(faces: NDArray[np.int32]) -> NDArray[np.int64]:
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
     keys: NDArray[np.int64] = edges[:, 0] << 32 | edges[:, 1]
     return keys
+
+
+def _ends_of(keys: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Return the ends of edges, from their keys."""
+    return np.column_stack([keys >> 32, keys & 0xFFFFFFFF]).astype(np.int32)
+
+
+def _edges_of(faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return each edge of faces once."""
+    return _ends_of(np.unique(_edge_keys(faces)))
+
+
+def _face_keys(faces: NDArray[np.int32]) -> NDArray[np.void]:
+    """Return a key of the set of corners of each face."""
+    ordered = np.ascontiguousarray(np.sort(faces, axis=1))
+    return ordered.view(np.dtype((np.void, 12))).reshape(-1)

@@ -39,6 +39,15 @@ class GridDelaunay {
   /// @throws InputError  pixels not in order (this includes repeated ones), or out of range.
   void triangulate(std::span<const Pixel> pixels);
 
+  /// Makes the given edges edges of the triangulation, which stays Delaunay beside them.
+  ///
+  /// Edges that cross a given one are flipped away [Sloan, "A fast algorithm for generating
+  /// constrained Delaunay triangulations", 1993]. A given edge with pixels on it becomes several.
+  /// One that crosses an earlier one is left out, from the last pixel on it before the crossing.
+  /// @param edges  Pairs of vertices, the more important ones first.
+  /// @throws InputError  a vertex that does not exist.
+  void constrain(std::span<const std::array<std::int32_t, 2>> edges);
+
   /// Reserves memory for this many pixels, so that triangulating up to as many allocates nothing.
   void reserve(std::int64_t num_pixels);
 
@@ -93,6 +102,8 @@ class GridDelaunay {
   void smooth_left(std::int32_t p);
   void smooth_right(std::int32_t p);
   void fill_bays();
+
+  class Constraints;
 
   std::vector<Pixel> pixels_;
   std::vector<HalfEdge> edges_;
