@@ -378,6 +378,14 @@ end_header
 """
 
 
+def test_only_sampling_by_order_depends_on_the_distance(tmp_path: Path) -> None:
+    np.save(tmp_path / "wall.npy", np.full((48, 64), 2.0, np.float32))
+    base = ("cs3", tmp_path / "wall.npy", "-o", tmp_path / "wall.ply", "--points", "60")
+    base += ("--intrinsics", "60,60,31.5,23.5", "--by-distance")
+    error = error_line(manip3d(*base, "--variant", "cnms"))
+    assert "--by-distance, --variant: expected the variant cios or lios, got cnms" in error
+
+
 def test_scans_need_no_camera(tmp_path: Path) -> None:
     v, u = np.mgrid[:10, :12]
     z = 0.2 * np.sin(u) * np.cos(v)

@@ -257,6 +257,12 @@ def test_distance_dependent_radii() -> None:
     assert (result.pixels[:, 0] < 32).sum() > 1.5 * (plain.pixels[:, 0] < 32).sum()
     with pytest.raises(InputError, match="distance_dependent: expected a depth image"):
         Cs3Stream(10, distance_dependent=True).simplify_grid(lift(depth, CAMERA))
+    for variant in ("cnms", "lnms"):  # these have no radii, and the option would change nothing
+        message = f"variant: expected the variant cios or lios, got {variant}"
+        with pytest.raises(InputError, match=f"distance_dependent, {message}"):
+            simplify.cs3(depth, CAMERA, n, variant=variant, distance_dependent=True)
+        with pytest.raises(InputError, match=f"by_distance, {message}"):
+            simplify.DepthOptions(n, method="cs3", variant=variant, by_distance=True)
 
 
 # --- Invariants ----------------------------------------------------------------------------------
@@ -334,8 +340,9 @@ def test_the_unit_does_not_matter(power: int) -> None:
 def test_same_bytes_for_any_number_of_threads(variant: Variant) -> None:
     depth = bumpy(240, 320, holes=0.05)
     camera = Intrinsics(320, 240, 300.0, 300.0, 160.0, 120.0)
+    has_radii = variant in ("cios", "lios")
     results = [
-        simplify.cs3(depth, camera, 800, variant=variant, threads=t, distance_dependent=True)
+        simplify.cs3(depth, camera, 800, variant=variant, threads=t, distance_dependent=has_radii)
         for t in (1, 2, 4, 0)
     ]
     for other in results[1:]:

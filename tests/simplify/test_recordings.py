@@ -101,6 +101,17 @@ def test_what_frames_say_themselves_is_refused(
     assert not (tmp_path / "meshes").exists()
 
 
+def test_meshes_of_an_earlier_run_are_replaced(frames: list[RgbdFrame], tmp_path: Path) -> None:
+    simplify.simplify_recording(frames, tmp_path, OPTIONS)
+    blind = replace(frames[1], depth=np.zeros_like(frames[1].depth))
+    with pytest.raises(FormatError):
+        simplify.simplify_recording([blind], tmp_path, OPTIONS, replace=True)
+    simplify.simplify_recording(frames[:1], tmp_path, OPTIONS)
+    assert len(list(tmp_path.iterdir())) == 3
+    simplify.simplify_recording([frames[2], blind], tmp_path, OPTIONS, replace=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["000002.glb"]
+
+
 def test_the_command_takes_recordings(frames: list[RgbdFrame], tmp_path: Path) -> None:
     recording = tmp_path / "visit"
     capture.record(frames, recording)
@@ -122,6 +133,14 @@ def test_the_command_takes_recordings(frames: list[RgbdFrame], tmp_path: Path) -
     ):
         done = manip3d(*base, "--points", 300, "--force", option, value)
         assert f"{option}: cannot be given with an RGB-D recording" in error_line(done)
+    others = ("000007.txt", "7.glb", "0000007.glb", "00000x.glb")
+    for name in ("000007.glb", "1000000.glb", *others):
+        (out / name).write_text("")
+    (out / "000008.glb").mkdir()
+    done = manip3d(*base, "--points", 300, "--frames", 1, "--force")
+    assert done.returncode == 0, done.stderr
+    kept = {"000000.glb", "000008.glb", *others}  # the meshes of earlier frames are gone
+    assert {path.name for path in out.iterdir()} == kept
     done = manip3d(*base, "--points", 300, "--force", "--stable", "--method", "cs3")
     assert "--stable: expected method relief, got cs3" in error_line(done)
 

@@ -299,6 +299,7 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
             options,
             stable=given["stable"],
             num_frames=given["frames"],
+            replace=given["force"],
             progress=progress,
         )
     shell.say(_recording_sentence(made, output))
@@ -462,7 +463,9 @@ def depth(
     by_distance: Annotated[
         bool,
         typer.Option(
-            "--by-distance", help="Put more points where the surface is near (--method cs3)."
+            "--by-distance",
+            help="Put more points where the surface is near (--method cs3, --variant cios or "
+            "lios).",
         ),
     ] = False,
     move_points: Annotated[

@@ -577,12 +577,22 @@ def _options(
     if options.target_points < 1:
         raise InputError(f"target_points: expected >= 1, got {target_points}")
     options.importance, options.sampling = _VARIANTS[variant]
+    expect_radii(variant, distance_dependent, "distance_dependent")
     options.max_edge = limit_of(max_edge)
     options.distance_dependent = bool(distance_dependent)
     options.num_threads = threads_of(threads)
     if reading:
         options.reading = _reading(reading)
     return options
+
+
+def expect_radii(variant: Variant, by_distance: bool, name: str) -> None:
+    """Refuse an option that scales the radii of sampling by order (eq. 3.9) with another sampling.
+
+    ``name`` is the option's name in the error.
+    """
+    if by_distance and variant not in ("cios", "lios"):
+        raise InputError(f"{name}, variant: expected the variant cios or lios, got {variant}")
 
 
 _READINGS: dict[str, Any] = {
@@ -791,6 +801,7 @@ def cs3(
         `cut_depth_steps`.
     distance_dependent : bool
         Put more points on nearer surfaces: radii are scaled by depth / largest depth (eq. 3.9).
+        Only with ``'cios'`` and ``'lios'``, because non-maximum suppression has no radii.
     threads : int
         0: all cores. The result is the same for any number.
     reading : dict, optional

@@ -12,7 +12,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.errors import InputError
 from manip3d.simplify._bandwidth import MIN_POINTS, Bandwidth
-from manip3d.simplify._depth import Variant
+from manip3d.simplify._depth import Variant, expect_radii
 from manip3d.simplify._depth_steps import DEPTH_STEP
 from manip3d.simplify._depth_words import COMMON_GUESS, DepthFound
 from manip3d.simplify._relief import Effort
@@ -61,7 +61,7 @@ class DepthOptions:
         Faces across a larger step in depth are left out, see `cut_depth_steps`; 0: all faces stay.
         A scan, which has no depth, takes only the default.
     by_distance : bool
-        Put more points on near surfaces (``cs3`` of a depth image).
+        Put more points on near surfaces (``cs3`` of a depth image, variants ``cios`` and ``lios``).
     move_points : bool
         Let vertices leave the measured points (``relief``).
     seed : int
@@ -123,6 +123,7 @@ class DepthOptions:
             raise InputError(
                 f"variant, by_distance: can only be given with method cs3, got {self.method}"
             )
+        expect_radii(self.variant, self.by_distance, "by_distance")
         if self.method != "relief" and self.move_points:
             raise InputError(
                 f"move_points: can only be given with method relief, got {self.method}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from manip3d._util.options import Progress
 
 _SUFFIX = ".glb"
+_FRAME_NAME = re.compile(rf"([0-9]{{6}}|[1-9][0-9]{{6,}}){re.escape(_SUFFIX)}")
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ def simplify_recording(
     *,
     stable: bool = False,
     num_frames: int | None = None,
+    replace: bool = False,
     progress: Progress = None,
 ) -> RecordingResult:
     """Turn the frames of an RGB-D recording into sparse textured meshes in a folder.
@@ -67,6 +70,9 @@ def simplify_recording(
         the same mesh in every frame.
     num_frames : int, optional
         Stop after this many frames.
+    replace : bool
+        Remove the meshes of an earlier run: at the end, files in the folder that have the name of
+        a frame, and that this run did not write, are removed. All other files stay.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``. The fraction is 0 if the
         number of frames is unknown.
@@ -85,7 +91,7 @@ def simplify_recording(
     FormatError
         The recording is damaged, or no frame has a surface. Meshes that were written stay.
     OSError
-        A mesh cannot be written.
+        A mesh cannot be written, or not removed.
 
     Examples
     --------
@@ -137,4 +143,13 @@ def simplify_recording(
         )
     if not done:
         raise InputError("frames: expected at least one, got none")
+    if replace:
+        _remove_others(folder, {result.output.name for result in done})
     return RecordingResult(tuple(done), failed)
+
+
+def _remove_others(folder: Path, written: set[str]) -> None:
+    """Remove the files with the name of a frame that are not among those that were written."""
+    for path in sorted(folder.iterdir()):
+        if _FRAME_NAME.fullmatch(path.name) and path.name not in written and path.is_file():
+            path.unlink()
