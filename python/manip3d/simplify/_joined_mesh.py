@@ -286,8 +286,8 @@ class JoinedMesh:
         ``border`` is the result of `border_in`. Without a border, a relief keeps its triangles.
         """
         if isinstance(chosen, Relief) and not len(border[0]):
-            whole = ~steps.across(view, chosen.pixels, chosen.faces)
-            self._append(index, view, chosen.with_faces(chosen.faces[whole]))
+            in_one = ~steps.across(view, chosen.pixels, chosen.faces)
+            self._append(index, view, chosen.with_faces(chosen.faces[in_one]))
             return
         own = _own_vertices(chosen, border[1])
         pixels = np.concatenate([border[1], chosen.pixels[own]])
