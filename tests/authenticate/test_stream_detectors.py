@@ -151,6 +151,14 @@ def test_a_constant_of_missing_pixels_counts_as_missing(mark: int, soft: bool) -
     )
 
 
+def test_a_wall_of_a_single_depth_is_measured() -> None:
+    found = authenticate.inspect_stream(
+        [replace(frame, depth=np.full_like(frame.depth, 2000)) for frame in stream()]
+    )
+    assert found.verdict == "processed"
+    assert "count as not measured" not in found.reason
+
+
 @pytest.mark.parametrize("mark", [2047, 3000])
 def test_a_constant_of_missing_pixels_among_other_depths_accuses_nobody(mark: int) -> None:
     """No surface is told from it, but what never changes there is no still background."""

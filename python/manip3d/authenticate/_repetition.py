@@ -45,12 +45,12 @@ def judge_repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
         return StreamReport(
             "repetition", "undecidable", "too few pixels are measured in all frames"
         ), nothing
+    moving = (changes > 0).sum()
+    if moving == 0:
+        return StreamReport("repetition", "processed", "all frames are the same", 1.0), nothing
     looked_at &= ~_has_one_depth(pairs[0][0].depth)
     frozen = looked_at & (changes == 0)
-    moving = (changes > 0).sum()
     share = float(frozen.sum() / max(1, looked_at.sum()))
-    if frozen.sum() >= _MIN_REGIONS and share >= 0.05 and moving == 0:
-        return StreamReport("repetition", "processed", "all frames are the same", share), nothing
     if frozen.sum() < _MIN_REGIONS or share < 0.05:
         return _repeated_frames(frames, share), nothing
     # No evidence of an edit by itself: codecs and temporal filters repeat depths that hardly

@@ -49,7 +49,7 @@ def _mark(counts: NDArray[np.int64], num_pixels: int) -> int | None:
     ``counts`` are the numbers of pixels by depth.
     """
     many = np.flatnonzero(counts >= max(1.0, _MIN_SHARE * num_pixels))
-    if not len(many):
+    if not len(many) or np.count_nonzero(counts) == 1:  # a single depth may be of a wall
         return None
     mark = int(many[-1])
     num_others = counts[round(mark * (1.0 - _APART)) :].sum() - counts[mark]
