@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from command_line import error_line, manip3d
-from manip3d import FormatError, InputError, io, simplify
+from manip3d import FormatError, InputError, Intrinsics, io, metrics, simplify
 from manip3d.simplify import _camera_files
 
 CAMERA = "130,130,79.5,59.5"
@@ -421,6 +421,89 @@ def test_a_folder_of_clouds_becomes_one_mesh(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     width = np.ptp(io.read_mesh(tmp_path / "wall.ply").vertices[:, 0])
     assert width == pytest.approx(0.5 + 2 * 63 / 60, abs=0.02)
+
+
+def write_clouds(
+    images: Path, folder: Path, turn: NDArray[np.float64], shift: NDArray[np.float64], unit: float
+) -> None:
+    """Write images of a box before a wall, and as clouds in a frame of their own, with poses."""
+    camera = Intrinsics(160, 120, 130.0, 130.0, 79.5, 59.5)
+    images.mkdir()
+    folder.mkdir()
+    lines = []
+    for number, place in enumerate((0.0, 0.48)):  # 52 pixels at 1.2 m
+        depth = np.full((120, 160), 1800, np.uint16)
+        depth[40:80, 70 - 52 * number : 110 - 52 * number] = 1200
+        np.save(images / f"{number}.npy", depth)
+        points = camera.unproject(depth)
+        moved = unit * (points @ turn.T + shift)
+        header = (
+            "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 160\n"
+            "HEIGHT 120\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 19200\nDATA binary\n"
+        )
+        data = header.encode() + moved.astype("<f4").tobytes()
+        (folder / f"{number}.pcd").write_bytes(data)
+        pose = np.column_stack([turn.T, unit * ([place, 0, 0] - turn.T @ shift)])
+        lines.append(" ".join(str(value) for value in pose.ravel()))
+    (folder / "poses.txt").write_text("\n".join(lines))
+    (images / "poses.txt").write_text("0 0 0 0 0 0 1\n0.48 0 0 0 0 0 1\n")
+
+
+@pytest.mark.parametrize(
+    ("angle", "shift", "unit"),
+    [(0.0, (0.0, 0.0, 0.0), 1.0), (0.7, (0.3, -0.2, 1.1), 1.0), (0.7, (0.3, -0.2, 1.1), 1000.0)],
+)
+def test_clouds_of_cameras_become_what_their_images_do(
+    angle: float, shift: tuple[float, float, float], unit: float, tmp_path: Path
+) -> None:
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
+    write_clouds(tmp_path / "images", tmp_path / "clouds", turn, np.array(shift), unit)
+    done = [
+        manip3d("depth", tmp_path / name, "--poses", tmp_path / name / "poses.txt", "--points", 500,
+                "-o", tmp_path / f"{name}.glb", "--json", *more)
+        for name, more in (("images", ("--intrinsics", CAMERA)), ("clouds", ()))
+    ]  # fmt: skip
+    assert "organised clouds of cameras, as 2 depth images, depth 1.20 to 1.80 m" in done[1].stderr
+    told = [json.loads(each.stdout) for each in done]
+    assert told[1]["coverage"] == pytest.approx(told[0]["coverage"], abs=0.01)
+    assert told[1]["bridges"] < 0.001
+    one, two = (io.read_mesh(tmp_path / f"{name}.glb") for name in ("images", "clouds"))
+    # Both lack the sheet between the box and the wall, and both are upright.
+    far = metrics.closest_points(one, two.vertices / unit).distance
+    assert far.max() < 0.02  # a pixel at the border
+    centroids = two.vertices[two.faces].mean(axis=1) / unit
+    assert metrics.closest_points(one, centroids).distance.max() < 0.03
+
+
+def test_clouds_without_a_camera_are_named(tmp_path: Path) -> None:
+    v, u = np.mgrid[:40, :90]
+    azimuth, height = np.deg2rad(4.0 * u), 0.1 * (v - 20)
+    points = np.stack([3 * np.cos(azimuth), 3 * np.sin(azimuth), height], axis=-1)
+    np.save(tmp_path / "0.npy", points)
+    np.save(tmp_path / "1.npy", points)
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 1\n0 0 9 0 0 0 1\n")
+    base = ("depth", tmp_path / "0.npy", tmp_path / "1.npy", "--poses", tmp_path / "poses.txt",
+            "--points", "60", "-o", tmp_path / "wall.ply", "--force")  # fmt: skip
+    words = "an organised cloud whose points are not those of a camera's pixels"
+    assert words in manip3d(*base).stderr
+    assert words not in manip3d(*base, "--max-edge", 1).stderr
+    error = error_line(manip3d(*base, "--unit", "mm"))
+    assert "--unit: can only be given with a depth image, got a scan" in error
+
+
+def test_a_camera_of_another_image_is_doubted(tmp_path: Path) -> None:
+    for number, shape in enumerate([(120, 160), (60, 80)]):
+        np.save(tmp_path / f"{number}.npy", np.full(shape, 2.0, np.float32))
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 1\n0.5 0 0 0 0 0 1\n")
+    base = ("depth", tmp_path / "0.npy", tmp_path / "1.npy", "--poses", tmp_path / "poses.txt",
+            "--points", "60", "-o", tmp_path / "wall.ply", "--force", "--intrinsics")  # fmt: skip
+    outside = manip3d(*base, "130,130,99.5,59.5").stderr
+    assert "warning for 1 of them: the camera's centre (99.5, 59.5) lies outside" in outside
+    inside = manip3d(*base, "130,130,60,50").stderr
+    assert "lies outside" not in inside
+    for told in (outside, inside):
+        assert "images of 2 sizes (160 x 120, 80 x 60 pixels) have the same numbers" in told
 
 
 def test_joining_tells_its_progress_and_can_be_stopped(walls: Path) -> None:

@@ -17,7 +17,8 @@ from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.camera import read_intrinsics
 from manip3d.errors import FormatError, InputError
-from manip3d.io import DEPTH_SUFFIXES, read_range_grid, write_mesh
+from manip3d.io import DEPTH_SUFFIXES, RangeGrid, read_range_grid, write_mesh
+from manip3d.io._depth_units import depth_reading
 from manip3d.io._images import read_color
 from manip3d.simplify._camera_views import CameraView
 from manip3d.simplify._cameras import (
@@ -29,7 +30,7 @@ from manip3d.simplify._cameras import (
     silent,
 )
 from manip3d.simplify._depth_files import writes_y_up, y_points_up
-from manip3d.simplify._depth_inputs import expect_camera, read_frame
+from manip3d.simplify._depth_inputs import centre_doubt, expect_camera, read_frame
 from manip3d.simplify._depth_options import (
     SPARSE_WORDS,
     DepthOptions,
@@ -37,9 +38,15 @@ from manip3d.simplify._depth_options import (
     is_sparse,
 )
 from manip3d.simplify._depth_sets import common_guess
-from manip3d.simplify._depth_words import COMMON_GUESS, DepthFound, sentence_of_images
+from manip3d.simplify._depth_words import (
+    COMMON_GUESS,
+    NO_CAMERA,
+    DepthFound,
+    sentence_of_images,
+)
 from manip3d.simplify._depth_writing import Measured
 from manip3d.simplify._organised import (
+    CloudCamera,
     far_origin,
     find_camera,
     is_cloud_file,
@@ -82,8 +89,8 @@ class JointFileResult:
     lone_pixels : int
         As for `DepthFileResult`, summed over all sources.
     depth : str
-        A sentence on the depth range of all images and on their unit, with doubts about it; empty
-        for scans.
+        A sentence on the depth range of all images, or organised clouds of depth cameras, and on
+        their unit, with doubts about it and about the camera; empty for scans.
     unit : str
         The unit that was used; empty for scans, and if the images state several.
     unit_guessed : bool
@@ -153,14 +160,16 @@ def simplify_camera_files(
         Depth images or range scans, as for `simplify_depth_file`, but not both. Where several see
         the same surface, the earlier ones are preferred.
     poses : path-like
-        File or folder with the pose of each source, as for `poses_of_files`. Sources whose matrix
+        File or folder with the pose of each source, as for `poses_of_files`, in metres for depth
+        images and in their own unit for scans and clouds. Sources whose matrix
         in a folder is not finite, as ScanNet has it for lost frames, are left out with a warning.
     output : path-like
         Mesh file to write. Its vertices are in the coordinate frame of the poses, except that a
-        glTF file of depth images has +y up: the axis of the poses nearest to the mean direction
-        that is up in the images becomes y. If that is y, nothing is rotated; -y (as where the first
-        camera is the frame of the poses) by half a turn about x, z by a quarter turn about x. If
-        cameras look down by more than 45 degrees on average, this may be the wrong axis.
+        glTF file of depth images, or of organised clouds of depth cameras, has +y up: the axis of
+        the poses nearest to the mean direction that is up in the images becomes y. If that is y,
+        nothing is rotated; -y (as where the first camera is the frame of the poses) by half a turn
+        about x, z by a quarter turn about x. If cameras look down by more than 45 degrees on
+        average, this may be the wrong axis.
     options : DepthOptions
         ``points`` is needed, and the method is ``relief`` or ``cs3``. If the unit is to be
         guessed, one unit is guessed for all sources (`common_depth_unit`).
@@ -213,13 +222,13 @@ def simplify_camera_files(
     known, placed = known[:num_frames], placed[:num_frames]
     files, pictures = tuple(files[i] for i in known), [pictures[i] for i in known]
     are_images = _are_images(files)
+    per_metre = 1.0  # units of the clouds per metre
     if are_images:  # one unit for all, because guesses for single images could differ
         unit = common_guess(files, options.unit, options.intrinsics)
         options = replace(options, unit=unit)
-    depth_step = options.depth_step if options.depth_step and are_images else None
     views: list[CameraView] = []
     depths: list[DepthFound] = []
-    measured = lone = 0
+    measured = lone = no_camera = 0
     with reporting(progress, "join views") as report:
         report = report or silent
         memory = available_bytes()
@@ -228,12 +237,25 @@ def simplify_camera_files(
                 view, depth = _image_view(file, options, pose, picture)
                 depths.append(depth)
             else:
-                view = _scan_view(file, options, pose, picture)
+                grid = read_range_grid(file)
+                is_cloud = is_cloud_file(file)
+                camera = find_camera(grid) if is_cloud else None
+                if camera is None:
+                    view = _scan_view(grid, options, pose, picture, is_cloud)
+                    no_camera += is_cloud
+                else:  # of one instrument, so that they have one unit
+                    unit = depths[0].unit if depths else ""
+                    view, depth, per_metre = _cloud_view(
+                        file, grid, camera, options, pose, picture, unit
+                    )
+                    depths.append(depth)
             views.append(view)
             found = Measured.of(_valid_pixels(views[-1]))
             measured, lone = measured + found.pixels, lone + found.lone
             _expect_memory(measured, len(views), len(files), memory)
             report(_READ * len(views) / len(files))
+        views = [_in_metres(view, per_metre) for view in views]
+        depth_step = options.depth_step if options.depth_step and depths else None
         options = options.for_pixels(measured)
         started = time.perf_counter()
         assert options.points is not None
@@ -248,8 +270,10 @@ def simplify_camera_files(
             f"expected a surface in {len(files)} views, found none{note}", file=str(place)
         )
     mesh = with_used_vertices(joint.mesh)
-    if writes_y_up(target) and are_images:
+    if writes_y_up(target) and depths:
         mesh = mesh.replace(vertices=mesh.vertices @ _turn_to_y_up(views).T)
+    if per_metre != 1.0:
+        mesh = mesh.replace(vertices=mesh.vertices * per_metre)
     write_mesh(mesh, target)
     units = {found.unit for found in depths}
     return JointFileResult(
@@ -263,7 +287,7 @@ def simplify_camera_files(
         joint.coverage,
         joint.bridges,
         lone,
-        sentence_of_images(depths) if depths else "",
+        _words(depths, views, are_images, no_camera if options.max_edge is None else 0),
         units.pop() if len(units) == 1 else "",
         any(found.is_guess for found in depths),
         joint.without_ray,
@@ -282,7 +306,8 @@ def _turn_to_y_up(views: Sequence[CameraView]) -> NDArray[np.float64]:
     """Return the rotation of the poses' frame by which its axis that is up in the images is y."""
     up = np.zeros(3)
     for view in views:
-        assert view.intrinsics is not None
+        if view.intrinsics is None:
+            continue
         up += np.asarray(view.pose)[:3, 1] * (1.0 if y_points_up(view.intrinsics) else -1.0)
     axis = int(np.argmax(np.abs(up)))
     return np.array(_TO_Y_UP[axis][int(up[axis] > 0)], np.float64)
@@ -373,29 +398,88 @@ def _image_view(
     expect_camera(options.intrinsics, file)
     reading, _, doubt = read_frame(file, options)
     height, width = reading.depth.shape
-    view = CameraView(
-        reading.depth,
-        read_intrinsics(options.intrinsics, width=width, height=height),
-        pose=pose,
-        color=None if picture is None else read_color(picture),
-    )
-    return view, DepthFound.of(reading, doubt)
+    camera = read_intrinsics(options.intrinsics, width=width, height=height)
+    color = None if picture is None else read_color(picture)
+    view = CameraView(reading.depth, camera, pose=pose, color=color)
+    doubts = [each for each in (doubt, centre_doubt(camera)) if each]
+    return view, DepthFound.of(reading, "; ".join(doubts))
+
+
+def _cloud_view(
+    file: Path,
+    grid: RangeGrid,
+    camera: CloudCamera,
+    options: DepthOptions,
+    pose: NDArray[np.float64],
+    picture: Path | None,
+    unit: str,
+) -> tuple[CameraView, DepthFound, float]:
+    """Return a cloud as a depth image in metres, and the cloud's units per metre.
+
+    ``pose`` is in the cloud's unit, ``unit`` that of the clouds before; empty: this is the first.
+    """
+    if options.intrinsics:
+        raise InputError(
+            "intrinsics: can only be given with a depth image; a cloud's points tell its camera"
+        )
+    stored = np.where(grid.valid, camera.depth, 0.0).astype(np.float32)
+    asked = "guess" if options.is_unit_guessed else options.unit
+    reading = depth_reading(stored, unit or asked, str(file))
+    found = DepthFound.of(reading, reading.doubt)
+    metres = reading.depth / (1000.0 if reading.depth.dtype == np.uint16 else 1.0)
+    known = metres > 0
+    per_metre = float(np.median(stored[known] / metres[known])) if known.any() else 1.0
+    placed = pose.copy()
+    placed[:3, 3] = (pose[:3, 3] + pose[:3, :3] @ camera.centre) / per_metre
+    if camera.rotation is not None:
+        placed[:3, :3] = pose[:3, :3] @ camera.rotation.T
+    color = grid.color if picture is None else read_color(picture)
+    return CameraView(reading.depth, camera.intrinsics, pose=placed, color=color), found, per_metre
 
 
 def _scan_view(
-    file: Path, options: DepthOptions, pose: NDArray[np.float64], picture: Path | None
+    grid: RangeGrid,
+    options: DepthOptions,
+    pose: NDArray[np.float64],
+    picture: Path | None,
+    is_cloud: bool,
 ) -> CameraView:
     expect_options_of_scan(options)
-    grid = read_range_grid(file)
     color = grid.color if picture is None else read_color(picture)
     origin = far_origin(grid)
-    if not is_cloud_file(file):
-        rows_up = scan_rows_go_up(grid)
-    else:
-        camera = find_camera(grid)
-        rows_up = rows_go_up(grid, origin if camera is None else camera.centre)
+    rows_up = rows_go_up(grid, origin) if is_cloud else scan_rows_go_up(grid)
     placed = pose.copy()
     placed[:3, 3] += pose[:3, :3] @ origin
     return CameraView(
         points=grid.points - origin, valid=grid.valid, pose=placed, color=color, rows_up=rows_up
     )
+
+
+def _in_metres(view: CameraView, per_metre: float) -> CameraView:
+    """Return a view of points, which are in the file's unit, in metres, and others as they are."""
+    if view.points is None or per_metre == 1.0:
+        return view
+    placed = np.array(view.pose, np.float64)
+    placed[:3, 3] /= per_metre
+    return replace(view, points=np.asarray(view.points) / per_metre, pose=placed)
+
+
+def _words(
+    depths: Sequence[DepthFound], views: Sequence[CameraView], are_images: bool, no_camera: int
+) -> str:
+    """Return a sentence on the depth of all views; ``no_camera``: clouds that show no camera."""
+    words = sentence_of_images(depths) if depths else ""
+    if depths and not are_images:
+        words = f"organised clouds of cameras, as {words}"
+    cameras = [view.intrinsics for view in views if view.intrinsics is not None]
+    sizes = dict.fromkeys(f"{camera.width} x {camera.height}" for camera in cameras)
+    numbers = {(camera.fx, camera.fy, camera.cx, camera.cy) for camera in cameras}
+    if are_images and len(sizes) > 1 and len(numbers) < len(sizes):
+        words += (
+            f"; warning: images of {len(sizes)} sizes ({', '.join(sizes)} pixels) have the same "
+            "numbers of a camera, which can only be those of one size"
+        )
+    if no_camera:
+        of_some = f"; {no_camera} of {len(views)} views: " if depths else ""
+        words += f"{of_some}{NO_CAMERA}"
+    return words

@@ -19,7 +19,13 @@ from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, RangeGrid, read_range_grid
 from manip3d.io._depth_units import depth_reading
 from manip3d.simplify._depth import DenseImage, DepthSimplification, cs3, cs3_grid
-from manip3d.simplify._depth_inputs import Maps, expect_camera, read_frame, read_maps
+from manip3d.simplify._depth_inputs import (
+    Maps,
+    centre_doubt,
+    expect_camera,
+    read_frame,
+    read_maps,
+)
 from manip3d.simplify._depth_options import (
     DepthFileResult,
     DepthOptions,
@@ -27,7 +33,7 @@ from manip3d.simplify._depth_options import (
     expect_options_of_scan,
 )
 from manip3d.simplify._depth_steps import cut_depth_steps
-from manip3d.simplify._depth_words import DepthFound
+from manip3d.simplify._depth_words import NO_CAMERA, DepthFound
 from manip3d.simplify._depth_writing import LastFile, Made, Measured, result_of, write_simplified
 from manip3d.simplify._organised import (
     CloudCamera,
@@ -49,10 +55,6 @@ if TYPE_CHECKING:
     from manip3d.mesh import Mesh
 
 _YUP_SUFFIXES = (".glb", ".gltf")
-_NO_CAMERA = (
-    "an organised cloud whose points are not those of a camera's pixels: faces across depth steps "
-    "stay without a max_edge"
-)
 
 
 @checked
@@ -210,14 +212,6 @@ def simplify_depth_file(
     return _from_scan(path, target, options, maps)
 
 
-def _shows_centre(camera: Intrinsics) -> bool:
-    """Return whether the principal point lies in the image, as it does unless that was cropped."""
-    if camera.rays is not None:
-        return True
-    inside = (-0.5 <= camera.cx <= camera.width - 0.5, -0.5 <= camera.cy <= camera.height - 0.5)
-    return all(inside)
-
-
 def writes_y_up(output: Path) -> bool:
     """Return whether a mesh file has +y up: glTF does, by its standard."""
     return output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
@@ -270,11 +264,7 @@ def from_image(
     reading, words, doubt = read_frame(path, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
-    if not _shows_centre(camera):
-        off = (
-            f"the camera's centre ({camera.cx:g}, {camera.cy:g}) lies outside of the image of "
-            f"{width} x {height} pixels: it may be the camera of another image"
-        )
+    if off := centre_doubt(camera):
         words += f"; warning: {off}"
         doubt = f"{doubt}; {off}" if doubt else off
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
@@ -376,7 +366,7 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> D
         return Made(found, mesh.replace(vertices=mesh.vertices + origin), 0, seconds)
 
     made = write_simplified(make, path, output, options, measured, has_steps=False)
-    words = _NO_CAMERA if is_cloud and options.max_edge is None else ""
+    words = NO_CAMERA if is_cloud and options.max_edge is None else ""
     return result_of(path, output, options, made, measured, depth=words)
 
 

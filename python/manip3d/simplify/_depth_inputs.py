@@ -23,7 +23,7 @@ from manip3d.simplify._pixel_maps import confidence_of_levels
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from manip3d.camera import Registration
+    from manip3d.camera import Intrinsics, Registration
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +87,22 @@ def expect_camera(intrinsics: str, image: Path) -> None:
         f"intrinsics: expected the camera of the depth image: fx,fy,cx,cy, a file "
         f"({', '.join(CAMERA_SUFFIXES)}) or one of {', '.join(CAMERA_PRESETS)}, got none"
         + (f"; {beside[0]} may be it" if beside else "")
+    )
+
+
+def centre_doubt(camera: Intrinsics) -> str:
+    """Return a reason to doubt that a camera is that of its image; empty if there is none.
+
+    The principal point lies in the image, unless that was cropped.
+    """
+    if camera.rays is not None:
+        return ""
+    inside = (-0.5 <= camera.cx <= camera.width - 0.5, -0.5 <= camera.cy <= camera.height - 0.5)
+    if all(inside):
+        return ""
+    return (
+        f"the camera's centre ({camera.cx:g}, {camera.cy:g}) lies outside of the image of "
+        f"{camera.width} x {camera.height} pixels: it may be the camera of another image"
     )
 
 

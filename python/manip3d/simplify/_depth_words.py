@@ -13,6 +13,10 @@ from manip3d.rgbd import NO_MEASUREMENT
 if TYPE_CHECKING:
     from manip3d.io import DepthReading
 
+NO_CAMERA = (
+    "an organised cloud whose points are not those of a camera's pixels: faces across depth steps "
+    "stay without a max_edge"
+)
 COMMON_GUESS = "guess:"
 """Prefix of a unit that was guessed for several images, so that each of them says so."""
 
