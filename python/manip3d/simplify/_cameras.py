@@ -145,39 +145,39 @@ class JointSimplification(Showable):
         """Share of the measured pixels of all views that the mesh covers.
 
         A pixel of a depth image is covered if the mesh is the first surface on its line of sight
-        up to ``depth_step`` (default 0.05) of its depth. A pixel of a view given as points is
-        covered if it is as near to the mesh as to its neighbours (median distance), or within the
-        ``tolerance`` of a place that is not on the border of the mesh. Pixels without a line of
-        sight (``without_ray``) are not covered. Computed on the first access.
+        up to ``depth_step`` (default 0.05) of its depth. If another surface is in front, and for
+        views given as points, it is covered if it is as near to the mesh as to its neighbours
+        (median distance), or within the ``tolerance`` of a place that is not on the border of the
+        mesh. Pixels without a line of sight (``without_ray``) are not covered. Computed on the
+        first access.
         """
         total = self.num_measured
         if total == 0 or not self.num_faces:
             return 0.0
+        surface = Surface(self.vertices, self.faces)
         covered = 0
         for view, tolerance in self._measured:
-            if view.camera is not None and view.valid.any():
-                covered += self._num_in_sight(view, view.camera)
-            elif view.valid.any():
-                covered += self._num_near(view, tolerance)
+            if not view.valid.any():
+                continue
+            judged = view.world
+            if view.camera is not None:
+                in_sight, hidden = self._seen(view, view.camera)
+                covered += int(np.count_nonzero(in_sight))
+                judged = judged[hidden]
+            distance, on_border = surface.distance(judged, tolerance, self._threads)
+            limit = np.where(on_border, spacing(view), tolerance)
+            covered += int(np.count_nonzero(distance <= limit))
         return covered / total
 
-    def _num_in_sight(self, view: View, camera: Intrinsics) -> int:
-        """Return the number of pixels of a depth image that see the mesh at their own depth."""
+    def _seen(self, view: View, camera: Intrinsics) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which valid pixels see the mesh at their own depth, and which in front of it."""
         mesh = Mesh(from_world(view, self.vertices), self.faces)
         found = _core.render_depth(
             mesh, view.points, view.valid, view.rows_up, camera, self._threads, None
         ).reshape(view.valid.shape)[view.valid]
         depth = view.points[view.valid][:, 2].astype(np.float64)
-        return int(
-            np.count_nonzero(np.abs(found - depth) <= (self._steps.step or DEPTH_STEP) * depth)
-        )
-
-    def _num_near(self, view: View, tolerance: float) -> int:
-        """Return the number of points of a view that lie on the mesh."""
-        distance, on_border = Surface(self.vertices, self.faces).distance(
-            view.world, tolerance, self._threads
-        )
-        return int(np.count_nonzero(distance <= np.where(on_border, spacing(view), tolerance)))
+        limit = (self._steps.step or DEPTH_STEP) * depth
+        return np.abs(found - depth) <= limit, found < depth - limit
 
     @cached_property
     def mesh(self) -> Mesh:

@@ -141,6 +141,8 @@ class Surface:
 
         The latter tells whether the closest point of the surface is on its border.
         """
+        if not len(points):
+            return np.empty(0), np.empty(0, bool)
         distance, face, foot = self._closest(points, most, threads)
         near = np.flatnonzero(face >= 0)
         on_border = np.zeros(len(points), bool)
