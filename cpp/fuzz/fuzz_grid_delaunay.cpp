@@ -1,6 +1,7 @@
 // Triangulation of arbitrary pixels: an InputError, or counter-clockwise triangles whose
-// circumcircles contain no other pixel.
+// circumcircles contain no other pixel. With edges that it must have, they stay counter-clockwise.
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <cstdlib>
 #include <vector>
@@ -52,6 +53,16 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const auto [a, b, c] = delaunay.triangle(t);
     require(turn(pixels[a], pixels[b], pixels[c]) > 0);
     for (const Pixel& d : pixels) require(in_circle(pixels[a], pixels[b], pixels[c], d) <= 0);
+  }
+  const std::int32_t num_faces = delaunay.num_faces();
+  const auto n = static_cast<std::int32_t>(pixels.size());
+  std::vector<std::array<std::int32_t, 2>> edges;  // many of them cross each other
+  for (std::int32_t i = 0; i < n; ++i) edges.push_back({i, (7 * i + 3) % n});
+  delaunay.constrain(edges);
+  require(delaunay.num_faces() == num_faces);
+  for (std::int32_t t = 0; t < num_faces; ++t) {
+    const auto [a, b, c] = delaunay.triangle(t);
+    require(turn(pixels[a], pixels[b], pixels[c]) > 0);
   }
   return 0;
 }
