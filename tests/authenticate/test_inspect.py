@@ -1741,6 +1741,20 @@ def test_a_thinned_scan_says_what_share_is_missing(left_out: str) -> None:
     (step,) = (each for each in steps if each.kind == "thinned")
     share = float(step.detail.partition("%")[0])
     assert share == pytest.approx(100.0 * (1.0 - kept.mean()), abs=1.5), step.detail
+    assert "left out of the file, or lost by rain, snow, fog or a wet road" in step.detail
+
+
+@pytest.mark.parametrize("per_metre", [0.01, 0.04])
+def test_returns_lost_in_rain_are_no_cut_of_the_level_ground(per_metre: float) -> None:
+    """The farther a return, the more often it is lost, as in rain or fog; a real cut is named."""
+    scan = on_a_street(31)  # whose road is level
+    distance = np.linalg.norm(scan.points, axis=1)
+    kept = np.random.default_rng(7).random(len(distance)) < np.exp(-per_metre * distance)
+    found = authenticate.inspect(scan.select(np.flatnonzero(kept)), power=False)
+    assert [step.kind for step in found.processing] == ["thinned"]
+    cut = scan.select(np.flatnonzero(kept & (scan.points[:, 2] > -1.6)))
+    found = authenticate.inspect(cut, power=False)
+    assert "no points below a height of -1.60 m" in {step.detail for step in found.processing}
 
 
 def test_a_scan_that_lost_far_returns_by_chance_is_thinned() -> None:

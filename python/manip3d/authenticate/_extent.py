@@ -22,6 +22,7 @@ from manip3d.authenticate._silences import (
     FEW_RETURNS,
     highest_are_silent,
     silent_at_the_ends,
+    single_holes_near,
     thinned_out,
 )
 from manip3d.authenticate._verdict import Processing
@@ -222,7 +223,7 @@ def processing_of_extent(
     is_as_mounted = not (found or thinned or turned)  # else parts of the own car may be cut off
     if is_as_mounted and (silence := _silence_of_own_car(reading, distance, lattice)):
         found.append(Processing("cropped", silence))
-    in_height = _cropped_in_height(wide, firings, sees_horizon=is_unit_of_kitti(lattice))
+    in_height = _cropped_in_height(wide, distance, firings, sees_horizon=is_unit_of_kitti(lattice))
     return found + in_height + thinned + turned
 
 
@@ -278,7 +279,11 @@ def _cuts_far_away(
 
 
 def _cropped_in_height(
-    points: NDArray[np.float64], firings: Firings | None, *, sees_horizon: bool
+    points: NDArray[np.float64],
+    distance: NDArray[np.float64],
+    firings: Firings | None,
+    *,
+    sees_horizon: bool,
 ) -> list[Processing]:
     """Missing returns of the highest lasers, and cuts at a height."""
     found = []
@@ -287,7 +292,9 @@ def _cropped_in_height(
         found.append(Processing("cropped", "the highest lasers have no returns"))
     if is_cut_above(points, firings, sees_horizon=sees_horizon):
         found.append(Processing("cropped", f"no points above a height of {z.max():.2f} m"))
-    if is_cut_below(points, firings):
+    if is_cut_below(points, firings) and (
+        firings is None or is_cut_below(points, firings, lost=single_holes_near(firings, distance))
+    ):
         found.append(Processing("cropped", f"no points below a height of {z.min():.2f} m"))
     return found
 

@@ -22,6 +22,9 @@ It is 0.77 to 0.95 in whole frames of KITTI, and 0.48 in every second point of a
 
 FEW_RETURNS = "fewer returns from the ground than a whole frame has"
 
+WHY_MISSING = "left out of the file, or lost by rain, snow, fog or a wet road"
+"""Reasons for single missing returns; the scan does not show which of them it is."""
+
 MAX_SINGLE_HOLES, SAME_RANGE, NEAR_HOLES = 0.0034, 0.005, 15.0
 """Points were left out at random if more than the share MAX_SINGLE_HOLES of the firings of the
 lower half of the lasers, without the lowest eighth, has no return, of those whose two neighbours
@@ -31,7 +34,8 @@ with the fewest missing returns counts, because dark cars lose returns in some s
 left out at random are missing in all. The share is at most 0.0002 in whole frames of KITTI, at
 least 0.0036 without one point of 200 (24 frames of nine drives, each thinned twice), and at most
 0.0004 in frames of 8 simulated streets. The limit is close to the thinned frames, because a wet or
-worn road may lose more returns than those of nine drives."""
+worn road may lose more returns than those of nine drives. Simulated rain, snow, fog and wet roads
+exceed it: one scan does not tell returns that the scanner lost from points that were left out."""
 
 HOLE_SECTORS, MIN_ON_ROAD = 16, 4000
 """HOLE_SECTORS: number of sectors of the firings, of which the half with the fewest missing returns
@@ -79,24 +83,41 @@ def thinned_out(
     """
     found: list[Processing] = []
     rings, reach = len(firings.answered), _reach(firings, distance)
-    middle, lower = (slice(first, (7 * rings) // 8) for first in ((3 * rings) // 8, rings // 2))
-    below = firings.answered[middle]
+    lower = _lower_half(rings)
+    below = firings.answered[(3 * rings) // 8 : lower.stop]
     if whole and np.count_nonzero(below) < MIN_FILL * below.size:
         found.append(Processing("thinned", FEW_RETURNS))
     elif _single_holes(firings, reach, lower) > MAX_SINGLE_HOLES:
         lost = _share_left_out(reach[lower])
-        found.append(
-            Processing("thinned", f"{lost:.1%} of the returns are missing one by one everywhere")
-        )
-    elif _single_holes(firings, reach, slice(None), FAR_HOLES, MIN_FAR) > MAX_FAR_HOLES:
-        detail = f"returns farther than {FAR_HOLES[0]:g} m are missing one by one everywhere"
+        detail = f"{lost:.1%} of the returns are missing one by one everywhere ({WHY_MISSING})"
         found.append(Processing("thinned", detail))
+    elif _single_holes(firings, reach, slice(None), FAR_HOLES, MIN_FAR) > MAX_FAR_HOLES:
+        far = f"returns farther than {FAR_HOLES[0]:g} m are missing one by one everywhere"
+        found.append(Processing("thinned", f"{far} ({WHY_MISSING})"))
     if silent := len(_silent_between(firings)):
         found.append(Processing("lasers", f"{silent} of the {rings} lasers have no returns"))
     elif not found and (lost := _longest_silence_alone(firings)) > MAX_SILENT_ALONE:
         detail = f"a laser between two that answer has no return in {lost} firings in a row"
         found.append(Processing("thinned", detail))
     return found
+
+
+def single_holes_near(firings: Firings, distance: NDArray[np.float64]) -> float:
+    """Return the share of single missing returns of the road nearby; 0: too few returns.
+
+    Parameters
+    ----------
+    firings : Firings
+        Firings of the turn.
+    distance : (N,) float64, metres
+        Distance of each point from the scanner.
+    """
+    return _single_holes(firings, _reach(firings, distance), _lower_half(len(firings.answered)))
+
+
+def _lower_half(rings: int) -> slice:
+    """The lower half of the lasers, without the lowest eighth."""
+    return slice(rings // 2, (7 * rings) // 8)
 
 
 def _longest_silence_alone(firings: Firings) -> int:

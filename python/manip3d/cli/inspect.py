@@ -293,12 +293,12 @@ def inspect(
     """Look for edits of a LiDAR scan, a drive or an RGB-D recording.
 
     Verdicts and exit codes: tampered (3): a part of the scan was edited. processed (4): all of the
-    scan was changed (rounded, cropped, thinned out, watermarked), which can hide an edit. no_trace
-    (0): a detector that finds edits of scans of this scanner found none. undecidable (4): no
-    detector can judge this scan. The exit code is 1 if a scan could not be read, and 130 when
-    interrupted. With several sources it is that of the worst verdict: tampered, then a scan that
-    could not be read, then processed and undecidable. No verdict says that a scan is authentic:
-    only a keyed watermark proves that.
+    scan was changed (rounded, cropped, thinned out, watermarked) or lost returns to the weather,
+    which can hide an edit. no_trace (0): a detector that finds edits of scans of this scanner found
+    none. undecidable (4): no detector can judge this scan. The exit code is 1 if a scan could not
+    be read, and 130 when interrupted. With several sources it is that of the worst verdict:
+    tampered, then a scan that could not be read, then processed and undecidable. No verdict says
+    that a scan is authentic: only a keyed watermark proves that.
 
     Each scan of a drive or of packets gets a line. It is judged together with the scans before and
     after it, or alone if these are missing or the folder has no times (object and stereo
