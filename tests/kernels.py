@@ -60,7 +60,7 @@ scan = lattice_scans.scan(np.random.default_rng(0))[::10].copy()
 yard = turn_scans.turn(0.0, 0)
 shining = LidarFrame(yard[::9], (np.arange(len(yard[::9])) % 97 / 100).astype(np.float32))
 level = authenticate.turn_consistency(yard, yard, yard, lattice=scanner, threads=1)
-wall = Box((0.0, 6.0, 0.0), (3.0, 8.0, 2.0))
+wall = Box((6.0, 0.0, -1.0), (6.0, 3.0, 2.0))
 near_wall = np.ascontiguousarray(scan[wall.contains(scan)])
 person = capsule_body.painted(0)
 skeleton = person.skeletons[0]

@@ -473,6 +473,52 @@ def test_power_says_what_neighbours_add_for_white_box_edits(turns: list[np.ndarr
     assert beside["white-box added"].found > 0
 
 
+def among_walls(opening: float) -> LidarFrame:
+    """A wall 4 m away, with a view of one 12 m away ahead, and of one 40 m away to the left.
+
+    The view to the left is ``opening`` radians wide.
+    """
+    ring, count = np.divmod(np.arange(64 * 2000), 2000)
+    azimuth = count * (2.0 * np.pi / 2000)  # every second step of the encoder
+    ahead = np.minimum(azimuth, 2.0 * np.pi - azimuth) < 0.15
+    left = np.abs(azimuth - np.pi / 2.0) < opening / 2.0
+    distance = np.select([ahead, left], [12.0, 40.0], 4.0) + LATTICE.range_phase[ring]
+    points = LATTICE.points_at(ring, 2 * count, distance).round(3)
+    azimuth = np.arctan2(points[:, 1], points[:, 0]) % (2.0 * np.pi)
+    return LidarFrame(points[np.lexsort((azimuth, ring))].astype(np.float32), origin=(0, 0, 0))
+
+
+@pytest.mark.parametrize("name", ["white-box added", "spoofed"])
+def test_power_counts_only_edits_that_change_the_scan(name: str) -> None:
+    """The object ahead is planted where it can be seen, and not counted where it never can."""
+    views = {"wide": among_walls(2.0), "none": among_walls(0.0)}
+    power = {
+        view: authenticate.measure_power([scan], LATTICE, planted=2, classes=[name], rng=3)
+        for view, scan in views.items()
+    }
+    assert power["wide"][name].planted == 2
+    assert power["none"] == {}
+
+
+def test_power_counts_only_white_box_edits_of_as_many_points_as_an_object_has() -> None:
+    """Through a gap between walls only a part of the object would be seen."""
+    classes = ["white-box added"]
+    for opening, planted in ((0.03, 0), (1.0, 2)):
+        power = authenticate.measure_power(
+            [among_walls(opening)], LATTICE, planted=2, classes=classes, rng=1
+        )
+        assert sum(each.planted for each in power.values()) == planted
+
+
+def test_power_counts_no_reflectances_that_stay_what_they_were(turns: list[np.ndarray]) -> None:
+    black = np.zeros(len(turns[1]), np.float32)
+    black[:40] = np.linspace(0.1, 0.9, 40)  # a frame of one reflectance is not judged
+    frame = LidarFrame(turns[1], black, origin=(0, 0, 0))
+    classes = ["reflectance: scaled", "reflectance: one value"]
+    power = authenticate.measure_power([frame], LATTICE, planted=1, classes=classes, rng=1)
+    assert set(power) == {"reflectance: one value"}
+
+
 def test_power_without_an_encoder_leaves_white_box_edits_out(turns: list[np.ndarray]) -> None:
     blind = authenticate.SensorLattice(**{**vars(LATTICE), "steps": 0})
     power = authenticate.measure_power([LidarFrame(turns[1])], blind, planted=1)

@@ -89,8 +89,10 @@ def test_intensities_come_along() -> None:
 
 def test_what_stands_behind_is_not_seen() -> None:
     hidden = pillar().astype(np.float64) * 20.0
-    assert forge.lattice_insert(FRAME, hidden, lattice=LATTICE).num_touched == 0
-    assert forge.lattice_insert(FRAME, np.empty((0, 3)), lattice=LATTICE).num_touched == 0
+    for attack in (forge.lattice_insert, forge.spoof):
+        for hoax in (hidden, np.empty((0, 3))):
+            with pytest.raises(InputError, match=r"hoax: .* but no point would change"):
+                attack(FRAME, hoax, lattice=LATTICE)
 
 
 def test_spoofing_injects_at_most_200_returns() -> None:

@@ -20,6 +20,7 @@ from manip3d.authenticate._power import (
     FARTHEST,
     MIN_POINTS,
     NEAREST,
+    OBJECT_RADIUS,
     known_power,
 )
 from manip3d.authenticate._reflectance import ReflectanceResult
@@ -267,9 +268,9 @@ class Inspection(Showable):
         if self.generic is None or self.sensor is None or not power:
             return ()
         notes = [
-            f"Planted edits are of one object of at least {MIN_POINTS} returns, {NEAREST:.0f} "
-            f"to {FARTHEST:.0f} m from the scanner; nothing was measured of smaller and farther "
-            "objects."
+            f"Planted edits are of one object, or of its part within {OBJECT_RADIUS:g} m of a "
+            f"point, with at least {MIN_POINTS} returns, {NEAREST:.0f} to {FARTHEST:.0f} m from "
+            "the scanner; nothing was measured of smaller and farther objects."
         ]
         alone = power.get("removed")
         beside = known_power("turns", self.sensor).get("removed")

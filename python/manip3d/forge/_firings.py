@@ -114,8 +114,9 @@ def lattice_insert(
     Raises
     ------
     InputError
-        A shape is wrong, the lattice has no encoder, ``most`` is not positive, or ``turn`` is more
-        than one turn.
+        A shape is wrong, the lattice has no encoder, ``most`` is not positive, ``turn`` is more
+        than one turn, or no point would change: no point of the hoax is nearer than what the scan
+        sees in its direction.
 
     Examples
     --------
@@ -144,7 +145,7 @@ def lattice_insert(
     if most is not None and len(rows) > most:
         chosen = np.sort(random.choice(len(rows), most, replace=False))
         rows, seen = rows[chosen], seen[chosen]
-    return _rewritten(
+    forged = _rewritten(
         "lattice insert" if most is None else "spoof",
         scene,
         lattice,
@@ -153,6 +154,9 @@ def lattice_insert(
         thing.intensity[hoax_rows[seen]] if len(thing.intensity) else None,
         {"turn": steps * 2.0 * math.pi / lattice.steps, "most": most},
     )
+    if not forged.num_touched:
+        raise InputError("hoax: expected points in front of the scan's, but no point would change")
+    return forged
 
 
 @checked
