@@ -231,11 +231,11 @@ void bind_io(py::module_& m) {
       "write_scene",
       [](const py::bytes& path, const std::string& document, const std::string& buffer,
          const std::vector<Level>& levels, std::int64_t max_vertices,
-         const std::vector<double>& coverages, bool quantize) {
+         const std::vector<double>& coverages, bool quantize, bool hash_names) {
         const auto file = to_path(path, "path");
         Borrowed keep;
         const SceneLevel finest = borrow_level(levels.at(0), keep);
-        SceneWriteOptions options{max_vertices, {}, coverages, quantize};
+        SceneWriteOptions options{max_vertices, {}, coverages, quantize, hash_names};
         for (std::size_t i = 1; i < levels.size(); ++i) {
           options.coarser.push_back(borrow_level(levels[i], keep));
         }
@@ -247,7 +247,7 @@ void bind_io(py::module_& m) {
         return to_list(warnings);
       },
       py::arg("path"), py::arg("document"), py::arg("buffer"), py::arg("levels"),
-      py::arg("max_vertices"), py::arg("coverages"), py::arg("quantize"));
+      py::arg("max_vertices"), py::arg("coverages"), py::arg("quantize"), py::arg("hash_names"));
   m.def(
       "read_mesh",
       [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes, const PyDraco& draco,
@@ -286,13 +286,17 @@ void bind_io(py::module_& m) {
       "write_mesh",
       [](const PyMesh& mesh, const py::bytes& path, const py::bytes& texture_folder,
          std::int64_t max_vertices, bool quantize, const py::typing::List<PyMesh>& coarser,
-         const std::vector<double>& coverages) {
+         const std::vector<double>& coverages, bool hash_names) {
         const BorrowedMesh borrowed(mesh);
         std::vector<std::unique_ptr<BorrowedMesh>> levels;
         const std::vector<Material> materials = materials_of(mesh);
         const auto file = to_path(path, "path");
-        WriteOptions options{
-            to_path(texture_folder, "texture_folder"), max_vertices, quantize, {}, coverages};
+        WriteOptions options{to_path(texture_folder, "texture_folder"),
+                             max_vertices,
+                             quantize,
+                             {},
+                             coverages,
+                             hash_names};
         for (const py::handle level : coarser) {
           levels.push_back(
               std::make_unique<BorrowedMesh>(py::reinterpret_borrow<py::object>(level)));
@@ -306,7 +310,7 @@ void bind_io(py::module_& m) {
         return to_list(warnings);
       },
       py::arg("mesh"), py::arg("path"), py::arg("texture_folder"), py::arg("max_vertices"),
-      py::arg("quantize"), py::arg("coarser"), py::arg("coverages"));
+      py::arg("quantize"), py::arg("coarser"), py::arg("coverages"), py::arg("hash_names"));
   m.def(
       "read_range_grid",
       [](const py::bytes& path, std::uint64_t max_bytes, const PyProgress& progress) {

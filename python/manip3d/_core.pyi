@@ -1968,6 +1968,7 @@ def write_mesh(
     quantize: bool,
     coarser: list[manip3d.mesh.Mesh],
     coverages: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    hash_names: bool,
 ) -> list[str]: ...
 def write_points(
     path: bytes,
@@ -1999,6 +2000,7 @@ def write_scene(
     max_vertices: typing.SupportsInt | typing.SupportsIndex,
     coverages: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
     quantize: bool,
+    hash_names: bool,
 ) -> list[str]: ...
 
 CELL_COLUMNS: int = 500

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -482,14 +483,136 @@ def test_a_mesh_that_cannot_be_renamed_leaves_no_texture(tmp_path: Path, suffix:
         ).write(sys.argv[1])
         """
     )
-    calls = {"obj": 3, "ply": 2}[suffix]  # the picture, the material library, the mesh
-    for k in range(1, calls + 1):
-        command = ["strace", "-f", "-qq", "-o", os.devnull, "-e", "trace=rename,renameat,renameat2"]
-        command += ["-e", f"inject=rename,renameat,renameat2:error=EIO:when={k}"]
+    # The picture and the material library never replace a file; the mesh may.
+    calls = [("renameat2", 1), *([("renameat2", 2)] if suffix == "obj" else []), ("rename", 1)]
+    for call, k in calls:
+        command = ["strace", "-f", "-qq", "-o", os.devnull, "-e", f"trace={call}"]
+        command += ["-e", f"inject={call}:error=EIO:when={k}"]
         command += [sys.executable, "-c", code, str(out / f"a.{suffix}")]
         done = subprocess.run(command, capture_output=True, text=True)
         assert "Input/output error" in done.stderr
         assert os.listdir(out) == []
+
+
+def colored(value: int) -> manip3d.Mesh:
+    """A triangle with a picture of one name, whose content has this value."""
+    picture = manip3d.Texture("a.png", bytes.fromhex("89504e470d0a1a0a") + bytes([value]))
+    return manip3d.Mesh(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+        [[0, 1, 2]],
+        texcoords=[[0, 0], [1, 0], [0, 1]],
+        face_material=[0],
+        materials=[manip3d.Material("m", textures={"base_color": picture})],
+    )
+
+
+def shown(path: Path) -> int:
+    """The value of the picture that a file of `colored` shows."""
+    mesh = manip3d.read_mesh(path)
+    texture = mesh.materials[0].textures["base_color"]
+    found = io.texture_path(mesh, texture)
+    return (texture.data if found is None else found.read_bytes())[-1]
+
+
+def write_colored(path: Path, value: int) -> None:
+    colored(value).write(path)
+
+
+class StoppedWriter:
+    """Another process that writes `colored` and stops in a system call until `end`."""
+
+    def __init__(self, path: Path, value: int, inject: str, *more: str) -> None:
+        log = path.parent.parent / f"{path.name}.log"
+        calls = "fsync,rename,renameat2"
+        command = ["strace", "-f", "-qq", "-o", log, "-e", f"trace={calls}", "-e"]
+        for each in (f"inject={inject}:signal=SIGSTOP", *more):
+            command += [each, "-e"]
+        code = "import os, pathlib, sys; print(os.getpid(), flush=True);"
+        code += "from test_io_writing import write_colored;"
+        code += "write_colored(pathlib.Path(sys.argv[1]), int(sys.argv[2]))"
+        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent.parent)}
+        environment["PYTHONPATH"] += os.pathsep + str(Path(__file__).parent)
+        self._process = subprocess.Popen(
+            [*command[:-1], sys.executable, "-c", code, str(path), str(value)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=environment,
+            text=True,
+        )
+        assert self._process.stdout is not None
+        self._pid = int(self._process.stdout.readline())
+        while self._process.poll() is None and "stopped by SIGSTOP" not in log.read_text():
+            time.sleep(0.01)
+
+    def end(self) -> int:
+        os.kill(self._pid, signal.SIGCONT)
+        self._process.communicate(timeout=60)
+        return self._process.returncode
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+@pytest.mark.parametrize("suffix", ["obj", "ply", "gltf"])
+@pytest.mark.parametrize("renames", ["exclusive", "plain"])
+def test_two_processes_do_not_take_each_others_pictures(
+    tmp_path: Path, suffix: str, renames: str
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    # The first process has chosen its names when it syncs its first file.
+    more = ["inject=renameat2:error=EINVAL"] if renames == "plain" else []
+    first = StoppedWriter(out / f"a.{suffix}", 1, "fsync:when=1", *more)
+    write_colored(out / f"b.{suffix}", 2)
+    write_colored(out / f"c.{suffix}", 1)
+    assert first.end() == 0
+    assert [shown(out / f"{name}.{suffix}") for name in "abc"] == [1, 2, 1]
+    if suffix != "gltf":  # which stores pictures in its buffer
+        assert len(list(out.glob("*.png"))) == 2
+    assert not list(out.glob(".*"))
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+def test_a_picture_that_another_process_takes_back_is_written_again(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    # The picture has its name already when the mesh cannot be renamed.
+    first = StoppedWriter(out / "a.ply", 1, "rename:error=EIO:when=1")
+    assert [path.name for path in out.glob("*.png")] == ["a.png"]
+    with ThreadPoolExecutor() as pool:
+        second = pool.submit(write_colored, out / "b.ply", 1)
+        time.sleep(0.3)
+        is_early = second.done()
+        assert first.end() != 0
+        second.result(timeout=60)
+    assert not is_early
+    assert shown(out / "b.ply") == 1
+    assert sorted(path.suffix for path in out.iterdir()) == [".ply", ".png"]
+
+
+def test_many_writers_at_once_keep_their_pictures(tmp_path: Path) -> None:
+    values = list(range(8))
+    for suffix in ("obj", "ply"):
+        for number in range(10):
+            out = tmp_path / f"{suffix}{number}"
+            out.mkdir()
+            paths = [out / f"{value}.{suffix}" for value in values]
+            with ThreadPoolExecutor(len(values)) as pool:
+                list(pool.map(write_colored, paths, values))
+            assert [shown(path) for path in paths] == values
+            assert len(list(out.glob("*.png"))) == len(values)
+            assert not list(out.glob(".*"))
+
+
+def test_pictures_at_a_url_do_not_replace_each_other() -> None:
+    memory = pytest.importorskip("fsspec").filesystem("memory")
+    place = f"memory://pictures-{os.getpid()}"
+    for suffix in ("obj", "ply"):
+        for value in range(3):
+            write_colored(f"{place}/{value}.{suffix}", value)  # type: ignore[arg-type]
+        for value in range(3):
+            with io.local_copy(f"{place}/{value}.{suffix}") as copy:
+                assert shown(copy) == value
+    assert len(memory.glob(f"{place}/*.png")) == 3
+    memory.rm(place, recursive=True)
 
 
 REPLACE = """

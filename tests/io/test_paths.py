@@ -266,7 +266,7 @@ def test_methods_refuse_a_nul(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         lambda: study.StudyFolder(NUL, {}),
         lambda: authenticate.KeyFile.create(NUL),
         lambda: io.texture_path(mesh.replace(source="a.obj"), Texture("a.png\0.png")),
-        lambda: _core.write_mesh(mesh, b"a.off\0.off", b"", 0, False, [], []),
+        lambda: _core.write_mesh(mesh, b"a.off\0.off", b"", 0, False, [], [], False),
         lambda: _core.make_temporary_folder(b"a\0b"),
     ]
     for call in calls:

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdio>
 #include <system_error>
 #include <utility>
 
@@ -30,6 +31,20 @@ fs::path follow_links(fs::path path) {
 
 fs::path folder_of(const fs::path& file) {
   return file.has_parent_path() ? file.parent_path() : fs::path(".");
+}
+
+// Renames a file. Returns false if this is refused; EEXIST: another file has the new name.
+bool rename_to_new(const fs::path& from, const fs::path& to) {
+  if (::renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), RENAME_NOREPLACE) == 0) return true;
+  if (errno != EINVAL && errno != ENOSYS) return false;
+  // The file system (NFS, for one) has no such renames: an empty file claims the name.
+  const Descriptor claim(::open(to.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
+  if (!claim.is_open()) return false;
+  if (::rename(from.c_str(), to.c_str()) == 0) return true;
+  const int reason = errno;
+  ::unlink(to.c_str());
+  errno = reason;
+  return false;
 }
 
 }  // namespace
@@ -80,18 +95,42 @@ void AtomicFile::sync() {
 }
 
 void AtomicFile::commit(bool sync) {
-  const bool in_place = temporary_.empty();
+  close(sync);
+  if (temporary_.empty()) return;
+  if (::rename(temporary_.c_str(), target_.c_str()) != 0) refuse("cannot rename");
+  temporary_.clear();
+  if (sync) sync_folder();
+}
+
+bool AtomicFile::commit_new() {
+  close(true);
+  if (temporary_.empty()) return true;
+  if (!rename_to_new(temporary_, target_)) {
+    if (errno == EEXIST) return false;
+    refuse("cannot rename");
+  }
+  temporary_.clear();
+  is_withdrawable_ = true;
+  sync_folder();
+  return true;
+}
+
+void AtomicFile::withdraw() {
+  if (is_withdrawable_) ::unlink(target_.c_str());
+  is_withdrawable_ = false;
+}
+
+void AtomicFile::close(bool sync) {
   if (sync) this->sync();
   // Closing reports late errors. The duplicate keeps the lock until the file has its name.
-  if (!in_place) {
+  if (!temporary_.empty()) {
     lock_ = Descriptor(::fcntl(file_.get(), F_DUPFD_CLOEXEC, 0));
     if (!lock_.is_open()) refuse("cannot close");
   }
   if (::close(file_.release()) != 0) refuse("cannot close");
-  if (in_place) return;
-  if (::rename(temporary_.c_str(), target_.c_str()) != 0) refuse("cannot rename");
-  temporary_.clear();
-  if (!sync) return;
+}
+
+void AtomicFile::sync_folder() const {
   const Descriptor folder(::open(folder_of(target_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (!folder.is_open()) return;  // no permission to list it, but the rename is done
   // Some network file systems cannot sync a folder and say so with EINVAL.

@@ -194,9 +194,11 @@ std::vector<std::string> write_mesh(const fs::path& path, const MeshView& mesh,
         path.string() + "'");
   }
   std::vector<std::string> warnings;
-  Output output(path, compression_of(path), progress);
-  entry->write(output, {mesh, materials, options, path, warnings});
-  output.commit();
+  write_with_companions(path, compression_of(path), progress,
+                        [&](Output& output, std::set<std::string>& taken) {
+                          warnings.clear();
+                          entry->write(output, {mesh, materials, options, path, warnings, taken});
+                        });
   return warnings;
 }
 

@@ -79,17 +79,14 @@ class Output::Encoder {
 };
 
 Output::Output(const std::filesystem::path& path, Compression compression, Progress progress)
-    : file_(path), progress_(std::move(progress)) {
+    : file_(path), is_in_place_(file_.temporary().empty()), progress_(std::move(progress)) {
   if (compression != Compression::kNone) encoder_ = std::make_unique<Encoder>(compression);
   buffer_.reserve(kBlock + kBlock / 4);
 }
 
 Output::~Output() {
   if (file_.temporary().empty()) return;  // the file has its name already, or is written in place
-  for (const std::filesystem::path& companion : companions_) {
-    std::error_code ignored;
-    std::filesystem::remove(companion, ignored);
-  }
+  for (const auto& companion : companions_) companion->withdraw();
 }
 
 void Output::flush() {

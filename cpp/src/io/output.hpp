@@ -8,6 +8,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "manip3d/io/atomic_file.hpp"
@@ -48,9 +49,13 @@ class Output {
   void finish();
   /// Ends the stream and renames the file to its target.
   void commit();
-  /// Registers a companion that already has its name. The destructor removes it if this file was
-  /// not committed.
-  void removes_with_it(const std::filesystem::path& companion) { companions_.push_back(companion); }
+  /// Keeps a companion, which stays locked until the destructor. The destructor removes it if this
+  /// file was not committed.
+  AtomicFile& keep(std::unique_ptr<AtomicFile> companion) {
+    return *companions_.emplace_back(std::move(companion));
+  }
+  /// Whether the target is no regular file, such as a pipe, so that what was written stays.
+  [[nodiscard]] bool is_in_place() const { return is_in_place_; }
 
  private:
   class Encoder;
@@ -61,7 +66,8 @@ class Output {
   std::unique_ptr<Encoder> encoder_;  ///< Null: no compression.
   std::string buffer_;
   bool is_finished_ = false;
-  std::vector<std::filesystem::path> companions_;
+  bool is_in_place_ = false;
+  std::vector<std::unique_ptr<AtomicFile>> companions_;
   Progress progress_;
 };
 

@@ -330,17 +330,16 @@ std::vector<std::string> write_scene(const fs::path& path, const std::string& do
   }
   GltfScene scene = assemble(document, buffer, meshes, options);
   std::vector<std::string> warnings;
-  Output output(path, compression_of(path), progress);
-  if (*format == MeshFormat::kGlb) {
-    write_glb(output, scene);
-  } else {
-    const std::vector<Material> no_materials;
-    const WriteOptions no_options;
-    const WriteJob job{MeshView(), no_materials, no_options, path, warnings};
-    CompanionFiles files(job);
-    write_gltf(output, scene, path, files);
-  }
-  output.commit();
+  const std::vector<Material> no_materials;
+  WriteOptions only_names;
+  only_names.hash_names = options.hash_names;
+  write_with_companions(
+      path, compression_of(path), progress, [&](Output& output, std::set<std::string>& taken) {
+        if (*format == MeshFormat::kGlb) return write_glb(output, scene);
+        const WriteJob job{MeshView(), no_materials, only_names, path, warnings, taken};
+        CompanionFiles files(job);
+        write_gltf(output, scene, path, files);
+      });
   return warnings;
 }
 

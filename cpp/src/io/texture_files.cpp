@@ -1,10 +1,17 @@
 #include "io/texture_files.hpp"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <charconv>
+#include <chrono>
 #include <set>
 #include <system_error>
+#include <thread>
 #include <utility>
 
 #include "io/warnings.hpp"
@@ -29,7 +36,24 @@ std::string read_whole(const fs::path& path) {
 
 bool holds(const fs::path& path, const std::string& content) {
   std::error_code missing;
-  return fs::file_size(path, missing) == content.size() && !missing && read_whole(path) == content;
+  return fs::is_regular_file(path, missing) && fs::file_size(path, missing) == content.size() &&
+         !missing && read_whole(path) == content;
+}
+
+// Whether a file keeps its name. Its writer may remove it until the mesh that refers to it has its
+// name as well, and holds its lock for this short time (AtomicFile::withdraw).
+bool is_settled(const fs::path& path) {
+  constexpr int kMostWaits = 1000;  // 10 s; somebody else holds the lock then
+  const Descriptor file(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
+  if (!file.is_open()) return false;
+  for (int waits = 0; ::flock(file.get(), LOCK_SH | LOCK_NB) != 0; ++waits) {
+    if (errno != EWOULDBLOCK) break;  // a file system without locks
+    if (waits == kMostWaits) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  struct ::stat mine{}, named{};
+  return ::fstat(file.get(), &mine) == 0 && ::stat(path.c_str(), &named) == 0 &&
+         mine.st_ino == named.st_ino && mine.st_dev == named.st_dev;
 }
 
 // FNV-1a, 64 bits, to distinguish files; files with equal hashes are compared byte by byte.
@@ -53,31 +77,40 @@ CompanionFiles::CompanionFiles(const WriteJob& job)
 std::string CompanionFiles::place(const std::string& name, const std::string& content) {
   const fs::path plain(name);
   std::string candidate = name;
-  for (int attempt = 0;; ++attempt) {
-    const auto staged = staged_.find(candidate);
-    const fs::path path =
-        staged == staged_.end() ? folder_ / candidate : staged->second->temporary();
+  for (int attempt = job_.options.hash_names ? 1 : 0;; ++attempt) {
+    if (attempt > 0) {
+      candidate = plain.stem().string();
+      candidate.append("-").append(hash_of(content));
+      if (attempt > 1) candidate.append("-").append(std::to_string(attempt - 1));
+      candidate.append(plain.extension().string());
+    }
+    const fs::path path = folder_ / candidate;
     std::error_code missing;
-    if (!fs::exists(path, missing)) {
+    if (const auto staged = staged_.find(candidate); staged != staged_.end()) {
+      if (holds(staged->second->temporary(), content)) return candidate;
+    } else if (fs::exists(path, missing)) {
+      if (holds(path, content) && is_settled(path)) return candidate;
+    } else if (!job_.taken.contains(candidate)) {
       auto file = std::make_unique<AtomicFile>(path);
       file->write(content.data(), content.size());
       file->sync();
       staged_.emplace(candidate, std::move(file));
       return candidate;
     }
-    if (fs::is_regular_file(path, missing) && holds(path, content)) return candidate;
-    candidate = plain.stem().string();
-    candidate.append("-").append(hash_of(content));
-    if (attempt > 0) candidate.append("-").append(std::to_string(attempt));
-    candidate.append(plain.extension().string());
   }
 }
 
 void CompanionFiles::commit(Output& output) {
   output.finish();
-  for (const auto& [name, file] : staged_) {
-    file->commit();
-    output.removes_with_it(folder_ / name);
+  // All processes go through the names in the same order, hence two never wait for each other.
+  for (auto& [name, file] : staged_) {
+    const fs::path path = folder_ / name;
+    AtomicFile& kept = output.keep(std::move(file));
+    if (kept.commit_new()) continue;
+    if (!holds(path, read_whole(kept.temporary())) || !is_settled(path)) {
+      job_.taken.insert(name);
+      throw NameTaken(path);
+    }
   }
   staged_.clear();
 }

@@ -16,7 +16,8 @@ namespace manip3d {
 /// names. If a different file with the name exists, the name gets a hash of the content, so that no
 /// file changes that an older mesh refers to. They appear in `commit()`, after the mesh file was
 /// completely written under a temporary name: an error before that, such as a full disk, leaves
-/// none of them behind, nor does an error while they are renamed.
+/// none of them behind, nor does an error until the mesh file has its name. Processes that write
+/// into one folder at the same time never replace each other's files.
 class CompanionFiles {
  public:
   explicit CompanionFiles(const WriteJob& job);
@@ -33,6 +34,7 @@ class CompanionFiles {
   std::string place(const std::string& name, const std::string& content);
 
   /// Renames the files, after `output`, which refers to them, was completely written.
+  /// @throws NameTaken  another process wrote a different file with one of the names meanwhile.
   void commit(Output& output);
 
  private:

@@ -306,8 +306,10 @@ def write_mesh(
     -----
     The file is written atomically: under a temporary name, synced and renamed. Textures and the OBJ
     material library are written to its folder before, under names that do not change the files to
-    which other files of that folder refer. Positions are read back as the same doubles, except that
-    STL rounds them to 32 bits; PLY rounds texture coordinates to 32 bits (MeshLab's convention).
+    which other files of that folder refer, not even if another process writes there at the same
+    time; at a URL, all these names have a hash of the content. Positions are read back as the same
+    doubles, except that STL rounds them to 32 bits; PLY rounds texture coordinates to 32 bits
+    (MeshLab's convention).
 
     Warnings about properties that the format cannot hold go to the logger ``manip3d``.
 
@@ -359,6 +361,7 @@ def _write(
             quantize,
             list(levels[1:]),
             list(coverages),
+            is_url(path),
         )
         for text in warnings:
             _logger.warning("%s: %s", os.fspath(path), text)

@@ -22,7 +22,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io._draco import decode_draco
 from manip3d.io._files import refuse_pointer
 from manip3d.io._limits import byte_limit, check_points, clock
-from manip3d.io._remote import local_copy, local_output
+from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -515,6 +515,7 @@ def write_scene(
             0 if max_vertices is None else max_vertices,
             list(coverages),
             quantize,
+            is_url(path),
         )
         for text in warnings:
             _logger.warning("%s: %s", os.fspath(path), text)

@@ -33,16 +33,25 @@ class AtomicFile {
   /// @param sync  false: the file is complete after a crash of this process, but perhaps not after
   ///              a power failure.
   void commit(bool sync = true);
+  /// Like `commit()`, unless a file has the target's name already. Returns false in this case: the
+  /// file that is there is unchanged, and the temporary one stays until the destructor.
+  bool commit_new();
+  /// Removes the target again after `commit_new()`. Until the destructor, the target is locked
+  /// (flock), by which other processes can see that this may happen.
+  void withdraw();
   /// Path of the content before `commit()`; empty: the target is written in place.
   [[nodiscard]] const std::filesystem::path& temporary() const { return temporary_; }
 
  private:
+  void close(bool sync);
+  void sync_folder() const;
   [[noreturn]] void refuse(const char* action) const;
 
   std::filesystem::path requested_;  ///< The target as the caller named it, for messages.
   std::filesystem::path target_;
   std::filesystem::path temporary_;  ///< Empty: the target is written in place.
   bool is_synced_ = false;           ///< Nothing was written since `sync()`.
+  bool is_withdrawable_ = false;     ///< The target is the file of `commit_new()`.
   Descriptor file_;                  ///< Locked; see Temporary.
   Descriptor lock_;                  ///< Holds the lock while `file_` is closed.
 };

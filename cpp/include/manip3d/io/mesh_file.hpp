@@ -86,6 +86,9 @@ struct WriteOptions {
   std::vector<MeshView> coarser;
   /// Least share of the screen for which each level is made, the mesh itself included.
   std::vector<double> coverages;
+  /// All companions (textures, material library, buffer) get a hash of their content in their name,
+  /// for a folder whose other files cannot be seen, such as that of a URL.
+  bool hash_names = false;
 };
 
 /// Writes a mesh in the format of the suffix (before `.gz` or `.xz`), completely or not at all.

@@ -126,6 +126,7 @@ struct SceneWriteOptions {
   /// See WriteOptions::quantize. Each mesh is quantised in its own bounding box, and a child of its
   /// node restores position and scale. Meshes with joints or morph targets are not quantised.
   bool quantize = false;
+  bool hash_names = false;  ///< See WriteOptions::hash_names.
 };
 
 /// Writes a scene with other triangles as .gltf or .glb, completely or not at all.
