@@ -391,6 +391,44 @@ def test_limits_of_error_leave_alone_what_is_not_seen(tmp_path: Path) -> None:
     assert held.scene.num_faces == scene.num_faces
 
 
+@pytest.mark.parametrize("method", ["quality", "fast"])
+def test_a_box_holds_what_any_instance_has_in_it(method: str, tmp_path: Path) -> None:
+    """The larger ball is far away, the third turns its top down, and the fourth is hidden."""
+    nodes: list[dict[str, Any]] = [
+        {"mesh": 0, "scale": [2, 2, 2], "translation": [20, 0, 0]},
+        {"mesh": 0},
+        {"mesh": 0, "rotation": [1, 0, 0, 0], "translation": [0, 0, 0.1]},
+        {"mesh": 0, "scale": [0, 0, 0], "translation": [0, 0, 1]},
+    ]
+    ball, other = sphere(24, 16), sphere(24, 16)
+    scene = io.read_scene(
+        scene_file(
+            tmp_path / "a.glb", [ball, other], [*nodes, {"mesh": 1, "translation": [9, 0, 0]}]
+        )
+    )
+    mesh = scene.meshes[0]
+    height = mesh.vertices[:, 2]
+    held = mesh.vertices[(height >= 0.9) | (height <= -0.8)]
+    assert 20 < len(held) < 0.5 * mesh.num_vertices
+    box = [[-1, -1, 0.9], [1, 1, 2]]
+    for after in (
+        simplify.simplify_scene(scene, method, ratio=0.5, lock_box=box).scene,
+        simplify.scene_lods(scene, 2, ratio=0.5, method=method, lock_box=box).levels[1].scene,
+    ):
+        assert after.num_faces < 0.7 * scene.num_faces
+        found = np.linalg.norm(held[:, None] - after.meshes[0].vertices[None], axis=2).min(axis=1)
+        assert found.max() < 1e-6
+    corners = [str(value) for value in np.ravel(box)]
+    for verb, output in (("simplify", "b.glb"), ("lod", "c.glb")):
+        more = ["--ratio", "0.5", *(["--levels", "2"] if verb == "lod" else [])]
+        command = [verb, tmp_path / "a.glb", "-o", tmp_path / output, *more, "--mode", method]
+        done = manip3d(*command, "--lock-box", *corners)
+        assert done.returncode == 0, done.stderr
+        assert f"--lock-box holds {len(held)} vertices" in done.stderr
+        done = manip3d(*command, "--force", "--lock-box", *"888999")
+        assert "--lock-box holds 0 vertices" in done.stderr
+
+
 def test_a_boundary_may_be_locked_beside_a_box(tmp_path: Path) -> None:
     """The dome's boundary is its rim, not the seam of its texture; the box holds its top."""
     vertices, faces = sphere(24, 16)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from manip3d.cli.kinds import expect_kind
@@ -23,6 +22,7 @@ from manip3d.cli.simplify import (
     expect_locks,
     expect_surface,
     locks,
+    scene_locks,
 )
 from manip3d.cli.sources import open_scene_or_mesh
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
@@ -113,17 +113,18 @@ def lod(
     opened = open_scene_or_mesh(source, output, shell)
     chain: simplify.SceneLods | simplify.LodChain
     if isinstance(opened, Scene):
+        locked = scene_locks(opened, lock_box, shell)
         with shell.progress("lod") as progress, naming_options("ratio"):
             chain = simplify.scene_lods(
                 opened,
                 levels,
                 ratio=ratio,
                 method=chosen,
-                lock_box=None if lock_box is None else np.reshape(lock_box, (2, 3)),
                 lock_boundary=lock_boundary,
                 cleaned=not no_clean,
                 options=options,
                 progress=progress,
+                **locked,
             )
     else:
         cleaned = opened if no_clean else simplify.clean(opened).mesh

@@ -50,7 +50,8 @@ LockBox = Annotated[
     Box | None,
     typer.Option(
         metavar="X Y Z X Y Z",
-        help="Vertices between these two corners stay where they are (--mode quality or fast).",
+        help="Vertices between these two corners stay where they are (--mode quality or fast). In "
+        "a scene, a vertex stays if it lies between them in any instance of its mesh.",
     ),
 ]
 
@@ -248,13 +249,12 @@ def _simplify_scene(
     record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
     record |= {"faces_before": scene.num_faces, "faces_cleaned": scene.num_faces}
     target = order.target(scene.num_faces)
-    box = None if order.lock_box is None else np.reshape(order.lock_box, (2, 3))
+    locked = scene_locks(scene, order.lock_box, terminal)
     started = time.perf_counter()
     done = simplify.simplify_scene(
         scene,
         order.method,
         target_faces=target,
-        lock_box=box,
         lock_boundary=order.lock_boundary,
         importance=_importance(order),
         memory=order.memory,
@@ -262,6 +262,7 @@ def _simplify_scene(
         options=order.options,
         progress=progress,
         **order.limits(),
+        **locked,
     )
     seconds = time.perf_counter() - started
     record |= _outcome(done, done.result, target, seconds, done.scene.num_faces)
@@ -384,6 +385,18 @@ def locks(mesh: Mesh, box: Box | None, boundary: bool, terminal: Terminal) -> di
     for name, vertices in held.items():
         terminal.say(f"{name} holds {counted(int(vertices.sum()), 'vertex', 'vertices')}")
     return {"locked": np.any(list(held.values()), axis=0)} if held else {}
+
+
+def scene_locks(scene: Scene, box: Box | None, terminal: Terminal) -> dict[str, Any]:
+    """Return the argument ``lock_box`` for a scene, or nothing without a box."""
+    from manip3d.simplify._scene import vertices_in_box
+
+    if box is None:
+        return {}
+    corners = np.reshape(box, (2, 3))
+    count = sum(int(held.sum()) for held in vertices_in_box(scene, corners).values())
+    terminal.say(f"--lock-box holds {counted(count, 'vertex', 'vertices')}")
+    return {"lock_box": corners}
 
 
 class Mode(StrEnum):

@@ -157,6 +157,11 @@ class SceneLods:
         )
 
 
+def _moved(vertices: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+    moved: NDArray[np.float64] = vertices @ place[:3, :3].T + place[:3, 3]
+    return moved
+
+
 @dataclass(frozen=True)
 class _Instances:
     """The drawn instances of a mesh that may be simplified."""
@@ -184,8 +189,24 @@ class _Instances:
 
     def placed(self, mesh: Mesh) -> NDArray[np.float64]:
         """Return the (V, 3) vertices of the largest instance in the scene."""
-        vertices: NDArray[np.float64] = mesh.vertices @ self.place[:3, :3].T + self.place[:3, 3]
-        return vertices
+        return _moved(mesh.vertices, self.place)
+
+    def inside(
+        self, vertices: NDArray[np.float64], box: NDArray[np.float64], least: float
+    ) -> NDArray[np.bool_]:
+        """Return which vertices an instance with a diagonal above ``least`` has in a box."""
+        sides = np.array([vertices.min(axis=0), vertices.max(axis=0)])
+        corners = np.array(list(itertools.product(*sides.T)))
+        linear, shift = self.transforms[:, :3, :3], self.transforms[:, None, :3, 3]
+        around = corners @ linear.transpose(0, 2, 1) + shift  # (N, 8, 3)
+        low, high = around.min(axis=1), around.max(axis=1)
+        room = 1e-9 * np.abs(around).max(axis=(1, 2))[:, None]  # the vertices are rounded, too
+        meets = ((low <= box[1] + room) & (high >= box[0] - room)).all(axis=1)
+        is_seen = np.linalg.norm(high - low, axis=1) > least
+        chosen = np.zeros(len(vertices), dtype=np.bool_)
+        for place in self.transforms[meets & is_seen]:
+            chosen |= inside_box(_moved(vertices, place), box)
+        return chosen
 
 
 def _instances(scene: Scene) -> list[_Instances]:
@@ -216,6 +237,22 @@ def _diagonal(vertices: NDArray[np.float64]) -> float:
     return length if 1e-150 < length < 1e150 else math.hypot(*sides)
 
 
+def _hidden_size(placed: Sequence[NDArray[np.float64]]) -> float:
+    """Return the diagonal up to which an instance is hidden; ``placed``: the largest instances."""
+    return _TINY * _diagonal(np.concatenate(placed))
+
+
+def vertices_in_box(scene: Scene, lock_box: ArrayLike) -> dict[int, NDArray[np.bool_]]:
+    """Return for each mesh that may be simplified which vertices an instance has in a box.
+
+    Hidden instances do not count.
+    """
+    box = checked_box(lock_box)
+    every = _instances(scene)
+    least = _hidden_size([own.placed(scene.meshes[own.index]) for own in every])
+    return {own.index: own.inside(scene.meshes[own.index].vertices, box, least) for own in every}
+
+
 def _groups(scene: Scene, sways: bool) -> tuple[_Placed | None, list[_Placed]]:
     """Return the visible meshes as one group, and each hidden or flattened mesh as its own group.
 
@@ -223,7 +260,7 @@ def _groups(scene: Scene, sways: bool) -> tuple[_Placed | None, list[_Placed]]:
     """
     every = _instances(scene)
     corners = [own.placed(scene.meshes[own.index]) for own in every]
-    least = _TINY * _diagonal(np.concatenate(corners))
+    least = _hidden_size(corners)
     seen: list[_Instances] = []
     aside: list[_Placed] = []
     for own, points in zip(every, corners, strict=True):
@@ -505,14 +542,6 @@ class _Placed:
         assert mesh.face_material is not None
         return mesh.face_material
 
-    def inside(self, mesh: Mesh, box: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which vertices of the (perhaps cleaned) merged mesh lie in a box of the scene."""
-        vertices = mesh.vertices
-        if self._is_aside:
-            (place,) = (own.place for own in self._instances.values())
-            vertices = vertices @ place[:3, :3].T + place[:3, 3]
-        return inside_box(vertices, box)
-
 
 @checked
 def simplify_scene(
@@ -551,7 +580,8 @@ def simplify_scene(
         not simplified unless a number of faces is given.
     lock_box : (2, 3) float, optional
         Lower and upper corner of a box in the coordinates of the scene. Vertices in it stay (for
-        ``"quality"`` and ``"fast"``). If a mesh has several instances, the largest one counts.
+        ``"quality"`` and ``"fast"``). If a mesh has several instances, those vertices stay that lie
+        in the box in any of them; hidden ones do not count.
     lock_boundary : bool
         The boundaries of the meshes stay as they are (for ``"quality"`` and ``"fast"``), see
         :func:`boundary_vertices`.
@@ -621,7 +651,7 @@ def simplify_scene(
         raise InputError(
             "target_faces, ratio, max_error or max_distance: expected at least one, got none"
         )
-    box = None if lock_box is None else checked_box(lock_box)
+    held = None if lock_box is None else vertices_in_box(scene, lock_box)
     run: Callable[..., _Result] = runner(method)
     check_options(method, run, options)
     weights = _importance_of(scene, method, importance)
@@ -639,7 +669,7 @@ def simplify_scene(
         limits["max_error"] = _scaled(max_error, placed.unit)
         if max_distance is not None:
             limits["max_distance"] = _scaled(max_distance, placed.stretch)
-        limits = _with_locks(limits, placed, mesh, box, lock_boundary)
+        limits = _with_locks(limits, placed, mesh, held, lock_boundary)
         if weights is not None:
             limits["importance"] = np.concatenate([weights[i] for i in placed.indices])
 
@@ -659,7 +689,7 @@ def simplify_scene(
         return again if again.stop == StopReason.TARGET_REACHED else result
 
     bounded = max_distance is not None
-    sways = method in ("quality", "fast") and not bounded and box is None
+    sways = method in ("quality", "fast") and not bounded and held is None
     return _simplified_groups(scene, target, simplified, progress, bounded=bounded, sways=sways)
 
 
@@ -667,12 +697,12 @@ def _with_locks(
     limits: Mapping[str, Any],
     placed: _Placed,
     mesh: Mesh,
-    box: NDArray[np.float64] | None,
+    held: Mapping[int, NDArray[np.bool_]] | None,
     lock_boundary: bool,
 ) -> dict[str, Any]:
-    """Return arguments of a method by which vertices in a box and on boundaries stay, too."""
-    if box is not None:
-        limits = _with_locked(limits, placed.inside(mesh, box))
+    """Return arguments of a method by which vertices of `vertices_in_box` and boundaries stay."""
+    if held is not None:
+        limits = _with_locked(limits, np.concatenate([held[i] for i in placed.indices]))
     if lock_boundary:
         limits = _with_locked(limits, boundary_vertices(mesh))
     return dict(limits)
@@ -908,8 +938,8 @@ def scene_lods(
     >>> [level.num_faces for level in chain.levels]
     [1932, 966, 482]
     """
-    box = None if lock_box is None else checked_box(lock_box)
-    seen, aside = _groups(scene, sways=method in ("quality", "fast") and box is None)
+    held = None if lock_box is None else vertices_in_box(scene, lock_box)
+    seen, aside = _groups(scene, sways=method in ("quality", "fast") and held is None)
     cleans = cleaned and method not in ("quality", "fast")
     free, cleared = _with_surface(scene, [*([seen] if seen is not None else []), *aside])
     meshes = [clean(placed.mesh).mesh if cleans else placed.mesh for placed in free]
@@ -920,7 +950,7 @@ def scene_lods(
         levels = list(dict.fromkeys(of_first))
 
     def chain_of(placed: _Placed, mesh: Mesh, levels: Any, progress: Progress) -> LodChain:
-        limits = _with_locks(options or {}, placed, mesh, box, lock_boundary)
+        limits = _with_locks(options or {}, placed, mesh, held, lock_boundary)
         chain = lod_chain(
             mesh, levels, ratio=ratio, method=method, options=limits, progress=progress
         )
