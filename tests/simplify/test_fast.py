@@ -12,7 +12,7 @@ import exact_models
 from manip3d import InputError, Mesh, metrics, read_mesh, simplify, simulate
 from manip3d.simplify import StopReason
 from real_data import RealData
-from zoo import grid
+from zoo import grid, sphere
 
 
 def closed(mesh: Mesh) -> bool:
@@ -651,3 +651,27 @@ def test_faces_without_area_along_a_boundary_do_not_free_it(
     light = simplify.fast(mesh, **options).mesh
     assert light.num_faces < 90
     assert metrics.metro(mesh, light).max < 1e-3
+
+
+@pytest.mark.parametrize("islands", ["triangles", "quads"])
+def test_a_texture_cut_at_nearly_every_edge_does_not_shrink_the_surface(islands: str) -> None:
+    """Light maps give each face a place of its own in the image."""
+    vertices, faces = sphere(64, 48)
+    bare = Mesh(vertices, faces)
+    near = np.random.default_rng(1).random((len(vertices), 2))
+    own = np.arange(len(faces))
+    if islands == "quads":  # the second triangles of all quads follow the first ones
+        quads = (len(faces) - 2 * 64) // 2
+        own[quads : 2 * quads] = own[:quads]
+    keys = np.column_stack([np.repeat(own, 3), faces.ravel()])
+    rows, corners = np.unique(keys, axis=0, return_inverse=True)
+    texcoords = rows[:, :1] + 0.5 * near[rows[:, 1]]
+    cut = Mesh(vertices, faces, texcoords=texcoords, face_texcoords=corners.reshape(-1, 3))
+    errors, volumes = [], []
+    for mesh in (bare, cut):
+        small = simplify.fast(mesh, ratio=0.1).mesh
+        assert small.num_faces <= 0.1 * mesh.num_faces
+        errors.append(metrics.metro(mesh, small, sampling="area").mean)
+        volumes.append(volume(small))
+    assert errors[1] < 1.5 * errors[0]
+    assert volumes[1] == pytest.approx(volumes[0], rel=0.01)

@@ -196,51 +196,118 @@ double parted(const FastMesh& mesh, std::span<const Spoke> spokes) {
   return least > 0.0 || !(most < length) ? 1.0 : most / length;
 }
 
+/// The edges from a vertex, one after the other, each with all of its faces.
+std::vector<Spoke> spokes_of(const FastMesh& mesh, std::int32_t v) {
+  std::vector<Spoke> spokes;
+  mesh.for_each_face(v, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
+    spokes.push_back({a, f, c, after(c)});
+    spokes.push_back({b, f, c, before(c)});
+  });
+  std::sort(spokes.begin(), spokes.end(), [](const Spoke& a, const Spoke& b) {
+    return a.end != b.end ? a.end < b.end : a.face < b.face;
+  });
+  return spokes;
+}
+
+template <typename Body>
+void for_each_edge(std::span<const Spoke> spokes, const Body& body) {
+  for (std::size_t begin = 0, end = 0; begin < spokes.size(); begin = end) {
+    while (end < spokes.size() && spokes[end].end == spokes[begin].end) ++end;
+    body(spokes.subspan(begin, end - begin));
+  }
+}
+
+/// Whether one face or the two sides of one triangle are at an edge.
+bool is_boundary(const FastMesh& mesh, std::span<const Spoke> edge) {
+  const auto third_vertex = [&](const Spoke& spoke) {
+    return mesh.faces[spoke.face][3 - spoke.corner - spoke.end_corner];
+  };
+  return edge.size() == 1 || (edge.size() == 2 && third_vertex(edge[0]) == third_vertex(edge[1]));
+}
+
+/// Whether the faces at an edge have different wedges.
+bool is_seam(const FastMesh& mesh, std::span<const Spoke> edge) {
+  if (!mesh.has_wedges()) return false;
+  const Triple& first = mesh.wedges[edge.front().face];
+  return std::any_of(edge.begin(), edge.end(), [&](const Spoke& spoke) {
+    const Triple& own = mesh.wedges[spoke.face];
+    return own[spoke.corner] != first[edge.front().corner] ||
+           own[spoke.end_corner] != first[edge.front().end_corner];
+  });
+}
+
+/// Whether an edge is a seam between two faces whose normals differ by at most 60 degrees. At a
+/// sharper edge the seam may hold the shape.
+bool is_smooth_seam(const FastMesh& mesh, std::span<const Spoke> edge) {
+  constexpr float kLeastCosine = 0.5F;
+  if (edge.size() != 2 || !is_seam(mesh, edge)) return false;
+  std::array<Vector3f, 2> areas;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Triple& face = mesh.faces[edge[i].face];
+    const Vector3f p = position_of(mesh.vertices[face[0]]);
+    areas[i] =
+        (position_of(mesh.vertices[face[1]]) - p).cross(position_of(mesh.vertices[face[2]]) - p);
+  }
+  return !(areas[0].dot(areas[1]) < kLeastCosine * areas[0].norm() * areas[1].norm());
+}
+
+/// Whether more than half of the edges around a vertex are smooth seams, boundaries aside.
+bool is_shattered(const FastMesh& mesh, std::int32_t v) {
+  std::int64_t seams = 0, others = 0;
+  const std::vector<Spoke> spokes = spokes_of(mesh, v);
+  for_each_edge(spokes, [&](std::span<const Spoke> edge) {
+    if (!is_boundary(mesh, edge)) ++(is_smooth_seam(mesh, edge) ? seams : others);
+  });
+  return seams > others;
+}
+
+/// The vertices with is_shattered(), if these are more than half of all; empty otherwise. In such a
+/// mesh most faces are charts of their own, and planes through nearly all edges would outweigh the
+/// surface and shrink it. Other meshes have single vertices of this kind where charts meet.
+std::vector<std::uint8_t> shattered_vertices(const FastMesh& mesh) {
+  std::vector<std::uint8_t> chosen(mesh.vertices.size(), 0);
+  const auto is_most = [&] {
+    return 2 * std::count(chosen.begin(), chosen.end(), 1) > mesh.num_vertices();
+  };
+  mesh.over_vertices(
+      [&](std::int32_t v) { chosen[v] = mesh.is_open[v] != 0 && !has_one_wedge(mesh, v) ? 1 : 0; });
+  if (!is_most()) return {};
+  mesh.over_vertices([&](std::int32_t v) {
+    if (chosen[v] != 0 && !is_shattered(mesh, v)) chosen[v] = 0;
+  });
+  return is_most() ? chosen : std::vector<std::uint8_t>();
+}
+
 /// Adds planes through boundaries and seams, perpendicular to their faces. The rim of a two-sided
 /// sheet counts as a boundary; its faces all lie in one plane, so nothing else would keep it in
 /// place. A boundary edge weighs at least a thousandth of the longest edge: nothing else keeps a
 /// tiny hole in a cone or another developable surface from growing, as at a tip of equal points but
 /// for rounding.
-void add_borders(FastMesh& mesh, const BorderWeights& weights, std::int32_t v) {
-  const auto third_vertex = [&](const Spoke& spoke) {
-    return mesh.faces[spoke.face][3 - spoke.corner - spoke.end_corner];
-  };
+/// @param shattered  By vertex, see shattered_vertices(). Smooth seams between two of them add no
+///                   planes.
+void add_borders(FastMesh& mesh, const BorderWeights& weights,
+                 std::span<const std::uint8_t> shattered, std::int32_t v) {
   constexpr float kLeastShare = 1e-3F;
-  std::vector<Spoke> spokes;
+  const std::vector<Spoke> spokes = spokes_of(mesh, v);
   float longest = 0.0F;  // squared
-  mesh.for_each_face(v, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
-    spokes.push_back({a, f, c, after(c)});
-    spokes.push_back({b, f, c, before(c)});
-    for (const std::int32_t end : {a, b}) {
-      const Vector3f edge = position_of(mesh.vertices[end]) - position_of(mesh.vertices[v]);
-      longest = std::max(longest, edge.squaredNorm());
-    }
-  });
-  const float least = kLeastShare * std::sqrt(longest);
-  std::sort(spokes.begin(), spokes.end(), [](const Spoke& a, const Spoke& b) {
-    return a.end != b.end ? a.end < b.end : a.face < b.face;
-  });
-  for (std::size_t begin = 0, end = 0; begin < spokes.size(); begin = end) {
-    bool is_seam = false;
-    for (end = begin; end < spokes.size() && spokes[end].end == spokes[begin].end; ++end) {
-      if (!mesh.has_wedges()) continue;
-      const Triple &w = mesh.wedges[spokes[end].face], &w0 = mesh.wedges[spokes[begin].face];
-      is_seam |= w[spokes[end].corner] != w0[spokes[begin].corner] ||
-                 w[spokes[end].end_corner] != w0[spokes[begin].end_corner];
-    }
-    if (is_complex_edge(static_cast<std::int64_t>(end - begin))) mesh.is_complex[v] = 1;
-    const bool is_boundary =
-        end - begin == 1 ||
-        (end - begin == 2 && third_vertex(spokes[begin]) == third_vertex(spokes[begin + 1]));
-    if (!is_boundary && !is_seam) continue;
-    double weight =
-        is_boundary ? weights.boundary : weights.seam / static_cast<double>(end - begin);
-    if (!is_boundary && weights.parts_tips) {
-      weight *= parted(mesh, std::span(spokes).subspan(begin, end - begin));
-    }
-    for (std::size_t i = begin; i < end; ++i)
-      add_border(mesh, v, spokes[i].end, spokes[i].face, weight, is_boundary ? least : 0.0F);
+  for (const Spoke& spoke : spokes) {
+    const Vector3f edge = position_of(mesh.vertices[spoke.end]) - position_of(mesh.vertices[v]);
+    longest = std::max(longest, edge.squaredNorm());
   }
+  const float least = kLeastShare * std::sqrt(longest);
+  for_each_edge(spokes, [&](std::span<const Spoke> edge) {
+    if (is_complex_edge(static_cast<std::int64_t>(edge.size()))) mesh.is_complex[v] = 1;
+    const bool is_open = is_boundary(mesh, edge);
+    if (!is_open && !is_seam(mesh, edge)) return;
+    const bool is_between =
+        !shattered.empty() && shattered[v] != 0 && shattered[edge.front().end] != 0;
+    if (is_between && !is_open && is_smooth_seam(mesh, edge)) return;
+    double weight = is_open ? weights.boundary : weights.seam / static_cast<double>(edge.size());
+    if (!is_open && weights.parts_tips) weight *= parted(mesh, edge);
+    for (const Spoke& spoke : edge) {
+      add_border(mesh, v, spoke.end, spoke.face, weight, is_open ? least : 0.0F);
+    }
+  });
 }
 
 /// The colours of a face, with a third of its area as weight.
@@ -296,10 +363,12 @@ bool sum_quadrics(FastMesh& mesh, const BorderWeights& weights) {
   mesh.over_vertices([&](std::int32_t v) {
     const Surroundings around = add_faces(mesh, v);
     if (around.has_short_edge) has_short_edges.store(true, std::memory_order_relaxed);
-    if (!around.is_inside) {
-      mesh.is_open[v] = 1;
-      add_borders(mesh, weights, v);
-    }
+    if (!around.is_inside) mesh.is_open[v] = 1;
+  });
+  const std::vector<std::uint8_t> shattered =
+      mesh.has_wedges() ? shattered_vertices(mesh) : std::vector<std::uint8_t>();
+  mesh.over_vertices([&](std::int32_t v) {
+    if (mesh.is_open[v] != 0) add_borders(mesh, weights, shattered, v);
     if (is_colored) add_color_lines(mesh, v, length * length);
   });
   if (std::find(mesh.is_complex.begin(), mesh.is_complex.end(), 1) == mesh.is_complex.end()) {

@@ -16,7 +16,9 @@ struct FastOptions {
   double max_error = std::numeric_limits<double>::infinity();
   /// Weight of the planes along boundaries; the surface itself has 1.
   double boundary_weight = 1.0;
-  /// Weight of the planes along borders of materials and texture charts.
+  /// Weight of the planes along borders of materials and texture charts. If more than half of the
+  /// edges of more than half of the vertices are such borders, sharp edges aside, then those
+  /// between two such vertices have no planes.
   double seam_weight = 1.0;
   /// Weight of the planes along lines of equal colour, where colours of vertices do not change
   /// linearly. 0: colours are only interpolated, and decide whether a part that vanishes is
