@@ -129,25 +129,6 @@ void bind_relief(py::module_& m) {
           py::arg("depth"), py::arg("camera"), py::arg("options"),
           py::arg("confidence").noconvert() = py::none());
   m.def(
-      "relief_flip_edges",
-      [](const CArray<float>& points, const CArray<bool>& valid, bool rows_up,
-         const CArray<std::int32_t>& pixels, const CArray<std::int32_t>& faces,
-         const std::optional<CArray<float>>& confidence) {
-        const BorrowedGrid grid(points, valid, rows_up);
-        const auto at = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
-        const auto triangles = rows<Rows<std::int32_t, 3>>(faces, "faces");
-        const std::span<const float> shares = shares_of(confidence);
-        Rows<std::int32_t, 3> flipped;
-        {
-          const py::gil_scoped_release nogil;
-          flipped = flip_edges(grid.view, at, triangles, shares);
-        }
-        return to_numpy(std::move(flipped));
-      },
-      py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
-      py::arg("pixels").noconvert(), py::arg("faces").noconvert(),
-      py::arg("confidence").noconvert());
-  m.def(
       "depth_coverage",
       [](const CArray<float>& points, const CArray<bool>& valid, const CArray<std::int32_t>& pixels,
          const CArray<std::int32_t>& faces, double max_edge, double max_step, double focal,

@@ -149,7 +149,6 @@ __all__: list[str] = [
     "readable_suffixes",
     "reflectance_contrast",
     "registered_texcoords",
-    "relief_flip_edges",
     "render_depth",
     "replace_folder",
     "replace_rows",
@@ -1722,14 +1721,6 @@ def reflectance_contrast(
 ) -> tuple[int, int, list[float]]: ...
 def registered_texcoords(
     vertices: numpy.typing.NDArray[numpy.float32], registration: manip3d.camera.Registration
-) -> numpy.ndarray: ...
-def relief_flip_edges(
-    points: numpy.typing.NDArray[numpy.float32],
-    valid: numpy.typing.NDArray[numpy.bool],
-    rows_up: bool,
-    pixels: numpy.typing.NDArray[numpy.int32],
-    faces: numpy.typing.NDArray[numpy.int32],
-    confidence: numpy.typing.NDArray[numpy.float32] | None,
 ) -> numpy.ndarray: ...
 def render_depth(
     mesh: manip3d.mesh.Mesh,

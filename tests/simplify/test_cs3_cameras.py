@@ -15,7 +15,6 @@ from manip3d import (
     Intrinsics,
     Mesh,
     Registration,
-    _core,
     datasets,
     io,
     metrics,
@@ -448,37 +447,3 @@ def test_coverage_of_scans_counts_a_hole(join: Join) -> None:
     holed = replace(joint, faces=joint.faces[~inside])
     # One or two of the 21 pixels on each side are on the border of the hole or beside it.
     assert 1 - 19**2 / u.size <= holed.coverage <= 1 - 17**2 / u.size
-
-
-def test_flips_take_any_surface_and_nothing_else() -> None:
-    points = np.zeros((4, 5, 3), np.float32)
-    points[..., 0], points[..., 1] = np.meshgrid(np.arange(5), np.arange(4))
-    points[..., 2] = (points[..., 0] / 4 - points[..., 1] / 3) ** 2  # a valley along one diagonal
-    valid = np.ones((4, 5), bool)
-    pixels = np.int32([[0, 0], [4, 0], [0, 3], [4, 3]])
-    along = [[0, 1, 3], [0, 3, 2]]
-    across = np.int32([[0, 1, 2], [1, 3, 2]])
-
-    def sides(faces: NDArray[np.int32]) -> set[frozenset[int]]:
-        return {frozenset(face) for face in faces.tolist()}
-
-    def flip(pixels: NDArray[np.int32], faces: NDArray[np.int32]) -> NDArray[np.int32]:
-        return _core.relief_flip_edges(points, valid, True, pixels, faces, None)
-
-    expected = {frozenset(face) for face in along}
-    assert sides(flip(pixels, across)) == expected
-    assert sides(flip(pixels, np.int32(along))) == expected
-    empty = np.empty((0, 3), np.int32)
-    assert flip(pixels, empty).shape == (0, 3)
-    for bad_pixels, bad_faces, message in (
-        (pixels, np.int32([[0, 1, 4]]), "faces: index out of range: 4"),
-        (pixels, across[:, ::-1].copy(), "faces: expected front faces"),
-        (pixels, across[[0, 0]], "at most one face on each side"),
-        (pixels[[0, 1, 2, 2]], across, "expected each pixel once"),
-        (pixels + np.int32(1), across, "expected valid pixels"),
-    ):
-        with pytest.raises(InputError, match=message):
-            flip(bad_pixels, bad_faces)
-    valid[:] = False
-    with pytest.raises(InputError, match="faces: expected none without a surface"):
-        flip(pixels, across)

@@ -219,71 +219,6 @@ void check_confidence(const PointGridView& grid, std::span<const float> confiden
   }
 }
 
-/// Checks the pixels of the vertices, (u, v) in the grid.
-/// @param vertex_at  output: by pixel of the surface, the vertex there or kNone.
-/// @return  by vertex: its pixel of the surface.
-std::vector<std::int32_t> surface_pixels(const Surface& surface, const PointGridView& grid,
-                                         const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
-                                         std::vector<std::int32_t>& vertex_at) {
-  std::vector<std::int32_t> at(pixels.rows());
-  vertex_at.assign(surface.num_pixels(), Triangulation::kNone);
-  for (Eigen::Index i = 0; i < pixels.rows(); ++i) {
-    const std::int64_t u = pixels(i, 0), v = pixels(i, 1);
-    if (u < 0 || v < 0 || u >= grid.cols || v >= grid.rows || grid.valid[v * grid.cols + u] == 0) {
-      throw InputError("pixels: expected valid pixels of the grid, got (" + std::to_string(u) +
-                       ", " + std::to_string(v) + ")");
-    }
-    at[i] = static_cast<std::int32_t>((v - surface.input_v(0)) * surface.cols() + u -
-                                      surface.input_u(0));
-    if (vertex_at[at[i]] != Triangulation::kNone) {
-      throw InputError("pixels: expected each pixel once, got (" + std::to_string(u) + ", " +
-                       std::to_string(v) + ") again");
-    }
-    vertex_at[at[i]] = static_cast<std::int32_t>(i);
-  }
-  return at;
-}
-
-/// Checks the faces of flip_edges() and returns them as triangles of surface pixels,
-/// counter-clockwise with v up.
-/// @param at  by vertex: its pixel of the surface.
-std::vector<Triangle> triangles_of(const Surface& surface, bool rows_up,
-                                   std::span<const std::int32_t> at,
-                                   const Eigen::Ref<const Rows<std::int32_t, 3>>& faces) {
-  const auto num_vertices = static_cast<std::int32_t>(at.size());
-  std::vector<Triangle> triangles;
-  std::vector<std::uint64_t> sides;
-  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
-    Triangle t{};
-    for (int i = 0; i < 3; ++i) {
-      const std::int32_t vertex = faces(f, i);
-      if (vertex < 0 || vertex >= num_vertices) {
-        throw InputError("faces: index out of range: " + std::to_string(vertex));
-      }
-      t[i] = at[vertex];
-    }
-    if (!rows_up) std::swap(t[1], t[2]);
-    const std::int64_t du1 = surface.u(t[1]) - surface.u(t[0]);
-    const std::int64_t dv1 = surface.v(t[1]) - surface.v(t[0]);
-    const std::int64_t du2 = surface.u(t[2]) - surface.u(t[0]);
-    const std::int64_t dv2 = surface.v(t[2]) - surface.v(t[0]);
-    if (du1 * dv2 - dv1 * du2 <= 0) {
-      throw InputError("faces: expected front faces that look at the sensor, got face " +
-                       std::to_string(f));
-    }
-    for (int i = 0; i < 3; ++i) {
-      sides.push_back(static_cast<std::uint64_t>(t[i]) << 32 |
-                      static_cast<std::uint64_t>(t[(i + 1) % 3]));
-    }
-    triangles.push_back(t);
-  }
-  std::sort(sides.begin(), sides.end());
-  if (std::adjacent_find(sides.begin(), sides.end()) != sides.end()) {
-    throw InputError("faces: expected at most one face on each side of an edge, got more");
-  }
-  return triangles;
-}
-
 /// Column and row of pixels of the input.
 void list_pixels(std::span<const std::int32_t> pixels, std::int64_t cols,
                  Rows<std::int32_t, 2>& out) {
@@ -932,36 +867,6 @@ ReliefResult relief(const PointGridView& grid, const ReliefOptions& options,
   ReliefResult result;
   Relief().run(grid, options, result, confidence);
   return result;
-}
-
-Rows<std::int32_t, 3> flip_edges(const PointGridView& grid,
-                                 const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
-                                 const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                                 std::span<const float> confidence) {
-  check_point_grid(grid);
-  check_confidence(grid, confidence);
-  Surface surface;
-  surface.assign(grid, {}, confidence, 1);
-  if (surface.empty()) {
-    if (faces.rows() > 0) throw InputError("faces: expected none without a surface");
-    return faces;
-  }
-  std::vector<std::int32_t> vertex_at;
-  const std::vector<std::int32_t> at = surface_pixels(surface, grid, pixels, vertex_at);
-  Triangulation mesh;
-  mesh.assign(surface, triangles_of(surface, grid.rows_up, at, faces));
-  const Budget budget = budget_of(ReliefEffort::kBalanced, pixels.rows());
-  relief_detail::Refiner refiner;
-  refiner.assign(mesh);
-  refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor, EdgeMemory(), {});
-  Rows<std::int32_t, 3> flipped(faces.rows(), 3);
-  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
-    for (int i = 0; i < 3; ++i) {
-      flipped(t, i) = vertex_at[mesh.vertex(mesh.triangle(t)[i]).pixel];
-    }
-    if (!grid.rows_up) std::swap(flipped(t, 1), flipped(t, 2));
-  }
-  return flipped;
 }
 
 }  // namespace manip3d

@@ -172,17 +172,4 @@ class Relief {
 ReliefResult relief(const PointGridView& grid, const ReliefOptions& options,
                     std::span<const float> confidence = {});
 
-/// Flip edges of triangles over pixels of a grid, as step 3 does with kBalanced, where that lowers
-/// the sum of distances between the pixels and the planes of their triangles. The dense surface is
-/// that of all valid pixels.
-/// @param pixels  (n, 2) column and row of each vertex, each pixel once.
-/// @param faces   (m, 3) a surface in the pixel plane: front faces look at the sensor, and each
-///                side of an edge has at most one face.
-/// @throws InputError  as Relief::run; a pixel or an index out of range; a pixel that is not valid;
-///                     faces that turn the other way or share a side of an edge.
-Rows<std::int32_t, 3> flip_edges(const PointGridView& grid,
-                                 const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
-                                 const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                                 std::span<const float> confidence = {});
-
 }  // namespace manip3d
