@@ -477,6 +477,12 @@ def test_other_names_in_a_calibration(tmp_path: Path) -> None:
     )
     found = camera.read_intrinsics(path, width=64, height=48)
     assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
+    for other in ('"intrinsics": [[90, 0, 9], [0, 90, 9], [0, 0, 1]]', '"camera": {"fx": 9}'):
+        path = tmp_path / "both.json"
+        path.write_text(f'{{"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, {other}}}')
+        with pytest.warns(UserWarning, match="left out"):
+            found = camera.read_intrinsics(path, width=64, height=48)
+        assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
     path = tmp_path / "view.json"  # Open3D's PinholeCameraParameters
     matrix = "[50.0, 0.0, 0.0, 0.0, 51.0, 0.0, 31.5, 23.5, 1.0]"
     size = '"height": 48, "width": 64'

@@ -242,7 +242,6 @@ void bind_cs3(py::module_& m) {
            py::arg("valid").noconvert(), py::arg("rows_up"), py::arg("options"), py::arg("out"));
 }
 
-/// Triangulates pixels in any order; vertices are numbered in this order.
 // Edges between rows as edges between the places that the rows have in `order`.
 std::vector<std::array<std::int32_t, 2>> in_order(
     const Eigen::Map<const Rows<std::int32_t, 2>>& edges, const std::vector<std::int32_t>& order) {
@@ -255,6 +254,7 @@ std::vector<std::array<std::int32_t, 2>> in_order(
   return ordered;
 }
 
+/// Triangulates pixels in any order; vertices are numbered in this order.
 Faces triangulate(const Eigen::Map<const Rows<std::int32_t, 2>>& rows,
                   const Eigen::Map<const Rows<std::int32_t, 2>>& edges) {
   std::vector<std::int32_t> order(rows.rows());

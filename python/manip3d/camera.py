@@ -7,6 +7,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -547,7 +548,7 @@ def _unit_of_json(text: str) -> str:
 def _fields_of_json(text: str) -> Any:
     """Return what a JSON file holds, or the camera in the ``cam_params.json`` of Replica."""
     fields = json.loads(text)
-    inner = fields.get("camera") if isinstance(fields, dict) else None
+    inner = fields.get("camera") if isinstance(fields, dict) and "fx" not in fields else None
     if isinstance(inner, dict) and "fx" in inner:
         return {_DEPTH_SCALE if name == "scale" else name: inner[name] for name in inner}
     return fields
@@ -641,7 +642,7 @@ def _fields_of_mapping(fields: Any, path: Path) -> dict[str, Any]:
         size = {n: fields[n] for n in ("width", "height") if n in fields}
         return size | _pinhole_of_matrix(_square_of(_numbers_of(matrix), "an intrinsic_matrix"))
     plain = {str(name).lower().replace("_", ""): value for name, value in fields.items()}
-    if any(name in plain for name in _MATRIX):
+    if _matrix_of(plain) is not None:
         return _fields_of_calibration(plain, path)
     if (left := _left_of_pair(plain, path)) is not None:
         return _fields_of_calibration(left, path)
@@ -654,7 +655,7 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
     def first(*names: str) -> Any:
         return next((fields[name] for name in names if name in fields), None)
 
-    square = _square_of(_numbers_of(first(*_MATRIX)), "a camera_matrix")
+    square = _square_of(_numbers_of(_matrix_of(fields)), "a camera_matrix")
     camera: dict[str, Any] = _pinhole_of_matrix(square)
     model = str(fields.get("distortionmodel", "")).lower()
     if model in ("equidistant", "fisheye") or str(fields.get("fisheyemodel", 0)) not in ("0", ""):
@@ -674,7 +675,25 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
     return camera
 
 
-_MATRIX = ("cameramatrix", "k", "intrinsic", "intrinsics", "intrinsicmatrix")
+def _matrix_of(fields: Mapping[str, Any]) -> Any:
+    """Return the field with a camera's matrix; None: there is none.
+
+    Names that may mean something else count only with a matrix, and without fx beside them.
+    """
+    for name in ("cameramatrix", "k"):
+        if name in fields:
+            return fields[name]
+    for name in ("intrinsic", "intrinsics", "intrinsicmatrix"):
+        value = fields.get(name)
+        if "fx" in fields or not isinstance(value, Mapping | list):
+            continue
+        with suppress(ValueError, TypeError):
+            if _numbers_of(value).size in _SIZES_OF_MATRIX:
+                return value
+    return None
+
+
+_SIZES_OF_MATRIX = (9, 12, 16)
 _SIZES = ("imagesize", "imagewidth", "imageheight", "width", "height", "w", "h")
 _LEFT = ("1", "l", "left")
 """Endings of the left camera's fields: M1, cameraMatrixL, camera_matrix_left."""
@@ -806,9 +825,11 @@ def _lens_of_realsense(coefficients: Any, model: Any) -> tuple[float, ...]:
 
     Its modified and inverse models have the same coefficients, with another meaning.
     """
-    numbers = _numbers_of(coefficients)
+    if isinstance(coefficients, Mapping):
+        raise ValueError("coeffs that are no list")
+    numbers = _numbers_of([] if coefficients is None else coefficients)
     name = str(model).rpartition(".")[2]
-    plain = re.sub(r"[^a-z]", "", name.lower())
+    plain = re.sub(r"[^a-z]", "", name.lower().removeprefix("rs2_distortion_"))
     if plain.startswith(("ftheta", "kannala")):
         raise ValueError(f"a fisheye camera ({name[:40]})")
     if numbers.any() and plain != "brownconrady" and model != _BROWN_CONRADY:

@@ -495,6 +495,16 @@ def test_transforms_of_nodes_are_written(quantize: bool, tmp_path: Path) -> None
         assert found[member] == before[member], member
 
 
+def test_transforms_of_nodes_cannot_be_changed_in_place(tmp_path: Path) -> None:
+    """A change of a shared array would not be noticed when the scene is written."""
+    transform = np.eye(4)
+    node = io.SceneNode("a", None, None, transform, drawn=True)
+    transform[0, 3] = 5.0
+    assert node.transform[0, 3] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        node.transform[0, 3] = 5.0
+
+
 def test_transforms_of_levels_are_those_of_the_finest(tmp_path: Path) -> None:
     scene = io.read_scene(written(tmp_path / "scene.glb"))
     moved = with_node(scene, 1, transform=MOVED)

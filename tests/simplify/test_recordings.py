@@ -110,6 +110,10 @@ def test_meshes_of_an_earlier_run_are_replaced(frames: list[RgbdFrame], tmp_path
     assert len(list(tmp_path.iterdir())) == 3
     simplify.simplify_recording([frames[2], blind], tmp_path, OPTIONS, replace=True)
     assert [path.name for path in tmp_path.iterdir()] == ["000002.glb"]
+    foreign = tmp_path / "202411.glb"  # a date
+    foreign.write_bytes(b'glTF{"asset":{"generator":"another program"}}')
+    simplify.simplify_recording(frames[:1], tmp_path, OPTIONS, replace=True)
+    assert {path.name for path in tmp_path.iterdir()} == {"000000.glb", foreign.name}
 
 
 def test_the_command_takes_recordings(frames: list[RgbdFrame], tmp_path: Path) -> None:
@@ -135,7 +139,7 @@ def test_the_command_takes_recordings(frames: list[RgbdFrame], tmp_path: Path) -
         assert f"{option}: cannot be given with an RGB-D recording" in error_line(done)
     others = ("000007.txt", "7.glb", "0000007.glb", "00000x.glb")
     for name in ("000007.glb", "1000000.glb", *others):
-        (out / name).write_text("")
+        (out / name).write_bytes((out / "000000.glb").read_bytes())
     (out / "000008.glb").mkdir()
     done = manip3d(*base, "--points", 300, "--frames", 1, "--force")
     assert done.returncode == 0, done.stderr

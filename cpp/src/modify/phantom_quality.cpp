@@ -159,7 +159,7 @@ bool is_person_near(const Eigen::Vector3f& joint, const PersonPoints& points) {
   return false;
 }
 
-/// What the depth image shows at a joint.
+/// The thing that the depth image shows at a joint.
 enum class JointSight : std::uint8_t {
   kOnPerson,    ///< The person.
   kHidden,      ///< Something much nearer to the camera; the person is seen near the joint.
@@ -214,7 +214,7 @@ JointFit joint_fit(const Skeleton& person, Limb affected, const DepthView& depth
     const bool is_hidden_away = sight == JointSight::kHiddenAway;
     fits += sight == JointSight::kOnPerson;
     hidden += sight == JointSight::kHidden || is_hidden_away;
-    // What hides the legs, such as a table, leaves an arm as it is.
+    // A table that hides the legs leaves an arm as it is.
     hidden_below += is_hidden_away && is_below && is_arm(affected);
     unseen += sight == JointSight::kUnseen;
     ++all;

@@ -122,14 +122,20 @@ def rounded_by(values: ArrayLike, points: NDArray[np.float32]) -> float:
 
 
 def warn_of_rounding(
-    values: ArrayLike, points: NDArray[np.float32], name: str, cure: str = ""
+    values: ArrayLike,
+    points: NDArray[np.float32],
+    name: str,
+    cure: str = "",
+    *,
+    most: float = MAX_ROUNDED_M,
+    unit: str = " m",
 ) -> None:
-    """Warn if float32 rounds coordinates in metres by more than a millimetre."""
+    """Warn if float32 rounds coordinates by more than ``most``, by default in metres."""
     rounded = rounded_by(values, points)
-    if rounded > MAX_ROUNDED_M:
+    if rounded > most:
         warnings.warn(
-            f"{name}: float32 rounds these coordinates by up to {rounded:.2g} m; subtract a place "
-            "near them first, as readers of files do" + (f" ({cure})" if cure else ""),
+            f"{name}: float32 rounds these coordinates by up to {rounded:.2g}{unit}; subtract a "
+            "place near them first, as readers of files do" + (f" ({cure})" if cure else ""),
             stacklevel=caller_level(),
         )
 
@@ -149,6 +155,20 @@ def index_rows(values: ArrayLike, columns: int | None, name: str) -> NDArray[np.
     return np.ascontiguousarray(array, dtype=np.int32)
 
 
+_MAX_ROUNDED_SHARE = 1e-4  # of the extent of a grid, whose unit is not known
+
+
+def _warn_of_rounded_grid(
+    given: NDArray[Any], grid: NDArray[np.float32], valid: NDArray[np.bool_]
+) -> None:
+    if given.dtype == np.float32 or not valid.any():
+        return
+    points = grid[valid]
+    extent = float(np.ptp(points.astype(np.float64), axis=0).max())
+    most = _MAX_ROUNDED_SHARE * extent
+    warn_of_rounding(given[valid], points, "points", most=most, unit="")
+
+
 def checked_grid(
     points: ArrayLike, valid: ArrayLike | None, *, kept: bool = False
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
@@ -166,12 +186,14 @@ def checked_grid(
     given = grid
     with np.errstate(over="ignore"):  # overflow gives infinity, which is no measurement
         grid = taken(given, np.float32, order="C")
-    warn_of_rounding(given, grid, "points")
     if valid is None:
-        return grid, np.isfinite(grid).all(axis=2)
+        mask = np.isfinite(grid).all(axis=2)
+        _warn_of_rounded_grid(given, grid, mask)
+        return grid, mask
     mask = as_array(valid, "valid")
     if mask.shape != grid.shape[:2] or mask.dtype != np.bool_:
         raise InputError(
             f"valid: expected bool of shape {grid.shape[:2]}, got {mask.dtype} of {mask.shape}"
         )
+    _warn_of_rounded_grid(given, grid, mask)
     return grid, taken(mask, order="C")

@@ -103,7 +103,9 @@ class AlertTally:
         seen = alert.witnesses["cross-modal"].verdict
         self._accused += seen == "tampered"
         self._seen += seen not in _UNHEARD
-        if alert.watermark is not None:
+        if alert.watermark is None:
+            self._stream.skip()
+        else:
             self._stream.add(alert.watermark)
 
     @checked

@@ -28,7 +28,7 @@ from manip3d.authenticate._picture_records import checked_picture
 from manip3d.authenticate._verdict import Calibration, Power, Region
 from manip3d.authenticate._verified_frames import VerifiedFrames
 from manip3d.errors import Error, FormatError, InputError
-from manip3d.io._scan_tables import measured_points, near_zero
+from manip3d.io._scan_tables import measured_points
 from manip3d.lidar import Box, LidarFrame, ScanFormat, ScanLike, as_frame, to_scan
 
 if TYPE_CHECKING:
@@ -450,9 +450,7 @@ class Watermarker(Closing):
         Parameters
         ----------
         scan : LidarFrame, (N, 3) or (N, 4) float32
-            Points in metres; (N, 4) with intensity. Coordinates in float64 that float32 rounds by
-            more than a millimetre, such as those of a national grid, are kept as those of a file
-            are: as `LidarFrame.exact`, beside points near 0. Others are rounded to float32.
+            Points in metres; (N, 4) with intensity. Arrays are rounded to float32.
         time_ns : int, optional
             Time in nanoseconds since 1970; default: that of the frame, or of the clock if the frame
             has none.
@@ -475,7 +473,7 @@ class Watermarker(Closing):
         Error
             The watermarker is closed, or its session has ended.
         """
-        frame = _bound_frame(scan)
+        frame = _frame_of(scan)
         given = to_scan(frame)
         carries = frame.exact is not None and self.embedding != "detached"
         if carries:
@@ -617,7 +615,7 @@ class Watermarker(Closing):
         Parameters
         ----------
         scan : LidarFrame, (N, 3) or (N, 4) float32
-            Points in metres, in any order; (N, 4) with intensity; rounded to float32 as in `embed`.
+            Points in metres, in any order; (N, 4) with intensity.
         record : bytes or None
             Record that `embed` returned. None: the picture carries it; without a picture the
             verdict is ``undecidable``.
@@ -642,7 +640,7 @@ class Watermarker(Closing):
         OSError
             The state file cannot be written.
         """
-        frame = _bound_frame(scan)
+        frame = _frame_of(scan)
         given = to_scan(frame)
         chosen = Policy() if policy is None else policy
         carrier = None if picture is None else checked_picture(picture)
@@ -739,27 +737,23 @@ def _check_units(units_per_m: int) -> None:
         raise InputError(f"units_per_m: expected 1 to {_MAX_UNITS}, got {units_per_m}")
 
 
-def _bound_frame(scan: ScanLike) -> LidarFrame:
-    """Return the scan as a frame; an array that float32 rounds by over 1 mm as one in float64.
+def _frame_of(scan: ScanLike) -> LidarFrame:
+    """Return the scan as a frame; refuse arrays of coordinates that float32 rounds by over 1 mm.
 
-    Such a frame equals the one that is read from a file of the same coordinates.
+    Points that moved by less than the rounding would be authentic.
     """
     if isinstance(scan, LidarFrame):
         return scan
     array = as_array(scan, "scan")
-    has_intensity = array.ndim == 2 and array.shape[1] == 4
-    given = array[:, :3] if has_intensity else array
-    points = rows(given, 3, np.float32, "scan")
-    if not (rounded_by(given, points) > MAX_ROUNDED_M and np.isfinite(points).all()):
-        return as_frame(array)
-    exact = np.array(given, np.float64)
-    layout = ScanFormat("", to_file=near_zero(exact))
-    return LidarFrame(
-        measured_points(exact, layout, "scan"),
-        array[:, 3].astype(np.float32) if has_intensity else None,
-        exact=exact,
-        format=layout,
-    )
+    given = array[:, :3] if array.ndim == 2 else array
+    rounded = rounded_by(given, rows(given, 3, np.float32, "scan"))
+    if rounded > MAX_ROUNDED_M:
+        raise InputError(
+            f"scan: float32 rounds these coordinates by up to {rounded:.2g} m; subtract a place "
+            "near them first, or give the frame that `manip3d.io.read_scan` makes of a file, which "
+            "keeps float64"
+        )
+    return as_frame(array)
 
 
 def _in_float32(frame: LidarFrame, exact: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -752,6 +752,8 @@ class StreamTally:
         self._sessions: set[str] = set()
         self._left: dict[str, int] = {}  # by session: number of frames until the stream left it
         self._session = ""  # of the last frame
+        self._place = 0  # number of frames so far, with those that have no result
+        self._last_known = 0  # place of the last frame whose session is known
         self._first: int | None = None  # number of the first frame
         self._ends = False
         self._reason = ""
@@ -761,6 +763,7 @@ class StreamTally:
         """Add the result of the next frame."""
         if not self._count:
             self._first = result.number
+        self._place += 1
         self._find_foreign(result)
         self._count += 1
         self._sessions.add(result.session)
@@ -769,14 +772,20 @@ class StreamTally:
             first, frames = self._loud.get(result.verdict, (result.reason, 0))
             self._loud[result.verdict] = first, frames + 1
 
+    def skip(self) -> None:
+        """Count a frame without a result."""
+        self._place += 1
+
     def _find_foreign(self, result: WatermarkResult) -> None:
         """Notice a session that continues after frames of another one."""
-        if not result.session or result.order == "replay" or result.session == self._session:
+        if not result.session or result.order == "replay":
             return
-        if result.order == "gap" and result.session in self._left and self._foreign is None:
-            self._foreign = self._left[result.session] + 1, self._count
-        self._left[self._session] = self._count
-        self._session = result.session
+        if result.session != self._session:
+            if result.order == "gap" and result.session in self._left and self._foreign is None:
+                self._foreign = self._left[result.session] + 1, self._last_known
+            self._left[self._session] = self._last_known
+            self._session = result.session
+        self._last_known = self._place
 
     @property
     def splice(self) -> str:

@@ -543,6 +543,8 @@ def forge_frames(
     from manip3d import forge
 
     place = place_of_recording(output)
+    if not place.name:
+        raise InputError(f"output: expected the name of a recording, got {output}")
     truth = place.with_name(place.name + ".truth.npz")
     if truth.exists() and not force:
         raise InputError(f"{truth}: exists already; --force replaces it")

@@ -326,7 +326,7 @@ def _provenance(cases: Any) -> list[dict[str, Any]]:
     names = dict.fromkeys(datasets.source_of(name) for case in cases for name in case.inputs)
     found = []
     for name in names:
-        with suppress(datasets.ChecksumError):  # damaged data has no results
+        with suppress(datasets.ChecksumError):  # cases that read it fail
             found.append(datasets.provenance(name))
     return found
 

@@ -272,10 +272,13 @@ class ForgedStream:
             self._bits.append(np.packbits(forged.mask))
             self._numbers.append(forged.frame.number)
             yield forged
-        if self._numbers and not is_told:
-            raise InputError("source: expected a skeleton or people's pixels, got frames without")
+        else:  # the source ended, and not the background
+            if self._numbers and not is_told:
+                raise InputError(
+                    "source: expected a skeleton or people's pixels, got frames without"
+                )
         if self._numbers and not forger._has_pose:
-            raise InputError("pose: expected skeletons, got frames without")
+            raise InputError(f"pose: expected skeletons, got none in {len(self._numbers)} frames")
 
     @property
     def truth(self) -> StreamTruth:

@@ -157,6 +157,7 @@ def _read_pfm(data: bytes, max_pixels: int) -> NDArray[np.float32]:
 _NOTHING_HIT = 65504.0
 """Largest finite half-precision number. Blender writes it, or 1e10, where a ray hits nothing."""
 
+_OF_DEPTH = ("z", "depth", "y", "v", "r", "g", "b")  # last parts of names of a pass with the depth
 _DEPTH_CHANNELS = {"z": "xy", "y": "xz", "v": "u"}
 """Last parts of names such as "ViewLayer.Depth.Z", with the parts beside which they are vectors."""
 
@@ -173,6 +174,8 @@ def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
             with opened(header_only=True) as file:
                 header = dict(file.header())  # a copy, because closing the file empties it
             window, shown = _Window.of(header["dataWindow"]), _Window.of(header["displayWindow"])
+            if shown.size == (1, 1):  # programs that do not know it write 0
+                shown = window
             rows, columns = window.size
             _checked_size(rows, columns, max_pixels)
             _checked_size(*shown.size, max_pixels)
@@ -234,7 +237,7 @@ def _depth_channel(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:
     if len(channels) == 1:
         return next(iter(channels.values()))
     passes = {name: name.lower().split(".") for name in channels}
-    named = [name for name, parts in passes.items() if "depth" in parts]
+    named = [n for n, parts in passes.items() if "depth" in parts and parts[-1] in _OF_DEPTH]
     single = [name for name, parts in passes.items() if _is_single(parts, [*passes.values()])]
     if len(named) > 1:
         named = [n for n in named if passes[n][-1] in ("z", "depth")] or _grey(named, channels)

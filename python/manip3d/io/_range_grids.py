@@ -164,8 +164,8 @@ def _colors(table: Table, valid: NDArray[np.bool_]) -> NDArray[np.uint8] | None:
 
 
 _OPAQUE = 0xFF
-_NAN = 0xFFC00000
-"""Bits of the NaN that processors compute."""
+_NAN, _MINUS_INFINITY = 0xFFC00000, 0xFF800000
+"""Bits of the NaN that processors compute, and of the infinity below zero."""
 
 
 def _columns_of_plain(
@@ -178,6 +178,9 @@ def _columns_of_plain(
     """
     if len(rest) == 3:
         values = np.column_stack(rest)[valid].astype(np.float64)
+        values = values[values.any(axis=1)]  # zeros are black, and no normals
+        if not len(values) or not np.isfinite(values).all():
+            return {}
         if np.allclose(np.linalg.norm(values, axis=1), 1.0, atol=1e-3):
             return {}
         # Whole numbers above 255 may be anything, so that only fractions take the longer names.
@@ -188,7 +191,7 @@ def _columns_of_plain(
         return {}
     bits = np.ascontiguousarray(rest[0]).view(np.uint32)
     alpha = bits[valid] >> 24
-    if (alpha == _OPAQUE).all() and not (bits[valid] == _NAN).all():
+    if (alpha == _OPAQUE).all() and not np.isin(bits[valid], (_NAN, _MINUS_INFINITY)).all():
         # ZED's XYZRGBA: red is the first byte, where PCL's has blue.
         return {"rgba": (bits & 0xFF) << 16 | (bits & 0xFF00) | (bits >> 16 & 0xFF)}
     return {"rgb": rest[0]} if bits[valid].any() and not alpha.any() else {}

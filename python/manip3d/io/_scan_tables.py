@@ -191,19 +191,29 @@ def _refuse_other_records(raw: NDArray[np.uint8], file: str) -> None:
             )
     if single.size % 4 == 0:
         rows = single.reshape(-1, 4)
-        rows = rows[:: max(1, len(rows) // _MAX_COMPARED)]
-        # The numbers of points without a return are alike, too; such points repeat.
-        rows = np.unique(rows[rows[:, :3].any(axis=1)], axis=0)
-        if len(rows) < _MIN_PLANAR:
-            return
-        apart = np.median(np.abs(np.diff(rows, axis=1)), axis=0)
-        low, high = np.percentile(rows, (25.0, 75.0))
-        if apart.max() < _PLANAR * (high - low):  # x, y, z and intensity are alike in each row
+        # A file of x first may begin with zeros, or with lasers whose points lie far apart.
+        spread = rows[:: max(1, len(rows) // _MAX_COMPARED)]
+        if _are_alike(rows[:_MAX_COMPARED]) or _are_alike(spread):
             raise FormatError(
                 "expected the points one after another, got all x first, then all y (4 rows of "
                 "numbers, as in the Oxford RobotCar data): write it transposed",
                 file=file,
             )
+
+
+def _are_alike(rows: NDArray[np.float32]) -> bool:
+    """Return whether the four numbers of each row differ little, as if all were x."""
+
+    def differ_little(some: NDArray[np.float32]) -> bool:
+        if len(some) < _MIN_PLANAR:
+            return False
+        apart = np.median(np.abs(np.diff(some, axis=1)), axis=0)
+        low, high = np.percentile(some, (25.0, 75.0))
+        return bool(apart.max() < _PLANAR * (high - low))
+
+    returned = rows[rows[:, :3].any(axis=1)]
+    # The numbers of points without a return are alike, too; such points repeat.
+    return differ_little(returned) and differ_little(np.unique(returned, axis=0))
 
 
 def _length_of(header: dict[str, Any], file: str) -> float:

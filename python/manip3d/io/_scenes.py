@@ -99,7 +99,9 @@ def _transforms(values: ArrayLike, ndim: int, name: str) -> NDArray[np.float64]:
     last = given[..., 3, :].reshape(-1, 4)
     if (wrong := (last != (0, 0, 0, 1)).any(axis=1)).any():
         raise InputError(f"{name}: expected 0 0 0 1 as the last row, got {last[wrong][0].tolist()}")
-    return np.asarray(given, np.float64)
+    own = np.array(given, np.float64)  # a change in place would not be noticed when it is written
+    own.flags.writeable = False
+    return own
 
 
 @dataclass(frozen=True, eq=False)
@@ -538,10 +540,10 @@ def _with_transforms(document: bytes, moved: Mapping[int, list[float]]) -> bytes
     if not moved:
         return document
     parsed = json.loads(document)
-    fixed = {joint for skin in parsed.get("skins", ()) for joint in skin.get("joints", ())}
-    for animation in parsed.get("animations", ()):
+    fixed = {joint for skin in parsed.get("skins") or () for joint in skin.get("joints", ())}
+    for animation in parsed.get("animations") or ():
         for channel in animation.get("channels", ()):
-            fixed.add(_animated_node(channel.get("target", {})))
+            fixed.add(_animated_node(channel.get("target") or {}))
     for i, columns in moved.items():
         if i in fixed:
             raise InputError(f"nodes[{i}].transform: the node is animated or a joint of a skin")
@@ -554,8 +556,8 @@ def _with_transforms(document: bytes, moved: Mapping[int, list[float]]) -> bytes
 
 def _animated_node(target: Mapping[str, Any]) -> int | None:
     """Return the node that a channel of an animation moves, by its index or by a JSON pointer."""
-    pointer = target.get("extensions", {}).get("KHR_animation_pointer", {}).get("pointer", "")
-    _, _, rest = pointer.partition("/nodes/")
+    extension = (target.get("extensions") or {}).get("KHR_animation_pointer") or {}
+    _, _, rest = str(extension.get("pointer", "")).partition("/nodes/")
     index = rest.partition("/")[0]
     return int(index) if index.isdecimal() else target.get("node")
 

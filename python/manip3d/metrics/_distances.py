@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import as_array, rows, vector
+from manip3d._util.arrays import as_array, rows, vector, warn_of_rounding
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting, seed_of, threads_of
 from manip3d.errors import InputError
@@ -196,6 +196,7 @@ def nearest_distances(
         given = given - middle
         place = None if place is None else place - middle
     cloud = rows(given, 3, np.float32, "points")
+    warn_of_rounding(given, cloud, "points")
     with reporting(progress, "nearest distances") as report:
         return _core.nearest_distances(cloud, place, resolution, threads_of(threads), report)
 

@@ -259,7 +259,10 @@ def simplify_camera_files(
         options = options.for_pixels(measured)
         started = time.perf_counter()
         assert options.points is not None
-        prepared = _joiner(views, options, depth_step, _part(report, _READ, _PREPARED))
+        in_metres = options
+        if options.max_edge is not None:
+            in_metres = replace(options, max_edge=options.max_edge / per_metre)
+        prepared = _joiner(views, in_metres, depth_step, _part(report, _READ, _PREPARED))
         joint = _filled(prepared, options.points, _part(report, _PREPARED, _JOINED))
         seconds = time.perf_counter() - started
         joint.coverage, joint.bridges  # noqa: B018 - computed on the first access

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
+from manip3d._util.regular_files import open_regular
 from manip3d.errors import FormatError, InputError
 from manip3d.rgbd import RgbdFrame
 from manip3d.simplify._depth_files import frame_alone, from_depth
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from manip3d._util.options import Progress
 
 _SUFFIX = ".glb"
+_HEAD_BYTES = 4096  # of a GLB: they contain the name of the program that wrote it
 _FRAME_NAME = re.compile(rf"([0-9]{{6}}|[1-9][0-9]{{6,}}){re.escape(_SUFFIX)}")
 
 
@@ -149,7 +151,11 @@ def simplify_recording(
 
 
 def _remove_others(folder: Path, written: set[str]) -> None:
-    """Remove the files with the name of a frame that are not among those that were written."""
+    """Remove frames of earlier runs: files that manip3d wrote, under other numbers of frames."""
     for path in sorted(folder.iterdir()):
-        if _FRAME_NAME.fullmatch(path.name) and path.name not in written and path.is_file():
+        if not _FRAME_NAME.fullmatch(path.name) or path.name in written or not path.is_file():
+            continue
+        with open_regular(path) as file:
+            head = file.read(_HEAD_BYTES)
+        if head.startswith(b"glTF") and b'"generator":"manip3d ' in head:
             path.unlink()
