@@ -26,6 +26,7 @@ from manip3d.authenticate import (
     WatermarkResult,
     verdict_of_stream,
 )
+from manip3d.authenticate._watermark_files import StreamTally
 from manip3d.errors import Error, FormatError, InputError
 from watermark_scans import ROOT_KEY, grid_scan, key_file, reflectances
 
@@ -495,6 +496,11 @@ def test_frames_of_other_sessions_do_not_break_the_chain(
         verdict, reason = verdict_of_stream(results, whole=whole)
         assert verdict == "tampered"
         assert reason.startswith(f"frame{'s' if last else ''} 3 {last}(counted from 1)")
+    tally = StreamTally()
+    tally.skip()  # a frame that `alert run` left out
+    for found in results:
+        tally.add(found)
+    assert tally.splice.startswith(f"frame{'s' if last else ''} 4 ")
     with Watermarker(key, state=tmp_path / "seen") as verifier:
         for each in (*genuine, inserted[0]):
             found = verifier.verify(each.frame, each.record)

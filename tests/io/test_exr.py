@@ -37,6 +37,7 @@ def write(path: Path, channels: dict[str, Any], **header: Any) -> Path:
         {"Z": DEPTH} | {name: 0 * DEPTH for name in ("R", "G", "B", "N.X", "N.Y", "N.Z", "a.Z")},
         {"a.Z": DEPTH} | {name: 0 * DEPTH for name in ("N.X", "N.Y", "N.Z", "UV.U", "UV.V")},
         {f"a.DEPTH.{name}": DEPTH for name in "RGBA"} | {"R": 0 * DEPTH},
+        {"Z": DEPTH, "depth.A": 0 * DEPTH},
     ],
 )
 def test_the_channel_of_depth_is_found(channels: dict[str, Any], tmp_path: Path) -> None:
@@ -83,8 +84,9 @@ def test_overscan_is_cut_off(tmp_path: Path) -> None:
 
 def test_both_windows_may_begin_anywhere(tmp_path: Path) -> None:
     same = window(5, 7, 34, 26)
-    path = write(tmp_path / "a.exr", {"Z": DEPTH}, dataWindow=same, displayWindow=same)
-    np.testing.assert_array_equal(io.read_depth(path), DEPTH)
+    for shown in (same, window(0, 0, 0, 0)):  # the second is that of programs that know none
+        path = write(tmp_path / "a.exr", {"Z": DEPTH}, dataWindow=same, displayWindow=shown)
+        np.testing.assert_array_equal(io.read_depth(path), DEPTH)
 
 
 def test_display_windows_that_are_too_large_or_empty(tmp_path: Path) -> None:

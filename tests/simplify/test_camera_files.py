@@ -476,6 +476,22 @@ def test_clouds_of_cameras_become_what_their_images_do(
     assert metrics.closest_points(one, centroids).distance.max() < 0.03
 
 
+def test_the_limit_of_edges_is_in_the_unit_of_the_clouds(tmp_path: Path) -> None:
+    faces = {}
+    for unit in (1.0, 1000.0):
+        folder = tmp_path / f"{unit}"
+        write_clouds(tmp_path / f"images{unit}", folder, np.eye(3), np.zeros(3), unit)
+        for limit in (0.0135, 10.0):
+            done = manip3d("depth", folder, "--poses", folder / "poses.txt", "--points", 500,
+                           "--max-edge", limit * unit, "-o", tmp_path / "mesh.ply", "--force",
+                           "--json")  # fmt: skip
+            assert done.returncode == 0, done.stderr
+            faces[unit, limit] = json.loads(done.stdout)["faces"]
+    assert faces[1.0, 0.0135] != faces[1.0, 10.0]  # without the wall, the box has all points
+    for limit in (0.0135, 10.0):
+        assert faces[1000.0, limit] == pytest.approx(faces[1.0, limit], abs=20)
+
+
 def test_clouds_without_a_camera_are_named(tmp_path: Path) -> None:
     v, u = np.mgrid[:40, :90]
     azimuth, height = np.deg2rad(4.0 * u), 0.1 * (v - 20)
