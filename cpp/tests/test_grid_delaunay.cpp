@@ -122,7 +122,7 @@ TEST(GridDelaunay, HasTheEdgesThatItMustHave) {
     const std::int64_t area = doubled_area(delaunay);
     if (delaunay.num_faces() == 0) continue;
     std::vector<Ends> wanted, edges;
-    for (std::uint32_t i = 0; i < 1 + round % 25; ++i) {
+    for (int i = 0; i < 1 + round % 25; ++i) {
       const auto n = static_cast<std::uint32_t>(pixels.size());
       const Ends ends = {static_cast<std::int32_t>(random() % n),
                          static_cast<std::int32_t>(random() % n)};
