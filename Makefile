@@ -171,8 +171,9 @@ fuzz: ## Run each fuzz target over its corpus, then FUZZ_RUNS times
 ASAN_SITE := $(CURDIR)/build/sanitizers/site
 # Left out: what is slow, and what mostly runs other people's code (VTK, Open3D, libE57, OpenEXR, Rust, SQLite).
 # Tests that read a process’s memory or limit it (mebibyte, special files, tests/fuzz, leaks) are not for
-# instrumented code: a limit on the address space leaves the sanitizer no shadow.
-PYTEST_ASAN ?= -q -m 'not slow and not realdata' -k 'not mebibyte and not key_in_memory and not failing_system' --ignore=tests/viewer --ignore=tests/fuzz --ignore=tests/diary --ignore=tests/reliability/test_leaks.py \
+# instrumented code: a limit on the address space leaves the sanitizer no shadow. Nor are those that
+# strace runs (failing_system, two_processes, another_process).
+PYTEST_ASAN ?= -q -m 'not slow and not realdata' -k 'not mebibyte and not key_in_memory and not failing_system and not two_processes and not another_process' --ignore=tests/viewer --ignore=tests/fuzz --ignore=tests/diary --ignore=tests/reliability/test_leaks.py \
 	$(addprefix --ignore=tests/,capture/test_capture_openni2.py cli/test_cli.py cli/test_cli_cs3.py cli/test_cli_diary.py cli/test_cli_scans.py experiments/test_experiments_chapter3.py experiments/test_experiments_chapter4.py experiments/test_experiments_runner.py io/test_interop.py io/test_special_files.py experiments/test_notebooks.py io/test_scan_extras.py io/test_exr.py)
 asan: setup ## Run both test suites under the address and undefined-behaviour sanitizers
 	.ci/install_packages.sh $(SANITIZER_PACKAGES)
