@@ -49,7 +49,7 @@ NOT_RUN = ("demo", "data get", "forge alert-set")
 EXIT_CODES = {
     "inspect scan.bin": 3,
     "inspect b.bin": 3,
-    "inspect forged": 3,
+    "inspect forged": 4,  # a camera's noise and holes tell it from a rendering
     "street.mcap": 4,
     "a3_s1_t1_depth.mat": 1,  # the joints of `write_trial` lie beside its person: no phantom
 }
@@ -495,7 +495,7 @@ def test_lines_of_readme_need_the_extra_that_they_name(
     make_sources(words, place)
     code, said = run_without_extras(words, place)
     if named is None:
-        assert code in (0, 3), said
+        assert code in (0, 3, 4), said
     else:
         assert code == 1
         assert f"pip install 'manip3d[{named[1]}]'" in said.splitlines()[-1]
