@@ -925,6 +925,23 @@ def test_off_variants(keyword: str, tail: str) -> None:
         assert mesh.face_texcoords.tolist() == [[0, 1, 2]]
 
 
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        (["1 0 0 1", "0.5 0.2 0 1", "1 1 1 1"], [[255, 0, 0], [128, 51, 0], [255, 255, 255]]),
+        (["1 0 0", "0 1 0", "0 0 1"], [[255, 0, 0], [0, 255, 0], [0, 0, 255]]),
+        (["1 0 0 255", "0 0 0 255", "2 255 3 255"], [[1, 0, 0], [0, 0, 0], [2, 255, 3]]),
+    ],
+)
+def test_off_decides_between_bytes_and_shares_for_all_vertices(
+    written: list[str], expected: list[list[int]]
+) -> None:
+    points = "".join(f"{x} {y} {z} {c}\n" for (x, y, z), c in zip(POINTS[:3], written, strict=True))
+    mesh = read_mesh_bytes(f"COFF\n3 1 0\n{points}3 0 1 2\n".encode(), "off")
+    assert mesh.colors is not None
+    assert mesh.colors.tolist() == expected
+
+
 OFF_BODY = "0 0 0\n1 0 0\n0 1 0\n"
 
 

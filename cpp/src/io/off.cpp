@@ -132,25 +132,13 @@ class OffReader {
     for (int k = 0; k < count; ++k) row[k] = cursor.number(what);
   }
 
-  // Reads a colour: integers 0 to 255 or numbers 0 to 1.
-  template <typename Number>
-  static void read_color(LineCursor& cursor, Number* color) {
-    bool whole = true;
-    for (int k = 0; k < 3; ++k) {
-      cursor.at_end();  // skips blanks
-      const char* start = cursor.position();
-      color[k] = static_cast<Number>(cursor.number("color"));
-      whole = whole && std::all_of(start, cursor.position(),
-                                   [](unsigned char c) { return std::isdigit(c) != 0; });
-    }
-    for (int k = 0; whole && k < 3; ++k) color[k] /= Number{255};
-  }
-
-  // Reads a colour with or without alpha.
+  // Reads a colour with or without alpha. Whether the numbers are 0 to 1 or 0 to 255 shows in the
+  // whole table: some programs write 1.0 as "1".
   void read_vertex_color(LineCursor& cursor) {
     const std::int64_t vertex = builder_.vertices.size() - 1;
     builder_.colors.fill(vertex, std::numeric_limits<float>::quiet_NaN(), input_);
-    read_color(cursor, builder_.colors.append(input_));
+    float* color = builder_.colors.append(input_);
+    for (int k = 0; k < 3; ++k) color[k] = static_cast<float>(cursor.number("color"));
     // Skips the alpha value, unless the rest are the normal and the two texture coordinates.
     const int rest = (header_.has_colors_first ? 3 : 0) + (header_.has_texcoords ? 2 : 0);
     if (words_left(cursor) == rest + 1) cursor.number("color");
@@ -180,8 +168,8 @@ class OffReader {
     if (!cursor.at_end()) read_face_color(cursor);
   }
 
-  // Reads a colour of three or four numbers. A single number is an index into a colour map that is
-  // not in the file.
+  // Reads a colour of three or four numbers, integers 0 to 255 or numbers 0 to 1. A single number is
+  // an index into a colour map that is not in the file.
   void read_face_color(LineCursor& cursor) {
     const int count = words_left(cursor);
     if (count != 3 && count != 4) {
@@ -191,7 +179,15 @@ class OffReader {
       return;
     }
     std::array<double, 3> color;
-    read_color(cursor, color.data());
+    bool whole = true;
+    for (double& channel : color) {
+      cursor.at_end();  // skips blanks
+      const char* start = cursor.position();
+      channel = cursor.number("color");
+      whole = whole && std::all_of(start, cursor.position(),
+                                   [](unsigned char c) { return std::isdigit(c) != 0; });
+    }
+    for (double& channel : color) channel /= whole ? 255.0 : 1.0;
     builder_.color_last_polygon(packed_color(color.data()));
   }
 
