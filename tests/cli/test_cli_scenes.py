@@ -164,3 +164,21 @@ def test_what_is_wrong_with_a_file_is_told_once(
     run = manip3d(*verb, chair, "-o", tmp_path / "out.glb")
     assert run.returncode == 1
     assert run.stderr.count("got version 1.0") == 1
+
+
+@pytest.mark.parametrize("command", ["simplify", "lod"])
+def test_the_vertices_that_locks_hold_in_a_scene_are_counted(tmp_path: Path, command: str) -> None:
+    """Two sheets of 12 x 12 squares that meet: their common side is no boundary."""
+    Mesh(*grid(12, 12)).write(tmp_path / "sheets.gltf")
+    document = json.loads((tmp_path / "sheets.gltf").read_text())
+    document["meshes"] *= 2
+    document["nodes"] = [{"mesh": 0}, {"mesh": 1, "translation": [12, 0, 0]}]
+    document["scenes"] = [{"nodes": [0, 1]}]
+    (tmp_path / "sheets.gltf").write_text(json.dumps(document))
+    more = ("--ratio", "0.5") if command == "simplify" else ("--levels", "2")
+    box = ("--lock-box", "0", "0", "0", "1", "1", "1")
+    order = (command, tmp_path / "sheets.gltf", "-o", tmp_path / "out.glb", *more)
+    run = manip3d(*order, "--lock-boundary", *box)
+    assert run.returncode == 0, run.stderr
+    assert "--lock-box holds 4 vertices\n" in run.stderr
+    assert "--lock-boundary holds 72 vertices\n" in run.stderr

@@ -113,14 +113,13 @@ def lod(
     opened = open_scene_or_mesh(source, output, shell)
     chain: simplify.SceneLods | simplify.LodChain
     if isinstance(opened, Scene):
-        locked = scene_locks(opened, lock_box, shell)
+        locked = scene_locks(opened, lock_box, lock_boundary, shell)
         with shell.progress("lod") as progress, naming_options("ratio"):
             chain = simplify.scene_lods(
                 opened,
                 levels,
                 ratio=ratio,
                 method=chosen,
-                lock_boundary=lock_boundary,
                 cleaned=not no_clean,
                 options=options,
                 progress=progress,

@@ -249,13 +249,12 @@ def _simplify_scene(
     record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
     record |= {"faces_before": scene.num_faces, "faces_cleaned": scene.num_faces}
     target = order.target(scene.num_faces)
-    locked = scene_locks(scene, order.lock_box, terminal)
+    locked = scene_locks(scene, order.lock_box, order.lock_boundary, terminal)
     started = time.perf_counter()
     done = simplify.simplify_scene(
         scene,
         order.method,
         target_faces=target,
-        lock_boundary=order.lock_boundary,
         importance=_importance(order),
         memory=order.memory,
         cleaned=order.clean,
@@ -383,20 +382,28 @@ def locks(mesh: Mesh, box: Box | None, boundary: bool, terminal: Terminal) -> di
     if boundary:
         held["--lock-boundary"] = simplify.boundary_vertices(mesh)
     for name, vertices in held.items():
-        terminal.say(f"{name} holds {counted(int(vertices.sum()), 'vertex', 'vertices')}")
+        _tell_lock(name, int(vertices.sum()), terminal)
     return {"locked": np.any(list(held.values()), axis=0)} if held else {}
 
 
-def scene_locks(scene: Scene, box: Box | None, terminal: Terminal) -> dict[str, Any]:
-    """Return the argument ``lock_box`` for a scene, or nothing without a box."""
-    from manip3d.simplify._scene import vertices_in_box
+def scene_locks(
+    scene: Scene, box: Box | None, boundary: bool, terminal: Terminal
+) -> dict[str, Any]:
+    """Return the arguments ``lock_box`` and ``lock_boundary`` for a scene."""
+    from manip3d.simplify._scene import num_boundary_vertices, vertices_in_box
 
-    if box is None:
-        return {}
-    corners = np.reshape(box, (2, 3))
-    count = sum(int(held.sum()) for held in vertices_in_box(scene, corners).values())
-    terminal.say(f"--lock-box holds {counted(count, 'vertex', 'vertices')}")
-    return {"lock_box": corners}
+    given: dict[str, Any] = {"lock_boundary": boundary}
+    if box is not None:
+        given["lock_box"] = np.reshape(box, (2, 3))
+        held = vertices_in_box(scene, given["lock_box"])
+        _tell_lock("--lock-box", sum(int(own.sum()) for own in held.values()), terminal)
+    if boundary:
+        _tell_lock("--lock-boundary", num_boundary_vertices(scene), terminal)
+    return given
+
+
+def _tell_lock(option: str, num_vertices: int, terminal: Terminal) -> None:
+    terminal.say(f"{option} holds {counted(num_vertices, 'vertex', 'vertices')}")
 
 
 class Mode(StrEnum):

@@ -273,6 +273,16 @@ def _groups(scene: Scene, sways: bool) -> tuple[_Placed | None, list[_Placed]]:
     return (_Placed(scene, seen, sways=sways) if seen else None), aside
 
 
+def num_boundary_vertices(scene: Scene) -> int:
+    """Return how many vertices ``lock_boundary`` holds in the meshes that may be simplified.
+
+    Where two meshes meet there is no boundary. Vertices of a mesh count once for all its instances.
+    """
+    seen, aside = _groups(scene, sways=False)
+    groups = aside if seen is None else [seen, *aside]
+    return sum(int(boundary_vertices(placed.mesh).sum()) for placed in groups)
+
+
 def _with_surface(scene: Scene, groups: Sequence[_Placed]) -> tuple[list[_Placed], Scene]:
     """Return the groups that have a surface, and the scene without the faces of the others."""
     free: list[_Placed] = []
