@@ -724,6 +724,106 @@ def test_ply_corner_texcoords_and_textures_as_meshlab_writes_them(encoding: str)
     assert paths == ["a.png", "b c.png"]
 
 
+ARTEC = (
+    "element face 2\nproperty list uchar int vertex_indices\n"
+    "element multi_texture_vertex 6\nproperty uchar tx\nproperty float u\nproperty float v\n"
+    "element multi_texture_face 2\nproperty uchar tx\nproperty uint tn\n"
+    "property list uchar int texture_vertex_indices\nend_header\n"
+)
+ARTEC_FACES = "3 0 1 2\n3 0 2 3\n"
+ARTEC_TEXCOORDS = "0 0 0\n0 1 0\n0 1 1\n1 0 0\n1 1 1\n1 0 0.5\n"
+ARTEC_TEXTURES = "0 0 3 0 1 2\n1 0 3 3 4 5\n"
+ARTEC_VERTICES = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+
+
+def artec(
+    tmp_path: Path, header: str, body: str, comments: str = "comment TextureFile a.png\n"
+) -> io.ReadReport:
+    text = "ply\nformat ascii 1.0\n" + comments + "element vertex 4\n" + XYZ + header + body
+    (tmp_path / "artec.ply").write_text(text)
+    return io.read_report(tmp_path / "artec.ply")
+
+
+def test_ply_textures_of_faces_in_elements_of_their_own(tmp_path: Path) -> None:
+    """Artec's files: the faces of multi_texture_face are those of the element face."""
+    body = ARTEC_VERTICES + ARTEC_FACES + ARTEC_TEXCOORDS + ARTEC_TEXTURES
+    two = "comment TextureFile a.png\ncomment TextureFile b.png\n"
+    seen = artec(tmp_path, ARTEC, body, two)
+    mesh = seen.mesh
+    assert mesh.texcoords is not None
+    assert mesh.texcoords.tolist() == [[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 0.5]]
+    assert mesh.face_texcoords is not None
+    assert mesh.face_texcoords.tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert mesh.face_material is not None
+    assert mesh.face_material.tolist() == [0, 1]
+    assert [m.textures["base_color"].path for m in mesh.materials] == ["a.png", "b.png"]
+    assert seen.warnings == ("properties of element multi_texture_face are left out: tn",)
+    one = artec(tmp_path, ARTEC, body.replace("\n1 0 3", "\n0 0 3"), "").mesh
+    assert one.face_texcoords is not None
+    assert (one.face_texcoords.tolist(), one.materials) == ([[0, 1, 2], [3, 4, 5]], ())
+
+
+@pytest.mark.parametrize(
+    ("header", "body", "reason"),
+    [
+        (
+            ARTEC,
+            ARTEC_VERTICES + ARTEC_FACES + ARTEC_TEXCOORDS + ARTEC_TEXTURES.replace("3 0 1 2", "0"),
+            "expected a triangle for each face, and only triangles",
+        ),
+        (
+            ARTEC.replace("face 2", "face 1", 1),
+            ARTEC_VERTICES + "4 0 1 2 3\n" + ARTEC_TEXCOORDS + ARTEC_TEXTURES,
+            "expected a triangle for each face, and only triangles",
+        ),
+        (
+            ARTEC,
+            ARTEC_VERTICES + ARTEC_FACES + ARTEC_TEXCOORDS + ARTEC_TEXTURES.replace("5", "6"),
+            "it refers to texture coordinates that are not there",
+        ),
+        (
+            "property float s\nproperty float t\n" + ARTEC,
+            ARTEC_VERTICES.replace("0\n", "0 0 0\n")
+            + ARTEC_FACES
+            + ARTEC_TEXCOORDS
+            + ARTEC_TEXTURES,
+            "there are other texture coordinates",
+        ),
+    ],
+)
+def test_ply_textures_of_faces_that_do_not_fit_are_named(
+    tmp_path: Path, header: str, body: str, reason: str
+) -> None:
+    seen = artec(tmp_path, header, body)
+    assert f"multi_texture_face is left out: {reason}" in seen.warnings
+    assert seen.mesh.num_faces == 2
+    has_own = header.startswith("property float s")
+    assert (seen.mesh.texcoords is not None) == has_own
+
+
+def test_ply_textures_that_no_face_names_are_named(tmp_path: Path) -> None:
+    """All faces have the first of several textures, as in MeshLab."""
+    header = (
+        "element face 2\nproperty list uchar int vertex_indices\n"
+        "property list uchar float texcoord\n{}end_header\n"
+    )
+    two = "comment TextureFile a.png\ncomment TextureFile b.png\n"
+    body = ARTEC_VERTICES + "3 0 1 2 6 0 0 1 0 1 1{}\n3 0 2 3 6 0 0 1 1 0 1{}\n"
+    seen = artec(tmp_path, header.format(""), body.format("", ""), two)
+    assert seen.warnings == (
+        "the file names 2 textures, but not those of its faces: all faces have the first",
+    )
+    assert seen.mesh.face_material is not None
+    assert seen.mesh.face_material.tolist() == [0, 0]
+    header = header.format("property int texnumber\n")
+    seen = artec(tmp_path, header, body.format(" 0", " 2"), two)
+    assert seen.warnings == (
+        "faces refer to texture 2, the file names 2: faces of missing ones have none",
+    )
+    assert [bool(m.textures) for m in seen.mesh.materials] == [True, True, False]
+    assert artec(tmp_path, header, body.format(" 0", " 1"), two).warnings == ()
+
+
 def test_ply_material_index_and_names() -> None:
     header = "comment material 0 steel\ncomment material 2 glass pane\nelement vertex 4\n" + XYZ
     header += (

@@ -75,6 +75,15 @@ void MeshBuilder::add_polygon(std::span<const Corner> corners, std::int32_t mate
   ++num_polygons_;
 }
 
+void MeshBuilder::set_texture(std::int64_t face, const std::int32_t* texcoords_of_corners,
+                              std::int32_t material) {
+  face_texcoords_.fill(face + 1, kNone, input_);
+  std::copy_n(texcoords_of_corners, 3, face_texcoords_.row(face));
+  if (material == kNone) return;
+  face_material_.fill(face + 1, kNone, input_);
+  *face_material_.row(face) = material;
+}
+
 void MeshBuilder::color_faces(std::int64_t begin, std::int64_t end, std::int32_t rgb) {
   face_colors_.fill(begin, kNone, input_);
   face_colors_.fill(end, rgb, input_);

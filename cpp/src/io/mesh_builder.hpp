@@ -94,6 +94,11 @@ class MeshBuilder {
   void add_polygon(std::span<const Corner> corners, std::int32_t material,
                    const FormatError::Position& position);
 
+  /// Sets texture coordinates, which must exist, and the material of a face that is not part of a
+  /// larger polygon. Called for each face in turn.
+  void set_texture(std::int64_t face, const std::int32_t* texcoords_of_corners,
+                   std::int32_t material);
+
   /// Gives the faces of the last polygon a colour, 0xRRGGBB in sRGB.
   ///
   /// A few colours become materials, so that borders stay sharp; if there are more, each vertex

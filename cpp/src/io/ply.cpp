@@ -208,8 +208,8 @@ class MaterialTable {
   void note_color(std::int32_t material, std::int32_t rgb) { color_of_.try_emplace(material, rgb); }
 
   // Sets the materials of the mesh: those that the header names, and those that its faces refer to.
-  void make(TriangleMesh& mesh) const {
-    if (!has_index && !header_.texture_files.empty()) make_of_textures(mesh);
+  void make(TriangleMesh& mesh, std::vector<std::string>& warnings) const {
+    if (!has_index && !header_.texture_files.empty()) make_of_textures(mesh, warnings);
     const std::int32_t largest =
         mesh.face_material.rows() > 0 ? mesh.face_material.maxCoeff() : MeshBuilder::kNone;
     const std::int64_t named =
@@ -223,13 +223,23 @@ class MaterialTable {
   }
 
  private:
-  void make_of_textures(TriangleMesh& mesh) const {
+  void make_of_textures(TriangleMesh& mesh, std::vector<std::string>& warnings) const {
     for (const std::string& file : header_.texture_files) {
       mesh.materials.emplace_back().name = file;
       mesh.materials.back().textures["base_color"].path = file;
     }
-    // Without texnumber, the texture applies to all faces.
-    if (mesh.face_material.rows() == 0) mesh.face_material.setZero(mesh.faces.rows());
+    const std::string count = std::to_string(header_.texture_files.size());
+    if (mesh.face_material.rows() == 0) {
+      // Without texnumber, the texture applies to all faces.
+      mesh.face_material.setZero(mesh.faces.rows());
+      if (header_.texture_files.size() == 1) return;
+      warn(warnings, "the file names " + count +
+                         " textures, but not those of its faces: all faces have the first");
+    } else if (const auto last = mesh.face_material.maxCoeff();
+               last >= std::ssize(header_.texture_files)) {
+      warn(warnings, "faces refer to texture " + std::to_string(last) + ", the file names " +
+                         count + ": faces of missing ones have none");
+    }
   }
 
   [[nodiscard]] Material numbered(std::int64_t i) const {
@@ -269,13 +279,15 @@ class PlyReader {
       if (e.count > 0) warn_of_properties(e);
       has_faces_ = has_faces_ || ((e.name == "face" || e.name == "tristrips") && e.count > 0);
     }
+    note_textures();
   }
 
   ReadResult read_mesh() {
     read_elements();
     if (!has_faces_) grid_to_faces();
+    if (has_textures_) set_textures();
     builder_.finish(result_);
-    materials_.make(result_.mesh);
+    materials_.make(result_.mesh, result_.warnings);
     return std::move(result_);
   }
 
@@ -299,6 +311,22 @@ class PlyReader {
     has_colors_ = has_color(e);
     has_vertex_texcoords_ = e.has(kS) && e.has(kT);
     color_scale_ = color_scale(e);
+  }
+
+  // Are there elements with the texture coordinates of faces, and no other texture coordinates?
+  void note_textures() {
+    bool has_others = has_vertex_texcoords_, has_vertices = false, has_faces = false;
+    for (const Element& e : header_.elements) {
+      has_others = has_others || (e.name == "face" && e.has(kTexcoord));
+      has_vertices = has_vertices || (e.name == kTextureVertices && e.has(kS) && e.has(kT));
+      has_faces = has_faces || (e.name == kTextureFaces && e.has(kIndices) && e.count > 0);
+    }
+    has_textures_ = has_vertices && has_faces && !has_others;
+    if (has_faces && !has_textures_) warn_of_textures("there are other texture coordinates");
+  }
+
+  void warn_of_textures(const std::string& why) {
+    warn(result_.warnings, std::string(kTextureFaces) + " is left out: " + why);
   }
 
   static bool has_color(const Element& e) { return e.has(kRed) && e.has(kGreen) && e.has(kBlue); }
@@ -351,6 +379,10 @@ class PlyReader {
         read_strips(e, row);
       } else if (e.name == "range_grid") {
         read_range_grid(e, row, sure);
+      } else if (has_textures_ && e.name == kTextureVertices) {
+        read_texture_vertices(e, row, sure);
+      } else if (has_textures_ && e.name == kTextureFaces) {
+        read_texture_faces(e, row, sure);
       } else {
         ++result_.num_skipped;
         for (std::int64_t i = 0; i < e.count; ++i) row.read(e);
@@ -395,6 +427,54 @@ class PlyReader {
       }
     }
     if (has_colors_ && color_scale_ == kScaleOf16Bits) finish_16_bit_colors();
+  }
+
+  void read_texture_vertices(const Element& e, RowReader& row, std::int64_t sure) {
+    builder_.texcoords.reserve(sure);
+    for (std::int64_t i = 0; i < e.count; ++i) {
+      row.read(e);
+      double* texcoord = builder_.texcoords.append(input_);
+      texcoord[0] = row.scalars[kS];
+      texcoord[1] = row.scalars[kT];
+      builder_.may_have_nan |= !std::isfinite(texcoord[0] + texcoord[1]);
+    }
+  }
+
+  void read_texture_faces(const Element& e, RowReader& row, std::int64_t sure) {
+    texture_faces_.reserve(sure);
+    for (std::int64_t i = 0; i < e.count; ++i) {
+      row.read(e);
+      std::int32_t* face = texture_faces_.append(input_);
+      std::fill_n(face, 4, MeshBuilder::kNone);  // a face of another size
+      if (row.indices.size() != 3) continue;
+      for (std::size_t c = 0; c < 3; ++c) face[c] = row.index(row.indices[c], "texture vertex");
+      face[3] = e.has(kTexnumber) ? number(row, kTexnumber) : 0;
+    }
+  }
+
+  // Gives faces the textures of read_texture_faces(). They have those of the same rows; therefore,
+  // all must be triangles.
+  void set_textures() {
+    bool are_triangles = builder_.num_faces() == builder_.num_polygons() &&
+                         builder_.num_faces() == texture_faces_.size();
+    bool exist = true, has_several = false;
+    for (std::int64_t i = 0; i < texture_faces_.size(); ++i) {
+      const std::int32_t* face = texture_faces_.row(i);
+      are_triangles = are_triangles && face[0] != MeshBuilder::kNone;
+      exist = exist && std::max({face[0], face[1], face[2]}) < builder_.texcoords.size();
+      has_several = has_several || face[3] > 0;
+    }
+    if (!are_triangles || !exist) {
+      builder_.texcoords.take();
+      return warn_of_textures(exist ? "expected a triangle for each face, and only triangles"
+                                    : "it refers to texture coordinates that are not there");
+    }
+    const bool has_names = has_several || !header_.texture_files.empty();
+    for (std::int64_t i = 0; i < texture_faces_.size(); ++i) {
+      const std::int32_t* face = texture_faces_.row(i);
+      const bool is_material = has_names && !materials_.has_index;
+      builder_.set_texture(i, face, is_material ? face[3] : MeshBuilder::kNone);
+    }
   }
 
   /// Some programs write values of 8 bits as numbers of 16 bits. A mesh that uses the whole range
@@ -595,7 +675,7 @@ class PlyReader {
   MaterialTable materials_;
   ReadResult result_;
   bool has_normals_ = false, has_colors_ = false, has_vertex_texcoords_ = false;
-  bool has_faces_ = false, has_grid_ = false;
+  bool has_faces_ = false, has_grid_ = false, has_textures_ = false;
   bool warned_of_alpha_ = false;
   float color_scale_ = 1.0F;
   float largest_color_ = 0.0F;    // of vertices, scaled
@@ -603,6 +683,7 @@ class PlyReader {
   std::vector<Corner> corners_;
   UniqueRows<Texcoords> texcoords_{builder_.texcoords};  ///< Texture coordinates of corners.
   GrowingTable<Indices> grid_;
+  GrowingTable<Rows<std::int32_t, 4>> texture_faces_;  ///< Texture coordinates and texture.
 };
 
 }  // namespace

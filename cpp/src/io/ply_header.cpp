@@ -62,6 +62,14 @@ constexpr RoleName kFaceRoles[] = {{"vertex_indices", kIndices},
                                    {"blue", kBlue},
                                    {"alpha", kAlpha}};
 
+// Textures of Artec's and other scanners' files: as many faces as in the element face, whose corners
+// refer to rows of texture coordinates.
+constexpr RoleName kTextureVertexRoles[] = {
+    {"u", kS}, {"v", kT}, {"s", kS}, {"t", kT}, {"tx", kTexnumber}};
+constexpr RoleName kTextureFaceRoles[] = {{"texture_vertex_indices", kIndices},
+                                          {"texture_vertex_index", kIndices},
+                                          {"tx", kTexnumber}};
+
 constexpr std::string_view kEncodedMaterial = "material_utf8";
 
 bool is_printable_ascii(char c) { return c >= ' ' && c <= '~'; }
@@ -224,6 +232,8 @@ class HeaderReader {
     if (e.name == "face" || e.name == "range_grid" || e.name == "tristrips") {
       return find(kFaceRoles);
     }
+    if (e.name == kTextureVertices) return find(kTextureVertexRoles);
+    if (e.name == kTextureFaces) return find(kTextureFaceRoles);
     return kSkip;
   }
 

@@ -20,6 +20,10 @@ constexpr std::int64_t kTypeSizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
 
 constexpr std::int64_t size_of(Type type) { return kTypeSizes[static_cast<int>(type)]; }
 
+/// Elements with the texture coordinates of faces, and which of them each face has.
+constexpr const char* kTextureVertices = "multi_texture_vertex";
+constexpr const char* kTextureFaces = "multi_texture_face";
+
 // The meaning of a property for manip3d; all others are skipped.
 enum Role : std::uint8_t {
   kX,
