@@ -57,7 +57,7 @@ class _Items(NamedTuple):
 _BYTES = {
     "fast": _Items(
         face=125, face_in_pieces=215, vertex=12, excess_vertex=300, textured_face=20, texcoord=45,
-        face_with_normals=25, normal=10, colored_vertex=50,
+        face_with_normals=25, normal=10, colored_vertex=75,
         face_with_color_seams=290,
     ),
     "quality": _Items(
@@ -66,7 +66,7 @@ _BYTES = {
         face_with_color_seams=0,
     ),
 }  # fmt: skip
-_BYTES_LEFT = {"fast": 60, "quality": 210}  # additional bytes for each face of the result
+_BYTES_LEFT = {"fast": 80, "quality": 210}  # additional bytes for each face of the result
 _MARGIN = 1.1
 _CONSTANT = 16 << 20
 
