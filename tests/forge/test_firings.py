@@ -120,10 +120,9 @@ def test_removed_object_gives_way_to_what_stands_beside_it() -> None:
     assert np.median(off) < 0.1
 
 
-def test_empty_box_changes_nothing() -> None:
-    forged = forge.lattice_remove(FRAME, Box((0, 0, 50), (1, 1, 1)), lattice=LATTICE)
-    assert forged.num_touched == 0
-    np.testing.assert_array_equal(forged.points, STREET)
+def test_an_empty_box_is_refused() -> None:
+    with pytest.raises(InputError, match="box: expected scene points on the lattice in it, got"):
+        forge.lattice_remove(FRAME, Box((0, 0, 50), (1, 1, 1)), lattice=LATTICE)
 
 
 def test_other_orders_are_kept() -> None:
@@ -180,11 +179,15 @@ def test_commands_write_the_truth_of_their_bytes(attack: str, tmp_path: Path) ->
     assert changed.any(axis=1).all()
 
 
-def test_a_box_around_everything_leaves_the_scan_as_it_is() -> None:
+def test_a_box_with_nothing_beside_it_is_refused() -> None:
     everything = Box((0.0, 0.0, 0.0), (500.0, 500.0, 100.0))
-    forged = forge.lattice_remove(FRAME, everything, lattice=LATTICE)
-    assert not len(forged.moved)
-    assert forged.points.tobytes() == STREET.tobytes()
+    with pytest.raises(InputError, match="box: .* no point would change"):
+        forge.lattice_remove(FRAME, everything, lattice=LATTICE)
+    reading = LATTICE.read(STREET)
+    low = STREET[reading.ring == reading.ring.max()]  # the only laser that is left sees no side
+    center, size = (low.min(axis=0) + low.max(axis=0)) / 2, np.ptp(low, axis=0) + 0.1
+    with pytest.raises(InputError, match="box: .* no point would change"):
+        forge.lattice_remove(low, Box(center, size), lattice=LATTICE)
 
 
 def test_the_noise_of_ranges_is_that_of_single_shots() -> None:

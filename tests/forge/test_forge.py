@@ -620,23 +620,45 @@ def test_bad_arguments(call: Callable[[Points], object], message: str) -> None:
         call(room())
 
 
+AWAY = Box((40.0, 0.0, 90.0), (1.0, 1.0, 1.0))
+
+
 @pytest.mark.parametrize(
-    "attack",
+    ("attack", "message"),
     [
-        lambda s: forge.rotation(s, BOX, angle=0.0),
-        lambda s: forge.translation(s, BOX, distance=0.0),
-        lambda s: forge.deform(s, BOX, amplitude=0.0),
-        lambda s: forge.deform(s, BOX, amplitude=0.0, direction="normal"),
-        lambda s: forge.deform(s, BOX, amplitude=1e-30, rng=1),
+        (lambda s: forge.rotation(s, BOX, angle=0.0), "angle: .* no point would"),
+        (lambda s: forge.translation(s, BOX, distance=0.0), "distance: .* no point would"),
+        (lambda s: forge.deform(s, BOX, amplitude=0.0), "amplitude: .* no point would"),
+        (
+            lambda s: forge.deform(s, BOX, amplitude=0.0, direction="normal"),
+            "amplitude: .* no point would",
+        ),
+        (lambda s: forge.deform(s, BOX, amplitude=1e-30, rng=1), "amplitude: .* no point would"),
+        (lambda s: forge.subtract(s, AWAY), "box: expected scene points in it, got none"),
+        (lambda s: forge.subtract(s, rows=[]), "rows: expected rows to remove, got none"),
+        (lambda s: forge.subtractive(s, AWAY), "box: expected scene points in it"),
+        (
+            lambda s: forge.additive_subtractive(s, s[:9], AWAY, allow_collision=True),
+            "box: expected scene points in it",
+        ),
+        (
+            lambda s: forge.replacement(s, s[:9], AWAY, allow_collision=True),
+            "box: expected scene points in it",
+        ),
+        (lambda s: forge.translation(s, AWAY), "box: expected scene points in it"),
+        (lambda s: forge.rotation(s, AWAY), "box: expected scene points in it"),
+        (lambda s: forge.deform(s, AWAY, amplitude=0.1), "box: expected scene points in it"),
+        (
+            lambda s: forge.insert_occluding(s, grid_plate(), position=(400, 0, 0)),
+            "position: .* no point would change",
+        ),
     ],
 )
-def test_what_stays_where_it_was_is_not_touched(
-    attack: Callable[[Points], forge.Forgery],
+def test_an_attack_that_changes_no_point_is_refused(
+    attack: Callable[[Points], forge.Forgery], message: str
 ) -> None:
-    scan = room()
-    forged = attack(scan)
-    assert forged.points.tobytes() == scan.tobytes()
-    assert forged.num_touched == 0
+    with pytest.raises(InputError, match=message):
+        attack(room())
 
 
 def test_points_on_the_lattice_stay_in_the_truth_of_a_snapped_forgery() -> None:

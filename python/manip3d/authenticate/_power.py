@@ -231,7 +231,11 @@ def _overwritten(
     from manip3d import forge
 
     box = _box_of(cloud[:, :3], rows)
-    return _cloud_of(forge.lattice_remove(cloud, box, lattice=lattice, rng=rng))
+    try:
+        forged = forge.lattice_remove(cloud, box, lattice=lattice, rng=rng)
+    except InputError:
+        return cloud  # no laser sees both sides of the object
+    return _cloud_of(forged)
 
 
 def _duplicated(

@@ -97,11 +97,10 @@ def forge_scan(
     frame = manip3d.io.read_scan(source)
     terminal.say(f"read {source}: {counted(frame.num_points, 'point')}")
     with naming_options(
-        "amplitude", "box", "distance", "hoax", "lattice", "position", "range-noise", "scale"
-    ):
+        "amplitude", "box", "distance", "hoax", "lattice", "position", "range-noise", "scale",
+        angle="yaw",
+    ):  # fmt: skip
         forged = ATTACKS[attack].forge(frame, order)
-    if not forged.num_touched:
-        raise InputError(f"{attack}: expected a change of {source}, but no point would change")
     record = truth_of(forged) | {"source": source, "output": str(output)}
     with atomic_pair(output, truth) as (scan, told):
         forged.write(scan)

@@ -20,7 +20,14 @@ from manip3d._util.linear import product
 from manip3d._util.options import threads_of
 from manip3d.errors import InputError
 from manip3d.forge._objects import nearest_object
-from manip3d.forge._truth import Forgery, box_arguments, renamed, to_forgery
+from manip3d.forge._truth import (
+    Forgery,
+    box_arguments,
+    check_chosen,
+    check_moved,
+    renamed,
+    to_forgery,
+)
 from manip3d.lidar import Box, LidarFrame, Scan, ScanLike, origin_of, to_scan
 
 if TYPE_CHECKING:
@@ -106,7 +113,7 @@ def subtractive(
     Raises
     ------
     InputError
-        No ``box`` is given and no object is found.
+        No ``box`` is given and no object is found, or no point of the scan is in the box.
 
     Examples
     --------
@@ -123,7 +130,9 @@ def subtractive(
     parts = _core.subtract(
         scene.points, scene.intensity, box_arguments(target), threads_of(threads)
     )
-    return to_forgery(parts, scene, "subtractive", {"box": target})
+    forgery = to_forgery(parts, scene, "subtractive", {"box": target})
+    check_chosen(forgery.removed)
+    return forgery
 
 
 @checked
@@ -164,7 +173,8 @@ def additive_subtractive(
     Raises
     ------
     InputError
-        As `additive`; no ``box`` is given and no object is found.
+        As `additive`; no ``box`` is given and no object is found, or no point of the scan is in the
+        box.
 
     Examples
     --------
@@ -180,6 +190,7 @@ def additive_subtractive(
     scene, target = _target(scan, box, origin)
     added = _shifted(to_scan(object_points), offset)
     gone = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
+    check_chosen(gone)
     if not allow_collision:
         _check_free(scene, added.points, threads, leaving=gone)
     return _edited("additive_subtractive", scene, gone, added, threads)
@@ -238,8 +249,7 @@ def replacement(
     """
     scene, target = _target(scan, box, origin)
     gone = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
-    if not len(gone):
-        raise InputError("box: expected scene points in it, got none")
+    check_chosen(gone)
     pasted = to_scan(object_points)
     if not len(pasted.points):
         raise InputError("object_points: expected points, got none")
@@ -287,8 +297,9 @@ def translation(
     Raises
     ------
     InputError
-        No object is found; the centre of the box is straight above or below the scanner, so that
-        the direction is undefined; the object would collide with scene points.
+        No object is found, no point of the scan is in the box, or no point would change, as with a
+        ``distance`` of 0; the centre of the box is straight above or below the scanner, so that the
+        direction is undefined; the object would collide with scene points.
 
     Examples
     --------
@@ -307,7 +318,9 @@ def translation(
     transform[:2, 3] = distance * away
     if not allow_collision:
         _check_destination(scene, target, transform, "distance", threads)
-    return _moved("translation", scene, target, transform, threads, {"distance": distance})
+    forgery = _moved("translation", scene, target, transform, threads, {"distance": distance})
+    check_moved(forgery, target, scene, threads, "distance")
+    return forgery
 
 
 @checked
@@ -351,8 +364,8 @@ def rotation(
     Raises
     ------
     InputError
-        No object is found, no point of the scan is in the box, or the object would collide with
-        scene points.
+        No object is found, no point of the scan is in the box, or no point would change, as with an
+        ``angle`` of 0; the object would collide with scene points.
 
     Examples
     --------
@@ -367,8 +380,7 @@ def rotation(
     """
     scene, target = _target(scan, box, origin)
     inside = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
-    if not len(inside):
-        raise InputError("box: expected scene points in it, got none")
+    check_chosen(inside)
     center = scene.points[inside].mean(axis=0, dtype=np.float64)
     away = _away(target, origin_of(origin, scene))
     transform = np.eye(4)
@@ -377,9 +389,11 @@ def rotation(
     transform[:2, 3] += sideways * np.array([-away[1], away[0]])
     if not allow_collision:
         _check_destination(scene, target, transform, "angle, sideways", threads, yaw=angle)
-    return _moved(
+    forgery = _moved(
         "rotation", scene, target, transform, threads, {"angle": angle, "sideways": sideways}
     )
+    check_moved(forgery, target, scene, threads, "angle")
+    return forgery
 
 
 ALERT_ATTACKS: Mapping[str, Callable[..., Forgery]] = MappingProxyType(

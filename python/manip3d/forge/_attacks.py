@@ -19,6 +19,8 @@ from manip3d.forge._truth import (
     Lattice,
     ObjectLike,
     box_arguments,
+    check_chosen,
+    check_moved,
     rotation_matrix,
     to_forgery,
     to_hoax,
@@ -275,7 +277,7 @@ def subtract(
     ------
     InputError
         Neither or both of ``box`` and ``rows`` are given; a row is out of range; a box is not
-        finite.
+        finite; no point of the scan is in the box, or there are no ``rows``.
 
     Examples
     --------
@@ -295,8 +297,12 @@ def subtract(
         parts = _core.subtract(
             scene.points, scene.intensity, box_arguments(box), threads_of(threads)
         )
-        return to_forgery(parts, scene, "subtract", {"box": box})
+        forgery = to_forgery(parts, scene, "subtract", {"box": box})
+        check_chosen(forgery.removed)
+        return forgery
     gone = index_rows(rows if rows is not None else (), None, "rows")
+    if not len(gone):
+        raise InputError("rows: expected rows to remove, got none")
     nothing = np.empty((0, 3), np.float32)
     parts = _core.replace_rows(
         scene.points, scene.intensity, gone, nothing, np.empty(0, np.float32), threads_of(threads)
@@ -343,7 +349,8 @@ def deform(
     Raises
     ------
     InputError
-        ``direction`` is unknown, or a number is not finite, also of a displaced point.
+        ``direction`` is unknown, or a number is not finite, also of a displaced point; no point of
+        the scan is in the box, or no point would change, as with an ``amplitude`` of 0.
 
     Examples
     --------
@@ -368,9 +375,11 @@ def deform(
         seed_of(rng),
         threads_of(threads),
     )
-    return to_forgery(
+    forgery = to_forgery(
         parts, scene, "deform", {"box": box, "amplitude": amplitude, "direction": direction}
     )
+    check_moved(forgery, box, scene, threads, "amplitude")
+    return forgery
 
 
 @checked
@@ -415,7 +424,8 @@ def insert_occluding(
     Raises
     ------
     InputError
-        As `ctp`; the object surrounds the scanner.
+        As `ctp`; the object surrounds the scanner; no ray meets the object before its own point, so
+        that no point would change.
 
     Examples
     --------
@@ -444,12 +454,18 @@ def insert_occluding(
         seed_of(rng),
         threads_of(threads),
     )
-    return to_forgery(
+    forgery = to_forgery(
         parts,
         scene,
         "insert_occluding",
         {"position": tuple(where.tolist()), "scale": scale, "range_noise": range_noise},
     )
+    if not forgery.num_touched:
+        raise InputError(
+            "position: expected a place before scan points, but no ray meets the object there, so "
+            "that no point would change"
+        )
+    return forgery
 
 
 @checked

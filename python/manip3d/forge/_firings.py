@@ -246,7 +246,8 @@ def lattice_remove(
     Raises
     ------
     InputError
-        A shape is wrong, or the lattice has no encoder.
+        A shape is wrong, the lattice has no encoder, no point of the scan on the lattice is in the
+        box, or no point would change: no laser has a return on both sides of the object.
 
     Examples
     --------
@@ -270,8 +271,10 @@ def lattice_remove(
     is_read = reading.count >= 0
     inside = box.contains(scene.points) & is_read
     rows, beside = np.flatnonzero(inside), np.flatnonzero(is_read & ~inside)
-    if not len(rows) or not len(beside):
-        return _rewritten("lattice remove", scene, lattice, rows[:0], _NO_FIRINGS, None, {})
+    if not len(rows):
+        raise InputError("box: expected scene points on the lattice in it, got none")
+    if not len(beside):
+        raise InputError(_NOTHING_BESIDE)
     # Counts begin opposite to the object, so that they do not wrap around beside it.
     start = int(reading.count[rows[len(rows) // 2]]) + lattice.steps // 2
     place = reading.ring.astype(np.int64) * lattice.steps
@@ -285,7 +288,7 @@ def lattice_remove(
     filled = distance[left] * (1.0 - weight) + distance[right] * weight
     filled += noise * random.standard_normal(len(rows))
     copied = np.where(random.random(len(rows)) < weight, right, left)
-    return _rewritten(
+    forged = _rewritten(
         "lattice remove",
         scene,
         lattice,
@@ -294,6 +297,9 @@ def lattice_remove(
         scene.intensity[copied] if len(scene.intensity) else None,
         {},
     )
+    if not forged.num_touched:
+        raise InputError(_NOTHING_BESIDE)
+    return forged
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,7 +328,9 @@ class Firings:
         return Firings(self.ring[rows], self.count[rows], self.distance[rows])
 
 
-_NO_FIRINGS = Firings(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0))
+_NOTHING_BESIDE = (
+    "box: expected a laser with returns on both sides of it, but no point would change"
+)
 
 
 def _check_encoder(lattice: FiringLattice) -> None:

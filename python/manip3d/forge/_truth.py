@@ -13,6 +13,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import rows
 from manip3d._util.mappings import ReadOnlyMapping
+from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, Scan
@@ -220,6 +221,24 @@ def to_forgery(
         ReadOnlyMapping(parameters),
         scan.frame,
     )
+
+
+def check_moved(forgery: Forgery, box: Box, scan: Scan, threads: int, motion: str) -> None:
+    """Raise `InputError` if a motion of the points in a box changed no point.
+
+    ``motion`` is the argument that is to blame if there are points in the box.
+    """
+    if forgery.num_touched:
+        return
+    inside = _core.points_in_box(scan.points, box_arguments(box), threads_of(threads))
+    check_chosen(inside)
+    raise InputError(f"{motion}: expected a motion of the points, but no point would change")
+
+
+def check_chosen(inside: Rows) -> None:
+    """Raise `InputError` if there are no rows of points in a box, ``inside``."""
+    if not len(inside):
+        raise InputError("box: expected scene points in it, got none")
 
 
 def renamed(forgery: Forgery, attack: str, parameters: Mapping[str, Any]) -> Forgery:
