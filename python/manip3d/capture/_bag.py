@@ -8,6 +8,7 @@ import json
 import os
 import re
 import sqlite3
+import struct
 import subprocess
 import sys
 import threading
@@ -71,6 +72,7 @@ _HEAD = 4096  # bytes; the header record of a ROS 1 bag is padded to this length
 _MAX_INDEX = 1 << 24  # bytes of the index that are searched for message types
 _MCAP = b"\x89MCAP0\r\n"
 _MCAP_FOOTER = 9 + 20 + len(_MCAP)  # record header; two offsets and a checksum; the magic bytes
+_MCAP_SCHEMA = 3  # type of the records that name types of messages
 _MAX_METADATA = 1 << 22  # bytes of metadata.yaml that are searched for message types
 _IMAGES_2 = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 
@@ -180,7 +182,7 @@ def _types_of_database(path: Path) -> bytes:
 
 
 def _types_of_mcap(file: BufferedReader) -> bytes:
-    """Return the summary section of an MCAP file, which repeats its schemas; empty without one."""
+    """Return the names of an MCAP file's schemas, those of ROS 2; empty without a summary."""
     end = file.seek(0, os.SEEK_END)
     file.seek(max(0, end - _MCAP_FOOTER))
     footer = file.read(_MCAP_FOOTER)
@@ -188,7 +190,15 @@ def _types_of_mcap(file: BufferedReader) -> bytes:
     if not footer.endswith(_MCAP) or not 0 < start < end:
         return b""
     file.seek(start)
-    return file.read(_MAX_INDEX)
+    summary, at, names = file.read(_MAX_INDEX), 0, []
+    while at + 9 <= len(summary):
+        kind, size = struct.unpack_from("<BQ", summary, at)
+        if kind == _MCAP_SCHEMA and size >= 6:  # number of the schema, length of its name, name
+            length = int.from_bytes(summary[at + 11 : at + 15], "little")
+            package, slash, name = summary[at + 15 : at + 15 + length].partition(b"/")
+            names.append(package + slash + (b"" if b"/" in name else b"msg/") + name)
+        at += 9 + size
+    return b" ".join(names)
 
 
 def _without_end(path: Path) -> Path | None:
@@ -339,11 +349,9 @@ class BagRecording:
                 f"it holds {found}{hint}"
             )
         if "profile" in header:
-            told = header["profile"][:40]
-            cure = "; the ROS 1 bag (.bag) that it was made from is read" if told == "ros1" else ""
             raise self._refuse(
-                f"an MCAP file with the profile {told!r}; those of ROS 2 (profile 'ros2') are "
-                f"read{cure}"
+                f"an MCAP file with the profile {header['profile'][:40]!r}; those of ROS 2 "
+                "('ros2') and of ROS 1 ('ros1') are read, and those without a profile"
             )
         if "topics" in header:
             self._close()

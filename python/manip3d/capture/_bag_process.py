@@ -13,6 +13,7 @@ clouds, and its first line also holds encoding, format and number of images of e
 
 from __future__ import annotations
 
+import functools
 import json
 import resource
 import struct
@@ -46,6 +47,9 @@ TRANSFORM = "geometry_msgs/msg/Transform"
 NUMBER = "std_msgs/msg/Float32"
 MCAP_HEADER = b"\x89MCAP0\r\n\x01"
 """Magic bytes of an MCAP file, and the type of its first record, the header."""
+PROFILES = ("", "ros1")
+"""Profiles of MCAP files, besides ROS 2's, that are read: none, as Foxglove's tools write, and ROS
+1's, as ``mcap convert`` makes of a ``.bag``."""
 
 
 def main(path: Path, topic: str, limit: int, out: BinaryIO, mode: str) -> None:
@@ -68,45 +72,83 @@ def main(path: Path, topic: str, limit: int, out: BinaryIO, mode: str) -> None:
 def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str) -> None:
     from rosbags.rosbag1 import Reader as Ros1Reader
     from rosbags.rosbag2 import Reader as Ros2Reader
-    from rosbags.typesys import Stores, get_typestore
 
     head = b""  # of a folder
     if path.is_file():
         with path.open("rb") as file:
             head = file.read(1024)
-    is_ros1 = head.startswith(b"#ROSBAG ")
-    types = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
-    read = types.deserialize_ros1 if is_ros1 else types.deserialize_cdr
     profile = _mcap_profile(head)
-    if profile not in (None, "ros2") and not (profile == "" and _allows_no_profile()):
+    if profile not in (None, "ros2") and not (profile in PROFILES and _allows_profiles()):
         _line(out, {"profile": profile})
         return
-    with (Ros1Reader if is_ros1 else Ros2Reader)(path) as bag:
+    with (Ros1Reader if head.startswith(b"#ROSBAG ") else Ros2Reader)(path) as opened:
+        bag = Bag(opened)
         if mode == "images":
-            _write_images(bag, read, out)
+            _write_images(bag, out)
             return
-        clouds = [
-            each
-            for each in bag.connections
-            if each.msgtype in (CLOUD, *LIVOX)
-            and getattr(each.ext, "serialization_format", "cdr") == "cdr"
-        ]
+        clouds = [each for each in bag.connections if each.msgtype in (CLOUD, *LIVOX)]
         names = sorted({each.topic for each in clouds})
         if (topic and topic not in names) or (not topic and len(names) > 1):
             _line(out, {"topics": names})
             return
         if not names:
-            _line(out, {"kinds": sorted({each.msgtype for each in bag.connections})})
+            _line(out, {"kinds": bag.kinds})
             return
         wanted = [each for each in clouds if each.topic == (topic or names[0])]
         if mode == "pictures":
             first = next(bag.messages(connections=wanted), None)
-            lidar = "" if first is None else _cloud(first, read, is_ros1=is_ros1)[0]["frame_id"]
-            wanted += _chosen(bag, out, _cameras(bag, read, lidar))
+            lidar = "" if first is None else _cloud(bag, first)[0]["frame_id"]
+            wanted += _chosen(bag, out, _cameras(bag, lidar))
         for each in bag.messages(connections=wanted):
             is_picture = each[0].msgtype in (IMAGE, COMPRESSED)
-            made = _picture(each, read) if is_picture else _cloud(each, read, is_ros1=is_ros1)
-            _message(out, *made)
+            _message(out, *(_picture(bag, each) if is_picture else _cloud(bag, each)))
+
+
+class Bag:
+    """A bag that rosbags has opened, with the messages that it can decode.
+
+    Attributes
+    ----------
+    connections : list
+        Connections with messages of ROS 1 or of CDR; their types have the names of ROS 2.
+    kinds : list of str
+        Types of all messages, sorted.
+    """
+
+    def __init__(self, bag: Any) -> None:
+        named = [each._replace(msgtype=_ros2_name(each.msgtype)) for each in bag.connections]
+        self.connections = [each for each in named if _encoding(each) in ("ros1", "cdr")]
+        self.kinds = sorted({each.msgtype for each in named})
+        self.messages = bag.messages
+
+    def read(self, connection: Any, raw: bytes) -> Any:
+        """Return a message decoded."""
+        if is_ros1(connection):
+            return _types("ROS1_NOETIC").deserialize_ros1(raw, connection.msgtype)
+        return _types("ROS2_HUMBLE").deserialize_cdr(raw, connection.msgtype)
+
+
+def _encoding(connection: Any) -> str:
+    # Connections of ROS 1 bags do not have this attribute.
+    return str(getattr(connection.ext, "serialization_format", "ros1"))
+
+
+def is_ros1(connection: Any) -> bool:
+    """Return whether the messages of a connection are encoded as those of ROS 1."""
+    return _encoding(connection) == "ros1"
+
+
+def _ros2_name(kind: str) -> str:
+    """Return the ROS 2 name of a message type; ROS 1's, as in MCAP files, has no ``msg``."""
+    package, slash, name = kind.partition("/")
+    return f"{package}/msg/{name}" if slash and "/" not in name else kind
+
+
+@functools.cache
+def _types(store: str) -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores[store])
 
 
 def _mcap_profile(head: bytes) -> str | None:
@@ -118,11 +160,11 @@ def _mcap_profile(head: bytes) -> str | None:
     return head[begin + 4 : begin + 4 + size].decode(errors="replace")
 
 
-def _allows_no_profile() -> bool:
-    """Let rosbags open an MCAP file that states no profile, as files of Foxglove's tools.
+def _allows_profiles() -> bool:
+    """Let rosbags open an MCAP file with one of `PROFILES`, although its profile is not ROS 2's.
 
-    The messages of such a file are those of ROS 2 if their schemas have the names of ROS 2 messages
-    and they are encoded as CDR. rosbags has no option for this. Return False if it has changed.
+    Types and encodings of the channels tell which messages it holds. rosbags has no option for
+    this. Return False if it has changed.
     """
     from rosbags.rosbag2 import storage_mcap
 
@@ -134,12 +176,13 @@ def _allows_no_profile() -> bool:
     def read_profile(stream: Any) -> Any:
         # The profile is the first text that rosbags reads.
         setattr(storage_mcap, "read_string", read_string)  # noqa: B010
-        return read_string(stream) or "ros2"
+        told = read_string(stream)
+        return "ros2" if told in PROFILES else told
 
     def get_known(schema: Any) -> Any:
         try:
             return get_msgdef(schema)
-        except KeyError:  # another encoding of schemas, such as protobuf
+        except KeyError:  # another encoding of schemas, such as ros1msg or protobuf
             return get_msgdef(None)
 
     setattr(storage_mcap, "read_string", read_profile)  # noqa: B010
@@ -147,14 +190,14 @@ def _allows_no_profile() -> bool:
     return True
 
 
-def _write_images(bag: Any, read: Any, out: BinaryIO) -> None:
+def _write_images(bag: Bag, out: BinaryIO) -> None:
     """Write the list of cameras, then the pictures of the topics that the caller selects."""
-    wanted = _chosen(bag, out, _cameras(bag, read, "") | _rgbd(bag, read))
+    wanted = _chosen(bag, out, _cameras(bag, "") | _rgbd(bag))
     for each in bag.messages(connections=wanted) if wanted else ():
-        _message(out, *_picture(each, read))
+        _message(out, *_picture(bag, each))
 
 
-def _chosen(bag: Any, out: BinaryIO, cameras: dict[str, Any]) -> list[Any]:
+def _chosen(bag: Bag, out: BinaryIO, cameras: dict[str, Any]) -> list[Any]:
     """Write the list of cameras, and return the connections of the topics the caller selects."""
     _line(out, {"cameras": cameras})
     chosen = json.loads(sys.stdin.readline() or "[]")
@@ -165,12 +208,12 @@ def _chosen(bag: Any, out: BinaryIO, cameras: dict[str, Any]) -> list[Any]:
     ]
 
 
-def _cameras(bag: Any, read: Any, lidar: str) -> dict[str, Any]:
+def _cameras(bag: Bag, lidar: str) -> dict[str, Any]:
     """Return the topics of pictures, each camera's first calibration, and the fixed transforms.
 
     ``lidar`` is the name of the coordinate frame of the clouds.
     """
-    infos = {topic: _camera_info(info) for topic, info in _first_ones(bag, read, CAMERA_INFO)}
+    infos = {topic: _camera_info(info) for topic, info in _first_ones(bag, CAMERA_INFO)}
     fixed = [
         each
         for each in bag.connections
@@ -178,23 +221,23 @@ def _cameras(bag: Any, read: Any, lidar: str) -> dict[str, Any]:
     ]
     transforms = [
         _transform(each)
-        for _, _, raw in (bag.messages(connections=fixed) if fixed else ())
-        for each in read(raw, TRANSFORMS).transforms
+        for connection, _, raw in (bag.messages(connections=fixed) if fixed else ())
+        for each in bag.read(connection, raw).transforms
     ]
     names = {each.topic for each in bag.connections if each.msgtype in (IMAGE, COMPRESSED)}
     return {"pictures": sorted(names), "infos": infos, "transforms": transforms, "lidar": lidar}
 
 
-def _first_ones(bag: Any, read: Any, *kinds: str) -> Iterator[tuple[str, Any]]:
+def _first_ones(bag: Bag, *kinds: str) -> Iterator[tuple[str, Any]]:
     """Yield topic and first message of each connection whose message type is one of ``kinds``."""
     for connection in bag.connections:
         if connection.msgtype in kinds:
             for _, _, raw in bag.messages(connections=[connection]):
-                yield connection.topic, read(raw, connection.msgtype)
+                yield connection.topic, bag.read(connection, raw)
                 break
 
 
-def _rgbd(bag: Any, read: Any) -> dict[str, Any]:
+def _rgbd(bag: Bag) -> dict[str, Any]:
     """Return the properties of each topic of pictures, and what RealSense's recorder adds.
 
     RealSense's recorder writes camera poses (``poses``) and options such as the depth unit
@@ -207,10 +250,10 @@ def _rgbd(bag: Any, read: Any) -> dict[str, Any]:
             "format": getattr(first, "format", ""),
             "count": sum(each.msgcount for each in bag.connections if each.topic == topic),
         }
-        for topic, first in _first_ones(bag, read, IMAGE, COMPRESSED)
+        for topic, first in _first_ones(bag, IMAGE, COMPRESSED)
     }
-    numbers = {topic: float(first.data) for topic, first in _first_ones(bag, read, NUMBER)}
-    poses = {topic: _pose(first) for topic, first in _first_ones(bag, read, TRANSFORM)}
+    numbers = {topic: float(first.data) for topic, first in _first_ones(bag, NUMBER)}
+    poses = {topic: _pose(first) for topic, first in _first_ones(bag, TRANSFORM)}
     return {"images": images, "numbers": numbers, "poses": poses}
 
 
@@ -241,9 +284,9 @@ def _pose(transform: Any) -> dict[str, Any]:
     }
 
 
-def _picture(each: tuple[Any, int, bytes], read: Any) -> tuple[dict[str, Any], bytes]:
+def _picture(bag: Bag, each: tuple[Any, int, bytes]) -> tuple[dict[str, Any], bytes]:
     connection, received, raw = each
-    picture = read(raw, connection.msgtype)
+    picture = bag.read(connection, raw)
     header = {"picture": connection.topic, "stamp_ns": _stamp(picture) or int(received)}
     if hasattr(picture, "format"):
         header["format"] = picture.format
@@ -258,16 +301,14 @@ def _stamp(message: Any) -> int:
     return int(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
 
 
-def _cloud(
-    each: tuple[Any, int, bytes], read: Any, *, is_ros1: bool
-) -> tuple[dict[str, Any], bytes]:
+def _cloud(bag: Bag, each: tuple[Any, int, bytes]) -> tuple[dict[str, Any], bytes]:
     """Return the layout of a message's points, and their bytes."""
     connection, received, raw = each
     header = {"topic": connection.topic, "received_ns": int(received)}
     if connection.msgtype in LIVOX:
-        layout, data = _livox(bytes(raw), is_ros1=is_ros1)
+        layout, data = _livox(bytes(raw), is_ros1=is_ros1(connection))
         return header | layout, data
-    cloud = read(raw, connection.msgtype)
+    cloud = bag.read(connection, raw)
     layout = {
         "stamp_ns": _stamp(cloud),
         "frame_id": cloud.header.frame_id,
