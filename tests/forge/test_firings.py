@@ -181,12 +181,12 @@ def test_commands_write_the_truth_of_their_bytes(attack: str, tmp_path: Path) ->
 
 def test_a_box_with_nothing_beside_it_is_refused() -> None:
     everything = Box((0.0, 0.0, 0.0), (500.0, 500.0, 100.0))
-    with pytest.raises(InputError, match="box: .* no point would change"):
+    with pytest.raises(InputError, match=r"box: .* no point would change"):
         forge.lattice_remove(FRAME, everything, lattice=LATTICE)
     reading = LATTICE.read(STREET)
     low = STREET[reading.ring == reading.ring.max()]  # the only laser that is left sees no side
     center, size = (low.min(axis=0) + low.max(axis=0)) / 2, np.ptp(low, axis=0) + 0.1
-    with pytest.raises(InputError, match="box: .* no point would change"):
+    with pytest.raises(InputError, match=r"box: .* no point would change"):
         forge.lattice_remove(low, Box(center, size), lattice=LATTICE)
 
 

@@ -626,14 +626,14 @@ AWAY = Box((40.0, 0.0, 90.0), (1.0, 1.0, 1.0))
 @pytest.mark.parametrize(
     ("attack", "message"),
     [
-        (lambda s: forge.rotation(s, BOX, angle=0.0), "angle: .* no point would"),
-        (lambda s: forge.translation(s, BOX, distance=0.0), "distance: .* no point would"),
-        (lambda s: forge.deform(s, BOX, amplitude=0.0), "amplitude: .* no point would"),
+        (lambda s: forge.rotation(s, BOX, angle=0.0), r"angle: .* no point would"),
+        (lambda s: forge.translation(s, BOX, distance=0.0), r"distance: .* no point would"),
+        (lambda s: forge.deform(s, BOX, amplitude=0.0), r"amplitude: .* no point would"),
         (
             lambda s: forge.deform(s, BOX, amplitude=0.0, direction="normal"),
-            "amplitude: .* no point would",
+            r"amplitude: .* no point would",
         ),
-        (lambda s: forge.deform(s, BOX, amplitude=1e-30, rng=1), "amplitude: .* no point would"),
+        (lambda s: forge.deform(s, BOX, amplitude=1e-30, rng=1), r"amplitude: .* no point would"),
         (lambda s: forge.subtract(s, AWAY), "box: expected scene points in it, got none"),
         (lambda s: forge.subtract(s, rows=[]), "rows: expected rows to remove, got none"),
         (lambda s: forge.subtractive(s, AWAY), "box: expected scene points in it"),
@@ -650,7 +650,7 @@ AWAY = Box((40.0, 0.0, 90.0), (1.0, 1.0, 1.0))
         (lambda s: forge.deform(s, AWAY, amplitude=0.1), "box: expected scene points in it"),
         (
             lambda s: forge.insert_occluding(s, grid_plate(), position=(400, 0, 0)),
-            "position: .* no point would change",
+            r"position: .* no point would change",
         ),
     ],
 )

@@ -156,6 +156,64 @@ def test_lasers_are_rings(tmp_path: Path) -> None:
     assert frame.fields["timestamp"].tolist() == [1311368163000001.0]
     with pytest.raises(FormatError, match="laser_id of point 0: expected a whole number"):
         read(tmp_path, "x,y,z,laser_id\n1,2,3,0.5\n")
+    with pytest.raises(FormatError, match="laser_id of point 0: expected a whole number"):
+        read(tmp_path, "x,y,z,laser_id\n1,2,3,9007199254740993\n")
+
+
+@pytest.mark.parametrize(
+    ("cells", "kind", "values"),
+    [
+        (["1699999999123456789", "5"], np.int64, [1699999999123456789, 5]),
+        (["5", "1699999999123456789"], np.int64, [5, 1699999999123456789]),
+        (["5.0", "-9007199254740993"], np.int64, [5, -9007199254740993]),
+        (["7", "18446744073709551615"], np.uint64, [7, 18446744073709551615]),
+        (["9223372036854775807", "18446744073709551615"], np.uint64, [2**63 - 1, 2**64 - 1]),
+        (
+            ["18446744073709551615", "3", "18446744073709551614"],
+            np.uint64,
+            [2**64 - 1, 3, 2**64 - 2],
+        ),
+        (["0x17979cfe362a0015", "0XfF"], np.int64, [0x17979CFE362A0015, 255]),
+        (["0x1f", "+0x20"], np.float64, [31.0, 32.0]),
+        (["9007199254740991", "0"], np.float64, [9007199254740991.0, 0.0]),
+        (["1699999999123456789", "0.5"], np.float64, [1699999999123456789.0, 0.5]),
+        (["18446744073709551615", "-1"], np.float64, [2.0**64, -1.0]),
+        (["-1", "18446744073709551615"], np.float64, [-1.0, 2.0**64]),
+        (["1699999999123456789", "1e30"], np.float64, [1699999999123456789.0, 1e30]),
+        (["1.7e18", "1699999999123456789"], np.float64, [1.7e18, 1699999999123456789.0]),
+    ],
+)
+def test_integers_above_those_of_doubles_keep_their_digits(
+    cells: list[str], kind: type[np.generic], values: list[float], tmp_path: Path
+) -> None:
+    """Nanoseconds since 1970 have 19 digits, and doubles hold 16."""
+    lines = [f"{k},2,3,{cell},0.25" for k, cell in enumerate(cells)]
+    frame = read(tmp_path, "\n".join(["x,y,z,time,range", *lines, ""]))
+    assert frame.fields["time"].dtype == kind
+    assert frame.fields["time"].tolist() == values
+    assert frame.fields["range"].tolist() == [0.25] * len(cells)
+    frame.write(tmp_path / "again.csv")
+    again = io.read_scan(tmp_path / "again.csv")
+    assert again.fields["time"].tolist() == values
+    assert np.array_equal(again.points, frame.points)
+
+
+def test_a_missing_time_stamp_is_no_integer(tmp_path: Path) -> None:
+    frame = read(tmp_path, "x,y,z,t\n1,2,3,1699999999123456789\n4,5,6,\n")
+    assert frame.fields["t"].dtype == np.float64
+    assert np.isnan(frame.fields["t"][1])
+
+
+@pytest.mark.parametrize("cell", ["0x", "0xg", "-0x1", "0x-1", "0x11112222333344445", "0x1.8"])
+def test_what_is_no_hexadecimal_integer_is_refused(cell: str, tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=r"a column: expected a number"):
+        read(tmp_path, f"x,y,z,flags\n1,2,3,{cell}\n")
+
+
+def test_coordinates_are_never_integers(tmp_path: Path) -> None:
+    frame = read(tmp_path, "x,y,z\n9007199254740993,0,0\n9007199254740994,1,0\n")
+    assert frame.exact is not None
+    assert frame.exact.dtype == np.float64
 
 
 def test_points_without_coordinates_are_counted(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <limits>
 #include <optional>
 #include <string>
@@ -21,6 +23,8 @@ constexpr std::size_t kMaxCells = 64;
 /// Key of the header for a comment that names as many columns as there are, but no x, y and z.
 constexpr const char* kUnusedNames = "unused_names";
 constexpr double kMissing = std::numeric_limits<double>::quiet_NaN();
+/// Below this, 2^53, a double holds every integer.
+constexpr double kInexact = 9007199254740992.0;
 
 std::string_view trimmed(std::string_view text) {
   const auto is_outer = [](char c) { return LineCursor::is_blank(c) || c == '"'; };
@@ -75,10 +79,33 @@ void drop_last(std::vector<std::string_view>& cells, std::size_t expected) {
   if (!cells.empty() && cells.size() == expected + 1 && cells.back().empty()) cells.pop_back();
 }
 
+bool is_hexadecimal(std::string_view text) {
+  return text.starts_with("0x") || text.starts_with("0X");
+}
+
+/// Parses a decimal integer, or one in hexadecimal after 0x. Returns false if the text is no
+/// integer of this type.
+template <typename Integer>
+bool to_integer(std::string_view text, Integer& value) {
+  if (!text.empty() && text.front() == '+') text.remove_prefix(1);
+  const bool is_hex = is_hexadecimal(text);
+  if (is_hex) text.remove_prefix(2);
+  if (is_hex && text.starts_with("-")) return false;
+  const char* const end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data(), end, value, is_hex ? 16 : 10);
+  return error == std::errc() && stop == end;
+}
+
 /// Parses a number, NaN and infinity included. A number that is too small for a double is zero; one
 /// that is too large is refused. Returns false if the text is no such number.
 bool to_number(std::string_view text, double& value) {
   if (!text.empty() && text.front() == '+') text.remove_prefix(1);
+  if (is_hexadecimal(text)) {
+    std::uint64_t whole = 0;
+    const bool is_whole = to_integer(text, whole);
+    value = static_cast<double>(whole);
+    return is_whole;
+  }
   const char* const end = text.data() + text.size();
   const auto [stop, error] = std::from_chars(text.data(), end, value);
   if (error == std::errc::result_out_of_range) {
@@ -303,7 +330,10 @@ class TextReader {
       }
       names_ = usual_names(num_columns);
     }
-    for (const std::string& name : names_) table_.fields.push_back({name, FieldType::kDouble});
+    for (const std::string& name : names_) {
+      table_.fields.push_back({name, FieldType::kDouble});
+      can_be_integers_.push_back(name != "x" && name != "y" && name != "z");
+    }
   }
 
   void add_point(std::string_view line) {
@@ -333,14 +363,89 @@ class TextReader {
       input_.fail_at_line("expected " + std::to_string(table_.fields.size()) + " numbers, got " +
                           std::to_string(cells_.size()));
     }
-    for (const std::string_view cell : cells_) {
+    for (std::size_t i = 0; i < cells_.size(); ++i) {
       double value = kMissing;
-      if (!cell.empty() && !to_number(cell, separator_, value)) fail_at(cell);
-      const auto* raw = reinterpret_cast<const char*>(&value);
-      table_.rows.insert(table_.rows.end(), raw, raw + sizeof(value));
+      if (!cells_[i].empty() && !to_number(cells_[i], separator_, value)) fail_at(cells_[i]);
+      add_value(i, cells_[i], value);
     }
     ++table_.num_points;
     if (table_.num_points % 4096 == 0) input_.check_expansion(table_.rows.size());
+  }
+
+  /// Appends the value of a cell. A column of integers of which one may not be exact as a double,
+  /// such as nanoseconds since 1970, becomes one of 64-bit integers.
+  void add_value(std::size_t column, std::string_view cell, double value) {
+    const FieldType type = table_.fields[column].type;
+    if (can_be_integers_[column] && std::fabs(value) < kInexact && value == std::trunc(value)) {
+      if (type == FieldType::kDouble) return append(value);
+      if (type == FieldType::kInt64) return append(static_cast<std::int64_t>(value));
+      if (value >= 0.0) return append(static_cast<std::uint64_t>(value));
+    }
+    std::int64_t whole = 0;
+    if (can_be_integers_[column] && type != FieldType::kUint64 && to_integer(cell, whole)) {
+      convert(column, FieldType::kInt64);
+      return append(whole);
+    }
+    std::uint64_t large = 0;
+    if (can_be_integers_[column] && to_integer(cell, large) && !has_negative(column)) {
+      convert(column, FieldType::kUint64);
+      return append(large);
+    }
+    can_be_integers_[column] = false;
+    convert(column, FieldType::kDouble);
+    append(value);
+  }
+
+  template <typename Value>
+  void append(Value value) {
+    static_assert(sizeof(Value) == sizeof(double));
+    const auto* raw = reinterpret_cast<const char*>(&value);
+    table_.rows.insert(table_.rows.end(), raw, raw + sizeof(value));
+  }
+
+  /// Calls f with a pointer to each stored value of a column.
+  template <typename F>
+  void for_values(std::size_t column, F f) {
+    const std::size_t row = table_.fields.size() * sizeof(double);
+    for (std::size_t i = column * sizeof(double); i + sizeof(double) <= table_.rows.size();
+         i += row) {
+      f(table_.rows.data() + i);
+    }
+  }
+
+  template <typename From, typename To>
+  void convert_values(std::size_t column) {
+    for_values(column, [](char* at) {
+      From from{};
+      std::memcpy(&from, at, sizeof(from));
+      const To to = static_cast<To>(from);
+      std::memcpy(at, &to, sizeof(to));
+    });
+  }
+
+  /// Has a value of a column the sign of negative numbers, which is the first bit of both types?
+  bool has_negative(std::size_t column) {
+    bool found = false;
+    if (table_.fields[column].type == FieldType::kUint64) return found;
+    for_values(column, [&](const char* at) { found = found || at[sizeof(double) - 1] < 0; });
+    return found;
+  }
+
+  /// Stores the values of a column as another type, which must hold them.
+  void convert(std::size_t column, FieldType to) {
+    FieldType& from = table_.fields[column].type;
+    if (from == to) return;
+    if (to == FieldType::kInt64) convert_values<double, std::int64_t>(column);
+    if (to == FieldType::kUint64 && from == FieldType::kDouble) {
+      convert_values<double, std::uint64_t>(column);
+    }
+    if (to == FieldType::kDouble && from == FieldType::kInt64) {
+      convert_values<std::int64_t, double>(column);
+    }
+    if (to == FieldType::kDouble && from == FieldType::kUint64) {
+      convert_values<std::uint64_t, double>(column);
+    }
+    from = to;
   }
 
   [[noreturn]] void fail_at(std::string_view cell) {
@@ -354,6 +459,7 @@ class TextReader {
   bool are_from_comment_ = false;  ///< The names are from a comment, which may be prose.
   std::string last_comment_;       ///< The last comment before the points.
   std::vector<std::string_view> cells_;
+  std::vector<bool> can_be_integers_;  ///< Columns of which all values so far are integers.
   char separator_ = ' ';
   std::optional<double> count_;  ///< Number of points that the file states.
 };
@@ -361,8 +467,9 @@ class TextReader {
 }  // namespace
 
 // Reads a point per line. Columns are separated by commas, semicolons or blanks; with the latter
-// two, numbers may have decimal commas. A line before the points, a comment or not, may name the
-// columns; "unused_names" of the header is a comment that names others than x, y and z.
+// two, numbers may have decimal commas; integers may be hexadecimal (0x). A line before the points,
+// a comment or not, may name the columns; "unused_names" of the header is a comment that names
+// others than x, y and z.
 PointTable read_text_points(ByteSource& source, const Progress& progress) {
   return TextReader(source, progress).read();
 }

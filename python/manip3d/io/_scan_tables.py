@@ -330,11 +330,11 @@ def _shifted_origin(
 def _ring(by_name: dict[str, NDArray[Any]], kind: str, name: str) -> NDArray[Any] | None:
     """Remove and return the column with the numbers of the lasers; None without one.
 
-    It is, in this order: a column of integers; a float column that must hold integers, because the
-    format says so or states no types (others raise `FormatError`); a float column that holds
-    integers.
+    It is, in this order: a column of integers, except in text, which states no types; a column that
+    must hold integers from 0 to 65535, because the format says so or states no types (others raise
+    `FormatError`); a float column that holds integers.
     """
-    ring = _take(by_name, _RING, "iu")
+    ring = None if kind in _TEXT else _take(by_name, _RING, "iu")
     if ring is None and kind == "nuscenes":
         ring = _whole(by_name, "ring", name)
     if ring is None and kind in _UNSTATED:

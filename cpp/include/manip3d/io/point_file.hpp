@@ -94,7 +94,9 @@ struct ReadPointsOptions {
 ///   and have no lists; other elements are left out. Values of these two are kept, NaN included.
 /// - Text (`.xyz`, `.asc`, `.pts`, `.txt`, `.csv`): a point per line, with commas, semicolons or
 ///   blanks between columns. A line before the points may name the columns; the default names are
-///   x, y, z, intensity (of four or seven columns), c3, c4, ... An empty cell is NaN.
+///   x, y, z, intensity (of four or seven columns), c3, c4, ... An empty cell is NaN. Columns are
+///   doubles; one of integers of which one is 2^53 or more, as nanoseconds since 1970 are, consists
+///   of 64-bit integers, unless it is x, y or z. Integers may be hexadecimal, with 0x in front.
 /// @throws FormatError  (with the file's name and the line or byte) the file cannot be read.
 /// @throws InputError  an unknown suffix.
 /// @throws std::filesystem::filesystem_error  for example, the file does not exist.
