@@ -720,6 +720,43 @@ def test_bin_files_of_other_layouts_are_refused(tmp_path: Path) -> None:
         read_scan(tmp_path / "nclt.bin")
 
 
+@pytest.mark.parametrize(
+    ("columns", "order"),
+    [*((c, order) for c in (4, 5, 6) for order in ("firing", "laser")), (4, "shuffled")],
+)
+def test_planes_are_told_from_rows_by_where_their_numbers_differ(
+    tmp_path: Path, columns: int, order: str
+) -> None:
+    """Neighbours are of other lasers, and a third of the firings have no return."""
+    rng = np.random.default_rng(columns)
+    column, laser = np.divmod(np.arange(64 * 300), 64)
+    azimuth, slope = column * 2.0 * np.pi / 300.0, np.tan(np.radians(rng.permutation(64) / 2 - 25))
+    reach = np.minimum(12.0 + 5.0 * np.sin(3.0 * azimuth), -1.8 / np.minimum(slope[laser], -0.05))
+    points = np.stack(
+        [reach * np.cos(azimuth), reach * np.sin(azimuth), reach * slope[laser],
+         rng.integers(0, 256, len(column)), laser, column * 1e-4], axis=1
+    )[:, :columns].astype("<f4")  # fmt: skip
+    points[rng.random(len(points)) < 0.3] = 0.0
+    if order != "firing":
+        points = points[np.argsort(laser, kind="stable") if order == "laser" else
+                        rng.permutation(len(points))]  # fmt: skip
+    points.tofile(tmp_path / "rows.bin")
+    np.testing.assert_array_equal(read_scan(tmp_path / "rows.bin").points, points[:, :3])
+    np.ascontiguousarray(points.T).tofile(tmp_path / "planes.bin")
+    with pytest.raises(FormatError, match="got all x first, then all y"):
+        read_scan(tmp_path / "planes.bin")
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_rows_of_a_cube_in_the_order_of_an_axis_are_no_planes(tmp_path: Path, axis: int) -> None:
+    """All columns have the same numbers, and the parts of the file do not."""
+    for count in (120, 21_000):
+        rows = np.random.default_rng(axis).uniform(-1.0, 1.0, (count, 4)).astype("<f4")
+        rows = rows[np.argsort(rows[:, axis])]
+        rows.tofile(tmp_path / "a.bin")
+        np.testing.assert_array_equal(read_scan(tmp_path / "a.bin").points, rows[:, :3])
+
+
 def test_intensities_that_are_all_nan_are_none(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

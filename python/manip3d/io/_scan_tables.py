@@ -49,8 +49,12 @@ _LARGEST = 1e9
 """Largest number in a scan, metres or otherwise. If 64-bit numbers are read as 32-bit ones, some
 are larger."""
 _MOST_LARGE = 0.01  # share of such numbers in a scan with damaged points
-_MIN_PLANAR, _MAX_COMPARED = 100, 10_000  # rows of four numbers
-_PLANAR = 0.1  # differences within rows, relative to the range of half of all numbers
+_ROW_SIZES = range(3, 9)  # numbers of a point
+_BLOCKS, _BLOCK = 24, 840  # compared numbers; whole rows of each of these sizes
+_MIN_NUMBERS, _LEVELS = 400, 8
+_TOLD = 0.07
+"""Mean square contingency (0: independent). Places within rows tell 0.14 or more, and parts of a
+file of rows may tell 1; in planes, places tell 0.04 or less, and parts 0.14 or more."""
 _AXIS_UNIT = re.compile(r"(?i)(?<![a-z_])[xyz]1? ?[(\[]([^)\]]*)[)\]]")
 _LENGTHS = {"mm": 1e-3, "millimeters": 1e-3, "cm": 1e-2, "centimeters": 1e-2}  # metres
 _FEET = ("ft", "feet", "foot", "us-ft", "ftus")
@@ -189,31 +193,54 @@ def _refuse_other_records(raw: NDArray[np.uint8], file: str) -> None:
                 "layout (NCLT, for example, has 16-bit integers); write it as a .npy file",
                 file=file,
             )
-    if single.size % 4 == 0:
-        rows = single.reshape(-1, 4)
-        # A file of x first may begin with zeros, or with lasers whose points lie far apart.
-        spread = rows[:: max(1, len(rows) // _MAX_COMPARED)]
-        if _are_alike(rows[:_MAX_COMPARED]) or _are_alike(spread):
-            raise FormatError(
-                "expected the points one after another, got all x first, then all y (4 rows of "
-                "numbers, as in the Oxford RobotCar data): write it transposed",
-                file=file,
-            )
+    if _are_planes(single):
+        raise FormatError(
+            "expected the points one after another, got all x first, then all y (rows of numbers, "
+            "as in the Oxford RobotCar data): write it transposed",
+            file=file,
+        )
 
 
-def _are_alike(rows: NDArray[np.float32]) -> bool:
-    """Return whether the four numbers of each row differ little, as if all were x."""
+def _are_planes(numbers: NDArray[np.float32]) -> bool:
+    """Return whether a file holds all x first, then all y, and so on.
 
-    def differ_little(some: NDArray[np.float32]) -> bool:
-        if len(some) < _MIN_PLANAR:
-            return False
-        apart = np.median(np.abs(np.diff(some, axis=1)), axis=0)
-        low, high = np.percentile(some, (25.0, 75.0))
-        return bool(apart.max() < _PLANAR * (high - low))
+    In rows of points, the place of a number within its row tells much about it: x, y, z and
+    intensity differ. In planes it tells nothing, but the part of the file does. Zeros, such as
+    those of points without a return, tell nothing in both.
+    """
+    size = numbers.size
+    index = np.arange(size)
+    if size > _BLOCKS * _BLOCK:
+        start = np.linspace(0, size - _BLOCK, _BLOCKS).astype(np.int64) // _BLOCK * _BLOCK
+        index = (start[:, None] + np.arange(_BLOCK)).reshape(-1)
+    index = index[np.isfinite(numbers[index]) & (numbers[index] != 0.0)]
+    if len(index) < _MIN_NUMBERS:
+        return False
+    values = numbers[index]
+    level = np.searchsorted(np.quantile(values, np.arange(1, _LEVELS) / _LEVELS), values, "right")
+    quarter = index * 4 // size
+    by_place = max(_told(quarter * n + index % n, level, 4 * n, groups=4) for n in _ROW_SIZES)
+    by_part = max(_told(index * n // size, level, n) for n in _ROW_SIZES)
+    return by_place < _TOLD < by_part
 
-    returned = rows[rows[:, :3].any(axis=1)]
-    # The numbers of points without a return are alike, too; such points repeat.
-    return differ_little(returned) and differ_little(np.unique(returned, axis=0))
+
+def _told(
+    place: NDArray[np.int64], level: NDArray[np.int64], num_places: int, *, groups: int = 1
+) -> float:
+    """Return how much places tell about levels: the mean square contingency, less its expectation.
+
+    Consecutive places form ``groups`` of equal size; they are compared within their group.
+    """
+    counts = np.bincount(place * _LEVELS + level, minlength=num_places * _LEVELS)
+    table = counts.reshape(groups, num_places // groups, _LEVELS).astype(np.float64)
+    of_place, of_level = table.sum(axis=2, keepdims=True), table.sum(axis=1, keepdims=True)
+    total = table.sum(axis=(1, 2), keepdims=True)
+    expected = of_place * of_level / np.maximum(total, 1.0)
+    apart = (table - expected) ** 2 / np.where(expected > 0.0, expected, 1.0)
+    degrees = ((of_place > 0.0).sum(axis=1) - 1).clip(0) * ((of_level > 0.0).sum(axis=2) - 1).clip(
+        0
+    )
+    return float(apart.sum() - degrees.sum()) / len(level)
 
 
 def _length_of(header: dict[str, Any], file: str) -> float:
