@@ -8,9 +8,12 @@ import re
 import shutil
 import sqlite3
 import stat
+import subprocess
+import sys
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -20,7 +23,7 @@ from manip3d import FormatError, InputError
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
 
-from manip3d.diary import Diary, DiaryGame, export_csv, make_key, rescue_diary
+from manip3d.diary import Diary, DiaryGame, _rescue, export_csv, make_key, rescue_diary
 
 PAGE = 4096
 START = datetime(2026, 3, 2, 9, 0, tzinfo=timezone(timedelta(hours=-6)))
@@ -272,6 +275,94 @@ def test_a_full_disk_is_no_damage(kept: Path, tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert not new.exists()
     assert rescue_diary(kept, new).missing == ()
+
+
+ON_A_FULL_DISK = """
+import errno, os, shutil, sys
+from pathlib import Path
+from manip3d.diary import rescue_diary
+
+kept, full = Path(sys.argv[1]), Path(sys.argv[2])
+diary = Path(shutil.copy(kept, full))
+with open(full / "rest", "wb", buffering=0) as rest:
+    try:
+        while rest.write(bytes(1024)):
+            pass
+    except OSError as error:
+        assert error.errno == errno.ENOSPC, error
+beside = sorted(os.listdir(full))
+new = kept.with_name("new.diary")
+print(rescue_diary(diary, new).missing)  # onto another disk
+whole = diary.stat().st_size
+for size in (whole, whole - 4096):  # the latter is copied before it is read
+    os.truncate(diary, size)
+    try:
+        rescue_diary(diary, full / "new.diary")
+    except OSError as error:
+        print(error.errno == errno.ENOSPC, os.path.basename(error.filename))
+    assert sorted(os.listdir(full)) == beside, os.listdir(full)
+"""
+
+
+def test_a_diary_on_a_full_disk_is_rescued_onto_another(kept: Path, tmp_path: Path) -> None:
+    with contextlib.closing(sqlite3.connect(kept)) as raw:
+        raw.execute("PRAGMA journal_mode = WAL")  # as all diaries that the application has made
+    full = tmp_path / "full"
+    full.mkdir()
+    mount = f"mount -t tmpfs -o size={kept.stat().st_size // 1024 + 20}k none {full} && exec "
+    namespace = ["unshare", "-rm", "sh", "-c"]
+    if subprocess.run([*namespace, mount + "true"], capture_output=True).returncode:
+        pytest.skip("no mount namespaces here")
+    script = mount + f'{sys.executable} -c "$0" {kept} {full}'
+    done = subprocess.run([*namespace, script, ON_A_FULL_DISK], capture_output=True, text=True)
+    assert done.stdout.splitlines() == ["()", "True new.diary", "True new.diary"], done.stderr
+    assert len(games(tmp_path / "new.diary")) == GAMES
+
+
+def test_a_full_disk_beside_a_log_is_no_damage(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SQLite makes an index of a log beside it."""
+    connected = _rescue._connected
+
+    class Fails:
+        def execute(self, query: str) -> None:
+            error = sqlite3.OperationalError("disk I/O error")
+            error.sqlite_errorcode = sqlite3.SQLITE_IOERR
+            if query == "BEGIN":
+                raise error
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr(
+        _rescue,
+        "_connected",
+        lambda path, mode: contextlib.closing(Fails()) if path == kept else connected(path, mode),
+    )
+    new = kept.with_name("new.diary")
+    with pytest.raises(FormatError, match=r"kept\.diary: cannot be rescued: disk I/O error"):
+        rescue_diary(kept, new)
+    full = SimpleNamespace(f_bavail=3, f_frsize=4096)
+    monkeypatch.setattr("manip3d.diary._file.os.statvfs", lambda _: full)
+    with pytest.raises(OSError, match=r"the disk is full, and a diary .*kept\.diary'$"):
+        rescue_diary(kept, new)
+
+
+def test_a_diary_that_is_written_meanwhile_is_no_damage(
+    kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with contextlib.closing(sqlite3.connect(kept)) as raw:
+        raw.execute("PRAGMA journal_mode = WAL")
+    make_tables, new = _rescue._make_tables, kept.with_name("new.diary")
+
+    def write_meanwhile(*arguments: Any) -> None:
+        make_tables(*arguments)
+        with contextlib.closing(sqlite3.connect(kept, isolation_level=None)) as other:
+            other.execute("DELETE FROM ratings")
+
+    monkeypatch.setattr(_rescue, "_make_tables", write_meanwhile)
+    with pytest.raises(OSError, match=r"another program wrote to the diary meanwhile: .*kept"):
+        rescue_diary(kept, new)
+    assert not new.exists()
 
 
 def test_a_diary_that_is_written_is_no_damage(kept: Path, tmp_path: Path) -> None:

@@ -235,7 +235,7 @@ class DiaryFile:
         # Python's own error about text that is not UTF-8 has no code of SQLite: it is damage.
         is_of_sqlite = hasattr(error, "sqlite_errorcode")
         if is_of_sqlite and isinstance(error, sqlite3.OperationalError):
-            return OSError(f"{self._told_as}: {_words_of(error, self.path)}")
+            return OSError(f"{self._told_as}: {words_of(error, self.path)}")
         return FormatError(f"the diary is damaged: {error}", file=str(self.path))
 
 
@@ -262,7 +262,7 @@ def _on_begin(connection: sql.Connection) -> None:
     connection.exec_driver_sql("BEGIN IMMEDIATE")
 
 
-def _words_of(error: sqlite3.DatabaseError, path: Path) -> str:
+def words_of(error: sqlite3.DatabaseError, path: Path) -> str:
     """Return SQLite's message, and whether the disk is full: even reading needs some space."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code == sqlite3.SQLITE_IOERR:
@@ -284,5 +284,5 @@ def _told(error: sqlite3.DatabaseError, path: Path) -> Exception:
             file=str(path),
         )
     return OSError(
-        errno.EIO, _words_of(error, path), str(path)
+        errno.EIO, words_of(error, path), str(path)
     )  # a full disk, a lock, a folder to read only

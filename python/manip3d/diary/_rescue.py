@@ -17,6 +17,7 @@ from urllib.parse import quote
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.diary import _schema as schema
+from manip3d.diary._file import words_of
 from manip3d.diary._rows import check_payload, read_participant
 from manip3d.diary._sealing import check_key, require_key_material
 from manip3d.errors import FormatError, InputError
@@ -25,6 +26,7 @@ from manip3d.io._files import atomic_path, open_regular
 _FIRST, _LAST = -(2**63), 2**63 - 1  # bounds of row numbers in SQLite
 _HEAD_BYTES = 100  # size of the header of an SQLite file
 _MAX_MISSING = 1 << 36  # largest number of missing bytes; more means that the header is damaged
+_OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _HALVINGS = 12  # of the range of row numbers between two damaged pages; numbers may be random
 
 
@@ -115,7 +117,7 @@ def rescue_diary(
     with atomic_path(target) as made:
         made.chmod(0o600)
         with (
-            _whole(source, made) as whole,
+            _whole(source, made, target) as whole,
             _to_read(whole) as old,
             _connected(made, "rw") as new,
         ):
@@ -124,6 +126,7 @@ def rescue_diary(
                 version = _version(old, source)
             except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
                 _raise_if_busy(error, source)
+                _raise_if_full(error, source)
                 raise FormatError(f"cannot be rescued: {error}", file=str(source)) from error
             try:
                 new.execute("BEGIN")
@@ -139,12 +142,14 @@ def rescue_diary(
                 )
                 new.execute("COMMIT")
             except sqlite3.Error as error:
-                raise OSError(errno.EIO, f"cannot be written: {error}", str(target)) from error
+                is_full = getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_FULL
+                code = errno.ENOSPC if is_full else errno.EIO
+                raise OSError(code, f"cannot be written: {error}", str(target)) from error
     return DiaryRescue(target, num_rows, tuple(missing))
 
 
 @contextlib.contextmanager
-def _whole(source: Path, made: Path) -> Iterator[Path]:
+def _whole(source: Path, made: Path, target: Path) -> Iterator[Path]:
     """Yield the file; if its end is missing, yield a copy with blank pages at the end.
 
     The end is missing after an interrupted copy. SQLite refuses a file with fewer pages than its
@@ -160,11 +165,16 @@ def _whole(source: Path, made: Path) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(dir=made.parent, prefix=f".{made.name}.") as folder:
         copy = Path(folder) / source.name
-        shutil.copyfile(source, copy)
-        copy.chmod(0o600)
         log = Path(f"{source}-wal")
-        if log.is_file():
-            shutil.copyfile(log, f"{copy}-wal")
+        try:
+            shutil.copyfile(source, copy)
+            copy.chmod(0o600)
+            if log.is_file():
+                shutil.copyfile(log, f"{copy}-wal")
+        except OSError as error:  # whose file name is the source's, whichever of the two failed
+            if error.errno in _OF_WRITING:
+                raise OSError(error.errno, error.strerror, str(target)) from error
+            raise
         os.truncate(copy, there // page * page)  # of an incomplete page, rows would read as zeros
         os.truncate(copy, size)
         yield copy
@@ -174,13 +184,31 @@ def _whole(source: Path, made: Path) -> Iterator[Path]:
 def _to_read(path: Path) -> Iterator[sqlite3.Connection]:
     """Connect to a diary without changing it, and without leaving files beside it.
 
-    SQLite makes a log beside the file for any connection. One that may only read leaves it there;
-    one that may write removes it at the end, but would first write what another program left in it.
+    SQLite makes a log beside a file that has been written with one, for which a full disk has no
+    room. Where no other program has left or opened the log, the file is therefore read as if
+    nothing could change it; a change is noticed at the end.
+
+    Raises
+    ------
+    OSError
+        Another program changed the file meanwhile.
     """
-    mode = "ro" if Path(f"{path}-wal").exists() else "rw"
+    with open_regular(path) as file:
+        is_logged = file.read(_HEAD_BYTES)[18:19] == b"\x02"
+    has_log = Path(f"{path}-wal").exists()
+    is_closed = is_logged and not has_log
+    mode = "ro&immutable=1" if is_closed else "ro" if has_log else "rw"
+    before = _stamp(path)
     with _connected(path, mode) as connection:
         connection.execute("PRAGMA query_only = 1")
         yield connection
+    if is_closed and _stamp(path) != before:
+        raise OSError(errno.EBUSY, "another program wrote to the diary meanwhile", str(path))
+
+
+def _stamp(path: Path) -> tuple[int, int, int]:
+    about = path.stat()
+    return about.st_ino, about.st_size, about.st_mtime_ns
 
 
 def _connected(path: Path, mode: str) -> contextlib.closing[sqlite3.Connection]:
@@ -193,6 +221,14 @@ def _raise_if_busy(error: Exception, source: Path) -> None:
     # Python's own errors, as about text that is not UTF-8, have no code of SQLite.
     if getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
         raise OSError(errno.EBUSY, str(error), str(source)) from error
+
+
+def _raise_if_full(error: Exception, source: Path) -> None:
+    """Raise OSError if the disk of the diary is full, because this is no damage."""
+    if isinstance(error, sqlite3.DatabaseError) and (words := words_of(error, source)) != str(
+        error
+    ):
+        raise OSError(errno.ENOSPC, words, str(source)) from error
 
 
 def _version(old: sqlite3.Connection, source: Path) -> int:
