@@ -43,10 +43,19 @@ void frame_line(std::string_view text) {
 }
 
 void tum_list(std::string_view text) {
-  const std::vector<TimedFile> files = parse_tum_list(text);
+  const std::vector<TimedFile> files =
+      parse_tum_list(text, [](const std::string& name) { return name.size() % 2 == 0; }).files;
   for (std::size_t i = 0; i < files.size(); ++i) {
     check_inside(files[i].name);
     if (i > 0 && files[i].time_ns < files[i - 1].time_ns) std::abort();
+  }
+  const std::vector<TimedFile> first(files.begin(), files.begin() + std::ssize(files) / 2);
+  const std::vector<TimedFile> rest(files.begin() + std::ssize(files) / 2, files.end());
+  std::vector<bool> is_taken(rest.size());
+  for (const std::int64_t partner : associate(first, rest, 20'000'000)) {
+    if (partner < 0) continue;
+    if (partner >= std::ssize(rest) || is_taken[partner]) std::abort();
+    is_taken[partner] = true;
   }
 }
 

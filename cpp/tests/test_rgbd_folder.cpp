@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <tuple>
 
 #include "capture/image_codec.hpp"
 #include "capture/image_frames.hpp"
@@ -131,30 +132,97 @@ TEST(Unmirror, ARayTableShowsWhichWayItRuns) {
   EXPECT_EQ(frame.depth[0], 5);
 }
 
-TEST(Associate, NearestWithinReachAsByBruteForce) {
+/// All pairs within reach, the nearest first, each file once: the rule of associate.py.
+std::vector<std::int64_t> associate_by_all_pairs(const std::vector<TimedFile>& files,
+                                                 const std::vector<TimedFile>& others,
+                                                 std::int64_t most_ns) {
+  std::vector<std::tuple<std::int64_t, std::int64_t, std::int64_t>> pairs;
+  for (std::int64_t i = 0; i < std::ssize(files); ++i) {
+    for (std::int64_t k = 0; k < std::ssize(others); ++k) {
+      const std::int64_t apart = std::abs(others[k].time_ns - files[i].time_ns);
+      if (apart <= most_ns) pairs.emplace_back(apart, i, k);
+    }
+  }
+  std::ranges::sort(pairs);
+  std::vector<std::int64_t> partner(files.size(), -1);
+  std::vector<bool> is_taken(others.size());
+  for (const auto& [apart, i, k] : pairs) {
+    if (partner[i] >= 0 || is_taken[k]) continue;
+    partner[i] = k;
+    is_taken[k] = true;
+  }
+  return partner;
+}
+
+TEST(Associate, NearestPairsFirstAsByBruteForce) {
   std::uint32_t state = 1;
   const auto random = [&](std::uint32_t n) {
     state = state * 1664525U + 1013904223U;
     return static_cast<std::int64_t>((state >> 8) % n);
   };
-  for (int trial = 0; trial < 200; ++trial) {
-    std::vector<TimedFile> files(8), others(static_cast<std::size_t>(random(9)));
+  for (int trial = 0; trial < 400; ++trial) {
+    // Distances of the first trials are different, those of the last ones mostly equal.
+    const bool has_ties = trial >= 200;
+    std::vector<TimedFile> files(static_cast<std::size_t>(random(9)));
+    std::vector<TimedFile> others(static_cast<std::size_t>(random(9)));
     for (auto* list : {&files, &others}) {
-      for (TimedFile& file : *list) file.time_ns = random(60);
+      for (TimedFile& file : *list) file.time_ns = random(has_ties ? 30 : 1U << 24U);
       std::ranges::sort(*list, {}, &TimedFile::time_ns);
     }
-    const auto nearest = associate(files, others, 7);
+    const std::int64_t reach = has_ties ? 5 : 1 << 21;
+    const auto found = associate(files, others, reach);
+    const auto expected = associate_by_all_pairs(files, others, reach);
+    if (!has_ties) {
+      ASSERT_EQ(found, expected);
+      continue;
+    }
+    std::vector<bool> is_taken(others.size());
     for (std::size_t i = 0; i < files.size(); ++i) {
-      std::int64_t best = 8;
-      for (const TimedFile& other : others) {
-        best = std::min(best, std::abs(other.time_ns - files[i].time_ns));
+      if (found[i] < 0) continue;
+      ASSERT_FALSE(is_taken[found[i]]);
+      is_taken[found[i]] = true;
+      ASSERT_LE(std::abs(others[found[i]].time_ns - files[i].time_ns), reach);
+    }
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      for (std::size_t k = 0; k < others.size(); ++k) {  // no pair is left over
+        if (found[i] >= 0 || is_taken[k]) continue;
+        ASSERT_GT(std::abs(others[k].time_ns - files[i].time_ns), reach);
       }
-      const std::int64_t found = nearest[i];
-      ASSERT_EQ(found < 0, best > 7);
-      if (found < 0) continue;
-      EXPECT_EQ(std::abs(others[found].time_ns - files[i].time_ns), best);
     }
   }
+}
+
+TEST(Associate, NoColorImageIsUsedTwice) {
+  std::vector<TimedFile> depth(60), color(30);  // 60 and 30 images a second
+  for (std::int64_t i = 0; i < 60; ++i) depth[i].time_ns = i * 1'000'000'000 / 60;
+  for (std::int64_t i = 0; i < 30; ++i) color[i].time_ns = i * 1'000'000'000 / 30 + 1'000'000;
+  const auto partner = associate(depth, color, 20'000'000);
+  for (std::int64_t i = 0; i < 60; ++i) EXPECT_EQ(partner[i], i % 2 == 0 ? i / 2 : -1) << i;
+}
+
+TEST(Associate, TimesAtTheEndsOfTheirRangeAreFarApart) {
+  const TimedFile first{-9'000'000'000'000'000'000, "a"}, last{9'000'000'000'000'000'000, "b"};
+  EXPECT_EQ(associate({first}, {last}, 20'000'000), std::vector<std::int64_t>{-1});
+  EXPECT_EQ(associate({first, last}, {last}, 20'000'000), (std::vector<std::int64_t>{-1, 0}));
+}
+
+TEST(TumList, ALastLineThatIsTornIsLeftOut) {
+  const std::string whole = "# time file\n1.0 rgb/1.0.png\n1.1 rgb/1.1.png\n";
+  const auto exists = [](const std::string& name) { return name.ends_with(".png"); };
+  const auto parsed = [&](std::size_t size) {
+    return parse_tum_list(std::string_view(whole).substr(0, size), exists);
+  };
+  EXPECT_EQ(parsed(whole.size()).files.size(), 2U);
+  EXPECT_FALSE(parsed(whole.size()).is_torn);
+  EXPECT_EQ(parsed(whole.size() - 1).files.size(), 2U);  // as many editors end a file
+  EXPECT_FALSE(parsed(whole.size() - 1).is_torn);
+  const std::size_t second = whole.rfind("1.1 ");
+  for (std::size_t size = second + 1; size + 1 < whole.size(); ++size) {
+    EXPECT_EQ(parsed(size).files.size(), 1U) << size;
+    EXPECT_TRUE(parsed(size).is_torn) << size;
+  }
+  for (std::size_t size = 0; size <= second; ++size) parsed(size);
+  EXPECT_THROW(parse_tum_list("1.0\n1.1 rgb/1.1.png\n", exists), FormatError);
 }
 
 TEST(Registry, TellsSchemesAndRefusesOthers) {

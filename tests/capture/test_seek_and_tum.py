@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import rgbd_frames
+from command_line import manip3d
 from manip3d import (
     FormatError,
     InputError,
@@ -285,6 +286,57 @@ def test_a_tum_sequence_without_colour_and_a_second_one_in_its_place(tmp_path: P
     early = replace(next(rgbd_frames.frames(1)), time_ns=-1_500_000_000)
     capture.record([early], f"tum:{tmp_path / 'early'}")
     assert next(iter(capture.open_rgbd(f"tum:{tmp_path / 'early'}"))).time_ns == -1_500_000_000
+
+
+def test_a_tum_sequence_that_is_torn_has_its_whole_frames(tmp_path: Path) -> None:
+    """A killed writer, or an interrupted copy, leaves a part of a line."""
+    folder = tmp_path / "walk"
+    frames = [replace(f, depth=np.minimum(f.depth, 13106)) for f in rgbd_frames.frames(3)]
+    capture.record(frames, f"tum:{folder}")
+    whole = {name: (folder / name).read_bytes() for name in ("depth.txt", "rgb.txt")}
+    for name, text in whole.items():
+        for size in (2, 12, len(text.splitlines()[-1])):  # of the last line with its line break
+            (folder / name).write_bytes(text[: len(text) - size])
+            with capture.open_rgbd(f"tum:{folder}") as source:
+                found = list(source)
+                counters = source.counters
+            assert counters["incomplete"] == 1
+            assert counters["without_color"] == (name == "rgb.txt")
+            assert len(found) == (3 if name == "rgb.txt" else 2)
+            assert_same(found[1], replace(frames[1], body_index=None, skeletons=(), number=1))
+        (folder / name).write_bytes(text.rstrip())  # as an editor may write it
+        with capture.open_rgbd(f"tum:{folder}") as source:
+            assert len(list(source)) == 3
+            assert source.counters["incomplete"] == 0
+        (folder / name).write_bytes(text)
+    command = ("capture", "record", f"tum:{folder}", "--force", "-o", tmp_path / "copy")
+    assert "its end is missing" not in manip3d(*command).stderr
+    (folder / "depth.txt").write_bytes(whole["depth.txt"][:-12])
+    assert "its end is missing" in manip3d(*command).stderr
+    (folder / "depth.txt").write_bytes(whole["depth.txt"][:-12] + b"\n")
+    with capture.open_rgbd(f"tum:{folder}") as source, pytest.raises(FileNotFoundError):
+        list(source)
+
+
+def test_a_colour_image_belongs_to_one_depth_image(tmp_path: Path) -> None:
+    """Depth at 60 and colour at 30 frames a second, paired as by the benchmark's associate.py."""
+    folder = tmp_path / "walk"
+    step = 1_000_000_000 // 60
+    frames = [
+        replace(
+            frame,
+            depth=np.minimum(frame.depth, 13106),
+            time_ns=n * step + 7,
+            color=frame.color if n % 2 == 0 else None,
+        )
+        for n, frame in enumerate(rgbd_frames.frames(6))
+    ]
+    capture.record(frames, f"tum:{folder}")
+    with capture.open_rgbd(f"tum:{folder}") as source:
+        for n, found in enumerate(source):
+            expected = replace(frames[n], body_index=None, skeletons=(), number=n)
+            assert_same(found, expected)
+        assert source.counters["without_color"] == 3
 
 
 def test_a_tum_sequence_onto_itself_is_refused_before_it_is_touched(tmp_path: Path) -> None:

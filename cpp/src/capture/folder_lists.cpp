@@ -2,7 +2,10 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <queue>
 #include <string>
+#include <tuple>
+#include <utility>
 
 #include "capture/image_frames.hpp"
 #include "capture/rgbd_json.hpp"
@@ -65,6 +68,25 @@ std::optional<std::int64_t> exact_ns(std::string_view seconds) {
   return std::stoll(digits);
 }
 
+/// Parses a line of a TUM sequence's list; returns nothing if it is blank or a comment.
+std::optional<TimedFile> timed_file(std::string_view text, std::int64_t line) {
+  LineCursor words(text, line);
+  if (words.at_end()) return std::nullopt;
+  constexpr double kMaxSeconds = 9e9;  // so that nanoseconds fit 64 bits
+  const char* start = words.position();
+  const std::string_view exact = words.word();
+  words.move_to(start);
+  const double seconds = words.number("time");
+  if (!(std::abs(seconds) <= kMaxSeconds)) {
+    throw FormatError::at_line(line, "time: expected seconds up to 9e9");
+  }
+  const std::string_view name = words.word();
+  if (!is_inside(name)) {
+    throw FormatError::at_line(line, "file: expected a name inside the sequence's folder");
+  }
+  return TimedFile{exact_ns(exact).value_or(std::llround(seconds * 1e9)), std::string(name)};
+}
+
 }  // namespace
 
 void parse_frame_line(std::string_view text, std::int64_t line, const std::filesystem::path& folder,
@@ -96,46 +118,79 @@ std::shared_ptr<const RgbdCalibration> parse_calibration(std::string_view text) 
   return calibration_from_json(root.member("calibration"));
 }
 
-std::vector<TimedFile> parse_tum_list(std::string_view text) {
-  std::vector<TimedFile> files;
+TumList parse_tum_list(std::string_view text,
+                       const std::function<bool(const std::string&)>& exists) {
+  TumList list;
   std::int64_t line = 0;
   while (!text.empty()) {
     const std::size_t end = text.find('\n');
-    LineCursor words(text.substr(0, end), ++line);
-    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
-    if (words.at_end()) continue;
-    constexpr double kMaxSeconds = 9e9;  // so that nanoseconds fit 64 bits
-    const char* start = words.position();
-    const std::string_view exact = words.word();
-    words.move_to(start);
-    const double seconds = words.number("time");
-    if (!(std::abs(seconds) <= kMaxSeconds)) {
-      throw FormatError::at_line(line, "time: expected seconds up to 9e9");
+    const bool may_be_torn = end == std::string_view::npos;
+    const std::string_view words = text.substr(0, end);
+    text.remove_prefix(may_be_torn ? text.size() : end + 1);
+    try {
+      std::optional<TimedFile> file = timed_file(words, ++line);
+      if (!file) continue;
+      list.is_torn = may_be_torn && !exists(file->name);
+      if (!list.is_torn) list.files.push_back(std::move(*file));
+    } catch (const FormatError&) {
+      if (!may_be_torn) throw;
+      list.is_torn = true;
     }
-    const std::string_view name = words.word();
-    if (!is_inside(name)) {
-      throw FormatError::at_line(line, "file: expected a name inside the sequence's folder");
-    }
-    files.push_back({exact_ns(exact).value_or(std::llround(seconds * 1e9)), std::string(name)});
   }
-  std::ranges::sort(files, {}, [](const TimedFile& file) {
+  std::ranges::sort(list.files, {}, [](const TimedFile& file) {
     return std::pair<std::int64_t, std::string_view>(file.time_ns, file.name);
   });
-  return files;
+  return list;
 }
 
 std::vector<std::int64_t> associate(const std::vector<TimedFile>& files,
                                     const std::vector<TimedFile>& others, std::int64_t most_ns) {
-  std::vector<std::int64_t> nearest(files.size(), -1);
-  std::size_t at = 0;
-  for (std::size_t i = 0; i < files.size() && !others.empty(); ++i) {
-    const auto distance = [&](std::size_t k) {
-      return std::abs(others[k].time_ns - files[i].time_ns);
-    };
-    while (at + 1 < others.size() && distance(at + 1) <= distance(at)) ++at;
-    if (distance(at) <= most_ns) nearest[i] = static_cast<std::int64_t>(at);
+  // All files in order of time, as a list from which pairs are taken. The nearest pair that is left
+  // always stands side by side: a file between the two would be nearer to one of them.
+  struct Entry {
+    std::int64_t time_ns = 0, index = 0;
+    bool is_other = false;
+    std::int64_t before = 0, after = 0;
+  };
+  std::vector<Entry> entries;
+  entries.reserve(files.size() + others.size());
+  for (std::int64_t i = 0; i < std::ssize(files); ++i) {
+    entries.push_back({files[i].time_ns, i, false});
   }
-  return nearest;
+  for (std::int64_t i = 0; i < std::ssize(others); ++i) {
+    entries.push_back({others[i].time_ns, i, true});
+  }
+  std::ranges::sort(entries, {}, [](const Entry& entry) {
+    return std::tuple(entry.time_ns, entry.is_other, entry.index);
+  });
+  const std::int64_t count = std::ssize(entries);
+  using Pair = std::tuple<std::int64_t, std::int64_t, std::int64_t>;  // distance, two places
+  std::priority_queue<Pair, std::vector<Pair>, std::greater<>> pairs;
+  const auto consider = [&](std::int64_t a, std::int64_t b) {
+    if (a < 0 || b >= count || entries[a].is_other == entries[b].is_other) return;
+    if (entries[a].time_ns < entries[b].time_ns - most_ns) return;  // their difference may overflow
+    pairs.emplace(entries[b].time_ns - entries[a].time_ns, a, b);
+  };
+  for (std::int64_t k = 0; k < count; ++k) {
+    entries[k].before = k - 1;
+    entries[k].after = k + 1;
+    consider(k - 1, k);
+  }
+  std::vector<std::int64_t> partner(files.size(), -1);
+  std::vector<bool> is_taken(entries.size());
+  while (!pairs.empty()) {
+    const auto [apart, a, b] = pairs.top();
+    pairs.pop();
+    if (is_taken[a] || is_taken[b]) continue;
+    is_taken[a] = is_taken[b] = true;
+    const Entry& file = entries[entries[a].is_other ? b : a];
+    partner[file.index] = entries[entries[a].is_other ? a : b].index;
+    const std::int64_t before = entries[a].before, after = entries[b].after;
+    if (before >= 0) entries[before].after = after;
+    if (after < count) entries[after].before = before;
+    consider(before, after);
+  }
+  return partner;
 }
 
 }  // namespace manip3d

@@ -260,17 +260,25 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
   constexpr std::int64_t kMaxApart = 20'000'000;  // associate.py of the benchmark: 0.02 s
   // The lock comes first, so that nobody replaces the recording while the lists are read.
   auto lock = std::make_shared<RecordingLock>(folder, RecordingLock::For::kReading);
-  const std::vector<TimedFile> depth = parse_file(folder / "depth.txt", parse_tum_list);
-  const std::vector<TimedFile> color = parse_file(folder / "rgb.txt", parse_tum_list);
-  const std::vector<std::int64_t> nearest = associate(depth, color, kMaxApart);
-  const auto list = [folder, depth, color, nearest](std::int64_t index, FrameFiles& f) {
+  const auto parse = [&folder](std::string_view text) {
+    return parse_tum_list(text, [&folder](const std::string& name) {
+      std::error_code error;  // of a name that no file can have
+      return fs::exists(folder / name, error);
+    });
+  };
+  const auto [depth, is_depth_torn] = parse_file(folder / "depth.txt", parse);
+  const auto [color, is_color_torn] = parse_file(folder / "rgb.txt", parse);
+  const std::vector<std::int64_t> partner = associate(depth, color, kMaxApart);
+  const auto list = [folder, depth = depth, color = color, partner](std::int64_t index,
+                                                                    FrameFiles& f) {
     const std::size_t i = index;
     f.time_ns = depth[i].time_ns;
     f.depth.path = folder / depth[i].name;
-    if (nearest[i] >= 0) f.color.path = folder / color[nearest[i]].name;
+    if (partner[i] >= 0) f.color.path = folder / color[partner[i]].name;
   };
-  ImageFrames::Listing found =
-      listed(std::ssize(depth), list, {{"without_color", std::ranges::count(nearest, -1)}});
+  ImageFrames::Listing found = listed(std::ssize(depth), list,
+                                      {{"without_color", std::ranges::count(partner, -1)},
+                                       {"incomplete", is_depth_torn || is_color_torn ? 1 : 0}});
   found.lock = std::move(lock);
   return found;
 }

@@ -90,17 +90,28 @@ void parse_frame_line(std::string_view text, std::int64_t line, const std::files
 /// @throws FormatError
 std::shared_ptr<const RgbdCalibration> parse_calibration(std::string_view text);
 
-/// A file of a TUM sequence: times and names, sorted by time.
+/// A file of a TUM sequence.
 struct TimedFile {
   std::int64_t time_ns = 0;
   std::string name;
 };
+struct TumList {
+  std::vector<TimedFile> files;  ///< Sorted by time.
+  bool is_torn = false;          ///< Was the last line left out?
+};
 /// Parses depth.txt or rgb.txt.
+///
+/// A writer that was killed, or a copy that was interrupted, leaves a part of the last line. A last
+/// line without a line break is therefore left out if it is no line of a list, or if its file does
+/// not exist.
 /// @throws FormatError  with the number of the line.
-std::vector<TimedFile> parse_tum_list(std::string_view text);
+TumList parse_tum_list(std::string_view text,
+                       const std::function<bool(const std::string&)>& exists);
 
-/// For each time, returns the index of the nearest one of `others`, or -1 if none is within
-/// `most_ns`. Both lists are sorted. Of two equally near ones, the later is taken.
+/// Pairs files that are near in time as the benchmark's associate.py does: of all pairs within
+/// `most_ns`, the nearest first, each file in one pair at most. Returns for each file the index of
+/// its partner in `others`, or -1. Both lists are sorted. Of equally near pairs, the earliest comes
+/// first.
 std::vector<std::int64_t> associate(const std::vector<TimedFile>& files,
                                     const std::vector<TimedFile>& others, std::int64_t most_ns);
 
