@@ -28,7 +28,7 @@ from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._live import hear
 from manip3d.phantom._recorder import Pictures
 from manip3d.phantom.games import begin
-from manip3d.rgbd import RgbdFrame
+from manip3d.rgbd import JOINTS, NOT_TRACKED, RgbdFrame
 
 
 @functools.cache
@@ -200,6 +200,66 @@ def test_feet_that_are_seen_unsteadily_are_told_on_the_page() -> None:
     last = play(session, list(simulator))[-1].status
     assert last["game"]["phase"] == "playing"
     assert "The camera sees your feet unsteadily, so that only movements of" in last["message"]
+
+
+WITHOUT_ENDS = [
+    JOINTS.index(f"{name}{side}")
+    for name in ("Hand", "HandTip", "Thumb", "Foot")
+    for side in ("Left", "Right")
+]
+"""Joints that trackers with those of COCO do not have."""
+
+
+def like_coco(frame: RgbdFrame) -> RgbdFrame:
+    (body,) = frame.skeletons
+    states = body.states.copy()
+    states[WITHOUT_ENDS] = NOT_TRACKED
+    positions = body.positions.copy()
+    positions[WITHOUT_ENDS] = 0.0
+    return replace(frame, skeletons=(replace(body, positions=positions, states=states),))
+
+
+@pytest.mark.parametrize("game", ["pedal", "piano"])
+def test_a_game_whose_joints_the_tracker_does_not_have_is_refused_with_those_that_can_be_played(
+    game: str,
+) -> None:
+    frames = [capsule_body.painted(number) for number in range(40)]
+    session = LiveSession("left_leg", game=game)
+    session.command("ready")
+    shown = [frame.status for frame in play(session, [like_coco(frame) for frame in frames])]
+    waiting = [status for status in shown if status["state"] == "tracking"]
+    assert len(waiting) > 10
+    assert {status["game"]["phase"] for status in waiting} == {"starting"}
+    (message,) = {status["message"] for status in waiting}
+    assert message.endswith(
+        f"{game.title()} needs joints that the tracker does not see: left foot, right foot. What "
+        "can be played: Bubble Burst for legs."
+    )
+    session.command("choose", {"game": "bubbles-legs", "difficulty": 1})
+    session.command("ready")
+    later = [replace(frame, time_ns=frame.time_ns + 2_000_000_000) for frame in frames]
+    after = play(session, [like_coco(frame) for frame in later])[-1].status
+    assert after["game"]["phase"] == "playing"
+    assert "needs joints" not in after["message"]
+
+
+@pytest.mark.parametrize(("limb", "end"), [("right_arm", "Wrist"), ("left_leg", "Ankle")])
+def test_touches_of_a_limb_without_its_end_are_on_joints_that_are_seen(limb: str, end: str) -> None:
+    session = LiveSession(limb)
+    session.command("touch", {"mode": "synchronous"})
+    frames = [
+        replace(like_coco(capsule_body.painted(number % 60)), time_ns=number * 33_333_333)
+        for number in range(600)
+    ]
+    shown = [frame.status for frame in play(session, frames)]
+    touched = [status for status in shown if status["touch"]["place"]]
+    assert touched
+    side = limb.partition("_")[0].title()
+    inner = {"Wrist": "Elbow", "Ankle": "Knee"}[end]
+    places = {name: JOINTS.index(name + side) for name in (inner, end)}
+    for status in touched:
+        assert status["touch"]["place"] in [status["joints"][joint] for joint in places.values()]
+    assert {status["touch"]["due"][1] for status in shown} == {inner.lower(), end.lower()}
 
 
 def test_enlarged_arms_ask_for_no_larger_movements_of_the_feet() -> None:

@@ -14,8 +14,9 @@ from manip3d.phantom._clips import ClipRing
 from manip3d.phantom._pedal import advise_pedal
 from manip3d.phantom._recorder import GameSummary, Pictures, Recorder
 from manip3d.phantom._setup import moved_to
-from manip3d.phantom._state import forget_feet
+from manip3d.phantom._state import forget_feet, missing_joints
 from manip3d.phantom.games import (
+    GAMES,
     ArmField,
     GameState,
     PedalField,
@@ -77,7 +78,8 @@ class Play:
     summaries : list of GameSummary
         Games that are over.
     advice : str
-        What keeps the game, in the last frame, from counting movements; empty: nothing does.
+        What keeps the game, in the last frame, from beginning or from counting movements; empty:
+        nothing does.
     """
 
     def __init__(
@@ -154,6 +156,8 @@ class Play:
         begins = self.is_wanted
         if begins:
             self._begin(shown.skeleton, measured, floor)
+        if self.game is None and begins:
+            self.advice = _cannot_begin(self.choice[0], shown.skeleton)
         if self.game is None or self.game.phase == "over":
             return False
         self._seen[True] += 1
@@ -303,6 +307,20 @@ class Play:
         while self._events and now - self._events[0][0] > _EVENTS_NS:
             self._events.popleft()
         return [told for _, told in self._events]
+
+
+def _cannot_begin(name: str, skeleton: Skeleton) -> str:
+    """Return a sentence on the joints that a game lacks, and on games that can be played."""
+    missing = missing_joints(GAMES[name], skeleton)
+    if not missing:
+        return ""
+    told = f"{GAMES[name].title} needs joints that the tracker does not see: {', '.join(missing)}."
+    others = [
+        game.title
+        for game in GAMES.values()
+        if game.limbs == GAMES[name].limbs and not missing_joints(game, skeleton)
+    ]
+    return f"{told} What can be played: {', '.join(others)}." if others else told
 
 
 def rounded(values: Any) -> Any:

@@ -22,7 +22,7 @@ from manip3d.phantom._setup import PlacementCalibration, placement_checks
 from manip3d.phantom._sitting import Sitting
 from manip3d.phantom._touch import ARM, LEG, SECONDS, STATEMENTS, TouchCue
 from manip3d.phantom.games import GAMES
-from manip3d.rgbd import JOINTS, RgbdFrame, Skeleton
+from manip3d.rgbd import JOINTS, NOT_TRACKED, RgbdFrame, Skeleton
 from manip3d.serve import encode_frame
 
 if TYPE_CHECKING:
@@ -538,8 +538,10 @@ class LiveSession:
             joint, is_felt = cue.pass_time(seconds)
             self._ticks += is_felt
         if joint is not None:
-            place = rounded(shown.skeleton.positions[JOINTS.index(names[joint] + side.title())])
+            name = _seen_joint(names[: joint + 1], side, shown.skeleton)
+            place = rounded(shown.skeleton.positions[JOINTS.index(name + side.title())])
         due = cue.due
+        touched = due and _seen_joint(names[: due.joint + 1], side, shown.skeleton)
         return {
             "touch": {
                 "mode": cue.mode,
@@ -547,7 +549,7 @@ class LiveSession:
                 "place": place,
                 "felt": is_felt,
                 "ticks": self._ticks,
-                "due": due and [round(due.felt - cue.clock, 3), names[due.joint].lower()],
+                "due": due and touched and [round(due.felt - cue.clock, 3), touched.lower()],
             },
             "felt": felt,
         }
@@ -555,6 +557,15 @@ class LiveSession:
     def _game_status(self, *, playing: bool) -> dict[str, Any]:
         shown = self._play.shown(self._last_time or 0, playing=playing)
         return {"game": shown | self._sitting.shown()}
+
+
+def _seen_joint(names: Sequence[str], side: str, skeleton: Skeleton) -> str:
+    """Return the last of a limb's joints that is tracked; the first if none is.
+
+    Trackers with the joints of COCO see neither hands nor feet.
+    """
+    seen = [n for n in names if skeleton.states[JOINTS.index(n + side.title())] != NOT_TRACKED]
+    return seen[-1] if seen else names[0]
 
 
 def _game_for(limb: str) -> str:

@@ -29,6 +29,7 @@ _LONGEST_GAP_S = 0.3  # seconds for which a foot may be unseen within a movement
 
 _HANDS = ("Wrist", "Hand", "HandTip", "Thumb")
 _FEET = ("Ankle", "Foot")
+_IN_WORDS = {"SpineBase": "base of the spine"}
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class Game:
         Instruction for the player, in a sentence.
     rules : str
         ``bubbles``, ``pedal`` or ``piano``.
+    joints : tuple of str
+        Joints without which the game cannot begin; of both sides if no side is named.
     speeds : tuple of float, metres per second
         Speeds of the bubbles, one for each difficulty.
     intervals : tuple of float, seconds
@@ -68,6 +71,7 @@ class Game:
     limbs: Literal["arms", "legs"]
     how: str
     rules: Rules = "bubbles"
+    joints: tuple[str, ...] = ()
     speeds: tuple[float, float, float] = (0.0, 0.0, 0.0)
     intervals: tuple[float, float, float] = (0.0, 0.0, 0.0)
     reaches: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]] = ((0.0,),) * 3
@@ -323,6 +327,17 @@ def bones_of(limbs: Literal["arms", "legs"], side: str) -> tuple[int, ...]:
     """
     parts = _HANDS if limbs == "arms" else _FEET
     return tuple(sorted(JOINTS.index(f"{part}{side.title()}") for part in parts))
+
+
+def missing_joints(game: Game, skeleton: Skeleton) -> list[str]:
+    """Return the joints that are not tracked and without which a game cannot begin, in words."""
+    missing = []
+    for part in game.joints:
+        sides = ("",) if part in JOINTS else tuple(side.title() for side in SIDES)
+        for side in sides:
+            if skeleton.states[JOINTS.index(part + side)] == NOT_TRACKED:
+                missing.append(f"{side} {_IN_WORDS.get(part, part)}".strip().lower())
+    return missing
 
 
 # --- where joints are -----------------------------------------------------------------------------

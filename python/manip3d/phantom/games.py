@@ -61,6 +61,7 @@ GAMES: Mapping[str, Game] = {
             "Bubble Burst",
             "arms",
             "Burst the bubbles with both hands before they reach the ceiling.",
+            joints=("Shoulder", "SpineBase"),
             speeds=(0.25, 0.4, 0.6),
             intervals=(2.5, 1.8, 1.2),
             reaches=((0.75,), (0.6, 0.9), (0.5, 0.75, 1.0)),
@@ -70,6 +71,7 @@ GAMES: Mapping[str, Game] = {
             "Bubble Burst for legs",
             "legs",
             "Burst the bubbles in front of you with both feet.",
+            joints=("Hip", "Knee", "Ankle"),
             speeds=(0.15, 0.25, 0.35),
             intervals=(2.5, 1.8, 1.2),
             reaches=((0.75,), (0.75,), (0.75,)),
@@ -81,6 +83,7 @@ GAMES: Mapping[str, Game] = {
             "Draw your toes up and press them down, again and again, until both balls reach their "
             "disks.",
             rules="pedal",
+            joints=("Knee", "Ankle", "Foot"),
             strokes=(8, 12, 16),
             swings=(12.0, 15.0, 18.0),
             radius=0.07,
@@ -93,6 +96,7 @@ GAMES: Mapping[str, Game] = {
             "legs",
             "Lift a foot and stomp on the key that lights up.",
             rules="piano",
+            joints=("Hip", "Knee", "Ankle", "Foot"),
             intervals=(6.0, 4.0, 2.5),
             reaches=((0.0, 0.4), (0.0, 0.4, 0.8), (0.0, 0.4, 0.8)),
             swings=(0.08, 0.1, 0.12),
@@ -134,7 +138,8 @@ def begin(
     Returns
     -------
     GameState or None
-        None: a joint that the layout depends on is not tracked.
+        None: a joint that the layout depends on is not tracked. Those of `Game.joints` are needed
+        in any case; trackers with the joints of COCO have no feet, which pedals and piano need.
 
     Raises
     ------
