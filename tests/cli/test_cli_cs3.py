@@ -345,6 +345,26 @@ def test_disparities_of_8_bits(tmp_path: Path) -> None:
     assert "depth 2.00 to 2.00 m, unit disparity:80" in done.stderr + done.stdout
 
 
+def test_info_and_view_take_the_depths_of_8_bits_that_depth_takes(tmp_path: Path) -> None:
+    path = tmp_path / "disp1.png"
+    Image.fromarray(np.full((48, 64), 40, np.uint8)).save(path)
+    Image.fromarray(np.full((48, 64, 3), 40, np.uint8)).save(tmp_path / "color.png")
+    (tmp_path / "calib.txt").write_text(
+        "cam0=[50 0 32; 0 50 24; 0 0 1]\ncam1=[50 0 32; 0 50 24; 0 0 1]\ndoffs=0\n"
+        "baseline=1600\nwidth=64\nheight=48\n"
+    )
+    for more in (("--unit", "disparity:80"), ("--intrinsics", tmp_path / "calib.txt")):
+        done = manip3d("info", path, *more, "--json")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["range"] == [2.0, 2.0]
+        done = manip3d("view", path, *more, "-o", tmp_path / "x.html", "--force")
+        assert "depth 2.00 to 2.00 m, unit disparity:80" in done.stderr  # the page needs npm
+    for verb in ("info", "view"):
+        assert "disparity:FB of a stereo pair" in error_line(manip3d(verb, path))
+        wrong = manip3d(verb, tmp_path / "color.png", "--unit", "disparity:80")
+        assert "is a colour picture" in error_line(wrong)
+
+
 def test_wrong_cameras_are_refused(frame: Path, tmp_path: Path) -> None:
     from manip3d import InputError
     from manip3d.camera import read_intrinsics

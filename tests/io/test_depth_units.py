@@ -80,6 +80,9 @@ def test_fractions_in_the_hundreds_are_millimetres() -> None:
     unit, reason = guess_depth_unit(1000 * ramp(0.9, 5.0).astype(np.float32))
     assert unit == "mm"
     assert "beyond" in reason
+    assert "centimetres" not in reason
+    reason = guess_depth_unit(100 * ramp(0.9, 3.0).astype(np.float32))[1]
+    assert reason.endswith("in centimetres, unit 100, it would be beyond 2.1 m")
 
 
 @pytest.mark.parametrize("dtype", ["int16", "int32", "uint32", "int64", "uint64"])

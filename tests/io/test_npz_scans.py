@@ -98,6 +98,19 @@ def test_four_columns_are_points_with_intensity(key: str, tmp_path: Path) -> Non
     np.testing.assert_array_equal(frame.intensity, SHARES[:, 0].astype(np.float32))
 
 
+def test_columns_behind_points_beside_other_arrays(tmp_path: Path) -> None:
+    """An array of its own goes before a column without a name."""
+    wide = np.column_stack([POINTS, SHARES[:, 0], NORMALS[:, 0]])
+    frame = read_scan(saved(tmp_path, points=wide, label=np.arange(30)))
+    np.testing.assert_array_equal(frame.points, POINTS)
+    np.testing.assert_array_equal(frame.intensity, SHARES[:, 0].astype(np.float32))
+    assert frame.fields["label"].tolist() == list(range(30))
+    np.testing.assert_array_equal(frame.fields["column_5"], NORMALS[:, 0])
+    other = np.linspace(0, 1, 30, dtype=np.float32)
+    frame = read_scan(saved(tmp_path, points=wide, intensity=other))
+    np.testing.assert_array_equal(frame.intensity, other)
+
+
 def test_points_with_named_columns(tmp_path: Path) -> None:
     named = np.empty(30, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("intensity", "f4")])
     named["x"], named["y"], named["z"] = POINTS.T

@@ -1,6 +1,7 @@
 """Organised clouds (PCD of depth cameras) are depth images that bring their camera and colours."""
 
 import itertools
+import warnings
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -518,6 +519,13 @@ def colored(kind: str, points: NDArray[np.float32], path: Path) -> Path:
     shares = (colors / 255).astype(np.float32)
     shares[scene() == 0] = np.nan
     opaque = np.dstack([colors, np.full((ROWS, COLS), 255, np.uint8)])
+    if kind.startswith("points of "):
+        shine = np.random.default_rng(0).uniform(size=(ROWS, COLS, 1))
+        last = {"7": [shine, colors], "alpha": [opaque], "6": [colors]}[kind.split()[2]]
+        table = np.concatenate([points, *last], axis=-1).astype(np.float32)
+        beside = {} if "alone" in kind else {"label": np.arange(ROWS * COLS), "pose": np.eye(4)}
+        np.savez(path.with_suffix(".npz"), points=table, **beside)
+        return path.with_suffix(".npz")
     if kind.startswith("npz "):
         _, place, name, *share = kind.split()
         values = opaque if name == "rgba" else shares if share else colors
@@ -547,6 +555,7 @@ def colored(kind: str, points: NDArray[np.float32], path: Path) -> Path:
 @pytest.mark.parametrize(
     "kind",
     ["names r g b", "names red green blue", "6 bytes", "6 shares", "zed", "packed"]
+    + [f"points of {size}{alone}" for size in ("6", "7", "alpha") for alone in ("", " alone")]
     + [
         f"npz {place} {name}"
         for place in ("xyz", "points")
@@ -555,7 +564,9 @@ def colored(kind: str, points: NDArray[np.float32], path: Path) -> Path:
 )
 def test_colors_of_arrays_under_names_in_use(kind: str, tmp_path: Path) -> None:
     cloud = colored(kind, points_of(scene()), tmp_path / "cloud")
-    grid = io.read_range_grid(cloud)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*arrays without numbers for each")
+        grid = io.read_range_grid(cloud)
     assert grid.color is not None
     assert np.array_equal(grid.color[grid.valid], some_colors()[grid.valid])
     if kind in ("zed", "6 bytes"):
@@ -570,7 +581,10 @@ def test_columns_that_are_no_colors(tmp_path: Path) -> None:
     nothing = np.full_like(far, np.nan)
     nothing.view(np.uint32)[:] = 0xFFC00000
     wide = np.rint(100 * np.nan_to_num(points))
-    for rest in (normals, far, nothing, np.zeros_like(far), wide + 300, np.dstack([far, far])):
+    lasers = np.broadcast_to(np.float32([0.5, 100, 2, 40]), (ROWS, COLS, 4))
+    with_one = np.dstack([normals, np.ones_like(far)])
+    for rest in (normals, far, nothing, np.zeros_like(far), wide + 300, np.dstack([far, far]),
+                 lasers, np.dstack([normals, far]), with_one):  # fmt: skip
         np.save(tmp_path / "cloud.npy", np.concatenate([points, rest], axis=-1))
         assert io.read_range_grid(tmp_path / "cloud.npy").color is None
 

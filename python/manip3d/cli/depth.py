@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from manip3d.cli.kinds import expect_kind, kind_of
+from manip3d.cli.kinds import expect_kind, is_picture, kind_of, narrow_depth
 from manip3d.cli.many import over_files, with_defaults
 from manip3d.cli.options import (
     MISSED,
@@ -93,7 +93,7 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
 
     with naming_options("unit", "intrinsics"):
         may_be_8_bits = may_have_8_bits(options["unit"], options["intrinsics"])
-    names = [file.name for file in files if not _is_picture(file.name, may_be_8_bits)]
+    names = [file.name for file in files if not is_picture(file.name, may_be_8_bits)]
     clouds = {name for name in names if _is_cloud(name)}
     if not clouds:
         _expect_camera(names, options["intrinsics"])
@@ -141,19 +141,6 @@ def _expect_camera(names: list[str], intrinsics: str) -> None:
     if names:
         with naming_options("intrinsics"):
             expect_camera(intrinsics, Path(names[0]))
-
-
-def _is_picture(name: str, may_be_8_bits: bool) -> bool:
-    """Return whether a file is a PNG of 8 bits, unless it is grey and depths may have 8 bits."""
-    from manip3d.io import is_color_png, is_url
-    from manip3d.io._depth_files import is_grey_png
-
-    try:
-        if is_url(name) or not is_color_png(name):
-            return False
-        return not (may_be_8_bits and is_grey_png(name))
-    except (OSError, FormatError):  # the frame's own turn reports it
-        return False
 
 
 def _is_cloud(name: str) -> bool:
@@ -234,7 +221,7 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         check_output(output, WRITABLE, force=given["force"])
         found = find_files(sources, suffixes=(*DEPTH_SUFFIXES, *_SCANS))
         may_be_8_bits = may_have_8_bits(given["unit"], given["intrinsics"])
-        pictures = [f for f in found if _is_picture(f.name, may_be_8_bits)]
+        pictures = [f for f in found if is_picture(f.name, may_be_8_bits)]
         for file in pictures:
             if file.is_named or len(pictures) == len(found):
                 expect_kind(file.name, "depth", "range grid", verb="depth")
@@ -579,7 +566,6 @@ def depth(
     Example: manip3d depth depth.png --intrinsics kinect-v2 --points 5000 -o person.glb
     """
     from manip3d import simplify
-    from manip3d.simplify._depth_inputs import may_have_8_bits
 
     assert not poses  # those files were joined
     assert frames is None  # that was a recording
@@ -607,9 +593,7 @@ def depth(
         )
         # Whether a cloud is an organised one is decided by its reader.
         clouds = ("scan",) if scan_suffix(source) in (".pcd", ".npy", ".npz") else ()
-        may_be_8_bits = may_have_8_bits(unit, intrinsics)
-        is_open = may_be_8_bits and not _is_picture(source, may_be_8_bits)
-        pictures = ("picture",) if is_open else ()
+        pictures = narrow_depth(source, unit, intrinsics)
         expect_kind(source, "depth", "range grid", *clouds, *pictures, verb="depth")
         check_output(output, WRITABLE, force=force)
         sequence = _sequence.get()

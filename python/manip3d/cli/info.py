@@ -32,9 +32,10 @@ def info(
 
     Example: manip3d info scan.bin
     """
+    from manip3d.simplify._depth_inputs import unit_to_read
     from manip3d.viewer import kind_of
 
-    expect_kind(source, *SHOWN, verb="info")
+    expect_kind(source, *SHOWN, *kinds.narrow_depth(source, unit, intrinsics), verb="info")
     shell = Terminal(as_json=as_json, quiet=quiet)
     scanning.expect_packets(source, calibration)
     kind = "mesh" if source == "-" else kind_of(source)
@@ -48,7 +49,7 @@ def info(
         if damage is not None:
             raise damage
     elif kind == "depth":
-        image = describing.depth_summary(source, unit)
+        image = describing.depth_summary(source, unit_to_read(unit, intrinsics))
         shell.result(image, lambda console: describing.show_depth(console, image))
     else:
         record = describing.summary(source, shell)

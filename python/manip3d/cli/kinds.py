@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._elsewhere import scan_advice
 from manip3d.io._remote import is_url, named_beside, reads_beside
 from manip3d.io._scan_files import (
@@ -126,6 +126,33 @@ def kind_of(source: str) -> str:
     return "picture" if suffix in _PICTURES else "unknown"
 
 
+def is_picture(source: str, may_be_8_bits: bool) -> bool:
+    """Return whether a file is a PNG of 8 bits, unless it is grey and depths may have 8 bits.
+
+    It is False for files that cannot be read, and for addresses.
+    """
+    from manip3d.io import is_color_png
+    from manip3d.io._depth_files import is_grey_png
+
+    try:
+        if is_url(source) or not is_color_png(source):
+            return False
+        return not (may_be_8_bits and is_grey_png(source))
+    except (OSError, FormatError):  # whoever reads the file reports it
+        return False
+
+
+def narrow_depth(source: str, unit: str, intrinsics: str) -> tuple[str, ...]:
+    """Return the kind ``picture`` if these options make depths of a picture of 8 bits; else ().
+
+    It is for `expect_kind`, which takes such a picture as a depth image then.
+    """
+    from manip3d.simplify._depth_inputs import may_have_8_bits
+
+    is_narrow = is_picture(source, False) and not is_picture(source, True)
+    return ("picture",) if is_narrow and may_have_8_bits(unit, intrinsics) else ()
+
+
 class OtherKindError(InputError):
     """Raised for a source of a kind that the command does not accept.
 
@@ -171,7 +198,7 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
         message += f". Its depth images: {images}"
     if kind == "depth" and "scan" in kinds and (cure := _POINTS_IN.get(_suffix(Path(source)))):
         message += f". {cure}"
-    if kind == "picture" and verb == "depth" and _suffix(Path(source)) == ".png":
+    if kind == "picture" and "depth" in kinds and _suffix(Path(source)) == ".png":
         message += ". If it holds depths of 8 bits, give their number in a metre as --unit, or "
         message += "disparity:FB of a stereo pair"
     raise OtherKindError(message, NAMES[kind])

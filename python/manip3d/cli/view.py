@@ -100,7 +100,8 @@ def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
     calibration = given["calibration"]
     choice = Choice(given["frame"], given["intrinsics"], given["unit"], given["color"], calibration)
     for source in sources:
-        expect_kind(source, *SHOWN, verb="view")
+        narrow = kinds.narrow_depth(source, choice.unit, choice.intrinsics)
+        expect_kind(source, *SHOWN, *narrow, verb="view")
     _refuse_unused(sources, given)
     with naming_options(*_OPTIONS):
         things = [_open(source, choice, terminal) for source in sources]
@@ -162,7 +163,7 @@ def view(
     Example: manip3d view scan.bin -o scan.html
     """
     check_output(output, SUFFIXES, force=force)
-    expect_kind(source, *SHOWN, verb="view")
+    expect_kind(source, *SHOWN, *kinds.narrow_depth(source, unit, intrinsics), verb="view")
     terminal = Terminal(quiet=quiet)
     choice = Choice(frame, intrinsics, unit, color, calibration)
     with naming_options(*_OPTIONS):
@@ -193,6 +194,7 @@ def _tell(path: Path, output: Path | None, terminal: Terminal) -> None:
 
 def _open(source: str, choice: Choice, terminal: Terminal) -> Any:
     from manip3d import viewer
+    from manip3d.simplify._depth_inputs import unit_to_read
 
     kind = "mesh" if source == "-" else viewer.kind_of(source)
     if kind == "mesh":
@@ -203,23 +205,13 @@ def _open(source: str, choice: Choice, terminal: Terminal) -> Any:
         source,
         frame=choice.frame,
         intrinsics=_camera(source, choice) if choice.intrinsics else None,
-        unit=_unit(choice),
+        unit=unit_to_read(choice.unit, choice.intrinsics),
         color=choice.color,
         calibration=choice.calibration,
     )
     note = f", {opened.note}" if opened.note else ""
     terminal.say(f"read {source} ({opened.kind}{note}): {_size(opened.thing)}")
     return opened.thing
-
-
-def _unit(choice: Choice) -> str:
-    """Return the unit of a depth image; a stereo pair's calibration defines its disparities."""
-    from manip3d.camera import camera_depth_unit
-
-    if choice.unit != "guess" or not choice.intrinsics:
-        return choice.unit
-    unit = camera_depth_unit(choice.intrinsics)
-    return unit if unit.startswith("disparity:") else choice.unit
 
 
 def _size(thing: Any) -> str:
@@ -234,11 +226,13 @@ def _camera(source: str, choice: Choice) -> Intrinsics:
     from manip3d.camera import read_intrinsics
     from manip3d.capture import rgbd_address
     from manip3d.cli import capture
-    from manip3d.io import read_depth
+    from manip3d.io import read_depth_guessing
+    from manip3d.simplify._depth_inputs import unit_to_read
 
     uri = rgbd_address(source)
     if uri is not None:
         return capture.camera_of_images(choice.intrinsics, uri)
-    height, width = read_depth(source).shape
+    unit = unit_to_read(choice.unit, choice.intrinsics)
+    height, width = read_depth_guessing(source, unit=unit).depth.shape
     with naming_options("intrinsics"):
         return read_intrinsics(choice.intrinsics, width=width, height=height)

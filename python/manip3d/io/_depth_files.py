@@ -163,7 +163,7 @@ def read_pixel_map(
 
 
 def read_mask(path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS) -> NDArray[np.bool_]:
-    """Read the mask of a depth image: pixels of a map that are not 0, in a JPEG the bright half."""
+    """Read the mask of a depth image: pixels of a map that are not 0, in a JPEG the bright ones."""
     return _read(path, max_pixels, decode_mask)
 
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _PNG_OR_TIFF = (b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _JPEG = b"\xff\xd8\xff"
+_DARKEST = 15  # a mask whose pixels are not brighter is black, with the noise of its compression
 HEADER_BYTES = 1 << 20  # allowance for headers, colour profiles and text beside the pixels
 
 
@@ -65,11 +66,12 @@ def decode_mask(data: bytes, max_pixels: int) -> NDArray[np.bool_]:
     """Return a mask (H, W): True where a map of pixels is neither 0 nor NaN.
 
     The compression of a JPEG leaves small numbers where 0 was, so that a pixel of one has to be at
-    least half as bright as white.
+    least half as bright as the brightest one, which is a grey in some masks.
     """
-    least = 128 if data.startswith(_JPEG) else 0
     values = np.nan_to_num(decode_map(data, max_pixels))
-    return np.asarray(values >= least if least else values != 0)
+    if not data.startswith(_JPEG):
+        return np.asarray(values != 0)
+    return np.asarray(values > max(_DARKEST, int(values.max()) // 2))
 
 
 def decode_map(data: bytes, max_pixels: int) -> NDArray[Any]:

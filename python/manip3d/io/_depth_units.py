@@ -54,6 +54,10 @@ _NEAREST_MEDIAN, _FARTHEST_MEDIAN = 0.05, 200.0
 """Metres: a median depth outside of these limits makes a given unit doubtful, because few cameras
 look at anything nearer and few lasers measure farther."""
 
+_USUAL_MEDIAN = 300.0
+"""Millimetres: most depth cameras measure nothing nearer, but those of endoscopes and small parts
+do, so that centimetres are only mentioned."""
+
 
 @dataclass(frozen=True, eq=False)
 class DepthReading:
@@ -405,7 +409,10 @@ def _guess_float(measured: NDArray[Any]) -> tuple[str, str]:
     near = measured[measured < _NOTHING_THERE]
     median = float(np.median(near if len(near) else measured))
     if median > 100:
-        return "mm", f"fractions, but half of the image would be beyond {median:.0f} m"
+        reason = f"fractions, but half of the image would be beyond {median:.0f} m"
+        if median < _USUAL_MEDIAN:
+            reason += f"; in centimetres, unit 100, it would be beyond {median / 100:.1f} m"
+        return "mm", reason
     return "m", "the image holds fractions, not whole numbers"
 
 

@@ -56,10 +56,11 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     path : path-like or URL
         A PLY file with a ``range_grid``, such as Stanford's single scans; a PCD file with a
         ``HEIGHT`` of 2 or more, as depth cameras produce; or a ``.npy`` or ``.npz`` file with an
-        array (H, W, C), C >= 3, or a structured array (H, W). In PCD and NumPy files NaN, (0, 0, 0)
-        and three infinite coordinates mean no measurement. Colours are read from columns or arrays
-        with usual names (red, r, rgb, rgba, color, colors), as numbers to 255 or fractions to 1; in
-        an array without names from columns 4 to 6, or from the packed column 4 of a ZED.
+        array (H, W, C), C from 3 to 8, or a structured array (H, W). In PCD and NumPy files NaN,
+        (0, 0, 0) and three infinite coordinates mean no measurement. Colours are read from columns
+        or arrays with usual names (red, r, rgb, rgba, color, colors), as numbers to 255 or
+        fractions to 1; in an array without names from columns 4 to 6, or 5 to 7 behind an
+        intensity, or from the packed column 4 of a ZED.
     max_bytes : int, optional
         See `read_mesh`.
 
@@ -152,9 +153,14 @@ def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
 
 def _colors(table: Table, valid: NDArray[np.bool_]) -> NDArray[np.uint8] | None:
     """Return red, green and blue of each point; None if the cloud has no colours."""
-    columns = {name: values for name, values in table.columns.items() if name not in _AXES}
-    if table.header.get("plain"):
-        columns = _columns_of_plain(list(columns.values()), valid)
+    unnamed = table.header.get("unnamed", ())
+    columns = {
+        name: values
+        for name, values in table.columns.items()
+        if name not in _AXES and name not in unnamed
+    }
+    if unnamed and find_colors(columns) is None:
+        columns = _columns_of_plain([table.columns[name] for name in unnamed], valid)
     for name, values in columns.items():
         if values.dtype.kind == "f" and not is_packed(name, values):  # NaN where nothing was seen
             use = np.isfinite(values) | valid.reshape(-1, *[1] * (values.ndim - 1))
@@ -173,9 +179,17 @@ def _columns_of_plain(
 ) -> dict[str, NDArray[Any]]:
     """Return the columns of an array (H, W, C) behind x, y and z that may be colours, by names.
 
-    Three columns are colours unless they are normals. A single one of floats is an intensity unless
-    its bits are those of packed colours: with alpha, no number that a sensor measures has them.
+    Three columns are colours unless they are normals, also before an opaque alpha. Behind another
+    column, such as an intensity, they are if two of them have numbers from 128 to 255: lasers and
+    returns are counted in smaller ones. A single one of floats is an intensity unless its bits are
+    those of packed colours: with alpha, no number that a sensor measures has them.
     """
+    if len(rest) == 4:
+        last = np.column_stack(rest[1:])[valid]
+        if len(last) and last[0, 2] in (1, _OPAQUE) and (last[:, 2] == last[0, 2]).all():
+            return _columns_of_plain(rest[:3], valid)
+        may_be = len(last) > 0 and np.count_nonzero(last.max(axis=0) > _OPAQUE // 2) > 1
+        return dict(zip("rgb", rest[1:], strict=True)) if may_be else {}
     if len(rest) == 3:
         values = np.column_stack(rest)[valid].astype(np.float64)
         values = values[values.any(axis=1)]  # zeros are black, and no normals

@@ -127,7 +127,8 @@ def table_of(data: bytes, name: str) -> Table:
                 stacklevel=caller_level(),
             )
     native = {key: v.astype(v.dtype.newbyteorder("=")) for key, v in columns.items()}
-    header = {"plain": dtype.names is None, "pairs": pairs_of(sides)}
+    unnamed = list(columns)[3:] if dtype.names is None else []
+    header = {"plain": dtype.names is None, "pairs": pairs_of(sides), "unnamed": unnamed}
     return Table("npy", native, name, layout, header)
 
 
@@ -168,13 +169,21 @@ def _layout(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Column, ...]:
         assert dtype.fields is not None
         found = [(name, *_kind(dtype.fields[name][0])) for name in dtype.names]
         return tuple(column for column in found if column[2] > 0)
-    if len(shape) not in (2, 3) or not _MIN <= shape[-1] <= _MAX or dtype.kind not in "iuf":
+    names = column_names(shape, dtype)
+    if not names:
         raise FormatError(
             f"expected (N, {_MIN}) to (N, {_MAX}) numbers, (H, W, {_MIN}) and more of the "
             f"pixels of an image, or a structured array, got {dtype} {shape}"
         )
+    return tuple((name, _kind(dtype)[0], 1) for name in names)
+
+
+def column_names(shape: tuple[int, ...], dtype: np.dtype[Any]) -> list[str]:
+    """Return the names of the columns of an array without names; empty if it holds no points."""
+    if len(shape) not in (2, 3) or not _MIN <= shape[-1] <= _MAX or dtype.kind not in "iuf":
+        return []
     names = [*_NAMES, *(f"column_{i}" for i in range(5, _MAX + 1))]
-    return tuple((name, _kind(dtype)[0], 1) for name in names[: shape[-1]])
+    return names[: shape[-1]]
 
 
 def _kind(dtype: np.dtype[Any]) -> tuple[str, int]:

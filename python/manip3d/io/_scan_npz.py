@@ -90,20 +90,22 @@ def read_table(path: Path, limit: int) -> Table:
         if key is None and len(members) == 1:
             return _scan_npy.table_of(next(iter(members.values())), name)
         if key is None:
-            names = ", ".join(sorted(members)[:20]) or "none"
-            raise FormatError(f"expected an array named {' or '.join(_POINTS)}, got {names}")
+            others = ", ".join(sorted(members)[:20]) or "none"
+            raise FormatError(f"expected an array named {' or '.join(_POINTS)}, got {others}")
         if _scan_npy.has_names(members[key]):  # pyntcloud writes all columns in one array
             return _scan_npy.table_of(members[key], name)
         points = _array(members[key])
-        if len(members) == 1 and points.ndim == 2 and points.shape[1] == 4:  # with intensity
+        names = _scan_npy.column_names(points.shape, points.dtype)
+        if not names:
+            raise FormatError(
+                f"{key}: expected (N, 3) or (H, W, 3) numbers, or more columns, got "
+                f"{points.dtype} {points.shape}"
+            )
+        if len(members) == 1 and len(names) > len("xyz"):
             return _scan_npy.table_of(members[key], name)
         del members[key]
-        if points.ndim not in (2, 3) or points.shape[-1] != 3 or points.dtype.kind not in "iuf":
-            raise FormatError(
-                f"{key}: expected (N, 3) or (H, W, 3) numbers, got {points.dtype} {points.shape}"
-            )
         sides = points.shape[:-1]
-        points = points.reshape(-1, 3)
+        points = points.reshape(-1, len(names))
         check_points(len(points), "")
     except FormatError as error:
         raise FormatError(error.reason, file=name, byte_offset=error.byte_offset) from error
@@ -112,8 +114,8 @@ def read_table(path: Path, limit: int) -> Table:
     except Exception as error:  # zipfile and zlib raise various types for damaged files
         reason = f"damaged .npz: {str(error) or type(error).__name__}"
         raise FormatError(reason, file=name) from error
-    columns: dict[str, NDArray[Any]] = dict(zip("xyz", points.T, strict=True))
-    gone = []
+    columns: dict[str, NDArray[Any]] = dict(zip(names, points.T, strict=True))
+    unnamed, gone = set(names[3:]), []
     for other, member in members.items():
         try:
             values = _by_points(_array(member), sides)
@@ -121,14 +123,18 @@ def read_table(path: Path, limit: int) -> Table:
         except FormatError:  # the array holds Python objects, or is damaged
             found = {}
         gone += [] if found else [other]
-        columns |= {each: values for each, values in found.items() if each not in columns}
+        # An array of its own tells more than a column behind the coordinates.
+        columns |= {each: v for each, v in found.items() if each in unnamed or each not in columns}
+        unnamed -= found.keys()
     if gone:
         warnings.warn(
             f"{name}: arrays without numbers for each of {len(points)} points are left out: "
             f"{', '.join(sorted(gone))}",
             stacklevel=caller_level(),
         )
-    return Table("npz", columns, name, header={"pairs": _scan_npy.pairs_of(sides)})
+    rest = [each for each in names if each in unnamed]
+    header = {"pairs": _scan_npy.pairs_of(sides), "unnamed": rest}
+    return Table("npz", columns, name, header=header)
 
 
 def _by_points(values: NDArray[Any], sides: tuple[int, ...]) -> NDArray[Any]:

@@ -175,7 +175,8 @@ def simplify_depth_file(
         Colour image with the pixels of the depth image, used as the texture.
     mask : path-like, optional
         An image of the same size, as `manip3d.io.read_pixel_map` reads it. Pixels where it is 0 or
-        NaN count as not measured, and those of a JPEG where it is below 128 of 255.
+        NaN count as not measured, and those of a JPEG where it is darker than half of its brightest
+        pixel.
     confidence : path-like, optional
         An image of the same size with the confidence of each pixel (``relief``): floats from 0 to
         1, or integer levels up to ``confidence_max``.

@@ -111,7 +111,7 @@ def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, st
 
     The unit that the camera states, if any, overrides the guess.
     """
-    reading = read_depth_guessing(path, unit=_unit_to_read(options.unit, options.intrinsics))
+    reading = read_depth_guessing(path, unit=unit_to_read(options.unit, options.intrinsics))
     if options.unit.startswith(COMMON_GUESS):
         reading = replace(reading, guessed=True, reason="most of the images look like it")
         return reading, reading.sentence, reading.doubt
@@ -132,10 +132,10 @@ def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, st
 
 def may_have_8_bits(unit: str, intrinsics: str) -> bool:
     """Return whether a depth image of 8 bits can be read with these options of `DepthOptions`."""
-    return fits_8_bits(_unit_to_read(unit, intrinsics))
+    return fits_8_bits(unit_to_read(unit, intrinsics))
 
 
-def _unit_to_read(unit: str, intrinsics: str) -> str:
+def unit_to_read(unit: str, intrinsics: str) -> str:
     """Return the unit with which to read an image first: the camera's if that has disparities.
 
     They cannot be told from the numbers, and an image of 8 bits is read in no other unit.
