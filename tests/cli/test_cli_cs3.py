@@ -335,11 +335,54 @@ def test_a_folder_without_a_camera_is_told_once(frame: Path, tmp_path: Path) -> 
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_says_what_its_meshes_cover_and_that_a_camera_has_one_size(
+    frame: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "depth"
+    folder.mkdir()
+    shutil.copy(frame, folder / "1.png")
+    with Image.open(frame) as image:
+        image.crop((0, 0, 120, 90)).save(folder / "2.png")
+    base = ("depth", folder, "-o", tmp_path / "out", "--intrinsics", "131.25,131.25,70,50")
+    done = manip3d(*base, "--points", "60", "--min-coverage", "0.9999", "--strict", "--json")
+    assert done.returncode == 4
+    least = min(json.loads(done.stdout), key=lambda row: row["coverage"])
+    least_covered = f"{100 * least['coverage']:.1f} %"
+    assert f"{least['source']} covers least of its surface's pixels, {least_covered}" in done.stderr
+    assert "; 2 covered less than --min-coverage of the measured pixels" in done.stderr
+    assert "images of 2 sizes (160 x 120, 120 x 90 pixels) have the same numbers" in done.stderr
+    assert least["camera"] == "131.25,131.25,70,50"
+
+
+def test_colors_may_have_other_pixels_of_the_same_view(frame: Path, tmp_path: Path) -> None:
+    with Image.open(frame) as image:
+        width, height = image.size
+    places = {}
+    for factor in (1, 4):
+        color = tmp_path / f"{factor}.png"
+        Image.new("RGB", (factor * width, factor * height), (200, 100, 50)).save(color)
+        mesh = tmp_path / f"{factor}.ply"
+        base = ("depth", frame, "-o", mesh, "--intrinsics", FOCAL, "--points", "300")
+        done = manip3d(*base, "--color", color)
+        assert done.returncode == 0, done.stderr
+        assert ("colours of 640 x 480 pixels" in done.stdout + done.stderr) == (factor == 4)
+        read = read_mesh(mesh)
+        assert read.texcoords is not None
+        assert read.face_texcoords is not None
+        places[factor] = read.texcoords[read.face_texcoords], read.vertices[read.faces]
+    np.testing.assert_array_equal(places[4][1], places[1][1])
+    np.testing.assert_allclose(places[4][0], places[1][0], atol=0.01 / width)
+    Image.new("RGB", (640, 360)).save(color)
+    assert "images of another camera need its registration" in error_line(
+        manip3d(*base, "--color", color, "--force")
+    )
+
+
 def test_disparities_of_8_bits(tmp_path: Path) -> None:
     path = tmp_path / "disp1.png"
     Image.fromarray(np.full((48, 64), 40, np.uint8)).save(path)
     base = ("depth", path, "-o", tmp_path / "x.ply", "--points", "9", "--intrinsics", "50,50,32,24")
-    assert "is a colour picture; depth takes a depth image" in error_line(manip3d(*base))
+    assert "is a picture; depth takes a depth image" in error_line(manip3d(*base))
     done = manip3d(*base, "--unit", "disparity:80")
     assert done.returncode == 0, done.stderr
     assert "depth 2.00 to 2.00 m, unit disparity:80" in done.stderr + done.stdout
@@ -362,7 +405,7 @@ def test_info_and_view_take_the_depths_of_8_bits_that_depth_takes(tmp_path: Path
     for verb in ("info", "view"):
         assert "disparity:FB of a stereo pair" in error_line(manip3d(verb, path))
         wrong = manip3d(verb, tmp_path / "color.png", "--unit", "disparity:80")
-        assert "is a colour picture" in error_line(wrong)
+        assert "is a picture" in error_line(wrong)
 
 
 def test_wrong_cameras_are_refused(frame: Path, tmp_path: Path) -> None:
@@ -504,7 +547,7 @@ def test_a_folder_becomes_a_folder_and_goes_on_where_it_stopped(
     assert done.returncode == 1  # one frame is torn, and the others are there
     records = json.loads(done.stdout)
     assert [bool(record["error"]) for record in records] == [False, False, False, True, False]
-    assert records[0]["skipped"] == "a colour picture"
+    assert records[0]["skipped"] == "a picture"
     assert "FormatError" in records[3]["error"]
     meshes = {path.name: path.stat().st_mtime_ns for path in output.glob("*.glb")}
     assert sorted(meshes) == ["000.depth.glb", "001.depth.glb", "003.depth.glb"]

@@ -115,8 +115,38 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
 
 
 def _sentence_of_all(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return words on the depth of all images, because nobody reads those of each."""
-    from manip3d.simplify._depth_words import DepthFound, sentence_of_images
+    """Return words on the depths and meshes of all images, as nobody reads those of each."""
+    made = [row for row in rows if row.get("coverage") is not None]
+    return "\n".join(words for words in (_depths_of_all(rows), _meshes_of_all(made)) if words)
+
+
+def _meshes_of_all(rows: Sequence[Mapping[str, Any]]) -> str:
+    if not rows:
+        return ""
+    bridges = {row["source"]: row["bridges"] - row["filled"] for row in rows}
+    worst = min(rows, key=lambda row: row["coverage"])
+    most = max(bridges, key=lambda name: bridges[name])
+    words = (
+        f"{counted(len(rows), 'mesh', 'meshes')}: {worst['source']} covers least of its surface's "
+        f"pixels, {100 * worst['coverage']:.1f} %; {100 * bridges[most]:.2f} % of the area of "
+        f"{most} bridges gaps, the largest share"
+    )
+    for name, missed in _MISSED:
+        if number := sum(bool(row[name]) for row in rows):
+            words += f"; {count(number)} {missed}"
+    return words
+
+
+_MISSED = (
+    ("target_missed", "missed the target of points"),
+    ("coverage_missed", "covered less than --min-coverage of the measured pixels"),
+    ("bridges_missed", "had more bridges than --max-bridges"),
+)
+"""Columns of shortfalls, and words on the number of meshes that have them."""
+
+
+def _depths_of_all(rows: Sequence[Mapping[str, Any]]) -> str:
+    from manip3d.simplify._depth_words import DepthFound, sentence_of_images, size_warning
 
     found = [
         DepthFound(
@@ -126,12 +156,14 @@ def _sentence_of_all(rows: Sequence[Mapping[str, Any]]) -> str:
             row["depth_near"],
             row["depth_far"],
             row["marked_pixels"],
+            row.get("size") or "",
+            row.get("camera") or "",
         )
         for row in rows
         if row.get("unit")
     ]
     override = "; --unit overrides it" if any(each.is_guess for each in found) else ""
-    return f"read {sentence_of_images(found)}{override}" if found else ""
+    return f"read {sentence_of_images(found)}{size_warning(found)}{override}" if found else ""
 
 
 def _expect_camera(names: list[str], intrinsics: str) -> None:
@@ -464,7 +496,7 @@ def depth(
     color: Annotated[
         str,
         typer.Option(
-            help="Colour image of the same size, which becomes the texture; for several depth "
+            help="Colour image of the same view, which becomes the texture; for several depth "
             "images, a folder with one for each, of the same name or in the order of their names. "
             "It may be the folder of the depth images: 1.depth.png and 1.color.png."
         ),
@@ -739,6 +771,8 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "depth_near": result.depth_found.near,
         "depth_far": result.depth_found.far,
         "marked_pixels": result.depth_found.num_marked,
+        "size": result.depth_found.size,
+        "camera": result.depth_found.camera,
         "points_before": result.points_before,
         "target_points": result.options.points,
         "points": result.points,

@@ -56,7 +56,7 @@ NAMES = {
     "packets": "a recording of a LiDAR",
     "recording": "an RGB-D recording",
     "drive": "a drive of LiDAR scans",
-    "picture": "a colour picture",
+    "picture": "a picture",
     "results": "a results folder",
     "truth": "the truth of a forged stream",
     "folder": "a folder",

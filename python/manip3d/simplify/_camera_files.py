@@ -30,7 +30,13 @@ from manip3d.simplify._cameras import (
     silent,
 )
 from manip3d.simplify._depth_files import writes_y_up, y_points_up
-from manip3d.simplify._depth_inputs import centre_doubt, expect_camera, read_frame
+from manip3d.simplify._depth_inputs import (
+    centre_doubt,
+    expect_camera,
+    read_frame,
+    registration_of,
+    same_view_words,
+)
 from manip3d.simplify._depth_options import (
     SPARSE_WORDS,
     DepthOptions,
@@ -43,6 +49,7 @@ from manip3d.simplify._depth_words import (
     NO_CAMERA,
     DepthFound,
     sentence_of_images,
+    size_warning,
 )
 from manip3d.simplify._depth_writing import Measured
 from manip3d.simplify._organised import (
@@ -403,9 +410,10 @@ def _image_view(
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     color = None if picture is None else read_color(picture)
-    view = CameraView(reading.depth, camera, pose=pose, color=color)
+    registration = registration_of(color, camera)
+    view = CameraView(reading.depth, camera, pose=pose, color=color, registration=registration)
     doubts = [each for each in (doubt, centre_doubt(camera)) if each]
-    return view, DepthFound.of(reading, "; ".join(doubts))
+    return view, DepthFound.of(reading, "; ".join(doubts), camera)
 
 
 def _cloud_view(
@@ -474,14 +482,9 @@ def _words(
     words = sentence_of_images(depths) if depths else ""
     if depths and not are_images:
         words = f"organised clouds of cameras, as {words}"
-    cameras = [view.intrinsics for view in views if view.intrinsics is not None]
-    sizes = dict.fromkeys(f"{camera.width} x {camera.height}" for camera in cameras)
-    numbers = {(camera.fx, camera.fy, camera.cx, camera.cy) for camera in cameras}
-    if are_images and len(sizes) > 1 and len(numbers) < len(sizes):
-        words += (
-            f"; warning: images of {len(sizes)} sizes ({', '.join(sizes)} pixels) have the same "
-            "numbers of a camera, which can only be those of one size"
-        )
+    words += size_warning(depths)
+    if of_one_view := [view.registration for view in views if view.registration is not None]:
+        words += f"; {same_view_words(of_one_view[0])}"
     if no_camera:
         of_some = f"; {no_camera} of {len(views)} views: " if depths else ""
         words += f"{of_some}{NO_CAMERA}"

@@ -25,6 +25,8 @@ from manip3d.simplify._depth_inputs import (
     expect_camera,
     read_frame,
     read_maps,
+    registration_of,
+    same_view_words,
 )
 from manip3d.simplify._depth_options import (
     DepthFileResult,
@@ -172,7 +174,8 @@ def simplify_depth_file(
     options : DepthOptions
         Method, target and limits.
     color : path-like, optional
-        Colour image with the pixels of the depth image, used as the texture.
+        Colour image with the pixels of the depth image, or with more or fewer pixels of the same
+        view, used as the texture.
     mask : path-like, optional
         An image of the same size, as `manip3d.io.read_pixel_map` reads it. Pixels where it is 0 or
         NaN count as not measured, and those of a JPEG where it is darker than half of its brightest
@@ -270,7 +273,7 @@ def from_image(
         doubt = f"{doubt}; {off}" if doubt else off
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
     made = from_depth(depth, camera, path, output, options, maps, take, words, reading.unit)
-    return replace(made, depth_found=DepthFound.of(reading, doubt))
+    return replace(made, depth_found=DepthFound.of(reading, doubt, camera))
 
 
 def from_depth(
@@ -292,6 +295,9 @@ def from_depth(
     stay in the camera's axes, or get +y up where the format has that.
     """
     is_y_up = writes_y_up(output)
+    if registration := registration_of(maps.color, camera) if maps.registration is None else None:
+        maps = replace(maps, registration=registration)
+        words += f"; {same_view_words(registration)}"
     measured = Measured.of(depth > 0, is_masked=maps.mask is not None)
     options = options.for_pixels(measured.pixels)
     started = time.perf_counter()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.paths import path_of
-from manip3d.camera import CAMERA_PRESETS, CAMERA_SUFFIXES, camera_depth_unit
+from manip3d.camera import CAMERA_PRESETS, CAMERA_SUFFIXES, Registration, camera_depth_unit
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_UNITS, DepthReading, read_depth_guessing, read_pixel_map
 from manip3d.io._depth_files import read_mask
@@ -23,7 +23,7 @@ from manip3d.simplify._pixel_maps import confidence_of_levels
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from manip3d.camera import Intrinsics, Registration
+    from manip3d.camera import Intrinsics
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,44 @@ class Maps:
     mask: NDArray[np.bool_] | None = None
     confidence: NDArray[Any] | None = None
     registration: Registration | None = None  # None: the colour image has the depth image's pixels
+
+
+SAME_SHAPE = 0.005
+"""Largest relative difference of the aspect ratios of two images of the same view: one row or
+column of 200, as resizing rounds it."""
+
+
+def registration_of(color: NDArray[np.uint8] | None, camera: Intrinsics) -> Registration | None:
+    """Return the registration of a colour image that shows the depth image's view in other pixels.
+
+    Phones store a view's depths in fewer pixels than its colours. None if the image has the depth
+    image's size or another shape, or the camera has a ray table.
+    """
+    if color is None or camera.rays is not None:
+        return None
+    height, width = color.shape[:2]
+    if (width, height) == (camera.width, camera.height):
+        return None
+    across, down = width / camera.width, height / camera.height
+    if abs(across / down - 1.0) > SAME_SHAPE:
+        return None
+    # The borders of both images lie half a pixel from the centres of the outermost pixels.
+    scaled = replace(
+        camera,
+        width=width,
+        height=height,
+        fx=camera.fx * across,
+        fy=camera.fy * down,
+        cx=(camera.cx + 0.5) * across - 0.5,
+        cy=(camera.cy + 0.5) * down - 0.5,
+    )
+    return Registration(scaled)
+
+
+def same_view_words(registration: Registration) -> str:
+    """Return words on a registration of `registration_of`, for people to check."""
+    size = registration.color
+    return f"colours of {size.width} x {size.height} pixels taken for those of the same view"
 
 
 def read_maps(
@@ -93,11 +131,12 @@ def expect_camera(intrinsics: str, image: Path) -> None:
 def centre_doubt(camera: Intrinsics) -> str:
     """Return a reason to doubt that a camera is that of its image; empty if there is none.
 
-    The principal point lies in the image, unless that was cropped.
+    The principal point lies in the image, unless that was cropped. On its border it is that of an
+    image of twice the size.
     """
     if camera.rays is not None:
         return ""
-    inside = (-0.5 <= camera.cx <= camera.width - 0.5, -0.5 <= camera.cy <= camera.height - 0.5)
+    inside = (-0.5 < camera.cx < camera.width - 0.5, -0.5 < camera.cy < camera.height - 0.5)
     if all(inside):
         return ""
     return (

@@ -11,6 +11,7 @@ from manip3d.io import describe_unit
 from manip3d.rgbd import NO_MEASUREMENT
 
 if TYPE_CHECKING:
+    from manip3d.camera import Intrinsics
     from manip3d.io import DepthReading
 
 NO_CAMERA = (
@@ -37,6 +38,10 @@ class DepthFound:
         Smallest and largest measurement in metres; None without a measurement.
     num_marked : int
         As for `manip3d.io.DepthReading`.
+    size : str
+        Width and height of the image in pixels; empty for clouds, whose points show their camera.
+    camera : str
+        Focal lengths and principal point, as in ``--intrinsics``; empty for clouds.
     """
 
     unit: str = ""
@@ -45,12 +50,34 @@ class DepthFound:
     near: float | None = None
     far: float | None = None
     num_marked: int = 0
+    size: str = ""
+    camera: str = ""
 
     @staticmethod
-    def of(reading: DepthReading, doubt: str) -> DepthFound:
-        """Return what was read of an image; ``doubt`` is that of `read_frame`."""
+    def of(reading: DepthReading, doubt: str, camera: Intrinsics | None = None) -> DepthFound:
+        """Return what was read of an image, without ``camera`` of a cloud.
+
+        ``doubt`` is that of `read_frame`.
+        """
         near, far = reading.range_m or (None, None)
-        return DepthFound(reading.unit, reading.guessed, doubt, near, far, reading.num_marked)
+        size = numbers = ""
+        if camera is not None:
+            size = f"{camera.width} x {camera.height}"
+            numbers = ",".join(f"{n:.10g}" for n in (camera.fx, camera.fy, camera.cx, camera.cy))
+        return DepthFound(
+            reading.unit, reading.guessed, doubt, near, far, reading.num_marked, size, numbers
+        )
+
+
+def size_warning(found: Sequence[DepthFound]) -> str:
+    """Return words on images of several sizes with the same numbers of a camera; else nothing."""
+    sizes = dict.fromkeys(each.size for each in found if each.size)
+    if len(sizes) < 2 or len({each.camera for each in found if each.size}) >= len(sizes):
+        return ""
+    return (
+        f"; warning: images of {len(sizes)} sizes ({', '.join(sizes)} pixels) have the same "
+        "numbers of a camera, which can only be those of one size"
+    )
 
 
 def sentence_of_images(found: Sequence[DepthFound]) -> str:
