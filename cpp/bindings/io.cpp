@@ -39,15 +39,16 @@ using Floats = py::array_t<float, py::array::c_style | py::array::forcecast>;
 using DeformationTables = py::typing::Tuple<Joints, Floats, Floats, Floats>;
 using SceneMeshes = py::typing::List<
     py::typing::Tuple<py::str, PyMesh, py::str, py::typing::Optional<DeformationTables>,
-                      py::typing::Optional<Floats>>>;
+                      py::typing::Optional<Floats>, py::typing::Optional<Floats>>>;
 using SceneTables = py::typing::Tuple<SceneNodes, SceneMeshes, py::bytes, py::bytes, Strings>;
 using SurfaceTables =
     py::typing::Tuple<py::array_t<std::int32_t>, py::typing::List<Named<"manip3d.mesh.Material">>,
                       py::array_t<std::uint8_t>, py::str>;
 using PyDraco = Named<
     "collections.abc.Callable[[bytes], tuple[numpy.ndarray, dict[int, numpy.ndarray]] | str]">;
-using Level = py::typing::List<py::typing::Optional<py::typing::Tuple<
-    PyMesh, py::typing::Optional<DeformationTables>, py::typing::Optional<Floats>>>>;
+using Level = py::typing::List<py::typing::Optional<
+    py::typing::Tuple<PyMesh, py::typing::Optional<DeformationTables>, py::typing::Optional<Floats>,
+                      py::typing::Optional<Floats>>>>;
 
 Strings to_list(const std::vector<std::string>& strings) {
   Strings list;
@@ -141,6 +142,12 @@ py::object more_texcoords_of(const SceneMesh& mesh) {
   return rows;
 }
 
+/// (V,); None: all colours of vertices are opaque.
+py::object alphas_of(const SceneMesh& mesh) {
+  if (mesh.alphas.empty()) return py::none();
+  return Floats(std::ssize(mesh.alphas), mesh.alphas.data());
+}
+
 template <typename T>
 std::span<const T> span_of(const py::array_t<T, py::array::c_style | py::array::forcecast>& array) {
   return {array.data(), static_cast<std::size_t>(array.size())};
@@ -169,9 +176,16 @@ MoreTexcoordsView borrow_more_texcoords(const py::object& given, Borrowed& keep)
   return {rows.shape(1), span_of(rows)};
 }
 
+std::span<const float> borrow_alphas(const py::object& given, Borrowed& keep) {
+  if (given.is_none()) return {};
+  const auto rows = py::cast<Floats>(given);
+  keep.arrays.push_back(rows);
+  return span_of(rows);
+}
+
 // (nodes, meshes, document, buffer, warnings). A node is (name, parent, mesh, transform, is drawn,
 // instances, joint, inverse bind matrix); a mesh is (name, mesh, why it is fixed, deformation,
-// further texture coordinates).
+// further texture coordinates, alpha of vertices).
 SceneTables to_tuple(Scene&& scene) {
   const py::list materials = materials_to_python(scene.materials);
   py::list nodes, meshes;
@@ -183,9 +197,10 @@ SceneTables to_tuple(Scene&& scene) {
   for (SceneMesh& mesh : scene.meshes) {
     const py::object deformation = deformation_of(mesh);
     const py::object more_texcoords = more_texcoords_of(mesh);
+    const py::object alphas = alphas_of(mesh);
     meshes.append(py::make_tuple(readable(mesh.name),
                                  mesh_to_python(std::move(mesh.mesh), materials), mesh.fixed,
-                                 deformation, more_texcoords));
+                                 deformation, more_texcoords, alphas));
   }
   return py::make_tuple(nodes, meshes, py::bytes(scene.document), py::bytes(scene.buffer),
                         to_list(scene.warnings));
@@ -199,12 +214,12 @@ SceneLevel borrow_level(const Level& meshes, Borrowed& keep) {
       level.emplace_back(std::nullopt);
       continue;
     }
-    const auto [triangles, deformation, more_texcoords] =
-        py::cast<std::tuple<py::object, py::object, py::object>>(mesh);
+    const auto [triangles, deformation, more_texcoords, alphas] =
+        py::cast<std::tuple<py::object, py::object, py::object, py::object>>(mesh);
     keep.meshes.push_back(std::make_unique<BorrowedMesh>(triangles));
-    level.emplace_back(SceneTriangles{keep.meshes.back()->view(),
-                                      borrow_deformation(deformation, keep),
-                                      borrow_more_texcoords(more_texcoords, keep)});
+    level.emplace_back(
+        SceneTriangles{keep.meshes.back()->view(), borrow_deformation(deformation, keep),
+                       borrow_more_texcoords(more_texcoords, keep), borrow_alphas(alphas, keep)});
   }
   return level;
 }

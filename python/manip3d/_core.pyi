@@ -1705,6 +1705,7 @@ def read_scene(
             ]
             | None,
             numpy.typing.NDArray[numpy.float32] | None,
+            numpy.typing.NDArray[numpy.float32] | None,
         ]
     ],
     bytes,
@@ -1983,6 +1984,7 @@ def write_scene(
                     typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
                 ]
                 | None,
+                typing.Annotated[numpy.typing.ArrayLike, numpy.float32] | None,
                 typing.Annotated[numpy.typing.ArrayLike, numpy.float32] | None,
             ]
             | None

@@ -31,7 +31,9 @@ std::optional<GltfPrimitive> read_primitive(GltfDocument& document, const JsonPl
   }
   p.targets = place.find("targets");
   const JsonPlace attributes = place.member("attributes");
-  if (attributes.has("TANGENT")) warn(warnings, "tangents are left out");
+  if (attributes.has("TANGENT")) {
+    warn(warnings, "tangents are left out: viewers compute them from the texture coordinates");
+  }
   p.position = document.attribute(attributes, "POSITION", 3, 3);
   if (p.position == nullptr) {
     warn(warnings, "primitives without POSITION are left out");
@@ -46,6 +48,7 @@ std::optional<GltfPrimitive> read_primitive(GltfDocument& document, const JsonPl
   }
   p.texcoord = document.attribute(attributes, texcoords_in_set(p.texture.set).c_str(), 2, 2);
   p.color = document.attribute(attributes, "COLOR_0", 3, 4);
+  p.shows_alpha = shows_alpha(document, place);
   if (texcoords == GltfTexcoords::kStored) p.more_texcoords = more_texcoords_of(document, place);
   std::vector<const GltfAccessor*> others = p.more_texcoords;
   others.insert(others.begin(), {p.normal, p.texcoord, p.color});
@@ -107,6 +110,12 @@ std::vector<GltfPrimitive> read_primitives(GltfDocument& document, std::int64_t 
     if (primitive) primitives.push_back(*std::move(primitive));
   }
   return primitives;
+}
+
+bool shows_alpha(const GltfDocument& document, const JsonPlace& primitive) {
+  const auto user = primitive.find("material");
+  const auto mode = user ? document.object("materials", *user).find("alphaMode") : std::nullopt;
+  return mode && mode->text() != "OPAQUE";
 }
 
 bool reads_more_texcoords(const GltfDocument& document, const JsonPlace& primitive) {

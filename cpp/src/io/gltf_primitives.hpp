@@ -23,6 +23,7 @@ struct GltfPrimitive {
   std::optional<JsonPlace> targets = std::nullopt;
   GltfTextureTransform texture = {};
   std::int32_t material = -1;
+  bool shows_alpha = false;  ///< See manip3d::shows_alpha().
   std::int64_t mode = kModeTriangles;
 
   [[nodiscard]] std::int64_t num_corners() const;
@@ -42,6 +43,9 @@ std::vector<GltfPrimitive> read_primitives(GltfDocument& document, std::int64_t 
 
 /// Name of the attribute with a set of texture coordinates.
 inline std::string texcoords_in_set(std::int64_t set) { return "TEXCOORD_" + std::to_string(set); }
+
+/// Does the material of a primitive show alpha, instead of ignoring it?
+bool shows_alpha(const GltfDocument& document, const JsonPlace& primitive);
 
 /// Does any material of a primitive have a texture that uses a set of coordinates other than the
 /// first?

@@ -75,10 +75,6 @@ void warn_of_losses(GltfDocument& document, const JsonPlace& primitive,
     }
     warn(warnings, name + " of meshes that are simplified is left out" + why);
   }
-  const auto color = attributes.find("COLOR_0");
-  if (color && document.accessor(*color).num_components == 4) {
-    warn(warnings, "alpha of vertex colours of meshes that are simplified is left out");
-  }
   if (primitive.has("extras")) {
     warn(warnings, "extras of primitives that are simplified are left out");
   }
@@ -120,6 +116,33 @@ MoreTexcoords read_more_texcoords(GltfDocument& document,
   return more;
 }
 
+/// Reads alpha of COLOR_0 of a mesh's vertices; empty: all are opaque, or no material shows alpha.
+std::vector<float> read_alphas(GltfDocument& document, const JsonPlace& primitives,
+                               const std::vector<PlacedPrimitive>& owners,
+                               std::int64_t num_vertices, GltfBudget& budget) {
+  bool is_shown = false, is_clear = false;
+  for (std::int64_t i = 0; i < primitives.size(); ++i) {
+    is_shown = is_shown || shows_alpha(document, primitives.item(i));
+  }
+  if (!is_shown) return {};
+  budget.charge(num_vertices, sizeof(float), "meshes");
+  std::vector<float> alphas(num_vertices, 1.0F);
+  for (const PlacedPrimitive& owner : owners) {
+    const GltfAccessor* color =
+        document.attribute(owner.place.member("attributes"), "COLOR_0", 3, 4);
+    if (color == nullptr || color->num_components != 4) continue;
+    budget.charge(color->count, 4 * sizeof(double), color->place.pointer());
+    std::vector<double> values(4 * color->count);
+    color->decode(values.data());
+    for (std::int64_t i = 0; i < color->count; ++i) {
+      const double alpha = std::clamp(values[4 * i + 3], 0.0, 1.0);
+      alphas[owner.first_vertex + i] = static_cast<float>(alpha);
+      is_clear = is_clear || alpha < 1.0;
+    }
+  }
+  return is_clear ? alphas : std::vector<float>();
+}
+
 SceneMesh read_scene_mesh(GltfDocument& document, std::int64_t index, std::string fixed,
                           GltfBudget& budget, std::vector<std::string>& warnings) {
   const JsonPlace place = mesh_place(document, index);
@@ -142,6 +165,8 @@ SceneMesh read_scene_mesh(GltfDocument& document, std::int64_t index, std::strin
     const std::int64_t num_vertices = read.mesh.vertices.rows();
     read.deformation = read_deformation(document, triangles.owners, num_vertices, budget);
     read.more_texcoords = read_more_texcoords(document, triangles.owners, num_vertices, budget);
+    read.alphas =
+        read_alphas(document, place.member("primitives"), triangles.owners, num_vertices, budget);
   }
   return read;
 }

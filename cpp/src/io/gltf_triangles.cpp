@@ -319,7 +319,8 @@ class TableWriter {
         mesh_.colors(draw.vertices.first + i, c) =
             static_cast<std::uint8_t>(std::lround(255.0 * srgb_from_linear(x)));
       }
-      const bool is_clear = accessor.num_components == 4 && linear[4 * i + 3] < 1.0;
+      const bool is_clear =
+          draw.primitive->shows_alpha && accessor.num_components == 4 && linear[4 * i + 3] < 1.0;
       if (is_clear) warn(warnings_, "alpha of vertex colors is left out");
     }
   }

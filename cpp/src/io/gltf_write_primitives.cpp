@@ -147,6 +147,7 @@ class PrimitiveWriter {
         mesh_(triangles.mesh),
         deformation_(triangles.deformation),
         more_texcoords_(triangles.more_texcoords),
+        alphas_(triangles.alphas),
         frame_(frame),
         group_(group),
         vertices_(faces.vertices),
@@ -302,11 +303,14 @@ class PrimitiveWriter {
   std::size_t write_colors() {
     static const std::array<float, 256> kLinear = linear_light();
     std::vector<float> values;
-    values.reserve(3 * vertices_.size());
+    values.reserve((alphas_.empty() ? 3 : 4) * vertices_.size());
     for (const SplitVertex& split : vertices_) {
       for (int c = 0; c < 3; ++c) values.push_back(kLinear[mesh_.colors(split.vertex, c)]);
+      if (!alphas_.empty()) values.push_back(std::clamp(alphas_[split.vertex], 0.0F, 1.0F));
     }
-    return write_accessor(bytes_of(values), GltfType::kFloat, vertices_.size(), "VEC3");
+    check_float32(values, "alphas");
+    return write_accessor(bytes_of(values), GltfType::kFloat, vertices_.size(),
+                          alphas_.empty() ? "VEC3" : "VEC4");
   }
 
   /// Writes TEXCOORD_1, ... up to the first set that no vertex of the primitive has.
@@ -409,6 +413,7 @@ class PrimitiveWriter {
   const MeshView& mesh_;
   const DeformationView& deformation_;
   const MoreTexcoordsView& more_texcoords_;
+  std::span<const float> alphas_;
   const PositionFrame& frame_;
   const FaceGroup& group_;
   const std::vector<SplitVertex>& vertices_;
@@ -448,6 +453,10 @@ Json write_primitives(GltfScene& scene, const SceneTriangles& triangles,
   check_mesh(mesh);
   triangles.deformation.check(mesh.num_vertices());
   triangles.more_texcoords.check(mesh.num_vertices());
+  if (!triangles.alphas.empty() && std::ssize(triangles.alphas) != mesh.num_vertices()) {
+    throw InputError("alphas: expected " + std::to_string(mesh.num_vertices()) +
+                     " (one for each vertex), got " + std::to_string(triangles.alphas.size()));
+  }
   if (mesh.num_faces() == 0) throw InputError("mesh: glTF cannot hold a mesh without faces");
   VertexSplitter splitter(mesh, options.max_vertices);
   Json primitives = Json::array();

@@ -151,6 +151,9 @@ class Scene:
         For each mesh that may be replaced, ``TEXCOORD_1`` and the S - 1 following sets in glTF's
         convention (v downwards). NaN: a vertex lacks the set. None: the mesh has no further sets,
         or no texture uses them.
+    alphas : tuple of (V,) float32 or None
+        For each mesh that may be replaced, alpha of the colours of its vertices, 0 to 1. None: all
+        are opaque, or no material shows alpha.
     warnings : tuple of str
         Parts of the file that were left out.
     source : str or None
@@ -163,6 +166,7 @@ class Scene:
     fixed: tuple[str, ...]
     deformations: tuple[Deformation | None, ...]
     more_texcoords: tuple[NDArray[np.float32] | None, ...] = field(repr=False)
+    alphas: tuple[NDArray[np.float32] | None, ...] = field(repr=False)
     warnings: tuple[str, ...]
     source: str | None
     _document: bytes = field(repr=False)
@@ -228,6 +232,7 @@ class Scene:
         meshes: Mapping[int, Mesh],
         deformations: Mapping[int, Deformation] | None = None,
         more_texcoords: Mapping[int, NDArray[np.float32]] | None = None,
+        alphas: Mapping[int, NDArray[np.float32]] | None = None,
     ) -> Scene:
         """Return the scene with some of its meshes replaced.
 
@@ -243,6 +248,9 @@ class Scene:
         more_texcoords : mapping of int to (V, S, 2) float32, optional
             Further texture coordinates of the new meshes; required for each mesh that replaces one
             in which ``Scene.more_texcoords`` is not None.
+        alphas : mapping of int to (V,) float32, optional
+            Alpha of the colours of the new meshes; required for each mesh that replaces one in
+            which ``Scene.alphas`` is not None.
 
         Returns
         -------
@@ -252,12 +260,13 @@ class Scene:
         Raises
         ------
         InputError
-            The index is out of range, or the mesh is fixed; deformations or texture coordinates are
-            missing, or do not have one row per vertex.
+            The index is out of range, or the mesh is fixed; deformations, texture coordinates or
+            alphas are missing, or do not have one row per vertex.
         """
         changed = list(self.meshes)
         moved = list(self.deformations)
         placed = list(self.more_texcoords)
+        clear = list(self.alphas)
         for index, mesh in meshes.items():
             if not 0 <= index < len(changed):
                 raise InputError(
@@ -274,11 +283,15 @@ class Scene:
                 placed[index] = (
                     _fitting_texcoords(given, mesh, index) if mesh.num_faces > 0 else before[:0]
                 )
+            if (alpha := clear[index]) is not None:
+                own = (alphas or {}).get(index)
+                clear[index] = _fitting_alphas(own, mesh, index) if mesh.num_faces else alpha[:0]
         return replace(
             self,
             meshes=tuple(changed),
             deformations=tuple(moved),
             more_texcoords=tuple(placed),
+            alphas=tuple(clear),
         )
 
     def write(
@@ -333,7 +346,8 @@ def read_scene(
     cameras, lights, animations, skins and ``extras`` unchanged, and also meshes that are not plain
     triangles (``Scene.fixed`` states the reason). Other meshes keep positions, normals, texture
     coordinates, ``COLOR_0``, joints, weights and morph targets; ``warnings`` names their other
-    attributes, which are lost.
+    attributes, which are lost. ``TANGENT`` is left out, because viewers then compute the tangents
+    for which normal maps are made (MikkTSpace) from the texture coordinates, as glTF demands.
 
     Examples
     --------
@@ -405,13 +419,14 @@ def _read_local(
         raise FormatError(f"nodes: {error}", file=name) from error
     return Scene(
         nodes=read,
-        meshes=tuple(mesh for _, mesh, _, _, _ in meshes),
-        names=tuple(name for name, _, _, _, _ in meshes),
-        fixed=tuple(reason for _, _, reason, _, _ in meshes),
+        meshes=tuple(entry[1] for entry in meshes),
+        names=tuple(entry[0] for entry in meshes),
+        fixed=tuple(entry[2] for entry in meshes),
         deformations=tuple(
-            None if tables is None else Deformation(*tables) for _, _, _, tables, _ in meshes
+            None if entry[3] is None else Deformation(*entry[3]) for entry in meshes
         ),
-        more_texcoords=tuple(more for _, _, _, _, more in meshes),
+        more_texcoords=tuple(entry[4] for entry in meshes),
+        alphas=tuple(entry[5] for entry in meshes),
         warnings=tuple(warnings),
         source=name,
         _document=document,
@@ -451,6 +466,25 @@ def _fitting_texcoords(
             f"more_texcoords: expected shape ({mesh.num_vertices}, S, 2) (the vertices of mesh "
             f"{index}), got {rows.shape}"
         )
+    return rows
+
+
+def _fitting_alphas(
+    values: NDArray[np.float32] | None, mesh: Mesh, index: int
+) -> NDArray[np.float32]:
+    """Return alphas of a new mesh; raise if they have another shape or are not from 0 to 1."""
+    if values is None:
+        raise InputError(
+            f"alphas: expected those of mesh {index}, whose colors have them, got none"
+        )
+    rows = np.asarray(values, dtype=np.float32)
+    if rows.shape != (mesh.num_vertices,):
+        raise InputError(
+            f"alphas: expected shape ({mesh.num_vertices},) (the vertices of mesh {index}), got "
+            f"{rows.shape}"
+        )
+    if not ((rows >= 0.0) & (rows <= 1.0)).all():
+        raise InputError(f"alphas: expected numbers from 0 to 1 for mesh {index}")
     return rows
 
 
@@ -576,12 +610,20 @@ def _has_moved(node: SceneNode, own: SceneNode, index: int) -> bool:
 _Tables = tuple["ArrayLike", "ArrayLike", "ArrayLike", "ArrayLike"]
 
 
-def _replaced(scene: Scene) -> list[tuple[Mesh, _Tables | None, ArrayLike | None] | None]:
-    """Return the replaceable meshes with deformations and texture coordinates; None: fixed."""
+_Replaced = tuple[Mesh, _Tables | None, "ArrayLike | None", "ArrayLike | None"]
+
+
+def _replaced(scene: Scene) -> list[_Replaced | None]:
+    """Return the replaceable meshes with what a `Mesh` does not hold; None: fixed."""
     return [
-        None if reason else (mesh, None if moves is None else _tables(moves), more)
-        for mesh, reason, moves, more in zip(
-            scene.meshes, scene.fixed, scene.deformations, scene.more_texcoords, strict=True
+        None if reason else (mesh, None if moves is None else _tables(moves), more, alphas)
+        for mesh, reason, moves, more, alphas in zip(
+            scene.meshes,
+            scene.fixed,
+            scene.deformations,
+            scene.more_texcoords,
+            scene.alphas,
+            strict=True,
         )
     ]
 

@@ -322,12 +322,60 @@ def _turned(normals: NDArray[Any], linear: NDArray[Any]) -> NDArray[np.float64]:
     return unit
 
 
+def _values_with_seams(scene: Scene, index: int) -> NDArray[np.float32] | None:
+    """Return (V, S, 2) the values of a mesh's vertices whose seams stay; None if there are none.
+
+    They are the further texture coordinates and, as (alpha, 0), the alpha of colours.
+    """
+    more, alphas = scene.more_texcoords[index], scene.alphas[index]
+    if alphas is None:
+        return more
+    last = np.stack([alphas, np.zeros_like(alphas)], axis=1)[:, None]
+    return last if more is None else np.concatenate([more, last], axis=1)
+
+
+def _sampled_values(scene: Scene, index: int) -> NDArray[np.float32] | None:
+    """Return (V, S, 2) the values that are sampled on the original; None if there are none.
+
+    They are the further texture coordinates and, if colours have alpha, two pairs of their four
+    channels, because the merged mesh has other colours (`_seen_through`).
+    """
+    more, alphas, colors = (
+        scene.more_texcoords[index], scene.alphas[index], scene.meshes[index].colors,
+    )  # fmt: skip
+    if alphas is None or colors is None:
+        return more
+    channels = np.column_stack([colors.astype(np.float32), alphas]).reshape(-1, 2, 2)
+    return channels if more is None else np.concatenate([more, channels], axis=1)
+
+
+def _without_colors(
+    values: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.float32]]:
+    """Split `_sampled_values` into texture coordinates, colours and alphas."""
+    channels = values[:, -2:].reshape(-1, 4)
+    colors = np.clip(np.rint(channels[:, :3]), 0.0, 255.0).astype(np.uint8)
+    return values[:, :-2], colors, np.clip(channels[:, 3], 0.0, 1.0)
+
+
+def _seen_through(colors: NDArray[np.uint8], alphas: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return colours over a background, so that a change of alpha has the price of one of colour.
+
+    The background is black or white, whichever differs more from the mean of the colours.
+    """
+    back = 0.0 if colors.mean() > 127.5 else 255.0
+    seen: NDArray[np.uint8] = np.rint(
+        back + alphas[:, None] * (colors.astype(np.float32) - back)
+    ).astype(np.uint8)
+    return seen
+
+
 class _Placed:
     """Meshes of a scene merged to one mesh, each at the place of its largest instance.
 
-    Each combination of a mesh, a material and a chart of further texture coordinate sets has its
-    own material in the merged mesh (a row of ``_looks``). The simplifier therefore keeps borders
-    between meshes, and seams of these sets, as it keeps borders between materials.
+    Each combination of a mesh, a material and a chart of values with seams has its own material in
+    the merged mesh (a row of ``_looks``). The simplifier therefore keeps borders between meshes,
+    and these seams, as it keeps borders between materials.
     """
 
     def __init__(
@@ -365,9 +413,9 @@ class _Placed:
         if not is_aside and self.stretch < 1.0 + 1e-9:
             self.stretch = 1.0
         self._charts = {
-            i: charts(scene.meshes[i], more)
+            i: charts(scene.meshes[i], values)
             for i in self.indices
-            if (more := scene.more_texcoords[i]) is not None
+            if (values := _values_with_seams(scene, i)) is not None
         }
         self._looks: list[tuple[int, int, int]] = []  # mesh, material and chart
         self.mesh = self._merge()
@@ -416,7 +464,10 @@ class _Placed:
                 counts[table] += len(rows)
             if has_colors:
                 white = np.full((mesh.num_vertices, 3), 255, dtype=np.uint8)
-                tables["colors"].append(white if mesh.colors is None else mesh.colors)
+                colors = white if mesh.colors is None else mesh.colors
+                if (alphas := self.scene.alphas[index]) is not None:
+                    colors = _seen_through(colors, alphas)
+                tables["colors"].append(colors)
             tables["face_material"].append(self._look_rows(index, mesh))
             counts["vertices"] += mesh.num_vertices
         joined: dict[str, Any] = {
@@ -482,11 +533,12 @@ class _Placed:
         parts = {i: self._part(mesh, np.flatnonzero(owner == i), i) for i in self.indices}
         moved: dict[int, Deformation] = {}
         placed: dict[int, NDArray[np.float32]] = {}
+        clear: dict[int, NDArray[np.float32]] = {}
         of_looks = np.array([chart for _, _, chart in self._looks])
         for i, part in parts.items():
             deformation, original = self.scene.deformations[i], self.scene.meshes[i]
-            more = self.scene.more_texcoords[i]
-            if part.num_faces == 0 or (deformation is None and more is None):
+            values = _sampled_values(self.scene, i)
+            if part.num_faces == 0 or (deformation is None and values is None):
                 continue
             shape = original.replace(vertices=self._shapes[i])
             if deformation is not None:
@@ -494,13 +546,18 @@ class _Placed:
                 if self._sways:
                     rest = part.vertices - sway(moved[i], self._sway_of(i))
                     parts[i] = part.replace(vertices=rest)
-            if more is not None:
+            if values is not None:
                 of_faces = of_looks[self._rows_of(mesh)[owner == i]]
-                rows, faces, placed[i] = texcoords_of(more, shape, self._charts[i], part, of_faces)
+                rows, faces, found = texcoords_of(values, shape, self._charts[i], part, of_faces)
                 parts[i] = parted(parts[i], rows, faces)
                 if deformation is not None:
                     moved[i] = rows_of(moved[i], rows)
-        return scene.with_meshes(parts, moved, placed)
+                if self.scene.alphas[i] is not None:
+                    found, colors, clear[i] = _without_colors(found)
+                    parts[i] = parts[i].replace(colors=colors)
+                if self.scene.more_texcoords[i] is not None:
+                    placed[i] = found
+        return scene.with_meshes(parts, moved, placed, clear)
 
     def _part(self, mesh: Mesh, chosen: NDArray[np.int64], index: int) -> Mesh:
         """Return the chosen faces as the mesh with this index, in its own coordinates."""

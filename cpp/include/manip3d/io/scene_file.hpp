@@ -84,6 +84,9 @@ struct SceneMesh {
   std::string fixed;  ///< Why the mesh can only be written unchanged; empty: it can be replaced.
   Deformation deformation = {};       ///< Deformation of its vertices; empty if it is fixed.
   MoreTexcoords more_texcoords = {};  ///< Empty if the mesh is fixed.
+  /// (V,) alpha of the vertex colours, 0 to 1; empty: all are opaque, no material shows it, or the
+  /// mesh is fixed.
+  std::vector<float> alphas = {};
 };
 
 struct Scene {
@@ -111,6 +114,7 @@ struct SceneTriangles {
   MeshView mesh;
   DeformationView deformation = {};
   MoreTexcoordsView more_texcoords = {};
+  std::span<const float> alphas = {};  ///< (V,) of the vertex colours; empty: opaque. Borrowed.
 };
 
 /// The meshes of one level of detail, one for each of Scene::meshes; empty: unchanged. A mesh
