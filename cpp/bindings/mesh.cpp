@@ -34,6 +34,9 @@ py::object optional_array(Matrix&& matrix) {
 }
 
 constexpr const char* kAlphaModes[] = {"opaque", "mask", "blend"};
+constexpr const char* kWraps[] = {"repeat", "mirror", "clamp"};
+
+const char* name_of(TextureWrap wrap) { return kWraps[static_cast<int>(wrap)]; }
 
 py::object to_python(const Material& m) {
   const py::module_ types = py::module_::import("manip3d.mesh");
@@ -45,7 +48,10 @@ py::object to_python(const Material& m) {
     if (!texture.data.empty()) {
       data = py::bytes(reinterpret_cast<const char*>(texture.data.data()), texture.data.size());
     }
-    textures[py::str(role)] = types.attr("Texture")(py::arg("path") = path, py::arg("data") = data);
+    textures[py::str(role)] = types.attr("Texture")(
+        py::arg("path") = path, py::arg("data") = data,
+        py::arg("wrap") = py::make_tuple(name_of(texture.wrap[0]), name_of(texture.wrap[1])),
+        py::arg("smooth") = texture.smooth);
   }
   return types.attr("Material")(
       py::arg("name") = readable(m.name),
@@ -89,6 +95,13 @@ Material to_material(const py::handle& object) {
       texture.data.resize(bytes.size());
       std::memcpy(texture.data.data(), bytes.data(), bytes.size());
     }
+    const auto wrap = value.attr("wrap").cast<std::array<std::string, 2>>();
+    for (std::size_t side = 0; side < 2; ++side) {
+      for (int i = 0; i < 3; ++i) {
+        if (wrap[side] == kWraps[i]) texture.wrap[side] = static_cast<TextureWrap>(i);
+      }
+    }
+    texture.smooth = value.attr("smooth").cast<bool>();
   }
   return m;
 }

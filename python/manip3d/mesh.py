@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 AlphaMode = Literal["opaque", "mask", "blend"]
+Wrap = Literal["repeat", "mirror", "clamp"]
 
 _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 # Rotation about x from +z up to +y up: (x, y, z) -> (x, z, -y).
@@ -37,10 +38,36 @@ class Texture:
         Path of the image; a relative path starts in the folder of the mesh file.
     data : bytes or None
         Content of a PNG or JPEG file (glTF embeds images); None if only the path is known.
+    wrap : (u, v) of 'repeat', 'mirror' or 'clamp'
+        What the texture shows outside of [0, 1] along u and v: the image again, its mirror image,
+        or its border. OBJ holds 'clamp' along both, PLY holds neither.
+    smooth : bool
+        Whether the pixels of an enlarged image are blended; False in pixel art. Only glTF holds it.
+
+    Raises
+    ------
+    InputError
+        ``wrap`` is not a pair of these words.
+
+    Examples
+    --------
+    >>> from manip3d import Texture
+    >>> Texture("leaf.png", wrap=("clamp", "clamp")).wrap
+    ('clamp', 'clamp')
     """
 
     path: str | None = None
     data: bytes | None = field(default=None, repr=False)
+    wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
+    smooth: bool = True
+
+    def __post_init__(self) -> None:
+        words = get_args(Wrap)
+        given = self.wrap
+        is_pair = isinstance(given, Sequence) and not isinstance(given, str) and len(given) == 2
+        if not is_pair or any(each not in words for each in given):
+            raise InputError(f"wrap: expected two of {', '.join(words)}, got {given!r}")
+        object.__setattr__(self, "wrap", tuple(given))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import manip3d
-from manip3d import FormatError, Mesh, io
+from manip3d import FormatError, Mesh, Texture, io
 
 CUBE = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
 QUADS = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
@@ -306,6 +306,23 @@ def test_textures(tmp_path: Path, uri: str, stored: str, through_sampler: bool) 
     path.write_bytes(document(geometry(polylist(QUADS, symbol="sym")), BOUND, library))
     mesh = io.read_mesh(path)
     assert mesh.materials[0].textures["base_color"].path == stored
+
+
+def test_textures_keep_wrap_modes_and_filter(tmp_path: Path) -> None:
+    parameters = (
+        "<newparam sid='surface'><surface type='2D'><init_from>i</init_from></surface></newparam>"
+        "<newparam sid='sampler'><sampler2D><source>surface</source><wrap_s>CLAMP</wrap_s>"
+        "<wrap_t>MIRROR</wrap_t><magfilter>NEAREST</magfilter></sampler2D></newparam>"
+    )
+    look = "<diffuse><texture texture='sampler' texcoord='UV'/></diffuse>"
+    library = (
+        "<library_images><image id='i'><init_from>wood.png</init_from></image></library_images>"
+        + effect(look, parameters)
+    )
+    path = tmp_path / "cube.dae"
+    path.write_bytes(document(geometry(polylist(QUADS, symbol="sym")), BOUND, library))
+    texture = io.read_mesh(path).materials[0].textures["base_color"]
+    assert texture == Texture("wood.png", wrap=("clamp", "mirror"), smooth=False)
 
 
 @pytest.mark.parametrize("named", ["images/wood.png", "../pictures/wood.png"])

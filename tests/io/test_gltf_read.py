@@ -10,7 +10,19 @@ import numpy as np
 import pytest
 
 import manip3d
-from gltf_files import FACES, PNG, SQUARE, SQUARE_BUFFER, Scene, data_uri, document, glb, square
+from gltf_files import (
+    FACES,
+    PNG,
+    SQUARE,
+    SQUARE_BUFFER,
+    Scene,
+    data_uri,
+    document,
+    glb,
+    json_of,
+    square,
+)
+from manip3d import InputError, Material, Texture, io
 from manip3d.io import read_mesh_bytes, read_report, read_scene
 
 
@@ -372,17 +384,21 @@ def test_texture_transforms_are_in_the_texture_coordinates(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("sampler", "is_lost"),
+    ("sampler", "wrap", "smooth"),
     [
-        ({}, False),
-        ({"wrapS": 10497, "wrapT": 10497, "magFilter": 9729, "minFilter": 9984}, False),
-        ({"wrapS": 33071}, True),
-        ({"wrapT": 33648}, True),
-        ({"magFilter": 9728}, True),
+        ({}, ("repeat", "repeat"), True),
+        (
+            {"wrapS": 10497, "wrapT": 10497, "magFilter": 9729, "minFilter": 9984},
+            ("repeat", "repeat"),
+            True,
+        ),
+        ({"wrapS": 33071}, ("clamp", "repeat"), True),
+        ({"wrapT": 33648}, ("repeat", "mirror"), True),
+        ({"magFilter": 9728, "wrapS": 33648, "wrapT": 33071}, ("mirror", "clamp"), False),
     ],
 )
-def test_samplers_that_a_material_cannot_hold_are_named(
-    tmp_path: Path, sampler: dict[str, int], is_lost: bool
+def test_samplers_of_textures_survive(
+    tmp_path: Path, sampler: dict[str, int], wrap: tuple[str, str], smooth: bool
 ) -> None:
     scene = Scene()
     position, texcoord = scene.accessor(SQUARE), scene.accessor([[0, 0], [1, 0], [0, 1], [1, 1]])
@@ -393,8 +409,61 @@ def test_samplers_that_a_material_cannot_hold_are_named(
     scene.primitive({"POSITION": position, "TEXCOORD_0": texcoord}, mode=5, material=0)
     seen = report(tmp_path, scene.glb())
     assert list(seen.mesh.materials[0].textures) == ["base_color"]
-    lost = "samplers that clamp, mirror or do not smooth a texture are left out"
-    assert seen.warnings == ((lost,) if is_lost else ())
+    assert seen.warnings == ()
+    seen.mesh.write(tmp_path / "again.glb")
+    again = manip3d.read_mesh(tmp_path / "again.glb")
+    for mesh in (seen.mesh, again):
+        texture = mesh.materials[0].textures["base_color"]
+        assert (texture.wrap, texture.smooth) == (wrap, smooth)
+
+
+def test_one_image_with_two_samplers_is_stored_once(tmp_path: Path) -> None:
+    vertices, faces = SQUARE, FACES
+    textures = [Texture(data=PNG), Texture(data=PNG, wrap=("clamp", "clamp")), Texture(data=PNG)]
+    materials = [Material(str(i), textures={"base_color": own}) for i, own in enumerate(textures)]
+    mesh = manip3d.Mesh(
+        vertices,
+        [faces[0], faces[1], faces[0]],
+        texcoords=vertices[:, :2],
+        face_texcoords=[faces[0], faces[1], faces[0]],
+        face_material=[0, 1, 2],
+        materials=materials,
+    )
+    mesh.write(tmp_path / "a.glb")
+    found = json_of(tmp_path / "a.glb")
+    assert len(found["images"]) == 1
+    assert found["samplers"] == [{"wrapS": 33071, "wrapT": 33071}]
+    assert found["textures"] == [{"source": 0}, {"source": 0, "sampler": 0}]
+    named = [m["pbrMetallicRoughness"]["baseColorTexture"]["index"] for m in found["materials"]]
+    assert named == [0, 1, 0]
+
+
+@pytest.mark.parametrize(
+    "wrap", ["clamp", ("clamp",), ("clamp", "clamp", "clamp"), ("clamp", "border"), None]
+)
+def test_a_wrong_wrap_of_a_texture_is_refused(wrap: Any) -> None:
+    with pytest.raises(InputError, match="wrap: expected two of repeat, mirror, clamp, got"):
+        Texture("a.png", wrap=wrap)
+
+
+@pytest.mark.parametrize("is_required", [False, True])
+def test_the_centre_of_a_tile_is_not_lost_silently(tmp_path: Path, is_required: bool) -> None:
+    """A tile stood at the centre of the earth, and one that requires the extension was refused."""
+    center = [4156000.5, 671000.25, 4774000.125]
+    tile = document(extensionsUsed=["CESIUM_RTC"], extensions={"CESIUM_RTC": {"center": center}})
+    if is_required:
+        tile["extensionsRequired"] = ["CESIUM_RTC"]
+    (tmp_path / "tile.glb").write_bytes(glb(tile, SQUARE_BUFFER))
+    seen = io.read_report(tmp_path / "tile.glb")
+    (warning,) = seen.warnings
+    assert "CESIUM_RTC: coordinates are relative to the point (4156000.5" in warning
+    np.testing.assert_array_equal(seen.mesh.vertices, SQUARE)
+    scene = io.read_scene(tmp_path / "tile.glb")
+    assert scene.warnings == ()
+    scene.write(tmp_path / "again.glb")
+    again = json_of(tmp_path / "again.glb")
+    for key in ("extensions", "extensionsUsed", "extensionsRequired"):
+        assert again.get(key) == tile.get(key)
 
 
 def test_a_texture_placed_otherwise_than_the_base_colour_is_left_out(tmp_path: Path) -> None:
@@ -770,7 +839,8 @@ def test_tangents_are_left_out_with_a_warning(tmp_path: Path) -> None:
         scene.primitive({"POSITION": scene.accessor(SQUARE), "TANGENT": tangent}, mode=5)
     seen = report(tmp_path, scene.glb())
     assert seen.mesh.num_faces == 4
-    assert seen.warnings == ("tangents are left out",)
+    lost = "tangents are left out: viewers compute them from the texture coordinates"
+    assert seen.warnings == (lost,)
 
 
 def test_points_lines_and_morph_targets_are_left_out(tmp_path: Path) -> None:

@@ -134,6 +134,34 @@ def scene(path: Path) -> io.Scene:
     return io.read_scene(source)
 
 
+def fading_scene(path: Path) -> io.Scene:
+    """A scene in which a material shows the alpha of vertices."""
+    found = scene(path)
+    mesh = found.meshes[0]
+    source = path.parent / "source.gltf"
+    document = json.loads(source.read_text())
+    alphas = np.linspace(0.0, 1.0, mesh.num_vertices).astype(np.float32)
+    binary = (path.parent / document["buffers"][0]["uri"]).read_bytes()
+    for primitive in document["meshes"][0]["primitives"]:
+        accessor = document["accessors"][primitive["attributes"]["COLOR_0"]]
+        view = document["bufferViews"][accessor["bufferView"]]
+        start = view["byteOffset"]
+        rgb = np.frombuffer(binary[start : start + view["byteLength"]], "<f4").reshape(-1, 3)
+        own = np.column_stack([rgb, alphas[: len(rgb)]]).astype("<f4").tobytes()
+        binary += b"\0" * (-len(binary) % 4)
+        accessor |= {"type": "VEC4", "bufferView": len(document["bufferViews"])}
+        document["bufferViews"].append(
+            {"buffer": 0, "byteOffset": len(binary), "byteLength": len(own)}
+        )
+        binary += own
+    for material in document["materials"]:
+        material["alphaMode"] = "BLEND"
+    document["buffers"] = [{"byteLength": len(binary), "uri": "fading.bin"}]
+    (path.parent / "fading.bin").write_bytes(binary)
+    source.write_text(json.dumps(document))
+    return io.read_scene(source)
+
+
 def simplified(mode: simplify.Mode) -> Writer:
     return lambda path: simplify.simplify(partly_textured(), mode, ratio=0.1).mesh.write(path)
 
@@ -143,6 +171,12 @@ WRITERS: dict[str, Writer] = {
     "textured": lambda path: bumpy().write(path),
     "partly textured": lambda path: partly_textured().write(path),
     "normals": lambda path: with_normals().write(path),
+    "samplers": lambda path: bumpy(
+        materials=[
+            Material("a", textures={"base_color": Texture(data=PNG, wrap=("clamp", "mirror"))}),
+            Material("b", textures={"base_color": Texture(data=PNG, smooth=False)}),
+        ]
+    ).write(path),
     "tga": with_tga,
     "small primitives": lambda path: io.write_mesh(bumpy(), path, max_vertices=100),
     "emissive": lambda path: bumpy(
@@ -163,6 +197,9 @@ WRITERS: dict[str, Writer] = {
     "scene": lambda path: io.write_scene(scene(path), path),
     "simplified scene": lambda path: io.write_scene(
         simplify.simplify_scene(scene(path), ratio=0.2).scene, path
+    ),
+    "simplified scene with alpha": lambda path: io.write_scene(
+        simplify.simplify_scene(fading_scene(path), ratio=0.2).scene, path
     ),
     "quantised scene": lambda path: io.write_scene(scene(path), path, quantize=True),
     "levels of a scene": lambda path: simplify.scene_lods(scene(path), 3).write(path),

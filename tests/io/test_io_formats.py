@@ -11,7 +11,7 @@ import pytest
 
 import manip3d
 from gltf_files import PNG
-from manip3d import FormatError, Material, Mesh, Texture, io, simplify
+from manip3d import FormatError, Material, Mesh, Texture, io, read_mesh, simplify
 from manip3d.io import read_mesh_bytes
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -288,9 +288,44 @@ def test_mtl_of_faults_alone_is_refused(tmp_path: Path) -> None:
 
 
 def test_mtl_options_of_textures_name_file_and_line(tmp_path: Path) -> None:
-    seen = with_mtl(tmp_path, "newmtl a\nmap_Kd -clamp on a.png\n")
+    seen = with_mtl(tmp_path, "newmtl a\nmap_Kd -mm 0.5 1 a.png\n")
     (warning,) = seen.warnings
-    assert warning == "m.mtl: line 2: texture option -clamp is not supported and was left out"
+    assert warning == "m.mtl: line 2: texture option -mm is not supported and was left out"
+
+
+def test_textures_of_mtl_that_clamp_survive(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(PNG)
+    maps = "".join(f"{key} -clamp on a.png\n" for key in ("map_Kd", "map_Pr", "map_Pm", "norm"))
+    seen = with_mtl(tmp_path, f"newmtl a\n{maps}map_Ke a.png\n")
+    assert seen.warnings == ()
+    wraps = {role: own.wrap for role, own in seen.mesh.materials[0].textures.items()}
+    roles = ("base_color", "metallic_roughness", "normal")
+    assert wraps == dict.fromkeys(roles, ("clamp", "clamp")) | {"emissive": ("repeat", "repeat")}
+    seen.mesh.write(tmp_path / "again.obj")
+    assert read_mesh(tmp_path / "again.obj").materials == seen.mesh.materials
+
+
+@pytest.mark.parametrize(
+    "given", [{"wrap": ("mirror", "mirror")}, {"wrap": ("clamp", "repeat")}, {"smooth": False}]
+)
+@pytest.mark.parametrize("suffix", [".obj", ".ply"])
+def test_samplers_that_a_format_cannot_hold_are_named(
+    tmp_path: Path, given: dict[str, Any], suffix: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    material = Material("m", textures={"base_color": Texture(path="a.png", data=PNG, **given)})
+    mesh = Mesh(
+        np.eye(3),
+        [[0, 1, 2]],
+        texcoords=np.eye(3)[:, :2],
+        face_texcoords=[[0, 1, 2]],
+        face_material=[0],
+        materials=[material],
+    )
+    mesh.write(tmp_path / f"a{suffix}")
+    lost = {".obj": "OBJ holds no textures that mirror", ".ply": "PLY: samplers of textures left"}
+    assert lost[suffix] in caplog.text
+    texture = read_mesh(tmp_path / f"a{suffix}").materials[0].textures["base_color"]
+    assert (texture.wrap, texture.smooth) == (("repeat", "repeat"), True)
 
 
 @pytest.mark.parametrize(

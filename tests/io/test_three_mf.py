@@ -176,6 +176,26 @@ def test_textures(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("given", "wrap", "smooth"),
+    [
+        ("", ("repeat", "repeat"), True),
+        ('tilestyleu="wrap" tilestylev="clamp" filter="auto"', ("repeat", "clamp"), True),
+        ('tilestyleu="mirror" filter="nearest"', ("mirror", "repeat"), False),
+    ],
+)
+def test_textures_keep_their_tiles_and_filter(
+    given: str, wrap: tuple[str, str], smooth: bool
+) -> None:
+    group = (
+        f'<m:texture2d id="5" path="/wood.png" contenttype="image/png" {given}/>'
+        '<m:texture2dgroup id="6" texid="5"><m:tex2coord u="0" v="0"/></m:texture2dgroup>'
+    )
+    text = model(group + tetrahedron(1, faces=('pid="6" p1="0"', "", "", "")), ITEM)
+    texture = read(text, {"wood.png": b"\x89PNG"}).materials[0].textures["base_color"]
+    assert (texture.wrap, texture.smooth) == (wrap, smooth)
+
+
 def test_what_is_left_out_is_told(tmp_path: Path) -> None:
     faces = ('paint_color="8"', 'pid="4" p1="0"', "", "")
     text = model('<m:multiproperties id="4"/>' + tetrahedron(1, faces=faces), ITEM)

@@ -1,7 +1,9 @@
 #include "io/gltf_asset.hpp"
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
+#include <string>
 #include <string_view>
 
 #include "io/gltf_materials.hpp"
@@ -24,7 +26,22 @@ bool changes_looks(const std::string& name) {
 
 bool is_read_extension(const std::string& name) {
   return name == "KHR_mesh_quantization" || name == kTextureTransform || name == kInstancing ||
-         name == kEmissiveStrength || name == kDraco || is_meshopt_extension(name);
+         name == kEmissiveStrength || name == kDraco || name == kCesiumRtc ||
+         is_meshopt_extension(name);
+}
+
+/// Warns of the point of the earth to which all coordinates of a tile are relative. A mesh does not
+/// get it: its axes are those of the earth, and float32 is too coarse for its coordinates.
+void warn_of_center(const GltfDocument& document, std::vector<std::string>& warnings) {
+  const auto extensions = document.root().find("extensions");
+  const auto found = extensions ? extensions->find(kCesiumRtc) : std::nullopt;
+  const auto center = found ? found->find("center") : std::nullopt;
+  if (!center) return;
+  const Eigen::Vector3d point = vector_of<3>(*center);
+  std::string text;
+  for (const double x : point) text += (text.empty() ? "" : ", ") + std::to_string(x);
+  warn(warnings, std::string(kCesiumRtc) + ": coordinates are relative to the point (" + text +
+                     ") of the earth, which is left out");
 }
 
 }  // namespace
@@ -55,6 +72,7 @@ void check_gltf_asset(GltfDocument& document, const IsKeptExtension& is_kept,
                          : "extension " + name + " is left out");
     }
   }
+  if (!is_kept) warn_of_center(document, warnings);
   if (document.place_meshes_without_nodes()) {
     warn(warnings, "the file has no nodes: all its meshes are read, where their vertices are");
   }

@@ -8,6 +8,9 @@
 
 namespace manip3d {
 
+/// Extension of tiles: a point near which they lie, in coordinates of the earth.
+inline constexpr const char* kCesiumRtc = "CESIUM_RTC";
+
 /// Does the caller read an extension of this name, besides those that every reader reads?
 using IsKeptExtension = std::function<bool(const std::string& name)>;
 

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 #include <string_view>
+#include <utility>
 
 #include "io/gltf_scene.hpp"
 #include "io/warnings.hpp"
@@ -57,19 +58,21 @@ std::optional<JsonPlace> specular_glossiness_of(const JsonPlace& material) {
   return falls_back ? std::nullopt : found;
 }
 
-/// Whether a texture repeats and its enlarged pixels are smoothed; a Texture holds nothing else.
-bool has_usual_sampler(const GltfDocument& document, const JsonPlace& texture) {
-  constexpr double kRepeat = 10497, kNearest = 9728;
-  const auto index = texture.find("sampler");
+TextureWrap wrap_of(const JsonPlace& sampler, const char* key) {
+  const auto found = sampler.find(key);
+  const double code = found ? found->number() : kGltfRepeat;
+  if (code == kGltfMirror) return TextureWrap::kMirror;
+  return code == kGltfClamp ? TextureWrap::kClamp : TextureWrap::kRepeat;
+}
+
+void read_sampler(const GltfDocument& document, const JsonPlace& place, Texture& texture) {
+  const auto index = place.find("sampler");
   constexpr std::int64_t kMost = std::numeric_limits<std::int32_t>::max();
-  if (!index || index->integer(0, kMost) >= document.count("samplers")) return true;
+  if (!index || index->integer(0, kMost) >= document.count("samplers")) return;
   const JsonPlace sampler = document.object("samplers", *index);
-  const auto value = [&](const char* key, double usual) {
-    const auto found = sampler.find(key);
-    return found ? found->number() : usual;
-  };
-  return value("wrapS", kRepeat) == kRepeat && value("wrapT", kRepeat) == kRepeat &&
-         value("magFilter", 0.0) != kNearest;
+  texture.wrap = {wrap_of(sampler, "wrapS"), wrap_of(sampler, "wrapT")};
+  const auto filter = sampler.find("magFilter");
+  texture.smooth = !filter || filter->number() != kGltfNearest;
 }
 
 /// Reads one material.
@@ -141,9 +144,6 @@ class MaterialReader {
       warn(warnings_, "textures that are not PNG or JPEG images are left out");
       return;
     }
-    if (!has_usual_sampler(document_, texture)) {
-      warn(warnings_, "samplers that clamp, mirror or do not smooth a texture are left out");
-    }
     const JsonPlace image = document_.object("images", *source);
     if (const auto uri = image.find("uri")) {
       if (const std::string scheme = uri_scheme(uri->text()); !scheme.empty() && scheme != "data") {
@@ -152,7 +152,9 @@ class MaterialReader {
       }
       budget_.charge(std::ssize(uri->text()), image.pointer());
     }
-    material.textures[role] = read_image(image);
+    Texture read = read_image(image);
+    read_sampler(document_, texture, read);
+    material.textures[role] = std::move(read);
   }
 
   Texture read_image(const JsonPlace& image) {

@@ -18,6 +18,10 @@ inline constexpr const char* kTextureTransform = "KHR_texture_transform";
 /// Older model of materials, without core colours in many files.
 inline constexpr const char* kSpecularGlossiness = "KHR_materials_pbrSpecularGlossiness";
 
+/// Codes of samplers.
+inline constexpr int kGltfRepeat = 10497, kGltfMirror = 33648, kGltfClamp = 33071;
+inline constexpr int kGltfNearest = 9728;
+
 /// Which texture coordinates a mesh gets, and so which textures its materials keep.
 enum class GltfTexcoords {
   /// One set for each material: that of its first texture, with the transform of that texture.

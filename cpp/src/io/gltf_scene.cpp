@@ -1,6 +1,7 @@
 #include "io/gltf_scene.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <map>
 #include <numeric>
@@ -8,6 +9,7 @@
 #include <string_view>
 #include <utility>
 
+#include "io/gltf_materials.hpp"
 #include "io/gltf_write_primitives.hpp"
 #include "io/warnings.hpp"
 #include "manip3d/error.hpp"
@@ -149,9 +151,37 @@ class SceneBuilder {
     return static_cast<std::int64_t>(copy->second);
   }
 
-  /// The index of a texture; -1: it has no image. Textures with equal images are one; each file is
-  /// read once.
+  /// The index of a texture; -1: it has no image. Textures with equal images and samplers are one.
   std::int64_t texture_index(const Texture& texture) {
+    const std::int64_t image = image_index(texture);
+    if (image < 0) return -1;
+    const std::int64_t sampler = sampler_index(texture);
+    const auto [known, is_new] =
+        textures_.try_emplace(std::pair(image, sampler), std::ssize(scene_.json["textures"]));
+    if (is_new) {
+      Json entry = {{"source", image}};
+      if (sampler >= 0) entry["sampler"] = sampler;
+      scene_.json["textures"].push_back(std::move(entry));
+    }
+    return known->second;
+  }
+
+  /// The index of a texture's sampler; -1: the usual one, which needs none.
+  std::int64_t sampler_index(const Texture& texture) {
+    if (texture.has_usual_sampler()) return -1;
+    constexpr std::array<int, 3> kWraps = {kGltfRepeat, kGltfMirror, kGltfClamp};
+    Json sampler = {{"wrapS", kWraps[static_cast<std::size_t>(texture.wrap[0])]},
+                    {"wrapT", kWraps[static_cast<std::size_t>(texture.wrap[1])]}};
+    if (!texture.smooth) sampler["magFilter"] = kGltfNearest;
+    Json& samplers = scene_.json["samplers"];
+    const auto known = std::find(samplers.begin(), samplers.end(), sampler);
+    const std::int64_t index = known - samplers.begin();
+    if (known == samplers.end()) samplers.push_back(std::move(sampler));
+    return index;
+  }
+
+  /// The index of an image; -1: there is none. Equal images are one; each file is read once.
+  std::int64_t image_index(const Texture& texture) {
     if (!texture.data.empty()) return index_of_image(texture);
     const auto [known, is_new] = index_of_path_.try_emplace(texture.path, -1);
     if (is_new) known->second = index_of_image(texture);
@@ -173,7 +203,6 @@ class SceneBuilder {
     if (known != scene_.images.end()) return known - scene_.images.begin();
     const std::size_t index = scene_.images.size();
     scene_.images.push_back({std::move(data), std::string(type), texture.path});
-    scene_.json["textures"].push_back({{"source", index}});
     scene_.json["images"].push_back(Json::object());
     return static_cast<std::int64_t>(index);
   }
@@ -187,6 +216,7 @@ class SceneBuilder {
   GltfScene scene_;
   std::map<std::int32_t, std::size_t> untextured_;
   std::map<std::string, std::int64_t> index_of_path_;
+  std::map<std::pair<std::int64_t, std::int64_t>, std::int64_t> textures_;  ///< Image and sampler.
 };
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <utility>
 
+#include "io/gltf_asset.hpp"
 #include "io/warnings.hpp"
 #include "manip3d/error.hpp"
 
@@ -350,11 +351,18 @@ class ShellReader {
 }  // namespace
 
 bool is_kept_extension(const std::string& name) {
-  constexpr std::array<std::string_view, 11> kKept = {
-      "EXT_mesh_gpu_instancing", "EXT_texture_avif",    "EXT_texture_webp",
-      "KHR_animation_pointer",   "KHR_lights_punctual", "KHR_node_visibility",
-      "KHR_mesh_quantization",   "KHR_texture_basisu",  "KHR_texture_transform",
-      "KHR_xmp_json_ld",         "MSFT_texture_dds"};
+  constexpr std::array<std::string_view, 12> kKept = {kCesiumRtc,
+                                                      "EXT_mesh_gpu_instancing",
+                                                      "EXT_texture_avif",
+                                                      "EXT_texture_webp",
+                                                      "KHR_animation_pointer",
+                                                      "KHR_lights_punctual",
+                                                      "KHR_node_visibility",
+                                                      "KHR_mesh_quantization",
+                                                      "KHR_texture_basisu",
+                                                      "KHR_texture_transform",
+                                                      "KHR_xmp_json_ld",
+                                                      "MSFT_texture_dds"};
   return name.starts_with("KHR_materials_") ||
          std::find(kKept.begin(), kKept.end(), name) != kKept.end();
 }

@@ -64,9 +64,10 @@ bool is_equal(std::string_view a, std::string_view b) {
 }
 
 // Reads the file name after the options of a map; names may contain blanks, and some exporters
-// quote them. `warn_of` is called for the options that change the picture.
+// quote them. `warn_of` is called for the options that change the picture, except `-clamp on`.
 template <typename WarnOf>
-std::string map_path(LineCursor& cursor, const char* what, const WarnOf& warn_of) {
+Texture read_map(LineCursor& cursor, const char* what, const WarnOf& warn_of) {
+  Texture texture;
   while (true) {
     const char* before = cursor.position();
     const std::string_view word = cursor.word();
@@ -86,6 +87,10 @@ std::string map_path(LineCursor& cursor, const char* what, const WarnOf& warn_of
         break;
       }
       changes_picture |= may_change && !is_equal(argument, option->neutral[i]);
+      if (word == "-clamp" && argument == "on") {
+        texture.wrap.fill(TextureWrap::kClamp);
+        changes_picture = false;
+      }
     }
     if (changes_picture) warn_of(word);
   }
@@ -95,7 +100,8 @@ std::string map_path(LineCursor& cursor, const char* what, const WarnOf& warn_of
   }
   if (path.empty()) cursor.fail(what, "a file name");
   std::replace(path.begin(), path.end(), '\\', '/');
-  return path;
+  texture.path = std::move(path);
+  return texture;
 }
 
 double from_zero_to(double most, LineCursor& cursor, const char* what) {
@@ -205,24 +211,24 @@ class MtlReader {
 
   void texture(std::string_view keyword, std::string_view written, LineCursor& cursor) {
     auto& textures = materials_.back().textures;
-    const auto path = [&] {
-      return map_path(cursor, std::string(written).c_str(), [&](std::string_view option) {
+    const auto map = [&] {
+      return read_map(cursor, std::string(written).c_str(), [&](std::string_view option) {
         warn(warnings_, file_ + ": line " + std::to_string(cursor.line()) + ": texture option " +
                             std::string(option) + " is not supported and was left out");
       });
     };
     if (keyword == "map_kd") {
-      textures["base_color"].path = path();
+      textures["base_color"] = map();
     } else if (keyword == "map_ke") {
-      textures["emissive"].path = path();
+      textures["emissive"] = map();
     } else if (keyword == "norm") {
-      textures["normal"].path = path();
+      textures["normal"] = map();
     } else if (keyword == "map_pr") {
-      roughness_map_ = path();
+      roughness_map_ = map();
     } else if (keyword == "map_pm") {
-      metallic_map_ = path();
+      metallic_map_ = map();
     } else if (keyword == "map_d") {
-      opacity_map_ = path();
+      opacity_map_ = map();
     } else {
       leave_out(written, "a material has no place for it");
     }
@@ -240,21 +246,19 @@ class MtlReader {
       std::erase_if(materials_.back().textures,
                     [](const auto& item) { return item.second.path.empty(); });
     }
-    roughness_map_.clear();
-    metallic_map_.clear();
-    opacity_map_.clear();
+    roughness_map_ = metallic_map_ = opacity_map_ = {};
   }
 
   // Combines maps: glTF has roughness and metallic in one image, and opacity in the image of the
   // base colour. MTL files converted from glTF do as well.
   void combine_maps(Material& m) {
-    if (roughness_map_ == metallic_map_) {
-      m.textures["metallic_roughness"].path = roughness_map_;
+    if (roughness_map_.path == metallic_map_.path) {
+      m.textures["metallic_roughness"] = roughness_map_;
     } else {
       leave_out("map_Pr and map_Pm", "expected the same image for both");
     }
     if (opacity_map_.empty()) return;
-    if (opacity_map_ != m.textures["base_color"].path) {
+    if (opacity_map_.path != m.textures["base_color"].path) {
       leave_out("map_d", "expected the image of map_Kd");
     } else if (m.alpha_mode == AlphaMode::kOpaque) {
       m.alpha_mode = AlphaMode::kMask;
@@ -266,7 +270,7 @@ class MtlReader {
   std::map<std::string, BadLines> bad_lines_;  // by keyword
   std::int64_t num_bad_lines_ = 0;
   std::vector<Material> materials_;
-  std::string roughness_map_, metallic_map_, opacity_map_;
+  Texture roughness_map_, metallic_map_, opacity_map_;
   std::set<std::string, std::less<>> left_out_;  // keywords with a warning
   bool has_invisible_ = false;                   // whether there was a warning of opacity 0
 };

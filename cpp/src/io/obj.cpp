@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <initializer_list>
 #include <limits>
 #include <map>
 #include <set>
@@ -246,8 +247,15 @@ class ObjReader {
 
 namespace {
 
-void map_line(std::string& text, const char* keyword, const std::string& name) {
-  if (!name.empty()) text += std::string(keyword) + " " + name + "\n";
+bool clamps(const Texture& texture) {
+  return texture.smooth && texture.wrap[0] == TextureWrap::kClamp &&
+         texture.wrap[1] == TextureWrap::kClamp;
+}
+
+void map_line(std::string& text, const char* keyword, const std::string& name,
+              const Texture& texture) {
+  if (name.empty()) return;
+  text += std::string(keyword) + (clamps(texture) ? " -clamp on " : " ") + name + "\n";
 }
 
 std::string shortest(double value) {
@@ -271,14 +279,21 @@ std::string mtl_text(const WriteJob& job, const std::vector<std::string>& names,
       text += "Ke " + shortest(m.emissive[0]) + " " + shortest(m.emissive[1]) + " " +
               shortest(m.emissive[2]) + "\n";
     }
-    const std::string colors = companions.texture_name(m, "base_color");
-    map_line(text, "map_Kd", colors);
-    if (!is_opaque) map_line(text, "map_d", colors);
-    map_line(text, "map_Ke", companions.texture_name(m, "emissive"));
-    map_line(text, "norm", companions.texture_name(m, "normal"));
-    const std::string both = companions.texture_name(m, "metallic_roughness");
-    map_line(text, "map_Pr", both);
-    map_line(text, "map_Pm", both);
+    const auto add = [&](const char* role, std::initializer_list<const char*> keywords) {
+      const std::string name = companions.texture_name(m, role);
+      if (name.empty()) return;
+      const Texture& texture = m.textures.at(role);
+      for (const char* keyword : keywords) map_line(text, keyword, name, texture);
+      if (texture.has_usual_sampler() || clamps(texture)) return;
+      warn(job.warnings, "material " + names[i] +
+                             ": OBJ holds no textures that mirror, clamp along one side, or are "
+                             "not smoothed");
+    };
+    add("base_color", {"map_Kd"});
+    if (!is_opaque) add("base_color", {"map_d"});
+    add("emissive", {"map_Ke"});
+    add("normal", {"norm"});
+    add("metallic_roughness", {"map_Pr", "map_Pm"});
     if (m.alpha_mode == AlphaMode::kMask && (m.alpha_cutoff != 0.5 || opacity < 1.0)) {
       warn(job.warnings, "material " + names[i] + ": OBJ holds no alpha cutoff");
     }

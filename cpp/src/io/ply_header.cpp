@@ -62,13 +62,12 @@ constexpr RoleName kFaceRoles[] = {{"vertex_indices", kIndices},
                                    {"blue", kBlue},
                                    {"alpha", kAlpha}};
 
-// Textures of Artec's and other scanners' files: as many faces as in the element face, whose corners
-// refer to rows of texture coordinates.
+// Textures of Artec's and other scanners' files: as many faces as in the element face, whose
+// corners refer to rows of texture coordinates.
 constexpr RoleName kTextureVertexRoles[] = {
     {"u", kS}, {"v", kT}, {"s", kS}, {"t", kT}, {"tx", kTexnumber}};
-constexpr RoleName kTextureFaceRoles[] = {{"texture_vertex_indices", kIndices},
-                                          {"texture_vertex_index", kIndices},
-                                          {"tx", kTexnumber}};
+constexpr RoleName kTextureFaceRoles[] = {
+    {"texture_vertex_indices", kIndices}, {"texture_vertex_index", kIndices}, {"tx", kTexnumber}};
 
 constexpr std::string_view kEncodedMaterial = "material_utf8";
 

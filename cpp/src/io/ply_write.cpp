@@ -84,6 +84,9 @@ class PlyWriter {
         if (role != "base_color" && roles_left_out.insert(role).second) {
           warn(job_.warnings, "PLY: textures of " + role + " left out");
         }
+        if (role == "base_color" && !texture.has_usual_sampler()) {
+          warn(job_.warnings, "PLY: samplers of textures left out; they repeat and are smoothed");
+        }
       }
       const std::string name = companions_.texture_name(m, "base_color", true);
       texture_of_material_.push_back(-1);

@@ -21,7 +21,7 @@ from manip3d import _core
 from manip3d._util.text_files import parse_xml_bytes
 from manip3d.errors import FormatError, InputError
 from manip3d.io._pieces import NONE, Piece, join
-from manip3d.mesh import Material, Mesh, Texture
+from manip3d.mesh import Material, Mesh, Texture, Wrap
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -590,12 +590,14 @@ class _Materials:
 
     def image(self, profile: Element, reference: str) -> Texture | None:
         """Return the image of a texture, named by a sampler (COLLADA 1.4, 1.5) or directly."""
+        sampler: Element | None = None
         for _ in range(3):  # sampler, surface, image
             parameter = next(
                 (p for p in profile.iter("newparam") if p.get("sid") == reference), None
             )
             if parameter is None:
                 break
+            sampler = parameter.find("sampler2D") if sampler is None else sampler
             following = [
                 *parameter.findall("sampler2D/source"),
                 *parameter.findall("surface/init_from"),
@@ -609,7 +611,8 @@ class _Materials:
         if image is None or image.tag != "image":
             return None
         path = image.findtext("init_from/ref") or image.findtext("init_from") or ""
-        return self.texture(path.strip())
+        texture = self.texture(path.strip())
+        return texture if texture is None or sampler is None else _sampled(texture, sampler)
 
     def texture(self, uri: str) -> Texture | None:
         path = re.sub(r"^file:/*(?=[A-Za-z]:|/)", "", unquote(uri)).replace("\\", "/")
@@ -641,6 +644,14 @@ class _Materials:
         except InputError:
             return False
         return Path(os.fsdecode(inside)).is_file()
+
+
+def _sampled(texture: Texture, sampler: Element) -> Texture:
+    """Return a texture with the wrap modes and the filter of a sampler."""
+    words: dict[str, Wrap] = {"MIRROR": "mirror", "CLAMP": "clamp"}
+    u, v = (words.get((sampler.findtext(f"wrap_{side}") or "").strip(), "repeat") for side in "st")
+    nearest = (sampler.findtext("magfilter") or "").strip() == "NEAREST"
+    return replace(texture, wrap=(u, v), smooth=not nearest)
 
 
 def _shader(profile: Element) -> Element | None:

@@ -143,7 +143,7 @@ def _as_png(mesh: Mesh, texture: Texture) -> Texture:
         _logger.warning("texture %r cannot be converted to PNG: %s", texture.path, reason)
         return texture
     path = None if texture.path is None else str(Path(texture.path).with_suffix(".png"))
-    return Texture(path=path, data=stream.getvalue())
+    return dataclasses.replace(texture, path=path, data=stream.getvalue())
 
 
 def read_color(path: Path) -> NDArray[np.uint8]:

@@ -12,7 +12,7 @@ import posixpath
 import zipfile
 from array import array
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 from xml.parsers import expat
 
@@ -22,7 +22,7 @@ from manip3d import _core
 from manip3d.errors import Error, FormatError
 from manip3d.io._pieces import NONE, Piece, join
 from manip3d.io._scan_tables import refuse_expansion
-from manip3d.mesh import Material, Mesh, Texture
+from manip3d.mesh import Material, Mesh, Texture, Wrap
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -73,7 +73,7 @@ class _Model:
 
     objects: dict[_Key, _Object] = field(default_factory=dict)
     groups: dict[_Key, _Group] = field(default_factory=dict)
-    textures: dict[_Key, str] = field(default_factory=dict)
+    textures: dict[_Key, Texture] = field(default_factory=dict)
     items: list[tuple[_Key, NDArray[np.float64]]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
@@ -314,7 +314,18 @@ class _PartReader:
 
     def texture(self) -> None:
         path = _part_name(self.attributes.get("path", ""))
-        self.model.textures[self.part, self.whole("id")] = path
+        given = self.attributes
+        self.model.textures[self.part, self.whole("id")] = Texture(
+            path,
+            wrap=(_wrap(given.get("tilestyleu")), _wrap(given.get("tilestylev"))),
+            smooth=given.get("filter") != "nearest",
+        )
+
+
+def _wrap(style: str | None) -> Wrap:
+    if style == "mirror":
+        return "mirror"
+    return "clamp" if style == "clamp" else "repeat"
 
 
 # --- Putting them together --------------------------------------------------------------------
@@ -328,7 +339,7 @@ class _Assembly:
         self.names = {name.lower(): name for name in archive.namelist()}
         self.sizes: dict[_Key, int] = {}
         self.materials: list[Material] = []
-        self.first_material: dict[_Key, int] = {}  # index of the first material of each group
+        self.first_material: dict[_Key | Texture, int] = {}  # of each group
 
     def mesh(self) -> Mesh:
         if not self.model.items:
@@ -411,28 +422,29 @@ class _Assembly:
         elif group.colors:
             piece.colors[chosen] = np.array(group.colors, dtype=np.int64)[places]
         else:
-            texture = self.model.textures.get((key[0], group.texture), "")
+            texture = self.model.textures.get((key[0], group.texture), Texture(""))
             material = self.textured(texture)
-            piece.material[chosen] = self.first_of((texture, NONE), [material])
+            piece.material[chosen] = self.first_of(texture, [material])
             used, corners = np.unique(places, return_inverse=True)
             piece.corners[chosen] = corners.reshape(places.shape) + len(piece.texcoords)
             coords = np.array(group.texcoords, dtype=np.float64).reshape(-1, 2)[used]
             piece.texcoords = np.concatenate([piece.texcoords, coords])
 
-    def first_of(self, key: _Key, materials: list[Material]) -> int:
+    def first_of(self, key: _Key | Texture, materials: list[Material]) -> int:
         if key not in self.first_material:
             self.first_material[key] = len(self.materials)
             self.materials += materials
         return self.first_material[key]
 
-    def textured(self, path: str) -> Material:
+    def textured(self, texture: Texture) -> Material:
+        path = texture.path or ""
         stored = self.names.get(path.lower())
         name = posixpath.basename(path)
         if stored is None:
             self.model.warn(f"texture '{path}' is not in the archive and is left out")
             return Material(name=name)
-        texture = Texture(path=name, data=self.archive.read(stored))
-        return Material(name=name, textures={"base_color": texture})
+        image = replace(texture, path=name, data=self.archive.read(stored))
+        return Material(name=name, textures={"base_color": image})
 
 
 def _square(matrix: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -170,8 +170,8 @@ def _looks(mesh: Mesh) -> list[int]:
     def look(material: Material) -> object:
         if material == Material(material.name):  # nothing but its name is known
             return material.name
-        pictures = [(role, own.path, own.data) for role, own in sorted(material.textures.items())]
-        return repr(replace(material, name="", textures={})), tuple(pictures)
+        pictures = tuple(sorted(material.textures.items(), key=lambda item: item[0]))
+        return repr(replace(material, name="", textures={})), pictures
 
     of_object = {id(material): material for material in mesh.materials}  # one may have many rows
     found = {i: numbers.setdefault(look(one), len(numbers)) for i, one in of_object.items()}

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -18,12 +19,21 @@ using Texcoords = Rows<double, 2>;     ///< (T, 2) texture coordinates u, v (v u
 using Colors = Rows<std::uint8_t, 3>;  ///< (V, 3) sRGB.
 using Indices = Eigen::Matrix<std::int32_t, Eigen::Dynamic, 1>;
 
+/// What a texture shows beyond its image, where texture coordinates are outside of [0, 1].
+enum class TextureWrap : std::uint8_t { kRepeat, kMirror, kClamp };
+
 /// A texture image: a path (relative to the mesh file, if it comes from one) or the bytes of a
 /// file.
 struct Texture {
   std::string path;             ///< Empty when only the bytes are known.
   std::vector<std::byte> data;  ///< PNG or JPEG file content; empty when only the path is known.
+  std::array<TextureWrap, 2> wrap = {TextureWrap::kRepeat, TextureWrap::kRepeat};  ///< Of u and v.
+  bool smooth = true;  ///< Whether the pixels of an enlarged image are blended.
   [[nodiscard]] bool empty() const { return path.empty() && data.empty(); }
+  /// Whether the image repeats and is smoothed, as formats without samplers assume.
+  [[nodiscard]] bool has_usual_sampler() const {
+    return smooth && wrap[0] == TextureWrap::kRepeat && wrap[1] == TextureWrap::kRepeat;
+  }
 };
 
 enum class AlphaMode : std::uint8_t { kOpaque, kMask, kBlend };
