@@ -34,6 +34,7 @@ from manip3d.authenticate._exact_lattice import (
 )
 from manip3d.authenticate._lattice_steps import first_encoders, off_the_steps
 from manip3d.authenticate._power import BLIND_TURNED, BLIND_TURNED_ANYHOW, BLIND_WHOLE_STEPS
+from manip3d.authenticate._processing import edge_of_voxels
 from manip3d.cli.inspect import show
 from manip3d.report import write_evidence
 from real_data import RealData
@@ -420,6 +421,18 @@ def test_opposite_walls_at_one_distance_are_no_copies(unit: Unit, noise_m: float
     assert said(scan).verdict != "tampered"
 
 
+@pytest.mark.parametrize(("lasers", "noise"), [(32, 0.3), (32, 0.4), (64, 0.4), (64, 0.6)])
+def test_a_symmetrical_room_at_coarse_ranges_has_no_copies(
+    lasers: int, noise: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Noise of a part of the range step of 8 mm leaves runs of equal ranges on opposite sides."""
+    monkeypatch.setattr(exact_scans, "TILT", (0.0, 0.0))
+    monkeypatch.setattr(exact_scans, "POST", (1e6, 1e6, 0.1))
+    room = replace(hesai(lasers), step=0.008)
+    scan = exact_scan(room, round(100 * noise), noise_m=noise * room.step)
+    assert said(scan).verdict != "tampered"
+
+
 @pytest.mark.parametrize("kind", ["hesai", "velodyne"])
 def test_a_turned_copy_that_is_off_the_steps_has_one_region(kind: str) -> None:
     """The place that is off the lattice is the copy; the original is not suspected."""
@@ -799,6 +812,48 @@ def test_real_scanners(name: str, realdata: RealData) -> None:
             found = said(without_labels(points))
             assert found.verdict == "tampered"
             assert set(found.suspected.tolist()) <= set(rows.tolist())
+
+
+def voxel_means(points: Points, edge: float, start: NDArray[np.float64]) -> Points:
+    cells = np.floor((points - start) / edge).astype(np.int64)
+    _, cell, size = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    sums = [np.bincount(cell.ravel(), axis.astype(float)) for axis in points.T]
+    return np.column_stack([each / size for each in sums]).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("lasers", "millimetres", "is_at_least"),
+    [(64, 24.6, True), (64, 23.8, False), (32, 28.0, False), (64, 31.3, True)],
+)
+def test_means_of_voxels_of_any_edge_are_no_edit(
+    lasers: int, millimetres: float, is_at_least: bool
+) -> None:
+    """Cells of common filters begin at 0, or half an edge below the least coordinates."""
+    edge = millimetres / 1000.0
+    points = exact_scan(hesai(lasers), 3).points
+    start = points.min(axis=0) - 0.5 * edge if is_at_least else np.zeros(3)
+    means = voxel_means(points, edge, start)
+    found = said(without_labels(means))
+    assert found.verdict in ("processed", "undecidable")
+    assert len(found.suspected) == 0
+    if len(means) < len(points) - 30:
+        assert edge_of_voxels(means) == pytest.approx(edge)
+    assert edge_of_voxels(points) == 0.0
+
+
+def test_few_points_beside_others_may_be_means_of_voxels() -> None:
+    """Points elsewhere, or more of them, are not."""
+    points = exact_scan(hesai(64), 3).points
+    start = points.min(axis=0) - 0.5 * 0.0238
+    means = voxel_means(points, 0.0238, start)
+    assert edge_of_voxels(means) == 0.0
+    is_mean = ~np.isin(means, points).all(axis=1)
+    rows = np.flatnonzero(is_mean)
+    assert 0 < len(rows) <= len(points) - len(means)
+    assert edge_of_voxels(means, rows) > 0.0
+    far = np.r_[rows, np.linalg.norm(means, axis=1).argmax()]
+    assert edge_of_voxels(means, far) == 0.0
+    assert edge_of_voxels(means, np.repeat(rows, 10)) == 0.0
 
 
 @pytest.mark.realdata

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d import _core
 from manip3d.authenticate._extent import (
     OWN_CAR_SILENT,
     processing_of_extent,
@@ -76,14 +77,24 @@ SECTORS, MIN_DEGREES_SEEN_TWICE, MIN_POINTS_SEEN_TWICE = 72, 30.0, 500
 two returns per firing in at least MIN_DEGREES_SEEN_TWICE degrees of azimuth, and if there are more
 than MIN_POINTS_SEEN_TWICE such points. Pasted objects are met by few lasers, or are narrower."""
 
-VOXELS, MIN_SHARED, TIMES_SHIFTED = (0.008, 0.01, 0.012, 0.015, 0.02), 40, 4
-"""A voxel filter left one point per voxel with one of the edges VOXELS (metres) if hardly any two
-points share a cell of its grid, while at least MIN_SHARED, and TIMES_SHIFTED times as many,
-share a cell of a grid that is shifted by half a cell. With these edges a few means lie near the
-scanner, like an edit; coarser voxels leave means all around, finer voxels none."""
+EDGES = np.arange(40, 501) * 1e-4
+"""Edges of voxels that are tried, metres. Coarser voxels leave means all around, and finer ones
+none."""
 
-EXACT_VOXELS = (0.005, *VOXELS)
-"""The same for unrounded clouds, in which also finer voxels leave means near the scanner."""
+MAX_CLOSE, MAX_PAIRS = 5000, 2000
+"""Numbers of points, those with the closest neighbours, and of their closest pairs, from which the
+edge of voxels is found."""
+
+MAX_SHARED, VOXEL_RATE = 0.25, 0.01
+"""A filter left one point per voxel if at most MAX_SHARED times as many close pairs share a cell of
+its grid as share one of a grid anywhere, and this has a probability of at most VOXEL_RATE, with all
+grids that are tried. Coordinates that are rounded afterwards may leave their cell."""
+
+FAR_FROM_MEANS, MEANS_PER_PAIR = 3.0, 2.0
+"""Few means of voxels (of 2 to 15 points in clean clouds) do not show a filter surely. Points off
+the lattice may be such means if they are nearer to other points than FAR_FROM_MEANS edges, and not
+more than MEANS_PER_PAIR times the close pairs that share a voxel elsewhere. Clean clouds have up to
+1.7 times as many."""
 
 TWO_SCANNERS = (
     "points in most directions lie beside the lines of the scanner, as those of another one do"
@@ -248,7 +259,7 @@ def _processing_of_lattice(
         if "duplicate" in contradicted:
             return [Processing("fused", "most directions hold several returns")]
         if lattice is not None and lattice.is_exact:
-            return _averaged(points, generic, EXACT_VOXELS)
+            return _averaged(points, generic)
         if sensor.name != HDL64E or lattice is None or contradicted & OFF_FIRING:
             return []
         return processing_of_own(points, lattice, reading)
@@ -259,7 +270,7 @@ def _processing_of_lattice(
         if rearranged is not None:
             return [rearranged]
         found.append(Processing("shuffled", "the points are not in the order of the scanner"))
-        found += _averaged(points, generic, VOXELS)
+        found += _averaged(points, generic)
     if contradicted & PLACE_EVIDENCE:
         names = ", ".join(sorted(contradicted & PLACE_EVIDENCE))
         kind = "turned" if _is_turned_by_part_of_step(points, sensor, reading) else "moved"
@@ -287,47 +298,105 @@ def _processing_of_lattice(
     )
 
 
-def _averaged(
-    points: NDArray[np.float32], generic: GenericResult, edges: Sequence[float]
-) -> list[Processing]:
+def _averaged(points: NDArray[np.float32], generic: GenericResult) -> list[Processing]:
     """Whether a filter of voxels left means, which are off the lattice as edits are."""
-    if generic.verdict != "tampered" or not (edge := edge_of_voxels(points, edges)):
+    if generic.verdict != "tampered":
         return []
-    detail = f"points that shared a voxel of {1000.0 * edge:g} mm became their mean"
-    return [Processing("averaged", detail)]
+    if edge := edge_of_voxels(points):
+        detail = f"points that shared a voxel of {1000.0 * edge:.4g} mm became their mean"
+        return [Processing("averaged", detail)]
+    if edge := edge_of_voxels(points, generic.suspected):
+        detail = (
+            f"{len(generic.suspected)} points are off the lattice, as the means are that a filter "
+            f"of voxels of {1000.0 * edge:.4g} mm would leave"
+        )
+        return [Processing("averaged", detail)]
+    return []
 
 
-def edge_of_voxels(points: NDArray[np.float32], edges: Sequence[float] = VOXELS) -> float:
+def edge_of_voxels(points: NDArray[np.float32], means: NDArray[np.int64] | None = None) -> float:
     """Return the edge, metres, of voxels in which a filter left one point each; 0: no filter.
 
-    Cells begin at 0, or half an edge below the least coordinates, as in common filters.
+    The faces of a filter's cells separate all pairs of close points, and those of another grid
+    separate some. Cells begin at 0, or half an edge below the least coordinates, as in common
+    filters.
 
     Parameters
     ----------
     points : (N, 3) float32
-    edges : sequence of float
-        Edges that are tried, metres.
+    means : (K,) int, optional
+        Rows of points that may be the means. With them, an edge is returned if a filter would leave
+        as many, and as close to other points; without them, if there was a filter surely.
     """
-    for edge in edges:
-        for start in (np.zeros(3), points.min(axis=0).astype(np.float64) - 0.5 * edge):
-            shared = _number_sharing_cells(points, edge, start)
-            shifted = _number_sharing_cells(points, edge, start + 0.5 * edge)
-            if shifted >= MIN_SHARED and TIMES_SHIFTED * shared < shifted:
-                return edge
-    return 0.0
+    away = _core.nearest_distances(points, None, 0.0, 1, None)
+    first, second = _closest_pairs(points, away, float(EDGES[-1]))
+    apart = np.abs(points[first].astype(np.float64) - points[second])
+    farthest, best = apart.max(axis=1, initial=0.0), (0.0, 0.0)
+    least = points.min(axis=0, initial=0.0).astype(np.float64)
+    for edge in EDGES.tolist():
+        close = farthest < edge
+        # The probability that two points share a cell of a grid anywhere.
+        expected = float(np.prod(1.0 - apart[close] / edge, axis=1).sum())
+        for start in (np.zeros(3), least - 0.5 * edge):
+            ours = _cells(points[first[close]], edge, start)
+            shared = int((ours == _cells(points[second[close]], edge, start)).all(axis=1).sum())
+            if shared > MAX_SHARED * expected:
+                continue
+            # Chernoff's bound of the Poisson law.
+            few = shared * math.log(shared / expected) if shared else 0.0
+            surely = expected - shared + few
+            is_sure = surely > math.log(2 * len(EDGES) / VOXEL_RATE)
+            if is_sure or (means is not None and _are_likely(away[means], expected, edge)):
+                best = max(best, (surely, edge))
+    return best[1]
 
 
-def _number_sharing_cells(
-    points: NDArray[np.float32], edge: float, start: NDArray[np.float64]
-) -> int:
-    """Number of points that are not the only or the first one in their cell of a grid."""
+def _are_likely(away: NDArray[np.float32], expected: float, edge: float) -> bool:
+    """Whether points at distances ``away`` from others may be means of as many voxels.
+
+    About as many pairs shared a voxel, and became means, as pairs that are left are ``expected`` to
+    share one of a grid anywhere.
+    """
+    are_close = bool((away < FAR_FROM_MEANS * edge).all())
+    return are_close and len(away) <= MEANS_PER_PAIR * expected
+
+
+def _cells(points: NDArray[np.float32], edge: float, start: NDArray[np.float64]) -> NDArray[Any]:
     # Filters whose cells begin at 0 compute in single precision, which decides on points on a face.
     own = np.float32 if not start.any() else np.float64
-    cells = np.floor((points - start.astype(own)) * own(1.0 / edge)).astype(np.int64)
-    cells -= cells.min(axis=0)
-    sides = cells.max(axis=0) + 1
+    cells: NDArray[Any] = np.floor((points - start.astype(own)) * own(1.0 / edge))
+    return cells
+
+
+def _closest_pairs(
+    points: NDArray[np.float32], away: NDArray[np.float32], reach: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows of the closest pairs of points whose coordinates differ by less than ``reach``.
+
+    ``away`` is the distance of each point from its nearest neighbour.
+    """
+    rows = np.flatnonzero(away < math.sqrt(3.0) * reach)
+    rows = rows[np.argsort(away[rows], kind="stable")[:MAX_CLOSE]]
+    cells = np.floor(points[rows].astype(np.float64) / reach).astype(np.int64)
+    cells -= cells.min(axis=0, initial=0) - 1
+    sides = cells.max(axis=0, initial=0) + 2
     numbers = (cells[:, 0] * sides[1] + cells[:, 1]) * sides[2] + cells[:, 2]
-    return len(points) - len(np.unique(numbers))
+    order = np.argsort(numbers, kind="stable")
+    rows, numbers = rows[order], numbers[order]
+    found = [np.empty((0, 2), np.int64)]
+    for x, y, z in itertools.product((-1, 0, 1), repeat=3):
+        there = numbers + (x * sides[1] + y) * sides[2] + z
+        begin = np.searchsorted(numbers, there, "left")
+        begin = np.maximum(begin, np.arange(len(rows)) + 1)  # each pair once
+        count = (np.searchsorted(numbers, there, "right") - begin).clip(0)
+        one = np.repeat(np.arange(len(rows)), count)
+        other = np.repeat(begin - np.cumsum(count) + count, count) + np.arange(len(one))
+        found.append(np.stack([rows[one], rows[other]], axis=1))
+    pairs = np.concatenate(found)
+    apart = np.abs(points[pairs[:, 0]].astype(np.float64) - points[pairs[:, 1]]).max(axis=1)
+    closest = np.argsort(apart, kind="stable")[:MAX_PAIRS]
+    closest = closest[apart[closest] < reach]
+    return pairs[closest, 0], pairs[closest, 1]
 
 
 FAR_ENOUGH, MIN_ALIKE, MIN_TURN = 10.0, 0.5, 0.01

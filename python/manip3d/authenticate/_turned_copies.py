@@ -41,6 +41,11 @@ MAX_MISSED, SHORT_GAP = 0.2, 3
 returns with equal ranges. In a copy they are few. In a perfectly symmetrical yard, noise of a third
 of a range step leaves 0.25."""
 
+MIN_DENSE = 0.7
+"""Least share of the returns in runs that are in stretches without many missed ones. It is 0.98 and
+more in copies. In symmetrical rooms, where noise of a third of a range step or more leaves runs by
+chance, it is 0.46 at most."""
+
 MAX_SMOOTH = 0.4
 """Largest share of returns whose range differs by at most half a step from the mean of the returns
 before and after it. The share is 0.42 and more in the clouds without noise that were accused, and
@@ -210,7 +215,10 @@ def _copy_of(found: _Runs, rows: Rows) -> TurnedCopy | None:
         return None
     if not same.any():
         return None
-    dense = found.is_long[same] & _is_dense(found.first[same])
+    is_long = found.is_long[same]
+    dense = is_long & _is_dense(found.first[same])
+    if np.count_nonzero(dense) < MIN_DENSE * np.count_nonzero(is_long):
+        return None
     first, second = found.first[same][dense], found.second[same][dense]
     if not len(first):
         return None
