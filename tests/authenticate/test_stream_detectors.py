@@ -436,6 +436,43 @@ def test_holes_that_were_filled_from_windows_accuse_nobody(filter_: str) -> None
     assert "narrower than three pixels: holes were filled from windows" in found.reason
 
 
+def median_of(depth: NDArray[np.uint16], side: int) -> NDArray[np.uint16]:
+    """The median of windows, in which missing pixels have a depth of 0."""
+    padded = np.pad(depth, side // 2, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
+    return np.median(windows, axis=(2, 3)).astype(np.uint16)
+
+
+def test_medians_that_take_missing_pixels_for_depth_0_accuse_nobody() -> None:
+    frames = with_ragged_holes()
+    for frame in frames:
+        rng = np.random.default_rng([14, frame.number])
+        frame.depth[:] = np.where(
+            frame.depth > 0, frame.depth + rng.normal(100.0, 20.0, frame.depth.shape), 0.0
+        )
+    assert authenticate.inspect_stream(frames).verdict == "tampered"
+    filtered = depths_changed(frames, lambda depth: median_of(depth, 7))
+    found = authenticate.inspect_stream(filtered)
+    assert (found.verdict, found.regions) == ("processed", ())
+    assert "outlines were smoothed by a median" in found.reason
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("side", [3, 5, 7])
+def test_a_frame_behind_a_median_is_not_accused_by_its_silhouettes(
+    side: int, realdata: RealData
+) -> None:
+    from manip3d.authenticate._silhouettes import judge_silhouettes
+    from manip3d.io import read_depth_guessing
+
+    path = realdata("rgbd/scene_single_frames/NYU_depth.pgm")
+    millimetres = np.rint(1000.0 * np.nan_to_num(read_depth_guessing(path).depth))
+    filtered = median_of(millimetres.astype(np.uint16), side)
+    camera = RgbdCalibration(Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5))
+    report, regions, _ = judge_silhouettes([RgbdFrame(filtered, camera)])
+    assert (report.verdict, regions) == ("processed", ())
+
+
 @pytest.mark.parametrize(("least", "last"), [(1, 5), (2, 8)])
 def test_pixels_that_stay_once_they_were_measured_accuse_nobody(least: int, last: int) -> None:
     found = authenticate.inspect_stream(kept_pixels(with_ragged_holes(), least, last))
