@@ -161,13 +161,18 @@ def test_a_wall_of_a_single_depth_is_measured() -> None:
 
 @pytest.mark.parametrize("mark", [2047, 3000])
 def test_a_constant_of_missing_pixels_among_other_depths_accuses_nobody(mark: int) -> None:
-    """No surface is told from it, but what never changes there is no still background."""
-    frames = with_border(stream(), mark)
-    for number, frame in enumerate(frames):  # something at these depths, and nearer than the wall
-        frame.depth[210:240, 100:300] = 2000 + 10 * np.arange(200) + number
-    found = authenticate.inspect_stream(frames)
-    assert (found.verdict, found.regions) == ("undecidable", ())
-    assert "count as not measured" not in found.reason
+    """Its border is no silhouette, and what never changes there is no still background."""
+    both = []
+    for each in (mark, 0):
+        frames = with_border(stream(), each)
+        for number, frame in enumerate(frames):  # something at these depths, before the wall
+            frame.depth[210:240, 100:300] = 2000 + 10 * np.arange(200) + number
+        both.append(authenticate.inspect_stream(frames))
+    found, expected = both
+    assert expected.verdict == "no_trace"
+    is_told = mark == 2047  # the wall has depths near 3000
+    assert (f"depths of {mark} mm" in found.reason) == is_told
+    assert (found.verdict, found.regions) == ("no_trace" if is_told else "undecidable", ())
     repetition = next(each for each in found.detectors if each.name == "repetition")
     assert repetition.verdict == "no_trace"
 
@@ -289,12 +294,14 @@ def with_losses(depth: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 def with_holes(side: int) -> list[RgbdFrame]:
-    """Somebody who was cut out, before a wall with square holes."""
+    """Somebody who was cut out, before a wall with square holes and slits, as cameras leave."""
     frames = stream(soft=False)
     for frame in frames:
         rng = np.random.default_rng([8, frame.number])
         for v, u in rng.integers(5, 225, (80, 2)):
             frame.depth[v : v + side, u : u + side] = 0
+        for v, u in rng.integers(5, 225, (60, 2)):
+            frame.depth[v : v + 2, u : u + side] = 0
     return frames
 
 
@@ -499,6 +506,31 @@ def test_a_camera_that_seldom_loses_pixels_is_no_filter() -> None:
     assert authenticate.inspect_stream(frames).verdict == "tampered"
 
 
+def test_a_mark_among_the_depths_of_the_scene_counts_as_missing() -> None:
+    """The Kinect V1 marks missing pixels by 2047; surfaces are nearer and farther than 2 m."""
+    frames = with_ragged_holes()
+    found, expected = (authenticate.inspect_stream(f) for f in (marked(frames, 2047), frames))
+    assert found.verdict == expected.verdict == "tampered"
+    assert found.reason.endswith("of the pixels, count as not measured")
+    assert "depths of 2047 mm" in found.reason
+    both = [replace(frame, depth=frame.depth.copy()) for frame in marked(frames, 2047)]
+    both[0].depth[0, 0] = 0  # the mark of these images
+    assert "count as not measured" not in authenticate.inspect_stream(both).reason
+
+
+def test_a_surface_with_the_depth_of_a_mark_is_measured() -> None:
+    """A Kinect V1 resolves 30 mm at 3 m, so that many pixels have one depth."""
+
+    def coarse(depth: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        from_left = filled_along_rows(depth, 320)
+        return filled_along_rows(from_left[:, ::-1], 320)[:, ::-1] // 30 * 30
+
+    frames = depths_changed(stream(), coarse)
+    assert all(frame.depth.all() for frame in frames)
+    assert max(np.unique(frames[0].depth, return_counts=True)[1]) > 0.1 * frames[0].depth.size
+    assert "count as not measured" not in authenticate.inspect_stream(frames).reason
+
+
 @pytest.mark.realdata
 @pytest.mark.parametrize("filter_", [*WINDOWS, "missing pixels kept"])
 def test_a_clean_recording_behind_a_filter_of_the_whole_image_is_not_accused(
@@ -528,7 +560,8 @@ def test_people_before_a_wall_with_gaps_are_found(subject: int, realdata: RealDa
     walls = _streams.walls()[10 * (subject - 1) : 10 * subject]
     forged = list(forge.stream(people, walls, kind=1, move=(0.0, 0.0, -0.9)))
     assert authenticate.inspect_stream(forged).verdict == "tampered"
-    assert authenticate.inspect_stream(marked(forged, 10000)).verdict == "tampered"
+    for mark in (2047, 10000):
+        assert authenticate.inspect_stream(marked(forged, mark)).verdict == "tampered"
 
 
 def test_time_of_flight_cameras_need_no_wide_gaps() -> None:
