@@ -327,6 +327,38 @@ def tum_folder() -> list[Files]:
     ]
 
 
+def joint_files() -> list[Files]:
+    """Joints of a person in each frame of a small recording."""
+    import json
+
+    folder = recordings("")[0]
+    import rgbd_frames
+
+    times = [frame.time_ns // 1000 for frame in rgbd_frames.frames(3)]
+    joint = " ".join(["0.1", "-0.2", "2.0", *["3.5"] * 8, "2"])
+    body = ["1", "72057594037931101 0 1 1 1 1 0 0.1 -0.2 2", "25", *[joint] * 25]
+    keypoints = [float(i % 3) + 0.5 for i in range(75)]
+    person = {"person_id": [-1], "pose_keypoints_2d": keypoints}
+    results = [{"image_id": n, "keypoints": keypoints[:51], "score": 0.9} for n in range(3)]
+    azure = {"body_id": 1, "joint_positions": [[1.0, -20.5, 2000.0]] * 32}
+    told = [{"frame_id": n, "timestamp_usec": t, "bodies": [azure]} for n, t in enumerate(times)]
+    rows = [f"{n},0,1,{j},x,0.1,0.2,2.0,2" for n in range(3) for j in range(25)]
+    texts = {
+        "z.skeleton": "\n".join(["3", *body * 3]),
+        "z.csv": "\n".join(["frame,time_ns,id,joint,name,x,y,z,state", *rows]),
+        "z.json": json.dumps(results),
+    }
+    folders = [{name: text.encode()} for name, text in texts.items()]
+    folders.append({"z.json": json.dumps({"frames": told}).encode()})
+    frame = json.dumps({"people": [person]}).encode()
+    folders.append({f"z/a_{n}_keypoints.json": frame for n in range(3)})
+    return [folder | joints for joints in folders]
+
+
+def read_joints(folder: Path, _: str) -> None:
+    read_frames(f"joints:{folder / 'x'}#{next(folder.glob('z*'))}")
+
+
 def recordings(suffix: str) -> list[Files]:
     sys.path.insert(0, str(TESTS))
     import rgbd_frames
@@ -641,6 +673,7 @@ KINDS = {
         Kind("tum", tum_folder, lambda d, _: read_frames(f"tum:{d / 'freiburg1'}")),
         Kind("folder", lambda: recordings(""), lambda d, _: read_frames(f"folder:{d / 'x'}")),
         Kind("mkv", lambda: recordings(".mkv"), lambda d, _: read_frames(f"mkv:{d / 'x.mkv'}")),
+        Kind("joints", joint_files, read_joints),
         Kind("trial", trials, lambda d, _: read_frames(f"utd-mhad:{d / 'a1_depth.mat'}")),
         Kind("results", results, report),
         Kind("bvh", lambda: [{"a.bvh": BVH.encode()}], lambda d, n: files.read_bvh(d / n)),

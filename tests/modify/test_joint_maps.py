@@ -8,7 +8,8 @@ import pytest
 import manip3d
 from manip3d import modify, rgbd
 
-SIZES = {"kinect-v2": 25, "kinect-v1": 20, "azure-kinect": 32, "mediapipe": 33, "coco": 17}
+SIZES = {"kinect-v2": 25, "kinect-v1": 20, "azure-kinect": 32, "mediapipe": 33, "coco": 17,
+         "openpose": 25, "coco-wholebody": 133}  # fmt: skip
 LAYOUTS = sorted(SIZES)
 
 
@@ -90,6 +91,10 @@ def test_what_a_tracker_lacks() -> None:
     assert names("kinect-v1", rgbd.INFERRED) == {"Neck"}
     assert names("azure-kinect", rgbd.TRACKED) == set(rgbd.JOINTS)
     assert names("coco", rgbd.NOT_TRACKED) == ends | hands_feet
+    hands = {f"Hand{side}" for side in ("Left", "Right")}
+    assert names("openpose", rgbd.NOT_TRACKED) == ends | hands
+    assert names("coco-wholebody", rgbd.NOT_TRACKED) == set()
+    assert names("coco-wholebody", rgbd.INFERRED) == {"Neck", "SpineMid"}
     assert names("mediapipe", rgbd.NOT_TRACKED) == set()
     assert names("mediapipe", rgbd.INFERRED) == {"Neck", "SpineMid", "HandTipLeft", "HandTipRight"}
 
@@ -127,7 +132,7 @@ def test_the_kinect_s_axes_are_turned() -> None:
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"layout": "openpose"}, "layout: expected 'kinect-v2', .*got 'openpose'"),
+        ({"layout": "halpe"}, "layout: expected 'kinect-v2', .*got 'halpe'"),
         ({"layout": "coco"}, "joints: expected 17 rows for coco, got 20"),
         ({"layout": "kinect-v1", "states": np.ones(3)}, r"states: expected shape \(20,\)"),
         ({"layout": "kinect-v1", "states": np.full(20, 3)}, "states: expected 0, 1 or 2"),

@@ -16,9 +16,11 @@ from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics
+from manip3d.capture._addresses import rgbd_address
 from manip3d.capture._bag import place_and_topic
 from manip3d.capture._bag_rgbd import BagImages
 from manip3d.capture._forged import SwitchedForgery, motion_of, read_plan
+from manip3d.capture._joined_joints import JoinedJoints, source_and_file
 from manip3d.capture._rgbd_source import ForgedSource, RgbdSource, source_of
 from manip3d.errors import InputError
 from manip3d.forge import MAX_KEPT
@@ -87,8 +89,9 @@ def open_rgbd(
         ``sim:body...`` is opened by `manip3d.simulate.sources.open_source`; ``utd-mhad:``,
         ``labanotation:`` and ``people:`` by `manip3d.datasets.open_people`.
         ``rgbd-bag:PATH[#TOPIC]`` reads the images of an RGB-D camera in a ROS bag, for example in
-        RealSense's recordings. ``forged:SOURCE#OPTIONS`` is a `ForgedSource` of any of these.
-        `Notes` describes the last two.
+        RealSense's recordings. ``joints:SOURCE#FILE`` is a recording with the joints of a file.
+        ``forged:SOURCE#OPTIONS`` is a `ForgedSource` of any of these. `Notes` describes the last
+        three.
     speed : float
         Playback speed of recordings, simulated people and data sets. 0: every frame, as fast as
         read. 1: real time, by the frames' times; frames that a slow reader misses are counted as
@@ -152,6 +155,20 @@ def open_rgbd(
     messages of RealSense's recorder. If that pose is not known, frames have no colour, and a
     warning is given. Depths beyond 65.535 m are treated as not measured.
 
+    ``joints:SOURCE#FILE`` replaces the skeletons of a recording. ``FILE`` is
+
+    - a ``.skeleton`` of NTU RGB+D, or a folder of OpenPose's ``*_keypoints.json`` (``--write_json``
+      with its model BODY_25), with as many frames as the recording, in its order;
+    - a ``.json`` with results in the format of COCO (17 joints) or COCO-WholeBody: ``image_id`` is
+      `RgbdFrame.number`;
+    - a ``.json`` of Azure Kinect's sample ``offline_processor``: by the times of the frames;
+    - a ``.csv`` as written by `export_joints`, by `RgbdFrame.number`, for any other tracker.
+
+    Joints of OpenPose and COCO are pixels of the colour image, or of the depth image of a recording
+    without colour. The depth image lifts them to 3D, and an adult's distance from skin to joint is
+    added as by `manip3d.modify.lift_landmarks`. Joints of confidence 0 or without depth are not
+    tracked, and those of less than 0.5 are inferred.
+
     Examples
     --------
     >>> import numpy as np
@@ -176,6 +193,17 @@ def open_rgbd(
                 "start: expected 0 for forged:, as its frames depend on earlier frames"
             )
         return _open_forged(uri, speed)
+    if scheme == "joints":
+        if not 0.0 <= speed < math.inf:
+            raise InputError(f"speed: expected a finite number >= 0, got {speed}")
+        place, file = source_and_file(uri)
+        address = rgbd_address(place) or place
+
+        def opened() -> RgbdSource:
+            return open_rgbd(address, camera=camera, units_per_metre=units_per_metre)
+
+        joined = JoinedJoints(uri, opened, file)
+        return _checked_start(source_of(joined, uri, speed, start), start)
     if units_per_metre is not None and not units_per_metre > 0:
         raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
     if units_per_metre is not None and scheme not in ("folder", "tum", "rgbd-bag"):

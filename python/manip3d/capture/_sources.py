@@ -96,6 +96,12 @@ def sources() -> tuple[Scheme, ...]:
             "rgbd",
             *no_bags,
         ),
+        Scheme(
+            "joints",
+            "SOURCE#FILE",
+            "a recording with joints of NTU RGB+D, OpenPose, COCO, Azure Kinect or a table",
+            "rgbd",
+        ),
         Scheme("forged", "SOURCE[#OPTIONS]", "another source's person, forged on demand", "rgbd"),
         Scheme("pcap", "FILE[#SENSOR]", "recorded packets of Velodyne LiDARs", "lidar"),
         Scheme("velodyne", "[ADDRESS:]PORT", "a Velodyne LiDAR on the network", "lidar"),

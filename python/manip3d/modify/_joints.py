@@ -22,7 +22,9 @@ from manip3d.rgbd import INFERRED, JOINTS, NO_BODY, NOT_TRACKED, TRACKED, Skelet
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-JointLayout = Literal["kinect-v2", "kinect-v1", "azure-kinect", "mediapipe", "coco"]
+JointLayout = Literal[
+    "kinect-v2", "kinect-v1", "azure-kinect", "mediapipe", "coco", "openpose", "coco-wholebody"
+]
 
 _AT_BEST = {"tracked": TRACKED, "inferred": INFERRED}
 
@@ -52,8 +54,9 @@ def joint_layouts() -> dict[str, tuple[str, ...]]:
     Returns
     -------
     dict of str to tuple of str
-        ``kinect-v2`` (25), ``kinect-v1`` (20), ``azure-kinect`` (32), ``mediapipe`` (33) and
-        ``coco`` (17). Left and right are the person's own.
+        ``kinect-v2`` (25), ``kinect-v1`` (20), ``azure-kinect`` (32), ``mediapipe`` (33), ``coco``
+        (17), ``openpose`` (its model BODY_25) and ``coco-wholebody`` (133). Left and right are the
+        person's own.
     """
     others = {row["layout"]: tuple(row["joints"].split()) for row in _table("joint_layouts.csv")}
     return {"kinect-v2": JOINTS} | others
@@ -124,8 +127,8 @@ def skeleton_from(
     at 0.35 of the way from shoulders to head, the middle of the spine, the tips of MediaPipe's
     fingers) is `INFERRED` at best. If a source joint is not tracked, the next rule for the joint
     is tried (the nose for the head if an ear is hidden). A joint that no rule gives is
-    `NOT_TRACKED`: hand tips and thumbs of Kinect V1, hands and feet of COCO. The spine joint of
-    Kinect V1 is taken over unchanged; it lies lower than the Kinect V2's SpineMid.
+    `NOT_TRACKED`: hand tips and thumbs of Kinect V1, hands and feet of COCO, hands of OpenPose. The
+    spine joint of Kinect V1 is taken over unchanged; it lies lower than the Kinect V2's SpineMid.
 
     Examples
     --------

@@ -12,7 +12,7 @@ from manip3d._util.closing import Closing
 from manip3d._util.extras import imported
 from manip3d._util.linear import product
 from manip3d.errors import InputError
-from manip3d.modify._joints import joint_layouts, skeleton_from
+from manip3d.modify._joints import JointLayout, joint_layouts, skeleton_from
 from manip3d.rgbd import (
     INFERRED,
     NO_BODY,
@@ -24,6 +24,8 @@ from manip3d.rgbd import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike, NDArray
 
 _RADIUS = {  # metres from the visible skin to the joint inside, for an adult
@@ -34,11 +36,15 @@ _RADIUS = {  # metres from the visible skin to the joint inside, for an adult
     "Pinky": 0.015,
     "Index": 0.015,
     "Thumb": 0.015,
+    "Middle": 0.015,
+    "Ring": 0.015,
     "Hip": 0.10,
     "Knee": 0.06,
     "Ankle": 0.04,
     "Heel": 0.03,
     "FootIndex": 0.03,
+    "BigToe": 0.03,
+    "SmallToe": 0.03,
 }
 
 
@@ -113,8 +119,25 @@ def lift_landmarks(
         )
     if window < 1 or window % 2 == 0:
         raise InputError(f"window: expected an odd number of pixels, got {window}")
+    sight, inner, inside = _measured(at, names, frame, window)
+    tracked = inside & (inner > 0) & (visible >= min_visibility)
+    states = np.where(tracked, TRACKED, np.where(inside, INFERRED, NOT_TRACKED)).astype(np.uint8)
+    if not tracked.any():
+        return np.zeros((33, 3)), np.zeros(33, np.uint8)
+    guess = relative + np.median(inner[tracked] - relative[tracked])
+    return sight * np.where(tracked, inner, guess)[:, None], states
+
+
+def _measured(
+    at: NDArray[np.float64], names: Sequence[str], frame: RgbdFrame, window: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return each joint's line of sight (x/z, y/z, 1), its distance along z, and if it is inside.
+
+    The distance is that of the skin, and the joint's distance from it; 0: there is no depth.
+    """
     camera = frame.calibration.depth
-    radius = np.array([_RADIUS.get(n.removesuffix("Left").removesuffix("Right"), 0) for n in names])
+    parts = (name.removesuffix("Left").removesuffix("Right").rstrip("1234") for name in names)
+    radius = np.array([_RADIUS.get(part, 0.0) for part in parts])
     size = np.array([camera.width, camera.height])
     inside = np.all((at > -0.5) & (at < size - 0.5), axis=1)
     depth = _median_depth(np.where(inside[:, None], at, 0.0), frame, window)
@@ -122,14 +145,54 @@ def lift_landmarks(
     sight = camera.unproject(1.0, pixels=at)
     inside &= np.isfinite(sight).all(axis=1)
     sight = np.where(inside[:, None], sight, (0.0, 0.0, 1.0))
-    inner = depth + radius / np.linalg.norm(sight, axis=1)
+    inner = np.where(depth > 0, depth + radius / np.linalg.norm(sight, axis=1), 0.0)
+    return sight, inner, inside
 
-    tracked = inside & (depth > 0) & (visible >= min_visibility)
-    states = np.where(tracked, TRACKED, np.where(inside, INFERRED, NOT_TRACKED)).astype(np.uint8)
-    if not tracked.any():
-        return np.zeros((33, 3)), np.zeros(33, np.uint8)
-    guess = relative + np.median(inner[tracked] - relative[tracked])
-    return sight * np.where(tracked, inner, guess)[:, None], states
+
+def lifted_joints(
+    frame: RgbdFrame,
+    under: RgbdFrame,
+    pixels: NDArray[np.float64],
+    confidence: NDArray[np.float64],
+    layout: JointLayout,
+    *,
+    id: int,
+    window: int = 5,
+    min_confidence: float = 0.5,
+) -> Skeleton | None:
+    """Lift joints (J, 2) in pixels of the colour image to a skeleton, or return None.
+
+    ``under`` is `depth_under_color` of the frame; without a colour image, the pixels are those of
+    the depth image. Joints of confidence 0, outside of the image or without depth are not tracked;
+    those below ``min_confidence`` are inferred. None: no joint is tracked.
+    """
+    color = frame.color.shape[:2] if frame.color is not None else under.depth.shape
+    scale = np.array(under.depth.shape[::-1]) / np.array(color[::-1])
+    at = (pixels + 0.5) * scale - 0.5
+    sight, inner, inside = _measured(at, joint_layouts()[layout], under, window)
+    is_found = inside & (inner > 0) & (confidence > 0)
+    is_sure = is_found & (confidence >= min_confidence)
+    states = np.where(is_sure, TRACKED, np.where(is_found, INFERRED, NOT_TRACKED)).astype(np.uint8)
+    if not is_sure.any():
+        return None
+    return _in_depth_camera(frame, under, sight * inner[:, None], states, layout, id)
+
+
+def _in_depth_camera(
+    frame: RgbdFrame,
+    under: RgbdFrame,
+    positions: NDArray[np.float64],
+    states: NDArray[np.uint8],
+    layout: JointLayout,
+    id: int = 0,
+) -> Skeleton:
+    """Return the skeleton of joints in the axes of the camera of `depth_under_color`."""
+    body = body_under(positions, states, under)
+    registration = frame.calibration.registration
+    if registration is not None and under is not frame:
+        back = product(positions - registration.translation, registration.rotation)
+        positions = np.where(states[:, None] != NOT_TRACKED, back, 0.0)
+    return skeleton_from(positions, states, layout=layout, id=id, body=body)
 
 
 def _median_depth(
@@ -239,12 +302,7 @@ class PoseTracker(Closing):
         )
         if not (states == TRACKED).any():
             return None
-        body = _body_under(positions, states, under)
-        registration = frame.calibration.registration
-        if registration is not None:
-            back = product(positions - registration.translation, registration.rotation)
-            positions = np.where(states[:, None] != NOT_TRACKED, back, 0.0)
-        return skeleton_from(positions, states, layout="mediapipe", body=body)
+        return _in_depth_camera(frame, under, positions, states, "mediapipe")
 
     def annotate(self, frame: RgbdFrame) -> RgbdFrame:
         """Return the frame with the found skeleton as its only one.
@@ -310,12 +368,15 @@ def depth_under_color(frame: RgbdFrame) -> RgbdFrame:
     return RgbdFrame(depth, RgbdCalibration(seen), body_index=body)
 
 
-def _body_under(positions: NDArray[np.float64], states: NDArray[np.uint8], frame: RgbdFrame) -> int:
+def body_under(positions: NDArray[np.float64], states: NDArray[np.uint8], frame: RgbdFrame) -> int:
     """Return the value of the body index that most tracked joints lie on."""
-    if frame.body_index is None:
+    if frame.body_index is None or not (states == TRACKED).any():
         return NO_BODY
     camera = frame.calibration.depth
     pixels = np.rint(camera.project(positions[states == TRACKED]))
+    pixels = pixels[np.isfinite(pixels).all(axis=1)]  # others are outside of a lens's reach
+    if len(pixels) == 0:
+        return NO_BODY
     last = camera.width - 1, camera.height - 1
     column, row = np.clip(pixels, 0, last).astype(np.intp).T
     return int(np.bincount(frame.body_index[row, column]).argmax())

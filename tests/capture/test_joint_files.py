@@ -1,0 +1,406 @@
+"""Recordings with the joints that other trackers wrote to files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import capsule_body
+from command_line import manip3d
+from manip3d import (
+    FormatError,
+    InputError,
+    Intrinsics,
+    Registration,
+    RgbdCalibration,
+    RgbdFrame,
+    Skeleton,
+    capture,
+)
+from manip3d.modify import joint_layouts, skeleton_from
+from manip3d.rgbd import INFERRED, JOINTS, NOT_TRACKED, TRACKED
+
+COUNT = 4
+CAMERA = capsule_body.SMALL
+
+
+def bodies() -> list[Skeleton]:
+    return [capsule_body.pose(at=(0.05 * n - 0.1, 0.0, 2.4), identity=5) for n in range(COUNT)]
+
+
+def recorded(path: Path, **changes: Any) -> list[RgbdFrame]:
+    """A recording without skeletons, and its frames with them."""
+    frames = [
+        replace(capsule_body.frame(body, number=n), **changes) for n, body in enumerate(bodies())
+    ]
+    capture.record([replace(frame, skeletons=()) for frame in frames], path, lossless_color=True)
+    return frames
+
+
+def joined(recording: Path, file: Path, **options: Any) -> list[RgbdFrame]:
+    with capture.open_rgbd(f"joints:{recording}#{file}", **options) as source:
+        return list(source)
+
+
+# --- formats --------------------------------------------------------------------------------------
+
+
+def ntu(people: list[list[Skeleton]]) -> str:
+    lines = [str(len(people))]
+    for frame in people:
+        lines.append(str(len(frame)))
+        for one in frame:
+            lines += [f"{one.id} 0 1 1 1 1 0 0.02764709 -0.05745083 2", "25"]
+            for (x, y, z), state in zip(one.positions.tolist(), one.states, strict=True):
+                place = f"{-x:.7g} {-y:.7g} {z:.7g}"  # x to the person's left, y up
+                lines.append(f"{place} 277.6 191.8 1036.2 519.1 -0.21 0.04 0.97 -0.04 {state}")
+    return "\n".join(lines) + "\n"
+
+
+def seen_by(layout: str, body: Skeleton) -> dict[str, np.ndarray]:
+    """The skin before each joint of a tracker that has joints of the same names."""
+    names = joint_layouts()[layout]
+    places = dict(zip(JOINTS, body.positions.astype(float), strict=True))
+    for side in ("Left", "Right"):
+        places[f"BigToe{side}"] = places[f"Foot{side}"]
+        places[f"Ear{side}"] = places["Head"] + [0.07 if side == "Left" else -0.07, 0, 0]
+    return {name: places[name] for name in names if name in places}
+
+
+def rows_of(layout: str, body: Skeleton, camera: Intrinsics, confidence: float = 0.9) -> np.ndarray:
+    """Column, row and confidence of each joint; 0 where the body of the test has none."""
+    names, found = joint_layouts()[layout], seen_by(layout, body)
+    rows = np.zeros((len(names), 3))
+    for name, place in found.items():
+        rows[names.index(name), :2] = camera.project(place[None])[0]
+        rows[names.index(name), 2] = confidence
+    return rows
+
+
+def openpose(folder: Path, people: list[list[np.ndarray]], person: int = -1) -> Path:
+    folder.mkdir()
+    for number, frame in enumerate(people):
+        told = [
+            {"person_id": [person], "pose_keypoints_2d": rows.ravel().tolist()} for rows in frame
+        ]
+        name = f"walk_{number:012d}_keypoints.json"
+        (folder / name).write_text(json.dumps({"version": 1.3, "people": told}))
+    return folder
+
+
+def azure(frames: list[RgbdFrame]) -> str:
+    told = []
+    for number, frame in enumerate(frames):
+        places = np.zeros((32, 3))
+        for name, place in seen_by("azure-kinect", frame.skeletons[0]).items():
+            places[joint_layouts()["azure-kinect"].index(name)] = place
+        body = {"body_id": 3, "joint_positions": (1000 * places).tolist(), "joint_orientations": []}
+        told.append({
+            "frame_id": number, "timestamp_usec": frame.time_ns // 1000, "num_bodies": 1,
+            "bodies": [body],
+        })  # fmt: skip
+    return json.dumps({"joint_names": [], "bone_list": [], "frames": told})
+
+
+# --- joints in metres -----------------------------------------------------------------------------
+
+
+def test_ntu_s_joints_are_those_of_the_kinect(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    people = [[frame.skeletons[0]] for frame in frames]
+    states = people[1][0].states.copy()
+    states[:3] = NOT_TRACKED, INFERRED, TRACKED
+    people[1] = [replace(people[1][0], states=states)]
+    people[2] = []
+    file = tmp_path / "S001C001P001R001A001.skeleton"
+    file.write_text(ntu(people))
+    found = joined(tmp_path / "walk", file)
+    assert [len(frame.skeletons) for frame in found] == [1, 1, 0, 1]
+    for one, frame, seen in zip(found, frames, people, strict=True):
+        np.testing.assert_array_equal(one.depth, frame.depth)
+        for skeleton, expected in zip(one.skeletons, seen, strict=True):
+            known = expected.states != NOT_TRACKED
+            assert skeleton.positions[known] == pytest.approx(expected.positions[known], abs=1e-5)
+            assert skeleton.states.tolist() == expected.states.tolist()
+            assert (skeleton.id, skeleton.body) == (5, 0)
+
+
+def test_an_exported_table_is_read_back(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "c")
+    other = replace(frames[0].skeletons[0], id=2**60 + 1)
+    given = [replace(frames[0], skeletons=(*frames[0].skeletons, other)), frames[2]]
+    capture.export_joints(given, tmp_path / "walk.csv")
+    found = joined(tmp_path / "c", tmp_path / "walk.csv")
+    assert [[one.id for one in frame.skeletons] for frame in found] == [[5, 2**60 + 1], [], [5], []]
+    expected = frames[2].skeletons[0].positions
+    assert found[2].skeletons[0].positions == pytest.approx(expected, abs=1e-6)
+
+
+def test_azure_kinect_s_joints_come_by_their_times(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    file = tmp_path / "walk.json"
+    file.write_text(azure([frames[3], frames[1]]))
+    found = joined(tmp_path / "walk", file)
+    assert [len(frame.skeletons) for frame in found] == [0, 1, 0, 1]
+    wrist = JOINTS.index("WristLeft")
+    expected = frames[3].skeletons[0].positions[wrist]
+    assert found[3].skeletons[0].positions[wrist] == pytest.approx(expected, abs=1e-5)
+    assert found[3].skeletons[0].id == 3
+    file.write_text(azure([replace(frame, time_ns=frame.time_ns + 10**9) for frame in frames]))
+    with pytest.raises(FormatError, match=r"walk\.json: .*no frame has the time of any"):
+        joined(tmp_path / "walk", file)
+
+
+# --- joints in pixels -----------------------------------------------------------------------------
+
+
+def off(skeleton: Skeleton, body: Skeleton, names: list[str]) -> float:
+    """The largest distance of a joint from the truth."""
+    at = [JOINTS.index(name) for name in names]
+    assert (skeleton.states[at] == TRACKED).all(), skeleton.states[at]
+    return float(np.linalg.norm(skeleton.positions[at] - body.positions[at], axis=1).max())
+
+
+ARMS = [f"{part}{side}" for part in ("Shoulder", "Elbow", "Wrist") for side in ("Left", "Right")]
+FEET = ["FootLeft", "FootRight"]
+
+
+def test_openpose_s_pixels_are_lifted_by_the_depth_image(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    people = [[rows_of("openpose", frame.skeletons[0], CAMERA)] for frame in frames]
+    people[0][0][joint_layouts()["openpose"].index("WristLeft"), 2] = 0.2  # hardly found
+    folder = openpose(tmp_path / "joints", people)
+    found = joined(tmp_path / "walk", folder)
+    for one, frame in zip(found[1:], frames[1:], strict=True):
+        # The radii of capsules differ from those of an adult that are added to the skin.
+        assert off(one.skeletons[0], frame.skeletons[0], ARMS + FEET) < 0.06
+        assert one.skeletons[0].states[JOINTS.index("HandLeft")] == NOT_TRACKED
+        assert (one.skeletons[0].id, one.skeletons[0].body) == (0, 0)
+    assert found[0].skeletons[0].states[JOINTS.index("WristLeft")] == INFERRED
+    tracked = openpose(tmp_path / "tracked", people, person=7)
+    assert {frame.skeletons[0].id for frame in joined(tmp_path / "walk", tracked)} == {7}
+
+
+def test_the_files_of_openpose_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    people = [[rows_of("openpose", frame.skeletons[0], CAMERA)] for frame in frames]
+    folder = openpose(tmp_path / "joints", people)
+    for number, file in enumerate(sorted(folder.iterdir())):
+        file.rename(folder / f"walk_{8 + number}_keypoints.json")
+    found = joined(tmp_path / "walk", folder)
+    heads = [float(frame.skeletons[0].positions[3, 0]) for frame in found]
+    assert heads == sorted(heads)
+
+
+def test_pixels_are_those_of_the_colour_image(tmp_path: Path) -> None:
+    """A colour camera of its own, of twice the resolution and beside the depth camera."""
+    side = Intrinsics(2 * CAMERA.width, 2 * CAMERA.height, 2 * CAMERA.fx, 2 * CAMERA.fy,
+                      2 * CAMERA.cx + 0.5, 2 * CAMERA.cy + 0.5)  # fmt: skip
+    moved = np.array([0.05, 0.0, 0.0], np.float32)
+    rig = RgbdCalibration(CAMERA, Registration(side, np.eye(3, dtype=np.float32), moved))
+    color = np.zeros((side.height, side.width, 3), np.uint8)
+    frames = recorded(tmp_path / "walk", color=color, calibration=rig)
+    people = []
+    for frame in frames:
+        body = frame.skeletons[0]
+        people.append([rows_of("openpose", replace(body, positions=body.positions + moved), side)])
+    found = joined(tmp_path / "walk", openpose(tmp_path / "joints", people))
+    for one, frame in zip(found, frames, strict=True):
+        assert off(one.skeletons[0], frame.skeletons[0], ARMS + FEET) < 0.06
+
+
+@pytest.mark.parametrize(("layout", "ends"), [("coco", []), ("coco-wholebody", FEET)])
+def test_results_of_coco(tmp_path: Path, layout: str, ends: list[str]) -> None:
+    frames = recorded(tmp_path / "walk")
+    results = []
+    for number in (2, 0):
+        rows = rows_of(layout, frames[number].skeletons[0], CAMERA)
+        flat = {"keypoints": rows.ravel().tolist()}
+        if layout != "coco" and number == 2:  # as COCO-WholeBody's own tools write them
+            flat = {"keypoints": rows[:17].ravel().tolist(),
+                    "foot_kpts": rows[17:23].ravel().tolist()}  # fmt: skip
+        image = number if number else "0.jpg"
+        results.append({"image_id": image, "category_id": 1, "score": 0.9, **flat})
+    file = tmp_path / "results.json"
+    file.write_text(json.dumps(results))
+    found = joined(tmp_path / "walk", file)
+    assert [len(frame.skeletons) for frame in found] == [1, 0, 1, 0]
+    for number in (0, 2):
+        (skeleton,) = found[number].skeletons
+        assert off(skeleton, frames[number].skeletons[0], ARMS + ends) < 0.06
+        assert skeleton.states[JOINTS.index("HandLeft")] == NOT_TRACKED
+
+
+def test_nobody_without_depth(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk", depth=np.zeros((CAMERA.height, CAMERA.width), np.uint16))
+    people = [[rows_of("openpose", frame.skeletons[0], CAMERA)] for frame in frames]
+    found = joined(tmp_path / "walk", openpose(tmp_path / "joints", people))
+    assert not any(frame.skeletons for frame in found)
+
+
+# --- sources --------------------------------------------------------------------------------------
+
+
+def test_joined_recordings_are_sources_like_others(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk.mkv")
+    file = tmp_path / "a.skeleton"
+    file.write_text(ntu([[frame.skeletons[0]] for frame in frames]))
+    address = f"joints:{tmp_path / 'walk.mkv'}#{file}"
+    with capture.open_rgbd(address) as source:
+        assert len(source) == COUNT
+        assert source[2].skeletons[0].positions == pytest.approx(
+            frames[2].skeletons[0].positions, abs=1e-5
+        )
+        assert len(list(source)) == COUNT
+        assert len(list(source)) == COUNT  # it begins anew
+        source.seek(3)
+        (last,) = list(source)
+        assert last.number == 3
+    assert len(joined(tmp_path / "walk.mkv", file, start=2)) == 2
+    done = capture.record(address, tmp_path / "with")
+    with capture.open_rgbd(f"folder:{done.path}") as source:
+        assert [len(frame.skeletons) for frame in source] == [1] * COUNT
+
+
+def test_commands_take_joined_recordings(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    capture.export_joints(frames, tmp_path / "walk.csv")
+    address = f"joints:{tmp_path / 'walk'}#{tmp_path / 'walk.csv'}"
+    done = manip3d("capture", "export", address, "-o", tmp_path / "again.csv")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "again.csv").read_text() == (tmp_path / "walk.csv").read_text()
+    assert manip3d("capture", "info", address).returncode == 0
+    assert "joints" in manip3d("capture", "list").stdout
+
+
+def test_numbers_of_frames_must_agree(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    file = tmp_path / "a.skeleton"
+    file.write_text(ntu([[frame.skeletons[0]] for frame in frames[1:]]))
+    with pytest.raises(FormatError, match="joints of the recording's 4 frames, got those of 3"):
+        joined(tmp_path / "walk", file)
+    file.write_text(ntu([[frame.skeletons[0]] for frame in frames]))
+    image = next((tmp_path / "walk" / "depth").iterdir())
+    lines = (tmp_path / "walk" / "frames.jsonl").read_text().splitlines(keepends=True)
+    (tmp_path / "walk" / "frames.jsonl").write_text("".join([*lines[:2], lines[1], lines[3]]))
+    assert image.exists()
+    with pytest.raises(FormatError, match="joints are assigned by their order"):
+        joined(tmp_path / "walk", file)
+
+
+def test_addresses_without_a_part_or_of_cameras(tmp_path: Path) -> None:
+    for uri in ("joints:", "joints:walk", "joints:#a.csv", "joints:walk#"):
+        with pytest.raises(InputError, match="uri: expected joints:SOURCE#FILE"):
+            capture.open_rgbd(uri)
+    recorded(tmp_path / "walk")
+    with pytest.raises(FileNotFoundError):
+        joined(tmp_path / "walk", tmp_path / "none.csv")
+
+
+# --- damage ---------------------------------------------------------------------------------------
+
+HEADER = "frame,time_ns,id,joint,name,x,y,z,state\n"
+NTU = ntu([[capsule_body.pose()]])
+
+
+def changed(old: str, new: str) -> str:
+    assert old in NTU
+    return NTU.replace(old, new, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.skeleton", "", "line 1: expected the number of frames, found the end"),
+        ("a.skeleton", "7\n1\n", "expected the number of frames, 1 to 2, got '7'"),
+        ("a.skeleton", NTU + "0\n", "expected 1 frames, found more"),
+        ("a.skeleton", changed("\n25\n", "\n20\n"), "line 4: expected the number of joints, 25"),
+        ("a.skeleton", changed("0.97 -0.04 2", "0.97 -0.04 3"), "line 5: .*state of a joint"),
+        ("a.skeleton", changed("277.6 ", ""), "line 5: expected twelve numbers of a joint, got 11"),
+        ("a.skeleton", "\n".join(NTU.splitlines()[:-1]), "found the end of the file"),
+        ("a.skeleton", changed("2.44 ", "2440 "), "expected metres of a joint, got '2440'"),
+        ("a.csv", "frame,id\n", "expected columns joint, x, y, z, state, each once"),
+        ("a.csv", HEADER + "0,0,0,25,x,0,0,0,2\n", "line 2: expected a joint 0 to 24"),
+        ("a.csv", HEADER + "0.5,0,0,2,x,0,0,0,2\n", "line 2: expected whole numbers"),
+        ("a.csv", HEADER + "0,0,0,2,x,nan,0,0,2\n", "line 2: expected x, y, z within"),
+        ("a.csv", HEADER + "0,0,0,2,x,0,0,0,2\n" * 2, "line 3: expected joint 2 of frame 0 once"),
+        ("a.json", "{", "expected JSON"),
+        ("a.json", "[" * 100_000, "expected JSON"),
+        ("a.json", "{}", "the file: expected frames, a list"),
+        ("a.json", "[]", "expected results of at least one person"),
+        ("a.json", '{"people": []}', "expected the folder of OpenPose's files"),
+        (
+            "a.json",
+            '[{"image_id": "a1.jpg", "keypoints": []}]',
+            r"\[0\].image_id: expected the num",
+        ),
+        ("a.json", '[{"image_id": 1, "keypoints": [1]}]', r"\[0\].keypoints: expected x, y and"),
+        ("a.json", '[{"keypoints": 1}]', r"\[0\]: expected keypoints, a list"),
+        (
+            "a.json",
+            '{"frames": [{"timestamp_usec": 1e9}]}',
+            r"frames\[0\]: expected timestamp_usec",
+        ),
+        ("a.txt", "", "expected joints: .skeleton"),
+    ],
+)
+def test_damage_is_named(tmp_path: Path, name: str, text: str, message: str) -> None:
+    recorded(tmp_path / "walk")
+    (tmp_path / name).write_text(text)
+    with pytest.raises(FormatError, match=message) as error:
+        joined(tmp_path / "walk", tmp_path / name)
+    assert str(tmp_path / name) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda one: one.update(pose_keypoints_2d=[0.0] * 54),
+            "BODY_25, got those of its model COCO",
+        ),
+        (lambda one: one.update(pose_keypoints_2d=[0.0] * 76), "expected 25 times 3 numbers"),
+        (lambda one: one.update(pose_keypoints_2d=["a"] * 75), "expected 25 times 3 numbers"),
+        (lambda one: one.update(pose_keypoints_2d=[float("nan")] * 75), "25 times 3 numbers"),
+        (lambda one: one.clear(), r"people\[0\]: expected pose_keypoints_2d, a list"),
+    ],
+)
+def test_damage_of_openpose_s_files(
+    tmp_path: Path, change: Callable[[dict[str, Any]], object], message: str
+) -> None:
+    frames = recorded(tmp_path / "walk")
+    rows = [[rows_of("openpose", frame.skeletons[0], CAMERA)] for frame in frames]
+    folder = openpose(tmp_path / "joints", rows)
+    file = sorted(folder.iterdir())[1]
+    content = json.loads(file.read_text())
+    change(content["people"][0])
+    file.write_text(json.dumps(content))
+    with pytest.raises(FormatError, match=message) as error:
+        joined(tmp_path / "walk", folder)
+    assert str(file) in str(error.value)
+    for each in folder.iterdir():
+        each.unlink()
+    with pytest.raises(FormatError, match=r"expected OpenPose's files, 1 to .*got 0"):
+        joined(tmp_path / "walk", folder)
+
+
+def test_the_layout_of_openpose_is_that_of_its_documentation() -> None:
+    """Sides, by a person whose left is at +x."""
+    body = capsule_body.pose()
+    names = joint_layouts()["openpose"]
+    assert (names[2], names[5], names[9], names[12]) == (
+        "ShoulderRight", "ShoulderLeft", "HipRight", "HipLeft",
+    )  # fmt: skip
+    assert (names[19], names[22]) == ("BigToeLeft", "BigToeRight")
+    places = np.full((25, 3), np.nan)
+    for name, place in seen_by("openpose", body).items():
+        places[names.index(name)] = place
+    made = skeleton_from(places, layout="openpose")
+    for part in ("Shoulder", "Hip", "Foot"):
+        assert made.positions[JOINTS.index(f"{part}Left"), 0] > 0
