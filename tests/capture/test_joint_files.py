@@ -244,6 +244,21 @@ def test_nobody_without_depth(tmp_path: Path) -> None:
     assert not any(frame.skeletons for frame in found)
 
 
+def test_a_pixel_beside_the_arm_gives_no_joint_on_the_wall(tmp_path: Path) -> None:
+    (body,) = bodies()[:1]
+    seen = capsule_body.frame(body)
+    wall = np.where(seen.depth > 0, seen.depth, np.uint16(4500))
+    capture.record([replace(seen, depth=wall, body_index=None, skeletons=())], tmp_path / "walk")
+    names = joint_layouts()["openpose"]
+    rows = rows_of("openpose", body, CAMERA)
+    rows[names.index("WristLeft"), 0] += 20
+    (found,) = joined(tmp_path / "walk", openpose(tmp_path / "joints", [[rows]]))
+    (skeleton,) = found.skeletons
+    assert skeleton.states[JOINTS.index("WristLeft")] == NOT_TRACKED
+    assert skeleton.states[JOINTS.index("WristRight")] == TRACKED
+    assert skeleton.states[JOINTS.index("ElbowLeft")] == TRACKED
+
+
 # --- sources --------------------------------------------------------------------------------------
 
 

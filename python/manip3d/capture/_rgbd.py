@@ -166,8 +166,9 @@ def open_rgbd(
 
     Joints of OpenPose and COCO are pixels of the colour image, or of the depth image of a recording
     without colour. The depth image lifts them to 3D, and an adult's distance from skin to joint is
-    added as by `manip3d.modify.lift_landmarks`. Joints of confidence 0 or without depth are not
-    tracked, and those of less than 0.5 are inferred.
+    added as by `manip3d.modify.lift_landmarks`. Joints of confidence 0, without depth, or at whose
+    pixel the depth is farther than 1.2 m from that of most joints are not tracked; those of a
+    confidence below 0.5 are inferred.
 
     Examples
     --------

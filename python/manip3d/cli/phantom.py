@@ -100,7 +100,8 @@ def _why_no_skeleton(film: PhantomFilm, *, pose: bool) -> str:
             "image, in color/ of a folder or in rgb.txt of a TUM sequence)"
         )
     extra = "" if find_spec("mediapipe") else ", with pip install 'manip3d[pose]'"
-    return told + f"(--pose finds the joints in colour images{extra})"
+    other = "joints:SOURCE#FILE takes those of another tracker"
+    return told + f"(--pose finds the joints in colour images{extra}; {other})"
 
 
 @app.command("render")

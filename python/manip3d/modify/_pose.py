@@ -47,6 +47,10 @@ _RADIUS = {  # metres from the visible skin to the joint inside, for an adult
     "SmallToe": 0.03,
 }
 
+_REACH = 1.2
+"""Largest distance in metres, along the camera's axis, of a joint from most of the person's joints:
+that of the toes of a tall person who sits with the legs towards the camera."""
+
 
 @checked
 def lift_landmarks(
@@ -163,14 +167,17 @@ def lifted_joints(
     """Lift joints (J, 2) in pixels of the colour image to a skeleton, or return None.
 
     ``under`` is `depth_under_color` of the frame; without a colour image, the pixels are those of
-    the depth image. Joints of confidence 0, outside of the image or without depth are not tracked;
-    those below ``min_confidence`` are inferred. None: no joint is tracked.
+    the depth image. Joints of confidence 0, outside of the image or without depth are not tracked,
+    nor are those whose pixel shows something else, as its distance tells; those below
+    ``min_confidence`` are inferred. None: no joint is tracked.
     """
     color = frame.color.shape[:2] if frame.color is not None else under.depth.shape
     scale = np.array(under.depth.shape[::-1]) / np.array(color[::-1])
     at = (pixels + 0.5) * scale - 0.5
     sight, inner, inside = _measured(at, joint_layouts()[layout], under, window)
     is_found = inside & (inner > 0) & (confidence > 0)
+    if is_found.any():
+        is_found &= np.abs(inner - np.median(inner[is_found])) <= _REACH
     is_sure = is_found & (confidence >= min_confidence)
     states = np.where(is_sure, TRACKED, np.where(is_found, INFERRED, NOT_TRACKED)).astype(np.uint8)
     if not is_sure.any():
