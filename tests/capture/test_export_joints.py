@@ -185,6 +185,71 @@ def test_dropped_frames_keep_the_time(tmp_path: Path) -> None:
     assert (table.frames, table.held) == (12, 0)
 
 
+def walking(times: NDArray[np.float64]) -> list[RgbdFrame]:
+    """Frames of somebody who goes aside by 0.01 m a second: the place tells the true time."""
+    first = waving()[0]
+    return [
+        replace(
+            first,
+            time_ns=round(time * 1e9) + 1_700_000_000_000_000_000,
+            number=number,
+            skeletons=(pose(at=(0.01 * (time - times[0]), 0.0, 2.0)),),
+        )
+        for number, time in enumerate(times)
+    ]
+
+
+def in_turn(*rates: tuple[int, float]) -> NDArray[np.float64]:
+    """Times of a number of frames at each rate, one after the other."""
+    return np.concatenate([[0.0], *(np.full(count, 1 / rate) for count, rate in rates)]).cumsum()
+
+
+RANDOM = np.random.default_rng(4)
+TIMES = {
+    "one rate": in_turn((100, 30.0)),
+    "in whole milliseconds": np.rint(in_turn((100, 30.0)) * 1e3) / 1e3,
+    "slower later": in_turn((60, 30.0), (50, 20.0)),
+    "faster later": in_turn((60, 15.0), (40, 30.0)),
+    "slower for a while": in_turn((40, 25.0), (40, 17.0), (40, 25.0)),
+    "every fifth dropped": np.delete(np.arange(100), np.s_[4::5]) / 30,
+    "many dropped at random": np.flatnonzero(RANDOM.random(120) < 0.6) / 30,
+    "jitter": (np.arange(100) + RANDOM.normal(0.0, 0.15, 100)) / 25,
+    "jitter and dropped ones": np.delete(
+        (np.arange(120) + RANDOM.normal(0.0, 0.1, 120)) / 30, RANDOM.integers(1, 119, 16)
+    ),
+    "a burst": np.sort(np.concatenate([np.arange(80) / 30, 1.01 + np.arange(8) / 300])),
+}
+
+
+@pytest.mark.parametrize("name", TIMES)
+def test_poses_of_a_motion_are_played_at_their_times(name: str, tmp_path: Path) -> None:
+    times = TIMES[name]
+    done = capture.export_joints(walking(times), tmp_path / "walk.bvh")
+    names, places, step = read_bvh(done.path)
+    assert len(places) == done.frames + done.held
+    aside = places[:, names.index("SpineBase"), 0]
+    true = (aside - aside[0]) / 0.01 / 100
+    is_new = np.diff(true, prepend=-1.0) > 1e-3
+    assert is_new.sum() == done.frames
+    off = np.abs(np.arange(len(places)) * step - true)[is_new] / step  # frames
+    assert off.max() < (0.76 if "jitter" in name or name == "a burst" else 0.51)
+    assert done.frames >= len(times) - (8 if name == "a burst" else 1)
+
+
+def test_a_recording_at_one_rate_repeats_nothing(tmp_path: Path) -> None:
+    for number, name in enumerate(("one rate", "in whole milliseconds")):
+        done = capture.export_joints(walking(TIMES[name]), tmp_path / f"{number}.bvh")
+        assert (done.frames, done.held) == (101, 0), name
+
+
+def test_a_clock_that_begins_again_goes_on(tmp_path: Path) -> None:
+    frames = walking(in_turn((40, 30.0)))
+    frames += [replace(frame, time_ns=frame.time_ns - 10**9) for frame in frames]
+    done = capture.export_joints(frames, tmp_path / "walk.bvh")
+    assert (done.frames, done.held) == (82, 0)
+    assert read_bvh(done.path)[2] == pytest.approx(1 / 30, abs=1e-6)
+
+
 def test_a_motion_has_no_gap_of_hours(tmp_path: Path) -> None:
     frames = waving()
     frames[-1] = replace(frames[-1], time_ns=frames[-1].time_ns + 4000 * 10**9)

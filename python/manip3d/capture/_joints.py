@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +29,11 @@ if TYPE_CHECKING:
 
 _TO_BVH = np.array([100.0, -100.0, -100.0])  # metres, y down, z ahead -> centimetres, y up
 _SHORTEST_STEP = 1e-3  # seconds between two poses of a motion
+_USUAL_STEP = 1 / 30  # the same, of recordings without times
+_LASTING = 30  # steps; a rate that lasts this long counts
+_LIKE = 0.25  # shares of a step by which others differ at the same rate
+_SURE = 0.02  # share of the duration; a larger difference means that rounding errors add up
+_LATEST = 0.75  # frames between a pose and its time; half a frame, and room for jitter
 _ROUNDS = 5  # of fitting the rest pose; recorded ones then move less than 0.1 degrees
 _MAX_IDS = 10  # largest number of ids listed in an error message
 _LONGEST_GAP = 3600.0  # longest time in seconds between two frames of a motion
@@ -49,7 +54,8 @@ class ExportedJoints:
     people : int
         Number of different ids among them.
     held : int
-        Number of frames of a motion in which the person was not seen; they repeat the pose before.
+        Number of frames of a motion that repeat the pose before: the person was not seen in them,
+        they were dropped, or the rate was lower.
     """
 
     path: Path
@@ -65,6 +71,7 @@ class _Sighting:
     number: int
     time_ns: int
     skeleton: Skeleton
+    is_held: bool = False  # repeats the sighting before
 
     @staticmethod
     def of(frame: RgbdFrame, skeleton: Skeleton) -> _Sighting:
@@ -90,7 +97,10 @@ def export_joints(
     bones share a joint (spine and hips; neck and shoulders), they turn together: the angles between
     them are the mean of the recording, and their directions fit the measured ones by least
     squares. Between the first and the last frame with the person, frames without the person repeat
-    the pose before; so do frames that are inserted where the times show that some were dropped.
+    the pose before; so do frames that are inserted where the times show that some were dropped. The
+    frames of a motion are evenly spaced, at the highest rate that the recording had for 30 frames.
+    Each pose is in the frame nearest to its time, or in the next one if that has a pose already; it
+    is left out if it would be more than three quarters of a frame late.
 
     Parameters
     ----------
@@ -161,12 +171,8 @@ def export_joints(
                 for skeleton in frame.skeletons
                 if person is None or skeleton.id == person
             ]
-            held = 0
         else:
-            found, held = _followed(stream, person)
-            seen = len(found)
-            found = _at_even_times(found)
-            held += len(found) - seen
+            found, step = _at_even_times(_followed(stream, person))
     if not found:
         who = "a skeleton" if person is None else f"a skeleton with id {person}"
         if ids:
@@ -174,10 +180,11 @@ def export_joints(
             raise InputError(f"person: expected {who} in some frame, found only ids {others}")
         cure = "" if pose else " (--pose, or pose=True in Python, looks for them in colour images)"
         raise InputError(f"source: expected {who} in some frame, found none{cure}")
-    text = _table(found) if suffix == ".csv" else _motion(found)
+    text = _table(found) if suffix == ".csv" else _motion(found, step)
     with atomic_path(target) as temporary:
         temporary.write_text(text, encoding="ascii", newline="\n")
     people = len({one.skeleton.id for one in found})
+    held = sum(one.is_held for one in found)
     return ExportedJoints(target, len(found) - held, people, held)
 
 
@@ -196,44 +203,77 @@ def _noting_ids(stream: Iterable[RgbdFrame], ids: set[int]) -> Iterator[RgbdFram
         yield frame
 
 
-def _followed(stream: Iterable[RgbdFrame], person: int | None) -> tuple[list[_Sighting], int]:
-    """Return a person's skeletons from its first frame to its last, and the number of repeats.
+def _followed(stream: Iterable[RgbdFrame], person: int | None) -> list[_Sighting]:
+    """Return a person's skeletons from its first frame to its last.
 
     A frame in which the person is not seen repeats the skeleton before.
     """
     found: list[_Sighting] = []
-    held = missing = 0
+    missing = 0
     for frame in stream:
         if person is None and frame.skeletons:
             person = frame.skeletons[0].id
         here = next((one for one in frame.skeletons if one.id == person), None)
         if here is not None:
-            held += missing
             missing = 0
             found.append(_Sighting.of(frame, here))
         elif found:
             missing += 1
-            found.append(_Sighting.of(frame, found[-1].skeleton))
-    return found[: len(found) - missing], held
+            found.append(replace(_Sighting.of(frame, found[-1].skeleton), is_held=True))
+    return found[: len(found) - missing]
 
 
-def _at_even_times(found: list[_Sighting]) -> list[_Sighting]:
-    """Insert the pose before for each frame that was dropped according to the times.
+def _at_even_times(found: list[_Sighting]) -> tuple[list[_Sighting], float]:
+    """Return the pose of each frame of a motion, and the seconds between two frames.
 
-    A step of n times the median step means that n - 1 frames were dropped.
+    Frames are counted from the beginning, so that no error adds up where frames were dropped or
+    their rate changed. Those up to the next pose repeat the pose before.
     """
-    steps = np.diff([float(one.time_ns) for one in found]) * 1e-9
+    first = found[0].time_ns if found else 0
+    steps = np.diff([float(one.time_ns - first) for one in found]) * 1e-9
     if len(steps) == 0 or not np.median(steps) > 0:
-        return found
+        mean = float(steps.mean()) if len(steps) else 0.0
+        return found, mean if mean > 0 else _USUAL_STEP
+    steps[steps < 0] = np.median(steps)  # a clock that began again goes on
     longest = float(steps.max())
     if longest > _LONGEST_GAP:
         raise InputError(
             f"source: expected at most {_LONGEST_GAP:.0f} s between two frames of a motion, got "
             f"{longest:.0f} s"
         )
-    usual = max(float(np.median(steps)), _SHORTEST_STEP)
-    times = np.maximum(1, np.rint(steps / usual).astype(int))
-    return [one for one, n in zip(found, (*times, 1), strict=True) for _ in range(n)]
+    usual = max(_usual_step(steps), _SHORTEST_STEP)
+    times = np.cumsum(steps)
+    step = _whole_step(steps, float(times[-1]), usual)
+    poses: list[_Sighting] = []
+    for one, time in zip(found, (0.0, *times.tolist()), strict=True):
+        slot = max(round(time / step), len(poses))
+        if slot - time / step > _LATEST:
+            continue  # the frame has a pose already
+        held = [replace(poses[-1], is_held=True)] if poses else []
+        poses += [*(held * (slot - len(poses))), one]
+    return poses, step
+
+
+def _usual_step(steps: Floats) -> float:
+    """Return the step of the highest rate that lasted, but at least a quarter of the median."""
+    usual = float(np.median(steps))
+    spans = np.lib.stride_tricks.sliding_window_view(steps, min(_LASTING, len(steps)))
+    lasting = np.maximum(spans.mean(axis=1), np.median(spans, axis=1))  # neither jitter nor a burst
+    shortest = float(lasting.min())
+    if shortest < (1.0 - _LIKE) * usual:
+        usual = max(shortest, usual / 4.0)
+    like = np.abs(steps - usual) < _LIKE * usual
+    return float(steps[like].mean()) if like.any() else usual
+
+
+def _whole_step(steps: Floats, seconds: float, usual: float) -> float:
+    """Return the step by which a motion has as many frames as there were with the dropped ones.
+
+    Rounding each step tells their number exactly at one rate, but errors add up at several rates.
+    """
+    number = float(np.maximum(1.0, np.rint(steps / usual)).sum())
+    is_sure = abs(number * usual - seconds) < _SURE * seconds
+    return seconds / number if is_sure else usual
 
 
 def _table(found: Sequence[_Sighting]) -> str:
@@ -250,15 +290,13 @@ def _table(found: Sequence[_Sighting]) -> str:
 # --- BVH ------------------------------------------------------------------------------------------
 
 
-def _motion(found: Sequence[_Sighting]) -> str:
+def _motion(found: Sequence[_Sighting], step: float) -> str:
     places = _without_gaps(found) * _TO_BVH
     bones = places[:, 1:] - places[:, list(PARENTS)[1:]]
     lengths = np.median(np.linalg.norm(bones, axis=2), axis=0)
     offsets = np.concatenate([np.zeros((1, 3)), _rest(places) * lengths[:, None]])
-    times = np.array([one.time_ns for one in found], np.float64) / 1e9
-    step = float(times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 0.0
     lines = ["HIERARCHY", *_hierarchy(0, offsets, "", "ROOT")]
-    lines += ["MOTION", f"Frames: {len(found)}", f"Frame Time: {step if step > 0 else 1 / 30:.7f}"]
+    lines += ["MOTION", f"Frames: {len(found)}", f"Frame Time: {step:.7f}"]
     order = _depth_first(0)
     for now in places:
         angles = _angles(now, offsets)

@@ -597,7 +597,8 @@ def capture_export(
         )
     shell.say(f"wrote {output}: {counted(done.frames, 'skeleton')}")
     if done.held:
-        shell.say(f"the person was not seen in {counted(done.held, 'frame')}, and stays as before")
+        told = counted(done.held, "frame")
+        shell.say(f"the person was not seen in {told} (or they were dropped), and stays as before")
     say_left_out(shell, opened._counted(), opened.errors)
     shell.result({**asdict(done), "path": str(done.path), "source": opened.uri})
 
