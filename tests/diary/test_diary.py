@@ -193,6 +193,7 @@ def test_refusals(diary: Diary) -> None:
     for call, message in (
         (lambda: diary.enrol("P01"), "P01 is enrolled already"),
         (lambda: diary.enrol("../P"), "participant: expected up to 64 letters"),
+        (lambda: diary.enrol("Straße"), r"64 letters \(A to Z and a to z\), digits, .*'Straße'"),
         (lambda: diary.enrol(""), "participant: expected up to 64"),
         (lambda: diary.enrol("=1+1"), "participant: expected up to 64"),
         (

@@ -81,7 +81,7 @@ class Diary(DiaryReading):
         Parameters
         ----------
         identifier : str
-            Pseudonym: letters, digits, dots, hyphens and underscores.
+            Pseudonym: letters (A to Z and a to z), digits, dots, hyphens and underscores.
         limb : {"left_arm", "right_arm", "left_leg", "right_leg"}, optional
             The affected limb; empty: unknown.
         clips : bool

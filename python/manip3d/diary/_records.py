@@ -28,8 +28,8 @@ def identifier_of(text: str) -> str:
     """Check a participant's pseudonym, which must be valid in file names and tables."""
     if not _IDENTIFIER.fullmatch(text):
         raise InputError(
-            "participant: expected up to 64 letters, digits, dots, hyphens and underscores, "
-            f"beginning with a letter or digit, got {text!r}"
+            "participant: expected up to 64 letters (A to Z and a to z), digits, dots, hyphens and "
+            f"underscores, beginning with a letter or digit, got {text!r}"
         )
     return text
 
