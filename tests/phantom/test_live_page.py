@@ -55,6 +55,17 @@ def test_an_empty_message_does_not_indent_what_follows(chromium: None, stage: St
         assert left == below
 
 
+def test_only_the_floor_is_drawn_before_the_first_picture(chromium: None, stage: Stage) -> None:
+    with _chromium.open_address(stage.server.new_url(), (800, 700)) as tab:
+        wait_for(lambda: stage.server.num_clients == 1)
+        press(tab, "c")  # shows the colliders
+        press(tab, "s")
+        main = screenshot(tab)[100:300]
+        colorful = main.max(axis=-1) - main.min(axis=-1) > 50
+        assert colorful.sum() == 0
+        assert (main.max(axis=-1) > 60).any()  # the lines of the floor
+
+
 @pytest.mark.parametrize("limb", ["right_arm", "right_leg"])
 def test_the_card_leaves_the_limb_in_view_on_a_phone(chromium: None, limb: str) -> None:
     """The card about a game that waits or is paused: below the arms, above the legs."""

@@ -51,6 +51,7 @@ export class Pedals {
       this.root.add(rail, disk, foot);
       return { rail, disk, foot };
     });
+    this.root.visible = false; // until there is a game
   }
 
   show({ disks, starts }: GameStatus): void {

@@ -70,6 +70,7 @@ export class Colliders {
     this.torso = new THREE.Mesh(new THREE.BoxGeometry(2, 2, 2), drawn);
     this.torso.matrixAutoUpdate = false;
     this.root.add(this.torso);
+    for (const part of this.root.children) part.visible = false; // until a person is seen
   }
 
   show({ colliders, torso }: Status): void {
@@ -271,6 +272,7 @@ export class Cues {
       return { shaft, end };
     });
     this.root.add(this.ball);
+    for (const part of this.root.children) part.visible = false; // until there is something to show
   }
 
   show({ touch, felt }: Status): void {
