@@ -148,6 +148,27 @@ def test_an_unreadable_scan_is_one_undecidable_frame(drive: Path, tmp_path: Path
     assert "unreadable" in frames[1]["reason"]
 
 
+def test_scans_that_became_arrays_are_frames_of_their_drive(drive: Path, tmp_path: Path) -> None:
+    """Beside a record they are frames, whatever their suffix; in a drive of arrays they all are."""
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    run("watermark", "embed", str(drive), "--key", str(key), "-o", str(signed), "-q")
+    scans = signed / "velodyne_points" / "data"
+    for number in range(3):
+        old = scans / f"{number:010d}.bin"
+        rows = np.fromfile(old, "<f4").reshape(-1, 4)
+        rows[5, 0] += 1.0 * (number == 1)
+        np.save(old.with_suffix(".npy"), rows)
+        old.unlink()
+        Path(f"{old}.wm").rename(old.with_suffix(".npy.wm"))
+        done = run("alert", "run", str(signed), "--key", str(key), "--json")
+        frames = json.loads(done.stdout)["frames"]
+        verdicts = ["authentic", "authentic" if number == 0 else "tampered", "authentic"]
+        assert [frame["verdict"] for frame in frames] == verdicts
+        assert done.returncode == (0 if number == 0 else 3)
+    done = run("alert", "run", str(signed), "--json")
+    assert len(json.loads(done.stdout)["frames"]) == 3
+
+
 def in_process(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["alert", "run", *(str(a) for a in arguments)])
 
@@ -241,7 +262,10 @@ def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for arguments, words in (
         ((str(tmp_path / "nothing"),), "nothing"),
-        ((str(tmp_path / "empty"),), "expected drives in KITTI's layout, found none"),
+        (
+            (str(tmp_path / "empty"),),
+            "expected drives in KITTI's layout, or files (.pcap, .pcapng, .osf, .mcap), found none",
+        ),
         (
             ("sim:street?frames=1", "--calibration", "x"),
             "--calibration: can only be given with a folder",

@@ -448,6 +448,80 @@ def test_what_a_folder_hides_is_undecidable(key: Path, tmp_path: Path) -> None:
     assert run("verify", folder / "b.bin.wm", "--key", key).exit_code == 1
 
 
+def exported(scan: Path, suffix: str, *, is_forged: bool = False) -> None:
+    """Write a KITTI scan in another format in its place, and rename its record accordingly."""
+    frame = manip3d.io.read_scan(scan)
+    points = frame.points + np.float32(is_forged) * (np.arange(len(frame.points)) == 5)[:, None]
+    manip3d.LidarFrame(points, frame.intensity).write(scan.with_suffix(suffix))
+    scan.unlink()
+    Path(f"{scan}.wm").rename(scan.with_suffix(f"{suffix}.wm"))
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".csv", ".npz", ".csv.gz"])
+def test_scans_of_any_suffix_are_verified_if_they_have_a_record(
+    key: Path, tmp_path: Path, suffix: str
+) -> None:
+    folder = tmp_path / "signed"
+    folder.mkdir()
+    for number, name in enumerate(("a.bin", "b.bin", "c.bin")):
+        scan(number).write(tmp_path / name)
+        assert run("embed", tmp_path / name, "--key", key, "-o", folder / name).exit_code == 0
+    exported(folder / "b.bin", suffix)
+    exported(folder / "c.bin", suffix, is_forged=True)
+    (folder / "notes.csv").write_text("x,y,z\n1,2,3\n")  # has no record
+
+    def codes(*sources: object) -> tuple[int, dict[str, int]]:
+        done = run("verify", *sources, "--key", key, "--json", "-q", "--jobs", 1)
+        rows = json.loads(done.stdout)
+        return done.exit_code, {Path(row["source"]).name: row["exit_code"] for row in rows}
+
+    expected = {"a.bin": 0, f"b{suffix}": 0, f"c{suffix}": 3}
+    assert codes(folder) == (3, expected)
+    assert codes(folder / "*.wm") == (3, expected)
+    (folder / "a.bin").unlink()
+    assert codes(folder) == (3, {"a.bin.wm": 4, f"b{suffix}": 0, f"c{suffix}": 3})
+    Path(folder / f"c{suffix}").rename(folder / "c.sky")
+    Path(folder / f"c{suffix}.wm").rename(folder / "c.sky.wm")
+    assert codes(folder) == (4, {"a.bin.wm": 4, f"b{suffix}": 0, "c.sky": 4})
+
+
+def test_a_drive_of_scans_of_any_suffix_is_one_chain(key: Path, signed: Path) -> None:
+    exported(frame_of(signed, 1), ".npy")
+    code, record = verify(signed, key)
+    assert (code, record["num_frames"]) == (0, 4)
+    exported(frame_of(signed, 3), ".csv", is_forged=True)
+    code, record = verify(signed, key)
+    frames = record["frames"]
+    assert code == 3
+    assert isinstance(frames, list)
+    assert [frame["verdict"] for frame in frames] == ["authentic"] * 3 + ["tampered"]
+    exported(frame_of(signed, 0), ".npz")
+    for name in ("", ".wm"):
+        Path(f"{frame_of(signed, 2)}{name}").rename(frame_of(signed, 2).with_suffix(f".sky{name}"))
+    code, record = verify(signed, key)
+    frames = record["frames"]
+    assert code == 3
+    assert isinstance(frames, list)
+    assert [frame["scan"][-4:] for frame in frames] == [".npz", ".npy", ".sky", ".csv"]
+    assert frames[2]["reason"].startswith("unreadable: ")
+
+
+def test_folders_without_a_scan_to_sign_are_refused_with_what_can_be_signed(
+    key: Path, drive: Path
+) -> None:
+    for number in range(4):
+        table = scan(number)
+        table.write(frame_of(drive, number).with_suffix(".npy"))
+        frame_of(drive, number).unlink()
+    for verb in (("embed", "-o", drive.with_name("out")), ("verify",)):
+        done = CliRunner().invoke(
+            app, ["watermark", *map(str, verb), str(drive), "--key", str(key)]
+        )
+        told = str(done.exception)
+        assert "expected scans, found none; text files and arrays such as 0000000000.npy" in told
+        assert "signed (.pcd.bin, .bin, .pcd" in told
+
+
 def test_a_drive_names_the_scan_that_is_missing(key: Path, signed: Path) -> None:
     frame_of(signed, 1).unlink()
     code, record = verify(signed, key)

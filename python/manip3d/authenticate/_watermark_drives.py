@@ -609,7 +609,7 @@ def _verified(
         elif picture.is_file():
             shown = read_carrier(picture)
         read = read_scan(scan) if scan.exists() else None
-    except (FormatError, OSError) as error:
+    except (FormatError, InputError, OSError) as error:
         if not in_drive:
             raise
         why = f"unreadable: {error}"

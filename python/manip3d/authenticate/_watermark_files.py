@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import by_number, path_of
+from manip3d._util.paths import by_number, is_hidden, path_of
 from manip3d.authenticate._picture_files import carrier_bytes, picture_path
 from manip3d.authenticate._turns import MAX_APART_NS
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
@@ -166,10 +166,20 @@ def scan_of_record(record: str | os.PathLike[str]) -> Path | None:
     >>> scan_of_record("scan.bin.wm").name, scan_of_record("other.bin.wm")
     ('scan.bin.xz', None)
     """
-    path = path_of(record)
-    if path.suffix != RECORD_SUFFIX:
-        raise InputError(f"{path}: expected a record, whose name ends in {RECORD_SUFFIX}")
-    return next((each for each in _same_scans(path.with_suffix("")) if each.exists()), None)
+    return next(iter(scans_of_record(path_of(record))), None)
+
+
+def scans_of_record(record: Path) -> list[Path]:
+    """Return the scan of a record and its compressed copies, those that exist, whatever the suffix.
+
+    Raises
+    ------
+    InputError
+        The name does not end in ``.wm``.
+    """
+    if record.suffix != RECORD_SUFFIX:
+        raise InputError(f"{record}: expected a record, whose name ends in {RECORD_SUFFIX}")
+    return [each for each in _same_scans(record.with_suffix("")) if each.exists()]
 
 
 def _same_scans(scan: Path) -> list[Path]:
@@ -434,25 +444,60 @@ def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
     >>> [path.name for path in drive_scans("drive")]
     ['000004.bin']
     """
-    return _drive_scans(folder, hidden=False)
+    place = _scan_folder(folder)
+    return list(scan_paths(place)) or _refuse_none(folder, place)
 
 
 def all_drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the scans of a KITTI drive including hidden ones, which some programs read, too.
+    """Return the scans of a KITTI drive that a verifier must look at.
+
+    These are all scans of `drive_scans`, hidden ones, which some programs read, too, and files in
+    any other format beside which there is a record.
 
     Raises
     ------
     InputError
         As `drive_scans`.
     """
-    return _drive_scans(folder, hidden=True)
+    place = _scan_folder(folder)
+    scans = {*scan_paths(place, hidden=True), *_scans_with_records(place)}
+    return _in_order(scans) or _refuse_none(folder, place)
 
 
-def _drive_scans(folder: str | os.PathLike[str], *, hidden: bool) -> list[Path]:
-    scans = list(scan_paths(_scan_folder(folder), hidden=hidden))
-    if not scans:
-        raise InputError(f"{os.fspath(folder)}: expected scans, found none")
-    return scans
+def scans_to_watch(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the scans of `scans_to_read`, and files in any format beside which there is a record.
+
+    Raises
+    ------
+    InputError
+        As `drive_scans`.
+    """
+    signed = [path for path in _scans_with_records(_scan_folder(folder)) if _is_shown(path)]
+    return _in_order({*scans_to_read(folder), *signed})
+
+
+def _scans_with_records(place: Path) -> list[Path]:
+    records = place.glob(f"*{RECORD_SUFFIX}")
+    return [scan for record in records for scan in scans_of_record(record)]
+
+
+def _is_shown(path: Path) -> bool:
+    return not is_hidden(path.name)
+
+
+def _in_order(paths: Iterable[Path]) -> list[Path]:
+    return sorted(paths, key=lambda path: by_number(path.name))
+
+
+def _refuse_none(folder: str | os.PathLike[str], place: Path) -> NoReturn:
+    advice = ""
+    for exported in readable_scans(place)[:1]:
+        advice = (
+            f"; text files and arrays such as {exported.name} count only with a record beside them "
+            f"({record_path(exported).name}); 'manip3d convert' writes them in formats that can be "
+            f"signed ({', '.join(FOLDER_SUFFIXES)})"
+        )
+    raise InputError(f"{os.fspath(folder)}: expected scans, found none{advice}")
 
 
 @checked
@@ -485,8 +530,7 @@ def drive_records_alone(folder: str | os.PathLike[str]) -> list[Path]:
     ['000005.bin.wm']
     """
     records = _scan_folder(folder).glob(f"*{RECORD_SUFFIX}")
-    alone = (path for path in records if scan_of_record(path) is None)
-    return sorted(alone, key=lambda path: by_number(path.name))
+    return _in_order(path for path in records if not scans_of_record(path))
 
 
 def scans_to_read(folder: str | os.PathLike[str]) -> list[Path]:

@@ -235,7 +235,8 @@ def _drives_of(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFi
         Path(source).stat()  # a missing source is an OSError that names it
         taken, root = [Path(source)], os.path.dirname(os.path.abspath(source))  # source may be "."
     if not taken:
-        raise InputError(f"{source}: expected drives in KITTI's layout, found none")
+        files = f", or files ({', '.join(suffixes)})" if suffixes else ""
+        raise InputError(f"{source}: expected drives in KITTI's layout{files}, found none")
     is_named = is_pattern(source) or not Path(source).is_dir() or _is_drive(Path(source))
     for place in taken:
         stamp = _stamp_of_drive(place) if place.is_dir() else stamp_of_file(place)

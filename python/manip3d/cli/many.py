@@ -296,6 +296,8 @@ def over_files(
             found = many.files(sources)  # first, so that an empty folder is reported first
             many.check_folder(sources, given.get("output"))
             files = choose(found)
+            if not files:
+                raise InputError(f"{', '.join(sources)}: expected {many.noun}s, found none")
             if given.get("output") is not None:
                 many.refuse_output(finished, files)
             each = {} if prepare is None else prepare(files, given)

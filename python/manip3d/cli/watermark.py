@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -325,16 +326,29 @@ def _verified_suffixes() -> tuple[str, ...]:
     return (*FOLDER_SUFFIXES, authenticate.RECORD_SUFFIX)
 
 
-def _without_records(files: list[SourceFile]) -> list[SourceFile]:
-    """Return the files without records whose scan exists."""
-    from manip3d import authenticate
+def _with_scans_of_records(files: list[SourceFile]) -> list[SourceFile]:
+    """Return the files with the scans of all records in place of these, each scan once.
 
-    return [
-        file
-        for file in files
-        if Path(file.name).suffix != authenticate.RECORD_SUFFIX
-        or authenticate.scan_of_record(file.name) is None
-    ]
+    A record without a scan stays. The scans may have any suffix, such as that of a text file.
+    """
+    from manip3d._util.paths import by_number
+    from manip3d.authenticate import RECORD_SUFFIX
+    from manip3d.authenticate._watermark_files import scans_of_record
+    from manip3d.batch._stamps import stamp_of_file
+
+    found = {f.name: f for f in files if Path(f.name).suffix != RECORD_SUFFIX}
+    for file in files:
+        if file.name in found:
+            continue
+        scans = scans_of_record(Path(file.name))
+        for scan in scans:
+            beside = str(Path(file.relative).with_name(scan.name))
+            stamp = stamp_of_file(scan)
+            more = replace(file, name=str(scan), relative=beside, stamp=stamp)
+            found.setdefault(more.name, more)
+        if not scans:
+            found[file.name] = file
+    return [found[name] for name in sorted(found, key=by_number)]
 
 
 @app.command("verify")
@@ -343,7 +357,7 @@ def _without_records(files: list[SourceFile]) -> list[SourceFile]:
     drives=True,
     prepare=of_one_only,
     depends=key_of,
-    choose=_without_records,
+    choose=_with_scans_of_records,
     skipped_code=EXIT_CODES["undecidable"],
     columns=("source", "verdict", "num_frames", "reason"),
     resumes=False,
@@ -377,7 +391,9 @@ def verify(
     verdict is undecidable. In a drive, missing frames are noticed, also at its end. A single scan
     is judged by its content alone, whatever its place in a drive. In a folder, a record without
     its scan, or a file that holds no scan, is undecidable; a scan that was removed together with
-    its record is noticed in a drive only. With several keys, the record states which one made it.
+    its record is noticed in a drive only. Text files and arrays of a folder or drive (.csv, .npy)
+    are verified if a record is beside them. With several keys, the record states which one made
+    it.
 
     Example: manip3d watermark verify signed --key sensor.key
     """

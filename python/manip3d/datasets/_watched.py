@@ -22,6 +22,7 @@ from manip3d.authenticate import (
     read_rigs,
 )
 from manip3d.authenticate._stereo import checked_pair
+from manip3d.authenticate._watermark_files import scans_to_read, scans_to_watch
 from manip3d.datasets.kitti import KittiFrame, open_kitti
 from manip3d.errors import FormatError, InputError
 from manip3d.io._scan_tables import scan_stem
@@ -59,7 +60,8 @@ def watched_kitti(
     Parameters
     ----------
     folder : path
-        Folder of the drive, see `open_kitti`.
+        Folder of the drive, see `open_kitti`. If it has no scans, its text files and arrays with
+        points are scans. With records beside the scans, so are files in any format that have one.
     calibration : path, optional
         See `open_kitti`.
     rigs : path, optional
@@ -105,8 +107,9 @@ def watched_kitti(
         raise InputError(f"carriers: expected a folder, got {pictures}")
     source = path_of(folder, "folder")
     drive = open_kitti(source, calibration=calibration)
-    if not len(drive):
-        raise InputError(f"{source}: expected scans, found none")
+    drive = drive.with_scans(
+        scans_to_watch(source) if records and pictures is None else scans_to_read(source)
+    )
     chosen = drive[: len(drive) if frames is None else frames]
     beside = source / RIGS_FILE
     path = rigs if rigs is not None or not beside.is_file() else beside

@@ -6,10 +6,11 @@ may write the same layouts. Scans may be compressed (``.bin.xz``). Files are rea
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
@@ -300,6 +301,22 @@ class KittiDrive:
         digits = "[0-9][0-9]" if self.layout == "raw" else "[0-9]*"
         names = (folder.name[6:] for folder in self.path.glob(f"image_{digits}"))
         return tuple(sorted({int(name) for name in names if name.isdecimal() and len(name) <= 2}))
+
+    def with_scans(self, scans: Sequence[Path]) -> KittiDrive:
+        """Return the drive with other scans, such as its text files.
+
+        Parameters
+        ----------
+        scans : sequence of Path
+            Files in the folder of the scans, in order.
+
+        Returns
+        -------
+        KittiDrive
+        """
+        drive = copy.copy(self)
+        drive._scans = tuple(scans)
+        return drive
 
     def __len__(self) -> int:
         return len(self._scans)
