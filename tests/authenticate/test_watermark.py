@@ -206,7 +206,7 @@ def test_added_no_returns_and_other_columns_are_noticed(key: KeyFile) -> None:
     )
     assert verify(key, more, sent.record).verdict == "tampered"
     without = LidarFrame(sent.points)
-    assert verify(key, without, sent.record).verdict == "tampered"
+    assert verify(key, without, sent.record).verdict == "undecidable"
     dropped = sent.frame.replace(num_dropped=1)
     assert verify(key, dropped, sent.record).verdict == "tampered"
 
@@ -852,8 +852,47 @@ def test_intensities_of_0_where_none_were_signed_are_no_edit(key: KeyFile, embed
     shine[7] = 0.01
     found = verify(key, sent.frame.replace(intensity=shine), sent.record)
     assert (found.verdict, len(found.changed_tiles)) == ("tampered", 1)
-    sent = marker_of(key, embedding).embed(LidarFrame(grid_scan(3000), np.zeros(3000, np.float32)))
-    assert verify(key, sent.frame.replace(intensity=None), sent.record).verdict == "tampered"
+
+
+@pytest.mark.parametrize("embedding", ALL)
+@pytest.mark.parametrize("is_zero", [False, True])
+def test_without_the_intensities_that_were_signed_nothing_is_authentic(
+    key: KeyFile, embedding: str, is_zero: bool
+) -> None:
+    """Tools drop the column. Numbers of points and the lattice still reveal a change."""
+    shine = np.float32(not is_zero) * reflectances(3000)
+    signer = marker_of(key, embedding)
+    first, second = (
+        signer.embed(LidarFrame(grid_scan(3000, n), shine), is_end=n == 1) for n in range(2)
+    )
+    without = first.frame.replace(intensity=None)
+    verifier = marker_of(key, embedding)
+    found = verifier.verify(without, first.record)
+    assert (found.verdict, found.content) == ("undecidable", "unverifiable")
+    assert found.reason == "intensities were signed, and the scan has none"
+    assert (found.tiles, found.order) == ((), "in order")
+    assert verifier.verify(second.frame, second.record).order == "in order"
+    assert verifier.verify(without, first.record).verdict == "tampered"  # it is a replay
+    moved = without.points.copy()
+    moved[7] = moved[8]
+    same_tile = verify(key, without.replace(points=moved), first.record)
+    assert same_tile.verdict in ("undecidable", "tampered")
+    fewer = verify(key, without.select(np.arange(3000) != 7), first.record)
+    assert (fewer.verdict, len(fewer.changed_tiles)) == ("tampered", 1)
+    more = LidarFrame(np.vstack([without.points, moved[7:8]]))
+    assert verify(key, more, first.record).verdict == "tampered"
+    assert verify(key, without.replace(num_dropped=1), first.record).verdict == "tampered"
+
+
+def test_changed_intensities_are_named(key: KeyFile) -> None:
+    sent = marker_of(key, "lbm").embed(LidarFrame(grid_scan(3000), reflectances(3000)))
+    assert sent.frame.intensity is not None
+    brighter = sent.frame.replace(intensity=255 * sent.frame.intensity)
+    reason = verify(key, brighter, sent.record).reason
+    assert reason.startswith("points or intensities of ")
+    plain = marker_of(key, "lbm").embed(grid_scan(3000))
+    gone = verify(key, plain.frame.select(np.arange(3000) > 5), plain.record)
+    assert gone.reason.startswith("points of ")
 
 
 def with_zeros(scan: LidarFrame, zero: float) -> LidarFrame:

@@ -24,7 +24,9 @@ std::string reason_of_tampering(const WatermarkFinding& finding) {
   const auto changed = count(WatermarkTile::kChanged), bits = count(WatermarkTile::kBits);
   const std::string total = " of " + std::to_string(finding.tiles.size()) + " tiles";
   if (changed > 0) {
-    return "points of " + std::to_string(changed) + total + " are not those that were signed";
+    const bool has_intensity = finding.header && finding.header->has_intensity;
+    return (has_intensity ? "points or intensities of " : "points of ") + std::to_string(changed) +
+           total + " are not those that were signed";
   }
   if (bits > 0) return "carrier bits of " + std::to_string(bits) + total + " were changed";
   if (finding.picture_changed) return "the picture is not the one that was signed";
@@ -92,6 +94,8 @@ void conclude(const WatermarkPolicy& policy, WatermarkFinding& finding) {
     say(kTampered, "the frame was signed with a key that the stream had replaced");
   } else if (finding.order == WatermarkPlace::kReplay) {
     say(kTampered, "the frame was seen before, or comes after a later one");
+  } else if (finding.content == WatermarkContent::kUnverifiable) {
+    say(kUnverifiable, "intensities were signed, and the scan has none");
   } else if (finding.order == WatermarkPlace::kGap) {
     say(kUnverifiable, reason_of_gap(finding.gap));
   } else if (finding.freshness == WatermarkFreshness::kStale) {

@@ -92,8 +92,8 @@ struct WatermarkVerifier::State {
   // Sorts the points into the tiles of the header, as `tiled`.
   void arrange(const PointsView& points, ExactView exact, const WatermarkHeader& header,
                ZeroSigns signs);
-  // Finds the tiles whose points are not those that were signed. Returns whether all points lie on
-  // the lattice of the embedding.
+  // Finds the tiles whose points are not those that were signed; without tags, only by their number
+  // and the lattice. Returns whether all points lie on the lattice of the embedding.
   bool check_tiles(const WatermarkRecord& record, std::span<const WatermarkTag> tags,
                    WatermarkFinding& finding) const;
   // Finds the points of unchanged tiles that carry a wrong bit. Returns whether there are none.
@@ -262,15 +262,16 @@ void WatermarkVerifier::State::arrange(const PointsView& points, ExactView exact
 bool WatermarkVerifier::State::check_tiles(const WatermarkRecord& record,
                                            std::span<const WatermarkTag> tags,
                                            WatermarkFinding& finding) const {
-  finding.tiles.assign(tags.size(), WatermarkTile::kIntact);
+  finding.tiles.assign(record.tags.size(), WatermarkTile::kIntact);
   bool all_on_lattice = true;
-  for (std::size_t t = 0; t < tags.size(); ++t) {
+  for (std::size_t t = 0; t < record.tags.size(); ++t) {
     bool off_lattice = false;
     for (std::size_t i = tiled.begins[t]; i < tiled.begins[t + 1]; ++i) {
       off_lattice = off_lattice || (tiled.marks[i] & kOffLattice) != 0;
     }
     const bool same_count = tiled.begins[t + 1] - tiled.begins[t] == record.counts[t];
-    const bool same_tag = equal_in_constant_time(std::span(tags[t]).first(16), record.tags[t]);
+    const bool same_tag =
+        tags.empty() || equal_in_constant_time(std::span(tags[t]).first(16), record.tags[t]);
     if (!same_count || !same_tag || off_lattice) finding.tiles[t] = WatermarkTile::kChanged;
     all_on_lattice = all_on_lattice && !off_lattice;
   }
@@ -308,6 +309,20 @@ void WatermarkVerifier::State::check_content(const PointsView& points, ExactView
   for (std::size_t i = 0; i < slice_of.size(); ++i) {
     finding.tile_of_row[i] = header.tile_of[slice_of[i]];
   }
+  const bool same_drops = header.num_dropped == num_dropped;
+  if (header.has_intensity && !points.has_intensity()) {
+    // The tags bind the intensities, so that nothing proves the coordinates. Numbers of points and
+    // the lattice can still prove a change.
+    const bool all_on_lattice = check_tiles(record, {}, finding);
+    if (!all_on_lattice || !same_drops || num_changed(finding) > 0) {
+      finding.content = WatermarkContent::kTampered;
+    } else {
+      finding.content = WatermarkContent::kUnverifiable;
+      finding.tiles.clear();
+      finding.tile_of_row.clear();
+    }
+    return;
+  }
   const std::vector<std::uint8_t> head = header_bytes(header);
   const std::vector<WatermarkTag> tags = tags_of_tiles(keys, head, tiled);
   const bool all_on_lattice = check_tiles(record, tags, finding);
@@ -316,9 +331,7 @@ void WatermarkVerifier::State::check_content(const PointsView& points, ExactView
   const bool frame_holds = equal_in_constant_time(whole, frame_tag_of(bytes));
   // A scan without intensities may come back with intensities of 0, because formats such as KITTI's
   // write these. Other intensities change the tags.
-  const bool same_columns = points.has_intensity() || !header.has_intensity;
-  const bool same_drops = header.num_dropped == num_dropped;
-  const bool is_intact = frame_holds && bits_hold && all_on_lattice && same_columns && same_drops;
+  const bool is_intact = frame_holds && bits_hold && all_on_lattice && same_drops;
   finding.content = is_intact ? WatermarkContent::kIntact : WatermarkContent::kTampered;
 }
 
