@@ -392,6 +392,7 @@ def test_scans_before_the_damage_are_intact(tmp_path: Path) -> None:
             seen.extend(capture.watched_recording(f"bag:{path}").moments)
         except FormatError as error:
             ended += error.file == str(path)
+        ended += any(isinstance(each.frame, str) for each in seen)
         assert len(seen) >= 2
         for found, wanted in zip(seen[:2], before, strict=False):
             assert isinstance(found.frame, LidarFrame)

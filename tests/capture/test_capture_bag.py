@@ -297,6 +297,82 @@ def test_refusals(tmp_path: Path) -> None:
             list(capture.open(f"bag:{other}"))
 
 
+def with_bad_messages(path: Path) -> Path:
+    """A bag of five clouds: the second holds too few bytes, the third ends within its header."""
+    clouds = [message(TYPES, points_of(i), stamp=1.0 + i) for i in range(5)]
+    clouds[1].data = clouds[1].data[:100]
+    plugin = rosbag2.StoragePlugin.MCAP
+    with rosbag2.Writer(path, version=8, storage_plugin=plugin) as writer:
+        connection = writer.add_connection("/top", CLOUD, typestore=TYPES)
+        for number, each in enumerate(clouds):
+            raw = bytes(TYPES.serialize_cdr(each, CLOUD))
+            writer.write(connection, 10**9 * (1 + number), raw[:9] if number == 2 else raw)
+    return path
+
+
+def test_a_bag_goes_on_after_messages_that_cannot_be_read(tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from manip3d.cli import app
+
+    bag = with_bad_messages(tmp_path / "bag")
+    with capture.open_lidar(f"bag:{bag}") as source:
+        scans = list(source.past_errors())
+        assert [scan is None for scan in scans] == [False, True, True, False, False]
+        assert list(source.errors) == [1, 2]
+        assert "message 1: 1 rows of 50 points of 26 bytes do not fit 100" in source.errors[1]
+        assert "message 2: it cannot be decoded: " in source.errors[2]
+        assert (source.counters["frames"], source.counters["damaged"]) == (3, 2)
+        assert not source.goes_on
+    expected = [points_of(i)["x"] for i in (0, 3, 4)]
+    found = [scan.points[:, 0] for scan in scans if scan is not None]
+    assert all(map(np.array_equal, found, expected))
+    drive = capture.open_drive(bag)
+    assert [scan is None for scan in drive] == [False, True, True, False, False]
+    assert list(drive.errors) == [1, 2]
+    for cameras in (None, "none"):
+        moments = [*capture.watched_recording(f"bag:{bag}", cameras=cameras).moments]
+        unread = [each.frame for each in moments if isinstance(each.frame, str)]
+        assert [isinstance(each.frame, str) for each in moments] == [
+            False,
+            True,
+            True,
+            False,
+            False,
+        ]
+        assert "message 1: 1 rows" in unread[0]
+        assert "message 2: it" in unread[1]
+    done = CliRunner().invoke(app, ["convert", str(bag), "-o", str(tmp_path / "out")])
+    assert done.exit_code == 1
+    assert "; 1 more error" in str(done.exception)
+    assert len(list((tmp_path / "out" / "velodyne").iterdir())) == 3
+    assert len((tmp_path / "out" / "times.txt").read_text().splitlines()) == 3
+
+
+def test_a_bag_without_a_message_that_can_be_read_is_an_error(tmp_path: Path) -> None:
+    clouds = [message(TYPES, points_of(i)) for i in range(2)]
+    for each in clouds:
+        each.point_step = 20
+    bag = write_bag(tmp_path / "bag", {"/top": clouds})
+    with pytest.raises(FormatError, match="message 0: .* does not fit a point's bytes"):
+        next(iter(capture.open_drive(bag)))
+
+
+def test_an_error_between_messages_tells_how_many_are_not_reached(tmp_path: Path) -> None:
+    import sqlite3
+
+    pytest.importorskip("backports.zstd")
+    clouds = [message(TYPES, points_of(i)) for i in range(5)]
+    bag = write_bag(tmp_path / "bag", {"/top": clouds}, "sqlite3", "MESSAGE")
+    (database,) = bag.glob("*.db3")
+    with sqlite3.connect(database) as connection:
+        connection.execute("update messages set data = ? where id = 3", (b"no zstd",))
+    drive = capture.open_drive(bag)
+    assert [scan is None for scan in drive] == [False, False, True]
+    assert "cannot be read after message 1: " in drive.errors[2]
+    assert drive.errors[2].endswith("; 3 of its messages were not reached")
+
+
 def test_damaged_bags_are_typed_errors_or_frames(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", {"/points": [message(TYPES, points_of(i)) for i in range(3)]})
     (path,) = bag.glob("*.mcap")

@@ -231,8 +231,18 @@ class BagPicture(NamedTuple):
     data: bytes
 
 
+class UnreadCloud(NamedTuple):
+    """A cloud of a bag that cannot be read: the reason, and the time if it is known."""
+
+    reason: str
+    time_ns: int | None
+
+
 class BagRecording:
-    """Frames of one topic of a bag, with the interface of the sources in ``_core``."""
+    """Frames of one topic of a bag, with the interface of the sources in ``_core``.
+
+    A message that cannot be read raises a `FormatError`, and the next one can be read after it.
+    """
 
     def __init__(
         self,
@@ -252,6 +262,7 @@ class BagRecording:
         self._uri = f"bag:{path}"
         self._max_bytes = self._left = max_bytes
         self._counters = {"frames": 0, "points": 0, "no_return": 0}
+        self._number = 0  # of clouds, with those that cannot be read
         self._lock = threading.RLock()
         self._ended = False
         # The first frame that has points determines it. With pictures, the clouds stay in the frame
@@ -280,7 +291,12 @@ class BagRecording:
             if "end" in header:
                 self._close()
                 return False
-            return self._counted(self._frame(header, self._data(header)))
+            return self._cloud(header, self._data(header))
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether another frame may follow after an error."""
+        return not self._ended
 
     def cameras(self) -> dict[str, Any]:
         """Return the bag's image topics, CameraInfos and fixed transforms; call it first and once.
@@ -290,8 +306,11 @@ class BagRecording:
         cameras: dict[str, Any] = self._header()["cameras"]
         return cameras
 
-    def messages(self, topics: Sequence[str]) -> Iterator[LidarFrame | BagPicture]:
-        """Yield the clouds and the pictures of these topics in the order of the recording."""
+    def messages(self, topics: Sequence[str]) -> Iterator[LidarFrame | BagPicture | UnreadCloud]:
+        """Yield the clouds and the pictures of these topics in the order of the recording.
+
+        Pictures that cannot be decoded are left out, and counted.
+        """
         assert self._process.stdin is not None
         # If the reading process has ended, _header() below raises the reason.
         with contextlib.suppress(BrokenPipeError):
@@ -299,25 +318,46 @@ class BagRecording:
             self._process.stdin.close()
         while "end" not in (header := self._header()):
             data = self._data(header)
-            if "picture" in header:
-                yield BagPicture(header, data)
+            if "picture" not in header:
+                yield self._cloud_or_why(header, data)
+            elif "bad" in header:
+                self._count("damaged_pictures")
             else:
-                yield self._counted(self._frame(header, data))
+                yield BagPicture(header, data)
         self._close()
+
+    def _cloud_or_why(self, header: dict[str, Any], data: bytes) -> LidarFrame | UnreadCloud:
+        try:
+            return self._cloud(header, data)
+        except FormatError as error:
+            return UnreadCloud(str(error), header.get("stamp_ns") or header["received_ns"])
+
+    def _count(self, name: str) -> None:
+        self._counters[name] = self._counters.get(name, 0) + 1
 
     def close(self) -> None:
         """End the process that reads the bag; may be called twice."""
         with self._lock:
             self._close()
 
-    def _counted(self, frame: LidarFrame) -> LidarFrame:
+    def _cloud(self, header: dict[str, Any], data: bytes) -> LidarFrame:
+        number = self._number
+        self._number += 1
+        try:
+            if "bad" in header:
+                raise FormatError(f"it cannot be decoded: {header['bad']}")
+            frame = self._frame(header, data)
+        except FormatError as error:
+            self._count("damaged")
+            reason = f"message {number}: {error.reason}"
+            raise FormatError(reason, file=str(self._path)) from error
         self._counters["frames"] += 1
         self._counters["points"] += frame.num_points
         self._counters["no_return"] += frame.num_dropped
         return frame
 
     def counters(self) -> dict[str, int]:
-        """Return the numbers of frames, of points, and of points without coordinates."""
+        """Return the numbers of frames, of points, of points without coordinates, and of damage."""
         return dict(self._counters)
 
     def _header(self) -> dict[str, Any]:
@@ -332,7 +372,10 @@ class BagRecording:
                     f"{cut.name} has no end: it is cut off, or its recorder did not close it "
                     f"('mcap recover {cut.name} -o whole.mcap' copies the messages that are whole)"
                 )
-            raise self._refuse(f"the bag cannot be read: {header['error']}")
+            after = f" after message {self._number - 1}" if self._number else ""
+            unread = header.get("unread", 0)
+            left = f"; {unread} of its messages were not reached" if unread > 0 else ""
+            raise self._refuse(f"the bag cannot be read{after}: {header['error']}{left}")
         if "kinds" in header:
             found = ", ".join(header["kinds"])[:200] or "no topic"
             hint = f"; rgbd-bag:{self._path} may open it" if _IMAGES in header["kinds"] else ""
@@ -373,20 +416,19 @@ class BagRecording:
         return data
 
     def _frame(self, header: dict[str, Any], data: bytes) -> LidarFrame:
-        where = f"{self._uri}, message {self._counters['frames']}"
         rows, columns = header["height"], header["width"]
         step, row_step = header["point_step"], header["row_step"]
         if rows * columns > _MAX_POINTS:
-            raise self._refuse(f"{where}: {rows} x {columns} points; at most {_MAX_POINTS}")
+            raise FormatError(f"{rows} x {columns} points; at most {_MAX_POINTS}")
         # Some drivers leave row_step at 0 in clouds of one row.
         if rows <= 1 and row_step < columns * step:
             row_step = columns * step
         if row_step < columns * step or rows * row_step > len(data):
-            raise self._refuse(
-                f"{where}: {rows} rows of {columns} points of {step} bytes do not fit {len(data)} "
-                f"bytes with rows of {row_step}"
+            raise FormatError(
+                f"{rows} rows of {columns} points of {step} bytes do not fit {len(data)} bytes "
+                f"with rows of {row_step}"
             )
-        dtype, names = self._dtype(header, where)
+        dtype, names = _dtype(header)
         lines = np.frombuffer(data, np.uint8, rows * row_step).reshape(rows, row_step)
         packed = np.ascontiguousarray(lines[:, : columns * step])
         values = packed.reshape(-1).view(dtype) if packed.size else np.empty(0, dtype)
@@ -405,31 +447,6 @@ class BagRecording:
             self._to_file = frame.format.to_file
         return frame
 
-    def _dtype(self, header: dict[str, Any], where: str) -> tuple[np.dtype[Any], dict[str, str]]:
-        """Return the layout of a point, and the key in that layout of each field name.
-
-        If several fields have the same name, the first counts. A coordinate that is named twice is
-        refused, because nothing tells which field is the right one.
-        """
-        order = ">" if header["is_bigendian"] else "<"
-        keys, formats, offsets, names = [], [], [], dict[str, str]()
-        for number, (name, offset, kind, count) in enumerate(header["fields"]):
-            if kind not in _KINDS:
-                raise self._refuse(f"{where}: field {name!r} has the unknown type {kind}")
-            one = np.dtype(order + _KINDS[kind])
-            count = count or 1  # some drivers write 0
-            if offset + count * one.itemsize > header["point_step"]:
-                raise self._refuse(f"{where}: field {name!r} does not fit a point's bytes")
-            keys.append(f"{number} {name}")
-            formats.append((one, (count,)) if count != 1 else one)
-            offsets.append(offset)
-            if name in ("x", "y", "z") and name in names:
-                raise self._refuse(f"{where}: field {name} is named twice")
-            names.setdefault(name, keys[-1])
-        layout = {"names": keys, "formats": formats, "offsets": offsets,
-                  "itemsize": header["point_step"]}  # fmt: skip
-        return np.dtype(layout), names  # type: ignore[call-overload]
-
     def _refuse(self, reason: str) -> FormatError:
         self._close()
         return FormatError(reason, file=str(self._path))
@@ -437,6 +454,32 @@ class BagRecording:
     def _close(self) -> None:
         self._ended = True
         _end(self._process)
+
+
+def _dtype(header: dict[str, Any]) -> tuple[np.dtype[Any], dict[str, str]]:
+    """Return the layout of a point, and the key in that layout of each field name.
+
+    If several fields have the same name, the first counts. A coordinate that is named twice is
+    refused, because nothing tells which field is the right one.
+    """
+    order = ">" if header["is_bigendian"] else "<"
+    keys, formats, offsets, names = [], [], [], dict[str, str]()
+    for number, (name, offset, kind, count) in enumerate(header["fields"]):
+        if kind not in _KINDS:
+            raise FormatError(f"field {name!r} has the unknown type {kind}")
+        one = np.dtype(order + _KINDS[kind])
+        count = count or 1  # some drivers write 0
+        if offset + count * one.itemsize > header["point_step"]:
+            raise FormatError(f"field {name!r} does not fit a point's bytes")
+        keys.append(f"{number} {name}")
+        formats.append((one, (count,)) if count != 1 else one)
+        offsets.append(offset)
+        if name in ("x", "y", "z") and name in names:
+            raise FormatError(f"field {name} is named twice")
+        names.setdefault(name, keys[-1])
+    layout = {"names": keys, "formats": formats, "offsets": offsets,
+              "itemsize": header["point_step"]}  # fmt: skip
+    return np.dtype(layout), names  # type: ignore[call-overload]
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

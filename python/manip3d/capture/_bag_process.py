@@ -2,8 +2,10 @@
 
 Usage: ``python _bag_process.py PATH TOPIC BYTES MODE``. BYTES limits its address space. It imports
 nothing of manip3d. For each message of the topic it writes to its standard output a line of JSON,
-and then as many bytes as ``size`` in that line states. The last line holds ``end`` or ``error``;
-or it is the only one, and states why there are no messages: ``topics``, ``kinds`` or ``profile``.
+and then as many bytes as ``size`` in that line states; a line with ``bad`` states why a message
+cannot be decoded, and no bytes follow. The last line holds ``end``, or ``error`` and, as
+``unread``, the number of clouds that were not reached; or it is the only one, and states why there
+are no messages: ``topics``, ``kinds`` or ``profile``.
 
 MODE is ``clouds``, ``pictures`` or ``images``. With ``pictures`` the first line holds the bag's
 ``cameras``; the script then reads from its standard input one line with a JSON list of topics, and
@@ -18,6 +20,7 @@ import json
 import resource
 import struct
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -58,18 +61,25 @@ def main(path: Path, topic: str, limit: int, out: BinaryIO, mode: str) -> None:
     if hard != resource.RLIM_INFINITY:
         limit = min(limit, hard)  # a process may not exceed its hard limit
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    unread: Counter[str] = Counter()
     try:
-        _write_messages(path, topic, out, mode)
+        _write_messages(path, topic, out, mode, unread)
         _line(out, {"end": True})
     except BrokenPipeError:
         return  # the caller has closed the pipe
     except MemoryError:
-        _line(out, {"error": f"reading needs more than {limit >> 20} MiB"})
+        reason = f"reading needs more than {limit >> 20} MiB"
+        _line(out, {"error": reason, "unread": unread.total()})
     except Exception as error:  # rosbags raises various types for damaged files
-        _line(out, {"error": f"{type(error).__name__}: {str(error)[:300]}"})
+        _line(out, {"error": _told(error), "unread": unread.total()})
 
 
-def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str) -> None:
+def _told(error: Exception) -> str:
+    return f"{type(error).__name__}: {str(error)[:300]}"
+
+
+def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str, unread: Counter[str]) -> None:
+    """Write the messages; ``unread`` counts the clouds of each topic that are not reached yet."""
     from rosbags.rosbag1 import Reader as Ros1Reader
     from rosbags.rosbag2 import Reader as Ros2Reader
 
@@ -95,13 +105,26 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str) -> None:
             _line(out, {"kinds": bag.kinds})
             return
         wanted = [each for each in clouds if each.topic == (topic or names[0])]
+        unread[names[0]] = sum(each.msgcount for each in wanted)
         if mode == "pictures":
-            first = next(bag.messages(connections=wanted), None)
-            lidar = "" if first is None else _cloud(bag, first)[0]["frame_id"]
+            found = (_decoded(bag, each)[0] for each in bag.messages(connections=wanted))
+            lidar = next((header["frame_id"] for header in found if "bad" not in header), "")
             wanted += _chosen(bag, out, _cameras(bag, lidar))
         for each in bag.messages(connections=wanted):
-            is_picture = each[0].msgtype in (IMAGE, COMPRESSED)
-            _message(out, *(_picture(bag, each) if is_picture else _cloud(bag, each)))
+            _message(out, *_decoded(bag, each))
+            unread[names[0]] -= each[0].msgtype not in (IMAGE, COMPRESSED)
+
+
+def _decoded(bag: Bag, each: tuple[Any, int, bytes]) -> tuple[dict[str, Any], bytes]:
+    """Return the header and the data of a message, or a header that states why it is damaged."""
+    is_picture = each[0].msgtype in (IMAGE, COMPRESSED)
+    try:
+        return _picture(bag, each) if is_picture else _cloud(bag, each)
+    except Exception as error:  # rosbags raises various types for damaged messages
+        if isinstance(error, MemoryError):
+            raise
+        kind = {"picture": each[0].topic} if is_picture else {}
+        return kind | {"bad": _told(error), "received_ns": int(each[1])}, b""
 
 
 class Bag:

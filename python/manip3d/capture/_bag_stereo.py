@@ -15,7 +15,7 @@ from manip3d._util.linear import product
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import TURN_S, DriveMoment, StereoRig, WatchedDrive, read_rigs
-from manip3d.capture._bag import BagPicture, BagRecording, place_and_topic
+from manip3d.capture._bag import BagPicture, BagRecording, UnreadCloud, place_and_topic
 from manip3d.capture._bag_pictures import decoded, pose_of
 from manip3d.capture._lidar import LidarSource, expect_scans, open_lidar
 from manip3d.errors import Error, FormatError, InputError
@@ -126,8 +126,22 @@ def watched_recording(
 
 def _scans(recording: LidarSource, uri: str) -> Iterator[DriveMoment]:
     with recording:
-        scans = (_moment(frame) for frame in recording)
-        yield from expect_scans(scans, uri, lambda: recording.counters)
+        yield from expect_scans(_moments(recording), uri, lambda: recording.counters)
+
+
+def _moments(recording: LidarSource) -> Iterator[DriveMoment]:
+    """Yield the scans; a frame that cannot be read is a moment of its own if others follow."""
+    while True:
+        try:
+            scan = recording.read()
+        except FormatError as error:
+            if not recording.goes_on:
+                raise
+            yield DriveMoment(f"unreadable: {error}")
+        else:
+            if scan is None:
+                return
+            yield _moment(scan)
 
 
 def _only_rig(path: str | os.PathLike[str]) -> StereoRig:
@@ -278,7 +292,7 @@ class _Pairs:
         size = len(picture.data) + len(other.data)
         self._joined.add(pair.left.header["stamp_ns"], size, pair)
 
-    def is_past(self, scan: LidarFrame) -> bool:
+    def is_past(self, scan: LidarFrame | UnreadCloud) -> bool:
         """Return whether a pair that is not older than the scan has arrived."""
         return any(stamp >= (scan.time_ns or 0) for stamp, _, _ in self._joined.items)
 
@@ -299,21 +313,22 @@ class _Pairs:
 
 
 def matched(
-    messages: Iterable[LidarFrame | BagPicture], topics: tuple[str, ...]
+    messages: Iterable[LidarFrame | BagPicture | UnreadCloud], topics: tuple[str, ...]
 ) -> Iterator[DriveMoment]:
     """Yield each scan with the pair of the nearest stamp, see `_Pairs.take_nearest`.
 
     A scan waits for the following scan and for a pair that is not older than itself, but for at
-    most `_MAX_WAITING` further scans; without ``topics`` it does not wait. If ``messages`` raises,
-    the scans before the error are yielded first.
+    most `_MAX_WAITING` further scans; without ``topics`` it does not wait. A cloud that cannot be
+    read is a moment with the reason. If ``messages`` raises, the scans before the error are yielded
+    first.
     """
-    scans: deque[LidarFrame] = deque()
+    scans: deque[LidarFrame | UnreadCloud] = deque()
     pairs = _Pairs(topics)
     before: int | None = None
     for message in _with_end(messages):
         if isinstance(message, BagPicture):
             pairs.add(message)
-        elif isinstance(message, LidarFrame):
+        elif isinstance(message, LidarFrame | UnreadCloud):
             scans.append(message)
         while scans and (
             message is None
@@ -321,8 +336,12 @@ def matched(
             or not topics
             or len(scans) > _MAX_WAITING
             or (len(scans) > 1 and pairs.is_past(scans[0]))
+            or isinstance(scans[0], UnreadCloud)
         ):
             scan = scans.popleft()
+            if isinstance(scan, UnreadCloud):
+                yield DriveMoment(f"unreadable: {scan.reason}", time_s=_seconds(scan))
+                continue
             after = scans[0].time_ns if scans else None
             yield _moment(scan, pairs.take_nearest(scan, before, after))
             before = scan.time_ns
@@ -331,8 +350,8 @@ def matched(
 
 
 def _with_end(
-    messages: Iterable[LidarFrame | BagPicture],
-) -> Iterator[LidarFrame | BagPicture | Exception | None]:
+    messages: Iterable[LidarFrame | BagPicture | UnreadCloud],
+) -> Iterator[LidarFrame | BagPicture | UnreadCloud | Exception | None]:
     """Yield the messages, and then None or the error that ended them."""
     try:
         yield from messages
@@ -342,9 +361,13 @@ def _with_end(
         yield None
 
 
+def _seconds(scan: LidarFrame | UnreadCloud) -> float | None:
+    return None if scan.time_ns is None else scan.time_ns / SECOND_NS
+
+
 def _moment(scan: LidarFrame, pair: _Pair | None = None) -> DriveMoment:
     """Return a scan with its decoded pictures, or with the reason why decoding failed."""
-    time_s = None if scan.time_ns is None else scan.time_ns / SECOND_NS
+    time_s = _seconds(scan)
     if pair is None:
         return DriveMoment(scan, time_s=time_s)
     try:

@@ -63,7 +63,7 @@ class LidarDrive:
         return drive_numbers(self._source) if self._is_folder else None
 
     def __iter__(self) -> Iterator[LidarFrame | None]:
-        """Yield the scans; None for an unreadable one, which is also the last of a recording."""
+        """Yield the scans; None for an unreadable one, see `LidarSource.past_errors`."""
         for known in (self.names, self.errors, self.paths, self.times_ns):
             known.clear()
         return self._files() if self._is_folder else self._recorded()
@@ -93,9 +93,8 @@ class LidarDrive:
 
     def _recorded(self) -> Iterator[LidarFrame | None]:
         with open_lidar(self._address, calibration=self._calibration) as opened:
-            scans = expect_scans(opened, self._address, lambda: opened.counters)
-            first = next(scans)  # outside past_errors: a recording without any scan is an error
-            read = past_errors(itertools.chain([first], scans), self.errors, _REASONS)
+            opened.errors = self.errors
+            read = expect_scans(opened.past_errors(), self._address, lambda: opened.counters)
             for number, scan in enumerate(read):
                 self.names.append(f"frame {number}")
                 if scan is not None and scan.time_ns is not None:
@@ -117,7 +116,8 @@ def open_drive(
 ) -> LidarDrive:
     """Open the scans of a drive, or of a recording of a LiDAR, to inspect them in order.
 
-    A scan that cannot be read is None. A drive continues after it, a recording ends.
+    A scan that cannot be read is None. A drive and a bag continue after it, a recording of packets
+    ends.
 
     Parameters
     ----------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import itertools
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -17,8 +18,9 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.capture._bag import place_and_topic
 from manip3d.capture._frame_source import FrameSource
+from manip3d.capture._past_errors import past_errors
 from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
-from manip3d.errors import FormatError, InputError
+from manip3d.errors import Error, FormatError, InputError
 from manip3d.lidar import LidarFrame, ScanFormat
 
 RETURN_TYPES: tuple[str, ...] = ("unknown", "strongest", "last", "both")
@@ -40,10 +42,13 @@ class LidarSource(FrameSource[LidarFrame]):
     counters : dict of str to int
         Numbers of frames, packets and points that were read or refused so far. Each firing of a
         valid block counts once: as ``points``, ``no_return``, ``duplicates`` or ``out_of_range``.
+    errors : dict of int to str
+        Index in `past_errors` of each frame that could not be read, with the reason.
     """
 
     def __init__(self, uri: str, source: Any, *, live: bool) -> None:
         self.uri = uri
+        self.errors: dict[int, str] = {}
         self.is_live = live
         self._source = source
         self._skipped = 0
@@ -111,6 +116,40 @@ class LidarSource(FrameSource[LidarFrame]):
             frame = newer
         return frame
 
+    def past_errors(self) -> Iterator[LidarFrame | None]:
+        """Read to the end without stopping at unreadable frames; `errors` is cleared first.
+
+        Bags and drives continue after a frame that cannot be read. Other recordings, and a bag that
+        is damaged between its messages, end with it.
+
+        Yields
+        ------
+        LidarFrame or None
+            None if the frame cannot be read; `errors` states the reason.
+
+        Raises
+        ------
+        FormatError, InputError, OSError
+            No frame can be read; this is the first error.
+        """
+        self.errors.clear()
+        has_read = False
+        for frame in past_errors(_Frames(self), self.errors, (Error, OSError)):
+            if frame is None and not has_read:
+                continue  # it is yielded only if another frame can be read
+            if not has_read:
+                yield from itertools.repeat(None, len(self.errors))
+            has_read = True
+            yield frame
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether frames may follow after one that cannot be read.
+
+        It is True for bags and drives until their end, and False for other sources.
+        """
+        return getattr(self._source, "goes_on", False)
+
     def stop(self) -> None:
         """End a live source's thread; frames that it has collected can still be read.
 
@@ -119,6 +158,26 @@ class LidarSource(FrameSource[LidarFrame]):
         self._is_stopped = True
         if self.is_live:
             self._source.stop()
+
+
+class _Frames(Iterator[LidarFrame]):
+    """Iterator of the frames that goes on after an error if the source does."""
+
+    def __init__(self, source: LidarSource) -> None:
+        self._source = source
+        self._has_ended = False
+
+    def __next__(self) -> LidarFrame:
+        if self._has_ended:
+            raise StopIteration
+        try:
+            frame = self._source.read()
+        except Exception:
+            self._has_ended = not self._source.goes_on
+            raise
+        if frame is None:
+            raise StopIteration
+        return frame
 
 
 @checked
@@ -212,7 +271,8 @@ def open_lidar(
         sensors and none is chosen, or not the chosen one.
     FormatError
         The recording is damaged (raised by `LidarSource.read` after the frames before the damage,
-        of which the last may be incomplete), or it is a VLS-128's.
+        of which the last may be incomplete; a bag goes on with its next message), or it is a
+        VLS-128's.
     DeviceError
         Another program uses the port.
     MissingExtraError
@@ -344,6 +404,7 @@ class _Drive:
         from manip3d.datasets import open_kitti
 
         self._frames = iter(open_kitti(folder))
+        self.goes_on = True
         self._counters = {"frames": 0, "points": 0}
         self._lock = threading.RLock()
 

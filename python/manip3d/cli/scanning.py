@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from manip3d.capture import LidarSource
+
 _MAX_TOLD = 8
 """Largest number of column names in a message."""
 
@@ -45,15 +47,24 @@ def expect_packets(source: str, calibration: Path | None) -> None:
 def frames(
     source: str, terminal: Terminal, calibration: Path | None = None
 ) -> Iterator[LidarFrame]:
-    """Yield the scans of a file or the frames of a recording."""
+    """Yield the scans of a file or the frames of a recording.
+
+    Raises
+    ------
+    FormatError
+        A frame of a recording cannot be read; it is raised after the frames that can be read.
+    """
     from manip3d import capture, io
     from manip3d.capture._lidar import expect_scans
 
     uri = capture.scan_address(source)
     if uri is not None:
         with capture.open_lidar(uri, calibration=calibration) as recording:
-            yield from expect_scans(recording, uri, lambda: recording.counters)
+            read = expect_scans(recording.past_errors(), uri, lambda: recording.counters)
+            yield from (frame for frame in read if frame is not None)
             refused = {k: v for k, v in recording.counters.items() if v and k in _REFUSED}
+            if (damage := _damage(recording)) is not None:
+                raise damage
         terminal.say(f"refused: {refused}" if refused else "nothing was refused")
         return
     scans = io.read_scans(source)
@@ -66,10 +77,18 @@ _REFUSED = ("bad_length", "unknown_product", "other_product", "unknown_return_mo
             "file_cut_short")  # fmt: skip
 
 
+def _damage(recording: LidarSource) -> FormatError | None:
+    """Return the first error of a recording, with the number of the others; None: all was read."""
+    if not recording.errors:
+        return None
+    first, *more = recording.errors.values()
+    return FormatError(f"{first}; {counted(len(more), 'more error')}" if more else first)
+
+
 def summary(
     source: str, terminal: Terminal, calibration: Path | None = None
 ) -> tuple[dict[str, Any], FormatError | None]:
-    """Return counts and extents of the scans of a source, and the error that ended a recording."""
+    """Return counts and extents of the scans of a source, and the error of unreadable frames."""
     from manip3d import capture
     from manip3d.capture._lidar import expect_scans
 
@@ -78,14 +97,10 @@ def summary(
         return _told(source, [_describe(frame) for frame in frames(source, terminal)]), None
     recording = capture.open_lidar(uri, calibration=calibration)
     scans: list[dict[str, Any]] = []
-    damage: FormatError | None = None
-    try:
-        for frame in expect_scans(recording, uri, lambda: recording.counters):
+    for frame in expect_scans(recording.past_errors(), uri, lambda: recording.counters):
+        if frame is not None:
             scans.append(_describe(frame))
-    except FormatError as error:
-        if not scans:
-            raise
-        damage = error
+    damage = _damage(recording)
     record = _told(source, scans) | {"counters": recording.counters}
     return (record if damage is None else record | {"error": str(damage)}), damage
 
