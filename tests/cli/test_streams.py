@@ -73,6 +73,48 @@ def test_stdin_that_is_closed() -> None:
     assert b"internal" not in done.stderr
 
 
+def test_stdin_that_is_empty() -> None:
+    told = "manip3d: error: standard input: expected a mesh, got nothing"
+    assert error_line(manip3d("info", "-")) == told
+    assert "standard input: unknown mesh format" in error_line(manip3d("info", "-", stdin=b"no"))
+
+
+def test_stdin_that_never_ends() -> None:
+    done = in_shell("manip3d --max-bytes 3000000 info - </dev/zero")
+    assert done.returncode == 1
+    told = b"standard input: expected at most max_bytes = 3000000 bytes, got more\n"
+    assert done.stderr == b"manip3d: error: " + told
+
+
+def test_stdin_that_is_slow(mesh: Path) -> None:
+    """The writer ends only after the reader: a limit that does not hold would wait for ever."""
+    command = [sys.executable, "-m", "manip3d", "--max-seconds", "0.2", "info", "-"]
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(command, **pipes) as process:  # type: ignore[call-overload]
+        process.stdin.write(mesh.read_bytes())
+        process.stdin.flush()
+        told = b"manip3d: error: standard input: reading takes more than max_seconds = 0.2\n"
+        assert process.stderr.read() == told
+        assert process.wait() == 1
+
+
+def test_stdin_is_read_within_its_limits(mesh: Path) -> None:
+    size = str(mesh.stat().st_size)
+    done = manip3d("--max-bytes", size, "--max-seconds", "99", "info", "-", stdin=mesh.read_bytes())
+    assert done.returncode == 0, done.stderr
+
+
+def test_stdin_holds_one_mesh(mesh: Path) -> None:
+    done = manip3d("compare", "-", "-", stdin=mesh.read_bytes())
+    assert done.returncode == 2
+    assert "stdin holds one mesh" in done.stderr
+
+
+def test_the_format_of_a_mesh_without_a_suffix_is_told(mesh: Path, tmp_path: Path) -> None:
+    bare = mesh.rename(tmp_path / "bare")
+    assert f"read {bare} (obj): 4 vertices" in manip3d("info", bare).stderr
+
+
 @pytest.mark.parametrize("option", ["", "--json"])
 @pytest.mark.parametrize("stream", [">/dev/full", "| exec false"])
 def test_readers_of_stdout_that_fail(stream: str, option: str, mesh: Path) -> None:

@@ -78,6 +78,8 @@ def compare(
     """
     from manip3d import metrics
 
+    if original == simplified == "-":
+        raise typer.BadParameter("stdin holds one mesh: name a file for the other", param_hint="-")
     for source in (original, simplified):
         expect_kind(source, "mesh", verb="compare")
     shell = Terminal(as_json=as_json, quiet=quiet)

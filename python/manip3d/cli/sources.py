@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import io
+import os
+import select
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from manip3d._util.regular_files import over_max_bytes
 from manip3d.cli.terminal import Terminal, count, counted
 from manip3d.errors import FormatError, InputError
-from manip3d.io import Scene, read_mesh, read_scene
-from manip3d.io._limits import byte_limit
+from manip3d.io import Scene, read_mesh, read_report, read_scene
+from manip3d.io._limits import byte_limit, clock
 from manip3d.io._mesh_files import mesh_of_bytes
 from manip3d.io._scenes import scene_of_bytes
 from manip3d.mesh import Mesh
 
 _STDIN = "standard input"
+_CHUNK = 1 << 20  # bytes
+_LOOK_S = 0.1  # between two checks of the time limit
 
 
 def open_mesh(source: str, terminal: Terminal, *, may_be_empty: bool = False) -> Mesh:
@@ -38,8 +45,49 @@ def open_mesh(source: str, terminal: Terminal, *, may_be_empty: bool = False) ->
     InputError
         The mesh has no faces, and ``may_be_empty`` is False.
     """
-    data = sys.stdin.buffer.read() if source == "-" else None
-    return _open_mesh(source, data, terminal, may_be_empty)
+    with _stdin(source) as data:
+        return _open_mesh(source, data, terminal, may_be_empty)
+
+
+@contextmanager
+def _stdin(source: str) -> Iterator[bytes | None]:
+    """Yield the content of stdin if the source is ``-``, else None.
+
+    The limits in force hold for reading and for the block together, whose errors name stdin.
+    """
+    if source != "-":
+        yield None
+        return
+    with clock(_STDIN) as look:
+        data = _content_of_stdin(byte_limit(None), look)
+        if not data:
+            raise FormatError("expected a mesh, got nothing", file=_STDIN)
+        try:
+            yield data
+        except FormatError as error:
+            if error.file:
+                raise
+            raise FormatError(
+                error.reason, file=_STDIN, line=error.line, byte_offset=error.byte_offset
+            ) from error
+
+
+def _content_of_stdin(limit: int, look: Callable[[float], None] | None) -> bytes:
+    """Read stdin in chunks, and refuse more than ``limit`` bytes (0: no limit), as files are."""
+    descriptor = sys.stdin.fileno()
+    content = io.BytesIO()
+    while True:
+        if look is not None:
+            look(0.0)
+        wait_s = None if look is None else _LOOK_S
+        if not select.select([descriptor], [], [], wait_s)[0]:
+            continue
+        chunk = os.read(descriptor, _CHUNK)
+        if not chunk:
+            return content.getvalue()
+        content.write(chunk)
+        if limit and content.tell() > limit:
+            raise FormatError(over_max_bytes(limit), file=_STDIN)
 
 
 def _open_mesh(source: str, data: bytes | None, terminal: Terminal, may_be_empty: bool) -> Mesh:
@@ -47,7 +95,8 @@ def _open_mesh(source: str, data: bytes | None, terminal: Terminal, may_be_empty
     if data is not None:
         mesh, kind = _mesh_from_stdin(data), "stdin"
     else:
-        mesh, kind = read_mesh(source), mesh_suffix(Path(source)).lstrip(".")
+        report = read_report(source)
+        mesh, kind = report.mesh, mesh_suffix(Path(source)).lstrip(".") or report.format
     if mesh.num_faces == 0 and not may_be_empty:
         raise InputError(f"{source}: expected a mesh with faces, got none")
     terminal.say(
@@ -89,9 +138,9 @@ def open_scene_or_mesh(source: str, output: Path, terminal: Terminal) -> Scene |
     FormatError, InputError, OSError
         See `open_mesh`.
     """
-    data = sys.stdin.buffer.read() if source == "-" else None
-    scene = _open_scene(source, data, output, terminal)
-    return _open_mesh(source, data, terminal, may_be_empty=False) if scene is None else scene
+    with _stdin(source) as data:
+        scene = _open_scene(source, data, output, terminal)
+        return _open_mesh(source, data, terminal, may_be_empty=False) if scene is None else scene
 
 
 def _open_scene(source: str, data: bytes | None, output: Path, terminal: Terminal) -> Scene | None:
