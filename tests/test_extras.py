@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from pathlib import Path
 
@@ -15,6 +16,7 @@ def package_with(code: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> st
     """Make a package with ``code`` importable, and return its name."""
     (folder / "imported_by_a_test.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(folder)
+    sys.modules.pop("imported_by_a_test", None)  # of another test
     return "imported_by_a_test"
 
 
@@ -50,6 +52,7 @@ def test_a_package_that_lacks_another_package_names_that_one(
         "raise KeyboardInterrupt",
         "raise ImportError('initialization failed') from KeyboardInterrupt()",
         "try:\n    raise KeyboardInterrupt\nexcept BaseException:\n    raise ImportError('failed')",
+        "raise ModuleNotFoundError(name='imported_by_a_test') from KeyboardInterrupt()",
     ],
 )
 def test_ctrl_c_during_an_import_stays_ctrl_c(
@@ -58,3 +61,37 @@ def test_ctrl_c_during_an_import_stays_ctrl_c(
     name = package_with(code, tmp_path, monkeypatch)
     with pytest.raises(KeyboardInterrupt):
         imported(name, "simulate")
+
+
+PRESS = "os.kill(os.getpid(), signal.SIGINT)"
+
+
+def test_a_module_is_whole_when_ctrl_c_takes_effect(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Open3D that is imported in part cannot be imported again."""
+    code = f"import os, signal\n{PRESS}\nis_whole = True"
+    name = package_with(code, tmp_path, monkeypatch)
+    with pytest.raises(KeyboardInterrupt):
+        imported(name, "simulate")
+    assert imported(name, "simulate").is_whole
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_second_ctrl_c_during_an_import_takes_effect_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = f"import os, signal\n{PRESS}\n{PRESS}\nis_whole = True"
+    name = package_with(code, tmp_path, monkeypatch)
+    with pytest.raises(KeyboardInterrupt):
+        imported(name, "simulate")
+    assert name not in sys.modules
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_signals_that_end_a_process_are_not_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = "import signal\nhandler = signal.getsignal(signal.SIGTERM)"
+    name = package_with(code, tmp_path, monkeypatch)
+    assert imported(name, "simulate").handler == signal.SIG_DFL

@@ -7,6 +7,7 @@ import importlib.util
 from collections.abc import Mapping
 from typing import Any
 
+from manip3d._util.held_signals import signals_held
 from manip3d.errors import Error, MissingExtraError
 
 EXTRAS: Mapping[str, tuple[str, ...]] = {
@@ -76,6 +77,10 @@ def _distribution(module: str) -> str:
 def imported(module: str, extra: str) -> Any:
     """Import a module that one of manip3d's extras installs.
 
+    Ctrl-C takes effect when the module is whole, and a second one at once: compiled packages that
+    are imported in part cannot be imported again, and Open3D then prints to stdout at exit and
+    changes the exit code.
+
     Parameters
     ----------
     module : str
@@ -97,12 +102,13 @@ def imported(module: str, extra: str) -> Any:
     """
     package = module.partition(".")[0]
     try:
-        return importlib.import_module(module)
+        with signals_held():
+            return importlib.import_module(module)
     except ImportError as error:
-        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
-            raise MissingExtraError(_distribution(package), extra) from error
         if _was_interrupted(error):
             raise KeyboardInterrupt from None
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+            raise MissingExtraError(_distribution(package), extra) from error
         raise Error(
             f"{_distribution(package)} is installed but cannot be imported: {error}"
         ) from error
