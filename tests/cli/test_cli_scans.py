@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import shutil
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from command_line import manip3d
 from manip3d import Intrinsics, LidarFrame, RgbdCalibration, RgbdFrame, capture, simulate
@@ -56,6 +58,36 @@ def test_info_of_a_scan(tmp_path: Path) -> None:
     assert told["origin"] == [0.0, 0.0, 0.0]
     assert np.allclose(told["bounds"][1], scan().points[1:].max(axis=0))
     assert "300" in run("info", tmp_path / "a.pcd")
+
+
+def test_a_table_of_scans_and_depth_images_has_their_counts(tmp_path: Path) -> None:
+    scan().write(tmp_path / "a.pcd")
+    scan(20).write(tmp_path / "b.bin")
+    depth = np.zeros((4, 5), np.uint16)
+    depth[1:3, 1:] = [[1000, 1500, 2000, 2500]] * 2
+    Image.fromarray(depth).save(tmp_path / "c.png")
+    named = [tmp_path / name for name in ("a.pcd", "b.bin", "c.png")]
+    header, *rows = run("info", *named, "--unit", "mm", *ALONE).splitlines()
+    assert header.split() == ["source", "format", "points", "pixels", "measured", "frames", "range"]
+    told = [row.split() for row in rows]
+    assert [row[1:-1] for row in told] == [["pcd", "300", "1"], ["kitti", "20", "1"], ["20", "8"]]
+    assert told[2][-1] == "1..2.5"
+
+    run("info", *named, "--unit", "mm", "--table", tmp_path / "t.csv", *ALONE)
+    with (tmp_path / "t.csv").open(encoding="utf-8") as file:
+        first, *_, last = csv.DictReader(file)
+    assert (first["points"], first["frames"], first["format"]) == ("300", "1", "pcd")
+    points = scan().points[1:]
+    low, high = ([float(first[f"bounds.{end}.{i}"]) for i in range(3)] for end in (0, 1))
+    assert np.allclose([low, high], [points.min(axis=0), points.max(axis=0)])
+    assert (last["pixels"], last["range.0"], last["range.1"]) == ("20", "1.0", "2.5")
+
+
+def test_the_counts_of_a_recording_are_those_of_all_frames(tmp_path: Path) -> None:
+    told = json.loads(run("info", recording(tmp_path / "drive.pcap"), "--json"))
+    assert told["frames"] == len(told["scans"])
+    assert told["points"] == sum(each["points"] for each in told["scans"])
+    assert told["range"][1] == max(each["range"][1] for each in told["scans"])
 
 
 @pytest.mark.parametrize(

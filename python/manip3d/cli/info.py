@@ -13,8 +13,11 @@ from manip3d.cli.terminal import Terminal
     kinds.shown_suffixes,
     whole=kinds.WHOLE,
     choose=kinds.own_sources,
-    columns=("source", "faces", "vertices", "materials_used", "points", "frames", "seconds"),
-)
+    columns=(
+        "source", "faces", "vertices", "materials_used", "format", "points", "pixels", "measured",
+        "frames", "seconds", "range",
+    ),
+)  # fmt: skip
 def info(
     source: Source,
     calibration: Calibration = None,

@@ -23,7 +23,7 @@ import typer
 
 from manip3d._util.paths import by_number, is_hidden
 from manip3d.cli import kinds, start_messages
-from manip3d.cli.options import Dask, FolderJobs, Table, TableOfNow, To
+from manip3d.cli.options import Dask, FolderJobs, Table, TableBesideOutputs, TableOfNow, To
 from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, collecting, count, counted, showing_as
 from manip3d.cli.terminal import table as show_table
@@ -266,9 +266,7 @@ def over_files(
 
     def decorate(verb: Verb) -> Verb:
         several = _SEVERAL_DRIVES if drives else _SEVERAL_FILES
-        table_option = Table if resumes else TableOfNow
-        signature = _signature(verb, argument, several, has_to=has_to, table_option=table_option)
-
+        signature = _signature(verb, argument, several, has_to=has_to, resumes=resumes)
         has_jobs = "jobs" in inspect.signature(verb).parameters
 
         @functools.wraps(verb)
@@ -357,7 +355,7 @@ def with_defaults(verb: Verb, **defaults: Any) -> Verb:
 
 
 def _signature(
-    verb: Verb, name: str, more_of_them: str, *, has_to: bool, table_option: Any
+    verb: Verb, name: str, more_of_them: str, *, has_to: bool, resumes: bool
 ) -> inspect.Signature:
     """Return the verb's signature with several sources and the options of many files."""
     hints = get_type_hints(verb, include_extras=True)
@@ -369,13 +367,15 @@ def _signature(
     several = typer.Argument(metavar=name.upper(), help=f"{one_file} {more_of_them}")
     parameters[name] = parameters[name].replace(annotation=Annotated[list[str], several])
     more: dict[str, tuple[Any, Any]] = {"jobs": (FolderJobs, 0)}
+    table: Any = Table
     if "output" in parameters:
+        table = TableBesideOutputs
         more |= {"to": (To, "")} if has_to else {}
         output = copy.copy(parameters["output"].annotation.__metadata__[0])
         output.parser, output.metavar = _path_or_url, output.metavar or "PATH"
         # Any, because typer would convert the parser's result to a Path.
         parameters["output"] = parameters["output"].replace(annotation=Annotated[Any, output])
-    more |= {"table": (table_option, ""), "dask": (Dask, "")}
+    more |= {"table": (table if resumes else TableOfNow, ""), "dask": (Dask, "")}
     for option, (annotation, default) in more.items():
         if option in parameters:
             parameters[option] = parameters[option].replace(annotation=annotation)
@@ -617,6 +617,8 @@ def _print_rows(
 def _cell(value: Any) -> str:
     if value is None:
         return ""
+    if isinstance(value, list):
+        return "..".join(map(_cell, value))
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 

@@ -104,13 +104,11 @@ Dask = Annotated[
         "dask).",
     ),
 ]
-Table = Annotated[
+_TABLE = "Table of the results, .csv or .parquet, one row a file; a stopped run is resumed from it."
+Table = Annotated[str, typer.Option(metavar="FILE", help=_TABLE)]
+TableBesideOutputs = Annotated[
     str,
-    typer.Option(
-        metavar="FILE",
-        help="Table of the results, .csv or .parquet, one row a file; a stopped run is resumed "
-        "from it. Default with -o: results.csv in that folder.",
-    ),
+    typer.Option(metavar="FILE", help=f"{_TABLE} Default with -o: results.csv in that folder."),
 ]
 TableOfNow = Annotated[
     str,

@@ -108,7 +108,7 @@ def summary(
 def _told(source: str, scans: list[dict[str, Any]]) -> dict[str, Any]:
     """Return a record of all scans, with their duration and rate if all have times."""
     unit = scans[0].get("unit", "m") if scans else "m"
-    record: dict[str, Any] = {"file": source, "unit": unit, "scans": scans}
+    record: dict[str, Any] = {"file": source, "unit": unit, "scans": scans} | _together(scans)
     times = [scan["time_ns"] for scan in scans]
     if len(times) < 2 or None in times:
         return record
@@ -117,6 +117,22 @@ def _told(source: str, scans: list[dict[str, Any]]) -> dict[str, Any]:
         "frames_per_second": SECOND_NS / float(np.median(np.diff(times)))
         if np.all(np.diff(times) > 0)
         else None,
+    }
+
+
+def _together(scans: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the columns of a table of several sources: counts and extents of all scans."""
+    formats = [scan["format"] for scan in scans if scan["format"] is not None]
+    bounds = np.array([scan["bounds"] for scan in scans if scan["bounds"] is not None])
+    ranges = np.array([scan["range"] for scan in scans if scan["range"] is not None])
+    return {
+        "format": "+".join(dict.fromkeys(formats)) or None,
+        "frames": len(scans),
+        "points": sum(scan["points"] for scan in scans),
+        "bounds": [bounds[:, 0].min(0).tolist(), bounds[:, 1].max(0).tolist()]
+        if bounds.size
+        else None,
+        "range": [ranges[:, 0].min().item(), ranges[:, 1].max().item()] if ranges.size else None,
     }
 
 
