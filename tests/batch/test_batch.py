@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from manip3d import LidarFrame, Material, Mesh, Texture, batch, io, read_mesh
-from manip3d.errors import Error, FormatError, InputError
+from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 from manip3d.io import ReadLimits, read_scan
 from toy_work import clashing, running, talkative, upper
 
@@ -138,6 +138,15 @@ def test_bad_arguments_are_refused(texts: Path, tmp_path: Path) -> None:
         batch.run(upper, texts / "absent.txt")
     with pytest.raises(InputError, match="two inputs would be written there"):
         batch.run(upper, texts, tmp_path / "out", rename=lambda name: "same", jobs=1)
+
+
+def test_a_table_in_parquet_without_pyarrow_is_refused_before_any_work(
+    texts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(MissingExtraError, match=r"^pyarrow is needed here: .*parquet"):
+        batch.run(upper, texts, tmp_path / "out", table=tmp_path / "t.parquet", jobs=1)
+    assert not (tmp_path / "out").exists()
 
 
 def test_sources_are_files_folders_and_patterns(texts: Path) -> None:

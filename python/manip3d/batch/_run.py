@@ -25,7 +25,7 @@ from manip3d.batch._rows import Rows
 from manip3d.batch._sources import SourceFile, find_files
 from manip3d.batch._stamps import BESIDE, Stamps
 from manip3d.batch._stored import Row, run_stored
-from manip3d.batch._table import TABLE_SUFFIXES, write_table
+from manip3d.batch._table import check_table, write_table
 from manip3d.errors import FormatError, InputError
 from manip3d.io._limits import ReadLimits, all_in_force, limits_in_force
 from manip3d.io._remote import is_url, local_copy, local_output
@@ -133,6 +133,8 @@ def run(
     InputError
         No file is found; two files have the same output; an output or a table exists that no
         earlier run of this call has made; the table has another suffix.
+    MissingExtraError
+        The table is Parquet, and pyarrow is not installed; no file is processed.
     OSError
         A source, the table or the output folder cannot be reached.
     KeyboardInterrupt
@@ -349,8 +351,7 @@ def _table_of(table: str | os.PathLike[str] | None, output: Place | None) -> str
     if table is None:
         return None if output is None else output.of("results.csv")
     name = os.fspath(table) if is_url(table) else str(path_of(table, "table"))
-    if not name.lower().endswith(TABLE_SUFFIXES):
-        raise InputError(f"table: expected a name that ends in {' or '.join(TABLE_SUFFIXES)}")
+    check_table(name)
     return name
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from manip3d._util.checked import checked
-from manip3d._util.extras import imported
+from manip3d._util.extras import imported, require
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 from manip3d.io._remote import local_output
@@ -62,6 +62,22 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike[str])
         raise InputError(f"{name}: expected a name that ends in {' or '.join(TABLE_SUFFIXES)}")
     with local_output(path) as local:
         atomic_write(local, content)
+
+
+def check_table(name: str) -> None:
+    """Check the name of a table before any work is done for it.
+
+    Raises
+    ------
+    InputError
+        The suffix is none of `TABLE_SUFFIXES`.
+    MissingExtraError
+        The table is Parquet, and pyarrow is not installed.
+    """
+    if not name.lower().endswith(TABLE_SUFFIXES):
+        raise InputError(f"table: expected a name that ends in {' or '.join(TABLE_SUFFIXES)}")
+    if name.lower().endswith(".parquet"):
+        require("parquet")
 
 
 def table_text(rows: Sequence[Mapping[str, Any]]) -> str:
