@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import struct
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,21 @@ import pytest
 
 from command_line import error_line, manip3d
 from gltf_files import PNG
-from manip3d import LidarFrame, Material, Mesh, Texture, datasets, io, read_mesh, simplify, simulate
+from manip3d import (
+    LidarFrame,
+    Material,
+    Mesh,
+    Texture,
+    cli,
+    datasets,
+    io,
+    read_mesh,
+    simplify,
+    simulate,
+)
+from manip3d.cli.demo import tell
+from manip3d.cli.kinds import kind_of
+from manip3d.cli.terminal import Terminal
 from manip3d.metrics import metro
 
 
@@ -781,6 +797,52 @@ main()
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
     assert (done.returncode, done.stderr.splitlines()) == (130, [b"manip3d: interrupted"])
+
+
+def test_a_library_that_does_not_fit_into_memory_is_no_bug(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(*words: object, **more: object) -> None:
+        raise ImportError("_core.so: failed to map segment from shared object")
+
+    monkeypatch.setattr(cli, "app", fails)
+    with pytest.raises(SystemExit, match="1"):
+        cli.main(["info", "a.obj"])
+    told = capsys.readouterr().err
+    assert "failed to map segment from shared object (too little memory, or" in told
+    assert "internal error" not in told
+
+
+def test_what_asks_the_demo_to_end_ends_it_like_ctrl_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its worker processes are ended, too, and leave no semaphores behind."""
+
+    def ended(*arguments: object, **options: object) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(5)
+
+    monkeypatch.setattr("manip3d.report.demo.run_demo", ended)
+    shell = Terminal(quiet=True)
+    with pytest.raises(KeyboardInterrupt):
+        tell(tmp_path / "demo", data="simulated", seed=0, jobs=1, terminal=shell)
+
+
+@pytest.mark.parametrize("verb", [["info"], ["compare"], ["capture", "info"]])
+def test_help_does_not_name_an_option_that_a_command_lacks(verb: list[str]) -> None:
+    told = " ".join(manip3d(*verb, "--help").stdout.split())
+    assert "--table" in told
+    assert "-o" not in told.replace("-of", "")
+    assert "Default with -o" in " ".join(manip3d("convert", "--help").stdout.split())
+
+
+def test_a_folder_that_may_not_be_read_is_named_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(PermissionError) as told:
+        kind_of(str(tmp_path))
+    assert told.value.filename == str(tmp_path)
 
 
 def test_warnings_are_lines_without_places_in_the_code(tmp_path: Path) -> None:

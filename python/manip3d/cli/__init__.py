@@ -181,6 +181,9 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         if isinstance(error.__cause__, KeyboardInterrupt):  # Ctrl-C during a compiled import
             print("manip3d: interrupted", file=sys.stderr)
             sys.exit(130)
+        if isinstance(error, ImportError) and "failed to map segment" in str(error):
+            cause = "too little memory, or a file system that is mounted with noexec"
+            _fail(error, f"{error} ({cause})", as_json)
         message = f"internal error: {type(error).__name__}: {error} (MANIP3D_LOG=debug: where)"
         _fail(error, message, as_json)
     sys.exit(0)

@@ -11,6 +11,7 @@ import typer
 from manip3d.cli.data import expect_data_folder
 from manip3d.cli.options import Processes, Quiet, Seed, Tier
 from manip3d.cli.reproduce import refuse_foreign_folder, say_what_was_done
+from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def tell(folder: Path, *, data: Any, seed: int, jobs: int, terminal: Terminal) -
     refuse_foreign_folder(folder, force=False)
     terminal.say("five stories, then the tables; about two minutes on two cores")
     try:
-        with terminal.progress("demo") as bar:
+        with terminal.progress("demo") as bar, ended_like_ctrl_c():
             done = run_demo(folder, data=data, seed=seed, jobs=jobs, progress=bar or terminal.line)
     except KeyboardInterrupt:
         kept = f"finished parts are in {folder}, and " if any(folder.glob("*")) else ""

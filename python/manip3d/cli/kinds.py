@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -99,6 +101,8 @@ def kind_of(source: str) -> str:
     if mark and not path.exists() and Path(file).exists():
         path = Path(file)  # a bag followed by a topic, or a recording followed by a sensor's number
     if path.is_dir():
+        if not os.access(path, os.R_OK | os.X_OK):  # else the error names a file within
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), source)
         return _kind_of_folder(path)
     path.stat()  # raises OSError, which names the file, if it does not exist
     suffix = _suffix(path)
