@@ -176,6 +176,16 @@ def test_an_attack_that_changes_nothing_is_refused(
     assert list(tmp_path.iterdir()) == [scan]
 
 
+def test_an_object_in_the_way_names_the_option_that_allows_it(tmp_path: Path) -> None:
+    everywhere = np.random.default_rng(0).uniform(-9, 9, (20_000, 3)).astype(np.float32)
+    manip3d.LidarFrame(everywhere).write(tmp_path / "full.bin")
+    order = ("--box", 5, 0, 0, 2, 2, 2, 0, "--distance", 3)
+    scans = (tmp_path / "full.bin", "-o", tmp_path / "forged.bin")
+    done = run("forge", "lidar", "translation", *scans, *order)
+    assert str(done.exception).startswith("--distance: expected a free place")
+    assert "(--allow-collision puts the object there all the same)" in str(done.exception)
+
+
 def test_missing_options_are_named(scan: Path, tmp_path: Path) -> None:
     output = tmp_path / "forged.bin"
     assert "--hoax" in str(run("forge", "lidar", "ctp", scan, "-o", output).exception)

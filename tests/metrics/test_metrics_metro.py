@@ -65,6 +65,14 @@ def test_unused_vertices_do_not_count() -> None:
     assert metro(mesh, extra) == metro(mesh, mesh)
 
 
+def test_a_surface_without_area_is_named() -> None:
+    surface = manip3d.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    line = manip3d.Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
+    for pair, name in (((line, surface), "original"), ((surface, line), "simplified")):
+        with pytest.raises(manip3d.InputError, match=f"^{name}: expected a surface with an area"):
+            metro(*pair, sampling="area", rng=0)
+
+
 def test_area_samples_are_uniform_by_area() -> None:
     """A tiny face among large ones: its share of the samples is its share of the area."""
     step = manip3d.Mesh(

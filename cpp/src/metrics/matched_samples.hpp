@@ -34,7 +34,8 @@ Counts over_matched_samples(const NormalizedPair& pair, const MatchOptions& opti
   const MeshView& to = pair.simplified();
   const double reach = options.epsilon * pair.diagonal();
   const SurfaceSampler sampler(
-      from, options.samples == 0 ? std::max(from.num_faces(), to.num_faces()) : options.samples,
+      from, "original",
+      options.samples == 0 ? std::max(from.num_faces(), to.num_faces()) : options.samples,
       options.seed);
   const TriangleBvh bvh(to, part_of(progress, 0.0, 0.3));
 

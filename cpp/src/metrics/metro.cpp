@@ -1,5 +1,6 @@
 #include "manip3d/metrics/metro.hpp"
 
+#include <string_view>
 #include <vector>
 
 #include "manip3d/geometry/bvh.hpp"
@@ -21,8 +22,8 @@ std::vector<std::int32_t> used_vertices(const MeshView& mesh) {
   return used;
 }
 
-Deviation one_sided(const MeshView& from, const MeshView& to, double unit, std::int64_t samples,
-                    const MetroOptions& options, const Progress& progress) {
+Deviation one_sided(const MeshView& from, std::string_view name, const MeshView& to, double unit,
+                    std::int64_t samples, const MetroOptions& options, const Progress& progress) {
   constexpr double kBuilt = 0.3;  // share of the time for building the tree
   const TriangleBvh bvh(to, part_of(progress, 0.0, kBuilt));
   const auto measure_all = [&](std::int64_t count, const auto& point_of) {
@@ -45,7 +46,7 @@ Deviation one_sided(const MeshView& from, const MeshView& to, double unit, std::
     return measure_all(static_cast<std::int64_t>(used.size()),
                        [&](std::int64_t i) { return Eigen::Vector3d(from.vertices.row(used[i])); });
   }
-  const SurfaceSampler sampler(from, samples, options.seed);
+  const SurfaceSampler sampler(from, name, samples, options.seed);
   return measure_all(sampler.size(), [&](std::int64_t i) { return sampler[i].point; });
 }
 
@@ -57,10 +58,10 @@ MetroResult metro(const MeshView& original, const MeshView& simplified, const Me
   const std::int64_t samples = options.samples == 0 ? 10 * original.num_faces() : options.samples;
   MetroResult result;
   result.diagonal = pair.diagonal() * pair.unit();
-  result.forward = one_sided(pair.original(), pair.simplified(), pair.unit(), samples, options,
-                             part_of(progress, 0.0, 0.5));
-  result.backward = one_sided(pair.simplified(), pair.original(), pair.unit(), samples, options,
-                              part_of(progress, 0.5, 1.0));
+  result.forward = one_sided(pair.original(), "original", pair.simplified(), pair.unit(), samples,
+                             options, part_of(progress, 0.0, 0.5));
+  result.backward = one_sided(pair.simplified(), "simplified", pair.original(), pair.unit(),
+                              samples, options, part_of(progress, 0.5, 1.0));
   return result;
 }
 

@@ -10,7 +10,8 @@
 
 namespace manip3d {
 
-SurfaceSampler::SurfaceSampler(const MeshView& mesh, std::int64_t num_samples, std::uint64_t seed)
+SurfaceSampler::SurfaceSampler(const MeshView& mesh, std::string_view name,
+                               std::int64_t num_samples, std::uint64_t seed)
     : mesh_(mesh), num_samples_(num_samples), seed_(seed) {
   if (num_samples < 1) {
     throw InputError("samples: expected >= 1, got " + std::to_string(num_samples));
@@ -25,7 +26,8 @@ SurfaceSampler::SurfaceSampler(const MeshView& mesh, std::int64_t num_samples, s
     cumulative_area_.push_back(sum);
   }
   if (!(sum > 0.0 && std::isfinite(sum))) {
-    throw InputError("mesh: expected a surface with an area to draw samples from, got area " +
+    throw InputError(std::string(name) +
+                     ": expected a surface with an area to draw samples from, got area " +
                      std::to_string(0.5 * sum));
   }
 }

@@ -98,8 +98,8 @@ std::optional<double> outside_charts(const MeshView& original, const MeshView& s
   }
   const UvCharts charts(original, material, part_of(progress, 0.0, 0.5));
   const std::int64_t samples = std::max(original.num_faces(), simplified.num_faces());
-  const SurfaceSampler sampler(simplified, options.samples == 0 ? samples : options.samples,
-                               options.seed);
+  const SurfaceSampler sampler(simplified, "simplified",
+                               options.samples == 0 ? samples : options.samples, options.seed);
   const auto measure = [&](std::int64_t begin, std::int64_t end) {
     Outside counts;
     for (std::int64_t i = begin; i < end; ++i) {

@@ -97,8 +97,8 @@ def forge_scan(
     frame = manip3d.io.read_scan(source)
     terminal.say(f"read {source}: {counted(frame.num_points, 'point')}")
     with naming_options(
-        "amplitude", "box", "distance", "hoax", "lattice", "position", "range-noise", "scale",
-        angle="yaw",
+        "allow-collision", "amplitude", "box", "distance", "hoax", "lattice", "position",
+        "range-noise", "scale", angle="yaw",
     ):  # fmt: skip
         forged = ATTACKS[attack].forge(frame, order)
     record = truth_of(forged) | {"source": source, "output": str(output)}

@@ -190,9 +190,10 @@ def named_as_options(text: str, options: Sequence[str]) -> str:
 def naming_options(*options: str, **others: str) -> Iterator[None]:
     """Let errors about an argument name the option of the command line instead.
 
-    ``depth_step: expected >= 0`` becomes ``--depth-step: expected >= 0``. ``others`` maps arguments
-    to options with another name (``key="diary-key"``), or to arguments of the command, in capitals
-    as in its help (``uri="SOURCE"``).
+    ``depth_step: expected >= 0`` becomes ``--depth-step: expected >= 0``, and so do options with a
+    hyphen in the rest of the message. ``others`` maps arguments to options with another name
+    (``key="diary-key"``), or to arguments of the command, in capitals as in its help
+    (``uri="SOURCE"``).
     """
     try:
         yield
@@ -210,7 +211,7 @@ def naming_options(*options: str, **others: str) -> Iterator[None]:
         if not colon or not set(found) <= {*options, *others.values()}:
             raise
         shown = (name if name.isupper() else f"--{name}" for name in found)
-        raise InputError(", ".join(shown) + ":" + rest) from error
+        raise InputError(", ".join(shown) + ":" + named_as_options(rest, options)) from error
 
 
 def check_output(

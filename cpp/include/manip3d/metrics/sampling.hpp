@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <string_view>
 #include <vector>
 
 #include "manip3d/geometry/mesh.hpp"
@@ -22,8 +23,10 @@ struct SurfaceSample {
 /// without area have no samples. The view must outlive the sampler. 8 bytes per face.
 class SurfaceSampler {
  public:
+  /// `name` is that of the mesh in errors.
   /// @throws InputError  num_samples < 1; a surface without area, or whose area overflows a double.
-  SurfaceSampler(const MeshView& mesh, std::int64_t num_samples, std::uint64_t seed);
+  SurfaceSampler(const MeshView& mesh, std::string_view name, std::int64_t num_samples,
+                 std::uint64_t seed);
 
   [[nodiscard]] SurfaceSample operator[](std::int64_t i) const;
   [[nodiscard]] std::int64_t size() const { return num_samples_; }
