@@ -155,6 +155,11 @@ def test_the_verdict_colors_the_points_that_nobody_suspects(verdict: str, color:
     assert cloud.colors()[0].tolist() == list(color)
 
 
+def test_an_unknown_verdict_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^verdict: expected .*'no_trace'.*, got 'Tampered'"):
+        evidence(street(), verdict="Tampered", suspected={})  # type: ignore[arg-type]
+
+
 # ------------------------------------------------------------------------------- notebooks
 
 

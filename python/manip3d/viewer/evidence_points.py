@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -33,15 +33,21 @@ _SUSPECTED: tuple[Rgb, ...] = (ALARM, (232, 120, 20), (170, 40, 160), (120, 60, 
 _SEVERAL: Rgb = (110, 0, 10)
 _MOVED: Rgb = (232, 120, 20)
 _REMOVED: Rgb = (60, 110, 220)
-_VERDICTS: dict[str, Rgb] = {"tampered": QUIET, "undecidable": DOUBT, "processed": DOUBT}
-"""Colours of points that no detector suspects, by verdict; all other verdicts are good ones."""
+_VERDICTS: dict[str, Rgb] = {
+    "tampered": QUIET,
+    "undecidable": DOUBT,
+    "processed": DOUBT,
+    "no_trace": CLEAR,
+    "authentic": CLEAR,
+}
+"""Colours of points that no detector suspects, by verdict."""
 
 
 @checked
 def evidence(
     scan: LidarFrame,
     *,
-    verdict: str,
+    verdict: Literal["no_trace", "authentic", "tampered", "processed", "undecidable"],
     suspected: Mapping[str, ArrayLike],
     boxes: Mapping[str, Sequence[Box]] | None = None,
 ) -> DrawnPoints:
@@ -50,9 +56,9 @@ def evidence(
     Parameters
     ----------
     scan : LidarFrame
-    verdict : str
+    verdict : 'no_trace', 'authentic', 'tampered', 'processed' or 'undecidable'
         Verdict on the whole scan. Points that no detector suspects are grey in a ``tampered`` scan,
-        amber in an ``undecidable`` or ``processed`` one, and green in all others.
+        amber in an ``undecidable`` or ``processed`` one, and green in the others.
     suspected : mapping of str to (K,) integers or (N,) bool
         Rows or mask of the points that each detector suspects, by the detector's name.
     boxes : mapping of str to sequence of Box, optional
@@ -65,7 +71,8 @@ def evidence(
     Raises
     ------
     InputError
-        A row is out of range, or rows are neither integers nor a mask of all points.
+        The verdict is unknown; a row is out of range, or rows are neither integers nor a mask of
+        all points.
 
     Examples
     --------
@@ -77,7 +84,7 @@ def evidence(
     (['not suspected', 'suspected by density'], [97, 3])
     """
     values = np.zeros(scan.num_points, np.uint8)
-    labels, palette = ["not suspected"], [_VERDICTS.get(verdict, CLEAR)]
+    labels, palette = ["not suspected"], [_VERDICTS[verdict]]
     colors: dict[str, Rgb] = {}
     several = len(suspected) + 1
     for i, (name, given) in enumerate(suspected.items()):
