@@ -160,6 +160,13 @@ def test_coordinates_that_float32_rounds_raise_a_warning(make: Callable[[Any], o
     make(np.rint(points) + place)  # float32 holds them
 
 
+def test_other_points_of_a_frame_that_float32_rounds_raise_a_warning() -> None:
+    frame = LidarFrame(np.zeros((2, 3)))
+    with pytest.warns(UserWarning, match=r"^points: float32 rounds .* by up to 0\.2 m") as warned:
+        frame.with_points([[0, 5_400_000.2, 0], [1, 2, 3]], source_index=[0, 1])
+    assert warned[0].filename == __file__
+
+
 def test_coordinates_that_are_kept_raise_no_warning() -> None:
     exact = np.eye(3) / 3 + 5_400_000.0
     assert LidarFrame(exact, exact=exact).exact is exact

@@ -274,7 +274,7 @@ class LidarFrame(Showable):
         Parameters
         ----------
         points : (M, 3) float32
-            The new points.
+            The new points. A warning is raised if float32 rounds them by more than a millimetre.
         source_index : (M,) integers
             Row of each point in this frame; -1: a new point, whose other columns are 0.
         intensity : (M,) float32, optional
@@ -285,7 +285,7 @@ class LidarFrame(Showable):
         InputError
             A row is out of range, or numbers of rows differ.
         """
-        new = as_rows(points, 3, np.float32, "points")
+        new = _near_points(points, "points")
         index = as_array(source_index, "source_index")
         if index.ndim == 1 and not index.size:  # an empty list becomes an array of floats
             index = index.astype(np.int64)
