@@ -142,6 +142,18 @@ def test_a_closed_surface_stays_closed() -> None:
     assert volume == pytest.approx(4 / 3 * np.pi, rel=0.02)
 
 
+@pytest.mark.parametrize("mode", ["quality", "fast"])
+@pytest.mark.parametrize("side", [110, 300, 420])
+def test_the_ceiling_that_is_asked_for_is_enough(small_process: None, mode: str, side: int) -> None:
+    mesh = hills(side)
+    target = mesh.num_faces // 10
+    with pytest.raises(InputError, match="expected at least") as refused:
+        _memory._plan(mesh, mode, 18 << 20, target)
+    needed = bytes_of(str(refused.value).split("at least ")[1].split(" to bring")[0])
+    plan = _memory._plan(mesh, mode, needed + (1 << 14), target)  # it has two decimals
+    assert plan.direct or plan.faces >= target
+
+
 def test_maps_of_both_stages_lead_to_the_result(small_process: None) -> None:
     mesh = hills(260)
     memory = (20 << 20) + int(0.22 * _memory.bytes_per_face(mesh, "quality") * mesh.num_faces)

@@ -148,18 +148,26 @@ def _plan(mesh: Mesh, mode: str, memory: int, target: int) -> _Plan:
     index = 2 * (mesh.num_vertices + num_faces) + 6 * rows
     part_bytes = fast_bytes + stored + 40
 
-    def first_stage(faces: int, size: float) -> float:
-        return maps + index + 2 * stored * faces + part_bytes * size
+    def in_parts_of(size: float) -> float:
+        return maps + index + part_bytes * size
 
-    if maps + stored * left + fast_bytes * num_faces <= free and left >= fewest:
-        return _Plan(direct=False, faces=left, depth=0)
+    # Bytes of the first stage at each depth, without the faces that it leaves, and for each of them
+    stages = [(maps + fast_bytes * num_faces, stored)]
     for depth in range(1, _DEEPEST + 1):
         size = _PART_EXCESS * num_faces / 2**depth
         if size < _MIN:
             break
-        if left >= fewest and first_stage(left, size) <= free:
+        stages.append((in_parts_of(size), 2 * stored))
+    for depth, (fixed, each) in enumerate(stages if left >= fewest else []):
+        if fixed + each * left <= free:
             return _Plan(direct=False, faces=left, depth=depth)
-    needed = sure + max(maps + (mode_bytes + stored) * fewest, first_stage(fewest, 2 * _MIN))
+    fixed, each = stages[-1]  # the smallest parts: they leave fewer faces than the mode can take
+    fitting = min(left, math.floor((free - fixed) / each))
+    if fitting >= fewest:
+        return _Plan(direct=False, faces=fitting, depth=len(stages) - 1)
+    needed = sure + max(
+        maps + (mode_bytes + stored) * fewest, in_parts_of(2 * _MIN) + 2 * stored * fewest
+    )
     raise InputError(
         f"memory: expected at least {written_size(math.ceil(needed))} to bring {num_faces} faces "
         f"to {target} with mode={mode!r}, got {written_size(memory)}; the process holds "

@@ -27,7 +27,7 @@ enum class TextureWrap : std::uint8_t { kRepeat, kMirror, kClamp };
 struct Texture {
   std::string path;             ///< Empty when only the bytes are known.
   std::vector<std::byte> data;  ///< PNG or JPEG file content; empty when only the path is known.
-  std::array<TextureWrap, 2> wrap = {TextureWrap::kRepeat, TextureWrap::kRepeat};  ///< Of u and v.
+  std::array<TextureWrap, 2> wrap = {TextureWrap::kRepeat, TextureWrap::kRepeat};  ///< u and v.
   bool smooth = true;  ///< Whether the pixels of an enlarged image are blended.
   [[nodiscard]] bool empty() const { return path.empty() && data.empty(); }
   /// Whether the image repeats and is smoothed, as formats without samplers assume.
