@@ -319,7 +319,7 @@ def test_a_tum_sequence_that_is_torn_has_its_whole_frames(tmp_path: Path) -> Non
 
 
 def test_a_colour_image_belongs_to_one_depth_image(tmp_path: Path) -> None:
-    """Depth at 60 and colour at 30 frames a second, paired as by the benchmark's associate.py."""
+    """Depth at 60 and colour at 30 frames a second."""
     folder = tmp_path / "walk"
     step = 1_000_000_000 // 60
     frames = [

@@ -2,9 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
-#include <queue>
 #include <string>
-#include <tuple>
 #include <utility>
 
 #include "capture/image_frames.hpp"
@@ -145,50 +143,49 @@ TumList parse_tum_list(std::string_view text,
 
 std::vector<std::int64_t> associate(const std::vector<TimedFile>& files,
                                     const std::vector<TimedFile>& others, std::int64_t most_ns) {
-  // All files in order of time, as a list from which pairs are taken. The nearest pair that is left
-  // always stands side by side: a file between the two would be nearer to one of them.
-  struct Entry {
-    std::int64_t time_ns = 0, index = 0;
-    bool is_other = false;
-    std::int64_t before = 0, after = 0;
+  // The best chain of pairs that increase in both lists: pairs that cross are never better.
+  constexpr std::int64_t kMostPairs = 8;  // of a file: those of 200 images a second; bounds memory
+  struct Chain {
+    std::int64_t pairs = 0, cost_ns = 0, last = -1;
   };
-  std::vector<Entry> entries;
-  entries.reserve(files.size() + others.size());
+  struct Pair {
+    std::int64_t file = 0, other = 0, before = -1;
+  };
+  const auto is_better = [](const Chain& a, const Chain& b) {
+    return a.pairs != b.pairs ? a.pairs > b.pairs : a.cost_ns < b.cost_ns;
+  };
+  std::vector<Pair> pairs;
+  // best[k]: the best of the chains that end at some of the others before k, as a Fenwick tree.
+  std::vector<Chain> best(others.size() + 1);
+  const auto best_before = [&](std::int64_t other) {
+    Chain found;
+    for (std::int64_t k = other; k > 0; k -= k & -k) {
+      if (is_better(best[k], found)) found = best[k];
+    }
+    return found;
+  };
+  const std::int64_t count = std::ssize(others);
+  std::int64_t first = 0;
   for (std::int64_t i = 0; i < std::ssize(files); ++i) {
-    entries.push_back({files[i].time_ns, i, false});
-  }
-  for (std::int64_t i = 0; i < std::ssize(others); ++i) {
-    entries.push_back({others[i].time_ns, i, true});
-  }
-  std::ranges::sort(entries, {}, [](const Entry& entry) {
-    return std::tuple(entry.time_ns, entry.is_other, entry.index);
-  });
-  const std::int64_t count = std::ssize(entries);
-  using Pair = std::tuple<std::int64_t, std::int64_t, std::int64_t>;  // distance, two places
-  std::priority_queue<Pair, std::vector<Pair>, std::greater<>> pairs;
-  const auto consider = [&](std::int64_t a, std::int64_t b) {
-    if (a < 0 || b >= count || entries[a].is_other == entries[b].is_other) return;
-    if (entries[a].time_ns < entries[b].time_ns - most_ns) return;  // their difference may overflow
-    pairs.emplace(entries[b].time_ns - entries[a].time_ns, a, b);
-  };
-  for (std::int64_t k = 0; k < count; ++k) {
-    entries[k].before = k - 1;
-    entries[k].after = k + 1;
-    consider(k - 1, k);
+    const std::int64_t time = files[i].time_ns;
+    while (first < count && others[first].time_ns < time - most_ns) ++first;
+    std::int64_t end = first;
+    while (end < std::min(count, first + kMostPairs) && others[end].time_ns <= time + most_ns) {
+      ++end;
+    }
+    for (std::int64_t k = end - 1; k >= first; --k) {  // later ones first: a file has one partner
+      Chain chain = best_before(k);
+      pairs.push_back({i, k, chain.last});
+      chain = {chain.pairs + 1, chain.cost_ns + std::abs(others[k].time_ns - time),
+               std::ssize(pairs) - 1};
+      for (std::int64_t at = k + 1; at <= count; at += at & -at) {
+        if (is_better(chain, best[at])) best[at] = chain;
+      }
+    }
   }
   std::vector<std::int64_t> partner(files.size(), -1);
-  std::vector<bool> is_taken(entries.size());
-  while (!pairs.empty()) {
-    const auto [apart, a, b] = pairs.top();
-    pairs.pop();
-    if (is_taken[a] || is_taken[b]) continue;
-    is_taken[a] = is_taken[b] = true;
-    const Entry& file = entries[entries[a].is_other ? b : a];
-    partner[file.index] = entries[entries[a].is_other ? a : b].index;
-    const std::int64_t before = entries[a].before, after = entries[b].after;
-    if (before >= 0) entries[before].after = after;
-    if (after < count) entries[after].before = before;
-    consider(before, after);
+  for (std::int64_t at = best_before(count).last; at >= 0; at = pairs[at].before) {
+    partner[pairs[at].file] = pairs[at].other;
   }
   return partner;
 }

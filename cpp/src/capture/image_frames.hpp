@@ -108,10 +108,11 @@ struct TumList {
 TumList parse_tum_list(std::string_view text,
                        const std::function<bool(const std::string&)>& exists);
 
-/// Pairs files that are near in time as the benchmark's associate.py does: of all pairs within
-/// `most_ns`, the nearest first, each file in one pair at most. Returns for each file the index of
-/// its partner in `others`, or -1. Both lists are sorted. Of equally near pairs, the earliest comes
-/// first.
+/// Pairs files that differ by at most `most_ns`, each in one pair at most: as many pairs as
+/// possible, and of these pairings the one with the least sum of differences. (The benchmark's
+/// associate.py takes the nearest pairs first, which leaves images without a partner that could
+/// have one.) Returns for each file the index of its partner in `others`, or -1. Both lists are
+/// sorted. More than 8 of the others that are near a file do not all count.
 std::vector<std::int64_t> associate(const std::vector<TimedFile>& files,
                                     const std::vector<TimedFile>& others, std::int64_t most_ns);
 
