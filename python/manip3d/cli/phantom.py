@@ -94,13 +94,13 @@ def _why_no_skeleton(film: PhantomFilm, *, pose: bool) -> str:
     if pose and film.frames_with_color:
         return "nobody was found in the colour images, so there is no phantom limb"
     told = "no frame of the source has a skeleton, so there is no phantom limb "
+    other = "joints:SOURCE#FILE takes those of another tracker"
     if not film.frames_with_color:
         return told + (
             "(nor a colour image, in which --pose would find the joints: add those of each depth "
-            "image, in color/ of a folder or in rgb.txt of a TUM sequence)"
+            f"image, in color/ of a folder or in rgb.txt of a TUM sequence; {other})"
         )
     extra = "" if find_spec("mediapipe") else ", with pip install 'manip3d[pose]'"
-    other = "joints:SOURCE#FILE takes those of another tracker"
     return told + f"(--pose finds the joints in colour images{extra}; {other})"
 
 
