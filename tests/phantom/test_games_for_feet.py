@@ -443,6 +443,71 @@ def test_the_floor_may_be_known_from_before() -> None:
         begin("piano", lifted, floor=math.nan)
 
 
+def stomped_by(lifts: list[float], ready_at: int = 0) -> GameState:
+    """A session of piano in which both feet are lifted by metres, then stand on the next key."""
+    play = Play(("piano", 1), 0, "left_leg", 1.0, None)
+    for number, lift in enumerate(lifts):
+        if number == ready_at:
+            play.want()
+        aside = 0.0
+        if play.game is not None and play.game.targets:
+            key = play.game.targets[0]
+            foot = PLAYER.positions[JOINTS.index(f"Foot{key.side.title()}")]
+            aside = float(key.place[0] - foot[0])
+        moved = {f"Foot{side}": (aside, -lift, 0.0) for side in ("Left", "Right")}
+        shown: Any = SimpleNamespace(skeleton=player(moved=moved), state=PhantomState.TRACKING)
+        play.go_on(shown, 1 / RATE, round(number / RATE * 1e9), None)
+    assert play.game is not None
+    return play.game
+
+
+STOMPS = [0.14 * abs(math.sin(math.pi * number / RATE)) ** 0.5 for number in range(RATE)]
+STOMPS = (STOMPS + [0.0] * (RATE // 2)) * 20
+
+
+@pytest.mark.parametrize(
+    ("before", "ready_at"),
+    [([], 0), ([0.0] * 64, 64), ([0.14] * 5, 0), ([0.14] * 64, 5), ([0.14] * 64, 64)],
+)
+def test_the_score_of_a_piano_is_the_same_wherever_the_feet_were_before(
+    before: list[float], ready_at: int
+) -> None:
+    """The floor comes down to the feet, and the keys with it."""
+    game = stomped_by(before + STOMPS, ready_at)
+    assert isinstance(game.field, PianoField)
+    floor = float(PLAYER.positions[JOINTS.index("FootLeft")][1])
+    assert game.field.floor == pytest.approx(floor, abs=0.015)
+    assert {place[1] for _, place in keys_of(game.field)} == {game.field.floor}
+    usual = stomped_by(STOMPS)
+    assert usual.score >= 10
+    assert abs(game.score - usual.score) <= 2
+
+
+def test_feet_that_are_seen_too_low_for_a_moment_do_not_move_the_floor() -> None:
+    low = [0.0] * 60 + [-0.3] * 3 + [0.0]
+    assert abs(stomped_by(low + STOMPS, 63).score - stomped_by(STOMPS).score) <= 1
+
+
+@pytest.mark.parametrize("tracker", ["kinect-v1", "kinect-v2"])
+def test_noisy_feet_play_as_well_as_exact_ones(tracker: str) -> None:
+    """The score does not depend on when the game begins either."""
+
+    def score(tracker: str, ready_at: int) -> int:
+        play = Play(("piano", 1), 0, "left_leg", 1.0, None)
+        for number, skeleton in enumerate(simulated_feet("stepping", tracker, 15, 40.0)):
+            if number == ready_at:
+                play.want()
+            shown: Any = SimpleNamespace(skeleton=skeleton, state=PhantomState.TRACKING)
+            play.go_on(shown, 1 / 15, round(number / 15 * 1e9), None)
+        assert play.game is not None
+        return play.game.score
+
+    exact = score("", 0)
+    assert exact >= 5
+    for ready_at in (3, 33):
+        assert abs(score(tracker, ready_at) - exact) <= 2
+
+
 @pytest.mark.parametrize("name", ["pedal", "piano"])
 def test_untracked_feet_are_waited_for(name: str) -> None:
     states = PLAYER.states.copy()

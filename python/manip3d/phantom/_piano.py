@@ -27,6 +27,7 @@ from manip3d.phantom._state import (
 from manip3d.rgbd import JOINTS, Skeleton
 
 _DOWN_M = 0.04  # metres above the floor up to which a foot counts as down
+_LEVEL_M = 0.01  # metres; keys do not follow smaller changes of the floor
 _REST_S = 0.6  # seconds between one key and the next
 
 
@@ -50,6 +51,21 @@ def piano_field(
         keys = [foot + sign * share * shank * lateral for share in game.reaches[difficulty - 1]]
         sides.append(tuple((float(key[0]), ground, float(key[2])) for key in keys))
     return PianoField(sides[0], sides[1], ground)
+
+
+def on_floor(state: GameState, floor: float | None) -> GameState:
+    """Return the game with its keys on the floor, which may have been unknown when it began."""
+    field = state.field
+    assert isinstance(field, PianoField)
+    if floor is None or abs(floor - field.floor) < _LEVEL_M:
+        return state
+
+    def moved(place: Point) -> Point:
+        return place[0], floor, place[2]
+
+    lefts, rights = (tuple(map(moved, places)) for places in (field.lefts, field.rights))
+    targets = tuple(replace(target, place=moved(target.place)) for target in state.targets)
+    return replace(state, field=PianoField(lefts, rights, floor), targets=targets)
 
 
 def play_piano(

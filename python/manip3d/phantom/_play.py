@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from manip3d.modify import ColliderTracker, PhantomState
 from manip3d.phantom._anomalies import AnomalyWatch
 from manip3d.phantom._clips import ClipRing
 from manip3d.phantom._pedal import advise_pedal
+from manip3d.phantom._piano import on_floor
 from manip3d.phantom._recorder import GameSummary, Pictures, Recorder
 from manip3d.phantom._setup import moved_to
 from manip3d.phantom._state import forget_feet, missing_joints
@@ -38,7 +40,8 @@ _EVENTS_NS = (
     1_000_000_000  # seconds for which frames repeat an event, because slow pages skip frames
 )
 _TELL_S = 10.0  # seconds between stored states of the current game
-_FLOOR_S = 4.0  # seconds over which the lowest place of a foot is taken as the floor
+_FLOOR_S = 10.0  # seconds of feet's heights that tell the floor
+_FLOOR_SHARE = 0.9  # share of them above it: feet that stomp are in the air for most of the time
 LONGEST_STEP_S = 0.25
 """Seconds; a longer gap between two frames is a pause: how the player moved in it is unknown."""
 _FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
@@ -102,7 +105,7 @@ class Play:
         ]()  # numbers of frames of the game in which the limb was and was not tracked
         self._paused_s = self._told_s = 0.0
         self._ends = ColliderTracker()  # colliders of hands or feet alone
-        self._lowest: deque[tuple[int, float]] = deque()
+        self._heights: deque[tuple[int, float]] = deque()  # times and y of tracked feet
         self._events: deque[tuple[int, list[Any]]] = (
             deque()
         )  # time and content of each recent event
@@ -131,7 +134,7 @@ class Play:
     def forget_times(self) -> None:
         """Note that the camera's clock was reset."""
         self._interrupt()
-        self._lowest.clear()
+        self._heights.clear()
         self._events.clear()
 
     def drop_films(self) -> None:
@@ -152,10 +155,10 @@ class Play:
                 self._seen[False] += 1
                 self._paused_s += seconds
             return False
-        floor = self._floor(shown.skeleton, now)
+        self._note_feet(shown.skeleton, now)
         begins = self.is_wanted
         if begins:
-            self._begin(shown.skeleton, measured, floor)
+            self._begin(shown.skeleton, measured)
         if self.game is None and begins:
             self.advice = _cannot_begin(self.choice[0], shown.skeleton)
         if self.game is None or self.game.phase == "over":
@@ -170,6 +173,8 @@ class Play:
             self.advice = _TOO_SLOW
             return False
         played = seconds if seconds <= LONGEST_STEP_S else 0.0
+        if isinstance(self.game.field, PianoField):
+            self.game = on_floor(self.game, self._floor())
         is_enlarged = self.limb.endswith(self.game.game.limbs.removesuffix("s"))
         game = replace(self.game, gain=self.gain if is_enlarged else 1.0)
         self.game = step(game, played, self._touched, shown.skeleton)
@@ -220,12 +225,13 @@ class Play:
             found["paused_s"] = self.summaries[-1].paused_s
         return found
 
-    def _begin(self, body: Skeleton, measured: Skeleton | None, floor: float | None) -> None:
+    def _begin(self, body: Skeleton, measured: Skeleton | None) -> None:
         """Begin a game once the person faces the camera."""
         name, difficulty = self.choice
         if measured is not None:
             body = moved_to(measured, body)
         seed = self._seed + len(self.summaries)
+        floor = self._floor() if GAMES[name].rules == "piano" else None
         self.game = begin(name, body, difficulty=difficulty, seed=seed, floor=floor)
         if self.game is None:
             return
@@ -256,14 +262,20 @@ class Play:
             ring = self._ring
             self._clips.append(() if ring is None else ring.take(anomaly.start, anomaly.end))
 
-    def _floor(self, skeleton: Skeleton, now: int) -> float | None:
-        """Return the lowest place (largest y) of a foot in the last seconds."""
-        feet = [float(skeleton.positions[j][1]) for j in _FEET if skeleton.states[j] == TRACKED]
-        if feet:
-            self._lowest.append((now, max(feet)))
-        while self._lowest and now - self._lowest[0][0] > _FLOOR_S * 1e9:
-            self._lowest.popleft()
-        return max((y for _, y in self._lowest), default=None)
+    def _note_feet(self, skeleton: Skeleton, now: int) -> None:
+        """Remember the heights (y) of the feet in the last seconds."""
+        for joint in _FEET:
+            height = float(skeleton.positions[joint][1])
+            if skeleton.states[joint] == TRACKED and math.isfinite(height):
+                self._heights.append((now, height))
+        while self._heights and now - self._heights[0][0] > _FLOOR_S * 1e9:
+            self._heights.popleft()
+
+    def _floor(self) -> float | None:
+        """Return the height (y) of the floor; None: no foot was seen in the last seconds."""
+        if not self._heights:
+            return None
+        return float(np.quantile([y for _, y in self._heights], _FLOOR_SHARE))
 
     def _touched(
         self, start: NDArray[np.float32], end: NDArray[np.float32], radius: NDArray[np.float32]
