@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -209,11 +210,19 @@ def test_a_key_made_at_time_0_replaces_the_one_before(
         assert heard(Watermarker(ring), sent).verdict == "authentic"
 
 
+def test_a_copy_of_a_key_is_no_other_key(keys: list[KeyFile], tmp_path: Path) -> None:
+    shutil.copy2(tmp_path / "a.key", tmp_path / "backup.key")
+    with KeyRing.open([tmp_path, tmp_path / "a.key"]) as ring:
+        assert [key.key_id for key in ring.keys] == [key.key_id for key in keys[::-1]]
+        (sent,) = signed(keys[1], time_s=1150.0)
+        assert heard(Watermarker(ring), sent).verdict == "authentic"
+
+
 def test_bad_rings_are_named(keys: list[KeyFile], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="keys: expected at least one"):
         KeyRing([])
     with pytest.raises(InputError, match="keys: expected each key once"):
-        KeyRing.open([tmp_path, tmp_path / "a.key"])
+        KeyRing([keys[0], keys[0]])
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=r"empty: expected a folder with files that end in \.key"):
         KeyRing.open([tmp_path / "empty"])

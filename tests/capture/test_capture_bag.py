@@ -354,7 +354,7 @@ def test_a_bag_without_a_message_that_can_be_read_is_an_error(tmp_path: Path) ->
     for each in clouds:
         each.point_step = 20
     bag = write_bag(tmp_path / "bag", {"/top": clouds})
-    with pytest.raises(FormatError, match="message 0: .* does not fit a point's bytes"):
+    with pytest.raises(FormatError, match=r"message 0: .* does not fit a point's bytes"):
         next(iter(capture.open_drive(bag)))
 
 

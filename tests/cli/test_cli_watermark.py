@@ -557,6 +557,20 @@ def test_an_empty_scan_does_not_end_a_session(key: Path, drive: Path, tmp_path: 
     assert verify(out, key)[0] == 0
 
 
+def test_an_emptied_file_is_as_undecidable_as_a_missing_one(key: Path, signed: Path) -> None:
+    frame_of(signed, 1).write_bytes(b"")
+    code, record = verify(signed, key)
+    frames = record["frames"]
+    assert code == 4
+    assert isinstance(frames, list)
+    assert [frame["verdict"] for frame in frames] == [
+        "authentic", "undecidable", "authentic", "authentic",
+    ]  # fmt: skip
+    assert frames[1]["reason"] == "the file holds no points, and points were signed"
+    shutil.copy(f"{frame_of(signed, 0)}.wm", f"{frame_of(signed, 1)}.wm")
+    assert verify(signed, key)[0] == 3  # a replay, whatever the file holds
+
+
 def test_wrong_sources(key: Path, tmp_path: Path) -> None:
     (tmp_path / "empty" / "velodyne").mkdir(parents=True)
     assert run("verify", tmp_path / "empty", "--key", key).exit_code == 1

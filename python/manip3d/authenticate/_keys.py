@@ -156,7 +156,7 @@ class KeyRing(Closing):
 
     @classmethod
     def open(cls, paths: Sequence[str | os.PathLike[str]]) -> KeyRing:
-        """Open key files, and the key files of folders.
+        """Open key files, and the key files of folders. Copies of a key count once.
 
         Parameters
         ----------
@@ -178,7 +178,7 @@ class KeyRing(Closing):
         opened: list[KeyFile] = []
         try:
             opened += (KeyFile(file) for file in files)
-            return cls(opened)
+            return cls(_without_copies(opened))
         except BaseException:
             for key in opened:
                 key.close()
@@ -197,6 +197,19 @@ class KeyRing(Closing):
     def __repr__(self) -> str:
         names = ", ".join(key.key_id[:8] for key in self.keys)
         return f"<manip3d.authenticate.KeyRing: {names}>"
+
+
+def _without_copies(keys: Sequence[KeyFile]) -> list[KeyFile]:
+    """Return each key once, and close its copies.
+
+    Files with the same identifier but different times stay, which `KeyRing` refuses.
+    """
+    first: dict[tuple[str, int, int], KeyFile] = {}
+    for key in keys:
+        same = first.setdefault((key.key_id, key.created_ns, key.expires_ns), key)
+        if same is not key:
+            key.close()
+    return list(first.values())
 
 
 def _key_files(path: Path) -> list[Path]:

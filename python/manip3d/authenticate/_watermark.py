@@ -692,13 +692,7 @@ class Watermarker(Closing):
             As `verify`.
         """
         empty = LidarFrame(np.empty((0, 3), np.float32))
-        found = self.verify(empty, record, policy=policy, picture=picture)
-        verdict: WatermarkVerdict = "tampered" if found.order == "replay" else "undecidable"
-        if found.order == "replay":
-            reason = f"{reason}, and the frame was seen before, or comes after a later one"
-        return replace(
-            found, verdict=verdict, reason=reason, content="unverifiable", tiles=(), regions=()
-        )
+        return without_scan(self.verify(empty, record, policy=policy, picture=picture), reason)
 
     def reset(self) -> None:
         """Forget the verified frames, in memory and in the state file."""
@@ -725,6 +719,16 @@ class Watermarker(Closing):
             f"<manip3d.authenticate.Watermarker: {self.embedding}, key "
             f"{self._key.key_id[:8]}{session}>"
         )
+
+
+def without_scan(found: WatermarkResult, reason: str) -> WatermarkResult:
+    """Return the result of verifying a scan without points as that of a missing scan."""
+    verdict: WatermarkVerdict = "tampered" if found.order == "replay" else "undecidable"
+    if found.order == "replay":
+        reason = f"{reason}, and the frame was seen before, or comes after a later one"
+    return replace(
+        found, verdict=verdict, reason=reason, content="unverifiable", tiles=(), regions=()
+    )
 
 
 _MAX_UNITS = 1_000_000  # grid steps per metre

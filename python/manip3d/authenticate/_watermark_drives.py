@@ -18,7 +18,13 @@ from manip3d._util.options import reporting
 from manip3d._util.paths import by_number, path_of
 from manip3d.authenticate._picture_files import picture_path, read_carrier
 from manip3d.authenticate._picture_records import record_of_picture
-from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult, WatermarkVerdict
+from manip3d.authenticate._watermark import (
+    Policy,
+    Watermarker,
+    WatermarkResult,
+    WatermarkVerdict,
+    without_scan,
+)
 from manip3d.authenticate._watermark_files import (
     RECORD_SUFFIX,
     all_drive_scans,
@@ -617,4 +623,8 @@ def _verified(
     if read is None:
         why = "the record's scan is missing"
         return marker.verify_without_scan(told, why, policy=policy, picture=shown)
-    return marker.verify(read, told, policy=policy, picture=shown)
+    found = marker.verify(read, told, policy=policy, picture=shown)
+    if read.num_points == 0 and found.content == "tampered":
+        # Somebody who empties a file gains no more by it than by deleting the file.
+        return without_scan(found, "the file holds no points, and points were signed")
+    return found
