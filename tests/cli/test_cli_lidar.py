@@ -477,6 +477,28 @@ def test_several_scans_share_a_log(scan: Path, tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+def test_the_log_has_sources_that_cannot_be_read(scan: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "drive" / "velodyne"
+    folder.mkdir(parents=True)
+    bad = folder / "1.bin"
+    (folder / "0.bin").write_bytes(scan.read_bytes()[: 16 * 500])
+    bad.write_bytes(b"12345")
+    for number, (source, name) in enumerate(
+        ((bad, str(bad)), (folder, str(bad)), (folder.parent, f"{folder.parent}: 1.bin"))
+    ):
+        log = tmp_path / f"case{number}.jsonl"
+        assert run("inspect", source, "--log", log, "-q", "--jobs", 1).exit_code == 1
+        (entry,) = (each for each in report.read_log(log) if "error" in each)
+        assert entry["source"] == name
+        assert entry["source_sha256"] == hashlib.sha256(b"12345").hexdigest()
+        assert "file ends within a point" in entry["error"]
+        assert "verdict" not in entry
+    log = tmp_path / "other.jsonl"
+    (tmp_path / "notes.md").write_text("no scan")
+    assert run("inspect", tmp_path / "notes.md", "--log", log, "-q").exit_code == 1
+    assert not log.exists()
+
+
 def test_a_verdict_loads_no_simulator_and_no_viewer(scan: Path) -> None:
     code = (
         "import sys; from manip3d.cli import app; app(sys.argv[1:], standalone_mode=False); "

@@ -366,7 +366,7 @@ def _inspected(
         result = _by_angles(scan, position, source, found, asked.printed, asked.threads, told)
     else:
         result = _not_judged(scan, position, source, found, asked.printed)
-    if asked.lattice is not None and found.lattice is not asked.lattice:
+    if asked.lattice is not None and found.lattice is not asked.lattice and scan.num_points:
         off = _number_off(at_origin(scan, position), asked.lattice, asked.threads)
         reason = f"{off} of {scan.num_points} points are not on the given lattice"
         result = replace(result, reason=f"{result.reason}; {reason}")

@@ -6,8 +6,8 @@ import errno
 import os
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from itertools import compress
 from pathlib import Path
@@ -39,7 +39,7 @@ from manip3d.cli.terminal import (
     shown,
     table,
 )
-from manip3d.errors import InputError
+from manip3d.errors import Error, FormatError, InputError
 from manip3d.io import is_url
 from manip3d.io._scan_files import EXPORTED_SUFFIXES, FOLDER_SUFFIXES, holds_points
 from manip3d.io._scan_tables import scan_suffix
@@ -319,7 +319,8 @@ def inspect(
     _check_log(log)
     _check_plant(plant, power=power)
     _keep_freed_memory()
-    kind = expect_kind(source, "scan", "drive", "packets", "recording", verb="inspect")
+    with _logging_errors(log, source):
+        kind = expect_kind(source, "scan", "drive", "packets", "recording", verb="inspect")
     shell = Terminal(as_json=as_json, quiet=quiet)
     if kind == "recording" or _is_rgbd(source):
         check_output(output, report.EVIDENCE_KINDS, force=force)
@@ -341,7 +342,8 @@ def inspect(
             "a single scan", "a drive", previous=previous, following=following,
             watermark=watermark, rows=rows, plant=plant or None,
         )  # fmt: skip
-        with _keys_of(key) as secret, naming_options("sensor", "origin"):
+        named = naming_options("sensor", "origin")
+        with _keys_of(key) as secret, named, _logging_errors(log, source):
             together = inspect_drive(
                 source, output, log, shell, calibration=calibration, key=secret,
                 options={"lattice": known, "sensor": sensor, "origin": origin, "power": power,
@@ -351,7 +353,8 @@ def inspect(
     expect_packets(source, calibration)
     check_output(output, report.EVIDENCE_KINDS, force=force)
     check_output(rows, (".csv",), force=force, option="--rows")
-    frame = read_scan(source)
+    with _logging_errors(log, source):
+        frame = read_scan(source)
     shell.say(f"read {source}: {counted(frame.num_points, 'point')}")
     beside = {
         name: None if path is None else _scan_beside(name, path)
@@ -455,6 +458,37 @@ def _check_log(log: Path | None) -> None:
         check_log(log)
 
 
+@contextmanager
+def _logging_errors(log: Path | None, source: str) -> Iterator[None]:
+    """Append the error to the log if the source cannot be read; a file of another kind is none."""
+    try:
+        yield
+    except kinds.OtherKindError:
+        raise
+    except (Error, OSError) as error:
+        if log is not None:
+            from manip3d.report._case_log import append_error
+            from manip3d.report._evidence_files import sha256_of_source
+
+            sha256 = ""
+            with suppress(OSError, FormatError):  # those of a file that cannot be opened
+                sha256, _ = sha256_of_source(source)
+            append_error(log, shown(str(error)), source=shown(source), source_sha256=sha256)
+        raise
+
+
+def _sha256_of_frame(path: Path | None, whole: str) -> str:
+    """Return the hash of a scan's file, or ``whole`` for a frame of a recording."""
+    from manip3d import datasets
+
+    if path is None:
+        return whole
+    try:
+        return datasets.file_sha256(path)
+    except OSError:
+        return ""
+
+
 def _append(log: Path, found: Inspection | StreamInspection, source: str, shell: Terminal) -> None:
     from manip3d import report
     from manip3d.report._evidence_files import sha256_of_source
@@ -497,9 +531,10 @@ def inspect_drive(
     """Inspect the scans of a drive, print a line for each, and return the joint verdict."""
     import json
 
-    from manip3d import authenticate, capture, datasets, report
+    from manip3d import authenticate, capture, report
     from manip3d._util.json import finite
     from manip3d.io._files import atomic_write
+    from manip3d.report._case_log import append_error
     from manip3d.report._evidence_files import sha256_of_source
 
     with naming_options("calibration"):
@@ -521,12 +556,16 @@ def inspect_drive(
         if each is None:
             records.append({"frame": name, "error": drive.errors[number]})
             shell.show(f"{name}  error  {drive.errors[number]}")
+            if log is not None:
+                append_error(
+                    log, drive.errors[number], source=f"{shown(source)}: {name}",
+                    source_sha256=_sha256_of_frame(drive.paths.get(number), whole_sha256),
+                )  # fmt: skip
             continue
         records.append({"frame": name} | each.record())
         shell.show(f"{name}  {each.verdict}  {each.reason}")
         if log is not None:
-            path = drive.paths.get(number)
-            digest = whole_sha256 if path is None else datasets.file_sha256(path)
+            digest = _sha256_of_frame(drive.paths.get(number), whole_sha256)
             report.append_log(log, each, source=f"{shown(source)}: {name}", source_sha256=digest)
     times_ns = [drive.times_ns.get(number) for number in range(len(found))]
     together = authenticate.judge_drive(found, places, times_ns=times_ns)
@@ -593,7 +632,10 @@ def inspect_recording(
     from manip3d import authenticate, report
     from manip3d.cli.capture import open_source
 
-    with open_source(source, shell, intrinsics=intrinsics) as opened:
+    with (
+        _logging_errors(log, source),
+        open_source(source, shell, intrinsics=intrinsics) as opened,
+    ):
         frames = authenticate.judged_frames(opened)
     for line in left_out(opened.counters):
         shell.say(line)

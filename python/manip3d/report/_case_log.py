@@ -8,7 +8,7 @@ import json
 import os
 import stat
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -117,6 +117,25 @@ def append_log(
     >>> first == second, report.read_log("cases.jsonl")[1]["previous"] == first
     (False, True)
     """
+    return _append_entry(path, source, source_sha256, inspection.record())
+
+
+def append_error(
+    path: str | os.PathLike[str], error: str, *, source: str, source_sha256: str = ""
+) -> str:
+    """Append the error of a source that cannot be read, as `append_log` appends an inspection.
+
+    Raises
+    ------
+    FormatError, OSError
+        As `append_log`.
+    """
+    return _append_entry(path, source, source_sha256, {"error": error})
+
+
+def _append_entry(
+    path: str | os.PathLike[str], source: str, source_sha256: str, content: Mapping[str, Any]
+) -> str:
     target = path_of(path)
     with _locked(target) as descriptor:
         end, torn = _checked_end(descriptor, path)
@@ -127,7 +146,7 @@ def append_log(
             "manip3d": __version__,
             "source": source,
             "source_sha256": source_sha256,
-            **finite(inspection.record()),
+            **finite(content),
             **mark,
             "previous": end.hash,
         }
