@@ -693,6 +693,8 @@ def test_a_lattice_that_does_not_fit_is_told() -> None:
     assert found.reason.endswith(f"of {many.num_points} points are not on the given lattice")
     number = int(found.reason.split("; ")[-1].split()[0])
     assert 650 <= number <= 700
+    none = inspect(whole.select(np.zeros(whole.num_points, bool)), lattice=lattice, power=False)
+    assert "lattice" not in none.reason
 
 
 def test_a_lattice_comes_from_rows_with_intensities() -> None:
