@@ -34,7 +34,7 @@ from manip3d.authenticate._risk import (
 )
 from manip3d.authenticate._stereo import StereoRig, checked_pair, stereo_disparity
 from manip3d.authenticate._surround import SurroundResult
-from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
+from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult, of_file
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 
@@ -392,7 +392,7 @@ class AlertMonitor:
         if self._marker is None:
             return None, WitnessReport("absent", "no key")
         begin = self._clock()
-        found = self._marker.verify(frame, record, policy=self._policy, picture=carrier)
+        found = of_file(self._marker.verify(frame, record, policy=self._policy, picture=carrier))
         return found, WitnessReport(found.verdict, found.reason, self._clock() - begin)
 
     def _ask_cameras(

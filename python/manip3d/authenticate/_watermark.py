@@ -731,6 +731,16 @@ def without_scan(found: WatermarkResult, reason: str) -> WatermarkResult:
     )
 
 
+def of_file(found: WatermarkResult) -> WatermarkResult:
+    """Return the result of a scan's file; a file without points counts as a missing scan.
+
+    Somebody who empties a file gains no more by it than by deleting the file.
+    """
+    if found.content != "tampered" or found.scan is None or found.scan.num_points:
+        return found
+    return without_scan(found, "the file holds no points, and points were signed")
+
+
 _MAX_UNITS = 1_000_000  # grid steps per metre
 _SAME_M = 1e-10  # metres: rounding of decimals that are computed as steps times scale plus offset
 _FARTHEST_STEP = 2.0**37  # of the origin; float64 still resolves 2^-13 steps beyond it
