@@ -1145,8 +1145,8 @@ def test_five_prefixes_are_as_good_as_runs_of_their_own(
     for size, level in zip(sizes, errors, strict=True):
         alone = simplify.relief_grid(grid.points, grid.valid, size, effort=effort)
         # A vertex that moved to the end of the surface for a smaller size stays there: 1.14 for
-        # `fine`, 1.12 for `balanced`.
-        assert level < (1.1 if effort == "fast" else 1.15) * error(alone, size)
+        # `fine`, 1.16 for `balanced`, whose sparse runs of their own exchange vertices.
+        assert level < (1.1 if effort == "fast" else 1.2) * error(alone, size)
 
 
 @pytest.mark.parametrize("scene", ["scene_kitchen", "scene_redwood"])
@@ -1330,3 +1330,26 @@ def test_ctrl_c_stops_a_run_and_leaves_the_next_one_as_it_was() -> None:
     again = run()
     np.testing.assert_array_equal(again.vertices, whole.vertices)
     np.testing.assert_array_equal(again.faces, whole.faces)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_vertices_go_where_they_cover_more(seed: int) -> None:
+    """A wavy contour: `balanced` takes vertices from inside it, `fast` only removes some."""
+    rng = np.random.default_rng(seed)
+    v, u = np.mgrid[:240, :320]
+    x, y = u - 160.0, v - 120.0
+    waves = np.sin(rng.integers(7, 16) * np.arctan2(y, x) + rng.uniform(0, 6))
+    depth = 2 + 0.3 * np.sin(u / 40) + rng.normal(0, 0.003, u.shape)
+    depth = np.where(np.hypot(x, y) < 95 + 14 * waves, depth, 0).astype(np.float32)
+    camera = Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5)
+    points = int(0.01 * np.count_nonzero(depth))
+    fast, balanced = (
+        simplify.relief(depth, camera, points, effort=effort) for effort in ("fast", "balanced")
+    )
+    assert balanced.num_used == points
+    assert 1 - balanced.coverage < 0.5 * (1 - fast.coverage)
+    assert balanced.bridges <= fast.bridges
+    faces = corners(balanced)[:, ::-1]  # rows go down
+    assert (doubled_areas(faces) > 0).all()
+    inside = np.argwhere(depth > 0)[::7, ::-1] + np.array([0.31, 0.17])
+    assert covering(faces, inside).max() == 1

@@ -10,6 +10,7 @@
 #include "simplify/relief_boundary.hpp"
 #include "simplify/relief_collapse.hpp"
 #include "simplify/relief_coverage.hpp"
+#include "simplify/relief_exchange.hpp"
 #include "simplify/relief_pinholes.hpp"
 #include "simplify/relief_refine.hpp"
 #include "simplify/relief_start.hpp"
@@ -71,6 +72,10 @@ constexpr float kContourPrice = 4.0F;
 /// triangles, or of their area. The area counts as well: a distant strip can be one row of pixels
 /// and yet most of the area.
 constexpr double kThin = 0.1;
+
+/// Rounds of VertexExchange for sparse meshes (kSparse). Of 1 and 4, tried on all scans and frames
+/// of the data folder at 1 % of the points, 1 leaves 0.86 of the missing surface and 4 leave 0.76.
+constexpr int kExchangeRounds = 4;
 
 /// A mesh that leaves out parts of the surface replaces another one if it covers more than this
 /// many times as much. The factor is above 1 because the mean distance counts parts that are left
@@ -248,6 +253,7 @@ struct Relief::Memory {
   Triangulation mesh;
   Triangulation best;  ///< make_best_mesh(): the best mesh so far.
   relief_detail::Collapser collapser;
+  relief_detail::VertexExchange exchange;
   relief_detail::Refiner refiner;
   relief_detail::ReliefWriter writer;
   std::vector<Vec3> sight;  ///< By vertex: unit direction in which it may slide.
@@ -301,6 +307,12 @@ struct Relief::Memory {
                 double factor, double& covered, ReliefResult& result);
   void make_best_mesh(const PointGridView& grid, const ReliefOptions& options, std::int64_t target,
                       ReliefResult& result);
+  /// Is there time to exchange vertices, and little contour for each vertex? In a stream, an
+  /// exchange would replace vertices of the previous frame.
+  [[nodiscard]] bool may_exchange(const ReliefOptions& options, std::int64_t target) const {
+    return budget_of(options.effort, target).move_rounds > 0 && !(options.stability > 1.0) &&
+           target <= surface.num_used() / kSparse;
+  }
   /// Flips edges and moves vertices.
   void refine(const Budget& budget);
   /// The surface without filled pinholes.
@@ -554,6 +566,12 @@ void Relief::Memory::make_mesh(const ReliefOptions& options, std::int64_t target
   // because they are quicker there and move_boundary() goes on to the whole surface.
   if (worked == &surface) move_boundary(options, target);
   refine(budget);
+  if (may_exchange(options, target) &&
+      exchange.run(surface, mesh, keep, kExchangeRounds, progress)) {
+    move_boundary(options, target);
+    refine(budget);
+  }
+  if (has_many_pixels()) exchange = {};
   if (worked != &surface) move_boundary(options, target);
   leave_pinholes();
 }

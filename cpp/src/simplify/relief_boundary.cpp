@@ -13,8 +13,6 @@
 namespace manip3d::relief_detail {
 namespace {
 
-using PixelPlace = std::array<std::int32_t, 2>;
-
 // Price of false surface, relative to missing surface: that of collapses, except that collapses
 // lower it to kChanceFalse where pixels are missing at random, and the boundary does not.
 constexpr int kFalsePixels = static_cast<int>(kFalseFactor);
@@ -26,14 +24,6 @@ constexpr int kTileShift = 4;  // tiles of 16 pixels
 /// times the error at 5, 1 and 0.5 % of the points, and covers at most 0.002 less; 0.5 covers up to
 /// 0.005 less.
 constexpr float kSliverPrice = 2.0F * kMissingFactor / 3.0F;
-
-std::int64_t doubled_area(const PixelPlace& a, const PixelPlace& b, const PixelPlace& c) {
-  return std::int64_t{b[0] - a[0]} * (c[1] - a[1]) - std::int64_t{b[1] - a[1]} * (c[0] - a[0]);
-}
-
-PixelPlace place_of(const Triangulation& mesh, std::int32_t v) {
-  return {mesh.vertex(v).u, mesh.vertex(v).v};
-}
 
 bool is_between(const PixelPlace& p, const PixelPlace& a, const PixelPlace& b) {
   return p[0] >= std::min(a[0], b[0]) && p[0] <= std::max(a[0], b[0]) &&
@@ -117,7 +107,8 @@ class FanSides {
   std::array<Side, Triangulation::kMaxFan> sides_;  // the first size_ ones
 };
 
-/// The price of a missing pixel beside a fan.
+}  // namespace
+
 float price_of_pixel(const Triangulation& mesh, const Triangulation::Fan& fan, std::int32_t v) {
   float area = 0.0F;  // sum of the areas, times two
   std::int64_t pixels = 0;
@@ -131,7 +122,10 @@ float price_of_pixel(const Triangulation& mesh, const Triangulation::Fan& fan, s
   return kSliverPrice * pixel_area * std::sqrt(pixel_area);
 }
 
-}  // namespace
+bool segments_meet(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p,
+                   const PixelPlace& q) {
+  return !are_apart(a, b, p, q) && meet(a, b, p, q);
+}
 
 void BoundaryMover::collect_edges(const Surface& surface, const Triangulation& mesh) {
   tiles_across_ = (surface.cols() >> kTileShift) + 1;

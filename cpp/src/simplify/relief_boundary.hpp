@@ -10,6 +10,25 @@
 
 namespace manip3d::relief_detail {
 
+using PixelPlace = std::array<std::int32_t, 2>;  ///< Column and row.
+
+inline PixelPlace place_of(const Triangulation& mesh, std::int32_t v) {
+  return {mesh.vertex(v).u, mesh.vertex(v).v};
+}
+
+/// Twice the signed area of a triangle.
+inline std::int64_t doubled_area(const PixelPlace& a, const PixelPlace& b, const PixelPlace& c) {
+  return std::int64_t{b[0] - a[0]} * (c[1] - a[1]) - std::int64_t{b[1] - a[1]} * (c[0] - a[0]);
+}
+
+/// The price of a missing pixel beside a fan, whose centre is v.
+[[nodiscard]] float price_of_pixel(const Triangulation& mesh, const Triangulation::Fan& fan,
+                                   std::int32_t v);
+
+/// Whether the segments ab and pq of pixels (column, row) have a common point.
+[[nodiscard]] bool segments_meet(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p,
+                                 const PixelPlace& q);
+
 /// Moves the boundary of a triangulation to the ends of the surface, pixel by pixel. Removed
 /// vertices left cuts and bays, and a mesh of every second pixel ends up to two pixels too early.
 class BoundaryMover {

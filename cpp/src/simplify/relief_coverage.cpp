@@ -65,20 +65,6 @@ MissingHalves missing_halves(const Surface& surface, std::span<const std::uint8_
   return {missing, missing - without_surface};
 }
 
-/// Counts, for each pixel, the pixels before it that do not represent a complete cell of surface.
-void count_flaws(const Surface& surface, std::vector<std::int32_t>& flaws) {
-  const auto num_pixels = static_cast<std::int32_t>(surface.num_pixels());
-  flaws.resize(surface.num_pixels() + 1);
-  std::int32_t count = 0;
-  const std::uint8_t *cells = surface.cells().data(), *used = surface.used().data();
-  std::int32_t* const before = flaws.data();
-  for (std::int32_t p = 0; p < num_pixels; ++p) {
-    before[p] = count;
-    count += ((cells[p] & kFull) != kFull ? 1 : 0) | (used[p] == 0 ? 1 : 0);
-  }
-  flaws[num_pixels] = count;
-}
-
 /// Marks the filled pixels, which are given as pixels of the input. Leaves `marks` empty if there
 /// are none.
 void mark_filled(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& filled,
@@ -383,6 +369,19 @@ bool has_area(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
 
 }  // namespace
 
+void count_flaws(const Surface& surface, std::vector<std::int32_t>& flaws) {
+  const auto num_pixels = static_cast<std::int32_t>(surface.num_pixels());
+  flaws.resize(surface.num_pixels() + 1);
+  std::int32_t count = 0;
+  const std::uint8_t *cells = surface.cells().data(), *used = surface.used().data();
+  std::int32_t* const before = flaws.data();
+  for (std::int32_t p = 0; p < num_pixels; ++p) {
+    before[p] = count;
+    count += ((cells[p] & kFull) != kFull ? 1 : 0) | (used[p] == 0 ? 1 : 0);
+  }
+  flaws[num_pixels] = count;
+}
+
 CutCoverage coverage_of(const Surface& surface,
                         const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                         const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
@@ -481,6 +480,20 @@ bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels)
 std::int64_t covered_pixels(const Surface& surface, const std::array<std::int32_t, 3>& pixels) {
   const Over over = pixels_over(surface, corners_at(surface, pixels));
   return over.seen - (surface.steps().has_steps() ? over.off : 0);
+}
+
+std::int64_t bridged_halves(const Surface& surface, std::span<const std::int32_t> flaws,
+                            const std::array<std::int32_t, 3>& pixels) {
+  const Corners t = corners_at(surface, pixels);
+  std::int64_t sum = 0;
+  visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
+              [&](std::int32_t first, std::int32_t last) {
+                if (flaws[first] == flaws[last + 1]) return;
+                for (std::int32_t p = first; p <= last; ++p) {
+                  sum += missing_halves(surface, {}, t, p).all;
+                }
+              });
+  return sum;
 }
 
 void find_off(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,

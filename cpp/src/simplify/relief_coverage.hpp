@@ -63,6 +63,14 @@ bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels)
 /// a step off it.
 std::int64_t covered_pixels(const Surface& surface, const std::array<std::int32_t, 3>& pixels);
 
+/// Counts, before each pixel in row-major order, the pixels whose cells are not complete.
+void count_flaws(const Surface& surface, std::vector<std::int32_t>& flaws);
+
+/// Number of halves of cells without surface that a triangle lies over; see DepthCoverage::bridges.
+/// @param flaws  Result of count_flaws().
+std::int64_t bridged_halves(const Surface& surface, std::span<const std::int32_t> flaws,
+                            const std::array<std::int32_t, 3>& pixels);
+
 /// Leaves out the faces that are bridges rather than surface: more of their area lies over pixels
 /// without surface than they alone cover of the surface, as shares of the whole. The largest
 /// bridges are left out first, and each vertex keeps a face.

@@ -168,6 +168,13 @@ MANIP3D_AVX2 DiagonalErrors sampled_errors_wide(const Surface& surface, const Tr
 
 }  // namespace
 
+float triangle_error(const Surface& surface, const Triangle& corners) {
+  const auto corner = [&](std::int32_t p) {
+    return SurfaceCorner{surface.u(p), surface.v(p), surface.sample(p).point()};
+  };
+  return triangle_error(surface, corner(corners[0]), corner(corners[1]), corner(corners[2]));
+}
+
 void EdgeMemory::assign(const Surface& surface, const Triangulation& mesh) {
   edges_.clear();
   const auto place = [&](std::int32_t v) {

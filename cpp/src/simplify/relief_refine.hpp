@@ -10,6 +10,10 @@
 
 namespace manip3d::relief_detail {
 
+/// The sum over the pixels in a triangle of their weight times their distance from its plane.
+/// @param corners  Pixels.
+[[nodiscard]] float triangle_error(const Surface& surface, const Triangle& corners);
+
 /// The edges of the previous frame.
 class EdgeMemory {
  public:

@@ -412,6 +412,26 @@ void Triangulation::flip(std::int32_t t, int i) {
   find_first(c, o);
 }
 
+void Triangulation::split_boundary(std::int32_t from, const Surface& surface, std::int32_t pixel) {
+  const std::int32_t t = vertices_[from].triangle;
+  const int k = corner(faces_[t].corners, from);
+  const std::int32_t to = faces_[t].corners[next_corner(k)],
+                     apex = faces_[t].corners[previous_corner(k)];
+  const std::int32_t behind_apex_from = faces_[t].neighbors[next_corner(k)],
+                     behind_to_apex = faces_[t].neighbors[k];
+  const auto added = static_cast<std::int32_t>(faces_.size());
+  const auto v = static_cast<std::int32_t>(vertices_.size());
+  faces_[t].corners = {apex, from, v};
+  faces_[t].neighbors = {kNone, added, behind_apex_from};
+  faces_.push_back({{apex, v, to}, {kNone, behind_to_apex, t}});
+  relink(behind_to_apex, t, added);
+  vertices_.push_back(
+      {pixel, added, surface.u(pixel), surface.v(pixel), surface.sample(pixel).point(), true});
+  if (vertices_[to].triangle == t) vertices_[to].triangle = added;
+  ++num_alive_;
+  ++num_at_[pixel];
+}
+
 void Triangulation::move(std::int32_t v, const Surface& surface, std::int32_t pixel) {
   Vertex& vertex = vertices_[v];
   --num_at_[vertex.pixel];

@@ -139,6 +139,10 @@ class Triangulation {
   /// Replaces the side bc by ad: triangle t becomes abd, the other one adc.
   void flip(std::int32_t t, int i);
 
+  /// Adds a vertex at a pixel to the boundary edge from `from` to its first neighbour, which must
+  /// make no triangle fold over.
+  void split_boundary(std::int32_t from, const Surface& surface, std::int32_t pixel);
+
   /// Moves a vertex to another pixel.
   void move(std::int32_t v, const Surface& surface, std::int32_t pixel);
   /// Places a vertex at an offset from its pixel's point.

@@ -114,7 +114,9 @@ struct ReliefResult {
 /// 3. Refinement. Edges are flipped, and vertices moved to measured points nearby, while that
 ///    lowers the sum of distances between the pixels and the planes of their triangles [cf. Dyn,
 ///    Levin & Rippa 1990, data dependent triangulations]. kLive evaluates flips at twelve pixels of
-///    each pair of triangles. Vertices never cross ends or steps of the surface. Finally a triangle
+///    each pair of triangles. Vertices never cross ends or steps of the surface. If there are at
+///    least 32 pixels for each vertex, kBalanced and slower efforts then merge vertices that save
+///    little and add as many to the boundary where they cover more. Finally a triangle
 ///    is left out if more of its area lies over pixels without surface than it alone covers of the
 ///    surface, both as shares of the whole; kLive has no time for that.
 /// 4. With `move_points`, vertices slide along their lines of sight towards the least-squares fit
