@@ -217,6 +217,8 @@ def _are_planes(numbers: NDArray[np.float32]) -> bool:
     if len(index) < _MIN_NUMBERS:
         return False
     values = numbers[index]
+    if (np.diff(values) >= 0.0).all():  # a line of points, or planes of it
+        return False
     level = np.searchsorted(np.quantile(values, np.arange(1, _LEVELS) / _LEVELS), values, "right")
     quarter = index * 4 // size
     by_place = max(_told(quarter * n + index % n, level, 4 * n, groups=4) for n in _ROW_SIZES)
