@@ -37,7 +37,7 @@ _NO_GAP = 1  # pixels; one pixel may be missing by chance
 _RUN = 5  # frames; a single sharp silhouette may be chance
 _MIN_ROWS = 40  # rows of a silhouette that is judged
 _MIN_NOISE = 0.5  # mm at 1 m: rendered images have less
-_MIN_SPECKLES = 2e-4  # share of pixels; cameras lose 3e-4 and more, renderings 1.4e-4 at most
+MIN_SPECKLES = 2e-4  # share of pixels; cameras lose 3e-4 and more, renderings 1.4e-4 at most
 _RIM = 3  # pixels of one surface on each side of a sharp step
 _KEPT = 0.5  # share of sharp rims; filters that fill in old depths have 0.65 to 0.69
 _KEPT_MORE = 1.7  # times the middle's share; these filters have 2.1 or more, cut-outs 1.45
@@ -283,8 +283,8 @@ def _repeated_rims(
 
 def _rendered(frames: Sequence[RgbdFrame]) -> str | None:
     """Reason why images are not from a camera; None: they may be."""
-    speckles = float(np.mean([_speckles(frame.depth) for frame in frames]))
-    if speckles < _MIN_SPECKLES:
+    speckles = float(np.mean([speckles_in(frame.depth) for frame in frames]))
+    if speckles < MIN_SPECKLES:
         return "hardly a pixel within a surface is missing: rendered, or filled afterwards"
     noise = float(np.mean([_roughness(frame.depth) for frame in frames]))
     if noise < _MIN_NOISE:
@@ -382,8 +382,14 @@ def _gaps(depth: Depth) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.
     return row[inner], begin[inner], end[inner]
 
 
-def _speckles(depth: Depth) -> float:
-    """Number of gaps of at most four pixels within one surface, divided by the number of pixels."""
+def speckles_in(depth: Depth) -> float:
+    """Number of gaps of at most four pixels within one surface, divided by the number of pixels.
+
+    Parameters
+    ----------
+    depth : (H, W) uint16
+        0 is no measurement.
+    """
     row, begin, end = _gaps(depth)
     short = end - begin <= 4
     row, begin, end = row[short], begin[short], end[short]

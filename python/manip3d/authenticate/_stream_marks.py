@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d.authenticate._silhouettes import MIN_SPECKLES, speckles_in
 from manip3d.rgbd import NO_MEASUREMENT, RgbdFrame
 
 if TYPE_CHECKING:
@@ -72,8 +73,9 @@ def _mark_among_depths(
     """Return a depth that many pixels have and that marks missing ones in images without others.
 
     Cameras lose pixels, beside objects most of all, so that the depths beside such a mark are not
-    near it. An example is 2047, the value without a measurement of the Kinect V1. ``counts`` are
-    the numbers of pixels by depth.
+    near it, and single ones within surfaces, which tells a mark from a rendered object. An example
+    is 2047, the value without a measurement of the Kinect V1. ``counts`` are the numbers of pixels
+    by depth.
     """
     many = np.flatnonzero(counts >= max(1.0, _MIN_SHARE * num_pixels))
     some = [frame.depth for frame in frames[:: max(1, len(frames) // _MAX_FRAMES)]]
@@ -81,6 +83,9 @@ def _mark_among_depths(
     for depth in many.tolist() if np.count_nonzero(counts) > 1 else ():
         beside = np.concatenate([_beside(image, depth) for image in some]).astype(np.int64)
         is_step = np.abs(beside - depth) > _APART * depth
+        speckles = [speckles_in(np.where(image == depth, np.uint16(0), image)) for image in some]
+        if np.mean(speckles) < MIN_SPECKLES:
+            continue
         best = max(best, (float(is_step.mean()) if len(beside) else 0.0, depth))
     return best[1] if best[1] > 0 else None
 
