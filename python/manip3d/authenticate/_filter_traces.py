@@ -32,9 +32,9 @@ narrow strip: 0.018 at most if pixels are lost afterwards."""
 _MIN_FINE = 0.18
 """Least sum of this number for strips and for holes, in which measured and missing pixels change
 places. Medians that take missing pixels for depth 0 smooth the outlines of both. It is 0.235 and
-more in 66 frames of eleven recordings (the red kitchen, the turning person and the wall behind,
-TUM's desk, single frames of NYU, SUN and TUM, UTD-MHAD, a RealSense D435), and 0.148 at most after
-medians of 5 x 5 to 9 x 9 pixels; those of 3 x 3 leave 0.11 to 0.32."""
+more in frames that were measured one by one (the red kitchen, the turning person and the wall
+behind, TUM's desk, single frames of NYU, SUN and TUM, UTD-MHAD, a RealSense D435), and 0.148 at
+most after medians of 5 x 5 to 9 x 9 pixels; those of 3 x 3 leave 0.11 to 0.32."""
 
 _LOST_SOON, _LOST_SHORTLY = 0.01, 0.8
 """Share of the pixels that are missing again one frame after they appeared, or two, and share of
