@@ -308,10 +308,11 @@ struct Relief::Memory {
   void make_best_mesh(const PointGridView& grid, const ReliefOptions& options, std::int64_t target,
                       ReliefResult& result);
   /// Is there time to exchange vertices, and little contour for each vertex? In a stream, an
-  /// exchange would replace vertices of the previous frame.
+  /// exchange would replace vertices of the previous frame; specks of a large area would take more
+  /// vertices from the rest.
   [[nodiscard]] bool may_exchange(const ReliefOptions& options, std::int64_t target) const {
     return budget_of(options.effort, target).move_rounds > 0 && !(options.stability > 1.0) &&
-           target <= surface.num_used() / kSparse;
+           speck_area <= kMuchSpeck && target <= surface.num_used() / kSparse;
   }
   /// Flips edges and moves vertices.
   void refine(const Budget& budget);
