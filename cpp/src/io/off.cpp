@@ -168,8 +168,8 @@ class OffReader {
     if (!cursor.at_end()) read_face_color(cursor);
   }
 
-  // Reads a colour of three or four numbers, integers 0 to 255 or numbers 0 to 1. A single number is
-  // an index into a colour map that is not in the file.
+  // Reads a colour of three or four numbers, integers 0 to 255 or numbers 0 to 1. A single number
+  // is an index into a colour map that is not in the file.
   void read_face_color(LineCursor& cursor) {
     const int count = words_left(cursor);
     if (count != 3 && count != 4) {
