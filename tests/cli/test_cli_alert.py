@@ -149,7 +149,7 @@ def test_an_unreadable_scan_is_one_undecidable_frame(drive: Path, tmp_path: Path
     (signed / "velodyne_points" / "data" / "0000000001.bin").write_bytes(b"")
     done = run("alert", "run", str(signed), "--key", str(key), "--json")
     assert done.returncode == 4, done.stderr
-    assert "the file holds no points" in json.loads(done.stdout)["frames"][1]["reason"]
+    assert "the scan holds no points" in json.loads(done.stdout)["frames"][1]["reason"]
 
 
 def test_scans_that_became_arrays_are_frames_of_their_drive(drive: Path, tmp_path: Path) -> None:

@@ -446,6 +446,8 @@ def test_what_a_folder_hides_is_undecidable(key: Path, tmp_path: Path) -> None:
     assert codes() == (4, {"a.ply": 4, "b.bin": 0, "c.bin.wm": 4})
     assert verify(folder / "c.bin.wm", key)[1]["reason"] == "the record's scan is missing"
     assert run("verify", folder / "b.bin.wm", "--key", key).exit_code == 1
+    (folder / "c.bin").mkdir()  # whatever it holds, it is not the scan
+    assert run("verify", folder, "--key", key, "--jobs", 1).exit_code == 1
 
 
 def exported(scan: Path, suffix: str, *, is_forged: bool = False) -> None:
@@ -519,7 +521,7 @@ def test_folders_without_a_scan_to_sign_are_refused_with_what_can_be_signed(
         )
         told = str(done.exception)
         assert "expected scans, found none; text files and arrays such as 0000000000.npy" in told
-        assert "signed (.pcd.bin, .bin, .pcd" in told
+        assert "writes them as .bin, .pcd or .ply, which can be signed" in told
 
 
 def test_a_drive_names_the_scan_that_is_missing(key: Path, signed: Path) -> None:
@@ -566,7 +568,7 @@ def test_an_emptied_file_is_as_undecidable_as_a_missing_one(key: Path, signed: P
     assert [frame["verdict"] for frame in frames] == [
         "authentic", "undecidable", "authentic", "authentic",
     ]  # fmt: skip
-    assert frames[1]["reason"] == "the file holds no points, and points were signed"
+    assert frames[1]["reason"] == "the scan holds no points, and points were signed"
     shutil.copy(f"{frame_of(signed, 0)}.wm", f"{frame_of(signed, 1)}.wm")
     assert verify(signed, key)[0] == 3  # a replay, whatever the file holds
 

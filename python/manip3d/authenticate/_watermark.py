@@ -738,7 +738,9 @@ def of_file(found: WatermarkResult) -> WatermarkResult:
     """
     if found.content != "tampered" or found.scan is None or found.scan.num_points:
         return found
-    return without_scan(found, "the file holds no points, and points were signed")
+    if not found.changed_tiles:  # no points were signed, but something else was changed
+        return found
+    return without_scan(found, "the scan holds no points, and points were signed")
 
 
 _MAX_UNITS = 1_000_000  # grid steps per metre

@@ -179,7 +179,7 @@ def scans_of_record(record: Path) -> list[Path]:
     """
     if record.suffix != RECORD_SUFFIX:
         raise InputError(f"{record}: expected a record, whose name ends in {RECORD_SUFFIX}")
-    return [each for each in _same_scans(record.with_suffix("")) if each.exists()]
+    return [each for each in _same_scans(record.with_suffix("")) if each.is_file()]
 
 
 def _same_scans(scan: Path) -> list[Path]:
@@ -445,7 +445,7 @@ def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
     ['000004.bin']
     """
     place = _scan_folder(folder)
-    return list(scan_paths(place)) or _refuse_none(folder, place)
+    return list(scan_paths(place)) or _refuse_none(folder, place, "cannot carry a watermark")
 
 
 def all_drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
@@ -461,7 +461,7 @@ def all_drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
     """
     place = _scan_folder(folder)
     scans = {*scan_paths(place, hidden=True), *_scans_with_records(place)}
-    return _in_order(scans) or _refuse_none(folder, place)
+    return _in_order(scans) or _refuse_none(folder, place, "count only with a record beside them")
 
 
 def scans_to_watch(folder: str | os.PathLike[str]) -> list[Path]:
@@ -489,13 +489,12 @@ def _in_order(paths: Iterable[Path]) -> list[Path]:
     return sorted(paths, key=lambda path: by_number(path.name))
 
 
-def _refuse_none(folder: str | os.PathLike[str], place: Path) -> NoReturn:
+def _refuse_none(folder: str | os.PathLike[str], place: Path, why_not: str) -> NoReturn:
     advice = ""
     for exported in readable_scans(place)[:1]:
         advice = (
-            f"; text files and arrays such as {exported.name} count only with a record beside them "
-            f"({record_path(exported).name}); 'manip3d convert' writes them in formats that can be "
-            f"signed ({', '.join(FOLDER_SUFFIXES)})"
+            f"; text files and arrays such as {exported.name} {why_not}; 'manip3d convert' writes "
+            "them as .bin, .pcd or .ply, which can be signed"
         )
     raise InputError(f"{os.fspath(folder)}: expected scans, found none{advice}")
 

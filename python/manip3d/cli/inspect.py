@@ -343,7 +343,7 @@ def inspect(
             watermark=watermark, rows=rows, plant=plant or None,
         )  # fmt: skip
         named = naming_options("sensor", "origin")
-        with _keys_of(key) as secret, named, _logging_errors(log, source):
+        with _keys_of(key) as secret, named:
             together = inspect_drive(
                 source, output, log, shell, calibration=calibration, key=secret,
                 options={"lattice": known, "sensor": sensor, "origin": origin, "power": power,
@@ -460,10 +460,10 @@ def _check_log(log: Path | None) -> None:
 
 @contextmanager
 def _logging_errors(log: Path | None, source: str) -> Iterator[None]:
-    """Append the error to the log if the source cannot be read; a file of another kind is none."""
+    """Append the error to the log if the source cannot be read; a wrong option is no such error."""
     try:
         yield
-    except kinds.OtherKindError:
+    except (kinds.OtherKindError, InputError):
         raise
     except (Error, OSError) as error:
         if log is not None:
@@ -537,7 +537,7 @@ def inspect_drive(
     from manip3d.report._case_log import append_error
     from manip3d.report._evidence_files import sha256_of_source
 
-    with naming_options("calibration"):
+    with naming_options("calibration"), _logging_errors(log, source):
         drive = capture.open_drive(source, calibration=calibration)
     found: list[Inspection | None] = []
     records: list[dict[str, Any]] = []
@@ -550,23 +550,26 @@ def inspect_drive(
         key=key,
         **options,
     )
-    for number, each in enumerate(judged):
-        name = drive.names[number]
-        found.append(None if each is None else replace(each, **_WITHOUT_MAPS))
-        if each is None:
-            records.append({"frame": name, "error": drive.errors[number]})
-            shell.show(f"{name}  error  {drive.errors[number]}")
+    with _logging_errors(log, source):
+        for number, each in enumerate(judged):
+            name = drive.names[number]
+            found.append(None if each is None else replace(each, **_WITHOUT_MAPS))
+            if each is None:
+                records.append({"frame": name, "error": drive.errors[number]})
+                shell.show(f"{name}  error  {drive.errors[number]}")
+                if log is not None:
+                    append_error(
+                        log, drive.errors[number], source=f"{shown(source)}: {name}",
+                        source_sha256=_sha256_of_frame(drive.paths.get(number), whole_sha256),
+                    )  # fmt: skip
+                continue
+            records.append({"frame": name} | each.record())
+            shell.show(f"{name}  {each.verdict}  {each.reason}")
             if log is not None:
-                append_error(
-                    log, drive.errors[number], source=f"{shown(source)}: {name}",
-                    source_sha256=_sha256_of_frame(drive.paths.get(number), whole_sha256),
-                )  # fmt: skip
-            continue
-        records.append({"frame": name} | each.record())
-        shell.show(f"{name}  {each.verdict}  {each.reason}")
-        if log is not None:
-            digest = _sha256_of_frame(drive.paths.get(number), whole_sha256)
-            report.append_log(log, each, source=f"{shown(source)}: {name}", source_sha256=digest)
+                digest = _sha256_of_frame(drive.paths.get(number), whole_sha256)
+                report.append_log(
+                    log, each, source=f"{shown(source)}: {name}", source_sha256=digest
+                )
     times_ns = [drive.times_ns.get(number) for number in range(len(found))]
     together = authenticate.judge_drive(found, places, times_ns=times_ns)
     row = together.record()
