@@ -317,3 +317,47 @@ def test_levels_of_cameras() -> None:
     ):
         with pytest.raises(InputError, match=message):
             simplify.confidence_of_levels(bad, highest)
+
+
+def roof(seed: int, factor: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Two walls that meet in an edge, with noise, and the noisier pixels of a blob on the edge."""
+    rng = np.random.default_rng(seed)
+    ridge = 3 / (1 + 0.7 * np.abs(WALL_U - 79.5) / 130)  # planes: 1 / depth is linear in pixels
+    wrong = np.hypot(WALL_U - rng.uniform(60, 100), WALL_V - rng.uniform(45, 75)) < 22
+    noise = rng.normal(0, 1, wrong.shape)
+    return (ridge + noise * np.where(wrong, factor * ridge, 0.004)).astype(np.float32), wrong
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+@pytest.mark.parametrize("points", [150, 300])
+def test_noise_that_is_not_believed_holds_few_points(effort: simplify.Effort, points: int) -> None:
+    """Depth steps within the noise are no ends of the surface that have to be followed."""
+    at_wrong = []
+    for seed in range(3):
+        depth, wrong = roof(seed, 0.03)
+        for believed in (np.ones(wrong.shape), np.where(wrong, 0.0, 1.0)):
+            found = simplify.relief(
+                depth, WALL_CAMERA, points, effort=effort, depth_step=0.05, confidence=believed
+            )
+            at_wrong.append(int(wrong[found.pixels[:, 1], found.pixels[:, 0]].sum()))
+    assert sum(at_wrong[1::2]) < 0.55 * sum(at_wrong[::2])
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+def test_pixels_beside_those_that_are_not_believed_keep_their_error(
+    effort: simplify.Effort,
+) -> None:
+    """Triangles over the blob do not lie over the believed pixels around it as well."""
+    sums = np.zeros(2)
+    for seed in range(6):
+        depth, wrong = roof(seed, 0.001)
+        u, v = (WALL_U - 79.5) / 130, (WALL_V - 59.5) / 130
+        points = np.stack([u * depth, v * depth, depth], axis=-1).astype(np.float64)
+        believed = np.where(wrong, 0.0, 1.0)
+        found = simplify.relief_grid(points, None, 300, effort=effort, confidence=believed)
+        beside = (np.hypot(*np.gradient(believed)) > 0) & ~wrong
+        pixels, faces = found.pixels.astype(np.int64), found.faces.astype(np.int64)
+        sums += [
+            error(points, part / np.count_nonzero(part), pixels, faces) for part in (beside, ~wrong)
+        ]
+    assert sums[0] < 2 * sums[1]

@@ -490,6 +490,7 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
   // the higher price would keep fewer vertices of the previous frame.
   const bool may_price = !is_sparse && !budget.by_blocks && !(options.stability > 1.0);
   if (may_price && has_much_contour(target)) missing *= kContourPrice;
+  if (worked->avoids_unsure()) relief_detail::move_to_rims(*worked, mesh, keep);
   collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability), missing,
                    false_factor);
   speck_area = collapser.area_of_specks(used / kSpeck);
@@ -516,6 +517,7 @@ void Relief::Memory::refine(const Budget& budget) {
   // too few of the twelve would count.
   if (budget.by_sample && pinholes.num_filled() == 0) {
     refiner.flip_sampled(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before, progress);
+    if (worked->avoids_unsure()) refiner.flip_unsure(*worked, mesh, before, progress);
     return;
   }
   refiner.flip_edges(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before, progress);
@@ -526,6 +528,7 @@ void Relief::Memory::refine(const Budget& budget) {
         0)
       break;
   }
+  if (worked->avoids_unsure()) refiner.flip_unsure(*worked, mesh, before, progress);
 }
 
 /// Makes the mesh of all dense triangles, where the target leaves room for all used pixels.

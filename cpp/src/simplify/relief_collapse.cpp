@@ -12,9 +12,12 @@
 namespace manip3d::relief_detail {
 namespace {
 
-// Pixels without confidence are surface as well: losing them counts at least this share of losing
+// Pixels of little confidence are surface as well: losing them counts at least this share of losing
 // surface of mean confidence.
 constexpr float kMinLoss = 0.05F;
+// The same between three pixels without confidence, and the share of the price of covering a place
+// without surface between them. Noise makes holes and steps there, which must not hold vertices.
+constexpr float kUnsureLoss = 0.001F;
 constexpr std::int32_t kNoRound = -2;
 constexpr float kStays = std::numeric_limits<float>::infinity();
 
@@ -51,12 +54,58 @@ float confidence_of(const Surface& surface, const Triangulation& mesh, const Tri
                    surface.confidence(c.pixel)});
 }
 
+/// Does no corner of a triangle have confidence?
+bool is_unsure(const Surface& surface, const Triangulation& mesh, const Triangle& corners) {
+  return std::ranges::all_of(
+      corners, [&](std::int32_t v) { return surface.is_unsure(mesh.vertex(v).pixel); });
+}
+
+/// The share at which covering a place without surface between three vertices counts.
+float share_of_cover(const Surface& surface, const Triangulation& mesh, const Triangle& corners) {
+  return is_unsure(surface, mesh, corners) ? kUnsureLoss : 1.0F;
+}
+
 Triangle pixels_of(const Triangulation& mesh, const Triangle& t) {
   return {mesh.vertex(t[0]).pixel, mesh.vertex(t[1]).pixel, mesh.vertex(t[2]).pixel};
 }
 
 bool face_lies_off(const Surface& surface, const Triangulation& mesh, const Triangle& t) {
   return lies_off(surface, pixels_of(mesh, t));
+}
+
+/// The sum over the pixels in a triangle of their weight times their distance from its plane.
+float error_over(const Surface& surface, const Triangulation& mesh, std::int32_t p, std::int32_t q,
+                 std::int32_t r) {
+  const Triangulation::Vertex &a = mesh.vertex(p), &b = mesh.vertex(q), &c = mesh.vertex(r);
+  const Vec3 n = (b.point - a.point).cross(c.point - a.point).normalized();
+  float sum = 0.0F;
+  visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, SidePixels::kShared,
+               [&](std::int32_t pixel) {
+                 const Sample& s = surface.sample(pixel);
+                 if (s.weight > 0.0F) sum += s.weight * std::abs(n.dot(s.point() - a.point));
+               });
+  return sum;
+}
+
+/// Does a fan hold pixels without confidence as well as others?
+bool is_at_rim(const Surface& surface, const Triangulation& mesh, std::int32_t v, const Fan& fan) {
+  if (!surface.avoids_unsure()) return false;
+  const Triangulation::Vertex& center = mesh.vertex(v);
+  int first_u = center.u, last_u = first_u, first_v = center.v, last_v = first_v;
+  for (int i = 0; i < fan.num_neighbors; ++i) {
+    const Triangulation::Vertex& other = mesh.vertex(fan.neighbors[i]);
+    first_u = std::min(first_u, other.u), last_u = std::max(last_u, other.u);
+    first_v = std::min(first_v, other.v), last_v = std::max(last_v, other.v);
+  }
+  if (surface.has_full_confidence(first_u, first_v, last_u, last_v)) return false;
+  bool has_unsure = false, has_sure = false;
+  for (int i = 0; i < fan.size && !(has_unsure && has_sure); ++i) {
+    const Triangulation::Vertex &a = mesh.vertex(fan.neighbors[i]), &b = mesh.vertex(fan.next(i));
+    visit_pixels(
+        surface.cols(), {center.u, center.v}, {a.u, a.v}, {b.u, b.v}, SidePixels::kClosed,
+        [&](std::int32_t pixel) { (surface.is_unsure(pixel) ? has_unsure : has_sure) = true; });
+  }
+  return has_unsure && has_sure;
 }
 
 /// Adds like LocalQuadric::add_plane_through_origin(), four numbers at a time.
@@ -116,7 +165,7 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
       if (kept != Keep::kFree) nodes_[v].factor = kept == Keep::kFixed ? kStays : keep_factor;
     }
   }
-  least_loss_ = kMinLoss * surface.mean_confidence();
+  mean_confidence_ = surface.mean_confidence();
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     const Triangle& corners = mesh.triangle(t);
     const Vec3 a = mesh.vertex(corners[0]).point;
@@ -126,7 +175,7 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
     if (!(twice_area > 0.0F)) continue;
     const Vec3 n = normal / twice_area;
     const float trust = confidence_of(surface, mesh, corners);
-    const float loss = std::max(trust, least_loss_);
+    const float loss = std::max(trust, least_loss(surface, mesh, corners));
     const float third = twice_area * (1.0F / 6.0F);
     const QuadricSum plane(n, trust * third);
     for (int i = 0; i < 3; ++i) {
@@ -147,6 +196,11 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
     }
   }
   find_pieces(mesh);
+}
+
+float Collapser::least_loss(const Surface& surface, const Triangulation& mesh,
+                            const Triangle& corners) const {
+  return (is_unsure(surface, mesh, corners) ? kUnsureLoss : kMinLoss) * mean_confidence_;
 }
 
 bool Collapser::is_fixed(std::int32_t v) const { return nodes_[v].factor == kStays; }
@@ -258,10 +312,11 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
   // On the boundary, only along it: to the first or the last neighbour.
   const int step = mesh.vertex(v).on_boundary ? fan.num_neighbors - 1 : 1;
   float cover = 0.0F, cut = 0.0F;
+  const Triangle ends = {v, fan.neighbors[0], fan.neighbors[fan.num_neighbors - 1]};
   if (mesh.has_bay(v, fan)) {
-    cover = cover_factor_ * mesh.bay(surface, v, fan).price;
+    cover = cover_factor_ * mesh.bay(surface, v, fan).price * share_of_cover(surface, mesh, ends);
   } else if (mesh.vertex(v).on_boundary) {
-    cut = std::max(surface.confidence(mesh.vertex(v).pixel), least_loss_) *
+    cut = std::max(surface.confidence(mesh.vertex(v).pixel), least_loss(surface, mesh, ends)) *
           price_of_cut(boundary_weight_, mesh.vertex(fan.neighbors[0]).point, mesh.vertex(v).point,
                        mesh.vertex(fan.neighbors[fan.num_neighbors - 1]).point);
   }
@@ -276,6 +331,18 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
     best = i;
   }
   return best;
+}
+
+float Collapser::price_at_rim(const Surface& surface, const Triangulation& mesh, std::int32_t v,
+                              const Fan& fan, int i) const {
+  const std::int32_t to = fan.neighbors[i];
+  float growth = 0.0F;
+  for (int k = 0; k < fan.size; ++k) {
+    const std::int32_t a = fan.neighbors[k], b = fan.next(k);
+    growth -= error_over(surface, mesh, v, a, b);
+    if (a != to && b != to) growth += error_over(surface, mesh, to, a, b);
+  }
+  return growth * nodes_[v].factor;
 }
 
 bool Collapser::may_collapse(const Surface& surface, const Triangulation& mesh, std::int32_t v,
@@ -321,13 +388,17 @@ void Collapser::find_moves(const Surface& surface, const Triangulation& mesh, fl
       const auto [first, second] = mesh.hole_of_three(surface, v);
       if (first != kNone && v < first && v < second) {
         const float cover = price_of_cover(mesh.vertex(v).point, mesh.vertex(first).point,
-                                           mesh.vertex(second).point);
+                                           mesh.vertex(second).point) *
+                            share_of_cover(surface, mesh, {v, first, second});
         moves_.push_back({cover_factor_ * cover, v, kCloseHole});
       }
     }
     if (is_fixed(v) || is_expensive(v)) continue;
     Move move{0.0F, v, 0};
     const int i = cheapest(surface, mesh, v, fan, false, kNoRound, move.price);
+    if (is_at_rim(surface, mesh, v, fan)) {
+      move.price = std::max(move.price, price_at_rim(surface, mesh, v, fan, i));
+    }
     if (!known_.empty()) known_[v] = move.price;
     move.to = fan.neighbors[i];
     moves_.push_back(move);
@@ -431,6 +502,9 @@ void Collapser::sweep_below(const Surface& surface, Triangulation& mesh, std::in
     if (known_[v] > limit || leave_out_swept(surface, mesh, v, target, limit)) continue;
     if (!may_sweep(mesh, v, fan)) continue;
     const int i = cheapest(surface, mesh, v, fan, false, kNoRound, known_[v]);
+    if (i >= 0 && known_[v] <= limit && is_at_rim(surface, mesh, v, fan)) {
+      known_[v] = std::max(known_[v], price_at_rim(surface, mesh, v, fan, i));
+    }
     if (i < 0 || !(known_[v] <= limit) || !may_collapse(surface, mesh, v, fan, i)) continue;
     merge(mesh, v, fan, i);
     known_[fan.neighbors[i]] = 0.0F;  // its quadric changed
@@ -443,13 +517,19 @@ void Collapser::sweep_below(const Surface& surface, Triangulation& mesh, std::in
 int Collapser::nearest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                        const Fan& fan, bool to_unsure) const {
   int best = -1, least = 0;
+  float least_growth = kStays;
+  const bool at_rim = is_at_rim(surface, mesh, v, fan);
   for (int i = 0; i < fan.num_neighbors; ++i) {
     const Triangulation::Vertex& to = mesh.vertex(fan.neighbors[i]);
     if (!to_unsure && surface.is_unsure(to.pixel)) continue;
     const int du = to.u - mesh.vertex(v).u, dv = to.v - mesh.vertex(v).v;
     const int squared = du * du + dv * dv;
-    if (best >= 0 && squared >= least) continue;
-    if (may_collapse(surface, mesh, v, fan, i)) least = squared, best = i;
+    const float growth = at_rim ? std::max(0.0F, price_at_rim(surface, mesh, v, fan, i)) : 0.0F;
+    if (best >= 0 && (growth > least_growth || (growth == least_growth && squared >= least))) {
+      continue;
+    }
+    if (!may_collapse(surface, mesh, v, fan, i)) continue;
+    least_growth = growth, least = squared, best = i;
   }
   return best;
 }

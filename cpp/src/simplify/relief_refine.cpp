@@ -154,6 +154,20 @@ MANIP3D_INLINE DiagonalErrors errors_of_samples(const Surface& surface, const Tr
   return {sum_of(now), sum_of(flipped)};
 }
 
+/// Does a triangle hold pixels without confidence as well as others?
+bool is_at_rim(const Surface& surface, const Triangulation& mesh, std::int32_t t) {
+  const auto& [a, b, c] = mesh.triangle(t);
+  const Triangulation::Vertex &p = mesh.vertex(a), &q = mesh.vertex(b), &r = mesh.vertex(c);
+  const auto [first_u, last_u] = std::minmax({p.u, q.u, r.u});
+  const auto [first_v, last_v] = std::minmax({p.v, q.v, r.v});
+  if (surface.has_full_confidence(first_u, first_v, last_u, last_v)) return false;
+  bool has_unsure = false, has_sure = false;
+  visit_pixels(
+      surface.cols(), {p.u, p.v}, {q.u, q.v}, {r.u, r.v}, SidePixels::kClosed,
+      [&](std::int32_t pixel) { (surface.is_unsure(pixel) ? has_unsure : has_sure) = true; });
+  return has_unsure && has_sure;
+}
+
 DiagonalErrors sampled_errors(const Surface& surface, const Triangulation& mesh,
                               const std::array<std::int32_t, 4>& abcd) {
   return errors_of_samples(surface, mesh, abcd);
@@ -230,7 +244,7 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
                         const EdgeMemory& before, const Progress& progress) {
   Ticker ticker(progress, kFacesPerTick);
   constexpr float kGain = 0.999F;  // prevents flips back and forth due to rounding
-  const float negligible = floor * mean_error(surface, mesh);
+  const float negligible = floor > 0.0F ? floor * mean_error(surface, mesh) : 0.0F;
   int total = 0;
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     int flips = 0;
@@ -249,7 +263,7 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
         const bool returns = !was && before.has(surface, mesh, q[0], q[3]);
         const float gain = was ? kGain * kKeptGain : returns ? kGain / kKeptGain : kGain;
         const float limit = gain * (error_of(surface, mesh, t) + error_of(surface, mesh, o));
-        if (limit < negligible && !returns) continue;
+        if (!(limit > 0.0F) || (limit < negligible && !returns)) continue;
         const float first = triangle_error(surface, mesh, q[0], q[1], q[3]);
         if (!(first < limit)) continue;
         const float second = triangle_error(surface, mesh, q[0], q[3], q[2]);
@@ -266,6 +280,16 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
     if (flips == 0) break;
   }
   return total;
+}
+
+void Refiner::flip_unsure(const Surface& surface, Triangulation& mesh, const EdgeMemory& before,
+                          const Progress& progress) {
+  constexpr int kMostSweeps = 20;
+  assign(mesh);
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+    dirty_[t] = mesh.is_face(t) && is_at_rim(surface, mesh, t) ? 1 : 0;
+  }
+  flip_edges(surface, mesh, kMostSweeps, 0.0F, before, progress);
 }
 
 void Refiner::flip_sampled(const Surface& surface, Triangulation& mesh, int sweeps, float floor,

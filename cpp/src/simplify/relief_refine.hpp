@@ -36,6 +36,10 @@ class Refiner {
   /// @param before  Edges that stay or return unless another one is far better.
   int flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
                  const EdgeMemory& before, const Progress& progress);
+  /// flip_edges() beside triangles that hold pixels without confidence and others, until nothing
+  /// changes. Vertices have left the former, so that a few passes do not suffice.
+  void flip_unsure(const Surface& surface, Triangulation& mesh, const EdgeMemory& before,
+                   const Progress& progress);
   /// flip_edges() in a fifth of the time, from twelve pixels of each pair instead of all.
   /// @param floor  A pair is skipped if the two ways to cut it differ by less than this many mean
   ///               volumes.
@@ -51,6 +55,11 @@ class Refiner {
   /// pixel within its triangles.
   void leave_pixels(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,
                     const std::function<bool(std::int32_t)>& is_left);
+  /// The nearest used pixel within a fan's triangles to which its centre may move; -1 if there is
+  /// none.
+  static std::int32_t nearest_in(const Surface& surface, const Triangulation& mesh,
+                                 const Triangulation::Fan& fan, std::int32_t pixel,
+                                 const std::function<bool(std::int32_t)>& is_left);
   /// Slides each vertex in its direction by the amount that minimizes the sum of squared distances
   /// (weighted by area) between the pixels and the triangles, by half of it, or not at all,
   /// whichever leaves the least error around the vertex.
@@ -78,11 +87,6 @@ class Refiner {
   static std::int32_t best_beside(const Surface& surface, const Triangulation& mesh,
                                   const Triangulation::Fan& fan, std::int32_t pixel,
                                   const std::function<bool(std::int32_t)>& is_left);
-  /// The nearest used pixel within a fan's triangles to which its centre may move; -1 if there is
-  /// none.
-  static std::int32_t nearest_in(const Surface& surface, const Triangulation& mesh,
-                                 const Triangulation::Fan& fan, std::int32_t pixel,
-                                 const std::function<bool(std::int32_t)>& is_left);
   float mean_error(const Surface& surface, const Triangulation& mesh);
   float error_of(const Surface& surface, const Triangulation& mesh, std::int32_t t);
 

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "simplify/relief_refine.hpp"
+
 namespace manip3d::relief_detail {
 namespace {
 
@@ -69,6 +71,20 @@ bool UnsurePieces::find(const PointGridView& grid, const Surface& surface) {
     release(piece_);
   }
   return true;
+}
+
+void move_to_rims(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep) {
+  const auto is_unsure = [&](std::int32_t pixel) { return surface.is_unsure(pixel); };
+  Triangulation::Fan fan;
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    const Triangulation::Vertex& vertex = mesh.vertex(v);
+    if (!vertex.alive() || vertex.on_boundary || !is_unsure(vertex.pixel) || !mesh.fan(v, fan) ||
+        (!keep.empty() && keep[vertex.pixel] == Keep::kFixed)) {
+      continue;
+    }
+    const std::int32_t to = Refiner::nearest_in(surface, mesh, fan, vertex.pixel, is_unsure);
+    if (to >= 0) mesh.move(v, surface, to);
+  }
 }
 
 }  // namespace manip3d::relief_detail

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "simplify/relief_surface.hpp"
+#include "simplify/relief_triangulation.hpp"
 
 namespace manip3d::relief_detail {
 
@@ -34,5 +35,11 @@ class UnsurePieces {
   std::vector<std::uint8_t> marks_;  ///< By pixel of the surface.
   std::vector<std::int32_t> piece_;  ///< Pixels of the surface that is_unsure() has found.
 };
+
+/// Moves each inner vertex without confidence to the nearest pixel within its triangles that has
+/// some. Around a region without confidence, these vertices are at its rim then: when the others
+/// merge into them, the new triangles lie over the region and hardly over anything else.
+/// @param keep  By pixel, may be empty: vertices at fixed pixels stay.
+void move_to_rims(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep);
 
 }  // namespace manip3d::relief_detail

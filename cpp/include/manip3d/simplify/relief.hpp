@@ -133,8 +133,13 @@ struct ReliefResult {
 /// Lost surface counts with at least a twentieth of the mean confidence. Closing holes and filling
 /// bays does not depend on confidences, because nothing was measured there. A piece of the surface
 /// whose mean confidence is below a thousandth of the whole's counts as not measured
-/// (ReliefResult::unsure). Step 2 begins with the vertices within the surface at pixels of less
-/// confidence than that, for which step 1 makes room; they merge into others around them.
+/// (ReliefResult::unsure). Pixels of less confidence than that have none. Step 2 begins with the
+/// vertices within the surface at such pixels, for which step 1 makes room: they move to the
+/// nearest other pixel of their triangles, or merge into others around them. Losing surface,
+/// closing holes and filling bays between three such pixels counts a thousandth, because noise
+/// makes holes and steps there. Where a vertex has such pixels and others around it, the price of a
+/// collapse is at least the growth of the error of its pixels, and step 3 flips edges until nothing
+/// changes.
 ///
 /// Keeps its memory between frames of the same size. The result depends only on the input.
 class Relief {
