@@ -295,7 +295,9 @@ def test_a_tum_sequence_that_is_torn_has_its_whole_frames(tmp_path: Path) -> Non
     capture.record(frames, f"tum:{folder}")
     whole = {name: (folder / name).read_bytes() for name in ("depth.txt", "rgb.txt")}
     for name, text in whole.items():
-        for size in (2, 12, len(text.splitlines()[-1])):  # of the last line with its line break
+        last = text.splitlines()[-1]
+        in_folder = len(last.partition(b"/")[2]) + 2  # what is left names the folder
+        for size in (2, 12, in_folder, len(last)):  # of the last line with its line break
             (folder / name).write_bytes(text[: len(text) - size])
             with capture.open_rgbd(f"tum:{folder}") as source:
                 found = list(source)

@@ -796,6 +796,14 @@ def test_ply_textures_of_faces_in_elements_of_their_own(tmp_path: Path) -> None:
     one = artec(tmp_path, ARTEC, body.replace("\n1 0 3", "\n0 0 3"), "").mesh
     assert one.face_texcoords is not None
     assert (one.face_texcoords.tolist(), one.materials) == ([[0, 1, 2], [3, 4, 5]], ())
+    for none in ("1 0 3 -1 -1 -1\n", "300000 0 3 3 4 5\n"):  # no corners; no such texture
+        header = ARTEC.replace("face 2\nproperty uchar tx", "face 2\nproperty int tx")
+        part = artec(tmp_path, header, body[: body.rindex("1 0 3 3 4 5")] + none, two).mesh
+        assert part.face_texcoords is not None
+        expected = [-1, -1, -1] if "-1" in none else [3, 4, 5]
+        assert part.face_texcoords.tolist() == [[0, 1, 2], expected]
+        assert part.face_material is not None
+        assert part.face_material.tolist() == [0, -1]
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,15 @@ def test_a_hard_edge_of_alpha_stays_hard(tmp_path: Path) -> None:
     assert set(alphas[mesh.faces[~is_right]].ravel()) == {1.0}
 
 
+def test_a_mesh_without_colors_has_no_alpha(tmp_path: Path) -> None:
+    source = tmp_path / "sheet.glb"
+    source.write_bytes(fading(mound).glb())
+    scene = io.read_scene(source)
+    plain = scene.with_meshes({0: scene.meshes[0].replace(colors=None)})
+    assert plain.alphas == (None,)
+    assert simplify.simplify_scene(plain, target_faces=20).scene.meshes[0].num_faces <= 20
+
+
 @pytest.mark.parametrize("mode", [None, "OPAQUE"])
 def test_alpha_that_no_material_shows_is_no_loss(tmp_path: Path, mode: str | None) -> None:
     source = tmp_path / "sheet.glb"

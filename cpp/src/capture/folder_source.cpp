@@ -263,7 +263,7 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
   const auto parse = [&folder](std::string_view text) {
     return parse_tum_list(text, [&folder](const std::string& name) {
       std::error_code error;  // of a name that no file can have
-      return fs::exists(folder / name, error);
+      return fs::is_regular_file(folder / name, error);
     });
   };
   const auto [depth, is_depth_torn] = parse_file(folder / "depth.txt", parse);

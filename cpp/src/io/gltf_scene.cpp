@@ -203,6 +203,7 @@ class SceneBuilder {
     if (known != scene_.images.end()) return known - scene_.images.begin();
     const std::size_t index = scene_.images.size();
     scene_.images.push_back({std::move(data), std::string(type), texture.path});
+    scene_.json["textures"];  // its texture follows, but comes before the images in the file
     scene_.json["images"].push_back(Json::object());
     return static_cast<std::int64_t>(index);
   }

@@ -322,7 +322,9 @@ class PlyReader {
       has_faces = has_faces || (e.name == kTextureFaces && e.has(kIndices) && e.count > 0);
     }
     has_textures_ = has_vertices && has_faces && !has_others;
-    if (has_faces && !has_textures_) warn_of_textures("there are other texture coordinates");
+    if (!has_faces || has_textures_) return;
+    warn_of_textures(has_others ? "there are other texture coordinates"
+                                : "its texture coordinates are not there");
   }
 
   void warn_of_textures(const std::string& why) {
@@ -445,11 +447,21 @@ class PlyReader {
     for (std::int64_t i = 0; i < e.count; ++i) {
       row.read(e);
       std::int32_t* face = texture_faces_.append(input_);
-      std::fill_n(face, 4, MeshBuilder::kNone);  // a face of another size
-      if (row.indices.size() != 3) continue;
-      for (std::size_t c = 0; c < 3; ++c) face[c] = row.index(row.indices[c], "texture vertex");
-      face[3] = e.has(kTexnumber) ? number(row, kTexnumber) : 0;
+      std::fill_n(face, 4, row.indices.size() == 3 ? MeshBuilder::kNone : kNoTriangle);
+      if (row.indices.size() != 3 || !std::ranges::all_of(row.indices, is_index)) continue;
+      for (std::size_t c = 0; c < 3; ++c) face[c] = static_cast<std::int32_t>(row.indices[c]);
+      const double texture = e.has(kTexnumber) ? row.scalars[kTexnumber] : 0.0;
+      if (is_index(texture) && texture < kMaxMaterials)
+        face[3] = static_cast<std::int32_t>(texture);
     }
+  }
+
+  static constexpr std::int32_t kNoTriangle = -2;  ///< In place of a corner's row.
+
+  // Programs write -1, also as the largest number of an unsigned type, for a face without texture.
+  static bool is_index(double value) {
+    return value >= 0.0 && value < std::numeric_limits<std::int32_t>::max() &&
+           value == std::floor(value);
   }
 
   // Gives faces the textures of read_texture_faces(). They have those of the same rows; therefore,
@@ -460,7 +472,7 @@ class PlyReader {
     bool exist = true, has_several = false;
     for (std::int64_t i = 0; i < texture_faces_.size(); ++i) {
       const std::int32_t* face = texture_faces_.row(i);
-      are_triangles = are_triangles && face[0] != MeshBuilder::kNone;
+      are_triangles = are_triangles && face[0] != kNoTriangle;
       exist = exist && std::max({face[0], face[1], face[2]}) < builder_.texcoords.size();
       has_several = has_several || face[3] > 0;
     }

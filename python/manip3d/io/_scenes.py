@@ -249,8 +249,8 @@ class Scene:
             Further texture coordinates of the new meshes; required for each mesh that replaces one
             in which ``Scene.more_texcoords`` is not None.
         alphas : mapping of int to (V,) float32, optional
-            Alpha of the colours of the new meshes; required for each mesh that replaces one in
-            which ``Scene.alphas`` is not None.
+            Alpha of the colours of the new meshes; required for each mesh with colours that
+            replaces one in which ``Scene.alphas`` is not None.
 
         Returns
         -------
@@ -283,7 +283,9 @@ class Scene:
                 placed[index] = (
                     _fitting_texcoords(given, mesh, index) if mesh.num_faces > 0 else before[:0]
                 )
-            if (alpha := clear[index]) is not None:
+            if mesh.colors is None and mesh.num_faces:
+                clear[index] = None
+            elif (alpha := clear[index]) is not None:
                 own = (alphas or {}).get(index)
                 clear[index] = _fitting_alphas(own, mesh, index) if mesh.num_faces else alpha[:0]
         return replace(
