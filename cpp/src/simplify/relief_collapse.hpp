@@ -182,7 +182,7 @@ class Collapser {
   bool has_fixed_ = false;
   bool refuses_off_ = false;  ///< Moves must not make a triangle that lies a step off the surface.
   float boundary_weight_ = 0.0F, cover_factor_ = 0.0F;
-  float mean_confidence_ = 1.0F;  ///< That of the surface.
+  float mean_confidence_ = 1.0F;  ///< The mean over the surface.
   FewFaces few_;                  ///< The few faces that cover most pixels so far.
   /// Twice the pixels that were left out when `few_` was found, plus those of the whole mesh then.
   std::int64_t few_total_ = 0;
