@@ -80,7 +80,8 @@ class MeshBuilder {
   GrowingTable<Vertices> vertices;
   GrowingTable<Texcoords> texcoords;
   GrowingTable<Vertices> normals;
-  GrowingTable<Rows<float, 3>> colors;  ///< 0 to 1, or all 0 to 255; vertices beyond its end are white.
+  GrowingTable<Rows<float, 3>>
+      colors;  ///< 0 to 1, or all 0 to 255; vertices beyond its end are white.
 
   /// Whether texture coordinates or normals may be NaN or infinite: finish() leaves those out, and
   /// warns of it.
