@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bvh_motions import read_bvh, waving
 from capsule_body import pose
+from command_line import manip3d
 from manip3d import InputError, Skeleton, capture
 from manip3d.rgbd import JOINTS, PARENTS, RgbdFrame
 
@@ -248,6 +249,37 @@ def test_a_clock_that_begins_again_goes_on(tmp_path: Path) -> None:
     done = capture.export_joints(frames, tmp_path / "walk.bvh")
     assert (done.frames, done.held) == (82, 0)
     assert read_bvh(done.path)[2] == pytest.approx(1 / 30, abs=1e-6)
+
+
+def test_poses_that_a_motion_lacks_are_counted(tmp_path: Path) -> None:
+    """Frames whose times jitter by a third of a frame; the person is not seen in every tenth."""
+    frames = walking(np.sort(np.arange(200) / 30 + np.random.default_rng(8).normal(0, 0.01, 200)))
+    for number in range(5, 200, 10):
+        frames[number] = replace(frames[number], skeletons=())
+    done = capture.export_joints(frames, tmp_path / "walk.bvh")
+    assert done.left_out > 0
+    assert done.frames + done.left_out == 180
+    capture.record(frames, tmp_path / "walk")
+    told = manip3d("capture", "export", tmp_path / "walk", "-o", tmp_path / "told.bvh").stderr
+    assert f"left out {done.left_out} skeletons: the motion's frames near their times" in told
+    assert capture.export_joints(frames, tmp_path / "walk.csv").left_out == 0
+    even = capture.export_joints(walking(TIMES["one rate"]), tmp_path / "even.bvh")
+    assert even.left_out == 0
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e-6])
+def test_times_in_another_unit_leave_out_nothing(tmp_path: Path, unit: float) -> None:
+    """Microseconds or milliseconds that were taken for nanoseconds, with half a second's pause."""
+    times = in_turn((50, 30.0), (1, 2.0), (50, 30.0))
+    frames = [
+        replace(frame, time_ns=round(1e9 * unit * time))
+        for frame, time in zip(walking(times), times, strict=True)
+    ]
+    done = capture.export_joints(frames, tmp_path / "walk.bvh")
+    assert (done.frames, done.held, done.left_out) == (102, 0, 0)
+    step = read_bvh(done.path)[2]
+    assert step == pytest.approx(max(unit * times[-1] / 101, 1e-7), abs=6e-8)
+    assert step > 0
 
 
 def test_a_motion_has_no_gap_of_hours(tmp_path: Path) -> None:

@@ -318,6 +318,89 @@ def test_addresses_without_a_part_or_of_cameras(tmp_path: Path) -> None:
         joined(tmp_path / "walk", tmp_path / "none.csv")
 
 
+# --- people ---------------------------------------------------------------------------------------
+
+
+def two_in_a_frame(kind: str, frames: list[RgbdFrame], place: Path) -> Path:
+    """A file in which each person occurs twice, with the same id 7 or 5 or 3."""
+    bodies = [frame.skeletons[0] for frame in frames]
+    if kind == "openpose":
+        rows = [rows_of("openpose", body, CAMERA) for body in bodies]
+        return openpose(place, [[one, one] for one in rows], person=7)
+    if kind == "ntu":
+        file = place.with_suffix(".skeleton")
+        file.write_text(ntu([[body, body] for body in bodies]))
+        return file
+    file = place.with_suffix(".json")
+    if kind == "azure":
+        content = json.loads(azure(frames))
+        for frame in content["frames"]:
+            frame["bodies"] *= 2
+    else:
+        rows = [rows_of("coco", body, CAMERA) for body in bodies]
+        content = [
+            {"image_id": number, "idx": 3, "keypoints": one.ravel().tolist()}
+            for number, one in enumerate(rows)
+        ] * 2
+    file.write_text(json.dumps(content))
+    return file
+
+
+@pytest.mark.parametrize(("kind", "id"), [("openpose", 7), ("ntu", 5), ("azure", 3), ("coco", 3)])
+def test_people_of_a_frame_have_ids_of_their_own(tmp_path: Path, kind: str, id: int) -> None:
+    frames = recorded(tmp_path / "walk")
+    file = two_in_a_frame(kind, frames, tmp_path / "joints")
+    found = joined(tmp_path / "walk", file)
+    assert [[one.id for one in frame.skeletons] for frame in found] == [[id, 0]] * COUNT
+    capture.export_joints(found, tmp_path / "again.csv")
+    again = joined(tmp_path / "walk", tmp_path / "again.csv")
+    assert [len(frame.skeletons) for frame in again] == [2] * COUNT
+
+
+def test_an_id_is_not_taken_from_the_person_who_has_it(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    rows = rows_of("coco", frames[0].skeletons[0], CAMERA).ravel().tolist()
+    given = [{"idx": 4}, {"idx": 4}, {}, {"idx": 0}, {"idx": 1}]
+    results = [{"image_id": 0, "keypoints": rows, **one} for one in given]
+    (tmp_path / "r.json").write_text(json.dumps(results))
+    found = joined(tmp_path / "walk", tmp_path / "r.json")
+    assert [one.id for one in found[0].skeletons] == [4, 2, 3, 0, 1]
+
+
+# --- units ----------------------------------------------------------------------------------------
+
+
+def test_azure_kinect_s_joints_are_in_millimetres(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    content = json.loads(azure(frames))
+    for frame in content["frames"]:
+        (body,) = frame["bodies"]
+        body["joint_positions"] = (np.array(body["joint_positions"]) / 1000).tolist()
+    (tmp_path / "m.json").write_text(json.dumps(content))
+    with pytest.raises(FormatError, match=r"m\.json: .*expected millimetres.*depth of 2\."):
+        joined(tmp_path / "walk", tmp_path / "m.json")
+
+
+def test_pixels_are_not_shares_of_the_image(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    size = (CAMERA.width, CAMERA.height, 1.0)
+    people = [[rows_of("openpose", frame.skeletons[0], CAMERA) / size] for frame in frames]
+    folder = openpose(tmp_path / "joints", people)
+    with pytest.raises(FormatError, match=r"joints: expected joints in pixels .* none beyond 1"):
+        joined(tmp_path / "walk", folder)
+    shares = rows_of("coco", frames[0].skeletons[0], CAMERA) / size
+    results = [{"image_id": 0, "keypoints": shares.ravel().tolist()}]
+    (tmp_path / "r.json").write_text(json.dumps(results))
+    with pytest.raises(FormatError, match=r"r\.json: expected joints in pixels"):
+        joined(tmp_path / "walk", tmp_path / "r.json")
+
+
+def test_a_file_without_any_joint_that_was_found_has_nobody(tmp_path: Path) -> None:
+    recorded(tmp_path / "walk")
+    folder = openpose(tmp_path / "joints", [[np.zeros((25, 3))]] * COUNT)
+    assert not any(frame.skeletons for frame in joined(tmp_path / "walk", folder))
+
+
 # --- damage ---------------------------------------------------------------------------------------
 
 HEADER = "frame,time_ns,id,joint,name,x,y,z,state\n"

@@ -56,12 +56,15 @@ class ExportedJoints:
     held : int
         Number of frames of a motion that repeat the pose before: the person was not seen in them,
         they were dropped, or the rate was lower.
+    left_out : int
+        Number of skeletons that a motion lacks: the frames near their times have poses already.
     """
 
     path: Path
     frames: int
     people: int
     held: int = 0
+    left_out: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +103,9 @@ def export_joints(
     the pose before; so do frames that are inserted where the times show that some were dropped. The
     frames of a motion are evenly spaced, at the highest rate that the recording had for 30 frames.
     Each pose is in the frame nearest to its time, or in the next one if that has a pose already; it
-    is left out if it would be more than three quarters of a frame late.
+    is left out (``ExportedJoints.left_out``) if it would be more than three quarters of a frame
+    late. If most steps of the recording are shorter than a millisecond, as where its times have
+    another unit, no pose is left out.
 
     Parameters
     ----------
@@ -163,6 +168,7 @@ def export_joints(
             tracker = opened.enter_context(PoseTracker())
             stream = (f if f.color is None else tracker.annotate(f) for f in stream)
         ids: set[int] = set()
+        left_out = 0
         stream = _noting_ids(stream, ids)
         if suffix == ".csv":
             found = [
@@ -172,7 +178,9 @@ def export_joints(
                 if person is None or skeleton.id == person
             ]
         else:
-            found, step = _at_even_times(_followed(stream, person))
+            followed = _followed(stream, person)
+            found, step = _at_even_times(followed)
+            left_out = _seen(followed) - _seen(found)
     if not found:
         who = "a skeleton" if person is None else f"a skeleton with id {person}"
         if ids:
@@ -184,8 +192,13 @@ def export_joints(
     with atomic_path(target) as temporary:
         temporary.write_text(text, encoding="ascii", newline="\n")
     people = len({one.skeleton.id for one in found})
-    held = sum(one.is_held for one in found)
-    return ExportedJoints(target, len(found) - held, people, held)
+    seen = _seen(found)
+    return ExportedJoints(target, seen, people, len(found) - seen, left_out)
+
+
+def _seen(found: list[_Sighting]) -> int:
+    """Return the number of sightings that do not repeat the one before."""
+    return sum(not one.is_held for one in found)
 
 
 def _read(stream: Iterable[RgbdFrame], frames: int | None) -> Iterator[RgbdFrame]:
@@ -241,17 +254,19 @@ def _at_even_times(found: list[_Sighting]) -> tuple[list[_Sighting], float]:
             f"source: expected at most {_LONGEST_GAP:.0f} s between two frames of a motion, got "
             f"{longest:.0f} s"
         )
-    usual = max(_usual_step(steps), _SHORTEST_STEP)
     times = np.cumsum(steps)
-    step = _whole_step(steps, float(times[-1]), usual)
+    seconds = float(times[-1])
+    are_real = np.median(steps) >= _SHORTEST_STEP  # no camera is faster
+    usual = max(_usual_step(steps), _SHORTEST_STEP)
+    step = _whole_step(steps, seconds, usual) if are_real else usual
     poses: list[_Sighting] = []
     for one, time in zip(found, (0.0, *times.tolist()), strict=True):
         slot = max(round(time / step), len(poses))
-        if slot - time / step > _LATEST:
+        if are_real and slot - time / step > _LATEST:
             continue  # the frame has a pose already
         held = [replace(poses[-1], is_held=True)] if poses else []
         poses += [*(held * (slot - len(poses))), one]
-    return poses, step
+    return poses, step if are_real else seconds / (len(poses) - 1)
 
 
 def _usual_step(steps: Floats) -> float:
@@ -296,7 +311,7 @@ def _motion(found: Sequence[_Sighting], step: float) -> str:
     lengths = np.median(np.linalg.norm(bones, axis=2), axis=0)
     offsets = np.concatenate([np.zeros((1, 3)), _rest(places) * lengths[:, None]])
     lines = ["HIERARCHY", *_hierarchy(0, offsets, "", "ROOT")]
-    lines += ["MOTION", f"Frames: {len(found)}", f"Frame Time: {step:.7f}"]
+    lines += ["MOTION", f"Frames: {len(found)}", f"Frame Time: {max(step, 1e-7):.7f}"]
     order = _depth_first(0)
     for now in places:
         angles = _angles(now, offsets)

@@ -599,6 +599,9 @@ def capture_export(
     if done.held:
         told = counted(done.held, "frame")
         shell.say(f"the person was not seen in {told} (or they were dropped), and stays as before")
+    if done.left_out:
+        told = counted(done.left_out, "skeleton")
+        shell.say(f"left out {told}: the motion's frames near their times have poses already")
     say_left_out(shell, opened._counted(), opened.errors)
     shell.result({**asdict(done), "path": str(done.path), "source": opened.uri})
 

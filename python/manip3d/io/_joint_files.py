@@ -7,9 +7,9 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,6 +27,7 @@ _MAX_BYTES = 1 << 28  # of a file; an hour of one person in NTU RGB+D has 300 MB
 _MAX_FRAME_BYTES = 1 << 22  # of a file of OpenPose, which holds one frame
 _MAX_FRAMES = 1 << 20  # files of OpenPose in a folder
 _FARTHEST_M = 1000.0  # larger coordinates are errors of unit
+_NEAREST_M = 0.05  # median depth of joints; smaller ones are errors of unit, too
 _LARGEST = 2.0**62  # of numbers of people and frames
 _OPENPOSE_ENDING = "_keypoints.json"
 _OPENPOSE = 25  # joints of its model BODY_25
@@ -100,7 +101,7 @@ def read_joint_file(path: str | os.PathLike[str]) -> JointFile:
     Raises
     ------
     FormatError
-        The file is of none of these kinds, or damaged.
+        The file is of none of these kinds, damaged, or its joints have another unit.
     OSError
         The file cannot be read.
     """
@@ -126,6 +127,40 @@ def read_joint_file(path: str | os.PathLike[str]) -> JointFile:
         f"OpenPose's *{_OPENPOSE_ENDING}",
         file=str(place),
     )
+
+
+def _with_own_ids(people: Sequence[tuple[Floats, Floats, int | None]]) -> tuple[SeenPerson, ...]:
+    """Return the people of a frame by their joints, trust and ids, of which each occurs once.
+
+    The first person keeps an id; others with it, or without any, take the smallest free numbers.
+    """
+    used = {identity for *_, identity in people}
+    free = (number for number in count() if number not in used)
+    kept: dict[int, SeenPerson] = {}
+    for places, trust, identity in people:
+        own = next(free) if identity is None or identity in kept else identity
+        kept[own] = SeenPerson(places, trust, own)
+    return tuple(kept.values())
+
+
+def _found(frames: Mapping[int, tuple[SeenPerson, ...]]) -> Floats:
+    """Return the joints of all people that were found; those at the origin were not."""
+    places = [
+        one.joints[(one.trust > 0) & one.joints.any(axis=1)]
+        for people in frames.values()
+        for one in people
+    ]
+    return np.concatenate(places) if places else np.zeros((0, 3))
+
+
+def _check_pixels(frames: Mapping[int, tuple[SeenPerson, ...]], file: str) -> None:
+    places = np.abs(_found(frames))
+    if places.size and places.max() <= 1.0:
+        raise FormatError(
+            "expected joints in pixels of the colour image, got none beyond 1 (shares of the "
+            "image's size)",
+            file=file,
+        )
 
 
 # --- NTU RGB+D ------------------------------------------------------------------------------------
@@ -184,18 +219,18 @@ def _ntu(path: Path) -> JointFile:
     """
     lines = _Lines(path)
     (word,) = lines.words(1, "the number of frames")
-    count = lines.whole(word, "the number of frames", 1, len(lines))
+    total = lines.whole(word, "the number of frames", 1, len(lines))
     frames = {}
-    for frame in range(count):
+    for frame in range(total):
         (word,) = lines.words(1, "the number of bodies")
         bodies = lines.whole(word, "the number of bodies", 0, MAX_PEOPLE)
-        frames[frame] = tuple(_ntu_body(lines) for _ in range(bodies))
+        frames[frame] = _with_own_ids([_ntu_body(lines) for _ in range(bodies)])
     if not lines.at_end:
-        raise lines.fail(f"expected {count} frames, found more")
-    return JointFile("kinect-v2", "kinect", frames, "index", count)
+        raise lines.fail(f"expected {total} frames, found more")
+    return JointFile("kinect-v2", "kinect", frames, "index", total)
 
 
-def _ntu_body(lines: _Lines) -> SeenPerson:
+def _ntu_body(lines: _Lines) -> tuple[Floats, Floats, int]:
     identity = lines.words(10, "ten words about a body")[0]
     person = lines.whole(identity, "the id of a body", 0, 2**63 - 1)
     (word,) = lines.words(1, "the number of joints")
@@ -205,7 +240,7 @@ def _ntu_body(lines: _Lines) -> SeenPerson:
         words = lines.words(12, "twelve numbers of a joint")
         places[joint] = [lines.number(text, "metres of a joint") for text in words[:3]]
         states[joint] = lines.whole(words[11], "the state of a joint", NOT_TRACKED, TRACKED)
-    return SeenPerson(places, states, person)
+    return places, states, person
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -302,9 +337,10 @@ def _numbers(values: Any, shape: tuple[int, int], place: str, file: str) -> Floa
     return np.array(flat, np.float64).reshape(shape)
 
 
-def _in_pixels(rows: Floats, person: int) -> SeenPerson:
-    """Return a person of rows of column, row and confidence."""
-    return SeenPerson(rows[:, :2], np.maximum(rows[:, 2], 0.0), person)
+def _in_pixels(rows: Floats, person: Any) -> tuple[Floats, Floats, int | None]:
+    """Return the joints, their confidences and the id, None if it is none, of a person."""
+    is_id = type(person) is int and 0 <= person <= _LARGEST
+    return rows[:, :2], np.maximum(rows[:, 2], 0.0), person if is_id else None
 
 
 def _openpose(folder: Path) -> JointFile:
@@ -321,7 +357,8 @@ def _openpose(folder: Path) -> JointFile:
     for index, name in enumerate(names):
         file = folder / name
         people = _member(_json(file, _MAX_FRAME_BYTES), "people", list, "the file", str(file))
-        frames[index] = tuple(_openpose_people(people, str(file)))
+        frames[index] = _openpose_people(people, str(file))
+    _check_pixels(frames, str(folder))
     return JointFile("openpose", "pixels", frames, "index", len(names))
 
 
@@ -331,9 +368,10 @@ def _by_numbers(name: str) -> tuple[list[tuple[int, str]], str]:
     return [(len(p.lstrip("0")), p.lstrip("0")) if p.isdigit() else (99, p) for p in parts], name
 
 
-def _openpose_people(people: list[Any], file: str) -> Iterator[SeenPerson]:
+def _openpose_people(people: list[Any], file: str) -> tuple[SeenPerson, ...]:
     if len(people) > MAX_PEOPLE:
         raise FormatError(f"people: expected at most {MAX_PEOPLE}, got {len(people)}", file=file)
+    found = []
     for number, one in enumerate(people):
         place = f"people[{number}]"
         values = _member(one, "pose_keypoints_2d", list, place, file)
@@ -345,14 +383,14 @@ def _openpose_people(people: list[Any], file: str) -> Iterator[SeenPerson]:
             )
         rows = _numbers(values, (_OPENPOSE, 3), f"{place}.pose_keypoints_2d", file)
         given = one.get("person_id", [])  # [-1] without OpenPose's tracking
-        known = isinstance(given, list) and len(given) == 1 and type(given[0]) is int
-        is_id = known and 0 <= given[0] <= _LARGEST
-        yield _in_pixels(rows, given[0] if is_id else number)
+        is_one = isinstance(given, list) and len(given) == 1
+        found.append(_in_pixels(rows, given[0] if is_one else None))
+    return _with_own_ids(found)
 
 
 def _coco(results: list[Any], file: str) -> JointFile:
     """Read results in COCO's format: a list with an entry for each person."""
-    frames: dict[int, tuple[SeenPerson, ...]] = {}
+    found: dict[int, list[tuple[Floats, Floats, int | None]]] = {}
     joints = 0
     for number, one in enumerate(results):
         place = f"[{number}]"
@@ -372,14 +410,14 @@ def _coco(results: list[Any], file: str) -> JointFile:
         if len(rows) != joints:
             raise FormatError(f"{place}: expected {joints} joints as before, got {len(rows)}",
                               file=file)  # fmt: skip
-        people = frames.get(image, ())
+        people = found.setdefault(image, [])
         if len(people) == MAX_PEOPLE:
             raise FormatError(f"image {image}: expected at most {MAX_PEOPLE} people", file=file)
-        given = one.get("idx", one.get("track_id"))  # AlphaPose's, with tracking
-        is_id = type(given) is int and 0 <= given <= _LARGEST
-        frames[image] = (*people, _in_pixels(rows, given if is_id else len(people)))
-    if not frames:
+        people.append(_in_pixels(rows, one.get("idx", one.get("track_id"))))  # AlphaPose's ids
+    if not found:
         raise FormatError("expected results of at least one person, got an empty list", file=file)
+    frames = {image: _with_own_ids(people) for image, people in found.items()}
+    _check_pixels(frames, file)
     return JointFile(_COCO[joints], "pixels", frames, "number")
 
 
@@ -425,6 +463,13 @@ def _azure(content: Any, file: str) -> JointFile:
             places = _numbers(values, (_AZURE, 3), f"{at}.joint_positions", file) / 1000.0
             if not (np.abs(places) <= _FARTHEST_M).all():
                 raise FormatError(f"{at}.joint_positions: expected at most 1000 m", file=file)
-            people.append(SeenPerson(places, np.full(_AZURE, float(TRACKED)), person))
-        frames[time] = tuple(people)
+            people.append((places, np.full(_AZURE, float(TRACKED)), person))
+        frames[time] = _with_own_ids(people)
+    depths = np.abs(_found(frames)[:, 2])
+    if len(depths) and np.median(depths) < _NEAREST_M:
+        raise FormatError(
+            "joint_positions: expected millimetres from the camera, got a median depth of "
+            f"{1000 * np.median(depths):.3g} (metres?)",
+            file=file,
+        )
     return JointFile("azure-kinect", "camera", frames, "time", len(frames))
