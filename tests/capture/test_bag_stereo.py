@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -209,6 +209,116 @@ def test_a_picture_that_cannot_be_decoded_silences_the_cameras_only(
         raise FormatError(first.unread["cross-modal"])
     assert not isinstance(first.frame, str)
     assert not second.unread
+
+
+def write_damaged_bag(
+    path: Path, made: Messages, damaged: Collection[tuple[float, str]], kept: int
+) -> Path:
+    """A bag whose pictures of these times and topics keep only so many bytes of their messages."""
+    from rosbags import rosbag2
+
+    plugin = rosbag2.StoragePlugin.MCAP
+    with rosbag2.Writer(path, version=8, storage_plugin=plugin) as writer:
+        opened: dict[str, Any] = {}
+        for time, topic, kind, each in made:
+            if topic not in opened:
+                opened[topic] = writer.add_connection(topic, kind, typestore=TYPES)
+            raw = bytes(TYPES.serialize_cdr(each, kind))
+            raw = raw[:kept] if (time, topic) in damaged else raw
+            writer.write(opened[topic], round((1 + time) * 1e9), raw)
+    return path
+
+
+def until_error(path: Path, **options: Any) -> tuple[list[DriveMoment], str]:
+    """The moments before the error that ends a bag, and the error; empty: none."""
+    found: list[DriveMoment] = []
+    told = ""
+    try:
+        found.extend(capture.watched_recording(f"bag:{path}", **options).moments)
+    except FormatError as error:
+        told = str(error)
+    return found, told
+
+
+TIMES = (1.0, 1.1, 1.2, 1.3)
+NO_STAMP, WITH_STAMP = 0, 20
+BROKEN = {
+    "left": {(1.1, LEFT_TOPIC)},
+    "right": {(1.1, RIGHT_TOPIC)},
+    "the first": {(1.0, LEFT_TOPIC), (1.0, RIGHT_TOPIC)},
+    "the last": {(1.3, LEFT_TOPIC), (1.3, RIGHT_TOPIC)},
+    "the other in the next": {(1.1, LEFT_TOPIC), (1.2, RIGHT_TOPIC)},
+    "all": {(time, topic) for time in TIMES for topic in (LEFT_TOPIC, RIGHT_TOPIC)},
+}
+
+
+@pytest.mark.parametrize("kept", [NO_STAMP, WITH_STAMP])
+@pytest.mark.parametrize("name", BROKEN)
+@pytest.mark.parametrize("late", [0.0, 0.35])
+def test_damaged_pictures_are_told_by_the_scans_that_lack_them(
+    tmp_path: Path, name: str, kept: int, late: float
+) -> None:
+    """The stamps of damaged pictures are unknown, and cameras may be recorded late."""
+    made = calibration()
+    for number, time in enumerate(TIMES):
+        made += [scan(time), *both(time, 10 + number, recorded=time + late)]
+    made.sort(key=lambda each: each[0])
+    damaged = {(time + late, topic) for time, topic in BROKEN[name]}
+    bag = write_damaged_bag(tmp_path / "bag", made, damaged, kept)
+    found, error = until_error(bag)
+    hurt = {time for time, _ in BROKEN[name]}
+    assert greys(found) == [
+        None if time in hurt else 10 + number for number, time in enumerate(TIMES)
+    ]
+    for time, moment in zip(TIMES, found, strict=True):
+        assert isinstance(moment.frame, LidarFrame)
+        told = moment.unread.get("cross-modal", "")
+        for topic in (LEFT_TOPIC, RIGHT_TOPIC):
+            if (time, topic) in BROKEN[name]:
+                assert f"{topic}: it cannot be decoded: " in told
+        assert told.startswith("unreadable: ") == (time in hurt)
+    assert error.startswith(f"{bag}: damaged pictures: {len(damaged)}, the first of /stereo/")
+
+
+def test_damaged_pictures_of_other_topics_and_of_later_scans_are_not_told(tmp_path: Path) -> None:
+    made = calibration()
+    for number, time in enumerate(TIMES):
+        made += [scan(time), *both(time, number)]
+        made.append((time, "/rear", IMAGE, image(GREY, "mono8", time)))
+    damaged = {(1.0, "/rear"), (1.3, LEFT_TOPIC)}
+    bag = write_damaged_bag(tmp_path / "bag", made, damaged, WITH_STAMP)
+    found, error = until_error(bag, frames=2)
+    assert greys(found) == [0, 1]
+    assert not any(each.unread for each in found)
+    assert not error
+    assert until_error(bag, cameras="none")[1] == ""
+    found, error = until_error(bag, frames=4)
+    assert [bool(each.unread) for each in found] == [False, False, False, True]
+    assert error.startswith(f"{bag}: damaged pictures: 1, the first of {LEFT_TOPIC}: ")
+
+
+@pytest.mark.parametrize("limit", [(), ("--frames", "2")])
+def test_a_drive_of_damaged_pictures_is_not_found_clean(
+    tmp_path: Path, limit: tuple[str, ...]
+) -> None:
+    from typer.testing import CliRunner
+
+    from manip3d.cli import app
+
+    made = calibration()
+    for time in TIMES:
+        made += [scan(time), *both(time, 7)]
+    bag = write_damaged_bag(tmp_path / "bag", made, BROKEN["all"], WITH_STAMP)
+    done = CliRunner().invoke(app, ["alert", "run", str(bag), "--json", "-q", *limit])
+    assert done.exit_code == 4, done.output
+    told = json.loads(done.stdout)
+    number = 2 if limit else len(TIMES)
+    assert len(told["frames"]) == number
+    for frame in told["frames"]:
+        assert frame["witnesses"]["cross-modal"]["verdict"] == "undecidable"
+    assert told["verdict"] == "undecidable"
+    assert f"ended after {number} frames: " in told["reason"]
+    assert "damaged pictures: " in told["reason"]
 
 
 def test_pairs_are_chosen_where_there_are_several(tmp_path: Path) -> None:

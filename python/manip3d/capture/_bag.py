@@ -17,7 +17,7 @@ import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -231,11 +231,21 @@ class BagPicture(NamedTuple):
     data: bytes
 
 
+class UnreadPicture(NamedTuple):
+    """An image message of a bag that cannot be decoded: its topic, and the reason."""
+
+    topic: str
+    reason: str
+
+
 class UnreadCloud(NamedTuple):
     """A cloud of a bag that cannot be read: the reason, and the time if it is known."""
 
     reason: str
     time_ns: int | None
+
+
+BagMessage: TypeAlias = LidarFrame | UnreadCloud | BagPicture | UnreadPicture
 
 
 class BagRecording:
@@ -263,6 +273,8 @@ class BagRecording:
         self._max_bytes = self._left = max_bytes
         self._counters = {"frames": 0, "points": 0, "no_return": 0}
         self._number = 0  # of clouds, with those that cannot be read
+        self.num_unread_pictures = 0
+        self.first_unread_picture: UnreadPicture | None = None
         self._lock = threading.RLock()
         self._ended = False
         # The first frame that has points determines it. With pictures, the clouds stay in the frame
@@ -306,11 +318,8 @@ class BagRecording:
         cameras: dict[str, Any] = self._header()["cameras"]
         return cameras
 
-    def messages(self, topics: Sequence[str]) -> Iterator[LidarFrame | BagPicture | UnreadCloud]:
-        """Yield the clouds and the pictures of these topics in the order of the recording.
-
-        Pictures that cannot be decoded are left out, and counted.
-        """
+    def messages(self, topics: Sequence[str]) -> Iterator[BagMessage]:
+        """Yield the clouds and the pictures of these topics in the order of the recording."""
         assert self._process.stdin is not None
         # If the reading process has ended, _header() below raises the reason.
         with contextlib.suppress(BrokenPipeError):
@@ -321,7 +330,10 @@ class BagRecording:
             if "picture" not in header:
                 yield self._cloud_or_why(header, data)
             elif "bad" in header:
-                self._count("damaged_pictures")
+                unread = UnreadPicture(header["picture"], f"it cannot be decoded: {header['bad']}")
+                self.num_unread_pictures += 1
+                self.first_unread_picture = self.first_unread_picture or unread
+                yield unread
             else:
                 yield BagPicture(header, data)
         self._close()
@@ -331,9 +343,6 @@ class BagRecording:
             return self._cloud(header, data)
         except FormatError as error:
             return UnreadCloud(str(error), header.get("stamp_ns") or header["received_ns"])
-
-    def _count(self, name: str) -> None:
-        self._counters[name] = self._counters.get(name, 0) + 1
 
     def close(self) -> None:
         """End the process that reads the bag; may be called twice."""
@@ -348,7 +357,7 @@ class BagRecording:
                 raise FormatError(f"it cannot be decoded: {header['bad']}")
             frame = self._frame(header, data)
         except FormatError as error:
-            self._count("damaged")
+            self._counters["damaged"] = self._counters.get("damaged", 0) + 1
             reason = f"message {number}: {error.reason}"
             raise FormatError(reason, file=str(self._path)) from error
         self._counters["frames"] += 1

@@ -15,7 +15,14 @@ from manip3d._util.linear import product
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import TURN_S, DriveMoment, StereoRig, WatchedDrive, read_rigs
-from manip3d.capture._bag import BagPicture, BagRecording, UnreadCloud, place_and_topic
+from manip3d.capture._bag import (
+    BagMessage,
+    BagPicture,
+    BagRecording,
+    UnreadCloud,
+    UnreadPicture,
+    place_and_topic,
+)
 from manip3d.capture._bag_pictures import decoded, pose_of
 from manip3d.capture._lidar import LidarSource, expect_scans, open_lidar
 from manip3d.errors import Error, FormatError, InputError
@@ -78,8 +85,9 @@ def watched_recording(
     -------
     manip3d.authenticate.WatchedDrive
         The scans, each with its pair of pictures if there is one. If a picture cannot be decoded,
-        its moment states the reason in ``unread``; only a missing package raises an error, when
-        that moment is reached.
+        its moment states the reason in ``unread``; a missing package raises an error when that
+        moment is reached. If the message of a picture is damaged, the scans without a pair that
+        it may belong to state the reason, and a `FormatError` follows after the last scan.
 
     Raises
     ------
@@ -121,7 +129,18 @@ def watched_recording(
     if note is not None and why:
         note(why)
     moments = expect_scans(matched(bag.messages(pair), pair), uri, bag.counters)
-    return WatchedDrive(rig, itertools.islice(moments, frames), frames or 0)
+    told = _with_unread(itertools.islice(moments, frames), bag, place)
+    return WatchedDrive(rig, told, frames or 0)
+
+
+def _with_unread(
+    moments: Iterable[DriveMoment], bag: BagRecording, place: str
+) -> Iterator[DriveMoment]:
+    """Yield the moments, and raise `FormatError` after the last if pictures were damaged."""
+    yield from moments
+    if (first := bag.first_unread_picture) is not None:
+        told = f"the first of {first.topic}: {first.reason}"
+        raise FormatError(f"damaged pictures: {bag.num_unread_pictures}, {told}", file=place)
 
 
 def _scans(recording: LidarSource, uri: str) -> Iterator[DriveMoment]:
@@ -272,6 +291,18 @@ class _Waiting(Generic[_Item]):
         self._bytes = sum(size for _, size, _ in self.items)
 
 
+class _Gap(NamedTuple):
+    """Pictures of one camera that cannot be read, before its next one that can.
+
+    Their own stamps are unknown.
+    """
+
+    side: int
+    reason: str
+    end_ns: float
+    """Stamp of the next picture that can be read; infinite as long as there is none."""
+
+
 class _Pairs:
     """Pictures of two cameras, joined to pairs; pictures too old for any later scan are dropped."""
 
@@ -279,11 +310,15 @@ class _Pairs:
         self._topics = topics
         self._single = (_Waiting[BagPicture](), _Waiting[BagPicture]())
         self._joined = _Waiting[_Pair]()
+        self._gaps: deque[_Gap] = deque(maxlen=_MAX_WAITING_PICTURES)
 
     def add(self, picture: BagPicture) -> None:
         """Join a picture with the other camera's of the same stamp, or keep it until that comes."""
         side = self._topics.index(picture.header["picture"])
         stamp = picture.header["stamp_ns"]
+        for number, gap in enumerate(self._gaps):
+            if gap.side == side and gap.end_ns == np.inf:
+                self._gaps[number] = gap._replace(end_ns=stamp)
         other = self._single[1 - side].take(stamp)
         if other is None:
             self._single[side].add(stamp, len(picture.data), picture)
@@ -291,6 +326,19 @@ class _Pairs:
         pair = _Pair(picture, other) if side == 0 else _Pair(other, picture)
         size = len(picture.data) + len(other.data)
         self._joined.add(pair.left.header["stamp_ns"], size, pair)
+
+    def add_unread(self, picture: UnreadPicture) -> None:
+        """Keep the reason; a picture that follows another unread one of its camera adds none."""
+        side = self._topics.index(picture.topic)
+        if not any(gap.side == side and gap.end_ns == np.inf for gap in self._gaps):
+            self._gaps.append(_Gap(side, f"{picture.topic}: {picture.reason}", np.inf))
+
+    def why_none(self, scan: LidarFrame) -> str:
+        """Return why pictures that may belong to a scan without a pair cannot be read, or ''."""
+        while self._gaps and self._gaps[0].end_ns < (scan.time_ns or 0):
+            self._gaps.popleft()
+        found = (gap for gap in self._gaps if gap.end_ns >= (scan.time_ns or 0))
+        return "; ".join({gap.side: gap.reason for gap in found}.values())
 
     def is_past(self, scan: LidarFrame | UnreadCloud) -> bool:
         """Return whether a pair that is not older than the scan has arrived."""
@@ -312,15 +360,13 @@ class _Pairs:
         return near[2] if near is not None and abs(near[0] - now) <= farthest else None
 
 
-def matched(
-    messages: Iterable[LidarFrame | BagPicture | UnreadCloud], topics: tuple[str, ...]
-) -> Iterator[DriveMoment]:
+def matched(messages: Iterable[BagMessage], topics: tuple[str, ...]) -> Iterator[DriveMoment]:
     """Yield each scan with the pair of the nearest stamp, see `_Pairs.take_nearest`.
 
     A scan waits for the following scan and for a pair that is not older than itself, but for at
     most `_MAX_WAITING` further scans; without ``topics`` it does not wait. A cloud that cannot be
-    read is a moment with the reason. If ``messages`` raises, the scans before the error are yielded
-    first.
+    read is a moment with the reason; a scan without a pair states why pictures that may belong to
+    it cannot be read. If ``messages`` raises, the scans before the error are yielded first.
     """
     scans: deque[LidarFrame | UnreadCloud] = deque()
     pairs = _Pairs(topics)
@@ -328,6 +374,8 @@ def matched(
     for message in _with_end(messages):
         if isinstance(message, BagPicture):
             pairs.add(message)
+        elif isinstance(message, UnreadPicture):
+            pairs.add_unread(message)
         elif isinstance(message, LidarFrame | UnreadCloud):
             scans.append(message)
         while scans and (
@@ -343,15 +391,16 @@ def matched(
                 yield DriveMoment(f"unreadable: {scan.reason}", time_s=_seconds(scan))
                 continue
             after = scans[0].time_ns if scans else None
-            yield _moment(scan, pairs.take_nearest(scan, before, after))
+            pair = pairs.take_nearest(scan, before, after)
+            yield _moment(scan, pair, "" if pair else pairs.why_none(scan))
             before = scan.time_ns
         if isinstance(message, Exception):
             raise message
 
 
 def _with_end(
-    messages: Iterable[LidarFrame | BagPicture | UnreadCloud],
-) -> Iterator[LidarFrame | BagPicture | UnreadCloud | Exception | None]:
+    messages: Iterable[BagMessage],
+) -> Iterator[BagMessage | Exception | None]:
     """Yield the messages, and then None or the error that ended them."""
     try:
         yield from messages
@@ -365,13 +414,13 @@ def _seconds(scan: LidarFrame | UnreadCloud) -> float | None:
     return None if scan.time_ns is None else scan.time_ns / SECOND_NS
 
 
-def _moment(scan: LidarFrame, pair: _Pair | None = None) -> DriveMoment:
-    """Return a scan with its decoded pictures, or with the reason why decoding failed."""
-    time_s = _seconds(scan)
-    if pair is None:
-        return DriveMoment(scan, time_s=time_s)
-    try:
-        pictures = (decoded(pair.left), decoded(pair.right))
-    except FormatError as error:
-        return DriveMoment(scan, time_s=time_s, unread={"cross-modal": f"unreadable: {error}"})
-    return DriveMoment(scan, pictures, time_s=time_s)
+def _moment(scan: LidarFrame, pair: _Pair | None = None, why_none: str = "") -> DriveMoment:
+    """Return a scan with its decoded pictures, or with the reason why they cannot be read."""
+    time_s, pictures = _seconds(scan), None
+    if pair is not None:
+        try:
+            pictures = (decoded(pair.left), decoded(pair.right))
+        except FormatError as error:
+            why_none = str(error)
+    unread = {"cross-modal": f"unreadable: {why_none}"} if why_none else {}
+    return DriveMoment(scan, pictures, time_s=time_s, unread=unread)
