@@ -127,69 +127,58 @@ bool segments_meet(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p
   return !are_apart(a, b, p, q) && meet(a, b, p, q);
 }
 
-void BoundaryMover::collect_edges(const Surface& surface, const Triangulation& mesh) {
-  tiles_across_ = (surface.cols() >> kTileShift) + 1;
-  tiles_down_ = (surface.rows() >> kTileShift) + 1;
-  edges_.clear();
-  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
-    if (!mesh.vertex(v).alive() || !mesh.vertex(v).on_boundary) continue;
-    edges_.push_back({v, mesh.first_neighbor(v)});
-  }
-  const auto tiles_of = [&](const Edge& edge, auto&& visit) {
-    const PixelPlace a = place_of(mesh, edge.from);
-    visit_tiles({a, place_of(mesh, edge.to), a}, visit);
-  };
-  first_in_.assign(static_cast<std::size_t>(tiles_across_) * tiles_down_ + 1, 0);
-  for (const Edge& edge : edges_) tiles_of(edge, [&](std::int32_t tile) { ++first_in_[tile]; });
-  std::int32_t total = 0;
-  for (std::int32_t& first : first_in_) first = total += first;
-  make_room(in_tile_, total);
-  in_tile_.resize(total);
-  for (std::size_t i = 0; i < edges_.size(); ++i) {
-    tiles_of(edges_[i], [&](std::int32_t tile) {
-      in_tile_[--first_in_[tile]] = static_cast<std::int32_t>(i);
-    });
+BoundaryTiles::Box BoundaryTiles::box_of(const PixelPlace& a, const PixelPlace& b) const {
+  const auto [left, right] = std::minmax(a[0], b[0]);
+  const auto [low, high] = std::minmax(a[1], b[1]);
+  return {std::max(left - 1, 0) >> kTileShift, std::max(low - 1, 0) >> kTileShift,
+          std::min((right + 1) >> kTileShift, across_ - 1),
+          std::min((high + 1) >> kTileShift, down_ - 1)};
+}
+
+void BoundaryTiles::add(const Triangulation& mesh, std::int32_t from) {
+  const Box box = box_of(place_of(mesh, from), place_of(mesh, mesh.first_neighbor(from)));
+  for (int v = box.v0; v <= box.v1; ++v) {
+    for (int u = box.u0; u <= box.u1; ++u) {
+      std::int32_t& newest = newest_in_[v * across_ + u];
+      entries_.push_back({from, newest});
+      newest = static_cast<std::int32_t>(entries_.size()) - 1;
+    }
   }
 }
 
-/// Visits the tiles of a box around three pixels, each of which may move by one.
-template <typename Visit>
-void BoundaryMover::visit_tiles(const std::array<Pixel, 3>& corners, Visit&& visit) const {
-  const auto [left, right] = std::minmax({corners[0][0], corners[1][0], corners[2][0]});
-  const auto [low, high] = std::minmax({corners[0][1], corners[1][1], corners[2][1]});
-  const int u0 = std::max(left - 1, 0) >> kTileShift, v0 = std::max(low - 1, 0) >> kTileShift;
-  const int u1 = std::min((right + 1) >> kTileShift, tiles_across_ - 1);
-  const int v1 = std::min((high + 1) >> kTileShift, tiles_down_ - 1);
-  for (int v = v0; v <= v1; ++v) {
-    for (int u = u0; u <= u1; ++u) visit(v * tiles_across_ + u);
+void BoundaryTiles::collect(const Surface& surface, const Triangulation& mesh) {
+  across_ = (surface.cols() >> kTileShift) + 1;
+  down_ = (surface.rows() >> kTileShift) + 1;
+  newest_in_.assign(static_cast<std::size_t>(across_) * down_, -1);
+  entries_.clear();
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    if (mesh.vertex(v).alive() && mesh.vertex(v).on_boundary) add(mesh, v);
   }
 }
 
 bool BoundaryMover::meets_other(const Triangulation& mesh, std::int32_t v, std::int32_t first,
                                 std::int32_t last, const Pixel& to) const {
-  bool met = false;
   for (const std::int32_t end : {first, last}) {
     const Pixel a = place_of(mesh, end);
-    visit_tiles({a, to, a}, [&](std::int32_t tile) {
-      for (std::int32_t k = first_in_[tile]; k < first_in_[tile + 1] && !met; ++k) {
-        const auto [p, q] = edges_[in_tile_[k]];
-        if (p == v || q == v) continue;
-        const Pixel at_p = place_of(mesh, p), at_q = place_of(mesh, q);
-        if (are_apart(a, to, at_p, at_q)) continue;
-        // The other side of a hole of three vertices.
-        if ((p == first && q == last) || (p == last && q == first)) {
-          met = sign(doubled_area(at_p, at_q, to)) !=
-                sign(doubled_area(at_p, at_q, place_of(mesh, v)));
-        } else if (p == end || q == end) {
-          // They start at the same vertex; neither may lie on the other.
-          met = is_on(p == end ? at_q : at_p, a, to) || is_on(to, at_p, at_q);
-        } else {
-          met = meet(a, to, at_p, at_q);
-        }
+    const auto meets = [&](std::int32_t p) {
+      const std::int32_t q = mesh.first_neighbor(p);
+      if (p == v || q == v) return false;
+      const Pixel at_p = place_of(mesh, p), at_q = place_of(mesh, q);
+      if (are_apart(a, to, at_p, at_q)) return false;
+      // The other side of a hole of three vertices.
+      if ((p == first && q == last) || (p == last && q == first)) {
+        return sign(doubled_area(at_p, at_q, to)) !=
+               sign(doubled_area(at_p, at_q, place_of(mesh, v)));
       }
-    });
+      // They start at the same vertex; neither may lie on the other.
+      if (p == end || q == end) {
+        return is_on(p == end ? at_q : at_p, a, to) || is_on(to, at_p, at_q);
+      }
+      return meet(a, to, at_p, at_q);
+    };
+    if (tiles_.any_near(a, to, meets)) return true;
   }
-  return met;
+  return false;
 }
 
 bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, bool at_any_price,
@@ -261,13 +250,14 @@ void BoundaryMover::run(const Surface& surface, Triangulation& mesh, std::span<c
   make_room(is_settled_, mesh.num_slots());
   is_settled_.assign(mesh.num_slots(), 0);
   for (int sweep = 0; sweep < sweeps; ++sweep) {
-    collect_edges(surface, mesh);
+    tiles_.collect(surface, mesh);
     bool moved = false;
-    for (const Edge& edge : edges_) {
+    for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+      if (!mesh.vertex(v).alive() || !mesh.vertex(v).on_boundary) continue;
       ticker.tick();
-      if (is_settled_[edge.from] != 0) continue;
-      if (!keep.empty() && keep[mesh.vertex(edge.from).pixel] != Keep::kFree) continue;
-      moved = move(surface, mesh, at_any_price, edge.from) || moved;
+      if (is_settled_[v] != 0) continue;
+      if (!keep.empty() && keep[mesh.vertex(v).pixel] != Keep::kFree) continue;
+      moved = move(surface, mesh, at_any_price, v) || moved;
     }
     if (!moved) return;
   }

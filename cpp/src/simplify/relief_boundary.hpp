@@ -29,6 +29,45 @@ inline std::int64_t doubled_area(const PixelPlace& a, const PixelPlace& b, const
 [[nodiscard]] bool segments_meet(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p,
                                  const PixelPlace& q);
 
+/// The boundary edges of a triangulation by tiles of pixels. Each edge goes from a vertex to its
+/// first neighbour.
+class BoundaryTiles {
+ public:
+  /// Replaces the edges by all those of a mesh.
+  void collect(const Surface& surface, const Triangulation& mesh);
+  /// Adds the edge from a boundary vertex.
+  void add(const Triangulation& mesh, std::int32_t from);
+  /// Whether a test is true for any edge near the segment ab, given the vertex from which the edge
+  /// goes. All edges that meet the segment are tested, also if each end has moved by one pixel
+  /// since its edge was added; others may be, and some more than once.
+  template <typename Test>
+  [[nodiscard]] bool any_near(const PixelPlace& a, const PixelPlace& b, Test&& test) const {
+    const Box box = box_of(a, b);
+    for (int v = box.v0; v <= box.v1; ++v) {
+      for (int u = box.u0; u <= box.u1; ++u) {
+        for (std::int32_t k = newest_in_[v * across_ + u]; k >= 0; k = entries_[k].older) {
+          if (test(entries_[k].from)) return true;
+        }
+      }
+    }
+    return false;
+  }
+
+ private:
+  struct Entry {
+    std::int32_t from, older;  ///< The next entry of the same tile, or -1.
+  };
+  struct Box {
+    int u0, v0, u1, v1;  ///< First and last tiles.
+  };
+  /// The tiles of a box around two pixels, each of which may move by one.
+  [[nodiscard]] Box box_of(const PixelPlace& a, const PixelPlace& b) const;
+
+  int across_ = 0, down_ = 0;
+  std::vector<std::int32_t> newest_in_;  ///< By tile: its last entry, or -1.
+  std::vector<Entry> entries_;
+};
+
 /// Moves the boundary of a triangulation to the ends of the surface, pixel by pixel. Removed
 /// vertices left cuts and bays, and a mesh of every second pixel ends up to two pixels too early.
 class BoundaryMover {
@@ -45,23 +84,13 @@ class BoundaryMover {
 
  private:
   using Pixel = std::array<std::int32_t, 2>;  ///< Column and row.
-  struct Edge {
-    std::int32_t from, to;
-  };
-  void collect_edges(const Surface& surface, const Triangulation& mesh);
-  template <typename Visit>
-  void visit_tiles(const std::array<Pixel, 3>& corners, Visit&& visit) const;
   bool move(const Surface& surface, Triangulation& mesh, bool at_any_price, std::int32_t v);
   [[nodiscard]] bool meets_other(const Triangulation& mesh, std::int32_t v, std::int32_t first,
                                  std::int32_t last, const Pixel& to) const;
 
   /// By vertex: no move of it has a gain, until it or a neighbour moves.
   std::vector<std::uint8_t> is_settled_;
-  int tiles_across_ = 0, tiles_down_ = 0;
-  std::vector<Edge> edges_;  ///< Edges on the boundary.
-  /// By tile: index of its first edge in `in_tile_`; one more at the end.
-  std::vector<std::int32_t> first_in_;
-  std::vector<std::int32_t> in_tile_;  ///< Edges by tile.
+  BoundaryTiles tiles_;
 };
 
 }  // namespace manip3d::relief_detail

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numeric>
 
-#include "simplify/relief_boundary.hpp"
 #include "simplify/relief_collapse.hpp"
 #include "simplify/relief_coverage.hpp"
 #include "simplify/relief_raster.hpp"
@@ -259,12 +258,11 @@ bool VertexExchange::may_insert(const Surface& surface, const Triangulation& mes
       [&](std::int32_t q) { free = free && (q == at_a || q == at_b || mesh.num_at(q) == 0); });
   if (!free || !adds) return free;
   // No vertex is in the new triangle, so that a boundary edge in it would cross both new sides.
-  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
-    if (!mesh.vertex(v).alive() || !mesh.vertex(v).on_boundary || v == from) continue;
+  return !tiles_.any_near(a, p, [&](std::int32_t v) {
+    if (!mesh.vertex(v).alive() || v == from) return false;
     const PixelPlace start = place_of(mesh, v), end = place_of(mesh, mesh.first_neighbor(v));
-    if (segments_meet(a, p, start, end) && segments_meet(p, b, start, end)) return false;
-  }
-  return true;
+    return segments_meet(a, p, start, end) && segments_meet(p, b, start, end);
+  });
 }
 
 bool VertexExchange::may_remove(const Surface& surface, const Triangulation& mesh, std::int32_t v,
@@ -281,6 +279,7 @@ bool VertexExchange::may_remove(const Surface& surface, const Triangulation& mes
 /// Makes the exchanges of a round, which do not touch each other.
 bool VertexExchange::exchange(const Surface& surface, Triangulation& mesh, Ticker& ticker) {
   touched_.assign(mesh.num_slots(), 0);
+  tiles_.collect(surface, mesh);
   bool made = false;
   Fan fan;
   int into = -1;
@@ -290,6 +289,7 @@ bool VertexExchange::exchange(const Surface& surface, Triangulation& mesh, Ticke
     if (!may_insert(surface, mesh, from)) continue;
     for (const std::int32_t v : mesh.triangle(mesh.vertex(from).triangle)) touch(v);
     mesh.split_boundary(from, surface, insertions_[from].pixel);
+    for (const std::int32_t v : {from, mesh.num_slots() - 1}) tiles_.add(mesh, v);
     for (auto* marks : {&touched_, &is_stale_}) marks->push_back(1);
     const auto is_worth = [&](std::int32_t v) {
       return removals_[v].cost < insertions_[from].gain;
@@ -306,7 +306,9 @@ bool VertexExchange::exchange(const Surface& surface, Triangulation& mesh, Ticke
     }
     for (int i = 0; i < fan.num_neighbors; ++i) touch(fan.neighbors[i]);
     touch(*least);
-    mesh.collapse(*least++, fan, into);
+    const std::int32_t gone = *least++;
+    mesh.collapse(gone, fan, into);
+    if (mesh.vertex(gone).on_boundary) tiles_.add(mesh, fan.neighbors[fan.num_neighbors - 1]);
     made = true;
   }
   return made;
@@ -316,10 +318,13 @@ bool VertexExchange::run(const Surface& surface, Triangulation& mesh, std::span<
                          int rounds, const Progress& progress) {
   Ticker ticker(progress);
   count_flaws(surface, flaws_);
-  used_before_.assign(1, 0);
-  for (const std::uint8_t used : surface.used()) {
-    used_before_.push_back(used_before_.back() + (used != 0 ? 1 : 0));
+  used_before_.resize(surface.num_pixels() + 1);
+  std::int32_t count = 0;
+  for (std::size_t p = 0; p < surface.num_pixels(); ++p) {
+    used_before_[p] = count;
+    count += surface.used()[p] != 0 ? 1 : 0;
   }
+  used_before_.back() = count;
   removals_.clear();
   insertions_.clear();
   is_stale_.clear();

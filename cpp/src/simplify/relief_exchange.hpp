@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "manip3d/progress.hpp"
+#include "simplify/relief_boundary.hpp"
 #include "simplify/relief_triangulation.hpp"
 
 namespace manip3d::relief_detail {
@@ -48,6 +49,7 @@ class VertexExchange {
   std::vector<std::int32_t> flaws_;  ///< Result of count_flaws().
   std::vector<std::int32_t>
       used_before_;  ///< By pixel: used pixels before it; one more at the end.
+  BoundaryTiles tiles_;
   // By vertex; insertions are those on the edge from a boundary vertex to its first neighbour.
   std::vector<Removal> removals_;
   std::vector<Insertion> insertions_;
