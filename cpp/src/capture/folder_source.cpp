@@ -269,8 +269,7 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
   const auto [depth, is_depth_torn] = parse_file(folder / "depth.txt", parse);
   const auto [color, is_color_torn] = parse_file(folder / "rgb.txt", parse);
   const std::vector<std::int64_t> partner = associate(depth, color, kMaxApart);
-  const auto list = [folder, depth = depth, color = color, partner](std::int64_t index,
-                                                                    FrameFiles& f) {
+  const auto list = [folder, depth, color, partner](std::int64_t index, FrameFiles& f) {
     const std::size_t i = index;
     f.time_ns = depth[i].time_ns;
     f.depth.path = folder / depth[i].name;

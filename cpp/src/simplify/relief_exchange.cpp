@@ -13,10 +13,10 @@ namespace manip3d::relief_detail {
 namespace {
 
 using Fan = Triangulation::Fan;
-constexpr std::int32_t kNone = Triangulation::kNone;
+constexpr std::int32_t kNoVertex = Triangulation::kNone;
 
 /// Largest distance of a new vertex from its edge, pixels.
-constexpr std::int32_t kReach = 4;
+constexpr std::int32_t kInsertionReach = 4;
 
 /// The price of the pixels of a triangle beside its side from a to c, relative to that of a sliver.
 /// Missing surface costs its area times its distance from the mesh, and pixels of a sliver count as
@@ -91,7 +91,7 @@ std::int32_t apex_of(const Triangulation& mesh, std::int32_t v, std::int32_t nex
   for (const std::int32_t corner : mesh.triangle(mesh.vertex(v).triangle)) {
     if (corner != v && corner != next) return corner;
   }
-  return kNone;
+  return kNoVertex;
 }
 
 /// The neighbour in a fan into which its centre may merge with the least volume between the old and
@@ -120,10 +120,10 @@ int nearest_collapse(const Surface& surface, const Triangulation& mesh, std::int
 VertexExchange::Removal VertexExchange::removal_of(const Surface& surface,
                                                    const Triangulation& mesh, std::int32_t v,
                                                    float most) const {
-  constexpr Removal kStays = {kInfinityF, kNone};
+  constexpr Removal kMustStay = {kInfinityF, kNoVertex};
   Fan fan;
   const Triangulation::Vertex& vertex = mesh.vertex(v);
-  if (mesh.num_at(vertex.pixel) > 1 || !mesh.fan(v, fan) || fan.size < 2) return kStays;
+  if (mesh.num_at(vertex.pixel) > 1 || !mesh.fan(v, fan) || fan.size < 2) return kMustStay;
   const auto pixel = [&](std::int32_t w) { return mesh.vertex(w).pixel; };
   const float price = price_of_pixel(mesh, fan, v);
   float now = 0.0F;
@@ -131,7 +131,7 @@ VertexExchange::Removal VertexExchange::removal_of(const Surface& surface,
     now += cost_of(surface, flaws_, {vertex.pixel, pixel(fan.neighbors[k]), pixel(fan.next(k))},
                    price);
   }
-  if (!(now < kInfinityF)) return kStays;
+  if (!(now < kInfinityF)) return kMustStay;
   const UsedPixels used(surface, used_before_);
   const int last = fan.num_neighbors - 1;
   float lost = 0.0F;
@@ -143,7 +143,7 @@ VertexExchange::Removal VertexExchange::removal_of(const Surface& surface,
     if (turn < 0) lost = -static_cast<float>(used.behind(a, at, c)) * price_beside(a, at, c);
   }
   const int into = nearest_collapse(surface, mesh, v, fan);
-  if (into < 0) return kStays;
+  if (into < 0) return kMustStay;
   const std::int32_t to = fan.neighbors[into];
   float cost = lost * price - now;
   for (int k = 0; k < fan.size && cost < most; ++k) {
@@ -151,24 +151,24 @@ VertexExchange::Removal VertexExchange::removal_of(const Surface& surface,
     if (a != to && b != to)
       cost += cost_of(surface, flaws_, {pixel(to), pixel(a), pixel(b)}, price);
   }
-  return cost < most ? Removal{cost, to} : kStays;
+  return cost < most ? Removal{cost, to} : kMustStay;
 }
 
 /// The end pixel near a boundary edge that covers the most as a vertex on it.
 VertexExchange::Insertion VertexExchange::insertion_at(const Surface& surface,
                                                        const Triangulation& mesh,
                                                        std::int32_t v) const {
-  constexpr Insertion kNothing = {0.0F, kNone};
+  constexpr Insertion kNothing = {0.0F, kNoVertex};
   const std::int32_t next = mesh.first_neighbor(v), apex = apex_of(mesh, v, next);
   const PixelPlace a = place_of(mesh, v), b = place_of(mesh, next), c = place_of(mesh, apex);
   const std::int64_t du = b[0] - a[0], dv = b[1] - a[1],
-                     reach2 = (du * du + dv * dv) * kReach * kReach;
-  const std::int32_t left = std::max(std::min(a[0], b[0]) - kReach, 0),
-                     right = std::min(std::max(a[0], b[0]) + kReach, surface.cols() - 1),
-                     low = std::max(std::min(a[1], b[1]) - kReach, 0),
-                     high = std::min(std::max(a[1], b[1]) + kReach, surface.rows() - 1);
+                     reach2 = (du * du + dv * dv) * kInsertionReach * kInsertionReach;
+  const std::int32_t left = std::max(std::min(a[0], b[0]) - kInsertionReach, 0),
+                     right = std::min(std::max(a[0], b[0]) + kInsertionReach, surface.cols() - 1),
+                     low = std::max(std::min(a[1], b[1]) - kInsertionReach, 0),
+                     high = std::min(std::max(a[1], b[1]) + kInsertionReach, surface.rows() - 1);
   const UsedPixels used(surface, used_before_);
-  std::int32_t best = kNone;
+  std::int32_t best = kNoVertex;
   float most = 0.0F, covered = 0.0F;
   for (PixelPlace p = {left, low}; p[1] <= high; ++p[1]) {
     for (p[0] = left; p[0] <= right; ++p[0]) {
@@ -190,7 +190,7 @@ VertexExchange::Insertion VertexExchange::insertion_at(const Surface& surface,
       if (gain > most) most = gain, covered = more, best = pixel;
     }
   }
-  if (best == kNone) return kNothing;
+  if (best == kNoVertex) return kNothing;
   const std::int32_t at_a = mesh.vertex(v).pixel, at_b = mesh.vertex(next).pixel,
                      at_c = mesh.vertex(apex).pixel;
   Fan corner;
@@ -206,8 +206,8 @@ VertexExchange::Insertion VertexExchange::insertion_at(const Surface& surface,
 /// Computes gains and costs of the vertices around which the mesh has changed.
 void VertexExchange::evaluate(const Surface& surface, const Triangulation& mesh,
                               std::span<const Keep> keep, Ticker& ticker) {
-  removals_.resize(mesh.num_slots(), {kInfinityF, kNone});
-  insertions_.resize(mesh.num_slots(), {0.0F, kNone});
+  removals_.resize(mesh.num_slots(), {kInfinityF, kNoVertex});
+  insertions_.resize(mesh.num_slots(), {0.0F, kNoVertex});
   is_stale_.resize(mesh.num_slots(), 1);
   best_.clear();
   cheapest_.clear();
@@ -216,7 +216,7 @@ void VertexExchange::evaluate(const Surface& surface, const Triangulation& mesh,
     if (!mesh.vertex(v).alive() || !mesh.vertex(v).on_boundary) continue;
     ticker.tick();
     if (is_stale_[v] != 0) insertions_[v] = insertion_at(surface, mesh, v);
-    if (insertions_[v].pixel == kNone) continue;
+    if (insertions_[v].pixel == kNoVertex) continue;
     best_.push_back(v);
     most = std::max(most, insertions_[v].gain);
   }
@@ -225,7 +225,7 @@ void VertexExchange::evaluate(const Surface& surface, const Triangulation& mesh,
     ticker.tick();
     const bool may_go = keep.empty() || keep[mesh.vertex(v).pixel] == Keep::kFree;
     if (may_go && is_stale_[v] != 0) removals_[v] = removal_of(surface, mesh, v, most);
-    if (removals_[v].to != kNone) cheapest_.push_back(v);
+    if (removals_[v].to != kNoVertex) cheapest_.push_back(v);
     is_stale_[v] = 0;
   }
   std::ranges::sort(best_, [&](std::int32_t a, std::int32_t b) {
