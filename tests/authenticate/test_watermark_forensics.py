@@ -111,7 +111,7 @@ def test_what_was_moved_after_embedding_is_the_watermarks_to_find(
     assert found.detectors[-1].verdict == "tampered"
     assert found.detectors[-1].regions
     assert not len(found.detectors[-1].suspected)  # which points: not for a forger's eyes
-    assert found.reason.startswith("watermark: points of 1 of ")
+    assert found.reason.startswith("watermark: points or intensities of 1 of ")
     report.write_evidence(found, tmp_path / "found.json", source="scan")
     pytest.importorskip("matplotlib")
     report.write_evidence(found, tmp_path / "found.html", source="scan")

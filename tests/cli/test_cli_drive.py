@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +16,7 @@ import lattice_scans as scans
 import manip3d
 import turn_scans
 from manip3d import InputError, authenticate, report
+from manip3d.capture._past_errors import past_errors
 from manip3d.cli import app
 from manip3d.cli.inspect import _code_of_rows
 from manip3d.report._drive_evidence import scanner_poses
@@ -251,14 +252,25 @@ def test_a_recording_that_is_cut_off_keeps_its_verdict(
         yield from frames[:whole]
         raise manip3d.FormatError("expected a packet, the file ends", file=str(recording))
 
-    monkeypatch.setattr("manip3d.capture._drive.open_lidar", lambda *_, **__: nullcontext(turns()))
+    class Packets:
+        counters: Mapping[str, int] = {}
+        errors: dict[int, str]
+
+        def past_errors(self) -> Iterator[manip3d.LidarFrame | None]:
+            return past_errors(turns(), self.errors, (manip3d.Error,))
+
+    monkeypatch.setattr(
+        "manip3d.capture._drive.open_lidar", lambda *_, **__: nullcontext(Packets())
+    )
     options = ("--lattice", tmp_path / "lattice.json", "-q", "--force", "--log", log)
     done = run(recording, *options, "-o", page)
     assert done.exit_code == 3, done.output
     assert "frame 2: not read" in page.read_text()
     assert report.read_log(log)[-1]["verdict"] == "tampered"
     digest = manip3d.datasets.file_sha256(recording)
-    assert [entry["source_sha256"] for entry in report.read_log(log)] == [digest] * 3
+    assert [entry["source_sha256"] for entry in report.read_log(log)] == [
+        digest
+    ] * 4  # two scans, what cannot be read, and the joint verdict
     whole = 1
     done = run(recording, *options, "--json")
     assert done.exit_code == 1

@@ -12,12 +12,12 @@
 namespace manip3d::relief_detail {
 namespace {
 
-// Pixels of little confidence are surface as well: losing them counts at least this share of losing
+// Pixels without confidence are surface as well: losing them counts at least this share of losing
 // surface of mean confidence.
 constexpr float kMinLoss = 0.05F;
-// The same between three pixels without confidence, and the share of the price of covering a place
-// without surface between them. Noise makes holes and steps there, which must not hold vertices.
-constexpr float kUnsureLoss = 0.001F;
+// The share of the price of covering a place without surface between three pixels without
+// confidence. Noise makes holes and steps there, which must not hold vertices.
+constexpr float kUnsureCover = 0.001F;
 constexpr std::int32_t kNoRound = -2;
 constexpr float kStays = std::numeric_limits<float>::infinity();
 
@@ -62,7 +62,7 @@ bool is_unsure(const Surface& surface, const Triangulation& mesh, const Triangle
 
 /// The share at which covering a place without surface between three vertices counts.
 float share_of_cover(const Surface& surface, const Triangulation& mesh, const Triangle& corners) {
-  return is_unsure(surface, mesh, corners) ? kUnsureLoss : 1.0F;
+  return is_unsure(surface, mesh, corners) ? kUnsureCover : 1.0F;
 }
 
 Triangle pixels_of(const Triangulation& mesh, const Triangle& t) {
@@ -165,7 +165,7 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
       if (kept != Keep::kFree) nodes_[v].factor = kept == Keep::kFixed ? kStays : keep_factor;
     }
   }
-  mean_confidence_ = surface.mean_confidence();
+  least_loss_ = kMinLoss * surface.mean_confidence();
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     const Triangle& corners = mesh.triangle(t);
     const Vec3 a = mesh.vertex(corners[0]).point;
@@ -175,7 +175,7 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
     if (!(twice_area > 0.0F)) continue;
     const Vec3 n = normal / twice_area;
     const float trust = confidence_of(surface, mesh, corners);
-    const float loss = std::max(trust, least_loss(surface, mesh, corners));
+    const float loss = std::max(trust, least_loss_);
     const float third = twice_area * (1.0F / 6.0F);
     const QuadricSum plane(n, trust * third);
     for (int i = 0; i < 3; ++i) {
@@ -196,11 +196,6 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
     }
   }
   find_pieces(mesh);
-}
-
-float Collapser::least_loss(const Surface& surface, const Triangulation& mesh,
-                            const Triangle& corners) const {
-  return (is_unsure(surface, mesh, corners) ? kUnsureLoss : kMinLoss) * mean_confidence_;
 }
 
 bool Collapser::is_fixed(std::int32_t v) const { return nodes_[v].factor == kStays; }
@@ -316,7 +311,7 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
   if (mesh.has_bay(v, fan)) {
     cover = cover_factor_ * mesh.bay(surface, v, fan).price * share_of_cover(surface, mesh, ends);
   } else if (mesh.vertex(v).on_boundary) {
-    cut = std::max(surface.confidence(mesh.vertex(v).pixel), least_loss(surface, mesh, ends)) *
+    cut = std::max(surface.confidence(mesh.vertex(v).pixel), least_loss_) *
           price_of_cut(boundary_weight_, mesh.vertex(fan.neighbors[0]).point, mesh.vertex(v).point,
                        mesh.vertex(fan.neighbors[fan.num_neighbors - 1]).point);
   }

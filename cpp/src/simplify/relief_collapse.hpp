@@ -134,9 +134,6 @@ class Collapser {
   [[nodiscard]] Float4 four_prices(const Triangulation& mesh, std::int32_t v,
                                    const std::array<std::int32_t, 4>& to) const;
   /// Whether the collapse is legal and, while `refuses_off_`, makes no triangle off the surface.
-  /// The smallest confidence by which losing a triangle is priced.
-  [[nodiscard]] float least_loss(const Surface& surface, const Triangulation& mesh,
-                                 const Triangle& corners) const;
   /// The growth of the error of the pixels around v when it merges into its neighbour number i.
   /// Quadrics do not tell it where triangles lie over pixels without confidence, because the planes
   /// of such triangles count little or nothing.
@@ -182,8 +179,8 @@ class Collapser {
   bool has_fixed_ = false;
   bool refuses_off_ = false;  ///< Moves must not make a triangle that lies a step off the surface.
   float boundary_weight_ = 0.0F, cover_factor_ = 0.0F;
-  float mean_confidence_ = 1.0F;  ///< The mean over the surface.
-  FewFaces few_;                  ///< The few faces that cover most pixels so far.
+  float least_loss_ = 0.0F;  ///< Smallest confidence by which lost surface is priced.
+  FewFaces few_;             ///< The few faces that cover most pixels so far.
   /// Twice the pixels that were left out when `few_` was found, plus those of the whole mesh then.
   std::int64_t few_total_ = 0;
   std::int64_t few_below_ = 0;  ///< Number of vertices at which few_faces() is called next.

@@ -52,20 +52,9 @@ def registration_of(color: NDArray[np.uint8] | None, camera: Intrinsics) -> Regi
     height, width = color.shape[:2]
     if (width, height) == (camera.width, camera.height):
         return None
-    across, down = width / camera.width, height / camera.height
-    if abs(across / down - 1.0) > SAME_SHAPE:
+    if abs(width / camera.width * camera.height / height - 1.0) > SAME_SHAPE:
         return None
-    # The borders of both images lie half a pixel from the centres of the outermost pixels.
-    scaled = replace(
-        camera,
-        width=width,
-        height=height,
-        fx=camera.fx * across,
-        fy=camera.fy * down,
-        cx=(camera.cx + 0.5) * across - 0.5,
-        cy=(camera.cy + 0.5) * down - 0.5,
-    )
-    return Registration(scaled)
+    return Registration(camera.resized(width, height))
 
 
 def same_view_words(registration: Registration) -> str:
