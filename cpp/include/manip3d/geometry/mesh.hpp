@@ -19,7 +19,7 @@ using Texcoords = Rows<double, 2>;     ///< (T, 2) texture coordinates u, v (v u
 using Colors = Rows<std::uint8_t, 3>;  ///< (V, 3) sRGB.
 using Indices = Eigen::Matrix<std::int32_t, Eigen::Dynamic, 1>;
 
-/// What a texture shows beyond its image, where texture coordinates are outside of [0, 1].
+/// The continuation of a texture beyond its image, for texture coordinates outside of [0, 1].
 enum class TextureWrap : std::uint8_t { kRepeat, kMirror, kClamp };
 
 /// A texture image: a path (relative to the mesh file, if it comes from one) or the bytes of a
