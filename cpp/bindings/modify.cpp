@@ -161,6 +161,8 @@ Fields to_fields(const PhantomReport& report) {
   fields["visible"] = py::float_(report.visible);
   fields["quality"] = quality_fields(report.quality);
   fields["plane"] = report.plane ? py::object(plane_fields(*report.plane)) : py::none();
+  fields["down"] = vector(report.down);
+  fields["down_source"] = py::cast(report.down_source);
   fields["texture_number"] = py::int_(report.texture_number);
   fields["num_person"] = py::int_(report.num_person);
   fields["num_removed"] = py::int_(report.num_removed);
@@ -248,6 +250,11 @@ void bind_enums(py::module_& m) {
       .value("FADING", PhantomState::kFading)
       .value("LOST", PhantomState::kLost)
       .value("LATE", PhantomState::kLate)
+      .finalize();
+  py::native_enum<DownSource>(m, "DownSource", "enum.Enum")
+      .value("ASSUMED", DownSource::kAssumed)
+      .value("POSTURE", DownSource::kPosture)
+      .value("FLOOR", DownSource::kFloor)
       .finalize();
   py::native_enum<PhantomReason>(m, "PhantomReason", "enum.Enum")
       .value("NONE", PhantomReason::kNone)

@@ -43,6 +43,7 @@ __all__: list[str] = [
     "DepthNoiseOptions",
     "DepthSmoother",
     "DepthStepOptions",
+    "DownSource",
     "Duplicates",
     "FastOptions",
     "JointSmoother",
@@ -725,6 +726,11 @@ class PhantomState(enum.Enum):
     FADING = 3
     LOST = 4
     LATE = 5
+
+class DownSource(enum.Enum):
+    ASSUMED = 0
+    POSTURE = 1
+    FLOOR = 2
 
 class PhantomReason(enum.Enum):
     NONE = 0

@@ -6,17 +6,21 @@ namespace manip3d {
 
 void BodyPlane::learn_vertical(const Skeleton& person, const PhantomInput& input,
                                const PixelRays& rays, double time_s) {
-  // Without a body index, the floor separates the person from what is around the person.
-  const bool is_asked = input.body_index == nullptr || (follows_trunk() && is_of_leg());
-  if (!is_asked || !is_usable(person, Joint::kSpineBase)) return;
+  if (!is_usable(person, Joint::kSpineBase)) return;
   vertical_.learn(input.depth, input.body_index, rays, person[Joint::kSpineBase]);
+  const bool sees_floor = vertical_.is_known();
+  if (!sees_floor) upright_.learn(person, options_.affected, time_s);
   if (!is_of_leg()) return;
-  if (vertical_.is_known()) {
+  if (sees_floor) {
     trunk_.set_down(vertical_.down());
   } else {
-    upright_.learn(person, options_.affected, time_s);
     trunk_.set_down(upright_.down(), upright_.covariance());
   }
+}
+
+DownSource BodyPlane::down_source() const {
+  if (vertical_.is_known()) return DownSource::kFloor;
+  return upright_.is_known() ? DownSource::kPosture : DownSource::kAssumed;
 }
 
 std::optional<FloorPlane> BodyPlane::floor_under(const Skeleton& person) const {

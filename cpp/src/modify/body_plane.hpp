@@ -34,11 +34,15 @@ class BodyPlane {
     return options_.plane == PlaneRule::kTrunk && options_.mode == MirrorMode::kReflection;
   }
 
-  /// Learns the vertical from a floor around the person, or from an upright person, if the options
-  /// or the removal of what surrounds the person need it.
+  /// Learns the vertical from a floor around the person, or else from an upright person.
   /// @param person  Joints as measured by the tracker.
   void learn_vertical(const Skeleton& person, const PhantomInput& input, const PixelRays& rays,
                       double time_s);
+  /// The vertical as a unit vector in the camera frame.
+  [[nodiscard]] const Eigen::Vector3d& down() const {
+    return vertical_.is_known() ? vertical_.down() : upright_.down();
+  }
+  [[nodiscard]] DownSource down_source() const;
   /// The floor; no value if a tracked foot is well below it, because it is a table or a bed then.
   [[nodiscard]] std::optional<FloorPlane> floor_under(const Skeleton& person) const;
 

@@ -117,6 +117,8 @@ class PhantomPipeline::Workspace {
     const PhantomImage image = image_of(input, out);
     const PatientFrame now = find_patient(input, time_s);
     const std::optional<Skeleton> fitted = find_points(now, input);
+    report.down = plane_.down();
+    report.down_source = plane_.down_source();
     segment(now, fitted, input, image, report);
     if (points_.count == 0) {  // a phantom without a person would float in the air
       leap_.reset();

@@ -47,6 +47,13 @@ std::optional<Axis> spine_of(const Skeleton& person) {
   return Axis{*spine, 2.0, 8.0};
 }
 
+/// The leg of the side on which no limb is affected. The other leg of a person with an affected arm
+/// is not used: both legs share the pose and its errors.
+Limb intact_leg(Limb affected) {
+  const Limb intact = opposite(affected);
+  return intact == Limb::kLeftArm || intact == Limb::kLeftLeg ? Limb::kLeftLeg : Limb::kRightLeg;
+}
+
 std::optional<Axis> leg_of(const Skeleton& person, Limb leg) {
   const auto chain = limb_chain(leg);
   const auto thigh = direction(person, chain[0], chain[1]);
@@ -107,7 +114,7 @@ void Upright::learn(const Skeleton& person, Limb affected, double time_s) {
   if (!spine || !left) return;
   time_s_ = time_s;
   const Eigen::Vector3d aside = (*left - left->dot(spine->down) * spine->down).normalized();
-  const auto leg = leg_of(person, opposite(affected));
+  const auto leg = leg_of(person, intact_leg(affected));
   const double step = seconds_ > 0.0 ? std::min(elapsed, kPose) : kPose;
   seconds_ = std::min(seconds_ + step, kMemory);
   const double gain = step / seconds_;

@@ -33,6 +33,9 @@ class Upright {
   /// Covariance of the possible verticals, square radians.
   [[nodiscard]] const Eigen::Matrix3d& covariance() const { return covariance_; }
 
+  /// Whether a frame has shown the person's spine.
+  [[nodiscard]] bool is_known() const { return seconds_ > 0.0; }
+
   void reset() { *this = {}; }
 
  private:

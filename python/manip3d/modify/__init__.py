@@ -13,7 +13,7 @@ __getattr__, __dir__, __all__ = lazily(
         "_lower_limb": "Placement PlacementEstimator ShoeCoverTracker Side",
         "_motions": "skeletons_from_motion",
         "_phantom": (
-            "BodyMirror BodyPlane BodySegmentation Limb MirrorMode PhantomFrame "
+            "BodyMirror BodyPlane BodySegmentation DownSource Limb MirrorMode PhantomFrame "
             "PhantomPipeline PhantomQuality PhantomReason PhantomState PixelKind PlaneRule "
             "Segmentation Texturing body_mirror segment_body"
         ),

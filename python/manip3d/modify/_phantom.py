@@ -15,11 +15,12 @@ from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d.camera import Intrinsics, same_camera
 from manip3d.errors import InputError
+from manip3d.modify._level import level_rotation, turned_skeleton
 from manip3d.modify._smoothing import Preset, smoother_options
 from manip3d.rgbd import RgbdFrame, Skeleton
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from manip3d.simplify import DepthMesh
 
@@ -56,6 +57,14 @@ class PhantomState(enum.StrEnum):
     FADING = "fading"  #: as HOLDING, with decreasing opacity
     LOST = "lost"  #: there is no phantom
     LATE = "late"  #: the frame repeats or precedes the last one, whose images are returned again
+
+
+class DownSource(enum.StrEnum):
+    """Evidence for the direction of the vertical."""
+
+    ASSUMED = "assumed"  #: none yet: the camera is assumed to be level
+    POSTURE = "posture"  #: spine and leg of the person; no floor has been seen
+    FLOOR = "floor"  #: a floor that was seen
 
 
 class PhantomReason(enum.StrEnum):
@@ -254,6 +263,11 @@ class PhantomFrame:
     quality : PhantomQuality
     plane : BodyPlane or None
         The plane of symmetry; None until it is known for the first time.
+    down : (3,) float64
+        The vertical, downwards, as a unit vector in the camera's frame (x right, y down, z ahead);
+        (0, 1, 0) for a level camera.
+    down_source : DownSource
+        Evidence for ``down``; ``assumed`` until it is known.
     texture_number : int
         `RgbdFrame.number` of the frame with the phantom's colours; while the phantom is held, this
         is an older frame.
@@ -287,6 +301,8 @@ class PhantomFrame:
     visible: float
     quality: PhantomQuality
     plane: BodyPlane | None
+    down: NDArray[np.float64]
+    down_source: DownSource
     texture_number: int
     num_person: int
     num_removed: int
@@ -315,6 +331,38 @@ class PhantomFrame:
         is_phantom = self.phantom[row, column]
         is_phantom[self.num_points :] = True  # duplicated vertices have the phantom's texture
         return np.asarray(is_phantom[self.faces].any(axis=1))
+
+    def levelled(self, down: ArrayLike | None = None) -> PhantomFrame:
+        """Return the frame in level axes: y down along the vertical, the camera at the origin.
+
+        Vertices, skeleton, plane and ``down`` are rotated; z is then the horizontal part of the
+        optical axis. Images and pixels stay those of the camera.
+
+        Parameters
+        ----------
+        down : (3,) array_like, optional
+            The vertical in the camera's frame; default: that of the frame.
+
+        Returns
+        -------
+        PhantomFrame
+
+        Raises
+        ------
+        InputError
+            ``down`` is not three finite numbers, is 0, or is parallel to the optical axis.
+        """
+        rotation = level_rotation(self.down if down is None else down)
+        plane = self.plane
+        if plane is not None:
+            plane = BodyPlane(product(rotation, plane.origin), product(rotation, plane.normal))
+        return replace(
+            self,
+            vertices=product(self.vertices, rotation.T).astype(np.float32),
+            skeleton=turned_skeleton(self.skeleton, rotation),
+            plane=plane,
+            down=product(rotation, self.down),
+        )
 
     def parts(self) -> tuple[DepthMesh, DepthMesh]:
         """Return body and phantom as two meshes with the same vertices, each with its colour image.
@@ -634,6 +682,7 @@ def _frame(report: dict[str, Any], buffers: _Buffers) -> PhantomFrame:
         reason=PhantomReason(report.pop("reason").name.lower()),
         quality=PhantomQuality(**report.pop("quality")),
         plane=None if plane is None else BodyPlane(**plane),
+        down_source=DownSource(report.pop("down_source").name.lower()),
         **report,
     )
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -126,6 +127,13 @@ enum class PhantomReason : std::uint8_t {
   kLate,      ///< The frame is not newer than the last one.
 };
 
+/// Evidence for the direction of the vertical.
+enum class DownSource : std::uint8_t {
+  kAssumed,  ///< None yet: the camera is assumed to be level.
+  kPosture,  ///< Spine and leg of the person; no floor has been seen.
+  kFloor     ///< A floor that was seen.
+};
+
 /// Measures of how wrong a frame with a phantom looks.
 struct PhantomQuality {
   /// Share of the tracked joints, before smoothing, that lie on the person's pixels. Joints
@@ -186,6 +194,9 @@ struct PhantomReport {
   double visible = 0.0;            ///< Visible share of the intact limb, by length.
   PhantomQuality quality;          ///< Without a phantom, the values of a perfect frame.
   std::optional<BodyFrame> plane;  ///< The axes at which the limb was mirrored.
+  /// The vertical as a unit vector in the camera frame (x right, y down, z ahead).
+  Eigen::Vector3d down = Eigen::Vector3d::UnitY();
+  DownSource down_source = DownSource::kAssumed;
   /// Number of the frame whose colours the phantom's sources refer to.
   std::int64_t texture_number = 0;
   std::int64_t num_person = 0, num_removed = 0, num_mirrored = 0, num_filled = 0;  ///< Pixels.
