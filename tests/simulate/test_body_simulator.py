@@ -16,8 +16,10 @@ from manip3d.simulate._figure import (
     LIMBS,
     MIRROR,
     REST_JOINTS,
+    about,
     opposite,
     pose_figure,
+    turned_figure,
 )
 from manip3d.simulate._motions import MOTIONS, pose_at, walk
 from manip3d.simulate._skin import build_skin, nearest_bone
@@ -643,3 +645,75 @@ def test_limbs_that_do_not_exist_are_refused() -> None:
     for ask in (truth.limb, truth.phantom, truth.mirror_plane):
         with pytest.raises(InputError, match="expected one of left_arm"):
             ask("arm")  # type: ignore[arg-type]
+
+
+# --- A camera that is not level -------------------------------------------------------------------
+
+TURNED = about("z", 10.0) @ about("x", 20.0)
+PIVOT = np.array([0.0, 0.0, 2.44])
+
+
+def level(points: np.ndarray) -> np.ndarray:
+    """Points before the camera was rotated."""
+    return np.asarray((points - PIVOT) @ TURNED + PIVOT)
+
+
+def test_a_tilted_camera_sees_the_same_person_and_floor() -> None:
+    options: dict[str, Any] = {"motion": "stepping", "noise": 0.0, "distance": 2.44}
+    plain = BodySimulator(**options).capture(0.7)
+    seen = BodySimulator(**options, tilt=20.0, roll=10.0).capture(0.7)
+    np.testing.assert_allclose(level(seen.truth.joints), plain.truth.joints, atol=1e-9)
+    told, before = (one.frame.skeletons[0].positions for one in (seen, plain))
+    np.testing.assert_allclose(level(told), before, atol=1e-5)
+    np.testing.assert_allclose(seen.truth.lateral, plain.truth.lateral @ TURNED.T, atol=1e-12)
+    turned, bones = (
+        rotations_of(one.frame.skeletons[0].orientations[[1, 5, 17]].astype(float))
+        for one in (seen, plain)
+    )
+    np.testing.assert_allclose(turned, TURNED @ bones, atol=1e-5)
+    # The floor is level and nothing is below it.
+    points = level(DEPTH_CAMERA.unproject(seen.truth.depth).astype(float))
+    height = points[seen.truth.depth > 0][:, 1]
+    assert height.max() < people.CAMERA_HEIGHT + 1e-3
+    assert (np.abs(height - people.CAMERA_HEIGHT) < 1e-3).mean() > 0.1
+    # The picture is that of the surface that the truth tells.
+    surface = people.cast_mesh(seen.truth.body(), DEPTH_CAMERA)
+    shown = seen.truth.people == 0
+    np.testing.assert_allclose(surface[shown], seen.truth.depth[shown], atol=1e-4)
+
+
+def test_a_positive_tilt_looks_down_and_a_positive_roll_turns_clockwise() -> None:
+    still = BodySimulator(motion="still", noise=0.0, room=False)
+    head, base = (still.capture(0.0).truth.joints[j] for j in (JOINTS.index("Head"), 0))
+    high = replace(still, tilt=20.0).capture(0.0).truth.joints
+    assert high[JOINTS.index("Head"), 2] - high[0, 2] < head[2] - base[2] - 0.1  # nearer
+    right = replace(still, roll=20.0).capture(0.0).truth.joints
+    assert right[JOINTS.index("Head"), 0] > right[0, 0] + 0.1
+
+
+def test_an_empty_sleeve_hangs_down_before_a_tilted_camera() -> None:
+    skin = build_skin("right_arm", 0.15, 1.0, "sleeve")
+    figure = replace(pose_figure(pose_at("arm-raise", 1.1), GROUND), breath=0.01)
+    turned = turned_figure(figure, TURNED, (0.0, 0.0, 2.44))
+    found = level(skin.vertices(turned).astype(float))
+    np.testing.assert_allclose(found, skin.vertices(figure), atol=1e-5)
+
+
+def test_an_occluder_and_a_chair_are_seen_by_a_tilted_camera() -> None:
+    options: dict[str, Any] = {"motion": "knee-extension", "noise": 0.0, "color": "none"}
+    for more in ({}, {"occluder": (0.0, 1.0), "room": False}):
+        plain, seen = (
+            BodySimulator(**options, **more, tilt=tilt).capture(0.0).truth for tilt in (0.0, 12.0)
+        )
+        covered = [(one.people == 0).mean() for one in (plain, seen)]
+        assert covered[1] == pytest.approx(covered[0], rel=0.2)
+
+
+def test_a_camera_below_the_floor_is_refused() -> None:
+    with pytest.raises(InputError, match=r"tilt: expected above -22\.9, .* or room=no, got -30"):
+        BodySimulator(tilt=-30.0)
+    simulator = open_source("sim:body?tilt=-30&roll=5&room=no")
+    assert isinstance(simulator, BodySimulator)
+    assert (simulator.tilt, simulator.roll) == (-30.0, 5.0)
+    with pytest.raises(InputError, match="roll: expected -60 to 60"):
+        BodySimulator(roll=90.0)

@@ -193,6 +193,8 @@ class PosedFigure:
         Quaternions w, x, y, z of the bones that end at the joints, with y along the bone; 0: none.
     breath : float, metres
         Forward motion of the front of the chest by breathing.
+    down : (x, y, z)
+        Unit vector along the vertical.
     """
 
     rotations: Array
@@ -200,6 +202,7 @@ class PosedFigure:
     joints: Array
     orientations: Array
     breath: float = 0.0
+    down: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
     @property
     def lateral(self) -> Array:
@@ -229,6 +232,21 @@ def pose_figure(pose: Pose, ground: tuple[float, float, float]) -> PosedFigure:
     lowest = max(origins[9, 1], origins[15, 1])  # the lower ankle: y points down
     height = SITTING_HEIGHT if pose.sitting else lowest + SOLE
     origins += np.subtract(ground, (0.0, height, 0.0))
+    return _figure_of(rotations, origins)
+
+
+def turned_figure(
+    figure: PosedFigure, rotation: Array, pivot: tuple[float, float, float]
+) -> PosedFigure:
+    """Rotate a figure, and its vertical, about a point."""
+    origins = product(figure.origins - pivot, rotation.T) + pivot
+    turned = _figure_of(product(rotation, figure.rotations), origins)
+    x, y, z = product(rotation, figure.down).tolist()
+    return replace(turned, breath=figure.breath, down=(x, y, z))
+
+
+def _figure_of(rotations: Array, origins: Array) -> PosedFigure:
+    """Compute the joints of a figure from its frames."""
     from_frame = REST_JOINTS - FRAME_ORIGIN[BONE_FRAME]
     joints = origins[BONE_FRAME] + np.einsum("jab,jb->ja", rotations[BONE_FRAME], from_frame)
     joints[0] = origins[0]

@@ -99,7 +99,7 @@ class _Sleeve:
         """Return the figure with the limp frame upright below the end of its bearer."""
         rotations, origins = figure.rotations.copy(), figure.origins.copy()
         heading = rotations[0, :, 0]  # to the person's left
-        down = np.array([0.0, 1.0, 0.0])
+        down = np.array(figure.down)
         ahead = np.cross(heading, -down)
         ahead /= np.linalg.norm(ahead)
         rotations[self.limp] = np.column_stack([np.cross(-down, ahead), -down, ahead])

@@ -34,7 +34,15 @@ from manip3d.rgbd import (
     Skeleton,
 )
 from manip3d.simulate._clothes import SIDE, Clothes, paint
-from manip3d.simulate._figure import LIMBS, REST_JOINTS, PosedFigure, opposite, pose_figure
+from manip3d.simulate._figure import (
+    LIMBS,
+    REST_JOINTS,
+    PosedFigure,
+    about,
+    opposite,
+    pose_figure,
+    turned_figure,
+)
 from manip3d.simulate._motions import MOTIONS, PERIOD, clear_of_trunk, pose_at, walk
 from manip3d.simulate._raycast import CHUNK, RayCaster
 from manip3d.simulate._scenery import CHAIRS, SCENES, Box, Scenery, box_mesh, furnish
@@ -246,6 +254,10 @@ class BodySimulator:
         Seat of a sitting person: ``chair`` or ``wheelchair``.
     distance : float, metres
         Distance from the camera to the base of the spine, along the optical axis.
+    tilt, roll : float, degrees
+        Rotation of the camera about the point of its optical axis at ``distance``. With a positive
+        ``tilt`` the camera is higher and looks down at the person; with a positive ``roll`` the
+        person is turned clockwise in the image.
     turn, turning : float, degrees; degrees per second
         Rotation of the whole body to the person's left at time 0, and its angular velocity.
     sway : float, degrees
@@ -335,6 +347,8 @@ class BodySimulator:
     sitting: bool | None = None
     chair: str = "chair"
     distance: float = 8.0 * FEET
+    tilt: float = 0.0
+    roll: float = 0.0
     turn: float = 0.0
     turning: float = 0.0
     sway: float = 0.0
@@ -406,6 +420,8 @@ class BodySimulator:
             ("noise", 0.0, 100.0),
             ("rate", 1.0, 1000.0),
             ("frames", 0, 1 << 31),
+            ("tilt", -60.0, 60.0),
+            ("roll", -60.0, 60.0),
             ("turn", -360.0, 360.0),
             ("twist", -60.0, 60.0),
             ("turning", -360.0, 360.0),
@@ -416,6 +432,12 @@ class BodySimulator:
             number = getattr(self, name)
             if not low <= number <= high:
                 raise InputError(f"{name}: expected {low:g} to {high:g}, got {number!r}")
+        lowest = -math.degrees(math.asin(min(1.0, CAMERA_HEIGHT / self.distance)))
+        if self.room and not self.tilt > lowest:
+            raise InputError(
+                f"tilt: expected above {lowest:.1f}, so that the camera is above the floor, or "
+                f"room=no, got {self.tilt!r}"
+            )
 
     def _check_times(self) -> None:
         if self.visitor is not None and not self.visitor >= 0.0:
@@ -588,7 +610,26 @@ class BodySimulator:
     def _scenery(self) -> Scenery:
         seat = self.distance if self._is_sitting else None
         scene = self.scene if self.room else ""
-        return furnish(scene, seat, self.turn, self.distance, CAMERA_HEIGHT, self.chair)
+        level = furnish(scene, seat, self.turn, self.distance, CAMERA_HEIGHT, self.chair)
+        return replace(level, vertices=self._seen_by_camera(level.vertices))
+
+    @functools.cached_property
+    def _rotation(self) -> NDArray[np.float64] | None:
+        """Rotation from the axes of a level camera to the camera's; None: it is level."""
+        if self.tilt == self.roll == 0.0:
+            return None
+        return product(about("z", self.roll), about("x", self.tilt))
+
+    @property
+    def _pivot(self) -> tuple[float, float, float]:
+        return (0.0, 0.0, self.distance)
+
+    def _seen_by_camera(self, vertices: Floats) -> Floats:
+        """Transform points from the frame of a level camera to the camera's."""
+        if self._rotation is None:
+            return vertices
+        turned = product(vertices - self._pivot, self._rotation.T) + self._pivot
+        return np.asarray(turned, np.float32)
 
     @functools.cached_property
     def _wardrobe(self) -> tuple[_Look, ...]:
@@ -621,7 +662,11 @@ class BodySimulator:
             figures.append(self._visiting(time - self.visitor))
         board = None
         if _within(self.occluder, time):
-            board = self._board(figures[0])
+            box = self._board(figures[0])
+            corners, sides = box_mesh(box)
+            board = _Board(self._seen_by_camera(corners), sides, box.color)
+        if self._rotation is not None:
+            figures = [turned_figure(one, self._rotation, self._pivot) for one in figures]
         return _Cast(figures, self._wardrobe, board, self._last)
 
     @functools.cached_property
@@ -876,6 +921,15 @@ class _Seen:
     views: dict[tuple[Intrinsics, bytes], _View] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class _Board:
+    """A board in the camera's frame."""
+
+    vertices: Floats
+    faces: NDArray[np.int32]
+    color: tuple[int, int, int]
+
+
 class _Cast:
     """Moving objects of the scene at one moment."""
 
@@ -883,7 +937,7 @@ class _Cast:
         self,
         figures: list[PosedFigure],
         looks: tuple[_Look, ...],
-        board: Box | None,
+        board: _Board | None,
         last: list[_Seen],
     ) -> None:
         self.figures = figures
@@ -894,9 +948,8 @@ class _Cast:
         ]
         faces = [look.skin.faces for look in self._looks]
         if board is not None:
-            corners, sides = box_mesh(board)
-            vertices.append(corners)
-            faces.append(sides)
+            vertices.append(board.vertices)
+            faces.append(board.faces)
         starts = np.cumsum([0] + [len(v) for v in vertices])
         self._first_face = np.cumsum([0] + [len(f) for f in faces])
         self._vertices = np.concatenate(vertices)
