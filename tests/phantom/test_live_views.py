@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from live_stage import Stage, keep_picture, press, screenshot, text_of, wait_for
+from numpy.typing import NDArray
 
 import capsule_body
 from manip3d.phantom import simulated_patient
@@ -84,6 +85,43 @@ def test_from_ones_own_eyes_what_the_camera_cannot_see_is_hatched(stage: Stage) 
         assert "hatched" not in text_of(tab, "#status")
         back = np.array(tab.evaluate("manip3dLive.eye()"))
         assert np.linalg.norm(back - np.array(outside)) < 0.01
+
+
+def test_the_view_goes_along_when_another_vertical_is_measured(chromium: None) -> None:
+    """A seated person tells the vertical by half of the tilt, then a floor is seen."""
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    from manip3d.simulate import BodySimulator
+
+    options: dict[str, Any] = {
+        "motion": "still",
+        "sitting": True,
+        "amputated": "right_arm",
+        "tilt": 25.0,
+        "threads": 1,
+    }
+    bare, room = (BodySimulator(**options, room=has_room) for has_room in (False, True))
+    stage = Stage(iter([*bare[:4], *room[4:8]]))
+
+    def seen() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The vertical, and the way from the middle of the person to the viewer's eye."""
+        told = json.loads(tab.evaluate("JSON.stringify(manip3dLive.status())"))
+        middle = np.array(told["joints"][1]) * (0.0, -1.0, -1.0)  # as the scene has it
+        return np.array(told["down"]), np.array(tab.evaluate("manip3dLive.eye()")) - middle
+
+    try:
+        with _chromium.open_address(stage.server.new_url(), (1280, 900)) as tab:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(4)
+            screenshot(tab)
+            before = seen()
+            stage.show(4)
+            screenshot(tab)
+            after = seen()
+    finally:
+        stage.server.stop()
+    assert np.degrees(np.arcsin(after[0][2])) == pytest.approx(25.0, abs=0.5)
+    assert after[0][2] - before[0][2] > 0.05
+    np.testing.assert_allclose(after[1], before[1], atol=0.03)
 
 
 def test_a_headset_on_the_network_gets_the_page_encrypted(chromium: None) -> None:

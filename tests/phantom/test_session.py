@@ -649,6 +649,7 @@ def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
 
 def test_pictures_older_than_five_seconds_are_let_go() -> None:
     from manip3d.phantom._clips import ClipRing
+    from manip3d.phantom._level import Level
 
     session = LiveSession("right_arm")
     frames = patient()
@@ -661,7 +662,7 @@ def test_pictures_older_than_five_seconds_are_let_go() -> None:
     def pass_to(seconds: float, since: float | None = None) -> None:
         while clock[0] < seconds:
             clock[0] += 1 / 30
-            ring.add(shown, replace(game, clock=clock[0]), camera, since)
+            ring.add(shown, replace(game, clock=clock[0]), camera, since, Level())
 
     clock = [0.0]
     pass_to(12.0)

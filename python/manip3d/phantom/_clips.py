@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from manip3d.camera import Intrinsics
     from manip3d.modify import PhantomFrame
+    from manip3d.phantom._level import Level
     from manip3d.phantom._state import GameState
 
 BEFORE_S = 5.0
@@ -47,12 +48,18 @@ class ClipRing:
         self._pictures.clear()
 
     def add(
-        self, shown: PhantomFrame, game: GameState, camera: Intrinsics, since: float | None
+        self,
+        shown: PhantomFrame,
+        game: GameState,
+        camera: Intrinsics,
+        since: float | None,
+        level: Level,
     ) -> None:
         """Add a picture if it is due.
 
-        ``since``: start of a possible anomaly, seconds of play; None: there is none. Pictures from
-        more than `BEFORE_S` before this time (or before now) are dropped.
+        The game's places are in the axes of ``level``. ``since``: start of a possible anomaly,
+        seconds of play; None: there is none. Pictures from more than `BEFORE_S` before this time
+        (or before now) are dropped.
         """
         clock = game.clock
         if self._pictures and clock - self._pictures[-1][0] < 1.0 / RATE - 1e-6:
@@ -62,14 +69,16 @@ class ClipRing:
             self._pictures.popleft()
         if since is not None and clock > since + LONGEST_S - BEFORE_S:
             return
-        self._pictures.append((clock, _jpeg(picture(shown, game, camera))))
+        self._pictures.append((clock, _jpeg(picture(shown, game, camera, level))))
 
     def take(self, start: float, end: float) -> tuple[tuple[float, bytes], ...]:
         """Return play time (seconds) and JPEG of pictures from `BEFORE_S` before start to end."""
         return tuple(one for one in self._pictures if start - BEFORE_S <= one[0] <= end)
 
 
-def picture(shown: PhantomFrame, game: GameState, camera: Intrinsics) -> NDArray[np.uint8]:
+def picture(
+    shown: PhantomFrame, game: GameState, camera: Intrinsics, level: Level
+) -> NDArray[np.uint8]:
     """Draw the person on grey, the phantom limb bluish, targets as rings; return (H, W, 3)."""
     from PIL import Image, ImageDraw
 
@@ -88,7 +97,8 @@ def picture(shown: PhantomFrame, game: GameState, camera: Intrinsics) -> NDArray
     image[row[is_phantom], column[is_phantom]] = tinted.astype(np.uint8)
     drawn = Image.fromarray(image)
     pen = ImageDraw.Draw(drawn)
-    places = np.array([target.place for target in game.targets], np.float64).reshape(-1, 3)
+    targets = np.array([target.place for target in game.targets], np.float64).reshape(-1, 3)
+    places = level.in_camera(targets)
     for (u, v), (_, _, depth) in zip(camera.project(places), places, strict=True):
         if np.isfinite(u) and depth > 0:
             radius = max(2.0, game.game.radius * abs(camera.fx) / depth)

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from manip3d.camera import Intrinsics
     from manip3d.modify import PhantomFrame
+    from manip3d.phantom._level import Level
 
 _EVENTS_NS = (
     1_000_000_000  # seconds for which frames repeat an event, because slow pages skip frames
@@ -133,9 +134,13 @@ class Play:
 
     def forget_times(self) -> None:
         """Note that the camera's clock was reset."""
+        self.forget_places()
+        self._events.clear()
+
+    def forget_places(self) -> None:
+        """Note that places before the next frame are unknown, as are those in other axes."""
         self._interrupt()
         self._heights.clear()
-        self._events.clear()
 
     def drop_films(self) -> None:
         """Drop the buffered pictures, and take no more."""
@@ -146,7 +151,8 @@ class Play:
     ) -> bool:
         """Process the next frame; return whether the game continued in it.
 
-        ``now``: the frame's time, nanoseconds; ``measured``: the patient's body, if it was.
+        ``shown`` and ``measured``, the patient's body if it was measured, are in level axes;
+        ``now``: the frame's time, nanoseconds.
         """
         self.advice = ""
         if shown.state != PhantomState.TRACKING:
@@ -194,10 +200,10 @@ class Play:
             self._told_s += _TELL_S
             self._recorder.game_goes_on(self._summary("interrupted"))
 
-    def film(self, shown: PhantomFrame, camera: Intrinsics) -> None:
+    def film(self, shown: PhantomFrame, camera: Intrinsics, level: Level) -> None:
         """Buffer the frame for a film of an anomaly, if the patient consented."""
         if self._ring is not None and self.game is not None:
-            self._ring.add(shown, self.game, camera, self._watch.since)
+            self._ring.add(shown, self.game, camera, self._watch.since, level)
 
     def shown(self, now: int, *, playing: bool) -> dict[str, Any]:
         """Return the state of the game for the page."""

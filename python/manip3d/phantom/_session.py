@@ -15,6 +15,7 @@ from manip3d._util.times import NOMINAL_PERIOD_NS
 from manip3d.errors import InputError
 from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState, repose
 from manip3d.phantom._felt import LIMITS, FeltLimb, felt_places
+from manip3d.phantom._level import Level
 from manip3d.phantom._messages import MAX_GAIN, MESSAGES, NOT_LOST, Inbox
 from manip3d.phantom._play import LONGEST_STEP_S, Play, rounded
 from manip3d.phantom._recorder import GameSummary, Recorder
@@ -41,6 +42,10 @@ class LiveSession:
     time that passed is that of their arrivals (``captured_ns``). While the phantom limb is not
     ``tracking``, and in gaps of more than 0.25 s between frames, the game is paused: nothing can be
     hit and nothing is missed.
+
+    Games and page use level axes: x right, y down along the vertical, z ahead, the camera at the
+    origin (`manip3d.modify.PhantomFrame.levelled`). They are those of the camera unless it is
+    tilted by a degree or more. While a game is on, the vertical stays the same.
 
     Parameters
     ----------
@@ -107,6 +112,7 @@ class LiveSession:
         self._chosen: int | None = None  # the tracker's id of the person that a page chose
         self._calibration: PlacementCalibration | None = None
         self._measured: Skeleton | None = None  # the person as the calibration measured them
+        self._level = Level()
         self._body = ColliderTracker()
         self._cue: TouchCue | None = None
         self._seed = seed  # of the first touch cue; each further one adds 1
@@ -250,24 +256,26 @@ class LiveSession:
         self._people = sorted(frame.skeletons, key=lambda one: float(one.positions[0][0]))
         self._times.append(now)
         if self._calibration is not None and shown.state == PhantomState.TRACKING:
-            measured = self._calibration.add(shown.skeleton, now)
-            if measured is not None:
-                self._measured, self._calibration = measured, None
-        colliders = self._body.update(shown.skeleton)
+            found = self._calibration.add(shown.skeleton, now)
+            if found is not None:
+                self._measured, self._calibration = found, None
+        level = self._levelled(shown)
+        colliders = self._body.update(level.skeleton)
         if self._play.is_wanted and shown.state == PhantomState.TRACKING:
             self._cue = None
-        playing = self._play.go_on(shown, seconds, now, self._measured)
+        measured = self._measured and self._level.skeleton(self._measured)
+        playing = self._play.go_on(level, seconds, now, measured)
         self._play.tell()
         if playing:
-            self._play.film(shown, frame.calibration.depth)
+            self._play.film(shown, frame.calibration.depth, self._level)
         status = (
-            self._frame_status(shown, colliders)
+            self._frame_status(level, colliders)
             | self._setup_status(shown, frame)
-            | self._touch_status(shown, seconds if seconds <= LONGEST_STEP_S else 0.0)
+            | self._touch_status(level, seconds if seconds <= LONGEST_STEP_S else 0.0)
             | self._game_status(playing=playing)
         )
         ruled = time.perf_counter()
-        message = self._encoded(shown, status, frame.time_ns, captured)
+        message = self._encoded(level, status, frame.time_ns, captured)
         done = time.perf_counter()
         spent = (seen - began, ruled - seen, done - ruled)
         for times, value in zip(self._stages.values(), spent, strict=True):
@@ -285,6 +293,13 @@ class LiveSession:
         if found is None:
             return shown
         return replace(shown, vertices=found.vertices, skeleton=found.skeleton)
+
+    def _levelled(self, shown: PhantomFrame) -> PhantomFrame:
+        """Return the person in level axes, whose vertical does not change during a game."""
+        if not self._play.has_game and self._level.follow(shown):
+            self._body.reset()
+            self._play.forget_places()
+        return self._level.frame(shown)
 
     # --- messages of pages -----------------------------------------------------------------------
 
@@ -487,6 +502,7 @@ class LiveSession:
             "score": round(min(shown.quality.score, 1e6), 3),
             "joints": rounded(skeleton.positions),
             "joint_states": skeleton.states.tolist(),
+            "down": rounded(self._level.down),
             "colliders": rounded(capsules),
             "torso": torso,
             "stage_ms": {name: round(value, 2) for name, value in self.stage_ms.items()},

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d.modify._level import level_rotation, turned_skeleton
 from manip3d.phantom._state import joints, level
 from manip3d.rgbd import JOINTS, NOT_TRACKED, Skeleton
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from manip3d.modify import PhantomFrame
 
 NEAREST_M, FARTHEST_M = 1.4, 3.6
-"""Distances of the patient from the camera, metres."""
+"""Distances of the patient from the camera along the floor, metres."""
 
 MAX_TURN = 25.0
 """Largest turn of the shoulders away from the camera, degrees. Beyond it, too much of the mirrored
@@ -76,16 +77,16 @@ def placement_checks(
     ``people``: number of skeletons in view; ``is_chosen``: whether the therapist has chosen the
     patient among them; ``rate``: frames per second, or 0 if unknown.
     """
-    skeleton = shown.skeleton
-    found = joints(skeleton, "SpineBase")
+    body = turned_skeleton(shown.skeleton, level_rotation(shown.down))
+    found = joints(body, "SpineBase")
     if found is None:
         return [Check("Somebody in view", False, "Stand before the camera.")]
     distance = float(found[0][2])
     checks = [
         Check("Somebody in view", True),
         _distance(distance),
-        _inside(skeleton, camera),
-        _facing(skeleton),
+        _inside(shown.skeleton, camera),
+        _facing(body),
         Check(
             "Intact limb seen",
             shown.visible >= MIN_VISIBLE,

@@ -18,12 +18,12 @@ SIDES = ("left", "right")
 Phase = Literal["playing", "over"]
 Rules = Literal["bubbles", "pedal", "piano"]
 Point = tuple[float, float, float]
-"""Position in the camera frame, metres: x right, y down, z forward."""
+"""Position in level axes, metres: x right, y down along the vertical, z forward."""
 
 Touch = Callable[[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]], NDArray[np.int8]]
 """Function that returns the bone that touched each target, (N,), or -1. Its arguments are the
-targets' centres in the previous and in the current frame, (N, 3), and radii, (N,); metres in the
-camera frame."""
+targets' centres in the previous and in the current frame, (N, 3), and radii, (N,); metres in level
+axes."""
 
 _LONGEST_GAP_S = 0.3  # seconds for which a foot may be unseen within a movement
 
@@ -93,7 +93,7 @@ class Target:
     side : str
         ``left`` or ``right``.
     place : (float, float, float)
-        Centre in the camera frame (x right, y down, z forward), metres.
+        Centre in level axes (x right, y down along the vertical, z forward), metres.
     key : int
         Key of the piano, counted from the player's left to their right.
     age : float, seconds

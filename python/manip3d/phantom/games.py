@@ -1,8 +1,8 @@
 """Rules of the games: pure functions of the state, the elapsed time and the touched targets.
 
 The functions do not draw, wait or read the clock: the same seed, times, touches and joints give the
-same game. Positions are in the camera's frame (x right, y down, z ahead), metres; left and right
-are the player's own.
+same game. Positions are in level axes (x right, y down along the vertical, z ahead), metres: those
+of a level camera or of `manip3d.modify.PhantomFrame.levelled`. Left and right are the player's own.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def begin(
     name : str
         Key of `GAMES`.
     skeleton : Skeleton
-        The player's skeleton, with all limbs that play.
+        The player's skeleton in level axes, with all limbs that play.
     difficulty : int
         Difficulty, 1 to 3.
     seed : int
@@ -187,7 +187,7 @@ def step(
     touch : callable
         Function that finds touched targets, as `Touch`.
     skeleton : Skeleton, optional
-        The player's skeleton, which pedals and piano need; without it no foot moves.
+        The player's skeleton in level axes, which pedals and piano need; without it no foot moves.
 
     Raises
     ------

@@ -48,6 +48,7 @@ export interface Status {
   message: string;
   joints?: number[][];
   joint_states?: number[];
+  down?: number[]; // vertical in the camera's frame; all places are in axes in which it is +y
   colliders?: number[][]; // start, end, radius of each bone
   torso?: { centre: number[]; axes: number[][]; half: number[] } | null;
   stage_ms?: Record<string, number>;

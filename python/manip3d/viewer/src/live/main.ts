@@ -244,7 +244,7 @@ sun.position.set(1, 2, 2);
 scene.add(sun);
 const camera = new THREE.PerspectiveCamera(VIEW_ANGLE, 1, 0.1, 30);
 const controls = new OrbitControls(camera, canvas);
-const world = new THREE.Group(); // in the camera's frame: x right, y down, z ahead
+const world = new THREE.Group(); // in level axes: x right, y down along the vertical, z ahead
 const person = new Person();
 const bones = new Bones(content.parents);
 const colliders = new Colliders(content.parents.length);
@@ -274,18 +274,22 @@ function drawing(): THREE.WebGLRenderer | null {
 let session: XRSession | null = null;
 const outside = new THREE.Vector3(); // camera position before the view from the patient's own eyes
 
-let placed = false;
+let placed = ""; // the vertical for which the camera was placed
 let newest: Status | null = null;
 
-/** Places the camera once, in front of the person. */
+/** Places the camera in front of the person: once, and again if another vertical is measured. */
 function place(status: Status): void {
   const middle = status.joints?.[1];
-  if (placed || !middle || !status.joint_states?.[1]) return;
-  placed = true;
+  const vertical = String(status.down);
+  if (placed === vertical || !middle || !status.joint_states?.[1]) return;
+  placed = vertical;
   const ankles = [14, 18].filter((joint) => status.joint_states?.[joint]);
   const lowest = Math.max(...ankles.map((joint) => status.joints![joint][1]), middle[1] + 0.9);
   floor.position.set(middle[0], lowest + 0.08, middle[2]);
+  const before = controls.target.clone();
   controls.target.set(0, -middle[1] - 0.2, -middle[2]);
+  // The direction of the view stays.
+  for (const eye of [camera.position, outside]) eye.add(controls.target).sub(before);
   fit();
 }
 

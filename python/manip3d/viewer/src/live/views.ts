@@ -17,7 +17,7 @@ const HOLD_MS = 1000; // duration of an intended grip; accidental ones are short
 const STAND_OFF_M = 2.2; // distance of a headset's wearer from the mirror image
 const [SPINE, HEAD, LEFT, RIGHT] = [1, 3, 4, 8]; // numbers of joints; the sides are shoulders
 
-/** Place and direction of the eyes, in the camera's frame (x right, y down, z ahead). */
+/** Place and direction of the eyes, in level axes (x right, y down along the vertical, z ahead). */
 export interface Eyes {
   place: THREE.Vector3;
   ahead: THREE.Vector3; // horizontal unit vector

@@ -1,0 +1,59 @@
+"""The vertical of a session: games and page use axes in which it is the y axis."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d._util.linear import product
+from manip3d.modify import DownSource
+from manip3d.modify._level import level_rotation, turned_skeleton
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.modify import PhantomFrame
+    from manip3d.rgbd import Skeleton
+
+LEAST_DEG = 1.0
+"""Degrees by which the measured vertical must differ from the one in use. A smaller difference
+moves a key half a metre from a foot by less than a centimetre. The vertical of a simulated floor is
+measured to 0.1 degrees, so that nothing is rotated for a level camera."""
+_LEAST_CHORD = 2.0 * math.sin(math.radians(LEAST_DEG) / 2.0)  # distance of two such unit vectors
+
+
+class Level:
+    """The vertical in use: along the image's columns until another one is measured.
+
+    Attributes
+    ----------
+    down : (3,) float64
+        The vertical as a unit vector in the camera's frame.
+    """
+
+    def __init__(self) -> None:
+        self.down: NDArray[np.float64] = np.array([0.0, 1.0, 0.0])
+        self._rotation: NDArray[np.float64] | None = None  # None: that of a level camera
+
+    def follow(self, shown: PhantomFrame) -> bool:
+        """Take over the vertical of a frame if it differs; return whether it was taken over."""
+        if shown.down_source is DownSource.ASSUMED:
+            return False
+        if math.dist(shown.down, self.down) < _LEAST_CHORD:
+            return False
+        self.down, self._rotation = shown.down, level_rotation(shown.down)
+        return True
+
+    def frame(self, shown: PhantomFrame) -> PhantomFrame:
+        """Return a frame in level axes."""
+        return shown if self._rotation is None else shown.levelled(self.down)
+
+    def skeleton(self, skeleton: Skeleton) -> Skeleton:
+        """Return a skeleton in level axes."""
+        return skeleton if self._rotation is None else turned_skeleton(skeleton, self._rotation)
+
+    def in_camera(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return places, (N, 3), of the level axes in the camera's frame."""
+        return places if self._rotation is None else product(places, self._rotation)
