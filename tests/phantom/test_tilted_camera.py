@@ -150,6 +150,18 @@ def test_a_camera_that_is_almost_level_changes_nothing() -> None:
     assert not level.follow(seen(PLAYER, 1.9 * LEAST_DEG))
 
 
+def test_a_posture_does_not_replace_a_floor() -> None:
+    level = Level()
+    assert level.follow(seen(PLAYER, 10, source=DownSource.POSTURE))
+    assert level.follow(seen(PLAYER, 20))
+    for source in (DownSource.POSTURE, DownSource.ASSUMED):
+        assert not level.follow(seen(PLAYER, 12, source=source))
+    assert level.down[2] == pytest.approx(np.sin(np.radians(20)))
+    flat = Level()
+    assert not flat.follow(seen(PLAYER, 0))  # a floor, and the camera is level
+    assert not flat.follow(seen(PLAYER, 12, source=DownSource.POSTURE))
+
+
 def test_the_vertical_stays_during_a_game() -> None:
     sitting = Sitting("piano")
     for _ in range(3):  # nothing has told the vertical yet

@@ -23,6 +23,8 @@ moves a key half a metre from a foot by less than a centimetre. The vertical of 
 measured to 0.1 degrees, so that nothing is rotated for a level camera."""
 _LEAST_CHORD = 2.0 * math.sin(math.radians(LEAST_DEG) / 2.0)  # distance of two such unit vectors
 
+_TRUST = {DownSource.ASSUMED: 0, DownSource.POSTURE: 1, DownSource.FLOOR: 2}
+
 
 class Level:
     """The vertical in use: along the image's columns until another one is measured.
@@ -35,12 +37,18 @@ class Level:
 
     def __init__(self) -> None:
         self.down: NDArray[np.float64] = np.array([0.0, 1.0, 0.0])
+        self._source = DownSource.ASSUMED
         self._rotation: NDArray[np.float64] | None = None  # None: that of a level camera
 
     def follow(self, shown: PhantomFrame) -> bool:
-        """Take over the vertical of a frame if it differs; return whether it was taken over."""
-        if shown.down_source is DownSource.ASSUMED:
+        """Take over the vertical of a frame if it differs; return whether it was taken over.
+
+        The vertical of a floor is kept where a later frame has only a posture, which is less exact,
+        as after a recording is repeated or another limb is chosen.
+        """
+        if _TRUST[shown.down_source] < max(1, _TRUST[self._source]):
             return False
+        self._source = shown.down_source
         if math.dist(shown.down, self.down) < _LEAST_CHORD:
             return False
         self.down, self._rotation = shown.down, level_rotation(shown.down)
