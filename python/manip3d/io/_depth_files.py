@@ -46,7 +46,8 @@ def read_depth(
         ``depth``. Of an ``.exr`` the display window is read, whose pixels outside of the data
         window are not measured: the only channel, or the one with the part ``depth`` in its name
         (``ViewLayer.Depth.Z``), or ``Z``, or the only ``.Z``, ``.Y`` or ``.V`` that is no part of
-        a vector; or red if red, green and blue are equal and no channel has such a name.
+        a vector; or red if red, green and blue are equal and no channel has such a name. If it has
+        several parts, the name of each is one more layer of its channels (``depth.Z``).
     units_per_metre : float
         Stored units per metre of integer images: 1000 for Kinect and most others, 5000 for TUM and
         ICL-NUIM. Images of floating-point numbers (TIFF, ``.pfm``, ``.exr``, ``.npy``) are in

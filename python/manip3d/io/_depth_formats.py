@@ -174,25 +174,38 @@ def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
     try:
         with contextlib.redirect_stdout(sys.stderr):  # OpenEXR prints its errors
             with opened(header_only=True) as file:
-                header = dict(file.header())  # a copy, because closing the file empties it
-            window, shown = _Window.of(header["dataWindow"]), _Window.of(header["displayWindow"])
-            if shown.size == (1, 1):  # programs that do not know it write 0
-                shown = window
-            rows, columns = window.size
-            _checked_size(rows, columns, max_pixels)
-            _checked_size(*shown.size, max_pixels)
-            if rows * columns * len(header["channels"]) > 2 * max_pixels:
-                raise FormatError(f"more than {2 * max_pixels} numbers in all channels")
+                headers = [dict(part.header) for part in file.parts]  # closing empties the headers
+            windows = _checked_windows(headers, max_pixels)
             with opened(header_only=False) as file:
-                channels = {name: channel.pixels for name, channel in file.channels().items()}
-        stored = np.asarray(_depth_channel(channels), np.float32)
-        if stored.shape != (rows, columns):
+                if len(file.parts) < len(headers):  # OpenEXR leaves out what it cannot decode
+                    raise FormatError("damaged .exr: a part cannot be decoded")
+                found = _channels_of_parts(file)
+        name = _depth_channel({name: pixels for name, (_, pixels) in found.items()})
+        part, pixels = found[name]
+        window, shown = windows[part]
+        stored = np.asarray(pixels, np.float32)
+        if stored.shape != window.size:
+            rows, columns = window.size
             raise FormatError(f"expected {columns} x {rows} pixels, got shape {stored.shape}")
     except Error:
         raise
     except Exception as error:  # OpenEXR raises various types for damaged files
         raise FormatError(f"damaged .exr: {str(error) or type(error).__name__}") from error
     return _in_window(np.where(stored < _NOTHING_HIT, stored, np.float32(0.0)), window, shown)
+
+
+def _channels_of_parts(file: Any) -> dict[str, tuple[int, NDArray[Any]]]:
+    """Return the part's index and the pixels of each channel of an open EXR file.
+
+    In a file of several parts, the part's name is the layer of its channels: channel "Z" of part
+    "ViewLayer.Depth" becomes "ViewLayer.Depth.Z", unless it is stored under this name.
+    """
+    found = {}
+    for index, part in enumerate(file.parts):
+        layer = f"{part.name()}." if len(file.parts) > 1 else ""
+        for name, channel in file.channels(index).items():
+            found[layer + name.removeprefix(layer)] = index, channel.pixels
+    return found
 
 
 class _Window(NamedTuple):
@@ -210,7 +223,27 @@ class _Window(NamedTuple):
 
     @property
     def size(self) -> tuple[int, int]:
+        """Number of rows and of columns."""
         return self.bottom - self.top, self.right - self.left
+
+
+def _checked_windows(
+    headers: Sequence[dict[str, Any]], max_pixels: int
+) -> list[tuple[_Window, _Window]]:
+    """Return the data and the display window of each part; all parts are read at once."""
+    windows, numbers = [], 0
+    for header in headers:
+        window, shown = _Window.of(header["dataWindow"]), _Window.of(header["displayWindow"])
+        if shown.size == (1, 1):  # programs that do not know it write 0
+            shown = window
+        _checked_size(*window.size, max_pixels)
+        _checked_size(*shown.size, max_pixels)
+        windows.append((window, shown))
+        rows, columns = window.size
+        numbers += rows * columns * len(header["channels"])
+    if numbers > 2 * max_pixels:
+        raise FormatError(f"more than {2 * max_pixels} numbers in all channels")
+    return windows
 
 
 def _in_window(stored: NDArray[np.float32], window: _Window, shown: _Window) -> NDArray[np.float32]:
@@ -230,14 +263,14 @@ def _in_window(stored: NDArray[np.float32], window: _Window, shown: _Window) -> 
     return image
 
 
-def _depth_channel(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:
-    """Return the only channel, or the one named as depth, or red if R, G and B are equal.
+def _depth_channel(channels: dict[str, NDArray[Any]]) -> str:
+    """Return the name of the only channel, or of depth, or of red if R, G and B are equal.
 
     A renderer's passes are layers: "ViewLayer.Depth.Z" is the depth, "ViewLayer.Normal.Z" and the
     fog "ViewLayer.Mist.Z" are not.
     """
     if len(channels) == 1:
-        return next(iter(channels.values()))
+        return next(iter(channels))
     passes = {name: name.lower().split(".") for name in channels}
     named = [n for n, parts in passes.items() if "depth" in parts and parts[-1] in _OF_DEPTH]
     single = [name for name, parts in passes.items() if _is_single(parts, [*passes.values()])]
@@ -248,7 +281,7 @@ def _depth_channel(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:
         if not named:
             named = _grey([name for name in channels if name in ("R", "G", "B")], channels)
     if len(named) == 1:
-        return channels[named[0]]
+        return named[0]
     names = ", ".join(repr(name[:40]) for name in sorted(channels)[:20]) or "none"
     raise FormatError(f"expected one channel, or one named Z or Depth, got {names}")
 
