@@ -420,6 +420,49 @@ def test_time_stamps_that_agree_by_chance_are_no_names(tmp_path: Path) -> None:
     assert [Path(image).name for image in pairs.values()] == ["1.10.png", "1.23.png", "1.37.png"]
 
 
+TIMES = [1305031102.160407 + 0.0334 * i for i in range(12)]
+
+
+def touched(folder: Path, times: list[float], name: str = "{:.6f}.png") -> list[str]:
+    folder.mkdir()
+    files = [folder / name.format(time) for time in times]
+    for file in files:
+        file.touch()
+    return [str(file) for file in files]
+
+
+@pytest.mark.parametrize("kind", ["color", "mask", "confidence"])
+def test_images_of_other_times_are_the_nearest(kind: str, tmp_path: Path) -> None:
+    """A depth and a colour image are lost: equally many are left, and an order is shifted."""
+    frames = touched(tmp_path / "depth", TIMES[:4] + TIMES[5:])
+    others = touched(tmp_path / "other", [time + 0.015 for time in TIMES if time != TIMES[8]])
+    (tmp_path / "other" / "preview.png").touch()
+    expected = dict(zip(frames[:7], others[:4] + others[5:8], strict=True))
+    assert simplify.colors_of_frames(frames[:7], tmp_path / "other", name=kind) == expected
+    missing = rf"{kind}: expected an image in .* within 0.02 s of each depth image, found 10 of 11"
+    with pytest.raises(InputError, match=rf"{missing}, none for {Path(frames[7]).name}$"):
+        simplify.colors_of_frames(frames, tmp_path / "other", name=kind)
+
+
+def test_an_image_is_that_of_one_time_only(tmp_path: Path) -> None:
+    frames = touched(tmp_path / "depth", [1.000, 1.010, 1.020])
+    others = touched(tmp_path / "color", [1.011, 1.019, 1.500])
+    with pytest.raises(InputError, match=r"found 2 of 3, none for 1\.000000\.png$"):
+        simplify.colors_of_frames(frames, tmp_path / "color")
+    pairs = simplify.colors_of_frames(frames[1:], tmp_path / "color")
+    assert pairs == dict(zip(frames[1:], others[:2], strict=True))
+
+
+@pytest.mark.parametrize("unit", [1e3, 1e6, 1e9])
+def test_times_without_a_point_are_those_since_1970(unit: float, tmp_path: Path) -> None:
+    stamps = [round(time * unit) for time in TIMES]
+    late = [round((time + 0.01) * unit) for time in TIMES]
+    frames = touched(tmp_path / "depth", stamps[6:], "{}.png")
+    others = touched(tmp_path / "color", late, "rgb_{}.jpg")
+    expected = dict(zip(frames, others[6:], strict=True))
+    assert simplify.colors_of_frames(frames, tmp_path / "color") == expected
+
+
 def test_a_kind_of_picture_that_is_unknown_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="name: expected one of color, mask, confidence, got 'd"):
         simplify.colors_of_frames([], tmp_path, name="depht")

@@ -497,8 +497,9 @@ def depth(
         str,
         typer.Option(
             help="Colour image of the same view, which becomes the texture; for several depth "
-            "images, a folder with one for each, of the same name or in the order of their names. "
-            "It may be the folder of the depth images: 1.depth.png and 1.color.png."
+            "images, a folder with one for each, of the same name, of the nearest time if names "
+            "are times, or in the order of their names. It may be the folder of the depth images: "
+            "1.depth.png and 1.color.png."
         ),
     ] = "",
     mask: Annotated[
