@@ -239,6 +239,30 @@ def test_large_tiffs_are_read(dtype: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_pixel_map(tmp_path / "a.tif"), depth)
 
 
+def compressed_tiff(values: np.ndarray, order: str = "<") -> bytes:
+    """A TIFF of one deflated strip in a byte order."""
+    rows, columns = values.shape
+    kind = {"u": 1, "i": 2, "f": 3}[values.dtype.kind]
+    pixels = zlib.compress(values.astype(values.dtype.newbyteorder(order)).tobytes())
+    entries = [(256, columns), (257, rows), (258, 8 * values.itemsize), (259, 8), (262, 1),
+               (273, 8 + 2 + 12 * 11 + 4), (277, 1), (278, rows), (279, len(pixels)), (284, 1),
+               (339, kind)]  # fmt: skip
+    table = b"".join(struct.pack(f"{order}HHII", tag, 4, 1, value) for tag, value in entries)
+    head = {"<": b"II", ">": b"MM"}[order] + struct.pack(f"{order}HIH", 42, 8, len(entries))
+    return head + table + bytes(4) + pixels
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("dtype", ["u2", "i2", "i4", "f4"])
+def test_compressed_tiffs_of_either_byte_order_are_read(
+    order: str, dtype: str, tmp_path: Path
+) -> None:
+    depth = (DEPTH // 2).astype(dtype)
+    (tmp_path / "a.tif").write_bytes(compressed_tiff(depth, order))
+    np.testing.assert_array_equal(read_depth(tmp_path / "a.tif"), depth)
+    np.testing.assert_array_equal(read_pixel_map(tmp_path / "a.tif"), depth)
+
+
 def test_a_tiff_of_several_images_says_that_one_is_read(tmp_path: Path) -> None:
     first, second = Image.fromarray(DEPTH), Image.fromarray(DEPTH + np.uint16(1))
     first.save(tmp_path / "frames.tif", save_all=True, append_images=[second])

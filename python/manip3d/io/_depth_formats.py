@@ -400,6 +400,7 @@ def _read_with_pillow(
                     bits = "8 or 16 bits" if narrow_modes else "16 bits"
                     kinds = f"{bits} of grey, or colours" if color_modes else f"{bits} of grey"
                     raise FormatError(f"expected {kinds}, got mode {image.mode}")
+                _read_native_order(image)
                 stored = np.array(image)
                 has_more = _has_more(image)
     except Error:
@@ -419,6 +420,21 @@ def _read_with_pillow(
     if stored.min() < 0 or stored.max() > 65535:
         raise FormatError(f"expected 16-bit values, got {stored.min()} to {stored.max()}")
     return stored.astype(np.uint16)
+
+
+def _read_native_order(image: Any) -> None:
+    """Make Pillow read the numbers of a compressed TIFF in the byte order of this machine.
+
+    Libtiff decodes to this order. Pillow knows that of uint16, and swaps the bytes of all other
+    numbers of big-endian files once more.
+    """
+    tile = image.tile[0]
+    if tile[0] != "libtiff":
+        return
+    rawmode, *rest = tile[3]
+    args = (re.sub(r";(16|32)B", r";\1N", rawmode), *rest)
+    # Before Pillow 11 it is a plain tuple.
+    image.tile = [tile._replace(args=args) if hasattr(tile, "_replace") else (*tile[:3], args)]
 
 
 def _brightest_channel(data: bytes, image: Image.Image) -> NDArray[Any]:
