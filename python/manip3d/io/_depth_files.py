@@ -58,7 +58,8 @@ def read_depth(
     Returns
     -------
     (H, W) uint16 in millimetres, or float32 in metres
-        The stored integers unchanged if ``units_per_metre`` is 1000, else metres.
+        The stored integers unchanged if ``units_per_metre`` is 1000, else metres. Negative integers
+        become 0.
 
     Raises
     ------

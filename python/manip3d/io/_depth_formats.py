@@ -51,7 +51,7 @@ def decode_depth(data: bytes, max_pixels: int, *, may_be_narrow: bool = False) -
         return _read_pgm(data, max_pixels, may_be_narrow)
     if data.startswith(_PNG_OR_TIFF):
         stored = _read_with_pillow(data, max_pixels, ("L",) if may_be_narrow else ())
-        return stored.astype(np.uint16) if stored.dtype == np.uint8 else stored
+        return _whole_depth(stored) if stored.dtype.kind in "iu" else stored
     if re.match(rb"P[fF]\s", data):
         return _read_pfm(data, max_pixels)
     if data.startswith(b"PK"):
@@ -78,7 +78,12 @@ def decode_map(data: bytes, max_pixels: int) -> NDArray[Any]:
     if data.startswith(b"\x93NUMPY"):
         return _read_npy(data, max_pixels, _MAP_DTYPES)
     if data.startswith((*_PNG_OR_TIFF, _JPEG)):
-        return _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
+        levels = _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
+        if levels.dtype.kind != "i":
+            return levels
+        if levels.min() < 0:
+            raise FormatError(f"expected levels of at least 0, got {levels.min()}")
+        return _whole_depth(levels)
     raise FormatError(
         f"expected a PNG, TIFF or JPEG, or a .npy file, got bytes that begin with {data[:8]!r}",
         byte_offset=0,
@@ -342,9 +347,13 @@ def _depth_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
         return stored.astype(np.float32) if stored.dtype.itemsize == 2 else stored
     if stored.dtype == np.uint16:
         return stored.astype(np.uint16, copy=False)
+    return _whole_depth(stored)
+
+
+def _whole_depth(stored: NDArray[Any]) -> NDArray[np.uint16]:
+    """Return whole numbers, of which negative ones mean no measurement, as in images of floats."""
     if stored.max() > 65535:
         raise FormatError(f"expected whole numbers of at most 65535, got {stored.max()}")
-    # Negative numbers mean no measurement, as in floating-point images.
     return np.asarray(np.maximum(stored, 0), np.uint16)
 
 
@@ -415,11 +424,7 @@ def _read_with_pillow(
         warnings.warn(
             "a file of several images, of which the first is read", stacklevel=caller_level()
         )
-    if stored.dtype.kind == "f":
-        return stored
-    if stored.min() < 0 or stored.max() > 65535:
-        raise FormatError(f"expected 16-bit values, got {stored.min()} to {stored.max()}")
-    return stored.astype(np.uint16)
+    return stored.astype(np.uint16) if stored.dtype.kind == "u" else stored
 
 
 def _read_native_order(image: Any) -> None:
