@@ -101,7 +101,7 @@ def test_the_windows_are_those_of_the_part(tmp_path: Path) -> None:
 
 
 def test_a_damaged_part_is_not_left_out(tmp_path: Path) -> None:
-    """Else the mask would be the only channel."""
+    """The mask would be the only channel."""
     path = write_parts(tmp_path / "a.exr", {"mask": {"A": ONES}, "depth": {"Z": ONES}})
     data = bytearray(path.read_bytes())
     data[-20:] = b"\xff" * 20

@@ -23,6 +23,8 @@ from manip3d import (
     simplify,
 )
 from manip3d.batch import find_files
+from manip3d.io._depth_files import read_mask
+from manip3d.io._images import read_color
 from manip3d.simplify._depth_steps import across_gaps
 from real_data import RealData
 
@@ -617,6 +619,84 @@ def test_a_jpeg_mask_is_where_it_is_bright(tmp_path: Path) -> None:
         simplify.simplify_depth_file(
             tmp_path / "wall.npy", tmp_path / "wall.ply", options, mask=tmp_path / "black.jpg"
         )
+
+
+def stored_sideways(upright: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
+    """The pixels as a camera stores them that states an orientation of EXIF beside them."""
+    flips = {3: upright[::-1, ::-1], 6: np.rot90(upright, 1), 8: np.rot90(upright, -1)}
+    return np.ascontiguousarray(flips[orientation])
+
+
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_pictures_are_turned_upright(orientation: int, tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    exif = image.Exif()
+    exif[274] = orientation
+    picture = np.zeros((120, 160, 3), np.uint8)
+    picture[:60, :80] = 250
+    stored = image.fromarray(stored_sideways(picture, orientation))
+    for name, each in (("color.jpg", stored), ("mask.jpg", stored.convert("L"))):
+        each.save(tmp_path / name, quality=100, exif=exif)
+    stored.save(tmp_path / "color.png", exif=exif)
+    expected = picture[..., 0].astype(int)
+    for name in ("color.jpg", "color.png"):
+        for shape in (None, (120, 160), (60, 80), (7, 9)):
+            found = read_color(tmp_path / name, shape)[..., 0]
+            assert found.shape == expected.shape
+            assert np.abs(found - expected).max() < 12
+    for shape in (None, (120, 160)):
+        np.testing.assert_array_equal(
+            read_mask(tmp_path / "mask.jpg", shape=shape), picture[..., 0] > 0
+        )
+        levels = io.read_pixel_map(tmp_path / "mask.jpg", shape=shape)
+        assert np.abs(levels - expected).max() < 12
+
+
+@pytest.mark.parametrize("orientation", [0, 1, 2, 3, 4, 5, 6, 7, 8, 9])
+def test_each_orientation_is_that_of_pillow(orientation: int, tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    operations = pytest.importorskip("PIL.ImageOps")
+    exif = image.Exif()
+    exif[274] = orientation
+    pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
+    for name in ("a.png", "a.tif"):
+        image.fromarray(pixels).save(tmp_path / name, exif=exif)
+        with image.open(tmp_path / name) as stored:
+            expected = np.array(operations.exif_transpose(stored))
+        np.testing.assert_array_equal(read_color(tmp_path / name), expected)
+
+
+@pytest.mark.parametrize("orientation", [6, 8])
+def test_pictures_stay_as_the_sensor_has_them_if_the_depth_does(
+    orientation: int, tmp_path: Path
+) -> None:
+    """Beside a depth image that is sideways, too, the stored pixels are the right ones."""
+    image = pytest.importorskip("PIL.Image")
+    exif = image.Exif()
+    exif[274] = orientation
+    stored = np.zeros((120, 160), np.uint8)
+    stored[:60, :80] = 250
+    image.fromarray(stored).save(tmp_path / "a.jpg", quality=100, exif=exif)
+    assert np.abs(read_color(tmp_path / "a.jpg", (120, 160))[..., 0] - stored.astype(int)).max() < 9
+    np.testing.assert_array_equal(read_mask(tmp_path / "a.jpg", shape=(120, 160)), stored > 0)
+
+
+def test_a_mesh_has_the_colours_of_the_upright_picture(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    exif = image.Exif()
+    exif[274] = 3
+    picture = np.zeros((120, 160, 3), np.uint8)
+    picture[:60, :80] = 250
+    image.fromarray(picture[::-1, ::-1]).save(tmp_path / "a.jpg", quality=100, exif=exif)
+    np.save(tmp_path / "a.npy", waves())
+    options = simplify.DepthOptions(20, intrinsics="130,130,79.5,59.5", unit="mm")
+    simplify.simplify_depth_file(
+        tmp_path / "a.npy", tmp_path / "a.glb", options, color=tmp_path / "a.jpg"
+    )
+    material = io.read_mesh(tmp_path / "a.glb").materials[0]
+    with image.open(BytesIO(material.textures["base_color"].data or b"")) as texture:
+        assert texture.getpixel((20, 20))[0] > 240
+        assert texture.getpixel((140, 100))[0] < 15
 
 
 def test_nan_in_a_mask_leaves_a_pixel_out(tmp_path: Path) -> None:

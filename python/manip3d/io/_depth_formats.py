@@ -18,6 +18,7 @@ from manip3d._util.regular_files import over_max_bytes
 from manip3d.errors import Error, FormatError
 from manip3d.io._limits import byte_limit, check_points
 from manip3d.io._npy_headers import read_npy_header
+from manip3d.io._orientations import orientation_of, upright
 from manip3d.io._scan_tables import refuse_expansion
 
 if TYPE_CHECKING:
@@ -62,23 +63,34 @@ def decode_depth(data: bytes, max_pixels: int, *, may_be_narrow: bool = False) -
     raise FormatError(f"expected {kinds}, got bytes that begin with {data[:8]!r}", byte_offset=0)
 
 
-def decode_mask(data: bytes, max_pixels: int) -> NDArray[np.bool_]:
-    """Return a mask (H, W): True where a map of pixels is neither 0 nor NaN.
+def decode_mask(
+    data: bytes, max_pixels: int, *, shape: tuple[int, ...] | None = None
+) -> NDArray[np.bool_]:
+    """Return a mask (H, W): True where a map of pixels is neither 0 nor NaN; see `decode_map`.
 
     The compression of a JPEG leaves small numbers where 0 was, so that a pixel of one has to be at
     least half as bright as the brightest one, which is a grey in some masks.
     """
-    values = np.nan_to_num(decode_map(data, max_pixels))
+    values = np.nan_to_num(decode_map(data, max_pixels, shape=shape))
     if not data.startswith(_JPEG):
         return np.asarray(values != 0)
     return np.asarray(values > max(_DARKEST, int(values.max()) // 2))
 
 
-def decode_map(data: bytes, max_pixels: int) -> NDArray[Any]:
+def decode_map(
+    data: bytes, max_pixels: int, *, shape: tuple[int, ...] | None = None
+) -> NDArray[Any]:
+    """Return the numbers (H, W) in the bytes of a map's file.
+
+    A JPEG is turned upright by its EXIF data, unless only the stored image has the aspect ratio of
+    ``shape`` (rows, columns), that of the depth image to which it belongs.
+    """
     if data.startswith(b"\x93NUMPY"):
         return _read_npy(data, max_pixels, _MAP_DTYPES)
     if data.startswith((*_PNG_OR_TIFF, _JPEG)):
         levels = _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
+        if data.startswith(_JPEG):
+            return upright(levels, _orientation_of_jpeg(data), shape)
         if levels.dtype.kind != "i":
             return levels
         if levels.min() < 0:
@@ -425,6 +437,11 @@ def _read_with_pillow(
             "a file of several images, of which the first is read", stacklevel=caller_level()
         )
     return stored.astype(np.uint16) if stored.dtype.kind == "u" else stored
+
+
+def _orientation_of_jpeg(data: bytes) -> int:
+    with imported("PIL.Image", "io").open(io.BytesIO(data), formats=("JPEG",)) as image:
+        return orientation_of(image)
 
 
 def _read_native_order(image: Any) -> None:

@@ -16,6 +16,7 @@ from manip3d.io import DEPTH_UNITS, DepthReading, read_depth_guessing, read_pixe
 from manip3d.io._depth_files import read_mask
 from manip3d.io._depth_units import fits_8_bits
 from manip3d.io._images import read_color
+from manip3d.io._orientations import SAME_SHAPE
 from manip3d.simplify._depth_options import DepthOptions, check_confidence
 from manip3d.simplify._depth_words import COMMON_GUESS
 from manip3d.simplify._pixel_maps import confidence_of_levels
@@ -34,11 +35,6 @@ class Maps:
     mask: NDArray[np.bool_] | None = None
     confidence: NDArray[Any] | None = None
     registration: Registration | None = None  # None: the colour image has the depth image's pixels
-
-
-SAME_SHAPE = 0.005
-"""Largest relative difference of the aspect ratios of two images of the same view: one row or
-column of 200, as resizing rounds it."""
 
 
 def registration_of(color: NDArray[np.uint8] | None, camera: Intrinsics) -> Registration | None:
@@ -63,25 +59,46 @@ def same_view_words(registration: Registration) -> str:
     return f"colours of {size.width} x {size.height} pixels taken for those of the same view"
 
 
-def read_maps(
-    options: DepthOptions,
-    color: str | os.PathLike[str] | None,
-    mask: str | os.PathLike[str] | None,
-    confidence: str | os.PathLike[str] | None,
-    confidence_max: int | None,
-) -> Maps:
-    check_confidence(options, confidence is not None)
-    if confidence_max is not None and confidence is None:
-        raise InputError("confidence_max: can only be given with confidence")
-    return Maps(
-        None if color is None else read_color(path_of(color, "color")),
-        None if mask is None else read_mask(path_of(mask, "mask")),
-        None if confidence is None else _read_confidence(confidence, confidence_max),
-    )
+@dataclass(frozen=True)
+class MapFiles:
+    """Files with the colours, mask and confidences of a depth image."""
+
+    color: Path | None
+    mask: Path | None
+    confidence: Path | None
+    confidence_max: int | None
+
+    @staticmethod
+    def of(
+        options: DepthOptions,
+        color: str | os.PathLike[str] | None,
+        mask: str | os.PathLike[str] | None,
+        confidence: str | os.PathLike[str] | None,
+        confidence_max: int | None,
+    ) -> MapFiles:
+        """Check which files are given for the options."""
+        check_confidence(options, confidence is not None)
+        if confidence_max is not None and confidence is None:
+            raise InputError("confidence_max: can only be given with confidence")
+        return MapFiles(
+            None if color is None else path_of(color, "color"),
+            None if mask is None else path_of(mask, "mask"),
+            None if confidence is None else path_of(confidence, "confidence"),
+            confidence_max,
+        )
+
+    def read(self, shape: tuple[int, ...]) -> Maps:
+        """Read the files; ``shape`` is that of the depth image."""
+        highest = self.confidence_max
+        return Maps(
+            None if self.color is None else read_color(self.color, shape),
+            None if self.mask is None else read_mask(self.mask, shape=shape),
+            None if self.confidence is None else _confidence(self.confidence, shape, highest),
+        )
 
 
-def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArray[Any]:
-    found = read_pixel_map(path_of(path, "confidence"))
+def _confidence(path: Path, shape: tuple[int, ...], highest: int | None) -> NDArray[Any]:
+    found = read_pixel_map(path, shape=shape)
     if found.dtype.kind == "f":
         if highest is not None:
             raise InputError(
