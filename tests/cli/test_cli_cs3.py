@@ -1076,3 +1076,29 @@ def test_a_guess_for_a_folder_is_told(more: tuple[str, ...], tmp_path: Path) -> 
     assert "depth 7.00 to 8.00 m, unit mm (" in done.stderr
     assert "guessed" not in done.stderr + str([row["depth"] for row in json.loads(done.stdout)])
     assert not any(row["unit_guessed"] for row in json.loads(done.stdout))
+
+
+def test_masks_beside_depth_images_are_no_depth_images(frame: Path, tmp_path: Path) -> None:
+    """Names as those of DIODE, whose masks are arrays of floats."""
+    folder, output = tmp_path / "scans", tmp_path / "out"
+    folder.mkdir()
+    depth = np.array(Image.open(frame)) / np.float32(1000)
+    left = np.tile(np.arange(160) < 80, (120, 1))
+    for number in range(2):
+        np.save(folder / f"{number}_depth.npy", depth[..., None])
+        np.save(folder / f"{number}_depth_mask.npy", left.astype(np.float64))
+    arguments = ("depth", folder, "-o", output, "--points", "100", "--intrinsics", FOCAL)
+    done = manip3d(*arguments, "--mask", folder)
+    assert done.returncode == 0
+    assert "4 files (2 skipped, of another kind)" in done.stderr
+    assert sorted(path.name for path in output.glob("*.glb")) == ["0_depth.glb", "1_depth.glb"]
+    assert read_mesh(output / "0_depth.glb").vertices[:, 0].max() < 0.05
+    # A mask that is named, or that lies beside no depth image, is read as it is.
+    named = manip3d(*arguments[:1], folder / "0_depth_mask.npy", *arguments[2:3],
+                    tmp_path / "mask.glb", *arguments[4:])  # fmt: skip
+    assert "depth 1.00 to 1.00 m" in named.stderr
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 1\n0 0 0 0 0 0 1\n")
+    joined = manip3d(*arguments[:2], "-o", tmp_path / "one.ply", *arguments[4:],
+                     "--poses", tmp_path / "poses.txt")  # fmt: skip
+    assert joined.returncode == 0
+    assert "2 files skipped, of another kind (mask or confidences)" in joined.stderr

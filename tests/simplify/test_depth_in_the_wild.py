@@ -25,6 +25,7 @@ from manip3d import (
 from manip3d.batch import find_files
 from manip3d.io._depth_files import read_mask
 from manip3d.io._images import read_color
+from manip3d.simplify._depth_sets import maps_by_name
 from manip3d.simplify._depth_steps import across_gaps
 from real_data import RealData
 
@@ -422,6 +423,13 @@ def test_time_stamps_that_agree_by_chance_are_no_names(tmp_path: Path) -> None:
     assert [Path(image).name for image in pairs.values()] == ["1.10.png", "1.23.png", "1.37.png"]
 
 
+def test_masks_are_told_from_depth_images_by_their_last_word() -> None:
+    depths = ["a/1_depth.npy", "mask_depth_2.npy", "conference_3.npy", "conf_room_4.npy"]
+    maps = ["a/1_depth_mask.npy", "1.conf.npy", "Mask_07.npy", "x confidence.npy"]
+    assert maps_by_name([*depths, *maps]) == set(maps)
+    assert maps_by_name([*depths[2:], *maps]) == set()  # no name says that it is a depth image
+
+
 TIMES = [1305031102.160407 + 0.0334 * i for i in range(12)]
 
 
@@ -479,6 +487,7 @@ def test_a_kind_of_picture_that_is_unknown_is_refused(tmp_path: Path) -> None:
         ("0{}_depth.png", "0{}.jpg", "0{}_mask.jpg", "0{}_confidence.png"),
         ("depth_{}.png", "rgb_{}.png", "mask_{}.png", "confidence_{}.png"),
         ("Depth{}.tif", "Color{}.png", "Mask{}.png", "Conf{}.tif"),
+        ("0{}_depth.npy", "0{}.png", "0{}_depth_mask.npy", "0{}_depth_conf.npy"),  # DIODE
     ],
 )
 def test_one_folder_holds_all_images(

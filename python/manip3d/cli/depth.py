@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from manip3d.cli.kinds import expect_kind, is_picture, kind_of, narrow_depth
-from manip3d.cli.many import over_files, with_defaults
+from manip3d.cli.many import SKIPPED, over_files, with_defaults
 from manip3d.cli.options import (
     MISSED,
     FolderJobs,
@@ -93,11 +93,13 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
 
     with naming_options("unit", "intrinsics"):
         may_be_8_bits = may_have_8_bits(options["unit"], options["intrinsics"])
-    names = [file.name for file in files if not is_picture(file.name, may_be_8_bits)]
+    maps = _maps_in_folders(files)
+    names = [f.name for f in files if not is_picture(f.name, may_be_8_bits) and f.name not in maps]
     clouds = {name for name in names if _is_cloud(name)}
     if not clouds:
         _expect_camera(names, options["intrinsics"])
     each: dict[str, dict[str, str]] = {file.name: {"color": ""} for file in files}
+    each |= {name: {SKIPPED: "a mask or confidences"} for name in maps}
     with naming_options("color", "mask", "confidence", "unit"):
         for name in clouds:  # the unit of another instrument; each cloud keeps its own guess
             each[name]["unit"] = options["unit"]
@@ -112,6 +114,14 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
             for frame, image in simplify.colors_of_frames(names, folder, name=name).items():
                 each[frame][name] = image
     return each
+
+
+def _maps_in_folders(files: list[SourceFile]) -> set[str]:
+    """Return the names of masks and confidences that lie beside depth images in folders."""
+    from manip3d.simplify._depth_sets import maps_by_name
+
+    maps = maps_by_name([file.name for file in files])
+    return {file.name for file in files if file.name in maps and not file.is_named}
 
 
 def _sentence_of_all(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -257,9 +267,13 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         for file in pictures:
             if file.is_named or len(pictures) == len(found):
                 expect_kind(file.name, "depth", "range grid", verb="depth")
-        files = [file.name for file in found if file not in pictures]
+        maps = _maps_in_folders(found)
+        files = [file.name for file in found if file not in pictures and file.name not in maps]
         if pictures:
             shell.say(f"{counted(len(pictures), 'file')} skipped, of another kind (picture)")
+        if maps:
+            words = "(mask or confidences)"
+            shell.say(f"{counted(len(maps), 'file')} skipped, of another kind {words}")
         colors = simplify.colors_of_frames(files, given["color"]) if given["color"] else {}
         options = _options_of(given)
         with shell.progress("join") as progress:

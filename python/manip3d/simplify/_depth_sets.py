@@ -35,12 +35,12 @@ def colors_of_frames(
     If each depth image has a colour image of the same name (without suffix), they are matched by
     name, and other colour images are ignored. Names are also the same if they differ only in the
     words depth and color: ``1.depth.png``, ``1.color.png``; ``depth_1.png``, ``rgb_1.png``;
-    ``1_depth.png``, ``1.jpg``. Else, if the names are times in seconds with a fraction, or in
-    smaller units since 1970, the nearest in time is taken, at most 0.02 s away and once only. If
-    they are not, and less than half of the depth images have a colour image of their name, both are
-    sorted by name (numbers in names by their value) and matched in order; if half or more have, but
-    not all, it is an error, as the order would be shifted. Hidden files and files whose suffix is
-    not that of an image are ignored.
+    ``1_depth.png``, ``1.jpg``; ``1_depth.npy``, ``1_depth_mask.npy``. Else, if the names are times
+    in seconds with a fraction, or in smaller units since 1970, the nearest in time is taken, at
+    most 0.02 s away and once only. If they are not, and less than half of the depth images have a
+    colour image of their name, both are sorted by name (numbers in names by their value) and
+    matched in order; if half or more have, but not all, it is an error, as the order would be
+    shifted. Hidden files and files whose suffix is not that of an image are ignored.
 
     If ``colors`` also holds the depth images, these are left out, and only images with such a word
     in their names are matched in order. Masks and confidences then need their word in any case.
@@ -85,7 +85,7 @@ def colors_of_frames(
     own = {os.path.realpath(path_of(frame, "frames")) for frame in frames}
     images = [path for path in found if os.path.realpath(path) not in own]
     shares_folder = len(images) < len(found)
-    named = [path for path in images if _without(path.stem, name) != _words(path.stem)]
+    named = [path for path in images if _WORDS[name] & set(_words(path.stem))]
     names = sorted((os.fspath(frame) for frame in frames), key=by_number)
     # Beside the depth images, a file without the word for a mask would be a colour image.
     needs_word = shares_folder and name != "color"
@@ -120,9 +120,11 @@ def _by_name(
     ``named`` are those of the images that have the word for their kind in their names.
     """
     stems = [Path(frame).stem for frame in frames]
-    keys = [_without(stem, "depth") for stem in stems]
+    keys = [_without(_words(stem), "depth") for stem in stems]
+    names = [_without(_words(path.stem), kind) for path in named]
     tries = [
-        _by_key(keys, named, [_without(path.stem, kind) for path in named]),
+        _by_key(keys, named, names),
+        _by_key(keys, named, [_without(words, "depth") for words in names]),  # 1_depth_mask
         _by_key(stems, images, [path.stem for path in images]),
         _by_key(keys, images, [_words(path.stem) for path in images]),
     ]
@@ -161,11 +163,25 @@ def _words(stem: str) -> tuple[str, ...]:
     return tuple(re.findall(r"[^\W\d_]+|\d+", stem.lower()))
 
 
-def _without(stem: str, kind: str) -> tuple[str, ...]:
+def _without(words: tuple[str, ...], kind: str) -> tuple[str, ...]:
     """Return the words of a name without the last one that says what kind the image is of."""
-    words = _words(stem)
     places = [i for i, word in enumerate(words) if word in _WORDS[kind]]
     return words[: places[-1]] + words[places[-1] + 1 :] if places else words
+
+
+def maps_by_name(names: Sequence[str]) -> set[str]:
+    """Return the names of masks and confidences among those of depth images in a folder.
+
+    Their last word says so (``1_depth_mask.npy``), apart from numbers, and others have the word for
+    depth.
+    """
+    last = {
+        name: next((word for word in reversed(_words(Path(name).stem)) if not word.isdigit()), "")
+        for name in names
+    }
+    maps = {name for name in names if last[name] in _WORDS["mask"] | _WORDS["confidence"]}
+    has_depth = any("depth" in _words(Path(name).stem) for name in names if name not in maps)
+    return maps if has_depth else set()
 
 
 def _time_of(stem: str, kind: str) -> float:
