@@ -343,6 +343,24 @@ def test_the_camera_of_instant_ngp(tmp_path: Path) -> None:
         camera.read_intrinsics(path, width=64, height=48)
 
 
+def test_the_matrix_of_stray_scanner(tmp_path: Path) -> None:
+    """It is that of the colour images, whose size is nowhere, and the depths have fewer pixels."""
+    path = tmp_path / "camera_matrix.csv"
+    path.write_text("1450.0, 0.0, 960.0\n0.0, 1450.0, 720.0\n0.0, 0.0, 1.0\n")
+    found = camera.read_intrinsics(path, width=1920, height=1440)
+    assert camera.same_camera(found, Intrinsics(1920, 1440, 1450.0, 1450.0, 960.0, 720.0))
+    told = r"a larger image than 256 x 192 pixels; if that has 1920 x 1440 of .* (193\.333,.*)$"
+    with pytest.raises(InputError, match=told) as caught:
+        camera.read_intrinsics(path, width=256, height=192)
+    numbers = str(caught.value).rpartition(" ")[2]
+    at = camera.read_intrinsics(numbers, width=256, height=192)
+    assert at.cx == pytest.approx(found.resized(256, 192).cx, abs=1e-3)
+    assert camera.camera_depth_unit(path) == "guess"
+    path.write_text("timestamp, frame\n0.0, 1\n")
+    with pytest.raises(FormatError, match="expected a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers: "):
+        camera.read_intrinsics(path, width=256, height=192)
+
+
 def test_the_product_of_a_pinhole_camera_is_no_lens(tmp_path: Path) -> None:
     path = tmp_path / "camera.json"
     path.write_text('{"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, "model": "NFOV 2x2"}')

@@ -406,7 +406,7 @@ CAMERA_PRESETS: Mapping[str, CameraPreset] = {
 """Nominal depth cameras by name; cameras of the same type differ by a few pixels."""
 
 _MAX_CAMERA_BYTES = 1 << 20  # largest size of a calibration file; real ones have a few kB
-CAMERA_SUFFIXES = (".json", ".txt", ".xml", ".yaml", ".yml")
+CAMERA_SUFFIXES = (".csv", ".json", ".txt", ".xml", ".yaml", ".yml")
 """Suffixes of the files that `read_intrinsics` reads."""
 
 
@@ -428,7 +428,9 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
           left camera is read (P1 of the rectified images, or else M1 and D1);
         - a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers (7-Scenes, 3DMatch, ScanNet),
           the four numbers above, COLMAP's ``cameras.txt``, or the ``calib.txt`` of a stereo pair of
-          Middlebury or ETH3D, of which the left camera is read.
+          Middlebury or ETH3D, of which the left camera is read;
+        - a ``.csv`` file: a matrix, as Stray Scanner's ``camera_matrix.csv``. It is that of the
+          colour images, and refused for smaller ones with what it is for these.
     width, height : int, pixels
         Size of the image.
 
@@ -585,10 +587,14 @@ def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
             "fx, fy, cx and cy, a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers, the calib.txt of a "
             "stereo pair or COLMAP's cameras.txt"
             if path.suffix.lower() == ".txt"
+            else "a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers"
+            if path.suffix.lower() == ".csv"
             else "an object with fx, fy, cx and cy, Open3D's intrinsic_matrix, OpenCV's or ROS's "
             "camera_matrix"
         )
         raise FormatError(f"expected {expected}: {error}", file=str(path)) from error
+    if path.suffix.lower() == ".csv":
+        _refuse_camera_of_colors(known, path)
     if (known.width, known.height) != (width, height):
         same_view = ""
         if known.rays is None and known.width * height == known.height * width:
@@ -602,6 +608,23 @@ def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
     return known
 
 
+_STRAY_SCANNER = (1920, 1440)
+"""Size of the colour images of Stray Scanner, which states it nowhere."""
+
+
+def _refuse_camera_of_colors(camera: Intrinsics, path: Path) -> None:
+    """Refuse a camera without a size whose centre lies outside of the depth image."""
+    if camera.cx < camera.width and camera.cy < camera.height:
+        return
+    width, height = _STRAY_SCANNER
+    at = replace(camera, width=width, height=height).resized(camera.width, camera.height)
+    numbers = ",".join(f"{value:g}" for value in (at.fx, at.fy, at.cx, at.cy))
+    raise InputError(
+        f"intrinsics: {path} is the camera of a larger image than {camera.width} x {camera.height} "
+        f"pixels; if that has {width} x {height} of the same view, the camera is {numbers}"
+    )
+
+
 def _fields_of_file(path: Path, width: int, height: int) -> dict[str, Any]:
     """Return the fields of `Intrinsics` in a file; if it has several cameras, for this size."""
     suffix = path.suffix.lower()
@@ -611,6 +634,8 @@ def _fields_of_file(path: Path, width: int, height: int) -> dict[str, Any]:
             return _fields_of_colmap(cameras, width, height)
         stereo = _stereo_calibration(text, path)
         return _fields_of_matrix(text) if stereo is None else stereo.fields
+    if suffix == ".csv":
+        return _fields_of_matrix(_text_of_camera(path))
     if suffix == ".json":
         text = _text_of_camera(path)
         fields = _fields_of_json(text)

@@ -85,8 +85,8 @@ def test_a_recording_without_a_camera_is_refused_with_the_folder_of_its_depth_im
     options = ("--points", "100", "--intrinsics", FOCAL)
     done = manip3d("depth", recording, "-o", tmp_path / "out", *options)
     assert done.returncode == 1
-    assert "is an RGB-D recording; depth takes" in error_line(done)
-    assert error_line(done).endswith(f"Its depth images: {images}")
+    told = "is an RGB-D recording that states no camera; give the folder of its depth images: "
+    assert error_line(done).endswith(f"{told}{images}")
     done = manip3d("depth", images, "-o", tmp_path / "out", *options)
     assert done.returncode == 0
     assert (tmp_path / "out" / "1311868164.5.glb").is_file()

@@ -84,6 +84,25 @@ def test_numbers_of_frames_are_no_seconds(tmp_path: Path) -> None:
     assert [pose[0, 3] for pose in found] == [0, 15]
 
 
+def test_a_first_line_may_name_the_columns(tmp_path: Path) -> None:
+    """Stray Scanner's has the number of the frame beside its time."""
+    place = tmp_path / "odometry.csv"
+    lines = [f"{k / 10}, {k:06}, {k}, 0, 0, 0, 0, 0, 1" for k in range(20)]
+    place.write_text("\n".join(["timestamp, frame, x, y, z, qx, qy, qz, qw", *lines]))
+    found = simplify.poses_of_files(["000011.png", "000003.png"], place)
+    assert [pose[0, 3] for pose in found] == [11, 3]
+    place.write_text("# of a tool\nTime,tx,ty,tz,qx,qy,qz,qw\n1.0,1,0,0,0,0,0,1\n1.5,2,0,0,0,0,0,1")
+    (pose,) = simplify.poses_of_files(["1.50.png"], place)
+    assert pose[0, 3] == 2
+    for head, told in (
+        ("timestamp, x, y, z, qw, qx, qy, qz", "expected finite numbers"),  # another order
+        ("x, y, z, qx, qy, qz, qw", "expected eight numbers"),
+    ):
+        place.write_text("\n".join([head, *lines]))
+        with pytest.raises(FormatError, match=told):
+            simplify.poses_of_files(["000003.png"], place)
+
+
 def test_numbers_of_frames_have_the_poses_of_their_numbers(tmp_path: Path) -> None:
     place = tmp_path / "truth.txt"
     place.write_text("\n".join(f"{k} {k} 0 0 0 0 0 1" for k in range(31)))

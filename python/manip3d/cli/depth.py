@@ -452,9 +452,9 @@ def depth(
         typer.Option(
             help="Camera of the depth image: fx,fy,cx,cy in pixels, a file (OpenCV's .xml or "
             ".yaml, also of a stereo pair, ROS's CameraInfo as .yaml, Open3D's .json, COLMAP's "
-            "cameras.txt, a matrix or the calib.txt of a stereo pair as .txt), or a preset: tum, "
-            "tum-fr1, tum-fr2, tum-fr3, kinect-v1, kinect-v2, azure, realsense, primesense. Scans "
-            "need none."
+            "cameras.txt, a matrix as .txt or .csv, the calib.txt of a stereo pair), or a preset: "
+            "tum, tum-fr1, tum-fr2, tum-fr3, kinect-v1, kinect-v2, azure, realsense, primesense. "
+            "Scans need none."
         ),
     ] = "",
     unit: Annotated[
@@ -545,8 +545,8 @@ def depth(
         typer.Option(
             help="Camera pose of each depth image; they become one mesh: TUM's groundtruth.txt "
             "(time tx ty tz qx qy qz qw, or without the time, or the 12 or 16 numbers of a "
-            "matrix), a folder with a matrix for each (7-Scenes, ScanNet), Redwood's .log or a "
-            "Stanford .conf."
+            "matrix), a folder with a matrix for each (7-Scenes, ScanNet), Redwood's .log, Stray "
+            "Scanner's odometry.csv or a Stanford .conf."
         ),
     ] = "",
     min_coverage: Annotated[

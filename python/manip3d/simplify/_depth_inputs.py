@@ -117,7 +117,8 @@ def _confidence(path: Path, shape: tuple[int, ...], highest: int | None) -> NDAr
 
 _CAMERAS_BESIDE = (
     "calib.txt", "camera-intrinsics.txt", "intrinsic_depth.txt", "intrinsics.txt", "cameras.txt",
-    "camera.xml", "camera.yaml", "camera.yml", "camera_info.yaml", "camera.json", "intrinsics.json",
+    "camera_matrix.csv", "camera.xml", "camera.yaml", "camera.yml", "camera_info.yaml",
+    "camera.json", "intrinsics.json",
 )  # fmt: skip
 
 
