@@ -316,6 +316,57 @@ def test_cameras_by_other_names_in_json(tmp_path: Path) -> None:
     assert not any(found.distortion)
 
 
+@pytest.mark.parametrize(
+    "model", ["", "plumb_bob", "rational_polynomial", "radtan", "Brown-Conrady", "OPENCV", "RADIAL"]
+)
+def test_lenses_of_known_models(model: str, tmp_path: Path) -> None:
+    path = tmp_path / "transforms.json"
+    camera_of = '"fl_x": 50, "fl_y": 51, "cx": 32, "cy": 24, "k1": 0.1'
+    path.write_text(f'{{{camera_of}, "camera_model": "{model}"}}')
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert tuple(found.distortion) == (0.1, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_the_camera_of_instant_ngp(tmp_path: Path) -> None:
+    """Its sizes are floats; names of images say nothing about the lens."""
+    path = tmp_path / "transforms.json"
+    path.write_text(
+        '{"fl_x": 50.0, "fl_y": 51.0, "cx": 32.0, "cy": 24.0, "w": 64.0, "h": 48.0, "k1": 0.1, '
+        '"k4": 0, "is_fisheye": false, "frames": [{"file_path": "fisheye_room/1.png"}]}'
+    )
+    with pytest.warns(UserWarning, match="are left out: 'k4', 'frames'$"):
+        found = camera.read_intrinsics(path, width=64, height=48)
+    lens = (0.1, 0.0, 0.0, 0.0, 0.0)
+    assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5, lens))
+    path.write_text('{"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, "width": 64.5}')
+    with pytest.raises(FormatError, match=r"a size of 64\.5 pixels"):
+        camera.read_intrinsics(path, width=64, height=48)
+
+
+def test_the_matrix_of_stray_scanner(tmp_path: Path) -> None:
+    """It is that of the colour images, whose size is nowhere, and the depths have fewer pixels."""
+    path = tmp_path / "camera_matrix.csv"
+    path.write_text("1450.0, 0.0, 960.0\n0.0, 1450.0, 720.0\n0.0, 0.0, 1.0\n")
+    found = camera.read_intrinsics(path, width=1920, height=1440)
+    assert camera.same_camera(found, Intrinsics(1920, 1440, 1450.0, 1450.0, 960.0, 720.0))
+    told = r"a larger image than 256 x 192 pixels; if that has 1920 x 1440 of .* (193\.333,.*)$"
+    with pytest.raises(InputError, match=told) as caught:
+        camera.read_intrinsics(path, width=256, height=192)
+    numbers = str(caught.value).rpartition(" ")[2]
+    at = camera.read_intrinsics(numbers, width=256, height=192)
+    assert at.cx == pytest.approx(found.resized(256, 192).cx, abs=1e-3)
+    assert camera.camera_depth_unit(path) == "guess"
+    path.write_text("timestamp, frame\n0.0, 1\n")
+    with pytest.raises(FormatError, match="expected a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers: "):
+        camera.read_intrinsics(path, width=256, height=192)
+
+
+def test_the_product_of_a_pinhole_camera_is_no_lens(tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text('{"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, "model": "NFOV 2x2"}')
+    assert camera.read_intrinsics(path, width=64, height=48).fx == 50.0
+
+
 @pytest.mark.parametrize("model", ['"distortion.brown_conrady"', '"Brown Conrady"', "4"])
 def test_the_lens_of_librealsense(model: str, tmp_path: Path) -> None:
     path = tmp_path / "camera.json"
@@ -341,7 +392,9 @@ def test_the_camera_of_replica(tmp_path: Path) -> None:
     assert camera.camera_depth_unit(path) == "guess"
 
 
-@pytest.mark.parametrize("size", ["", '"width": 64, "height": 48, '])
+@pytest.mark.parametrize(
+    "size", ["", '"width": 64, "height": 48, ', '"width": 64.0, "height": 48.0, ']
+)
 def test_the_camera_of_open3d(size: str, tmp_path: Path) -> None:
     """Its matrix is stored column by column."""
     path = tmp_path / "camera.json"
@@ -548,6 +601,11 @@ def test_the_camera_of_rectified_images_is_told(tmp_path: Path) -> None:
     ("name", "content", "message"),
     [
         ("a.yaml", ROS_TOPIC.replace("plumb_bob", "equidistant"), "a fisheye camera"),
+        ("a.yaml", ROS_TOPIC.replace("plumb_bob", "fisheyePolynomial"), "a fisheye camera"),
+        ("a.yaml", ROS_TOPIC.replace("plumb_bob", "kannala_brandt4"), "a fisheye camera"),
+        ("a.yaml", ROS_TOPIC.replace("plumb_bob", "fov"), "a fisheye camera .fov"),
+        ("a.yaml", ROS_TOPIC.replace("plumb_bob", "thin_prism_fisheye"), "a fisheye camera"),
+        ("a.yaml", ROS_TOPIC.replace("plumb_bob", "other"), "a distortion of the model 'other'"),
         ("a.yaml", OPENCV_YAML + "fisheye_model: 1\n", "a fisheye camera"),
         ("a.yaml", ROS_TOPIC.replace("- 0.05", "- 0.05\n- 0.1"), "a distortion of more than k1"),
         ("a.xml", OPENCV_XML.replace("e-02", "e-02 0.1"), "a distortion of more than k1"),
@@ -637,7 +695,14 @@ def test_cameras_of_colmap_that_are_refused(content: str, message: str, tmp_path
         ('"coeffs": [0, 0, 0, 0, 0], "model": "F-Theta"', "a fisheye camera .F-Theta"),
         ('"coeffs": [0.1, 0, 0, 0, 0, 0.1], "model": "brown_conrady"', "a distortion of more than"),
         ('"k4": 0.1', "a distortion of more than k1"),
-        ('"camera_model": "OPENCV_FISHEYE"', "a fisheye camera"),
+        ('"camera_model": "OPENCV_FISHEYE"', "a fisheye camera .OPENCV_FISHEYE"),
+        ('"camera_model": "equidistant", "k1": 0.1', "a fisheye camera .equidistant"),
+        ('"camera_model": "EQUIRECTANGULAR"', "no pinhole camera .EQUIRECTANGULAR"),
+        ('"camera_model": "ORTHOPHOTO"', "no pinhole camera .ORTHOPHOTO"),
+        ('"is_fisheye": true, "k1": 0.1', "a fisheye camera"),
+        ('"coeffs": [0, 0, 0, 0, 0], "model": 5', "a fisheye camera .5"),
+        ('"model": "FOV", "k1": 0.9', "a fisheye camera .FOV"),
+        ('"model": "DIVISION", "k1": 0.1', "a distortion of the model 'DIVISION'; those that can"),
     ],
 )
 def test_lenses_that_the_formula_does_not_have(fields: str, message: str, tmp_path: Path) -> None:

@@ -406,7 +406,7 @@ CAMERA_PRESETS: Mapping[str, CameraPreset] = {
 """Nominal depth cameras by name; cameras of the same type differ by a few pixels."""
 
 _MAX_CAMERA_BYTES = 1 << 20  # largest size of a calibration file; real ones have a few kB
-CAMERA_SUFFIXES = (".json", ".txt", ".xml", ".yaml", ".yml")
+CAMERA_SUFFIXES = (".csv", ".json", ".txt", ".xml", ".yaml", ".yml")
 """Suffixes of the files that `read_intrinsics` reads."""
 
 
@@ -428,7 +428,9 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
           left camera is read (P1 of the rectified images, or else M1 and D1);
         - a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers (7-Scenes, 3DMatch, ScanNet),
           the four numbers above, COLMAP's ``cameras.txt``, or the ``calib.txt`` of a stereo pair of
-          Middlebury or ETH3D, of which the left camera is read.
+          Middlebury or ETH3D, of which the left camera is read;
+        - a ``.csv`` file: a matrix, as Stray Scanner's ``camera_matrix.csv``. It is that of the
+          colour images, and refused for smaller ones with what it is for these.
     width, height : int, pixels
         Size of the image.
 
@@ -585,10 +587,14 @@ def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
             "fx, fy, cx and cy, a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers, the calib.txt of a "
             "stereo pair or COLMAP's cameras.txt"
             if path.suffix.lower() == ".txt"
+            else "a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers"
+            if path.suffix.lower() == ".csv"
             else "an object with fx, fy, cx and cy, Open3D's intrinsic_matrix, OpenCV's or ROS's "
             "camera_matrix"
         )
         raise FormatError(f"expected {expected}: {error}", file=str(path)) from error
+    if path.suffix.lower() == ".csv":
+        _refuse_camera_of_colors(known, path)
     if (known.width, known.height) != (width, height):
         same_view = ""
         if known.rays is None and known.width * height == known.height * width:
@@ -602,6 +608,23 @@ def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
     return known
 
 
+_STRAY_SCANNER = (1920, 1440)
+"""Size of the colour images of Stray Scanner, which states it nowhere."""
+
+
+def _refuse_camera_of_colors(camera: Intrinsics, path: Path) -> None:
+    """Refuse a camera without a size whose centre lies outside of the depth image."""
+    if camera.cx < camera.width and camera.cy < camera.height:
+        return
+    width, height = _STRAY_SCANNER
+    at = replace(camera, width=width, height=height).resized(camera.width, camera.height)
+    numbers = ",".join(f"{value:g}" for value in (at.fx, at.fy, at.cx, at.cy))
+    raise InputError(
+        f"intrinsics: {path} is the camera of a larger image than {camera.width} x {camera.height} "
+        f"pixels; if that has {width} x {height} of the same view, the camera is {numbers}"
+    )
+
+
 def _fields_of_file(path: Path, width: int, height: int) -> dict[str, Any]:
     """Return the fields of `Intrinsics` in a file; if it has several cameras, for this size."""
     suffix = path.suffix.lower()
@@ -611,6 +634,8 @@ def _fields_of_file(path: Path, width: int, height: int) -> dict[str, Any]:
             return _fields_of_colmap(cameras, width, height)
         stereo = _stereo_calibration(text, path)
         return _fields_of_matrix(text) if stereo is None else stereo.fields
+    if suffix == ".csv":
+        return _fields_of_matrix(_text_of_camera(path))
     if suffix == ".json":
         text = _text_of_camera(path)
         fields = _fields_of_json(text)
@@ -637,11 +662,22 @@ def _fields_of_mapping(fields: Any, path: Path) -> dict[str, Any]:
     inner = fields.get("intrinsic")  # PinholeCameraParameters of Open3D, or a matrix of OpenCV
     if isinstance(inner, Mapping) and "data" not in inner:
         fields = inner
+    plain = {str(name).lower().replace("_", ""): value for name, value in fields.items()}
+    _refuse_wide_lenses(plain)
+    camera = _camera_of_mapping(fields, plain, path)
+    if any(camera.get("distortion", ())):
+        _expect_brown(plain)
+    return camera
+
+
+def _camera_of_mapping(
+    fields: Mapping[Any, Any], plain: Mapping[str, Any], path: Path
+) -> dict[str, Any]:
+    """Return a camera from its fields; ``plain`` has them in lower case without underscores."""
     matrix = fields.get("intrinsic_matrix")
     if matrix is not None:
-        size = {n: fields[n] for n in ("width", "height") if n in fields}
+        size = {n: _whole(fields[n]) for n in ("width", "height") if n in fields}
         return size | _pinhole_of_matrix(_square_of(_numbers_of(matrix), "an intrinsic_matrix"))
-    plain = {str(name).lower().replace("_", ""): value for name, value in fields.items()}
     if _matrix_of(plain) is not None:
         return _fields_of_calibration(plain, path)
     if (left := _left_of_pair(plain, path)) is not None:
@@ -657,9 +693,6 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
 
     square = _square_of(_numbers_of(_matrix_of(fields)), "a camera_matrix")
     camera: dict[str, Any] = _pinhole_of_matrix(square)
-    model = str(fields.get("distortionmodel", "")).lower()
-    if model in ("equidistant", "fisheye") or str(fields.get("fisheyemodel", 0)) not in ("0", ""):
-        raise ValueError("a fisheye camera")
     lens = first("distortioncoefficients", "distcoeffs", "distcoefs", "dist", "d")
     camera["distortion"] = _brown_of(_numbers_of([] if lens is None else lens))
     rectified = first("projectionmatrix", "p")
@@ -673,6 +706,51 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
         if (side := first(f"image{name}", name, name[0])) is not None:
             camera[name] = _whole(side)
     return camera
+
+
+_MODELS = ("cameramodel", "distortionmodel", "model")
+"""Fields with the name of a lens's model; ``model`` may also be the product's name."""
+_WIDE_FLAGS = ("isfisheye", "fisheye", "fisheyemodel")
+_BROWN_MODELS = (
+    "", "none", "null", "perspective", "pinhole", "simplepinhole", "plumbbob", "radtan",
+    "radialtangential", "brown", "brownconrady", "opencv", "fullopencv", "simpleradial", "radial",
+    "rationalpolynomial", "4",
+)  # fmt: skip
+"""Models of which Brown's is a part, as `_plain_model` spells them; 4 is librealsense's number."""
+_FISHEYE = re.compile(
+    r"fisheye|equidist|ftheta|kannala|omni|scaramuzza|^(kb[0-9]?|fov|mei|ds|e?ucm|3|5)$"
+)
+_PANORAMA = re.compile(r"equirect|spher|panoram|cylind|orthophoto|orthographic|^vr180")
+
+
+def _plain_model(model: Any) -> str:
+    """Return the name of a lens's model in lower case, without marks and librealsense's prefix."""
+    name = str(model).rpartition(".")[2].lower().removeprefix("rs2_distortion_")
+    return re.sub(r"[^a-z0-9]", "", name)
+
+
+def _refuse_wide_lenses(fields: Mapping[str, Any]) -> None:
+    """Refuse lenses that are no pinhole camera even if all their coefficients are 0."""
+    for name in _WIDE_FLAGS:
+        if str(fields.get(name, 0)).strip().lower() not in ("", "0", "0.0", "false", "no", "none"):
+            raise ValueError("a fisheye camera")
+    for name in _MODELS:
+        plain = _plain_model(fields.get(name, ""))
+        if _FISHEYE.search(plain):
+            raise ValueError(f"a fisheye camera ({str(fields[name])[:40]})")
+        if _PANORAMA.search(plain):
+            raise ValueError(f"no pinhole camera ({str(fields[name])[:40]})")
+
+
+def _expect_brown(fields: Mapping[str, Any]) -> None:
+    """Refuse the coefficients of a model that is not known."""
+    for name in _MODELS:
+        if name in fields and _plain_model(fields[name]) not in _BROWN_MODELS:
+            raise ValueError(
+                f"a distortion of the model {str(fields[name])[:40]!r}; those that can be read are "
+                "plumb_bob, rational_polynomial, radtan, brown_conrady and those of COLMAP without "
+                "fisheye"
+            )
 
 
 def _matrix_of(fields: Mapping[str, Any]) -> Any:
@@ -816,8 +894,8 @@ _OTHER_NAMES = {
 _BROWN_NAMES = ("k1", "k2", "p1", "p2", "k3")
 
 
-_BROWN_CONRADY = 4
-"""Number of the model in librealsense's ``rs2_distortion``."""
+_LENS_FIELDS = {"camera_model", "distortion_model", "model", "is_fisheye"}
+"""Fields that `_fields_of_mapping` has checked."""
 
 
 def _lens_of_realsense(coefficients: Any, model: Any) -> tuple[float, ...]:
@@ -828,12 +906,9 @@ def _lens_of_realsense(coefficients: Any, model: Any) -> tuple[float, ...]:
     if isinstance(coefficients, Mapping):
         raise ValueError("coeffs that are no list")
     numbers = _numbers_of([] if coefficients is None else coefficients)
-    name = str(model).rpartition(".")[2]
-    plain = re.sub(r"[^a-z]", "", name.lower().removeprefix("rs2_distortion_"))
-    if plain.startswith(("ftheta", "kannala")):
-        raise ValueError(f"a fisheye camera ({name[:40]})")
-    if numbers.any() and plain != "brownconrady" and model != _BROWN_CONRADY:
-        of_model = "without a model" if model is None else f"of the model {name[:40]!r}"
+    if numbers.any() and _plain_model(model) not in ("brownconrady", "4"):
+        name = str(model).rpartition(".")[2][:40]
+        of_model = "without a model" if model is None else f"of the model {name!r}"
         raise ValueError(f"coeffs {of_model}; the one that can be read is brown_conrady")
     return _brown_of(numbers)
 
@@ -849,12 +924,11 @@ def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
         ours["distortion"] = _lens_of_realsense(ours.pop("coeffs"), ours.pop("model", None))
     if absent := [name for name in ("fx", "fy", "cx", "cy") if name not in ours]:
         raise ValueError(f"no {' and no '.join(absent)}")
+    ours |= {name: _whole(ours[name]) for name in ("width", "height") if name in ours}
     known = {name for name in Intrinsics.__dataclass_fields__ if name != "rays"}
-    if others := [name for name in ours if name not in known]:
+    if others := [name for name in ours if name not in known | _LENS_FIELDS]:
         if any(np.any(ours[name]) for name in others if name in ("coeffs", "k4", "k5", "k6")):
             raise ValueError("a distortion of more than k1, k2, p1, p2 and k3")
-        if any("fisheye" in str(value).lower() for value in ours.values()):
-            raise ValueError("a fisheye camera")
         listed = ", ".join(repr(name[:40]) for name in others[:5]) + (
             ", ..." if len(others) > 5 else ""
         )

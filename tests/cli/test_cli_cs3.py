@@ -85,8 +85,8 @@ def test_a_recording_without_a_camera_is_refused_with_the_folder_of_its_depth_im
     options = ("--points", "100", "--intrinsics", FOCAL)
     done = manip3d("depth", recording, "-o", tmp_path / "out", *options)
     assert done.returncode == 1
-    assert "is an RGB-D recording; depth takes" in error_line(done)
-    assert error_line(done).endswith(f"Its depth images: {images}")
+    told = "is an RGB-D recording that states no camera; give the folder of its depth images: "
+    assert error_line(done).endswith(f"{told}{images}")
     done = manip3d("depth", images, "-o", tmp_path / "out", *options)
     assert done.returncode == 0
     assert (tmp_path / "out" / "1311868164.5.glb").is_file()
@@ -1076,3 +1076,65 @@ def test_a_guess_for_a_folder_is_told(more: tuple[str, ...], tmp_path: Path) -> 
     assert "depth 7.00 to 8.00 m, unit mm (" in done.stderr
     assert "guessed" not in done.stderr + str([row["depth"] for row in json.loads(done.stdout)])
     assert not any(row["unit_guessed"] for row in json.loads(done.stdout))
+
+
+def test_masks_beside_depth_images_are_no_depth_images(frame: Path, tmp_path: Path) -> None:
+    """Names as those of DIODE, whose masks are arrays of floats."""
+    folder, output = tmp_path / "scans", tmp_path / "out"
+    folder.mkdir()
+    depth = np.array(Image.open(frame)) / np.float32(1000)
+    left = np.tile(np.arange(160) < 80, (120, 1))
+    for number in range(2):
+        np.save(folder / f"{number}_depth.npy", depth[..., None])
+        np.save(folder / f"{number}_depth_mask.npy", left.astype(np.float64))
+    arguments = ("depth", folder, "-o", output, "--points", "100", "--intrinsics", FOCAL)
+    done = manip3d(*arguments, "--mask", folder)
+    assert done.returncode == 0
+    assert "4 files (2 skipped, of another kind)" in done.stderr
+    assert sorted(path.name for path in output.glob("*.glb")) == ["0_depth.glb", "1_depth.glb"]
+    assert read_mesh(output / "0_depth.glb").vertices[:, 0].max() < 0.05
+    # A mask that is named, or that lies beside no depth image, is read as it is.
+    named = manip3d(*arguments[:1], folder / "0_depth_mask.npy", *arguments[2:3],
+                    tmp_path / "mask.glb", *arguments[4:])  # fmt: skip
+    assert "depth 1.00 to 1.00 m" in named.stderr
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 1\n0 0 0 0 0 0 1\n")
+    joined = manip3d(*arguments[:2], "-o", tmp_path / "one.ply", *arguments[4:],
+                     "--poses", tmp_path / "poses.txt")  # fmt: skip
+    assert joined.returncode == 0
+    assert "2 files skipped, of another kind (mask or confidences)" in joined.stderr
+
+
+def test_distances_along_the_rays_are_an_option(frame: Path, tmp_path: Path) -> None:
+    camera = read_intrinsics(FOCAL, width=160, height=120)
+    wall = np.full((120, 160), 2.0, np.float32)
+    np.save(tmp_path / "a.npy", np.linalg.norm(camera.unproject(wall), axis=2))
+    output = tmp_path / "a.ply"
+    given = ("depth", tmp_path / "a.npy", "-o", output, "--points", "50")
+    done = manip3d(*given, "--intrinsics", FOCAL, "--ray-depth")
+    assert done.returncode == 0
+    assert "converted from distances along the lines of sight" in done.stderr
+    np.testing.assert_allclose(read_mesh(output).vertices[:, 2], 2.0, rtol=3e-7)
+    np.save(tmp_path / "a.npy", camera.unproject(wall))  # a cloud
+    done = manip3d(*given, "--ray-depth", "--force")
+    assert "--ray-depth: can only be given with a depth image" in error_line(done)
+
+
+@pytest.mark.parametrize(
+    ("name", "cure"),
+    [
+        ("a.hdf5", "h5py.File(FILE)[NAME][()] reads it (for Hypersim, whose distances are those"),
+        ("a.h5", "write its array as .npy with numpy.save"),
+        ("a.MAT", "scipy.io.loadmat(FILE)[NAME] reads it"),
+        ("0.png.geometric.bin", "COLMAP's scripts/python/read_write_dense.py reads it"),
+        (
+            "0.png.photometric.bin",
+            "manip3d does not read .photometric.bin; write its array as .npy",
+        ),
+    ],
+)
+def test_other_formats_of_depths_have_a_cure(name: str, cure: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"160&120&1&" + bytes(160 * 120 * 4))
+    given = ("--points", "50", "--intrinsics", FOCAL, "-o", tmp_path / "a.ply")
+    done = manip3d("depth", tmp_path / name, *given)
+    assert done.returncode == 1
+    assert cure in error_line(done)

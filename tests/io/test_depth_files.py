@@ -239,6 +239,50 @@ def test_large_tiffs_are_read(dtype: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_pixel_map(tmp_path / "a.tif"), depth)
 
 
+def compressed_tiff(values: np.ndarray, order: str = "<") -> bytes:
+    """A TIFF of one deflated strip in a byte order."""
+    rows, columns = values.shape
+    kind = {"u": 1, "i": 2, "f": 3}[values.dtype.kind]
+    pixels = zlib.compress(values.astype(values.dtype.newbyteorder(order)).tobytes())
+    entries = [(256, columns), (257, rows), (258, 8 * values.itemsize), (259, 8), (262, 1),
+               (273, 8 + 2 + 12 * 11 + 4), (277, 1), (278, rows), (279, len(pixels)), (284, 1),
+               (339, kind)]  # fmt: skip
+    table = b"".join(struct.pack(f"{order}HHII", tag, 4, 1, value) for tag, value in entries)
+    head = {"<": b"II", ">": b"MM"}[order] + struct.pack(f"{order}HIH", 42, 8, len(entries))
+    return head + table + bytes(4) + pixels
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("dtype", ["u2", "i2", "i4", "f4"])
+def test_compressed_tiffs_of_either_byte_order_are_read(
+    order: str, dtype: str, tmp_path: Path
+) -> None:
+    depth = (DEPTH // 2).astype(dtype)
+    (tmp_path / "a.tif").write_bytes(compressed_tiff(depth, order))
+    np.testing.assert_array_equal(read_depth(tmp_path / "a.tif"), depth)
+    np.testing.assert_array_equal(read_pixel_map(tmp_path / "a.tif"), depth)
+
+
+@pytest.mark.parametrize(("dtype", "nothing"), [("i2", -32768), ("i2", -1), ("i4", -(2**31))])
+def test_negative_whole_numbers_are_not_measured(dtype: str, nothing: int, tmp_path: Path) -> None:
+    depth = (DEPTH // 2).astype(dtype)
+    depth[0, 1] = nothing
+    (tmp_path / "a.tif").write_bytes(compressed_tiff(depth))
+    found = read_depth(tmp_path / "a.tif")
+    assert found.dtype == np.uint16
+    np.testing.assert_array_equal(found, np.maximum(depth, 0))
+    with pytest.raises(FormatError, match=f"expected levels of at least 0, got {nothing}"):
+        read_pixel_map(tmp_path / "a.tif")
+
+
+def test_whole_numbers_of_more_than_16_bits_are_refused(tmp_path: Path) -> None:
+    depth = DEPTH.astype("i4")
+    depth[0] = -1, 65536, 7
+    (tmp_path / "a.tif").write_bytes(compressed_tiff(depth))
+    with pytest.raises(FormatError, match="whole numbers of at most 65535, got 65536"):
+        read_depth(tmp_path / "a.tif")
+
+
 def test_a_tiff_of_several_images_says_that_one_is_read(tmp_path: Path) -> None:
     first, second = Image.fromarray(DEPTH), Image.fromarray(DEPTH + np.uint16(1))
     first.save(tmp_path / "frames.tif", save_all=True, append_images=[second])

@@ -46,6 +46,77 @@ def test_the_channel_of_depth_is_found(channels: dict[str, Any], tmp_path: Path)
     np.testing.assert_array_equal(found, DEPTH)
 
 
+def write_parts(path: Path, parts: dict[str, dict[str, Any]], **headers: Any) -> Path:
+    """Write one part for each name; ``headers`` has the header's additions of parts by name."""
+    written = [
+        OpenEXR.Part({"type": OpenEXR.scanlineimage} | headers.get(name, {}), channels, name)
+        for name, channels in parts.items()
+    ]
+    with OpenEXR.File(written) as file:
+        file.write(str(path))
+    return path
+
+
+GREY, ONES = {name: DEPTH / 10 for name in "RGB"}, np.ones_like(DEPTH)
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"beauty": GREY, "depth": {"Z": DEPTH}},
+        {"depth": {"Z": DEPTH}, "beauty": GREY},
+        {"mask": {"A": ONES}, "a.Depth": {"a.Depth.Z": DEPTH}},
+        {"rgba": {"R": DEPTH, "G": 2 * DEPTH, "B": DEPTH, "Z": DEPTH}, "mask": {"A": ONES}}
+        | {"mist": {"Z": ONES}},
+        {"a.Combined": {"R": ONES, "G": DEPTH, "B": DEPTH}, "Depth": dict.fromkeys("RGB", DEPTH)},
+        {"normal": dict.fromkeys("XYZ", ONES), "a.Depth": {"V": DEPTH}},
+    ],
+)
+def test_the_depth_may_be_in_any_part(parts: dict[str, Any], tmp_path: Path) -> None:
+    found = io.read_depth(write_parts(tmp_path / "a.exr", parts))
+    np.testing.assert_array_equal(found, DEPTH)
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"one": {"Z": DEPTH}, "two": {"Z": ONES}},
+        {"one": {"A": ONES}, "two": {"A": ONES}},
+        {"one": GREY, "two": {"A": ONES}},
+    ],
+)
+def test_an_error_names_the_parts(parts: dict[str, Any], tmp_path: Path) -> None:
+    path = write_parts(tmp_path / "a.exr", parts)
+    with pytest.raises(FormatError, match=r"one named Z or Depth, got 'one\.\w'.*'two\.\w'$"):
+        io.read_depth(path)
+
+
+def test_the_windows_are_those_of_the_part(tmp_path: Path) -> None:
+    stored = {"dataWindow": window(6, 4, 19, 8), "displayWindow": window(0, 0, 29, 19)}
+    parts = {"rgb": {"R": DEPTH}, "depth": {"Z": np.ascontiguousarray(DEPTH[4:9, 6:20])}}
+    path = write_parts(tmp_path / "a.exr", parts, depth=stored)
+    expected = np.zeros_like(DEPTH)
+    expected[4:9, 6:20] = DEPTH[4:9, 6:20]
+    np.testing.assert_array_equal(io.read_depth(path), expected)
+
+
+def test_a_damaged_part_is_not_left_out(tmp_path: Path) -> None:
+    """The mask would be the only channel."""
+    path = write_parts(tmp_path / "a.exr", {"mask": {"A": ONES}, "depth": {"Z": ONES}})
+    data = bytearray(path.read_bytes())
+    data[-20:] = b"\xff" * 20
+    path.write_bytes(data)
+    with pytest.raises(FormatError, match=r"damaged \.exr"):
+        io.read_depth(path)
+
+
+def test_the_numbers_of_all_parts_are_counted(tmp_path: Path) -> None:
+    path = write_parts(tmp_path / "a.exr", {name: {"Z": DEPTH} for name in ("a", "b", "depth")})
+    with pytest.raises(FormatError, match="more than 1200 numbers in all channels"):
+        io.read_depth(path, max_pixels=600)
+    np.testing.assert_array_equal(io.read_depth(path, max_pixels=900), DEPTH)
+
+
 @pytest.mark.parametrize("kind", ["NO", "RLE", "ZIPS", "ZIP", "PIZ"])
 def test_compressions_and_halves(kind: str, tmp_path: Path) -> None:
     half = DEPTH.astype(np.float16)

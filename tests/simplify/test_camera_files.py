@@ -68,6 +68,60 @@ def test_times_are_never_dropped_for_the_order(tmp_path: Path) -> None:
         places("1.00.png", "nan.png", "3.00.png")
 
 
+def test_numbers_of_frames_are_no_seconds(tmp_path: Path) -> None:
+    """At ten poses a second, frame 1 is not the one after a second, although both are called 1."""
+    place = tmp_path / "truth.txt"
+    place.write_text("\n".join(f"{k / 10} {k} 0 0 0 0 0 1" for k in range(31)))
+    names = [f"{k:06}.png" for k in range(31)]
+    found = simplify.poses_of_files(names, place)
+    assert [pose[0, 3] for pose in found] == list(range(31))
+    told = r"such as 000000\.png, are numbers of frames, .* fractions: expected 3 .*, found 31$"
+    with pytest.raises(InputError, match=told):
+        simplify.poses_of_files(names[:3], place)
+    with pytest.raises(InputError, match=r"expected 31 ascending numbers and as many poses"):
+        simplify.poses_of_files(names[::-1], place)
+    found = simplify.poses_of_files(["0.png", "1.5.png"], place)
+    assert [pose[0, 3] for pose in found] == [0, 15]
+
+
+def test_a_first_line_may_name_the_columns(tmp_path: Path) -> None:
+    """Stray Scanner's has the number of the frame beside its time."""
+    place = tmp_path / "odometry.csv"
+    lines = [f"{k / 10}, {k:06}, {k}, 0, 0, 0, 0, 0, 1" for k in range(20)]
+    place.write_text("\n".join(["timestamp, frame, x, y, z, qx, qy, qz, qw", *lines]))
+    found = simplify.poses_of_files(["000011.png", "000003.png"], place)
+    assert [pose[0, 3] for pose in found] == [11, 3]
+    place.write_text("# of a tool\nTime,tx,ty,tz,qx,qy,qz,qw\n1.0,1,0,0,0,0,0,1\n1.5,2,0,0,0,0,0,1")
+    (pose,) = simplify.poses_of_files(["1.50.png"], place)
+    assert pose[0, 3] == 2
+    for head, told in (
+        ("timestamp, x, y, z, qw, qx, qy, qz", "expected finite numbers"),  # another order
+        ("x, y, z, qx, qy, qz, qw", "expected eight numbers"),
+    ):
+        place.write_text("\n".join([head, *lines]))
+        with pytest.raises(FormatError, match=told):
+            simplify.poses_of_files(["000003.png"], place)
+
+
+def test_numbers_of_frames_have_the_poses_of_their_numbers(tmp_path: Path) -> None:
+    place = tmp_path / "truth.txt"
+    place.write_text("\n".join(f"{k} {k} 0 0 0 0 0 1" for k in range(31)))
+    found = simplify.poses_of_files(["000007.png", "000003.png"], place)
+    assert [pose[0, 3] for pose in found] == [7, 3]
+
+
+@pytest.mark.parametrize("time", ["1305031102.5", "1305031102500000000"])
+@pytest.mark.parametrize("name", ["1305031102.500000", "1305031102510", "1305031102500000005"])
+def test_times_since_1970_have_any_unit(time: str, name: str, tmp_path: Path) -> None:
+    place = tmp_path / "truth.txt"
+    place.write_text(f"1305031101.0 1 0 0 0 0 0 1\n{time} 2 0 0 0 0 0 1")
+    (pose,) = simplify.poses_of_files([f"{name}.png"], place)
+    assert pose[0, 3] == 2
+    place.write_text("1305031102.0 1 0 0 0 0 0 1\n1305031102.5 2 0 0 0 0 0 1")
+    (pose,) = simplify.poses_of_files(["1305031102.png"], place)
+    assert pose[0, 3] == 1
+
+
 def test_all_images_of_a_mesh_have_one_unit(tmp_path: Path) -> None:
     """The numbers of one frame fit another unit better than those of most do."""
     for k, depth in enumerate((8000, 8100, 1200)):

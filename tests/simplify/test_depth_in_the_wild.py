@@ -23,6 +23,10 @@ from manip3d import (
     simplify,
 )
 from manip3d.batch import find_files
+from manip3d.io._depth_files import read_mask
+from manip3d.io._images import read_color
+from manip3d.simplify._depth_inputs import planar_depth
+from manip3d.simplify._depth_sets import maps_by_name
 from manip3d.simplify._depth_steps import across_gaps
 from real_data import RealData
 
@@ -420,6 +424,56 @@ def test_time_stamps_that_agree_by_chance_are_no_names(tmp_path: Path) -> None:
     assert [Path(image).name for image in pairs.values()] == ["1.10.png", "1.23.png", "1.37.png"]
 
 
+def test_masks_are_told_from_depth_images_by_their_last_word() -> None:
+    depths = ["a/1_depth.npy", "mask_depth_2.npy", "conference_3.npy", "conf_room_4.npy"]
+    maps = ["a/1_depth_mask.npy", "1.conf.npy", "Mask_07.npy", "x confidence.npy"]
+    assert maps_by_name([*depths, *maps]) == set(maps)
+    assert maps_by_name([*depths[2:], *maps]) == set()  # no name says that it is a depth image
+
+
+TIMES = [1305031102.160407 + 0.0334 * i for i in range(12)]
+
+
+def touched(folder: Path, times: list[float], name: str = "{:.6f}.png") -> list[str]:
+    folder.mkdir()
+    files = [folder / name.format(time) for time in times]
+    for file in files:
+        file.touch()
+    return [str(file) for file in files]
+
+
+@pytest.mark.parametrize("kind", ["color", "mask", "confidence"])
+def test_images_of_other_times_are_the_nearest(kind: str, tmp_path: Path) -> None:
+    """A depth and a colour image are lost: equally many are left, and an order is shifted."""
+    frames = touched(tmp_path / "depth", TIMES[:4] + TIMES[5:])
+    others = touched(tmp_path / "other", [time + 0.015 for time in TIMES if time != TIMES[8]])
+    (tmp_path / "other" / "preview.png").touch()
+    expected = dict(zip(frames[:7], others[:4] + others[5:8], strict=True))
+    assert simplify.colors_of_frames(frames[:7], tmp_path / "other", name=kind) == expected
+    missing = rf"{kind}: expected an image in .* within 0.02 s of each depth image, found 10 of 11"
+    with pytest.raises(InputError, match=rf"{missing}, none for {Path(frames[7]).name}$"):
+        simplify.colors_of_frames(frames, tmp_path / "other", name=kind)
+
+
+def test_an_image_is_that_of_one_time_only(tmp_path: Path) -> None:
+    frames = touched(tmp_path / "depth", [1.000, 1.010, 1.020])
+    others = touched(tmp_path / "color", [1.011, 1.019, 1.500])
+    with pytest.raises(InputError, match=r"found 2 of 3, none for 1\.000000\.png$"):
+        simplify.colors_of_frames(frames, tmp_path / "color")
+    pairs = simplify.colors_of_frames(frames[1:], tmp_path / "color")
+    assert pairs == dict(zip(frames[1:], others[:2], strict=True))
+
+
+@pytest.mark.parametrize("unit", [1e3, 1e6, 1e9])
+def test_times_without_a_point_are_those_since_1970(unit: float, tmp_path: Path) -> None:
+    stamps = [round(time * unit) for time in TIMES]
+    late = [round((time + 0.01) * unit) for time in TIMES]
+    frames = touched(tmp_path / "depth", stamps[6:], "{}.png")
+    others = touched(tmp_path / "color", late, "rgb_{}.jpg")
+    expected = dict(zip(frames, others[6:], strict=True))
+    assert simplify.colors_of_frames(frames, tmp_path / "color") == expected
+
+
 def test_a_kind_of_picture_that_is_unknown_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="name: expected one of color, mask, confidence, got 'd"):
         simplify.colors_of_frames([], tmp_path, name="depht")
@@ -434,6 +488,7 @@ def test_a_kind_of_picture_that_is_unknown_is_refused(tmp_path: Path) -> None:
         ("0{}_depth.png", "0{}.jpg", "0{}_mask.jpg", "0{}_confidence.png"),
         ("depth_{}.png", "rgb_{}.png", "mask_{}.png", "confidence_{}.png"),
         ("Depth{}.tif", "Color{}.png", "Mask{}.png", "Conf{}.tif"),
+        ("0{}_depth.npy", "0{}.png", "0{}_depth_mask.npy", "0{}_depth_conf.npy"),  # DIODE
     ],
 )
 def test_one_folder_holds_all_images(
@@ -574,6 +629,84 @@ def test_a_jpeg_mask_is_where_it_is_bright(tmp_path: Path) -> None:
         simplify.simplify_depth_file(
             tmp_path / "wall.npy", tmp_path / "wall.ply", options, mask=tmp_path / "black.jpg"
         )
+
+
+def stored_sideways(upright: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
+    """The pixels as a camera stores them that states an orientation of EXIF beside them."""
+    flips = {3: upright[::-1, ::-1], 6: np.rot90(upright, 1), 8: np.rot90(upright, -1)}
+    return np.ascontiguousarray(flips[orientation])
+
+
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_pictures_are_turned_upright(orientation: int, tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    exif = image.Exif()
+    exif[274] = orientation
+    picture = np.zeros((120, 160, 3), np.uint8)
+    picture[:60, :80] = 250
+    stored = image.fromarray(stored_sideways(picture, orientation))
+    for name, each in (("color.jpg", stored), ("mask.jpg", stored.convert("L"))):
+        each.save(tmp_path / name, quality=100, exif=exif)
+    stored.save(tmp_path / "color.png", exif=exif)
+    expected = picture[..., 0].astype(int)
+    for name in ("color.jpg", "color.png"):
+        for shape in (None, (120, 160), (60, 80), (7, 9)):
+            found = read_color(tmp_path / name, shape)[..., 0]
+            assert found.shape == expected.shape
+            assert np.abs(found - expected).max() < 12
+    for shape in (None, (120, 160)):
+        np.testing.assert_array_equal(
+            read_mask(tmp_path / "mask.jpg", shape=shape), picture[..., 0] > 0
+        )
+        levels = io.read_pixel_map(tmp_path / "mask.jpg", shape=shape)
+        assert np.abs(levels - expected).max() < 12
+
+
+@pytest.mark.parametrize("orientation", [0, 1, 2, 3, 4, 5, 6, 7, 8, 9])
+def test_each_orientation_is_that_of_pillow(orientation: int, tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    operations = pytest.importorskip("PIL.ImageOps")
+    exif = image.Exif()
+    exif[274] = orientation
+    pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
+    for name in ("a.png", "a.tif"):
+        image.fromarray(pixels).save(tmp_path / name, exif=exif)
+        with image.open(tmp_path / name) as stored:
+            expected = np.array(operations.exif_transpose(stored))
+        np.testing.assert_array_equal(read_color(tmp_path / name), expected)
+
+
+@pytest.mark.parametrize("orientation", [6, 8])
+def test_pictures_stay_as_the_sensor_has_them_if_the_depth_does(
+    orientation: int, tmp_path: Path
+) -> None:
+    """Beside a depth image that is sideways, too, the stored pixels are the right ones."""
+    image = pytest.importorskip("PIL.Image")
+    exif = image.Exif()
+    exif[274] = orientation
+    stored = np.zeros((120, 160), np.uint8)
+    stored[:60, :80] = 250
+    image.fromarray(stored).save(tmp_path / "a.jpg", quality=100, exif=exif)
+    assert np.abs(read_color(tmp_path / "a.jpg", (120, 160))[..., 0] - stored.astype(int)).max() < 9
+    np.testing.assert_array_equal(read_mask(tmp_path / "a.jpg", shape=(120, 160)), stored > 0)
+
+
+def test_a_mesh_has_the_colours_of_the_upright_picture(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    exif = image.Exif()
+    exif[274] = 3
+    picture = np.zeros((120, 160, 3), np.uint8)
+    picture[:60, :80] = 250
+    image.fromarray(picture[::-1, ::-1]).save(tmp_path / "a.jpg", quality=100, exif=exif)
+    np.save(tmp_path / "a.npy", waves())
+    options = simplify.DepthOptions(20, intrinsics="130,130,79.5,59.5", unit="mm")
+    simplify.simplify_depth_file(
+        tmp_path / "a.npy", tmp_path / "a.glb", options, color=tmp_path / "a.jpg"
+    )
+    material = io.read_mesh(tmp_path / "a.glb").materials[0]
+    with image.open(BytesIO(material.textures["base_color"].data or b"")) as texture:
+        assert texture.getpixel((20, 20))[0] > 240
+        assert texture.getpixel((140, 100))[0] < 15
 
 
 def test_nan_in_a_mask_leaves_a_pixel_out(tmp_path: Path) -> None:
@@ -965,3 +1098,69 @@ def test_poses_with_a_whole_matrix_in_each_line(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match="expected a rigid transform") as caught:
         simplify.poses_of_files(["depth000000.png", "depth000001.png"], place)
     assert caught.value.line == 2
+
+
+RAYS = np.random.default_rng(0).uniform(-0.6, 0.6, (120, 160, 2)).astype(np.float32)
+LENSES = [
+    CAMERA,
+    replace(CAMERA, fy=-130.0, cx=40.0, distortion=(0.1, -0.05, 0.01, 0.02, 0.003)),
+    replace(CAMERA, mirrored=True),
+    replace(CAMERA, rays=RAYS),
+]
+
+
+@pytest.mark.parametrize("camera", LENSES)
+def test_distances_along_the_rays_are_those_of_points_at_the_depth(camera: Intrinsics) -> None:
+    depth = waves() / np.float32(1000)
+    distances = np.linalg.norm(camera.unproject(depth).astype(np.float64), axis=2)
+    found = planar_depth(distances.astype(np.float32), camera)
+    np.testing.assert_allclose(found, depth, rtol=3e-7)
+    millimetres = np.round(1000 * distances).astype(np.uint16)
+    np.testing.assert_allclose(planar_depth(millimetres, camera), depth, atol=0.0005)
+
+
+def test_pixels_without_a_line_of_sight_or_a_measurement_keep_their_number() -> None:
+    rays = RAYS.copy()
+    rays[3, 4] = np.nan
+    distances = waves() / np.float32(1000)
+    distances[5, 6], distances[7, 8] = 0.0, np.nan
+    found = planar_depth(distances, replace(CAMERA, rays=rays))
+    assert found[3, 4] == distances[3, 4]
+    assert found[5, 6] == 0.0
+    assert np.isnan(found[7, 8])
+
+
+@pytest.mark.parametrize("method", ["relief", "cs3", "uniform"])
+def test_a_wall_in_distances_along_the_rays_is_flat(
+    method: simplify.DepthMethod, tmp_path: Path
+) -> None:
+    """Without the option it is a bowl, 0.5 m deep in its corners."""
+    wall = np.full((120, 160), 2.0, np.float32)
+    distances = np.linalg.norm(CAMERA.unproject(wall), axis=2).astype(np.float32)
+    np.save(tmp_path / "a.npy", distances)
+    options = simplify.DepthOptions(
+        50, method=method, intrinsics="130,130,79.5,59.5", ray_depth=True
+    )
+    result = simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
+    assert result.depth.startswith("depth 2.00 to 2.00 m, unit m")
+    assert result.depth.endswith("converted from distances along the lines of sight")
+    for vertices in (
+        io.read_mesh(tmp_path / "a.ply").vertices,
+        simplify.simplify_depth(distances, CAMERA, options).vertices,
+    ):
+        np.testing.assert_allclose(np.asarray(vertices)[:, 2], 2.0, rtol=3e-7)
+    bowl = simplify.simplify_depth(distances, CAMERA, replace(options, ray_depth=False))
+    assert np.ptp(np.asarray(bowl.vertices)[:, 2]) > 0.3
+
+
+def test_views_in_distances_along_the_rays_are_flat(tmp_path: Path) -> None:
+    wall = np.full((120, 160), 2.0, np.float32)
+    distances = np.linalg.norm(CAMERA.unproject(wall), axis=2).astype(np.float32)
+    for name in ("a.npy", "b.npy"):
+        np.save(tmp_path / name, distances)
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 1\n0.1 0 0 0 0 0 1\n")
+    options = simplify.DepthOptions(50, intrinsics="130,130,79.5,59.5", ray_depth=True)
+    files = [tmp_path / "a.npy", tmp_path / "b.npy"]
+    simplify.simplify_camera_files(files, tmp_path / "poses.txt", tmp_path / "a.ply", options)
+    vertices = np.asarray(io.read_mesh(tmp_path / "a.ply").vertices)
+    np.testing.assert_allclose(vertices[:, 2], 2.0, rtol=3e-7)

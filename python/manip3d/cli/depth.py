@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from manip3d.cli.kinds import expect_kind, is_picture, kind_of, narrow_depth
-from manip3d.cli.many import over_files, with_defaults
+from manip3d.cli.many import SKIPPED, over_files, with_defaults
 from manip3d.cli.options import (
     MISSED,
     FolderJobs,
@@ -82,7 +82,8 @@ class Variant(StrEnum):
 _SCANS = (".ply", ".pcd")
 _OPTIONS = ("intrinsics", "unit", "variant", "effort", "by-distance", "move-points", "max-edge",
             "depth-step", "color", "mask", "confidence", "confidence-max", "points", "ratio",
-            "method", "min-coverage", "max-bridges", "bandwidth", "rate", "stable")  # fmt: skip
+            "method", "min-coverage", "max-bridges", "bandwidth", "rate", "stable",
+            "ray-depth")  # fmt: skip
 
 
 def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
@@ -93,11 +94,13 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
 
     with naming_options("unit", "intrinsics"):
         may_be_8_bits = may_have_8_bits(options["unit"], options["intrinsics"])
-    names = [file.name for file in files if not is_picture(file.name, may_be_8_bits)]
+    maps = _maps_in_folders(files)
+    names = [f.name for f in files if not is_picture(f.name, may_be_8_bits) and f.name not in maps]
     clouds = {name for name in names if _is_cloud(name)}
     if not clouds:
         _expect_camera(names, options["intrinsics"])
     each: dict[str, dict[str, str]] = {file.name: {"color": ""} for file in files}
+    each |= {name: {SKIPPED: "a mask or confidences"} for name in maps}
     with naming_options("color", "mask", "confidence", "unit"):
         for name in clouds:  # the unit of another instrument; each cloud keeps its own guess
             each[name]["unit"] = options["unit"]
@@ -112,6 +115,14 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
             for frame, image in simplify.colors_of_frames(names, folder, name=name).items():
                 each[frame][name] = image
     return each
+
+
+def _maps_in_folders(files: list[SourceFile]) -> set[str]:
+    """Return the names of masks and confidences that lie beside depth images in folders."""
+    from manip3d.simplify._depth_sets import maps_by_name
+
+    maps = maps_by_name([file.name for file in files])
+    return {file.name for file in files if file.name in maps and not file.is_named}
 
 
 def _sentence_of_all(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -200,7 +211,8 @@ def _options_of(given: Mapping[str, Any]) -> DepthOptions:
     from manip3d.simplify import DepthOptions
 
     names = ("points", "intrinsics", "unit", "max_edge", "depth_step", "by_distance", "move_points",
-             "seed", "min_coverage", "bandwidth", "rate", "max_bridges", "ratio")  # fmt: skip
+             "seed", "min_coverage", "bandwidth", "rate", "max_bridges", "ratio",
+             "ray_depth")  # fmt: skip
     return DepthOptions(
         method=given["method"].value,
         variant=given["variant"].value,
@@ -257,9 +269,13 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         for file in pictures:
             if file.is_named or len(pictures) == len(found):
                 expect_kind(file.name, "depth", "range grid", verb="depth")
-        files = [file.name for file in found if file not in pictures]
+        maps = _maps_in_folders(found)
+        files = [file.name for file in found if file not in pictures and file.name not in maps]
         if pictures:
             shell.say(f"{counted(len(pictures), 'file')} skipped, of another kind (picture)")
+        if maps:
+            words = "(mask or confidences)"
+            shell.say(f"{counted(len(maps), 'file')} skipped, of another kind {words}")
         colors = simplify.colors_of_frames(files, given["color"]) if given["color"] else {}
         options = _options_of(given)
         with shell.progress("join") as progress:
@@ -283,7 +299,8 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
     return True
 
 
-_NOT_FOR_RECORDINGS = ("unit", "color", "mask", "confidence", "confidence_max", "bandwidth", "rate")
+_NOT_FOR_RECORDINGS = ("unit", "ray_depth", "color", "mask", "confidence", "confidence_max",
+                       "bandwidth", "rate")  # fmt: skip
 """Options that are refused for a recording, because its frames state them."""
 
 
@@ -300,7 +317,9 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     output: Path = given["output"]
     shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
     with naming_options(*_OPTIONS, *given["shared"]):
-        asked = [name for name in _NOT_FOR_RECORDINGS if given[name] not in (None, "", "guess")]
+        asked = [
+            name for name in _NOT_FOR_RECORDINGS if given[name] not in (None, "", "guess", False)
+        ]
         refused = [*given["shared"], *asked]
         if refused:
             raise InputError(f"{refused[0]}: cannot be given with an RGB-D recording")
@@ -438,9 +457,9 @@ def depth(
         typer.Option(
             help="Camera of the depth image: fx,fy,cx,cy in pixels, a file (OpenCV's .xml or "
             ".yaml, also of a stereo pair, ROS's CameraInfo as .yaml, Open3D's .json, COLMAP's "
-            "cameras.txt, a matrix or the calib.txt of a stereo pair as .txt), or a preset: tum, "
-            "tum-fr1, tum-fr2, tum-fr3, kinect-v1, kinect-v2, azure, realsense, primesense. Scans "
-            "need none."
+            "cameras.txt, a matrix as .txt or .csv, the calib.txt of a stereo pair), or a preset: "
+            "tum, tum-fr1, tum-fr2, tum-fr3, kinect-v1, kinect-v2, azure, realsense, primesense. "
+            "Scans need none."
         ),
     ] = "",
     unit: Annotated[
@@ -452,6 +471,15 @@ def depth(
             "and printed."
         ),
     ] = "guess",
+    ray_depth: Annotated[
+        bool,
+        typer.Option(
+            "--ray-depth",
+            help="The numbers are distances along the lines of sight (Hypersim, SceneNet), no "
+            "depths along the optical axis; they are converted with the camera's lens. For depth "
+            "images.",
+        ),
+    ] = False,
     method: Annotated[
         DepthMethod, typer.Option(help="Simplification method.")
     ] = DepthMethod.relief,
@@ -497,8 +525,9 @@ def depth(
         str,
         typer.Option(
             help="Colour image of the same view, which becomes the texture; for several depth "
-            "images, a folder with one for each, of the same name or in the order of their names. "
-            "It may be the folder of the depth images: 1.depth.png and 1.color.png."
+            "images, a folder with one for each, of the same name, of the nearest time if names "
+            "are times, or in the order of their names. It may be the folder of the depth images: "
+            "1.depth.png and 1.color.png."
         ),
     ] = "",
     mask: Annotated[
@@ -530,8 +559,8 @@ def depth(
         typer.Option(
             help="Camera pose of each depth image; they become one mesh: TUM's groundtruth.txt "
             "(time tx ty tz qx qy qz qw, or without the time, or the 12 or 16 numbers of a "
-            "matrix), a folder with a matrix for each (7-Scenes, ScanNet), Redwood's .log or a "
-            "Stanford .conf."
+            "matrix), a folder with a matrix for each (7-Scenes, ScanNet), Redwood's .log, Stray "
+            "Scanner's odometry.csv or a Stanford .conf."
         ),
     ] = "",
     min_coverage: Annotated[
@@ -592,7 +621,8 @@ def depth(
     they become one mesh, with --stable a sequence of meshes that does not flicker. The result is in
     metres, with +y up in glTF (.glb, .gltf) and in the axes of the camera or the poses in .ply,
     .obj, .stl and .off.
-    The depth range and its unit are printed: check them. An RGB-D recording has its own camera,
+    The depth range and its unit are printed: check them. Depths are those along the optical axis,
+    unless --ray-depth is given. An RGB-D recording has its own camera,
     unit and colours; each of its frames becomes a .glb in a folder.
 
     Example: manip3d depth depth.png --intrinsics kinect-v2 --points 5000 -o person.glb
@@ -622,6 +652,7 @@ def depth(
             max_bridges=max_bridges,
             effort=effort.value,
             ratio=ratio,
+            ray_depth=ray_depth,
         )
         # Whether a cloud is an organised one is decided by its reader.
         clouds = ("scan",) if scan_suffix(source) in (".pcd", ".npy", ".npz") else ()

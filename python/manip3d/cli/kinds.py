@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from manip3d.errors import FormatError, InputError
-from manip3d.io._elsewhere import scan_advice
+from manip3d.io._elsewhere import depth_advice, scan_advice
 from manip3d.io._remote import is_url, named_beside, reads_beside
 from manip3d.io._scan_files import (
     FOLDER_SUFFIXES,
@@ -185,10 +185,15 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
         The file or folder does not exist.
     """
     kind = kind_of(source)
-    if kind == "unknown" and (advice := scan_advice(Path(source))) is not None:
+    advice = scan_advice(Path(source)) if kind == "unknown" else None
+    if "depth" in kinds and (kind == "unknown" or (kind == "scan" and "scan" not in kinds)):
+        advice = depth_advice(Path(source)) or advice
+    if advice is not None:
         raise OtherKindError(f"{source}: {advice}", NAMES[kind])
     if kind in ("stream", *kinds) or (kind == "unknown" and "mesh" in kinds):
         return kind  # the mesh reader recognises files of any name by their content
+    if kind == "recording" and verb == "depth":
+        raise OtherKindError(_reason_against_recording(Path(source)), NAMES[kind])
     *others, last = (NAMES[name] for name in kinds)
     wanted = f"{', '.join(others)} or {last}" if others else last
     takers = f". Commands that take {NAMES[kind]}: {VERBS[kind]}" if kind in VERBS else ""
@@ -197,15 +202,24 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
     message = f"{source} is {NAMES[kind]}; {verb} takes {wanted}{takers}"
     if kind == "folder" and kinds == RECORDING:
         message += NO_RECORDING
-    images = Path(source) / "depth"
-    if kind == "recording" and "depth" in kinds and images.is_dir():
-        message += f". Its depth images: {images}"
     if kind == "depth" and "scan" in kinds and (cure := _POINTS_IN.get(_suffix(Path(source)))):
         message += f". {cure}"
     if kind == "picture" and "depth" in kinds and _suffix(Path(source)) == ".png":
         message += ". If it holds depths of 8 bits, give their number in a metre as --unit, or "
         message += "disparity:FB of a stereo pair"
     raise OtherKindError(message, NAMES[kind])
+
+
+def _reason_against_recording(source: Path) -> str:
+    """Return why ``depth`` does not take a recording: it is not the only source or has no camera.
+
+    A recording that is the only source and has a camera does not get here.
+    """
+    if not source.is_dir():
+        return f"{source} is an RGB-D recording, which depth takes only as its single source"
+    images = source / "depth"
+    cure = f"; give the folder of its depth images: {images}" if images.is_dir() else ""
+    return f"{source} is an RGB-D recording that states no camera{cure}"
 
 
 def _suffix(path: Path) -> str:

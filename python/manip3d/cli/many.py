@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from manip3d.batch import SourceFile, Summary
 
 Verb = Callable[..., None]
+SKIPPED = "skipped"
+"""Column with the kind of a file that the verb does not take; also an option of `over_files`."""
 _GRAVEST_FIRST = (3, 1, 4)  # exit codes: tampered, then failed, then undecidable
 
 
@@ -217,7 +219,8 @@ def over_files(
     otherwise : str
         See `Many`.
     prepare : callable(files, options), optional
-        Returns options of single files by their names; it may also change the common options.
+        Returns options of single files by their names; it may also change the common options. The
+        option `SKIPPED` names the kind of a file that is left out.
     drives : bool
         Whether each source is a whole drive, found by `manip3d.batch.find_drives`.
     whole : sequence of str
@@ -556,6 +559,9 @@ def on_file(
     """
     import multiprocessing
 
+    if SKIPPED in more:
+        return {SKIPPED: more[SKIPPED], "exit_code": skipped_code}
+
     if multiprocessing.parent_process() is not None:  # this is a worker process
         start_messages()
     function = inspect.unwrap(getattr(importlib.import_module(module), verb))
@@ -575,14 +581,14 @@ def on_file(
         except kinds.OtherKindError as error:
             if named:
                 raise
-            return {"skipped": error.kind, "exit_code": skipped_code}
+            return {SKIPPED: error.kind, "exit_code": skipped_code}
     record = results[0] if results else {}
     paths = (str(source), str(output))
     return {k: v for k, v in record.items() if v not in paths} | {"exit_code": code}
 
 
 def _tell(shell: Terminal, summary: Summary, noun: str, columns: Sequence[str]) -> None:
-    skipped = sum(bool(row.get("skipped")) for row in summary.rows)
+    skipped = sum(bool(row.get(SKIPPED)) for row in summary.rows)
     parts = {
         "from an earlier run": summary.resumed,
         "skipped, of another kind": skipped,
@@ -610,7 +616,7 @@ def _print_rows(
         print(table_text(rows), end="")
         return
     had = [name for name in columns if any(row.get(name) is not None for row in rows)]
-    heads = [*had, *(name for name in ("skipped", "error") if any(r.get(name) for r in rows))]
+    heads = [*had, *(name for name in (SKIPPED, "error") if any(r.get(name) for r in rows))]
     show_table(console, [[_cell(row.get(name)) for name in heads] for row in rows], heads)
 
 

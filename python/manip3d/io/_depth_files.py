@@ -46,7 +46,8 @@ def read_depth(
         ``depth``. Of an ``.exr`` the display window is read, whose pixels outside of the data
         window are not measured: the only channel, or the one with the part ``depth`` in its name
         (``ViewLayer.Depth.Z``), or ``Z``, or the only ``.Z``, ``.Y`` or ``.V`` that is no part of
-        a vector; or red if red, green and blue are equal and no channel has such a name.
+        a vector; or red if red, green and blue are equal and no channel has such a name. If it has
+        several parts, the name of each is one more layer of its channels (``depth.Z``).
     units_per_metre : float
         Stored units per metre of integer images: 1000 for Kinect and most others, 5000 for TUM and
         ICL-NUIM. Images of floating-point numbers (TIFF, ``.pfm``, ``.exr``, ``.npy``) are in
@@ -57,7 +58,8 @@ def read_depth(
     Returns
     -------
     (H, W) uint16 in millimetres, or float32 in metres
-        The stored integers unchanged if ``units_per_metre`` is 1000, else metres.
+        The stored integers unchanged if ``units_per_metre`` is 1000, else metres. Negative integers
+        become 0.
 
     Raises
     ------
@@ -118,7 +120,10 @@ def _read(
 
 @checked
 def read_pixel_map(
-    path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS
+    path: str | os.PathLike[str],
+    *,
+    shape: tuple[int, ...] | None = None,
+    max_pixels: int = MAX_PIXELS,
 ) -> NDArray[np.bool_ | np.uint8 | np.uint16 | np.float32 | np.float64]:
     """Read one number per pixel of a depth image, such as a mask or confidences.
 
@@ -127,6 +132,9 @@ def read_pixel_map(
     path : path-like or URL
         PNG, TIFF or JPEG, or ``.npy`` of bool, uint8, uint16, float32 or float64. The format is
         recognised by the content, not by the suffix.
+    shape : tuple of int, optional
+        Rows and columns of the depth image. A JPEG is turned upright by its EXIF data, unless only
+        the stored image has this aspect ratio.
     max_pixels : int
         Larger images are refused before any memory is allocated for them. The default is 2**25
         (33.5 million).
@@ -159,12 +167,17 @@ def read_pixel_map(
     >>> int(io.read_pixel_map("mask.npy").sum())
     3
     """
-    return _read(path, max_pixels, decode_map)
+    return _read(path, max_pixels, partial(decode_map, shape=shape))
 
 
-def read_mask(path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS) -> NDArray[np.bool_]:
-    """Read the mask of a depth image: pixels of a map that are not 0, in a JPEG the bright ones."""
-    return _read(path, max_pixels, decode_mask)
+def read_mask(
+    path: str | os.PathLike[str], *, shape: tuple[int, ...] | None = None
+) -> NDArray[np.bool_]:
+    """Read the mask of a depth image: pixels of a map that are not 0, in a JPEG the bright ones.
+
+    For ``shape`` see `read_pixel_map`.
+    """
+    return _read(path, MAX_PIXELS, partial(decode_mask, shape=shape))
 
 
 @checked

@@ -18,6 +18,7 @@ from manip3d._util.regular_files import over_max_bytes
 from manip3d.errors import Error, FormatError
 from manip3d.io._limits import byte_limit, check_points
 from manip3d.io._npy_headers import read_npy_header
+from manip3d.io._orientations import orientation_of, upright
 from manip3d.io._scan_tables import refuse_expansion
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def decode_depth(data: bytes, max_pixels: int, *, may_be_narrow: bool = False) -
         return _read_pgm(data, max_pixels, may_be_narrow)
     if data.startswith(_PNG_OR_TIFF):
         stored = _read_with_pillow(data, max_pixels, ("L",) if may_be_narrow else ())
-        return stored.astype(np.uint16) if stored.dtype == np.uint8 else stored
+        return _whole_depth(stored) if stored.dtype.kind in "iu" else stored
     if re.match(rb"P[fF]\s", data):
         return _read_pfm(data, max_pixels)
     if data.startswith(b"PK"):
@@ -62,23 +63,39 @@ def decode_depth(data: bytes, max_pixels: int, *, may_be_narrow: bool = False) -
     raise FormatError(f"expected {kinds}, got bytes that begin with {data[:8]!r}", byte_offset=0)
 
 
-def decode_mask(data: bytes, max_pixels: int) -> NDArray[np.bool_]:
-    """Return a mask (H, W): True where a map of pixels is neither 0 nor NaN.
+def decode_mask(
+    data: bytes, max_pixels: int, *, shape: tuple[int, ...] | None = None
+) -> NDArray[np.bool_]:
+    """Return a mask (H, W): True where a map of pixels is neither 0 nor NaN; see `decode_map`.
 
     The compression of a JPEG leaves small numbers where 0 was, so that a pixel of one has to be at
     least half as bright as the brightest one, which is a grey in some masks.
     """
-    values = np.nan_to_num(decode_map(data, max_pixels))
+    values = np.nan_to_num(decode_map(data, max_pixels, shape=shape))
     if not data.startswith(_JPEG):
         return np.asarray(values != 0)
     return np.asarray(values > max(_DARKEST, int(values.max()) // 2))
 
 
-def decode_map(data: bytes, max_pixels: int) -> NDArray[Any]:
+def decode_map(
+    data: bytes, max_pixels: int, *, shape: tuple[int, ...] | None = None
+) -> NDArray[Any]:
+    """Return the numbers (H, W) in the bytes of a map's file.
+
+    A JPEG is turned upright by its EXIF data, unless only the stored image has the aspect ratio of
+    ``shape`` (rows, columns), that of the depth image to which it belongs.
+    """
     if data.startswith(b"\x93NUMPY"):
         return _read_npy(data, max_pixels, _MAP_DTYPES)
     if data.startswith((*_PNG_OR_TIFF, _JPEG)):
-        return _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
+        levels = _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
+        if data.startswith(_JPEG):
+            return upright(levels, _orientation_of_jpeg(data), shape)
+        if levels.dtype.kind != "i":
+            return levels
+        if levels.min() < 0:
+            raise FormatError(f"expected levels of at least 0, got {levels.min()}")
+        return _whole_depth(levels)
     raise FormatError(
         f"expected a PNG, TIFF or JPEG, or a .npy file, got bytes that begin with {data[:8]!r}",
         byte_offset=0,
@@ -174,25 +191,38 @@ def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
     try:
         with contextlib.redirect_stdout(sys.stderr):  # OpenEXR prints its errors
             with opened(header_only=True) as file:
-                header = dict(file.header())  # a copy, because closing the file empties it
-            window, shown = _Window.of(header["dataWindow"]), _Window.of(header["displayWindow"])
-            if shown.size == (1, 1):  # programs that do not know it write 0
-                shown = window
-            rows, columns = window.size
-            _checked_size(rows, columns, max_pixels)
-            _checked_size(*shown.size, max_pixels)
-            if rows * columns * len(header["channels"]) > 2 * max_pixels:
-                raise FormatError(f"more than {2 * max_pixels} numbers in all channels")
+                headers = [dict(part.header) for part in file.parts]  # closing empties the headers
+            windows = _checked_windows(headers, max_pixels)
             with opened(header_only=False) as file:
-                channels = {name: channel.pixels for name, channel in file.channels().items()}
-        stored = np.asarray(_depth_channel(channels), np.float32)
-        if stored.shape != (rows, columns):
+                if len(file.parts) < len(headers):  # OpenEXR leaves out what it cannot decode
+                    raise FormatError("damaged .exr: a part cannot be decoded")
+                found = _channels_of_parts(file)
+        name = _depth_channel({name: pixels for name, (_, pixels) in found.items()})
+        part, pixels = found[name]
+        window, shown = windows[part]
+        stored = np.asarray(pixels, np.float32)
+        if stored.shape != window.size:
+            rows, columns = window.size
             raise FormatError(f"expected {columns} x {rows} pixels, got shape {stored.shape}")
     except Error:
         raise
     except Exception as error:  # OpenEXR raises various types for damaged files
         raise FormatError(f"damaged .exr: {str(error) or type(error).__name__}") from error
     return _in_window(np.where(stored < _NOTHING_HIT, stored, np.float32(0.0)), window, shown)
+
+
+def _channels_of_parts(file: Any) -> dict[str, tuple[int, NDArray[Any]]]:
+    """Return the part's index and the pixels of each channel of an open EXR file.
+
+    In a file of several parts, the part's name is the layer of its channels: channel "Z" of part
+    "ViewLayer.Depth" becomes "ViewLayer.Depth.Z", unless it is stored under this name.
+    """
+    found = {}
+    for index, part in enumerate(file.parts):
+        layer = f"{part.name()}." if len(file.parts) > 1 else ""
+        for name, channel in file.channels(index).items():
+            found[layer + name.removeprefix(layer)] = index, channel.pixels
+    return found
 
 
 class _Window(NamedTuple):
@@ -210,7 +240,27 @@ class _Window(NamedTuple):
 
     @property
     def size(self) -> tuple[int, int]:
+        """Number of rows and of columns."""
         return self.bottom - self.top, self.right - self.left
+
+
+def _checked_windows(
+    headers: Sequence[dict[str, Any]], max_pixels: int
+) -> list[tuple[_Window, _Window]]:
+    """Return the data and the display window of each part; all parts are read at once."""
+    windows, numbers = [], 0
+    for header in headers:
+        window, shown = _Window.of(header["dataWindow"]), _Window.of(header["displayWindow"])
+        if shown.size == (1, 1):  # programs that do not know it write 0
+            shown = window
+        _checked_size(*window.size, max_pixels)
+        _checked_size(*shown.size, max_pixels)
+        windows.append((window, shown))
+        rows, columns = window.size
+        numbers += rows * columns * len(header["channels"])
+    if numbers > 2 * max_pixels:
+        raise FormatError(f"more than {2 * max_pixels} numbers in all channels")
+    return windows
 
 
 def _in_window(stored: NDArray[np.float32], window: _Window, shown: _Window) -> NDArray[np.float32]:
@@ -230,14 +280,14 @@ def _in_window(stored: NDArray[np.float32], window: _Window, shown: _Window) -> 
     return image
 
 
-def _depth_channel(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:
-    """Return the only channel, or the one named as depth, or red if R, G and B are equal.
+def _depth_channel(channels: dict[str, NDArray[Any]]) -> str:
+    """Return the name of the only channel, or of depth, or of red if R, G and B are equal.
 
     A renderer's passes are layers: "ViewLayer.Depth.Z" is the depth, "ViewLayer.Normal.Z" and the
     fog "ViewLayer.Mist.Z" are not.
     """
     if len(channels) == 1:
-        return next(iter(channels.values()))
+        return next(iter(channels))
     passes = {name: name.lower().split(".") for name in channels}
     named = [n for n, parts in passes.items() if "depth" in parts and parts[-1] in _OF_DEPTH]
     single = [name for name, parts in passes.items() if _is_single(parts, [*passes.values()])]
@@ -248,7 +298,7 @@ def _depth_channel(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:
         if not named:
             named = _grey([name for name in channels if name in ("R", "G", "B")], channels)
     if len(named) == 1:
-        return channels[named[0]]
+        return named[0]
     names = ", ".join(repr(name[:40]) for name in sorted(channels)[:20]) or "none"
     raise FormatError(f"expected one channel, or one named Z or Depth, got {names}")
 
@@ -309,9 +359,13 @@ def _depth_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
         return stored.astype(np.float32) if stored.dtype.itemsize == 2 else stored
     if stored.dtype == np.uint16:
         return stored.astype(np.uint16, copy=False)
+    return _whole_depth(stored)
+
+
+def _whole_depth(stored: NDArray[Any]) -> NDArray[np.uint16]:
+    """Return whole numbers, of which negative ones mean no measurement, as in images of floats."""
     if stored.max() > 65535:
         raise FormatError(f"expected whole numbers of at most 65535, got {stored.max()}")
-    # Negative numbers mean no measurement, as in floating-point images.
     return np.asarray(np.maximum(stored, 0), np.uint16)
 
 
@@ -367,6 +421,7 @@ def _read_with_pillow(
                     bits = "8 or 16 bits" if narrow_modes else "16 bits"
                     kinds = f"{bits} of grey, or colours" if color_modes else f"{bits} of grey"
                     raise FormatError(f"expected {kinds}, got mode {image.mode}")
+                _read_native_order(image)
                 stored = np.array(image)
                 has_more = _has_more(image)
     except Error:
@@ -381,11 +436,27 @@ def _read_with_pillow(
         warnings.warn(
             "a file of several images, of which the first is read", stacklevel=caller_level()
         )
-    if stored.dtype.kind == "f":
-        return stored
-    if stored.min() < 0 or stored.max() > 65535:
-        raise FormatError(f"expected 16-bit values, got {stored.min()} to {stored.max()}")
-    return stored.astype(np.uint16)
+    return stored.astype(np.uint16) if stored.dtype.kind == "u" else stored
+
+
+def _orientation_of_jpeg(data: bytes) -> int:
+    with imported("PIL.Image", "io").open(io.BytesIO(data), formats=("JPEG",)) as image:
+        return orientation_of(image)
+
+
+def _read_native_order(image: Any) -> None:
+    """Make Pillow read the numbers of a compressed TIFF in the byte order of this machine.
+
+    Libtiff decodes to this order. Pillow knows that of uint16, and swaps the bytes of all other
+    numbers of big-endian files once more.
+    """
+    tile = image.tile[0]
+    if tile[0] != "libtiff":
+        return
+    rawmode, *rest = tile[3]
+    args = (re.sub(r";(16|32)B", r";\1N", rawmode), *rest)
+    # Before Pillow 11 it is a plain tuple.
+    image.tile = [tile._replace(args=args) if hasattr(tile, "_replace") else (*tile[:3], args)]
 
 
 def _brightest_channel(data: bytes, image: Image.Image) -> NDArray[Any]:

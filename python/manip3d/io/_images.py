@@ -17,6 +17,7 @@ from manip3d._util.extras import imported
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError
 from manip3d.io._files import open_regular, regular_bytes
+from manip3d.io._orientations import orientation_of, upright
 from manip3d.io._remote import is_url
 from manip3d.mesh import Mesh, Texture
 
@@ -146,8 +147,11 @@ def _as_png(mesh: Mesh, texture: Texture) -> Texture:
     return dataclasses.replace(texture, path=path, data=stream.getvalue())
 
 
-def read_color(path: Path) -> NDArray[np.uint8]:
+def read_color(path: Path, shape: tuple[int, ...] | None = None) -> NDArray[np.uint8]:
     """Read an image file as (H, W, 3) red, green, blue; of 16 bits the upper 8 are kept.
+
+    It is turned upright by its EXIF data, unless only the stored image has the aspect ratio of
+    ``shape`` (rows, columns), that of the depth image to which it belongs.
 
     Raises
     ------
@@ -161,8 +165,10 @@ def read_color(path: Path) -> NDArray[np.uint8]:
     try:
         with open_regular(path) as file, image_module.open(file) as image:
             if image.mode.startswith(("I", "F")):  # Pillow would replace all above 255 by white
-                return _rgb_of_numbers(np.asarray(image), image.mode, path)
-            return np.array(image.convert("RGB"))
+                stored = _rgb_of_numbers(np.asarray(image), image.mode, path)
+            else:
+                stored = np.array(image.convert("RGB"))
+            return upright(stored, orientation_of(image), shape)
     except FormatError:  # must come before ValueError, its base class
         raise
     except (

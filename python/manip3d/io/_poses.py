@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -100,9 +101,15 @@ def trajectory(
 
     Eight numbers are a time and a translation with a quaternion, as in the TUM RGB-D benchmark;
     seven lack the time; twelve are the upper rows of a matrix, as in KITTI; sixteen are all of its
-    rows, as in Replica. Times are None unless a line has 8 numbers.
+    rows, as in Replica. Times are None unless a line has 8 numbers. The first line may name the
+    columns; the number of a frame beside the time, as in Stray Scanner's ``odometry.csv``, replaces
+    it.
     """
-    lines = _numbers_of_lines(place)
+    header, columns = _header_of(place)
+    lines = _numbers_of_lines(place, header)
+    if "frame" in columns:
+        at = columns.index("frame")
+        lines = [(number, values[at:]) for number, values in lines]
     if not lines:
         raise FormatError("expected lines 'time tx ty tz qx qy qz qw', found none", file=str(place))
     width = len(lines[0][1])
@@ -127,12 +134,24 @@ def trajectory(
     return np.array([values[0] for _, values in lines]) if width == 8 else None, poses
 
 
-def _numbers_of_lines(place: Path) -> list[tuple[int, NDArray[np.float64]]]:
-    """Return line number and values of each line that is neither empty nor a comment."""
+_COLUMNS = re.compile(r"((time(stamp)?|t) )?(frame )?t?x t?y t?z qx qy qz qw")
+
+
+def _header_of(place: Path) -> tuple[int, list[str]]:
+    """Return the number of the line that names the columns, and their names; 0 if there is none."""
+    for number, line in enumerate(text_of(place).splitlines(), start=1):
+        words = line.lower().replace(",", " ").split()
+        if words and not words[0].startswith("#"):
+            return (number, words) if _COLUMNS.fullmatch(" ".join(words)) else (0, [])
+    return 0, []
+
+
+def _numbers_of_lines(place: Path, header: int = 0) -> list[tuple[int, NDArray[np.float64]]]:
+    """Return line number and values of each line that is neither empty, header nor a comment."""
     found = []
     for number, line in enumerate(text_of(place).splitlines(), start=1):
         words = line.replace(",", " ").split()
-        if not words or words[0].startswith("#"):
+        if not words or words[0].startswith("#") or number == header:
             continue
         try:
             values = np.array(words, dtype=np.float64)

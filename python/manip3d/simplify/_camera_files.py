@@ -409,7 +409,7 @@ def _image_view(
     reading, _, doubt = read_frame(file, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
-    color = None if picture is None else read_color(picture)
+    color = None if picture is None else read_color(picture, reading.depth.shape)
     registration = registration_of(color, camera)
     view = CameraView(reading.depth, camera, pose=pose, color=color, registration=registration)
     doubts = [each for each in (doubt, centre_doubt(camera)) if each]
@@ -433,6 +433,8 @@ def _cloud_view(
         raise InputError(
             "intrinsics: can only be given with a depth image; a cloud's points tell its camera"
         )
+    if options.ray_depth:
+        raise InputError("ray_depth: can only be given with a depth image, got a cloud")
     stored = np.where(grid.valid, camera.depth, 0.0).astype(np.float32)
     asked = "guess" if options.is_unit_guessed else options.unit
     reading = depth_reading(stored, unit or asked, str(file))
@@ -444,7 +446,7 @@ def _cloud_view(
     placed[:3, 3] = (pose[:3, 3] + pose[:3, :3] @ camera.centre) / per_metre
     if camera.rotation is not None:
         placed[:3, :3] = pose[:3, :3] @ camera.rotation.T
-    color = grid.color if picture is None else read_color(picture)
+    color = grid.color if picture is None else read_color(picture, grid.valid.shape)
     return CameraView(reading.depth, camera.intrinsics, pose=placed, color=color), found, per_metre
 
 
@@ -456,7 +458,7 @@ def _scan_view(
     is_cloud: bool,
 ) -> CameraView:
     expect_options_of_scan(options)
-    color = grid.color if picture is None else read_color(picture)
+    color = grid.color if picture is None else read_color(picture, grid.valid.shape)
     origin = far_origin(grid)
     rows_up = rows_go_up(grid, origin) if is_cloud else scan_rows_go_up(grid)
     placed = pose.copy()

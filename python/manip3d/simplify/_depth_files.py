@@ -20,11 +20,12 @@ from manip3d.io import DEPTH_SUFFIXES, RangeGrid, read_range_grid
 from manip3d.io._depth_units import depth_reading
 from manip3d.simplify._depth import DenseImage, DepthSimplification, cs3, cs3_grid
 from manip3d.simplify._depth_inputs import (
+    MapFiles,
     Maps,
     centre_doubt,
     expect_camera,
+    planar_depth,
     read_frame,
-    read_maps,
     registration_of,
     same_view_words,
 )
@@ -75,7 +76,8 @@ def simplify_depth(
     Parameters
     ----------
     depth : (H, W) uint16 in millimetres or float32 in metres
-        0 and NaN mean no measurement.
+        Depth along the optical axis, or with ``options.ray_depth`` distance along the line of
+        sight. 0 and NaN mean no measurement.
     intrinsics : Intrinsics
     options : DepthOptions
         ``intrinsics`` and ``unit`` are ignored, since the other arguments state them.
@@ -109,6 +111,8 @@ def simplify_depth(
     True
     """
     image = checked_depth(depth, intrinsics)
+    if options.ray_depth:
+        image = planar_depth(image, intrinsics)
     image = masked_depth(image, mask_image(mask, image.shape))
     options = options.for_pixels(int(np.count_nonzero(image > 0)))
     if options.points is None:
@@ -168,6 +172,8 @@ def simplify_depth_file(
         its depth image: the camera is estimated from the points, and the colours are the texture.
         If the cloud was transformed to another frame, the mesh is in that frame. So is a range scan
         whose points are those of a camera's pixels; the rows of others go upwards, as Stanford's.
+        The numbers of a depth image are depths along the optical axis, or distances along the lines
+        of sight with ``options.ray_depth``.
     output : path-like
         A mesh file. The mesh of a depth image is in metres, with +y up in glTF and in the camera's
         axes in other formats. Scans without a camera keep their unit and axes.
@@ -210,10 +216,10 @@ def simplify_depth_file(
     (True, True)
     """
     path, target = path_of(source, "source"), path_of(output, "output")
-    maps = read_maps(options, color, mask, confidence, confidence_max)
+    files = MapFiles.of(options, color, mask, confidence, confidence_max)
     if path.suffix.lower() in DEPTH_SUFFIXES and not is_cloud_file(path):
-        return from_image(path, target, options, maps)
-    return _from_scan(path, target, options, maps)
+        return from_image(path, target, options, files)
+    return _from_scan(path, target, options, files)
 
 
 def writes_y_up(output: Path) -> bool:
@@ -262,10 +268,11 @@ def frame_alone(
 
 
 def from_image(
-    path: Path, output: Path, options: DepthOptions, maps: Maps, take: _Take = frame_alone
+    path: Path, output: Path, options: DepthOptions, files: MapFiles, take: _Take = frame_alone
 ) -> DepthFileResult:
     expect_camera(options.intrinsics, path)
     reading, words, doubt = read_frame(path, options)
+    maps = files.read(reading.depth.shape)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     if off := centre_doubt(camera):
@@ -338,13 +345,14 @@ def _area(found: DepthSimplification) -> float:
     return float(np.linalg.norm(np.cross(q - p, r - p), axis=1).sum()) / 2
 
 
-def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> DepthFileResult:
+def _from_scan(path: Path, output: Path, options: DepthOptions, files: MapFiles) -> DepthFileResult:
     grid = read_range_grid(path)
     is_cloud = is_cloud_file(path)
     camera = find_camera(grid) if is_cloud else camera_of_scan(grid)
     if camera is not None:
-        return from_cloud(grid, camera, path, output, options, maps)
+        return from_cloud(grid, camera, path, output, options, files)
     expect_options_of_scan(options)
+    maps = files.read(grid.valid.shape)
     maps = maps if maps.color is not None else replace(maps, color=grid.color)
     mask = mask_image(maps.mask, grid.valid.shape)
     valid = grid.valid if mask is None else grid.valid & mask
@@ -383,18 +391,21 @@ def from_cloud(
     path: Path,
     output: Path,
     options: DepthOptions,
-    maps: Maps,
+    files: MapFiles,
     take: _Take = frame_alone,
 ) -> DepthFileResult:
     """Simplify an organised cloud as a depth image with the cloud's camera and colours.
 
-    Colours in ``maps`` replace those of the cloud.
+    Colours in ``files`` replace those of the cloud.
     """
-    maps = maps if maps.color is not None else replace(maps, color=grid.color)
     if options.intrinsics:
         raise InputError(
             "intrinsics: can only be given with a depth image; a cloud's points tell its camera"
         )
+    if options.ray_depth:
+        raise InputError("ray_depth: can only be given with a depth image, got a cloud")
+    maps = files.read(grid.valid.shape)
+    maps = maps if maps.color is not None else replace(maps, color=grid.color)
     stored = np.where(grid.valid, camera.depth, 0.0).astype(np.float32)
     # The common guess is that of depth images, of another instrument.
     unit = "guess" if options.is_unit_guessed else options.unit

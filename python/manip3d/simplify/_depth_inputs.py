@@ -10,12 +10,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.paths import path_of
-from manip3d.camera import CAMERA_PRESETS, CAMERA_SUFFIXES, Registration, camera_depth_unit
+from manip3d.camera import (
+    CAMERA_PRESETS,
+    CAMERA_SUFFIXES,
+    Registration,
+    camera_depth_unit,
+    read_intrinsics,
+)
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_UNITS, DepthReading, read_depth_guessing, read_pixel_map
 from manip3d.io._depth_files import read_mask
 from manip3d.io._depth_units import fits_8_bits
 from manip3d.io._images import read_color
+from manip3d.io._orientations import SAME_SHAPE
 from manip3d.simplify._depth_options import DepthOptions, check_confidence
 from manip3d.simplify._depth_words import COMMON_GUESS
 from manip3d.simplify._pixel_maps import confidence_of_levels
@@ -34,11 +41,6 @@ class Maps:
     mask: NDArray[np.bool_] | None = None
     confidence: NDArray[Any] | None = None
     registration: Registration | None = None  # None: the colour image has the depth image's pixels
-
-
-SAME_SHAPE = 0.005
-"""Largest relative difference of the aspect ratios of two images of the same view: one row or
-column of 200, as resizing rounds it."""
 
 
 def registration_of(color: NDArray[np.uint8] | None, camera: Intrinsics) -> Registration | None:
@@ -63,25 +65,46 @@ def same_view_words(registration: Registration) -> str:
     return f"colours of {size.width} x {size.height} pixels taken for those of the same view"
 
 
-def read_maps(
-    options: DepthOptions,
-    color: str | os.PathLike[str] | None,
-    mask: str | os.PathLike[str] | None,
-    confidence: str | os.PathLike[str] | None,
-    confidence_max: int | None,
-) -> Maps:
-    check_confidence(options, confidence is not None)
-    if confidence_max is not None and confidence is None:
-        raise InputError("confidence_max: can only be given with confidence")
-    return Maps(
-        None if color is None else read_color(path_of(color, "color")),
-        None if mask is None else read_mask(path_of(mask, "mask")),
-        None if confidence is None else _read_confidence(confidence, confidence_max),
-    )
+@dataclass(frozen=True)
+class MapFiles:
+    """Files with the colours, mask and confidences of a depth image."""
+
+    color: Path | None
+    mask: Path | None
+    confidence: Path | None
+    confidence_max: int | None
+
+    @staticmethod
+    def of(
+        options: DepthOptions,
+        color: str | os.PathLike[str] | None,
+        mask: str | os.PathLike[str] | None,
+        confidence: str | os.PathLike[str] | None,
+        confidence_max: int | None,
+    ) -> MapFiles:
+        """Check which files are given for the options."""
+        check_confidence(options, confidence is not None)
+        if confidence_max is not None and confidence is None:
+            raise InputError("confidence_max: can only be given with confidence")
+        return MapFiles(
+            None if color is None else path_of(color, "color"),
+            None if mask is None else path_of(mask, "mask"),
+            None if confidence is None else path_of(confidence, "confidence"),
+            confidence_max,
+        )
+
+    def read(self, shape: tuple[int, ...]) -> Maps:
+        """Read the files; ``shape`` is that of the depth image."""
+        highest = self.confidence_max
+        return Maps(
+            None if self.color is None else read_color(self.color, shape),
+            None if self.mask is None else read_mask(self.mask, shape=shape),
+            None if self.confidence is None else _confidence(self.confidence, shape, highest),
+        )
 
 
-def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArray[Any]:
-    found = read_pixel_map(path_of(path, "confidence"))
+def _confidence(path: Path, shape: tuple[int, ...], highest: int | None) -> NDArray[Any]:
+    found = read_pixel_map(path, shape=shape)
     if found.dtype.kind == "f":
         if highest is not None:
             raise InputError(
@@ -100,7 +123,8 @@ def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArr
 
 _CAMERAS_BESIDE = (
     "calib.txt", "camera-intrinsics.txt", "intrinsic_depth.txt", "intrinsics.txt", "cameras.txt",
-    "camera.xml", "camera.yaml", "camera.yml", "camera_info.yaml", "camera.json", "intrinsics.json",
+    "camera_matrix.csv", "camera.xml", "camera.yaml", "camera.yml", "camera_info.yaml",
+    "camera.json", "intrinsics.json",
 )  # fmt: skip
 
 
@@ -134,12 +158,42 @@ def centre_doubt(camera: Intrinsics) -> str:
     )
 
 
+def planar_depth(
+    distances: NDArray[np.uint16 | np.float32], camera: Intrinsics
+) -> NDArray[np.float32]:
+    """Return depths along the optical axis, in metres, from distances along the lines of sight.
+
+    A line of sight (x/z, y/z, 1) has the length of the distance at the depth 1. Where the camera
+    has none, the distance stays, so that the pixel still counts as measured.
+    """
+    metres = distances / 1000.0 if distances.dtype == np.uint16 else distances.astype(np.float64)
+    sight = camera.unproject(np.ones(distances.shape, np.float32)).astype(np.float64)
+    lengths = np.sqrt(np.square(sight).sum(axis=2))
+    return (metres / np.where(np.isfinite(lengths), lengths, 1.0)).astype(np.float32)
+
+
+def _read(path: Path, unit: str, options: DepthOptions) -> DepthReading:
+    reading = read_depth_guessing(path, unit=unit)
+    if not options.ray_depth:
+        return reading
+    height, width = reading.depth.shape
+    camera = read_intrinsics(options.intrinsics, width=width, height=height)
+    return replace(reading, depth=planar_depth(reading.depth, camera))
+
+
 def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, str]:
     """Read a depth image; describe its unit in words, and state a reason to doubt it, or none.
 
     The unit that the camera states, if any, overrides the guess.
     """
-    reading = read_depth_guessing(path, unit=unit_to_read(options.unit, options.intrinsics))
+    reading, words, doubt = _read_frame(path, options)
+    if options.ray_depth:
+        words += "; converted from distances along the lines of sight"
+    return reading, words, doubt
+
+
+def _read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, str]:
+    reading = _read(path, unit_to_read(options.unit, options.intrinsics), options)
     if options.unit.startswith(COMMON_GUESS):
         reading = replace(reading, guessed=True, reason="most of the images look like it")
         return reading, reading.sentence, reading.doubt
@@ -147,7 +201,7 @@ def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, st
     of_stereo = unit.startswith("disparity:")
     if unit == "guess" or (reading.unit == "m" and not of_stereo):
         return reading, reading.sentence, reading.doubt
-    known = reading if of_stereo else read_depth_guessing(path, unit=unit)
+    known = reading if of_stereo else _read(path, unit, options)
     words = f"{known.sentence}, as intrinsics {options.intrinsics} has it"
     doubt = known.doubt
     # A guess never finds an unusual unit, so that it is no reason to doubt one.

@@ -13,7 +13,7 @@ from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, read_range_grid
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.simplify._depth_files import Taken, from_cloud, from_image
-from manip3d.simplify._depth_inputs import Maps, read_maps
+from manip3d.simplify._depth_inputs import MapFiles, Maps
 from manip3d.simplify._depth_options import DepthFileResult, DepthOptions
 from manip3d.simplify._depth_writing import LastFile
 from manip3d.simplify._organised import camera_of_scan, find_camera, is_cloud_file
@@ -108,17 +108,19 @@ class DepthSequence:
         is_grid = scan_suffix(path) == ".ply"
         if not is_cloud and not is_grid and path.suffix.lower() not in DEPTH_SUFFIXES:
             raise InputError(f"source: expected a depth image in a sequence, got {path.name}")
-        maps = read_maps(self._options, color, mask, confidence, confidence_max)
+        files = MapFiles.of(self._options, color, mask, confidence, confidence_max)
         with self._lock:
             if not is_cloud and not is_grid:
-                return from_image(path, target, self._options, maps, self._smoothing.take)
+                return from_image(path, target, self._options, files, self._smoothing.take)
             grid = read_range_grid(path)
             camera = camera_of_scan(grid) if is_grid else find_camera(grid)
             if camera is None:
                 raise InputError(
                     f"source: expected a depth camera's cloud in a sequence, got {path.name}"
                 )
-            return from_cloud(grid, camera, path, target, self._options, maps, self._smoothing.take)
+            return from_cloud(
+                grid, camera, path, target, self._options, files, self._smoothing.take
+            )
 
 
 class Smoothing:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections import Counter
@@ -16,6 +17,7 @@ from manip3d.camera import camera_depth_unit
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, read_depth_guessing
 from manip3d.simplify._depth_words import COMMON_GUESS
+from manip3d.simplify._time_stamps import MAX_SECONDS_APART, nearest_in_time, seconds
 
 _IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
 _FRAMES_FOR_A_GUESS = 9
@@ -33,10 +35,12 @@ def colors_of_frames(
     If each depth image has a colour image of the same name (without suffix), they are matched by
     name, and other colour images are ignored. Names are also the same if they differ only in the
     words depth and color: ``1.depth.png``, ``1.color.png``; ``depth_1.png``, ``rgb_1.png``;
-    ``1_depth.png``, ``1.jpg``. If less than half of the depth images have such a colour image, both
-    are sorted by name (numbers in names by their value) and matched in order; if half or more have,
-    but not all, it is an error, as the order would be shifted. Hidden files and files whose suffix
-    is not that of an image are ignored.
+    ``1_depth.png``, ``1.jpg``; ``1_depth.npy``, ``1_depth_mask.npy``. Else, if the names are times
+    in seconds with a fraction, or in smaller units since 1970, the nearest in time is taken, at
+    most 0.02 s away and once only. If they are not, and less than half of the depth images have a
+    colour image of their name, both are sorted by name (numbers in names by their value) and
+    matched in order; if half or more have, but not all, it is an error, as the order would be
+    shifted. Hidden files and files whose suffix is not that of an image are ignored.
 
     If ``colors`` also holds the depth images, these are left out, and only images with such a word
     in their names are matched in order. Masks and confidences then need their word in any case.
@@ -58,9 +62,9 @@ def colors_of_frames(
     Raises
     ------
     InputError
-        Half or more of the depth images have a colour image of their name and others have not; less
-        than half have, and there are not as many colour images as depth images; or ``name`` is
-        unknown.
+        Names are times, and a depth image has no colour image within 0.02 s; half or more of the
+        depth images have a colour image of their name and others have not; less than half have, and
+        there are not as many colour images as depth images; or ``name`` is unknown.
     OSError
         The folder cannot be read.
 
@@ -81,28 +85,24 @@ def colors_of_frames(
     own = {os.path.realpath(path_of(frame, "frames")) for frame in frames}
     images = [path for path in found if os.path.realpath(path) not in own]
     shares_folder = len(images) < len(found)
-    named = [path for path in images if _without(path.stem, name) != _words(path.stem)]
+    named = [path for path in images if _WORDS[name] & set(_words(path.stem))]
     names = sorted((os.fspath(frame) for frame in frames), key=by_number)
-    keys = [_without(Path(frame).stem, "depth") for frame in names]
-    tries = [_by_key(keys, named, [_without(path.stem, name) for path in named])]
-    if name == "color" or not shares_folder:
-        # Beside the depth images, a file without the word for a mask would be a colour image.
-        stems = [Path(frame).stem for frame in names]
-        tries.append(_by_key(stems, images, [path.stem for path in images]))
-        tries.append(_by_key(keys, images, [_words(path.stem) for path in images]))
-    best = max(tries, key=lambda pairs: sum(image is not None for image in pairs))
+    # Beside the depth images, a file without the word for a mask would be a colour image.
+    needs_word = shares_folder and name != "color"
+    best = _by_name(names, named if needs_word else images, named, name)
+    candidates = named if shares_folder else images
     chosen = [image for image in best if image is not None]
-    if 2 * len(chosen) < len(frames):
-        chosen = []  # time stamps agree by chance
-    if 0 < len(chosen) < len(frames):
-        absent = [Path(names[i]).name for i, image in enumerate(best) if image is None]
-        listed = ", ".join(absent[:5]) + (", ..." if len(absent) > 5 else "")
-        raise InputError(
-            f"{name}: expected an image in {os.fspath(colors)} by the name of each depth image, "
-            f"found {len(chosen)} of {len(frames)}, none for {listed}"
-        )
-    if not chosen:
-        chosen = named if shares_folder else images
+    if len(chosen) < len(frames):
+        stamps = [_time_of(Path(frame).stem, "depth") for frame in names]
+        times = [_time_of(path.stem, name) for path in candidates]
+        if _are_times(stamps) and _are_times(times):
+            pairs = nearest_in_time(stamps, times)
+            best = [None if i is None else candidates[i] for i in pairs]
+            chosen = _all_of(best, names, f"within {MAX_SECONDS_APART} s", colors, name)
+        elif 2 * len(chosen) >= len(frames):
+            chosen = _all_of(best, names, "by the name", colors, name)
+        else:
+            chosen = candidates
     if len(chosen) != len(frames):
         raise InputError(
             f"{name}: expected {len(frames)} images in {os.fspath(colors)}, found {len(chosen)}"
@@ -110,6 +110,43 @@ def colors_of_frames(
             "not one of each depth image's name"
         )
     return dict(zip(names, map(str, chosen), strict=True))
+
+
+def _by_name(
+    frames: Sequence[str], images: Sequence[Path], named: Sequence[Path], kind: str
+) -> list[Path | None]:
+    """Return the image of each depth image's name; None: there is none.
+
+    ``named`` are those of the images that have the word for their kind in their names.
+    """
+    stems = [Path(frame).stem for frame in frames]
+    keys = [_without(_words(stem), "depth") for stem in stems]
+    names = [_without(_words(path.stem), kind) for path in named]
+    tries = [
+        _by_key(keys, named, names),
+        _by_key(keys, named, [_without(words, "depth") for words in names]),  # 1_depth_mask
+        _by_key(stems, images, [path.stem for path in images]),
+        _by_key(keys, images, [_words(path.stem) for path in images]),
+    ]
+    return max(tries, key=lambda pairs: sum(image is not None for image in pairs))
+
+
+def _all_of(
+    found: Sequence[Path | None],
+    names: Sequence[str],
+    match: str,
+    colors: str | os.PathLike[str],
+    name: str,
+) -> list[Path]:
+    """Return the image of each depth image, and raise if there is none of some."""
+    absent = [Path(names[i]).name for i, image in enumerate(found) if image is None]
+    if absent:
+        listed = ", ".join(absent[:5]) + (", ..." if len(absent) > 5 else "")
+        raise InputError(
+            f"{name}: expected an image in {os.fspath(colors)} {match} of each depth image, "
+            f"found {len(found) - len(absent)} of {len(found)}, none for {listed}"
+        )
+    return [image for image in found if image is not None]
 
 
 _WORDS = {
@@ -126,11 +163,44 @@ def _words(stem: str) -> tuple[str, ...]:
     return tuple(re.findall(r"[^\W\d_]+|\d+", stem.lower()))
 
 
-def _without(stem: str, kind: str) -> tuple[str, ...]:
+def _without(words: tuple[str, ...], kind: str) -> tuple[str, ...]:
     """Return the words of a name without the last one that says what kind the image is of."""
-    words = _words(stem)
     places = [i for i, word in enumerate(words) if word in _WORDS[kind]]
     return words[: places[-1]] + words[places[-1] + 1 :] if places else words
+
+
+def maps_by_name(names: Sequence[str]) -> set[str]:
+    """Return the names of masks and confidences among those of depth images in a folder.
+
+    Their last word says so (``1_depth_mask.npy``), apart from numbers, and others have the word for
+    depth.
+    """
+    last = {
+        name: next((word for word in reversed(_words(Path(name).stem)) if not word.isdigit()), "")
+        for name in names
+    }
+    maps = {name for name in names if last[name] in _WORDS["mask"] | _WORDS["confidence"]}
+    has_depth = any("depth" in _words(Path(name).stem) for name in names if name not in maps)
+    return maps if has_depth else set()
+
+
+def _time_of(stem: str, kind: str) -> float:
+    """Return the time in seconds that a name consists of beside its word; NaN if it is no time.
+
+    A time has a fraction, or so many digits that it counts milliseconds or less since 1970.
+    """
+    numbers = re.findall(r"[0-9]+(?:\.[0-9]+)?", stem)
+    others = set(re.findall(r"[^\W\d_]+", stem.lower())) - _WORDS[kind]
+    if len(numbers) != 1 or others:
+        return math.nan
+    (number,) = numbers
+    time = seconds(float(number))
+    return time if "." in number or time < float(number) else math.nan
+
+
+def _are_times(stamps: Sequence[float]) -> bool:
+    """Return whether nine of ten are times; others may lie beside them, such as a preview."""
+    return len(stamps) > 0 and np.isnan(stamps).mean() <= 0.1
 
 
 def _by_key(

@@ -17,11 +17,10 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._poses import LostPoseError, matrix_pose, poses_by_file, poses_of_log, trajectory
+from manip3d.simplify._time_stamps import MAX_SECONDS_APART, is_since_1970, seconds
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-_MAX_SECONDS_APART = 0.02  # tolerance of TUM's own tool, which matches depth images and poses
 
 
 @checked
@@ -37,7 +36,8 @@ def poses_of_files(
     poses : path-like
         One of four formats. (1) A trajectory file with lines ``time tx ty tz qx qy qz qw`` (camera
         to world) as in TUM's ``groundtruth.txt``, with the same lines without the time, or with the
-        numbers of a 3x4 or 4x4 matrix, row by row (KITTI, Replica). (2) A folder with a 4x4 matrix
+        numbers of a 3x4 or 4x4 matrix, row by row (KITTI, Replica); or Stray Scanner's
+        ``odometry.csv``, whose first line names its columns. (2) A folder with a 4x4 matrix
         for each source: ``NAME.pose.txt`` (7-Scenes) for ``NAME.depth.png``, or ``NAME.txt``
         (ScanNet) for ``NAME.png``. (3) A ``.log`` of Redwood and Open3D: three whole numbers, of
         which the first is the frame's number, and a 4x4 matrix. (4) A Stanford ``.conf`` file,
@@ -62,11 +62,12 @@ def poses_of_files(
     -----
     In a trajectory with times, a file's name is a time in seconds (``1305031102.160407.png``), and
     its pose is the one with the nearest time, at most 0.02 s away (the tolerance of TUM's own
-    tool). If the names are not times, the lines are assigned in order, one to each file. Names are
-    not times if none is a number, or if names and times ascend and most names, such as
-    ``000001.png``, are not near any time. Lines without times are also assigned in order. In a
-    ``.log`` a file's name is the number of its frame; if a name is not a number, the matrices are
-    assigned in order.
+    tool). Names and times that are so large that they count milliseconds or less since 1970 are
+    converted. If the names are not times, the lines are assigned in order, one to each file. Names
+    are not times if none is a number; if all are whole numbers below 1e9, such as ``000001.png``,
+    and the times have fractions; or if names and times ascend and most names are not near any time.
+    Lines without times are also assigned in order. In a ``.log`` a file's name is the number of its
+    frame; if a name is not a number, the matrices are assigned in order.
 
     Examples
     --------
@@ -100,7 +101,15 @@ def poses_of_files(
     times, found = trajectory(place)
     if times is None or np.isnan(asked).all():
         return _in_order(files, found, place)
-    return _by_time(files, asked, times, found)
+    if _are_frames(files, asked) and (times % 1.0 != 0.0).any():
+        if len(found) != len(files) or not _ascend(asked):
+            raise InputError(
+                f"poses: names without a fraction, such as {files[0].name}, are numbers of frames, "
+                f"as the times in {place} have fractions: expected {len(files)} ascending numbers "
+                f"and as many poses, found {len(found)}"
+            )
+        return found
+    return _by_time(files, _in_seconds(asked), _in_seconds(times), found)
 
 
 def tracked_files(
@@ -151,14 +160,14 @@ def _by_time(
     """Return the pose nearest in time to each file; in order where the names are only numbers."""
     off = np.nan_to_num(np.abs(asked[:, None] - times), nan=np.inf)
     nearest, apart = off.argmin(axis=1), off.min(axis=1)
-    is_near = apart <= _MAX_SECONDS_APART
+    is_near = apart <= MAX_SECONDS_APART
     if is_near.all():
         return [found[i] for i in nearest]
     are_numbered = 2 * np.count_nonzero(is_near) < len(files)
     if are_numbered and len(found) == len(files) and _ascend(asked) and _ascend(times):
         return found
     worst = int(apart.argmax())
-    asks = f"poses: expected a pose within {_MAX_SECONDS_APART} s of {files[worst]}"
+    asks = f"poses: expected a pose within {MAX_SECONDS_APART} s of {files[worst]}"
     if np.isinf(apart[worst]):
         raise InputError(f"{asks}, whose name is not a time")
     raise InputError(f"{asks}, the nearest is {apart[worst]:.3f} s away")
@@ -168,6 +177,20 @@ def _number_in(file: Path) -> float:
     """Return the number that a file's name consists of; NaN if the name is not a number."""
     stem = Path(plain_name(file)).stem
     return float(stem) if re.fullmatch(r"-?[0-9]+(\.[0-9]*)?", stem) else math.nan
+
+
+def _are_frames(files: Sequence[Path], numbers: NDArray[np.float64]) -> bool:
+    """Return whether the names that are numbers are whole and too small to be times since 1970."""
+    named = [Path(plain_name(file)).stem for file in files]
+    return not any(
+        "." in name or is_since_1970(number)
+        for name, number in zip(named, numbers, strict=True)
+        if not math.isnan(number)
+    )
+
+
+def _in_seconds(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.array([seconds(number) for number in numbers.tolist()])
 
 
 def _ascend(values: NDArray[np.float64]) -> bool:

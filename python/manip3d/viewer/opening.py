@@ -162,7 +162,7 @@ def open_thing(
         return Opened(kind, *_rgbd_frame(name, frame or 0, intrinsics))
     if kind == "depth":
         reading = io.read_depth_guessing(name, unit=unit)
-        image = None if color is None else read_color(color)
+        image = None if color is None else read_color(color, reading.depth.shape)
         depth = DepthImage(reading.depth, intrinsics, image)
         return Opened(kind, depth, "; ".join(filter(None, (reading.sentence, depth.note))))
     return Opened(kind, io.read_mesh(name))
