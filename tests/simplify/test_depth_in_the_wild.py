@@ -853,6 +853,8 @@ def test_numbers_that_are_none_are_refused_by_name() -> None:
         simplify.cs3(depth, CAMERA, 50, reading={"outliers": "x"})
     with pytest.raises(InputError, match="target_points: expected >= 1, got 0"):
         simplify.cs3(depth, CAMERA, 0)
+    with pytest.raises(InputError, match=r"got shape \(3, 5, 6\).*; np.moveaxis\(points, 0, -1\)"):
+        simplify.relief_grid(np.ones((3, 5, 6)), None, 50)
     with pytest.raises(InputError, match="num_vertices: expected a whole number, got '3'"):
         simplify.relief(depth, CAMERA, 50).prefix("3")  # type: ignore[arg-type]
     for step in (float("inf"), float("nan"), -1.0):
