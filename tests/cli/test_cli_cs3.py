@@ -903,6 +903,45 @@ def test_a_stable_folder_never_goes_on_in_the_middle(frames: Path, tmp_path: Pat
         assert (output / path.name).read_bytes() == path.read_bytes()
 
 
+def test_a_shorter_sequence_does_not_leave_frames_of_a_longer_one(
+    frames: Path, tmp_path: Path
+) -> None:
+    """The player would show the frames of both."""
+    sources, output = sorted(frames.iterdir()), tmp_path / "out"
+    options = ("--points", "99", "--intrinsics", FOCAL, "-o", output, "--stable")
+    assert manip3d("depth", *sources, *options).returncode == 0
+    (output / "009.depth.glb").write_bytes(b"of another program")
+    done = manip3d("depth", *sources[:2], *options)
+    assert done.returncode == 1
+    assert "holds 002.depth.glb and 1 more file of an earlier run" in error_line(done)
+    assert "--force removes them" in error_line(done)
+    np.save(tmp_path / "small.npy", np.ones((3, 4), bool))
+    none = manip3d("depth", *sources[:2], *options, "--force", "--mask", tmp_path / "small.npy")
+    assert none.returncode == 1
+    assert "2 of 2 files failed" in none.stderr
+    assert len(list(output.glob("*.glb"))) == 5  # a run that makes nothing removes nothing
+    sources[1].write_bytes(b"torn")
+    done = manip3d("depth", *sources[:2], *options, "--force")
+    assert done.returncode == 1
+    kept = sorted(path.name for path in output.glob("*.glb"))
+    assert kept == ["000.depth.glb", "009.depth.glb"]
+
+
+def test_meshes_of_an_earlier_run_that_stay_are_told(frames: Path, tmp_path: Path) -> None:
+    sources, output = sorted(frames.iterdir()), tmp_path / "out"
+    options = ("--points", "99", "--intrinsics", FOCAL, "--method", "uniform", "-o", output)
+    for some, words in (
+        (sources, ""),
+        (sources[:2], "002.depth.glb and 1 more file of an earlier run"),
+        (sources, ""),
+    ):
+        done = manip3d("depth", *some, *options)
+        assert done.returncode == 0
+        assert ("which this one did not make" in done.stderr) == bool(words)
+        assert words in done.stderr
+    assert len(list(output.glob("*.glb"))) == 4
+
+
 def test_a_stable_folder_with_colors_masks_and_bandwidth(frames: Path, tmp_path: Path) -> None:
     colors = tmp_path / "colors"
     colors.mkdir()

@@ -209,6 +209,32 @@ def test_hostile_files_are_refused_by_name(name: str, tmp_path: Path) -> None:
     assert caught.value.file == str(path)
 
 
+@pytest.mark.parametrize(
+    ("shape", "advice"),
+    [
+        (
+            (3, 5, 6),
+            "the channels are first: array[k] is channel k, and np.moveaxis(array, 0, -1) an "
+            "organised cloud of x, y, z",
+        ),
+        ((2, 5, 6), "the channels are first: array[k] is channel k"),
+        ((5, 6, 3), "array[..., k] is channel k of an image"),
+        ((7, 5, 6), "array[k] is image k of several"),
+        ((30,), "array.reshape(height, width) has the rows of an image"),
+    ],
+)
+def test_arrays_of_another_shape_come_with_advice(
+    shape: tuple[int, ...], advice: str, tmp_path: Path
+) -> None:
+    array = np.ones(shape, np.float32)
+    np.save(tmp_path / "a.npy", array)
+    np.savez(tmp_path / "a.npz", depth=array)
+    for name in ("a.npy", "a.npz"):
+        with pytest.raises(FormatError) as caught:
+            read_depth(tmp_path / name)
+        assert str(caught.value).endswith(f"got float32 {shape}; {advice}")
+
+
 def test_masks_with_a_palette_may_have_alpha(tmp_path: Path) -> None:
     """The second entry is a transparent red: it is not black, and its alpha says nothing."""
     image = Image.fromarray(np.uint8([[0, 1], [2, 0]]), mode="P")

@@ -247,6 +247,22 @@ void Collapser::find_pieces(const Triangulation& mesh) {
   }
 }
 
+/// Sets the number of pixels that the mesh will have per vertex.
+void Collapser::find_share(std::int64_t target) {
+  std::int64_t sum = 0;
+  for (const Piece& piece : pieces_) sum += piece.area < 0.0 ? 0 : piece.doubled_pixels;
+  doubled_sum_ = static_cast<double>(sum);
+  doubled_share_ = doubled_sum_ / static_cast<double>(target);
+}
+
+/// The price of losing pixels with a vertex, beside their area times distance. That is small for
+/// near surfaces, whose pixels are small, although they may be most of the image. The price is 0
+/// for fewer pixels than the mesh will have per vertex. For more it is their share of all pixels;
+/// most moves cost less, so that these come last. Only few vertices can cover so much.
+float Collapser::price_of_pixels(double doubled_pixels) const {
+  return doubled_pixels < doubled_share_ ? 0.0F : static_cast<float>(doubled_pixels / doubled_sum_);
+}
+
 float Collapser::price(const Triangulation& mesh, std::int32_t v, std::int32_t to,
                        float cut) const {
   const Vec3 offset = mesh.vertex(to).point - mesh.vertex(v).point;
@@ -306,7 +322,7 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
   if (!legal && !mesh.vertex(v).on_boundary) return cheapest_inside(mesh, v, fan, lowest);
   // On the boundary, only along it: to the first or the last neighbour.
   const int step = mesh.vertex(v).on_boundary ? fan.num_neighbors - 1 : 1;
-  float cover = 0.0F, cut = 0.0F;
+  float cover = 0.0F, cut = 0.0F, lost = 0.0F;
   const Triangle ends = {v, fan.neighbors[0], fan.neighbors[fan.num_neighbors - 1]};
   if (mesh.has_bay(v, fan)) {
     cover = cover_factor_ * mesh.bay(surface, v, fan).price * share_of_cover(surface, mesh, ends);
@@ -314,12 +330,13 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
     cut = std::max(surface.confidence(mesh.vertex(v).pixel), least_loss_) *
           price_of_cut(boundary_weight_, mesh.vertex(fan.neighbors[0]).point, mesh.vertex(v).point,
                        mesh.vertex(fan.neighbors[fan.num_neighbors - 1]).point);
+    lost = price_of_pixels(static_cast<double>(mesh.orient(ends[0], ends[1], ends[2])));
   }
   int best = -1;
   for (int i = 0; i < fan.num_neighbors; i += step) {
     const std::int32_t to = fan.neighbors[i];
     if (nodes_[to].touched == round) continue;
-    const float p = price(mesh, v, to, cut) + cover * nodes_[v].factor;
+    const float p = price(mesh, v, to, cut) + (cover + lost) * nodes_[v].factor;
     if (best >= 0 && !(p < lowest)) continue;
     if (legal && !may_collapse(surface, mesh, v, fan, i)) continue;
     lowest = p;
@@ -361,7 +378,8 @@ float Collapser::price_of_piece(const Surface& surface, const Triangulation& mes
   const Vec3 middle = kThird * (mesh.vertex(a).point + mesh.vertex(b).point + mesh.vertex(c).point);
   const float distance = mesh.distance_to_others(surface, t, middle);
   const float kept = std::max({nodes_[a].factor, nodes_[b].factor, nodes_[c].factor});
-  return kThird * static_cast<float>(piece.area) * distance * kept;
+  const float lost = price_of_pixels(static_cast<double>(piece.doubled_pixels) / 3.0);
+  return (kThird * static_cast<float>(piece.area) * distance + lost) * kept;
 }
 
 void Collapser::find_moves(const Surface& surface, const Triangulation& mesh, float most,
@@ -561,6 +579,7 @@ void Collapser::sweep(const Surface& surface, Triangulation& mesh, std::int64_t 
   Ticker ticker(progress);
   refuses_off_ = false;
   swept_specks_ = speck_pixels;
+  find_share(target);
   known_.assign(mesh.num_slots(), 0.0F);
   constexpr std::int64_t kLeast = 8 * kFew;
   for (;;) {
@@ -713,6 +732,7 @@ void Collapser::remember_few(const Surface& surface, const Triangulation& mesh,
 std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::int64_t target,
                             float round_share, OffFaces off, const Progress& progress) {
   Ticker ticker(progress);
+  find_share(target);
   few_ = {};
   few_below_ = off == OffFaces::kNever ? kFewFrom * target : 0;
   bool all = false;     // the last round found no legal move among the cheapest

@@ -55,6 +55,9 @@ enum class OffFaces : std::uint8_t {
 ///   triangle times the mean distance of its points from its sides, where the surface is.
 /// - A piece of one triangle is left out, at the price of its area times the distance to the
 ///   nearest vertex of another piece; this removes three vertices. The largest piece always stays.
+///
+/// Where a boundary vertex or a piece covers more pixels per vertex than the mesh will on average,
+/// losing it costs more (price_of_pixels()).
 class Collapser {
  public:
   /// @param keep  By pixel, may be empty: vertices there cost `keep_factor` times as much, or stay.
@@ -114,6 +117,9 @@ class Collapser {
   };
   [[nodiscard]] bool is_fixed(std::int32_t v) const;
   void find_pieces(const Triangulation& mesh);
+  void find_share(std::int64_t target);
+  /// @param doubled_pixels  Twice the number of pixels that are lost per vertex removed.
+  [[nodiscard]] float price_of_pixels(double doubled_pixels) const;
   /// Price of the collapse of v onto `to`.
   /// @param cut  lower bound of the surface that is lost beside the boundary.
   [[nodiscard]] float price(const Triangulation& mesh, std::int32_t v, std::int32_t to,
@@ -174,6 +180,8 @@ class Collapser {
   std::vector<LocalQuadric> boundary_;  ///< By vertex.
   std::vector<Piece> pieces_;
   std::int32_t largest_ = 0;
+  double doubled_sum_ = 1.0;       ///< Twice the pixels of all pieces.
+  double doubled_share_ = 0.0;     ///< Twice the pixels per vertex of the target.
   std::int64_t left_out_ = 0;      ///< Twice the pixels of the pieces left out.
   std::int64_t swept_specks_ = 0;  ///< Argument of sweep().
   bool has_fixed_ = false;

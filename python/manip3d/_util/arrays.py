@@ -179,8 +179,10 @@ def checked_grid(
     """
     grid = as_array(points, "points")
     if grid.ndim != 3 or grid.shape[2] != 3 or grid.dtype.kind != "f":
+        is_first = grid.ndim == 3 and grid.shape[0] == 3
+        advice = "; np.moveaxis(points, 0, -1) has the channels last" if is_first else ""
         raise InputError(
-            f"points: expected (H, W, 3) floats, got shape {grid.shape}, dtype {grid.dtype}"
+            f"points: expected (H, W, 3) floats, got shape {grid.shape}, dtype {grid.dtype}{advice}"
         )
     taken = np.array if kept else np.asarray  # np.asarray copies only if it must convert
     given = grid

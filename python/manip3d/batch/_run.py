@@ -161,7 +161,7 @@ def run(
     folder = None if output is None else Place(os.fspath(output))
     files = _listed(sources, suffixes, folder)
     targets = _targets(files, folder, rename or (lambda name: name))
-    place = _table_of(table, folder)
+    place = table_of(table, folder)
     asked = _asked(function, options or {})
     stamps_of = _stamps_of(inputs_of, place, folder, targets)
     limits = limits_in_force()
@@ -321,7 +321,7 @@ def _stamps_of(
         return lambda file: file.stamp
     stamps = Stamps(
         None if output is None else output.folder,
-        (table, _rows_folder(table)),
+        (table, rows_folder(table)),
         [target for target in targets.values() if target is not None],
     )
 
@@ -347,7 +347,8 @@ def _json_of(options: Mapping[str, Any]) -> Any:
     return json.loads(json.dumps(dict(options), default=_plain))
 
 
-def _table_of(table: str | os.PathLike[str] | None, output: Place | None) -> str | None:
+def table_of(table: str | os.PathLike[str] | None, output: Place | None) -> str | None:
+    """Return the path or URL of a run's table, by default in the folder of its outputs."""
     if table is None:
         return None if output is None else output.of("results.csv")
     name = os.fspath(table) if is_url(table) else str(path_of(table, "table"))
@@ -403,13 +404,13 @@ def _store(
     sizes = {} if output is None else _with_folders(output.sizes())
     if table is None:
         return _Memory()
-    folder = _rows_folder(table)
+    folder = rows_folder(table)
     if not overwrite and not Place(folder).names():
         _refuse_existing(table, output, sizes, targets)
     return _Checked(rows_of(folder, asked), output, sizes)
 
 
-def _rows_folder(table: str) -> str:
+def rows_folder(table: str) -> str:
     """Return the folder in which the rows of a table are stored during the run."""
     return f"{table.removesuffix(PurePosixPath(table).suffix)}.rows"
 

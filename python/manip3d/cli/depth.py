@@ -428,7 +428,7 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
     lambda: (*DEPTH_SUFFIXES, *_SCANS), writable=lambda: WRITABLE, otherwise=".glb",
     prepare=_frame_options, check=lambda given: _expect_budget(*(given[name] for name in _BUDGETS)),
     together=lambda sources, given: _join(sources, given) or _recording(sources, given),
-    in_order=_in_order, sentence=_sentence_of_all,
+    in_order=_in_order, sentence=_sentence_of_all, may_be_frames=True,
 )  # fmt: skip
 def depth(
     source: Annotated[
@@ -598,7 +598,8 @@ def depth(
             help="Treat the files as frames of one camera, in the order of their names: depths "
             "are smoothed over time and vertices are kept, so that meshes do not flicker where the "
             "scene is at rest (--method relief). Runs in one process with --jobs threads; each run "
-            "makes all files again.",
+            "makes all files again. A folder with more meshes of an earlier run is refused; "
+            "--force removes them.",
         ),
     ] = False,
     frames: Annotated[

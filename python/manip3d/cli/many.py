@@ -207,6 +207,7 @@ def over_files(
     across: Callable[[list[dict[str, Any]]], object] = lambda rows: None,
     find: Callable[..., list[SourceFile]] | None = None,
     sentence: Callable[[Sequence[Mapping[str, Any]]], str] = lambda rows: "",
+    may_be_frames: bool = False,
 ) -> Callable[[Verb], Verb]:
     """Make a verb for one file (and ``output``) a verb for many files.
 
@@ -265,6 +266,9 @@ def over_files(
         See `Many`.
     sentence : callable(rows) -> str
         Returns a sentence on all files together, which is printed for people; empty: none.
+    may_be_frames : bool
+        Whether the outputs may be frames of a sequence, which are shown together: those of an
+        earlier run that stay in the folder are mentioned. With ``in_order`` they are removed.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -310,12 +314,28 @@ def over_files(
             work = {"module": verb.__module__, "verb": verb.__name__, "argument": argument,
                     "skipped_code": skipped_code}  # fmt: skip
             output = given.get("output")
+            earlier: list[Path] = []
+            if output is not None and may_be_frames:
+                from manip3d.batch._earlier import earlier_outputs, store_outputs
+
+                earlier = earlier_outputs(str(output), table)
+                if chain is not None and not given["force"]:
+                    _refuse_others(earlier, Path(output), many.names(files).values())
+                if earlier:
+                    store_outputs(earlier, str(output), table)
             with ended_like_ctrl_c(), chain or nullcontext():
                 summary = _many(
                     work, files, given, many, each, table=table, dask=dask,
                     jobs=jobs if chain is None else 1, columns=columns, inputs_of=inputs,
                     resume=resumes and chain is None, across=across, sentence=sentence,
                 )  # fmt: skip
+            left = _not_written(earlier, summary.rows) if earlier else []
+            if chain is not None:
+                for path in left:
+                    path.unlink(missing_ok=True)
+            elif left:
+                shell = Terminal(as_json=options["as_json"], quiet=options["quiet"])
+                shell.say(f"{output}: keeps {_of_earlier(left)}, which this one did not make")
             if output is not None:
                 finish(summary, str(output))
             code = _gravest(summary.rows) if exit_code is None else exit_code(summary.rows, options)
@@ -328,6 +348,36 @@ def over_files(
         return command
 
     return decorate
+
+
+def _refuse_others(earlier: Sequence[Path], folder: Path, names: Iterable[str]) -> None:
+    """Refuse a folder with frames of an earlier sequence that this one does not replace.
+
+    Raises
+    ------
+    InputError
+        There are such frames.
+    """
+    own = {(folder / name).resolve() for name in names}
+    if others := [path for path in earlier if path not in own]:
+        raise InputError(
+            f"{folder}: holds {_of_earlier(others)}, which this one does not make; --force removes "
+            f"{'it' if len(others) == 1 else 'them'}"
+        )
+
+
+def _of_earlier(paths: Sequence[Path]) -> str:
+    more = "" if len(paths) == 1 else f" and {counted(len(paths) - 1, 'more file')}"
+    return f"{paths[0].name}{more} of an earlier run"
+
+
+def _not_written(earlier: Sequence[Path], rows: Sequence[Mapping[str, Any]]) -> list[Path]:
+    """Return the outputs of an earlier run that this run did not write; none if it wrote nothing.
+
+    A run that fails altogether thus leaves the folder as it was.
+    """
+    written = {Path(row["output"]).resolve() for row in rows if not row.get("error")}
+    return [path for path in earlier if path not in written] if written else []
 
 
 def _kind_of_many(drives: bool) -> Callable[..., Many]:

@@ -379,6 +379,7 @@ def _read_npy(data: bytes, max_pixels: int, dtypes: tuple[type[np.generic], ...]
         *names, last = (np.dtype(known).name for known in dtypes)
         raise FormatError(
             f"expected a 2-D array of {', '.join(names)} or {last}, got {dtype} {shape}"
+            f"{_advice_on_shape(shape)}"
         )
     _checked_size(*shape, max_pixels)
     size = shape[0] * shape[1] * dtype.itemsize
@@ -389,6 +390,24 @@ def _read_npy(data: bytes, max_pixels: int, dtypes: tuple[type[np.generic], ...]
     pixels = np.frombuffer(data, dtype, shape[0] * shape[1], start)
     values: NDArray[Any] = pixels.reshape(shape, order="F" if fortran else "C")
     return values.astype(dtype.newbyteorder("="), copy=False)
+
+
+_MAX_CHANNELS = 4
+"""Largest number of channels of an image; no depth image is that narrow."""
+
+
+def _advice_on_shape(shape: tuple[int, ...]) -> str:
+    """Return how an array of another shape becomes a depth image, to be added to an error."""
+    if len(shape) == 1:
+        return "; array.reshape(height, width) has the rows of an image"
+    if len(shape) != 3 or min(shape) == 0:
+        return ""
+    if shape[-1] <= _MAX_CHANNELS:
+        return "; array[..., k] is channel k of an image"
+    if shape[0] > _MAX_CHANNELS:
+        return "; array[k] is image k of several"
+    cloud = ", and np.moveaxis(array, 0, -1) an organised cloud of x, y, z" if shape[0] == 3 else ""
+    return f"; the channels are first: array[k] is channel k{cloud}"
 
 
 # --- PNG and TIFF ------------------------------------------------------------------------------
