@@ -31,6 +31,24 @@ def test_a_motion_puts_joints_where_they_were(tmp_path: Path) -> None:
         np.testing.assert_allclose(mine, true, atol=2e-4, err_msg=name)
 
 
+@pytest.mark.parametrize(("tilt", "roll"), [(20.0, 0.0), (0.0, -15.0)])
+def test_up_is_away_from_the_floor_of_a_tilted_camera(
+    tmp_path: Path, tilt: float, roll: float
+) -> None:
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    from manip3d.simulate import BodySimulator
+
+    def poses(name: str, **options: float) -> NDArray[np.float64]:
+        """Joints from the root of the first frame."""
+        people = BodySimulator(motion="stepping", color="none", frames=4, threads=1, **options)  # type: ignore[arg-type]
+        _, places, _ = read_bvh(capture.export_joints(people, tmp_path / name).path)
+        return np.asarray(places - places[:1, :1])
+
+    level = poses("level.bvh")
+    # Centimetres, a metre from the root; the columns of the image are off by 25 cm or more.
+    np.testing.assert_allclose(poses("tilted.bvh", tilt=tilt, roll=roll), level, atol=0.5)
+
+
 def test_a_table_has_all_that_was_seen(tmp_path: Path) -> None:
     frames = waving()[:2]
     visitor = replace(pose(at=(0.5, 0, 3)), id=7)

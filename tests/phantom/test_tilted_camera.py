@@ -16,9 +16,10 @@ import capsule_body
 from frame_reader import read_frame
 from manip3d import Skeleton
 from manip3d.modify import DownSource, PhantomFrame, PhantomPipeline
+from manip3d.modify._level import LEAST_DEG
 from manip3d.phantom import LiveSession
 from manip3d.phantom._clips import picture
-from manip3d.phantom._level import LEAST_DEG, Level
+from manip3d.phantom._level import Level
 from manip3d.phantom._setup import placement_checks
 from manip3d.phantom.games import begin, keys_of, step
 from manip3d.rgbd import JOINTS

@@ -19,7 +19,8 @@ from manip3d.capture._rgbd import open_rgbd
 from manip3d.capture._rgbd_source import RgbdSource
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_path
-from manip3d.modify import PoseTracker
+from manip3d.modify import DownSource, PhantomPipeline, PoseTracker
+from manip3d.modify._level import differ, level_rotation
 from manip3d.rgbd import JOINTS, NOT_TRACKED, PARENTS, RgbdFrame, Skeleton
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _TO_BVH = np.array([100.0, -100.0, -100.0])  # metres, y down, z ahead -> centimetres, y up
+_LEVEL = np.array([0.0, 1.0, 0.0])  # the vertical of a level camera
+_WATCHED = 30  # frames with a person in which a floor is looked for
 _SHORTEST_STEP = 1e-3  # seconds between two poses of a motion
 _USUAL_STEP = 1 / 30  # the same, of recordings without times
 _LASTING = 30  # steps; a rate that lasts this long counts
@@ -95,7 +98,9 @@ def export_joints(
 
     A table has a row for each joint, in the camera's frame and in metres: ``frame``, ``time_ns``,
     ``id``, ``joint``, ``name``, ``x``, ``y``, ``z``, ``state`` (0 not tracked, 1 inferred, 2
-    tracked). A motion has one person, y up, in centimetres. Bones have their median lengths, and
+    tracked). A motion has one person, y up, in centimetres. If one of the first 30 frames with a
+    person shows a floor, up is away from it for a camera that is tilted by a degree or more;
+    otherwise the camera is taken as level. Bones have their median lengths, and
     each joint is rotated so that its child bones point in the measured directions. Where several
     bones share a joint (spine and hips; neck and shoulders), they turn together: the angles between
     them are the mean of the recording, and their directions fit the measured ones by least
@@ -178,7 +183,8 @@ def export_joints(
                 if person is None or skeleton.id == person
             ]
         else:
-            followed = _followed(stream, person)
+            vertical = _Vertical()
+            followed = _followed(vertical.watching(stream), person)
             found, step = _at_even_times(followed)
             left_out = _seen(followed) - _seen(found)
     if not found:
@@ -188,7 +194,7 @@ def export_joints(
             raise InputError(f"person: expected {who} in some frame, found only ids {others}")
         cure = "" if pose else " (--pose, or pose=True in Python, looks for them in colour images)"
         raise InputError(f"source: expected {who} in some frame, found none{cure}")
-    text = _table(found) if suffix == ".csv" else _motion(found, step)
+    text = _table(found) if suffix == ".csv" else _motion(found, step, vertical.down)
     with atomic_path(target) as temporary:
         temporary.write_text(text, encoding="ascii", newline="\n")
     people = len({one.skeleton.id for one in found})
@@ -305,8 +311,27 @@ def _table(found: Sequence[_Sighting]) -> str:
 # --- BVH ------------------------------------------------------------------------------------------
 
 
-def _motion(found: Sequence[_Sighting], step: float) -> str:
-    places = _without_gaps(found) * _TO_BVH
+class _Vertical:
+    """The vertical of a camera that may be tilted, by the floor that it sees."""
+
+    def __init__(self) -> None:
+        self.down: Floats = _LEVEL
+        self._pipeline = PhantomPipeline()
+
+    def watching(self, stream: Iterable[RgbdFrame]) -> Iterator[RgbdFrame]:
+        """Pass frames on, and look for the floor in the first ones with a person."""
+        left = _WATCHED
+        for frame in stream:
+            if left > 0 and frame.skeletons:
+                left -= 1
+                result = self._pipeline.process(replace(frame, color=None))
+                if result.down_source is DownSource.FLOOR and differ(result.down, _LEVEL):
+                    self.down = result.down
+            yield frame
+
+
+def _motion(found: Sequence[_Sighting], step: float, down: Floats) -> str:
+    places = product(_without_gaps(found), level_rotation(down).T) * _TO_BVH
     bones = places[:, 1:] - places[:, list(PARENTS)[1:]]
     lengths = np.median(np.linalg.norm(bones, axis=2), axis=0)
     offsets = np.concatenate([np.zeros((1, 3)), _rest(places) * lengths[:, None]])

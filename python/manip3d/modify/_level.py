@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,17 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _SHORTEST = 1e-6  # of a vertical, and of the horizontal part of the optical axis
+
+LEAST_DEG = 1.0
+"""Degrees by which a measured vertical must differ from the one in use to replace it. A smaller
+difference moves a key half a metre from a foot by less than a centimetre. The vertical of a
+simulated floor is measured to 0.1 degrees, so that nothing is rotated for a level camera."""
+_LEAST_CHORD = 2.0 * math.sin(math.radians(LEAST_DEG) / 2.0)  # distance of two such unit vectors
+
+
+def differ(one: Floats, other: Floats) -> bool:
+    """Return whether two verticals, as unit vectors, differ by `LEAST_DEG` or more."""
+    return math.dist(one, other) >= _LEAST_CHORD
 
 
 def level_rotation(down: ArrayLike) -> Floats:

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from manip3d._util.linear import product
 from manip3d.modify import DownSource
-from manip3d.modify._level import level_rotation, turned_skeleton
+from manip3d.modify._level import differ, level_rotation, turned_skeleton
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from manip3d.modify import PhantomFrame
     from manip3d.rgbd import Skeleton
-
-LEAST_DEG = 1.0
-"""Degrees by which the measured vertical must differ from the one in use. A smaller difference
-moves a key half a metre from a foot by less than a centimetre. The vertical of a simulated floor is
-measured to 0.1 degrees, so that nothing is rotated for a level camera."""
-_LEAST_CHORD = 2.0 * math.sin(math.radians(LEAST_DEG) / 2.0)  # distance of two such unit vectors
 
 _TRUST = {DownSource.ASSUMED: 0, DownSource.POSTURE: 1, DownSource.FLOOR: 2}
 
@@ -49,7 +42,7 @@ class Level:
         if _TRUST[shown.down_source] < max(1, _TRUST[self._source]):
             return False
         self._source = shown.down_source
-        if math.dist(shown.down, self.down) < _LEAST_CHORD:
+        if not differ(shown.down, self.down):
             return False
         self.down, self._rotation = shown.down, level_rotation(shown.down)
         return True
