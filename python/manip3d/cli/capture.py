@@ -570,7 +570,10 @@ def capture_export(
     ],
     person: Annotated[
         int | None,
-        typer.Option(help="Id of the person; by default all in a table, the first in a motion."),
+        typer.Option(
+            help="Id of the person; by default all in a table, in a motion the first, also under "
+            "new ids."
+        ),
     ] = None,
     frames: MostFrames = None,
     pose: Annotated[
@@ -602,6 +605,13 @@ def capture_export(
     if done.left_out:
         told = counted(done.left_out, "skeleton")
         shell.say(f"left out {told}: the motion's frames near their times have poses already")
+    if len(done.ids) > done.people:
+        told = ", ".join(map(str, done.ids))
+        shell.say(f"the person is followed under several ids ({told}); --person writes one")
+    if done.others and person is None:
+        told = ", ".join(f"id {id}: {count(number)}" for id, number in done.others.items())
+        lacks = counted(sum(done.others.values()), "skeleton")
+        shell.say(f"left out {lacks} of other people ({told}); --person writes one of them")
     say_left_out(shell, opened._counted(), opened.errors)
     shell.result({**asdict(done), "path": str(done.path), "source": opened.uri})
 
