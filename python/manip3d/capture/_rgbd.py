@@ -78,6 +78,7 @@ def open_rgbd(
     speed: float = 0.0,
     camera: Intrinsics | RgbdCalibration | None = None,
     units_per_metre: float | None = None,
+    rate: float | None = None,
     start: int = 0,
 ) -> RgbdSource:
     """Open an RGB-D camera, a recording, a folder of images or a simulated person.
@@ -105,6 +106,8 @@ def open_rgbd(
         Stored units per metre of depth images. Default: 1000 for folders, 5000 for ``tum:``. In a
         bag, images of floating-point numbers are in metres; those of integers have 1000 units per
         metre, unless a RealSense's recording states another unit.
+    rate : float, optional
+        Frames per second of a folder of images, which has no times, 0.01 to 1000. Default: 30.
     start : int
         Index of the first frame to read, for recordings, simulated people and data sets. The source
         begins at this frame each time it is read again. It does not shift indices: ``source[0]``
@@ -186,8 +189,8 @@ def open_rgbd(
     if start < 0:
         raise InputError(f"start: expected >= 0, got {start}")
     makes_frames = scheme in ("forged", "sim", *_PEOPLE)
-    if makes_frames and (camera is not None or units_per_metre is not None):
-        raise InputError(f"camera, units_per_metre: expected none of them for {scheme}:")
+    if makes_frames and any(given is not None for given in (camera, units_per_metre, rate)):
+        raise InputError(f"camera, units_per_metre, rate: expected none of them for {scheme}:")
     if scheme == "forged":
         if start:
             raise InputError(
@@ -201,7 +204,7 @@ def open_rgbd(
         address = rgbd_address(place) or place
 
         def opened() -> RgbdSource:
-            return open_rgbd(address, camera=camera, units_per_metre=units_per_metre)
+            return open_rgbd(address, camera=camera, units_per_metre=units_per_metre, rate=rate)
 
         joined = JoinedJoints(uri, opened, file)
         return _checked_start(source_of(joined, uri, speed, start), start)
@@ -211,6 +214,10 @@ def open_rgbd(
         raise InputError(
             f"units_per_metre: can only be given with a folder of images or a bag, got {uri}"
         )
+    if rate is not None and not rate > 0:
+        raise InputError(f"rate: expected > 0, got {rate}")
+    if rate is not None and scheme != "folder":
+        raise InputError(f"rate: can only be given with a folder of images, got {uri}")
     if makes_frames or scheme == "rgbd-bag":
         if not 0.0 <= speed < math.inf:
             raise InputError(f"speed: expected a finite number >= 0, got {speed}")
@@ -220,13 +227,14 @@ def open_rgbd(
             place, topic = place_and_topic(uri)
             frames = BagImages(path_of(place, "uri"), topic, camera, units_per_metre)
         return _checked_start(source_of(frames, uri, speed, start), start)
-    return _checked_start(_open_in_core(uri, camera, units_per_metre, speed, start), start)
+    return _checked_start(_open_in_core(uri, camera, units_per_metre, rate, speed, start), start)
 
 
 def _open_in_core(
     uri: str,
     camera: RgbdCalibration | Intrinsics | None,
     units_per_metre: float | None,
+    rate: float | None,
     speed: float,
     start: int,
 ) -> RgbdSource:
@@ -237,7 +245,9 @@ def _open_in_core(
     calibration = given if isinstance(camera, Intrinsics) else camera
 
     def opened(speed: float = 0.0) -> Any:
-        return _core.open_rgbd(os.fsencode(uri), speed, units_per_metre or 0.0, calibration)
+        return _core.open_rgbd(
+            os.fsencode(uri), speed, units_per_metre or 0.0, rate or 0.0, calibration
+        )
 
     def begun() -> Any:
         source = opened(speed)

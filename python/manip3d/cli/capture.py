@@ -19,6 +19,7 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import (
     FolderIntrinsics,
+    FolderRate,
     FolderUnits,
     Force,
     Json,
@@ -59,6 +60,7 @@ FirstFrame = Annotated[
 ]
 _SHEET_FRAMES = 24  # largest number of frames on a contact sheet
 _QUALITY = 90  # default quality of JPEG
+_FLIPPED = "the images are flipped (mirrored camera)"
 
 
 def listing() -> list[dict[str, Any]]:
@@ -87,10 +89,13 @@ def open_source(
     *,
     intrinsics: str = "",
     units_per_metre: float = 0.0,
+    rate: float = 0.0,
     speed: float = 0.0,
     start: int = 0,
 ) -> RgbdSource:
     """Open the RGB-D source at an address, file or folder, and print its size and length.
+
+    It is also printed if its images are flipped, or if it has no times.
 
     Raises
     ------
@@ -108,12 +113,22 @@ def open_source(
         options["camera"] = camera_of_images(intrinsics, uri)
     if units_per_metre:
         options["units_per_metre"] = units_per_metre
-    with naming_options("units-per-metre", "start", "speed", uri="SOURCE"):
+    if rate:
+        options["rate"] = rate
+    with naming_options("units-per-metre", "rate", "start", "speed", uri="SOURCE"):
         opened = capture.open_rgbd(uri, **options)
     camera = opened.calibration.depth
     length = "" if opened.num_frames is None else f", {counted(opened.num_frames, 'frame')}"
     terminal.say(f"opened {uri}: {camera.width} x {camera.height} pixels{length}")
+    if opened.flipped:
+        terminal.say(_FLIPPED)
+    if opened.assumed_rate:
+        terminal.say(f"times: {_assumed(opened.assumed_rate)}; --rate sets another rate")
     return opened
+
+
+def _assumed(rate: float) -> str:
+    return f"none in this folder, {rate:g} a second assumed"
 
 
 def camera_of_images(text: str, uri: str) -> Intrinsics:
@@ -228,7 +243,13 @@ def write_recording(
         forged, real = (done.source_counters[name] for name in ("forged", "real"))
         why = "" if forged else "; without a background, the first 30 frames of a source stay real"
         terminal.say(f"{count(forged)} of {counted(forged + real, 'frame')} forged{why}")
-    return {**asdict(done), "path": str(done.path), "source": source.uri}
+    return {
+        **asdict(done),
+        "path": str(done.path),
+        "source": source.uri,
+        "flipped": list(source.flipped),
+        "assumed_rate": source.assumed_rate,
+    }
 
 
 def play(
@@ -307,7 +328,11 @@ def show_info(console: Console, record: dict[str, Any]) -> None:
     console.print(f"frames  {count(record['frames'])}: {with_}")
     if record["range"] is not None:
         console.print("range   {:.3f}..{:.3f} m".format(*record["range"]))
-    if record["frames_per_second"] is not None:
+    if record["flipped"]:
+        console.print(f"images  {_FLIPPED.removeprefix('the images are ')}")
+    if record["assumed_rate"]:
+        console.print(f"times   {_assumed(record['assumed_rate'])}")
+    elif record["frames_per_second"] is not None:
         console.print(
             f"times   {record['seconds']:.3f} s, {record['frames_per_second']:.2f} frames/s, "
             f"longest gap {record['longest_gap']:.3f} s, "
@@ -478,6 +503,7 @@ def capture_record(
     ] = _QUALITY,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
+    rate: FolderRate = 0.0,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -500,7 +526,12 @@ def capture_record(
         raise InputError("--quality: expected none with --lossless-color, which stores no JPEG")
     shell = Terminal(as_json=as_json, quiet=quiet)
     opened = open_source(
-        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, start=start
+        source,
+        shell,
+        intrinsics=intrinsics,
+        units_per_metre=units_per_metre,
+        rate=rate,
+        start=start,
     )
     with ended_like_ctrl_c():
         record = write_recording(
@@ -534,6 +565,7 @@ def capture_play(
     start: FirstFrame = 0,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
+    rate: FolderRate = 0.0,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -549,6 +581,7 @@ def capture_play(
         shell,
         intrinsics=intrinsics,
         units_per_metre=units_per_metre,
+        rate=rate,
         speed=speed,
         start=start,
     )
@@ -581,6 +614,7 @@ def capture_export(
     ] = False,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
+    rate: FolderRate = 0.0,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -593,7 +627,9 @@ def capture_export(
 
     check_output(output, (".csv", ".bvh"), force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
-    place = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+    place = open_source(
+        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, rate=rate
+    )
     with place as opened, naming_options("output", "person"):
         done = capture.export_joints(
             opened, output, person=person, frames=frames, pose=pose, overwrite=force
@@ -626,6 +662,7 @@ def capture_info(
     source: RgbdPlace,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
+    rate: FolderRate = 0.0,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -634,6 +671,8 @@ def capture_info(
     Example: manip3d capture info patient.mkv
     """
     shell = Terminal(as_json=as_json, quiet=quiet)
-    opened = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+    opened = open_source(
+        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, rate=rate
+    )
     record = info(opened, shell)
     shell.result(record, lambda console: show_info(console, record))
