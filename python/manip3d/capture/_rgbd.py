@@ -165,13 +165,28 @@ def open_rgbd(
     - a ``.json`` with results in the format of COCO (17 joints) or COCO-WholeBody: ``image_id`` is
       `RgbdFrame.number`;
     - a ``.json`` of Azure Kinect's sample ``offline_processor``: by the times of the frames;
-    - a ``.csv`` as written by `export_joints`, by `RgbdFrame.number`, for any other tracker.
+    - a ``.csv`` as written by `export_joints`, by `RgbdFrame.number`, for any other tracker. If its
+      ``time_ns`` contradict the times of the frames by more than half a frame, a warning is given.
 
     Joints of OpenPose and COCO are pixels of the colour image, or of the depth image of a recording
     without colour. The depth image lifts them to 3D, and an adult's distance from skin to joint is
     added as by `manip3d.modify.lift_landmarks`. Joints of confidence 0, without depth, or at whose
     pixel the depth is farther than 1.2 m from that of most joints are not tracked; those of a
     confidence below 0.5 are inferred.
+
+    These pixels belong to the images that the tracker saw. If the source stores its images mirrored
+    (`RgbdSource.flipped`), the pixels are flipped with the images. A tracker that saw mirrored
+    images took the left limbs for right ones, unless it knew of it. People who face the camera tell
+    which is the case: where a nose is seen in an image that is not mirrored, the left shoulder is
+    to the right. If no nose is seen, or frames disagree, the address must say it. Options after
+    ``?``, joined by ``&``:
+
+    - ``FILE?sides=exchanged`` exchanges left and right of the file, ``FILE?sides=named`` keeps
+      them. By default those of mirrored images are exchanged if the tracker did not know of it;
+      of other images, sides that seem to be exchanged are only warned of.
+    - ``FILE?mirrored=yes`` or ``no`` says whether the tracker's images were mirrored. It is ``yes``
+      for joints that were found in mirrored images before these were recorded, since `record`
+      writes them flipped.
 
     Examples
     --------

@@ -136,18 +136,24 @@ def camera_of_images(text: str, uri: str) -> Intrinsics:
     from manip3d.camera import read_intrinsics
     from manip3d.io import read_depth
 
+    if uri.startswith("joints:"):
+        from manip3d.capture import rgbd_address
+        from manip3d.capture._joined_joints import source_and_file
+
+        place = source_and_file(uri)[0]
+        return camera_of_images(text, rgbd_address(place) or place)
     scheme, _, folder = uri.partition(":")
     if scheme == "rgbd-bag":
         from manip3d.capture._bag import place_and_topic
         from manip3d.capture._bag_rgbd import depth_size
 
-        place, topic = place_and_topic(uri)
-        width, height = depth_size(Path(place), topic)
+        bag, topic = place_and_topic(uri)
+        width, height = depth_size(Path(bag), topic)
     else:
         images = sorted(
-            place
-            for place in (Path(folder) / "depth").glob("*")
-            if place.suffix.lower() == ".png" and not place.name.startswith(".")
+            image
+            for image in (Path(folder) / "depth").glob("*")
+            if image.suffix.lower() == ".png" and not image.name.startswith(".")
         )
         if scheme not in ("folder", "tum") or not images:
             raise InputError(
@@ -238,6 +244,11 @@ def write_recording(
     if done.counters.get("too_far"):
         number = counted(done.counters["too_far"], "pixel")
         terminal.say(f"{number} left out: beyond 13.106 m, which a TUM sequence cannot hold")
+    if source.flipped:
+        terminal.say(
+            f"{_FLIPPED}, also in the recording: add ?mirrored=yes to joints:{output}#FILE if "
+            "FILE has pixels of the mirrored images"
+        )
     say_left_out(terminal, done.source_counters, source.errors)
     if "forged" in done.source_counters:
         forged, real = (done.source_counters[name] for name in ("forged", "real"))
