@@ -104,6 +104,14 @@ Counts to_counts(const Counters& counters) {
   return fields;
 }
 
+Fields conversion_fields(const Conversions& conversions) {
+  Fields fields;
+  fields["flipped_depth"] = conversions.flipped_depth;
+  fields["flipped_color"] = conversions.flipped_color;
+  fields["assumed_rate"] = conversions.assumed_rate;
+  return fields;
+}
+
 // The fields of the next frame; True: no frame in time; False: no more frames.
 FieldsOrBool read(Source& self, int timeout_ms) {
   RgbdFrame frame;
@@ -167,19 +175,25 @@ void bind_source(py::module_& m) {
              return calibration_fields(
                  self.with([](const auto& source) { return source->calibration(); }));
            })
+      .def("conversions",
+           [](Source& self) {
+             return conversion_fields(
+                 self.with([](const auto& source) { return source->conversions(); }));
+           })
       .def("counters", [](Source& self) {
         return to_counts(self.with([](const auto& source) { return source->counters(); }));
       });
   m.def(
       "open_rgbd",
-      [](const py::bytes& uri, double speed, double units_per_metre,
+      [](const py::bytes& uri, double speed, double units_per_metre, double rate,
          const OptionalPyCalibration& camera) {
-        const RgbdOptions options{speed, shared_calibration(camera), units_per_metre};
+        const RgbdOptions options{speed, shared_calibration(camera), units_per_metre, rate};
         const std::string place = to_c_text(uri, "uri");
         const py::gil_scoped_release nogil;
         return std::make_unique<Source>(open_rgbd(place, options));
       },
-      py::arg("uri"), py::arg("speed"), py::arg("units_per_metre"), py::arg("camera"));
+      py::arg("uri"), py::arg("speed"), py::arg("units_per_metre"), py::arg("rate"),
+      py::arg("camera"));
   m.def("rgbd_schemes", [] {
     std::vector<RgbdScheme> schemes;
     {

@@ -617,6 +617,53 @@ def test_mirrored_images_are_turned_round(tmp_path: Path) -> None:
     np.testing.assert_array_equal(frame.color, COLOR[:, ::-1])
     assert source.calibration.depth.cx == COLS - 1 - 7.25
     assert not source.calibration.depth.mirrored
+    assert source.flipped == ("depth", "color")
+    assert opened(tmp_path, camera=mirrored, speed=1.0).flipped == ("depth", "color")
+    assert opened(tmp_path, camera=CAMERA).flipped == ()
+    assert capture.from_frames([frame]).flipped == ()
+
+
+def test_a_recording_in_matroska_tells_that_its_images_are_flipped(tmp_path: Path) -> None:
+    recorded(tmp_path / "walk.mkv", 1)
+    mirrored = replace(CAMERA, mirrored=True)
+    with capture.open_rgbd(f"mkv:{tmp_path / 'walk.mkv'}", camera=mirrored) as source:
+        assert source.flipped == ("depth", "color")
+    with capture.open_rgbd(f"mkv:{tmp_path / 'walk.mkv'}") as source:
+        assert source.flipped == ()
+
+
+def test_images_without_times_come_at_a_rate(tmp_path: Path) -> None:
+    images(tmp_path, "depth", 4, DEPTH)
+    usual = opened(tmp_path, camera=CAMERA)
+    assert [frame.time_ns for frame in usual] == [0, 33_333_333, 66_666_666, 100_000_000]
+    assert usual.assumed_rate == 30.0
+    given = opened(tmp_path, camera=CAMERA, rate=12.5)
+    assert [frame.time_ns for frame in given] == [0, 80_000_000, 160_000_000, 240_000_000]
+    assert given.assumed_rate == 12.5
+    assert opened(tmp_path, camera=CAMERA, rate=12.5, speed=9.0).assumed_rate == 12.5
+    summary = capture.summarize(opened(tmp_path, camera=CAMERA, rate=12.5))
+    assert (summary.assumed_rate, summary.frames_per_second) == (12.5, pytest.approx(12.5))
+    assert summary.record()["assumed_rate"] == 12.5
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 0.001, 1001.0, float("nan"), float("inf")])
+def test_a_rate_is_that_of_a_camera(tmp_path: Path, rate: float) -> None:
+    images(tmp_path, "depth", 1, DEPTH)
+    with pytest.raises(InputError, match="rate: expected"):
+        opened(tmp_path, camera=CAMERA, rate=rate)
+
+
+def test_frames_that_have_times_take_no_rate(tmp_path: Path) -> None:
+    recorded(tmp_path / "walk", 1)
+    assert opened(tmp_path / "walk").assumed_rate is None
+    with pytest.raises(InputError, match=r"rate: expected none, since the frames of .*walk have"):
+        opened(tmp_path / "walk", rate=15.0)
+    recorded(tmp_path / "walk.mkv", 1)
+    for uri in (f"mkv:{tmp_path / 'walk.mkv'}", f"tum:{tmp_path / 'walk'}"):
+        with pytest.raises(InputError, match="rate: can only be given with a folder of images"):
+            capture.open_rgbd(uri, rate=15.0)
+    with pytest.raises(InputError, match="rate: expected none of them for sim:"):
+        capture.open_rgbd("sim:body?frames=1", rate=15.0)
 
 
 def test_8_bit_and_color_pngs_of_all_kinds(tmp_path: Path) -> None:

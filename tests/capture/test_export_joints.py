@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import capsule_body
 from bvh_motions import read_bvh, waving
 from capsule_body import pose
 from command_line import manip3d
@@ -185,6 +187,62 @@ def test_frames_without_the_person_keep_the_time(tmp_path: Path) -> None:
     assert len(places) == 10  # from the first to the last time it was seen
     np.testing.assert_array_equal(places[3], places[2])
     np.testing.assert_array_equal(places[4], places[2])
+
+
+def standing(numbers: range, at: float, identity: int) -> dict[int, Skeleton]:
+    """A person who stands still at this x in some of the frames."""
+    return {n: pose(at=(at, 0.0, 2.4), identity=identity) for n in numbers}
+
+
+def seen(*people: dict[int, Skeleton], count: int = 40) -> list[RgbdFrame]:
+    frames = []
+    for number in range(count):
+        here = tuple(one[number] for one in people if number in one)
+        frames.append(replace(capsule_body.frame(pose(), number=number), skeletons=here))
+    return frames
+
+
+def test_a_motion_goes_on_if_the_tracker_gives_a_new_id(tmp_path: Path) -> None:
+    """The person is lost for five frames, and then alone in view under another id."""
+    frames = seen(standing(range(15), 0.0, 2), standing(range(20, 40), 0.0, 9))
+    done = capture.export_joints(frames, tmp_path / "a.bvh")
+    assert (done.frames, done.held, done.people) == (35, 5, 1)
+    assert (done.ids, done.others) == ((2, 9), {})
+    capture.record(frames, tmp_path / "walk")
+    told = manip3d("capture", "export", tmp_path / "walk", "-o", tmp_path / "c.bvh")
+    assert "the person is followed under several ids (2, 9)" in told.stderr
+    table = capture.export_joints(frames, tmp_path / "a.csv")
+    assert (table.people, table.ids, table.others) == (2, (2, 9), {})
+
+
+def test_skeletons_of_other_people_are_counted(tmp_path: Path) -> None:
+    """The first one of three people leaves."""
+    first, second = standing(range(10), 0.5, 2), standing(range(40), -0.5, 4)
+    frames = seen(first, second, standing(range(5, 15), -1.2, 1))
+    done = capture.export_joints(frames, tmp_path / "a.bvh")
+    assert (done.frames, done.ids, done.others) == (10, (2,), {1: 10, 4: 40})
+    wanted = capture.export_joints(frames, tmp_path / "b.bvh", person=4)
+    assert (wanted.frames, wanted.ids, wanted.others) == (40, (4,), {1: 10, 2: 10})
+    capture.record(frames, tmp_path / "walk")
+    told = manip3d("capture", "export", tmp_path / "walk", "-o", tmp_path / "c.bvh")
+    assert "left out 50 skeletons of other people (id 1: 10, id 4: 40); --person" in told.stderr
+    chosen = ("-o", tmp_path / "d.bvh", "--person", "4", "--json")
+    told = manip3d("capture", "export", tmp_path / "walk", *chosen)
+    assert "of other people" not in told.stderr
+    assert json.loads(told.stdout)["others"] == {"1": 10, "2": 10}
+
+
+def test_a_person_without_a_spine_is_followed_by_the_id(tmp_path: Path) -> None:
+    arms = {n: with_states(one, "Spine") for n, one in standing(range(20), 0.0, 2).items()}
+    done = capture.export_joints(seen(arms, standing(range(40), 0.6, 5)), tmp_path / "a.bvh")
+    assert (done.frames, done.ids, done.others) == (20, (2,), {5: 40})
+
+
+def with_states(skeleton: Skeleton, part: str) -> Skeleton:
+    """The skeleton without the joints of a part, of the neck and of the head."""
+    states = skeleton.states.copy()
+    states[[n for n, name in enumerate(JOINTS) if name.startswith((part, "Neck", "Head"))]] = 0
+    return replace(skeleton, states=states)
 
 
 def test_dropped_frames_keep_the_time(tmp_path: Path) -> None:

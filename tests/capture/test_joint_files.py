@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image, ImageOps
 
 import capsule_body
 from command_line import manip3d
@@ -23,6 +25,7 @@ from manip3d import (
     Skeleton,
     capture,
 )
+from manip3d.capture._joint_sides import other_sides
 from manip3d.modify import joint_layouts, skeleton_from
 from manip3d.rgbd import INFERRED, JOINTS, NOT_TRACKED, TRACKED
 
@@ -259,6 +262,170 @@ def test_a_pixel_beside_the_arm_gives_no_joint_on_the_wall(tmp_path: Path) -> No
     assert skeleton.states[JOINTS.index("ElbowLeft")] == TRACKED
 
 
+# --- mirrored images ------------------------------------------------------------------------------
+
+
+def mirrored(path: Path, *, color: np.ndarray | None = None) -> list[RgbdFrame]:
+    """A recording whose images another program stored mirrored, and its frames as they are read."""
+    frames = recorded(path, color=color)
+    for image in path.rglob("*.png"):
+        with Image.open(image) as stored:
+            ImageOps.mirror(stored).save(image)
+    description = json.loads((path / "calibration.json").read_text())
+    camera = description["calibration"]["depth"]
+    camera.update(mirrored=True, cx=CAMERA.width - 1 - camera["cx"])
+    (path / "calibration.json").write_text(json.dumps(description))
+    lines = (path / "frames.jsonl").read_text().splitlines()
+    stored = [json.loads(line) for line in lines]
+    for line in stored:
+        for name in {"depth", "body_index", "colour"} & set(line):
+            line[name]["crc32"] = zlib.crc32((path / name / line[name]["file"]).read_bytes())
+    (path / "frames.jsonl").write_text("".join(json.dumps(line) + "\n" for line in stored))
+    return frames
+
+
+def seen_in(picture: str, frames: list[RgbdFrame], file: Path, names: str = "") -> Path:
+    """COCO joints of people who face the camera, of a tracker that saw this kind of picture.
+
+    ``names``: ``true`` if it knew that the picture is mirrored; ``no nose`` if no face was found.
+    """
+    layout = joint_layouts()["coco"]
+    order = list(other_sides("coco"))
+    results = []
+    for frame in frames:
+        rows = rows_of("coco", frame.skeletons[0], CAMERA)
+        shoulders = [layout.index("ShoulderLeft"), layout.index("ShoulderRight")]
+        rows[layout.index("Nose")] = rows[shoulders].mean(axis=0) - (0.0, 12.0, 0.0)
+        if names == "no nose":
+            rows[layout.index("Nose"), 2] = 0.0
+        if picture == "mirrored":
+            rows[:, 0] = CAMERA.width - 1 - rows[:, 0]
+        if picture == "mirrored" and names != "true":
+            rows = rows[order]
+        results.append({"image_id": frame.number, "keypoints": rows.ravel().tolist()})
+    file.write_text(json.dumps(results))
+    return file
+
+
+def assert_arms(found: list[RgbdFrame], frames: list[RgbdFrame]) -> None:
+    for one, frame in zip(found, frames, strict=True):
+        np.testing.assert_array_equal(one.depth, frame.depth)
+        assert off(one.skeletons[0], frame.skeletons[0], ARMS) < 0.06
+
+
+@pytest.mark.parametrize("names", ["", "true"])
+@pytest.mark.parametrize("has_color", [False, True])
+def test_pixels_of_mirrored_images_are_flipped_with_them(
+    tmp_path: Path, has_color: bool, names: str
+) -> None:
+    color = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8) if has_color else None
+    frames = mirrored(tmp_path / "walk", color=color)
+    file = seen_in("mirrored", frames, tmp_path / "coco.json", names)
+    assert_arms(joined(tmp_path / "walk", file), frames)
+
+
+def test_sides_that_no_face_tells_are_asked_for(tmp_path: Path) -> None:
+    frames = mirrored(tmp_path / "walk")
+    file = seen_in("mirrored", frames, tmp_path / "coco.json", "no nose")
+    with pytest.raises(FormatError, match=r"coco\.json: .*face the camera.*sides=exchanged"):
+        joined(tmp_path / "walk", file)
+    assert_arms(joined(tmp_path / "walk", Path(f"{file}?sides=exchanged")), frames)
+    found = joined(tmp_path / "walk", Path(f"{file}?sides=named"))[0].skeletons[0]
+    left, right = (JOINTS.index(f"Wrist{side}") for side in ("Left", "Right"))
+    truth = frames[0].skeletons[0].positions
+    assert np.linalg.norm(found.positions[left] - truth[right]) < 0.06
+
+
+def test_turned_people_do_not_tell_the_sides(tmp_path: Path) -> None:
+    """Half of the frames are of people whose back is taken for a face."""
+    frames = mirrored(tmp_path / "walk")
+    file = seen_in("mirrored", frames, tmp_path / "coco.json")
+    results = json.loads(file.read_text())
+    for one in results[::2]:
+        rows = np.reshape(one["keypoints"], (17, 3))[list(other_sides("coco"))]
+        one["keypoints"] = rows.ravel().tolist()
+    file.write_text(json.dumps(results))
+    with pytest.raises(FormatError, match="face the camera"):
+        joined(tmp_path / "walk", file)
+
+
+def test_joints_in_metres_need_no_face_and_take_no_options(tmp_path: Path) -> None:
+    frames = mirrored(tmp_path / "walk")
+    capture.export_joints(frames, tmp_path / "walk.csv")
+    assert_arms(joined(tmp_path / "walk", tmp_path / "walk.csv"), frames)
+    with pytest.raises(InputError, match="only of joints in pixels"):
+        joined(tmp_path / "walk", Path(f"{tmp_path / 'walk.csv'}?mirrored=yes"))
+
+
+def test_joints_of_mirrored_images_fit_a_recording_of_them(tmp_path: Path) -> None:
+    """A recording has the images flipped, and joints of a tracker that saw them before."""
+    frames = mirrored(tmp_path / "walk")
+    file = seen_in("mirrored", frames, tmp_path / "coco.json")
+    done = manip3d("capture", "record", tmp_path / "walk", "-o", tmp_path / "again", "--json")
+    assert done.returncode == 0, done.stderr
+    assert "the images are flipped (mirrored camera), also in the recording: add ?mirrored=yes" in (
+        done.stderr
+    )
+    assert json.loads(done.stdout)["flipped"] == ["depth", "color"]
+    assert_arms(joined(tmp_path / "again", Path(f"{file}?mirrored=yes")), frames)
+    told = manip3d("capture", "info", tmp_path / "walk")
+    assert "images  flipped (mirrored camera)" in told.stdout
+    assert "flipped" not in manip3d("capture", "info", tmp_path / "again").stdout
+
+
+def test_sides_of_an_image_that_only_seems_not_mirrored_are_warned_of(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    file = seen_in("mirrored", frames, tmp_path / "coco.json", "true")
+    with pytest.warns(UserWarning, match=r"coco\.json: left and right seem to be exchanged"):
+        joined(tmp_path / "walk", file)
+    assert_arms(joined(tmp_path / "walk", Path(f"{file}?mirrored=yes")), frames)
+    assert_arms(joined(tmp_path / "walk", seen_in("plain", frames, tmp_path / "p.json")), frames)
+
+
+@pytest.mark.parametrize(
+    "options", ["mirrored=1", "sides=", "sides=named&sides=named", "sides=named&speed=1"]
+)
+def test_options_of_pixels_have_their_words(tmp_path: Path, options: str) -> None:
+    frames = recorded(tmp_path / "walk")
+    file = seen_in("plain", frames, tmp_path / "coco.json")
+    with pytest.raises(InputError, match="uri: expected mirrored=yes or no and sides="):
+        joined(tmp_path / "walk", Path(f"{file}?{options}"))
+
+
+# --- times ----------------------------------------------------------------------------------------
+
+
+def test_times_of_a_table_that_contradict_the_frames_are_warned_of(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    step = frames[1].time_ns - frames[0].time_ns
+
+    def table(rate: float, after_ns: int = 0) -> Path:
+        """The joints by another clock, with this many times the frames of the recording."""
+        at = [replace(f, time_ns=int(f.time_ns / rate) + after_ns) for f in frames]
+        return capture.export_joints(at, tmp_path / "walk.csv", overwrite=True).path
+
+    assert len(joined(tmp_path / "walk", table(1.0))) == COUNT
+    assert len(joined(tmp_path / "walk", table(1.0, 10**18))) == COUNT  # another clock
+    assert len(joined(tmp_path / "walk", table(1.1))) == COUNT  # a third of a frame at the end
+    with pytest.warns(UserWarning, match=r"walk\.csv: frame 2 is 0\.\d+ s .* but 0\.") as told:
+        joined(tmp_path / "walk", table(1.8))
+    assert len(told) == 1
+    assert f"but {2 * step * 1e-9:.3f} s by the recording, whose times are used" in str(
+        told[0].message
+    )
+
+
+def test_a_rate_makes_a_folder_agree_with_a_table(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    (tmp_path / "walk" / "frames.jsonl").unlink()
+    at = [replace(frame, time_ns=round(n * 1e9 / 15)) for n, frame in enumerate(frames)]
+    file = capture.export_joints(at, tmp_path / "walk.csv").path
+    with pytest.warns(UserWarning, match=r"for which 30 frames a second are assumed \(--rate"):
+        joined(tmp_path / "walk", file)
+    found = joined(tmp_path / "walk", file, rate=15.0)
+    assert [frame.time_ns for frame in found] == pytest.approx([f.time_ns for f in at], abs=1)
+
+
 # --- sources --------------------------------------------------------------------------------------
 
 
@@ -292,6 +459,23 @@ def test_commands_take_joined_recordings(tmp_path: Path) -> None:
     assert (tmp_path / "again.csv").read_text() == (tmp_path / "walk.csv").read_text()
     assert manip3d("capture", "info", address).returncode == 0
     assert "joints" in manip3d("capture", "list").stdout
+
+
+def test_commands_take_the_camera_of_a_folder_that_is_joined(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "walk")
+    capture.export_joints(frames, tmp_path / "walk.csv")
+    (tmp_path / "walk" / "frames.jsonl").unlink()
+    (tmp_path / "walk" / "calibration.json").unlink()
+    address = f"joints:{tmp_path / 'walk'}#{tmp_path / 'walk.csv'}"
+    camera = f"{CAMERA.fx},{CAMERA.fy},{CAMERA.cx},{CAMERA.cy}"
+    options = ("--intrinsics", camera, "--rate", f"{1e9 / (frames[1].time_ns - frames[0].time_ns)}")
+    done = manip3d("capture", "export", address, "-o", tmp_path / "again.csv", *options)
+    assert done.returncode == 0, done.stderr
+    assert "warning" not in done.stderr
+    assert (tmp_path / "again.csv").read_text() == (tmp_path / "walk.csv").read_text()
+    drawn = manip3d("phantom", "render", address, "-o", tmp_path / "a.png", *options)
+    assert "expected a bag or a folder" not in drawn.stderr
+    assert "opened joints:" in drawn.stderr
 
 
 def test_numbers_of_frames_must_agree(tmp_path: Path) -> None:

@@ -166,3 +166,18 @@ def test_the_camera_of_a_folder_is_that_of_the_images_it_shows(walk: Path) -> No
     done = manip3d("capture", "info", walk, "--intrinsics", "15,15,7.5,5.5", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["depth"]["width"] == 16
+
+
+def test_a_folder_without_times_is_told_and_takes_a_rate(walk: Path, tmp_path: Path) -> None:
+    (walk / "frames.jsonl").unlink()
+    told = manip3d("capture", "info", walk)
+    assert "times   none in this folder, 30 a second assumed" in told.stdout
+    told = manip3d("capture", "info", walk, "--rate", "15", "--json")
+    record = json.loads(told.stdout)
+    assert (record["assumed_rate"], record["frames_per_second"]) == (15.0, pytest.approx(15.0))
+    done = manip3d("capture", "record", walk, "-o", tmp_path / "again", "--rate", "15")
+    assert "times: none in this folder, 15 a second assumed; --rate" in done.stderr
+    record = json.loads(manip3d("capture", "info", tmp_path / "again", "--json").stdout)
+    assert (record["assumed_rate"], record["frames_per_second"]) == (None, pytest.approx(15.0))
+    refused = manip3d("capture", "info", tmp_path / "again", "--rate", "15")
+    assert "--rate: expected none, since the frames" in error_line(refused)

@@ -142,7 +142,11 @@ def test_another_machine_is_served_encrypted_with_the_kept_certificate(
         (["--source", "nothing:"], "--source: expected one of folder:"),
         (["--source", "absent.mkv"], "absent.mkv: No such file"),
         (["--seconds", "0"], "--seconds: expected > 0"),
-        (["--intrinsics", "kinect-v2"], "--intrinsics, --units-per-metre: expected --source with"),
+        (
+            ["--intrinsics", "kinect-v2"],
+            "--intrinsics, --units-per-metre, --rate: expected --source",
+        ),
+        (["--rate", "15"], "--intrinsics, --units-per-metre, --rate: expected --source with them"),
         (["--source", "mkv:a.mkv", "--intrinsics", "kinect-v2"], "--intrinsics: expected a bag or"),
     ],
 )

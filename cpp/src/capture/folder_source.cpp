@@ -190,7 +190,7 @@ std::vector<fs::path> color_images_in(const fs::path& folder) {
   return {};
 }
 
-ImageFrames::Listing plain_frames(const fs::path& folder) {
+ImageFrames::Listing plain_frames(const fs::path& folder, double rate) {
   const std::vector<fs::path> depth = images_in(folder / "depth");
   const std::vector<fs::path> color = color_images_in(folder);
   if (depth.empty()) {
@@ -203,13 +203,15 @@ ImageFrames::Listing plain_frames(const fs::path& folder) {
                       {})
         .in_file(folder.string());
   }
-  const auto list = [depth, color](std::int64_t index, FrameFiles& files) {
+  const auto list = [depth, color, rate](std::int64_t index, FrameFiles& files) {
     const std::size_t i = index;
-    files.time_ns = index * 1'000'000'000 / kFolderRate;
+    files.time_ns = static_cast<std::int64_t>(static_cast<double>(index) * 1e9 / rate);
     files.depth.path = depth[i];
     if (!color.empty()) files.color.path = color[i];
   };
-  return listed(std::ssize(depth), list, {});
+  ImageFrames::Listing found = listed(std::ssize(depth), list, {});
+  found.assumed_rate = rate;
+  return found;
 }
 
 // --- TUM ----------------------------------------------------------------------------------------
@@ -287,7 +289,12 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
 std::unique_ptr<RgbdSource> open_folder(const fs::path& folder, const RgbdOptions& options) {
   Calibration calibration = options.calibration ? options.calibration : stored_calibration(folder);
   const bool is_recording = fs::exists(folder / "frames.jsonl");
-  ImageFrames::Listing frames = is_recording ? recorded_frames(folder) : plain_frames(folder);
+  if (is_recording && options.rate > 0.0) {
+    throw InputError("rate: expected none, since the frames of " + folder.string() + " have times");
+  }
+  ImageFrames::Listing frames =
+      is_recording ? recorded_frames(folder)
+                   : plain_frames(folder, options.rate > 0.0 ? options.rate : kFolderRate);
   frames.marks_missing = !is_recording;
   if (!calibration) {
     throw InputError("calibration: " + folder.string() +

@@ -35,6 +35,7 @@ class Paced final : public RgbdSource {
     return recording_->calibration();
   }
   [[nodiscard]] Counters counters() const override { return recording_->counters(); }
+  [[nodiscard]] Conversions conversions() const override { return recording_->conversions(); }
   [[nodiscard]] std::optional<std::int64_t> num_frames() const override {
     return recording_->num_frames();
   }
@@ -92,6 +93,7 @@ class Paced final : public RgbdSource {
 GrabThread::GrabThread(std::unique_ptr<RgbdSource> camera)
     : camera_(std::move(camera)),
       num_frames_(camera_->num_frames()),
+      conversions_(camera_->conversions()),
       camera_counters_(camera_->counters()),
       calibration_(camera_->calibration()) {}
 

@@ -108,6 +108,12 @@ Counters ImageFrames::counters() const {
   return counters;
 }
 
+Conversions ImageFrames::conversions() const {
+  Conversions conversions = flips_of(*stored_);
+  conversions.assumed_rate = listing_.assumed_rate;
+  return conversions;
+}
+
 ReadStatus ImageFrames::read(RgbdFrame& frame, std::chrono::milliseconds) {
   while (listing_.next(files_)) {
     if (last_ && (files_.number <= last_->first || files_.time_ns <= last_->second)) {

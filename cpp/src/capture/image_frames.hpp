@@ -45,6 +45,7 @@ class ImageFrames final : public RgbdSource {
     /// Do pixels of 65535 mean "no measurement", as in the images of many cameras and data sets
     /// (7-Scenes)? In manip3d's own recordings only 0 does.
     bool marks_missing = false;
+    double assumed_rate = 0.0;  ///< Frames per second of files without times; 0: they have times.
   };
 
   /// @param stored  Cameras of the images as stored in the files.
@@ -56,6 +57,7 @@ class ImageFrames final : public RgbdSource {
     return calibration_;
   }
   [[nodiscard]] Counters counters() const override;
+  [[nodiscard]] Conversions conversions() const override;
   [[nodiscard]] std::optional<std::int64_t> num_frames() const override {
     return listing_.num_frames;
   }

@@ -66,6 +66,7 @@ class AzureSource final : public RgbdSource {
   [[nodiscard]] std::shared_ptr<const RgbdCalibration> calibration() const override {
     return calibration_;
   }
+  [[nodiscard]] Conversions conversions() const override { return flips_of(*stored_); }
   [[nodiscard]] Counters counters() const override {
     Counters counters = {
         {"frames", frames_}, {"without_color", without_color_}, {"damaged", damaged_}};

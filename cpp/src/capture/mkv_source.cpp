@@ -148,6 +148,7 @@ class MkvSource final : public RgbdSource {
     return calibration_;
   }
   [[nodiscard]] std::optional<std::int64_t> num_frames() const override { return num_frames_; }
+  [[nodiscard]] Conversions conversions() const override { return flips_of(*stored_); }
   [[nodiscard]] Counters counters() const override {
     Counters counters = {{"frames", frames_},
                          {"damaged", damaged_},

@@ -12,6 +12,10 @@
 namespace manip3d {
 namespace {
 
+// Frames per second of folders without times. No depth camera is faster; times of a slower one
+// would not fit in 64 bits for long folders.
+constexpr double kLeastRate = 0.01, kMostRate = 1000.0;
+
 RgbdScheme mkv_scheme(bool probe) {
   RgbdScheme scheme{"mkv",    "FILE", "recordings of this library and of Azure Kinect (Matroska)",
                     open_mkv, "",     ""};
@@ -122,6 +126,10 @@ std::unique_ptr<RgbdSource> open_rgbd(const std::string& uri, const RgbdOptions&
   if (!(options.units_per_metre >= 0.0 && std::isfinite(options.units_per_metre))) {
     throw InputError("units_per_metre: expected a finite number >= 0, got " +
                      std::to_string(options.units_per_metre));
+  }
+  if (options.rate != 0.0 && !(options.rate >= kLeastRate && options.rate <= kMostRate)) {
+    throw InputError("rate: expected 0.01 to 1000 frames per second, got " +
+                     std::to_string(options.rate));
   }
   const std::size_t colon = uri.find(':');
   std::string known;

@@ -50,16 +50,19 @@ std::shared_ptr<const RgbdCalibration> unmirrored(
   return turned;
 }
 
-void unmirror_images(const RgbdCalibration& stored, RgbdFrame& frame) {
+Conversions flips_of(const RgbdCalibration& stored) {
   const bool turn_depth = is_mirrored(stored.depth);
   const auto& registration = stored.registration;
-  if (turn_depth) {
+  return {turn_depth, registration ? registration->color.mirrored : turn_depth};
+}
+
+void unmirror_images(const RgbdCalibration& stored, RgbdFrame& frame) {
+  const Conversions flips = flips_of(stored);
+  if (flips.flipped_depth) {
     reverse_columns(frame.depth, frame.cols, 1);
     reverse_columns(frame.body_index, frame.cols, 1);
   }
-  if (registration ? registration->color.mirrored : turn_depth) {
-    reverse_columns(frame.color, frame.color_cols, 3);
-  }
+  if (flips.flipped_color) reverse_columns(frame.color, frame.color_cols, 3);
 }
 
 }  // namespace manip3d

@@ -260,6 +260,11 @@ class SwitchedForgery:
         """Return the inner source's counters, and the numbers of real and of forged frames."""
         return {**self._inner.counters, **self._counts}
 
+    def conversions(self) -> Mapping[str, Any]:
+        """Return how the inner source's frames differ from what its files hold."""
+        found: Mapping[str, Any] = self._inner._source.conversions()
+        return found
+
     def num_frames(self) -> int | None:
         """Return the number of frames of the inner source; None if it is not known."""
         found: int | None = self._inner.num_frames

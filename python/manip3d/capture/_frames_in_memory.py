@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sized
 from itertools import islice
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from manip3d.errors import InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
@@ -175,6 +175,11 @@ class IteratedFrames:
     def counters(self) -> dict[str, int]:
         """Return the number of frames read, and of frames left out because they were late."""
         return {"frames": self._given, "dropped": self._dropped}
+
+    def conversions(self) -> Mapping[str, Any]:
+        """Return how the frames differ from what files hold, if the iterable states it."""
+        found: Mapping[str, Any] = getattr(self._all, "conversions", {})
+        return found
 
     def num_frames(self) -> int | None:
         """Return the number of frames; None if it is not known."""

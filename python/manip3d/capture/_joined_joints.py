@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import cast
 
 import numpy as np
 
+from manip3d._util.callers import caller_level
+from manip3d.capture._joint_sides import exchanges_sides, file_and_options, other_sides
 from manip3d.capture._rgbd_source import RgbdSource
 from manip3d.errors import FormatError, InputError
-from manip3d.io._joint_files import JointFile, SeenPerson, read_joint_file
+from manip3d.io._joint_files import SeenPerson, read_joint_file
 from manip3d.modify import skeleton_from
 from manip3d.modify._joints import JointLayout
 from manip3d.modify._pose import body_under, depth_under_color, lifted_joints
@@ -21,7 +24,7 @@ _NEAR_US = (0, 1, -1)  # microseconds by which times may be rounded
 
 
 def source_and_file(uri: str) -> tuple[str, str]:
-    """Return the source and the file of ``joints:SOURCE#FILE``.
+    """Return the source and the file, with its options, of ``joints:SOURCE#FILE?OPTIONS``.
 
     Raises
     ------
@@ -44,20 +47,25 @@ class JoinedJoints:
     opened : callable
         Opens the source at its first frame.
     path : str
-        The file of joints, see `read_joint_file`.
+        The file of joints, see `read_joint_file`; ``?`` may add options of joints in pixels.
     """
 
     def __init__(self, uri: str, opened: Callable[[], RgbdSource], path: str) -> None:
-        self._path, self._opened = path, opened
-        self._file = read_joint_file(path)
+        self._path, self._options = file_and_options(path)
+        self._opened = opened
+        self._file = read_joint_file(self._path)
+        self._are_times_checked = not self._file.times_ns
         with opened() as source:
             if source.is_live or not source.begins_anew:
                 raise InputError(f"uri: expected a recording before #, got {uri!r}")
             self.calibration = source.calibration
+            self.conversions = source._source.conversions()
+            self._flipped, self._assumed_rate = source.flipped, source.assumed_rate
             self._length = source.num_frames
         wanted = self._file.num_frames
         if self._file.key == "index" and self._length is not None and wanted != self._length:
             raise self._differs(self._length)
+        self._exchanges = exchanges_sides(self._file, self._path, self._options, self._flipped)
 
     def __len__(self) -> int:
         if self._length is None:
@@ -70,6 +78,7 @@ class JoinedJoints:
     def since(self, start: int) -> Iterator[RgbdFrame]:
         """Yield the frames from an index on."""
         has_joints = False
+        clocks = _Clocks(self._file.times_ns)
         index = start - 1
         with self._opened() as source:
             if start:
@@ -79,7 +88,8 @@ class JoinedJoints:
                     self._check_order(source)
                 people = self._people(index, frame)
                 has_joints = has_joints or people is not None
-                yield replace(frame, skeletons=_skeletons(frame, self._file, people or ()))
+                self._check_time(clocks, frame)
+                yield replace(frame, skeletons=self._skeletons(frame, people or ()))
         if start == 0 and self._file.key == "index" and index + 1 != self._file.num_frames:
             raise self._differs(index + 1)
         if start == 0 and not has_joints:
@@ -107,6 +117,57 @@ class JoinedJoints:
                 file=self._path,
             )
 
+    def _check_time(self, clocks: _Clocks, frame: RgbdFrame) -> None:
+        """Warn at the first frame whose time the table contradicts."""
+        if self._are_times_checked or (found := clocks.contradiction(frame)) is None:
+            return
+        self._are_times_checked = True
+        told, seen = found
+        rate = self._assumed_rate
+        why = (
+            f": a folder without times, for which {rate:g} frames a second are assumed (--rate, or "
+            "rate= in Python, sets another rate)"
+            if rate
+            else ", whose times are used"
+        )
+        warnings.warn(
+            f"{self._path}: frame {frame.number} is {told:.3f} s after the first one by time_ns, "
+            f"but {seen:.3f} s by the recording{why}",
+            stacklevel=caller_level(),
+        )
+
+    def _skeletons(self, frame: RgbdFrame, people: tuple[SeenPerson, ...]) -> tuple[Skeleton, ...]:
+        layout = cast("JointLayout", self._file.layout)
+        if self._file.axes == "pixels":
+            under = frame if frame.color is None else depth_under_color(frame)
+            seen = (self._unmirrored(one, frame) for one in people)
+            lifted = (
+                lifted_joints(frame, under, one.joints, one.trust, layout, id=one.id)
+                for one in seen
+            )
+            return tuple(skeleton for skeleton in lifted if skeleton is not None)
+        found = []
+        for one in people:
+            states = one.trust.astype(np.uint8)
+            made = skeleton_from(one.joints, states, layout=layout, axes=self._file.axes, id=one.id)
+            body = body_under(made.positions.astype(np.float64), made.states, frame)
+            found.append(replace(made, body=body))
+        return tuple(found)
+
+    def _unmirrored(self, one: SeenPerson, frame: RgbdFrame) -> SeenPerson:
+        """Return a person's pixels as they are in the frame's image, which is not mirrored."""
+        name, image = ("depth", frame.depth) if frame.color is None else ("color", frame.color)
+        is_mirrored = self._options.mirrored
+        if is_mirrored is None:
+            is_mirrored = name in self._flipped
+        joints, trust = one.joints, one.trust
+        if is_mirrored:
+            joints = joints * (-1.0, 1.0) + (image.shape[1] - 1.0, 0.0)
+        if self._exchanges and (is_mirrored or self._options.exchanged):
+            order = list(other_sides(self._file.layout))
+            joints, trust = joints[order], trust[order]
+        return replace(one, joints=joints, trust=trust)
+
     def _differs(self, there: int) -> FormatError:
         return FormatError(
             f"expected joints of the recording's {there} frames, got those of "
@@ -115,20 +176,25 @@ class JoinedJoints:
         )
 
 
-def _skeletons(
-    frame: RgbdFrame, file: JointFile, people: tuple[SeenPerson, ...]
-) -> tuple[Skeleton, ...]:
-    layout = cast("JointLayout", file.layout)
-    if file.axes == "pixels":
-        under = frame if frame.color is None else depth_under_color(frame)
-        lifted = (
-            lifted_joints(frame, under, one.joints, one.trust, layout, id=one.id) for one in people
-        )
-        return tuple(skeleton for skeleton in lifted if skeleton is not None)
-    found = []
-    for one in people:
-        states = one.trust.astype(np.uint8)
-        made = skeleton_from(one.joints, states, layout=layout, axes=file.axes, id=one.id)
-        body = body_under(made.positions.astype(np.float64), made.states, frame)
-        found.append(replace(made, body=body))
-    return tuple(found)
+class _Clocks:
+    """Comparison of the times that a table of joints states with those of the frames.
+
+    Times count from the first frame that both have, because the clocks may differ.
+    """
+
+    def __init__(self, times_ns: Mapping[int, int]) -> None:
+        self._told = times_ns
+        self._first: tuple[int, int] | None = None
+        self._last = 0
+
+    def contradiction(self, frame: RgbdFrame) -> tuple[float, float] | None:
+        """Return both times of a frame in seconds if they are more than half a frame apart."""
+        step, self._last = frame.time_ns - self._last, frame.time_ns
+        if (told := self._told.get(frame.number)) is None:
+            return None
+        if self._first is None:
+            self._first = told, frame.time_ns
+        after = told - self._first[0], frame.time_ns - self._first[1]
+        if 2 * abs(after[0] - after[1]) <= step:
+            return None
+        return after[0] * 1e-9, after[1] * 1e-9

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +21,7 @@ from manip3d.capture._rgbd import open_rgbd
 from manip3d.capture._rgbd_source import RgbdSource
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_path
-from manip3d.modify import DownSource, PhantomPipeline, PoseTracker
+from manip3d.modify import DownSource, KeyPerson, PhantomPipeline, PoseTracker
 from manip3d.modify._level import differ, level_rotation
 from manip3d.rgbd import JOINTS, NOT_TRACKED, PARENTS, RgbdFrame, Skeleton
 
@@ -55,12 +57,17 @@ class ExportedJoints:
     frames : int
         Number of skeletons written, without those that are ``held``.
     people : int
-        Number of different ids among them.
+        Number of people: of different ids in a table; 1 in a motion, even if the tracker gave the
+        person new ids.
     held : int
         Number of frames of a motion that repeat the pose before: the person was not seen in them,
         they were dropped, or the rate was lower.
     left_out : int
         Number of skeletons that a motion lacks: the frames near their times have poses already.
+    ids : tuple of int
+        Ids of the skeletons written, in the order in which they come first.
+    others : mapping of int to int
+        Numbers of skeletons, by their id, that a motion lacks because they are of other people.
     """
 
     path: Path
@@ -68,6 +75,8 @@ class ExportedJoints:
     people: int
     held: int = 0
     left_out: int = 0
+    ids: tuple[int, ...] = ()
+    others: Mapping[int, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +129,8 @@ def export_joints(
         Output file; its name ends in ``.csv`` or ``.bvh``.
     person : int, optional
         `Skeleton.id` of the person to write. Default: a table has all people, a motion the person
-        who is seen first.
+        who is seen first, and is followed by place and size if the tracker gives a new id, as by
+        `manip3d.modify.KeyPerson`. ``ExportedJoints.others`` counts the skeletons of other people.
     frames : int, optional
         Number of frames to read; default: all.
     pose : bool
@@ -172,9 +182,10 @@ def export_joints(
         if pose:
             tracker = opened.enter_context(PoseTracker())
             stream = (f if f.color is None else tracker.annotate(f) for f in stream)
-        ids: set[int] = set()
+        ids: Counter[int] = Counter()
+        others: Counter[int] = Counter()
         left_out = 0
-        stream = _noting_ids(stream, ids)
+        stream = _counting_ids(stream, ids)
         if suffix == ".csv":
             found = [
                 _Sighting.of(frame, skeleton)
@@ -187,19 +198,23 @@ def export_joints(
             followed = _followed(vertical.watching(stream), person)
             found, step = _at_even_times(followed)
             left_out = _seen(followed) - _seen(found)
+            others = ids - Counter(one.skeleton.id for one in followed if not one.is_held)
     if not found:
         who = "a skeleton" if person is None else f"a skeleton with id {person}"
         if ids:
-            others = ", ".join(map(str, sorted(ids)[:_MAX_IDS]))
-            raise InputError(f"person: expected {who} in some frame, found only ids {others}")
+            known = ", ".join(map(str, sorted(ids)[:_MAX_IDS]))
+            raise InputError(f"person: expected {who} in some frame, found only ids {known}")
         cure = "" if pose else " (--pose, or pose=True in Python, looks for them in colour images)"
         raise InputError(f"source: expected {who} in some frame, found none{cure}")
     text = _table(found) if suffix == ".csv" else _motion(found, step, vertical.down)
     with atomic_path(target) as temporary:
         temporary.write_text(text, encoding="ascii", newline="\n")
-    people = len({one.skeleton.id for one in found})
+    written = tuple(dict.fromkeys(one.skeleton.id for one in found))
+    people = len(written) if suffix == ".csv" else 1
     seen = _seen(found)
-    return ExportedJoints(target, seen, people, len(found) - seen, left_out)
+    return ExportedJoints(
+        target, seen, people, len(found) - seen, left_out, written, dict(sorted(others.items()))
+    )
 
 
 def _seen(found: list[_Sighting]) -> int:
@@ -216,7 +231,7 @@ def _read(stream: Iterable[RgbdFrame], frames: int | None) -> Iterator[RgbdFrame
         yield frame
 
 
-def _noting_ids(stream: Iterable[RgbdFrame], ids: set[int]) -> Iterator[RgbdFrame]:
+def _counting_ids(stream: Iterable[RgbdFrame], ids: Counter[int]) -> Iterator[RgbdFrame]:
     for frame in stream:
         ids.update(skeleton.id for skeleton in frame.skeletons)
         yield frame
@@ -227,12 +242,11 @@ def _followed(stream: Iterable[RgbdFrame], person: int | None) -> list[_Sighting
 
     A frame in which the person is not seen repeats the skeleton before.
     """
+    find = _FirstPerson().find if person is None else partial(_with_id, person)
     found: list[_Sighting] = []
     missing = 0
     for frame in stream:
-        if person is None and frame.skeletons:
-            person = frame.skeletons[0].id
-        here = next((one for one in frame.skeletons if one.id == person), None)
+        here = find(frame)
         if here is not None:
             missing = 0
             found.append(_Sighting.of(frame, here))
@@ -240,6 +254,51 @@ def _followed(stream: Iterable[RgbdFrame], person: int | None) -> list[_Sighting
             missing += 1
             found.append(replace(_Sighting.of(frame, found[-1].skeleton), is_held=True))
     return found[: len(found) - missing]
+
+
+def _with_id(person: int, frame: RgbdFrame) -> Skeleton | None:
+    return next((one for one in frame.skeletons if one.id == person), None)
+
+
+class _FirstPerson:
+    """Follows the person who is seen first, also if the tracker gives them new ids."""
+
+    def __init__(self) -> None:
+        self._key = KeyPerson()
+        self._id: int | None = None
+        self._is_followed = False  # `KeyPerson` goes by the spine; until it is seen, the id counts
+        self._time_s = 0.0
+        self._last_ns: int | None = None
+
+    def find(self, frame: RgbdFrame) -> Skeleton | None:
+        """Return the person in a frame; None: they are not seen."""
+        self._add_time(frame.time_ns)
+        if self._id is None and frame.skeletons:
+            self._id = frame.skeletons[0].id
+            self._key.select(self._id)
+        same = None if self._id is None else _with_id(self._id, frame)
+        if same is not None and not _has_spine(same):
+            return same
+        self._is_followed = self._is_followed or same is not None
+        if not self._is_followed:
+            return None
+        found = self._key.find(frame.skeletons, frame.calibration.depth, self._time_s)
+        self._id = self._id if found is None else found.id
+        return found
+
+    def _add_time(self, time_ns: int) -> None:
+        """Go on by the time since the last frame, or by a usual step if a clock began again."""
+        step = 0.0 if self._last_ns is None else (time_ns - self._last_ns) * 1e-9
+        self._last_ns = time_ns
+        self._time_s += step if step > 0.0 else _USUAL_STEP
+
+
+def _has_spine(skeleton: Skeleton) -> bool:
+    """Return whether `KeyPerson` can tell where the base of the spine is."""
+    spine = [0, *_SPINE[:-1]]  # without the head
+    places = skeleton.positions[spine]
+    is_seen = (skeleton.states[spine] != NOT_TRACKED) & places.any(axis=1)
+    return bool((is_seen & np.isfinite(places).all(axis=1)).any())
 
 
 def _at_even_times(found: list[_Sighting]) -> tuple[list[_Sighting], float]:

@@ -78,6 +78,7 @@ def open_rgbd(
     speed: float = 0.0,
     camera: Intrinsics | RgbdCalibration | None = None,
     units_per_metre: float | None = None,
+    rate: float | None = None,
     start: int = 0,
 ) -> RgbdSource:
     """Open an RGB-D camera, a recording, a folder of images or a simulated person.
@@ -105,6 +106,8 @@ def open_rgbd(
         Stored units per metre of depth images. Default: 1000 for folders, 5000 for ``tum:``. In a
         bag, images of floating-point numbers are in metres; those of integers have 1000 units per
         metre, unless a RealSense's recording states another unit.
+    rate : float, optional
+        Frames per second of a folder of images, which has no times, 0.01 to 1000. Default: 30.
     start : int
         Index of the first frame to read, for recordings, simulated people and data sets. The source
         begins at this frame each time it is read again. It does not shift indices: ``source[0]``
@@ -162,13 +165,28 @@ def open_rgbd(
     - a ``.json`` with results in the format of COCO (17 joints) or COCO-WholeBody: ``image_id`` is
       `RgbdFrame.number`;
     - a ``.json`` of Azure Kinect's sample ``offline_processor``: by the times of the frames;
-    - a ``.csv`` as written by `export_joints`, by `RgbdFrame.number`, for any other tracker.
+    - a ``.csv`` as written by `export_joints`, by `RgbdFrame.number`, for any other tracker. If its
+      ``time_ns`` contradict the times of the frames by more than half a frame, a warning is given.
 
     Joints of OpenPose and COCO are pixels of the colour image, or of the depth image of a recording
     without colour. The depth image lifts them to 3D, and an adult's distance from skin to joint is
     added as by `manip3d.modify.lift_landmarks`. Joints of confidence 0, without depth, or at whose
     pixel the depth is farther than 1.2 m from that of most joints are not tracked; those of a
     confidence below 0.5 are inferred.
+
+    These pixels belong to the images that the tracker saw. If the source stores its images mirrored
+    (`RgbdSource.flipped`), the pixels are flipped with the images. A tracker that saw mirrored
+    images took the left limbs for right ones, unless it knew of it. People who face the camera tell
+    which is the case: where a nose is seen in an image that is not mirrored, the left shoulder is
+    to the right. If no nose is seen, or frames disagree, the address must say it. Options after
+    ``?``, joined by ``&``:
+
+    - ``FILE?sides=exchanged`` exchanges left and right of the file, ``FILE?sides=named`` keeps
+      them. By default those of mirrored images are exchanged if the tracker did not know of it;
+      of other images, sides that seem to be exchanged are only warned of.
+    - ``FILE?mirrored=yes`` or ``no`` says whether the tracker's images were mirrored. It is ``yes``
+      for joints that were found in mirrored images before these were recorded, since `record`
+      writes them flipped.
 
     Examples
     --------
@@ -186,8 +204,8 @@ def open_rgbd(
     if start < 0:
         raise InputError(f"start: expected >= 0, got {start}")
     makes_frames = scheme in ("forged", "sim", *_PEOPLE)
-    if makes_frames and (camera is not None or units_per_metre is not None):
-        raise InputError(f"camera, units_per_metre: expected none of them for {scheme}:")
+    if makes_frames and any(given is not None for given in (camera, units_per_metre, rate)):
+        raise InputError(f"camera, units_per_metre, rate: expected none of them for {scheme}:")
     if scheme == "forged":
         if start:
             raise InputError(
@@ -201,7 +219,7 @@ def open_rgbd(
         address = rgbd_address(place) or place
 
         def opened() -> RgbdSource:
-            return open_rgbd(address, camera=camera, units_per_metre=units_per_metre)
+            return open_rgbd(address, camera=camera, units_per_metre=units_per_metre, rate=rate)
 
         joined = JoinedJoints(uri, opened, file)
         return _checked_start(source_of(joined, uri, speed, start), start)
@@ -211,6 +229,10 @@ def open_rgbd(
         raise InputError(
             f"units_per_metre: can only be given with a folder of images or a bag, got {uri}"
         )
+    if rate is not None and not rate > 0:
+        raise InputError(f"rate: expected > 0, got {rate}")
+    if rate is not None and scheme != "folder":
+        raise InputError(f"rate: can only be given with a folder of images, got {uri}")
     if makes_frames or scheme == "rgbd-bag":
         if not 0.0 <= speed < math.inf:
             raise InputError(f"speed: expected a finite number >= 0, got {speed}")
@@ -220,13 +242,14 @@ def open_rgbd(
             place, topic = place_and_topic(uri)
             frames = BagImages(path_of(place, "uri"), topic, camera, units_per_metre)
         return _checked_start(source_of(frames, uri, speed, start), start)
-    return _checked_start(_open_in_core(uri, camera, units_per_metre, speed, start), start)
+    return _checked_start(_open_in_core(uri, camera, units_per_metre, rate, speed, start), start)
 
 
 def _open_in_core(
     uri: str,
     camera: RgbdCalibration | Intrinsics | None,
     units_per_metre: float | None,
+    rate: float | None,
     speed: float,
     start: int,
 ) -> RgbdSource:
@@ -237,7 +260,9 @@ def _open_in_core(
     calibration = given if isinstance(camera, Intrinsics) else camera
 
     def opened(speed: float = 0.0) -> Any:
-        return _core.open_rgbd(os.fsencode(uri), speed, units_per_metre or 0.0, calibration)
+        return _core.open_rgbd(
+            os.fsencode(uri), speed, units_per_metre or 0.0, rate or 0.0, calibration
+        )
 
     def begun() -> Any:
         source = opened(speed)

@@ -75,6 +75,7 @@ def record(
     """Write frames to a recording: a folder, Matroska for ``.mkv``, or a TUM sequence.
 
     If Ctrl-C, an error or a kill stops the recording, the frames written before can be read.
+    Images of a mirrored camera are written as they are read, which is flipped.
 
     Parameters
     ----------

@@ -87,6 +87,21 @@ class RgbdSource(FrameSource[RgbdFrame]):
         return found
 
     @property
+    def flipped(self) -> tuple[str, ...]:
+        """Names of the images, ``depth`` and ``color``, that are stored mirrored.
+
+        They are flipped when they are read. Pixels that another program found in the stored images
+        belong to the mirrored ones.
+        """
+        found = self._source.conversions()
+        return tuple(name for name in ("depth", "color") if found.get(f"flipped_{name}"))
+
+    @property
+    def assumed_rate(self) -> float | None:
+        """Frames per second of a folder of images without times; None if frames have times."""
+        return self._source.conversions().get("assumed_rate") or None
+
+    @property
     def begins_anew(self) -> bool:
         """Whether the source can be rewound: it is neither live nor an iterator."""
         return not self.is_live and self._reopen is not None

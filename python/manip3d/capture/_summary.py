@@ -52,6 +52,10 @@ class SourceSummary:
         Number of missing frames, by the gaps in the frames' numbers.
     counters : mapping of str to int
         Counters of the source: frames read, lost and refused.
+    flipped : tuple of str
+        Images, ``depth`` and ``color``, that are stored mirrored and flipped when they are read.
+    assumed_rate : float or None
+        Frames per second that are assumed because the source has no times; None if it has some.
     """
 
     source: str
@@ -67,6 +71,8 @@ class SourceSummary:
     longest_gap_s: float | None
     num_missing: int
     counters: Mapping[str, int]
+    flipped: tuple[str, ...] = ()
+    assumed_rate: float | None = None
 
     def record(self) -> dict[str, Any]:
         """Return the summary as plain values that can be written as JSON.
@@ -95,6 +101,8 @@ class SourceSummary:
             "longest_gap": self.longest_gap_s,
             "missing_numbers": self.num_missing,
             "counters": dict(self.counters),
+            "flipped": list(self.flipped),
+            "assumed_rate": self.assumed_rate,
         }
 
 
@@ -185,4 +193,6 @@ def summarize(
         longest_gap_s=float(steps.max()) if len(steps) else None,
         num_missing=sum(b - a - 1 for a, b in pairwise(numbers)),
         counters=source._counted(),
+        flipped=source.flipped,
+        assumed_rate=source.assumed_rate,
     )

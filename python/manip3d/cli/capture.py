@@ -19,6 +19,7 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import (
     FolderIntrinsics,
+    FolderRate,
     FolderUnits,
     Force,
     Json,
@@ -59,6 +60,7 @@ FirstFrame = Annotated[
 ]
 _SHEET_FRAMES = 24  # largest number of frames on a contact sheet
 _QUALITY = 90  # default quality of JPEG
+_FLIPPED = "the images are flipped (mirrored camera)"
 
 
 def listing() -> list[dict[str, Any]]:
@@ -87,10 +89,13 @@ def open_source(
     *,
     intrinsics: str = "",
     units_per_metre: float = 0.0,
+    rate: float = 0.0,
     speed: float = 0.0,
     start: int = 0,
 ) -> RgbdSource:
     """Open the RGB-D source at an address, file or folder, and print its size and length.
+
+    It is also printed if its images are flipped, or if it has no times.
 
     Raises
     ------
@@ -108,12 +113,22 @@ def open_source(
         options["camera"] = camera_of_images(intrinsics, uri)
     if units_per_metre:
         options["units_per_metre"] = units_per_metre
-    with naming_options("units-per-metre", "start", "speed", uri="SOURCE"):
+    if rate:
+        options["rate"] = rate
+    with naming_options("units-per-metre", "rate", "start", "speed", uri="SOURCE"):
         opened = capture.open_rgbd(uri, **options)
     camera = opened.calibration.depth
     length = "" if opened.num_frames is None else f", {counted(opened.num_frames, 'frame')}"
     terminal.say(f"opened {uri}: {camera.width} x {camera.height} pixels{length}")
+    if opened.flipped:
+        terminal.say(_FLIPPED)
+    if opened.assumed_rate:
+        terminal.say(f"times: {_assumed(opened.assumed_rate)}; --rate sets another rate")
     return opened
+
+
+def _assumed(rate: float) -> str:
+    return f"none in this folder, {rate:g} a second assumed"
 
 
 def camera_of_images(text: str, uri: str) -> Intrinsics:
@@ -121,18 +136,24 @@ def camera_of_images(text: str, uri: str) -> Intrinsics:
     from manip3d.camera import read_intrinsics
     from manip3d.io import read_depth
 
+    if uri.startswith("joints:"):
+        from manip3d.capture import rgbd_address
+        from manip3d.capture._joined_joints import source_and_file
+
+        place = source_and_file(uri)[0]
+        return camera_of_images(text, rgbd_address(place) or place)
     scheme, _, folder = uri.partition(":")
     if scheme == "rgbd-bag":
         from manip3d.capture._bag import place_and_topic
         from manip3d.capture._bag_rgbd import depth_size
 
-        place, topic = place_and_topic(uri)
-        width, height = depth_size(Path(place), topic)
+        bag, topic = place_and_topic(uri)
+        width, height = depth_size(Path(bag), topic)
     else:
         images = sorted(
-            place
-            for place in (Path(folder) / "depth").glob("*")
-            if place.suffix.lower() == ".png" and not place.name.startswith(".")
+            image
+            for image in (Path(folder) / "depth").glob("*")
+            if image.suffix.lower() == ".png" and not image.name.startswith(".")
         )
         if scheme not in ("folder", "tum") or not images:
             raise InputError(
@@ -223,12 +244,23 @@ def write_recording(
     if done.counters.get("too_far"):
         number = counted(done.counters["too_far"], "pixel")
         terminal.say(f"{number} left out: beyond 13.106 m, which a TUM sequence cannot hold")
+    if source.flipped:
+        terminal.say(
+            f"{_FLIPPED}, also in the recording: add ?mirrored=yes to joints:{output}#FILE if "
+            "FILE has pixels of the mirrored images"
+        )
     say_left_out(terminal, done.source_counters, source.errors)
     if "forged" in done.source_counters:
         forged, real = (done.source_counters[name] for name in ("forged", "real"))
         why = "" if forged else "; without a background, the first 30 frames of a source stay real"
         terminal.say(f"{count(forged)} of {counted(forged + real, 'frame')} forged{why}")
-    return {**asdict(done), "path": str(done.path), "source": source.uri}
+    return {
+        **asdict(done),
+        "path": str(done.path),
+        "source": source.uri,
+        "flipped": list(source.flipped),
+        "assumed_rate": source.assumed_rate,
+    }
 
 
 def play(
@@ -307,7 +339,11 @@ def show_info(console: Console, record: dict[str, Any]) -> None:
     console.print(f"frames  {count(record['frames'])}: {with_}")
     if record["range"] is not None:
         console.print("range   {:.3f}..{:.3f} m".format(*record["range"]))
-    if record["frames_per_second"] is not None:
+    if record["flipped"]:
+        console.print(f"images  {_FLIPPED.removeprefix('the images are ')}")
+    if record["assumed_rate"]:
+        console.print(f"times   {_assumed(record['assumed_rate'])}")
+    elif record["frames_per_second"] is not None:
         console.print(
             f"times   {record['seconds']:.3f} s, {record['frames_per_second']:.2f} frames/s, "
             f"longest gap {record['longest_gap']:.3f} s, "
@@ -478,6 +514,7 @@ def capture_record(
     ] = _QUALITY,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
+    rate: FolderRate = 0.0,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -500,7 +537,12 @@ def capture_record(
         raise InputError("--quality: expected none with --lossless-color, which stores no JPEG")
     shell = Terminal(as_json=as_json, quiet=quiet)
     opened = open_source(
-        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, start=start
+        source,
+        shell,
+        intrinsics=intrinsics,
+        units_per_metre=units_per_metre,
+        rate=rate,
+        start=start,
     )
     with ended_like_ctrl_c():
         record = write_recording(
@@ -534,6 +576,7 @@ def capture_play(
     start: FirstFrame = 0,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
+    rate: FolderRate = 0.0,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -549,6 +592,7 @@ def capture_play(
         shell,
         intrinsics=intrinsics,
         units_per_metre=units_per_metre,
+        rate=rate,
         speed=speed,
         start=start,
     )
@@ -570,7 +614,10 @@ def capture_export(
     ],
     person: Annotated[
         int | None,
-        typer.Option(help="Id of the person; by default all in a table, the first in a motion."),
+        typer.Option(
+            help="Id of the person; by default all in a table, in a motion the first, also under "
+            "new ids."
+        ),
     ] = None,
     frames: MostFrames = None,
     pose: Annotated[
@@ -578,6 +625,7 @@ def capture_export(
     ] = False,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
+    rate: FolderRate = 0.0,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -590,7 +638,9 @@ def capture_export(
 
     check_output(output, (".csv", ".bvh"), force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
-    place = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+    place = open_source(
+        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, rate=rate
+    )
     with place as opened, naming_options("output", "person"):
         done = capture.export_joints(
             opened, output, person=person, frames=frames, pose=pose, overwrite=force
@@ -602,6 +652,13 @@ def capture_export(
     if done.left_out:
         told = counted(done.left_out, "skeleton")
         shell.say(f"left out {told}: the motion's frames near their times have poses already")
+    if len(done.ids) > done.people:
+        told = ", ".join(map(str, done.ids))
+        shell.say(f"the person is followed under several ids ({told}); --person writes one")
+    if done.others and person is None:
+        told = ", ".join(f"id {id}: {count(number)}" for id, number in done.others.items())
+        lacks = counted(sum(done.others.values()), "skeleton")
+        shell.say(f"left out {lacks} of other people ({told}); --person writes one of them")
     say_left_out(shell, opened._counted(), opened.errors)
     shell.result({**asdict(done), "path": str(done.path), "source": opened.uri})
 
@@ -616,6 +673,7 @@ def capture_info(
     source: RgbdPlace,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
+    rate: FolderRate = 0.0,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -624,6 +682,8 @@ def capture_info(
     Example: manip3d capture info patient.mkv
     """
     shell = Terminal(as_json=as_json, quiet=quiet)
-    opened = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+    opened = open_source(
+        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, rate=rate
+    )
     record = info(opened, shell)
     shell.result(record, lambda console: show_info(console, record))

@@ -65,6 +65,14 @@ FolderUnits = Annotated[
         help="Depth units per metre of a folder of images; 0: 1000, or 5000 for a TUM sequence.",
     ),
 ]
+FolderRate = Annotated[
+    float,
+    typer.Option(
+        "--rate",
+        min=0,
+        help="Frames per second of a folder of images, which has no times; 0: 30.",
+    ),
+]
 DepthUnit = Annotated[
     str,
     typer.Option(

@@ -17,6 +17,7 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import (
     FolderIntrinsics,
+    FolderRate,
     FolderUnits,
     Force,
     Jobs,
@@ -159,6 +160,7 @@ def phantom_render(
     frames: MostFrames = None,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
+    rate: FolderRate = 0.0,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -182,9 +184,11 @@ def phantom_render(
     with ExitStack() as opened, shell.progress("render") as progress:
         opened.enter_context(naming_options("output", "azimuth", uri="SOURCE"))
         place: str | RgbdSource = source
-        if intrinsics or units_per_metre:
+        if intrinsics or units_per_metre or rate:
             place = opened.enter_context(
-                open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+                open_source(
+                    source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, rate=rate
+                )
             )
         film = render_phantom(
             place,
@@ -334,6 +338,7 @@ def phantom_live(
     ] = False,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
+    rate: FolderRate = 0.0,
     host: Annotated[
         str,
         typer.Option(
@@ -395,8 +400,8 @@ def phantom_live(
     if source is not None:
         expect_kind(source, "recording", verb="phantom live")
         source = rgbd_address(source) or source
-    if source is None and (intrinsics or units_per_metre):
-        raise InputError("--intrinsics, --units-per-metre: expected --source with them")
+    if source is None and (intrinsics or units_per_metre or rate):
+        raise InputError("--intrinsics, --units-per-metre, --rate: expected --source with them")
     shell = Terminal(as_json=as_json, quiet=quiet)
 
     def on_start(url: str, made: Certificate | None) -> None:
@@ -406,12 +411,13 @@ def phantom_live(
             shell.say(made.fingerprint)
 
     options = ("seconds", "host", "port", "certificate", "diary", "participant", "log", "gain",
-               "units-per-metre")  # fmt: skip
+               "units-per-metre", "rate")  # fmt: skip
     with ended_like_ctrl_c(), naming_options(*options, uri="source", key="diary-key"):
         report = run_live(
             source,
             camera=camera_of_images(intrinsics, source) if intrinsics and source else None,
             units_per_metre=units_per_metre or None,
+            rate=rate or None,
             affected=limb.value.replace("-", "_") if limb else None,  # type: ignore[arg-type]
             game=game.value if game else None,
             difficulty=difficulty,

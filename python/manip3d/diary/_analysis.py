@@ -131,13 +131,14 @@ class DiaryAnalysis:
 def fit_mixed_model(scores: ArrayLike) -> MixedModel:
     """Fit a mixed model with a random intercept by restricted maximum likelihood.
 
-    Intervals use the t distribution with Satterthwaite's degrees of freedom (Giesbrecht and Burns
-    1985), because intervals of the normal distribution are too short for ten participants. For
-    complete data they equal those of the analysis of variance with repeated measures. In 2000
-    simulated studies of ten participants the intervals contained the true value in 95 % of the
-    studies. If participants respond differently (standard deviation of 8 points, noise of 4), the
-    share at week 4 was only 89 %, but 95 % for `DiaryAnalysis.paired`, which is preferable in this
-    case.
+    The standard error of a change is that of generalised least squares at the estimated variances,
+    sqrt(c' (X' V^-1 X)^-1 c), as in other programs. Intervals use the t distribution with
+    Satterthwaite's degrees of freedom (Giesbrecht and Burns 1985), because intervals of the normal
+    distribution are too short for ten participants. For complete data they equal those of the
+    analysis of variance with repeated measures. In 2000 simulated studies of ten participants the
+    intervals contained the true value in 95 % of the studies. If participants respond differently
+    (standard deviation of 8 points, noise of 4), the share at week 4 was only 89 %, but 95 % for
+    `DiaryAnalysis.paired`, which is preferable in this case.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import count, islice
 from pathlib import Path
 from typing import Any, Literal
@@ -37,6 +37,7 @@ _PARTS = (("keypoints", 17), ("foot_kpts", 6), ("face_kpts", 68), ("lefthand_kpt
           ("righthand_kpts", 21))  # fmt: skip
 """Lists of COCO-WholeBody, in its order, with their numbers of joints."""
 _COLUMNS = ("frame", "id", "joint", "x", "y", "z", "state")
+_TIME = "time_ns"  # a column that a table may lack
 
 Floats = NDArray[np.float64]
 
@@ -77,6 +78,8 @@ class JointFile:
         ``index``, ``number`` (`RgbdFrame.number`) or ``time`` (microseconds of the camera's clock).
     num_frames : int or None
         Number of frames of the recording; None if the file does not state it.
+    times_ns : mapping of int to int
+        Times of frames by their number, nanoseconds, where a table states them.
     """
 
     layout: str
@@ -84,6 +87,7 @@ class JointFile:
     frames: Mapping[int, tuple[SeenPerson, ...]]
     key: Literal["index", "number", "time"]
     num_frames: int | None = None
+    times_ns: Mapping[int, int] = field(default_factory=dict)
 
 
 def read_joint_file(path: str | os.PathLike[str]) -> JointFile:
@@ -251,15 +255,20 @@ def _table(path: Path) -> JointFile:
     text = limited_bytes(path, _MAX_BYTES).decode("utf-8-sig", "replace")
     reader = csv.reader(text.splitlines())
     people: dict[tuple[int, int], tuple[Floats, Floats]] = {}
+    times: dict[int, int] = {}
     try:
         names = [name.strip().lower() for name in next(reader, [])]
         missing = [name for name in _COLUMNS if names.count(name) != 1]
         if missing:
             raise ValueError(f"expected columns {', '.join(missing)}, each once, got {names!r:.80}")
         at = [names.index(name) for name in _COLUMNS]
+        time_at = names.index(_TIME) if _TIME in names else len(names)
         for row in reader:
             if row:
-                _add_joint(people, [row[i] if i < len(row) else "" for i in at])
+                frame = _add_joint(people, [row[i] if i < len(row) else "" for i in at])
+                time = _whole(row[time_at]) if time_at < len(row) else None
+                if time is not None:
+                    times.setdefault(frame, time)
     except (ValueError, csv.Error) as error:
         line = max(1, reader.line_num)
         raise FormatError(str(error), file=str(path), line=line) from None
@@ -269,11 +278,11 @@ def _table(path: Path) -> JointFile:
         frames[number] = (*frames.get(number, ()), seen)
         if len(frames[number]) > MAX_PEOPLE:
             raise FormatError(f"expected at most {MAX_PEOPLE} people in a frame", file=str(path))
-    return JointFile("kinect-v2", "camera", frames, "number")
+    return JointFile("kinect-v2", "camera", frames, "number", times_ns=times)
 
 
-def _add_joint(people: dict[tuple[int, int], tuple[Floats, Floats]], row: list[str]) -> None:
-    """Add a row of a table; raises ValueError with what is wrong."""
+def _add_joint(people: dict[tuple[int, int], tuple[Floats, Floats]], row: list[str]) -> int:
+    """Add a row of a table and return its frame; raises ValueError with what is wrong."""
     frame, person, joint, state = (_whole(row[i]) for i in (0, 1, 2, 6))
     if frame is None or person is None:
         raise ValueError(f"expected whole numbers of a frame and an id, got {row[:2]!r:.80}")
@@ -287,6 +296,7 @@ def _add_joint(people: dict[tuple[int, int], tuple[Floats, Floats]], row: list[s
     if not math.isnan(states[joint]):
         raise ValueError(f"expected joint {joint} of frame {frame} once, got it again")
     places[joint], states[joint] = place, state
+    return frame
 
 
 def _value(text: str) -> float:

@@ -148,6 +148,7 @@ def run_live(
     pose: bool = False,
     camera: Intrinsics | RgbdCalibration | None = None,
     units_per_metre: float | None = None,
+    rate: float | None = None,
     diary: str | os.PathLike[str] | None = None,
     participant: str | None = None,
     diary_key: str | os.PathLike[str] | None = None,
@@ -190,8 +191,8 @@ def run_live(
     pose : bool
         Find the person's joints in the colour images with `manip3d.modify.PoseTracker`, for cameras
         and recordings without skeletons.
-    camera, units_per_metre
-        As for `manip3d.capture.open_rgbd`, for a folder of images without calibration.
+    camera, units_per_metre, rate
+        As for `manip3d.capture.open_rgbd`, for a folder of images without calibration or times.
     diary, participant, diary_key : path, str, path, optional
         A diary file, the pseudonym of the participant who plays, and the key file of an encrypted
         diary. A participant can have only one live session at a time, because ratings of two
@@ -269,7 +270,7 @@ def run_live(
             opened.callback(tracker.close)
         end = math.inf if seconds is None else began + seconds
         begin = functools.partial(
-            open_rgbd, speed=1.0, camera=camera, units_per_metre=units_per_metre
+            open_rgbd, speed=1.0, camera=camera, units_per_metre=units_per_metre, rate=rate
         )
         feed = _frames(address, end, begin)
         opened.callback(feed.close)

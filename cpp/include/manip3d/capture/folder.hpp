@@ -24,8 +24,9 @@ namespace manip3d {
 
 /// Opens `folder:`, a recording, or any folder with `depth/*.png` and optionally as many colour
 /// images in `color/`, `colour/` or `rgb/`, in the order of their names. A folder that is not a
-/// recording needs a calibration (`options.calibration`, or calibration.json) and is read at
-/// kFolderRate frames per second.
+/// recording needs a calibration (`options.calibration`, or calibration.json) and has no
+/// times: its frames are evenly spaced, `options.rate` a second (0: kFolderRate).
+/// @throws InputError  options.rate is given for a recording; no calibration is known.
 std::unique_ptr<RgbdSource> open_folder(const std::filesystem::path& folder,
                                         const RgbdOptions& options);
 

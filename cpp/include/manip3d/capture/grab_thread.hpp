@@ -27,6 +27,7 @@ class GrabThread final : public RgbdSource {
   /// The camera's counters as of its last frame, and `dropped`.
   [[nodiscard]] Counters counters() const override;
   [[nodiscard]] std::optional<std::int64_t> num_frames() const override { return num_frames_; }
+  [[nodiscard]] Conversions conversions() const override { return conversions_; }
   void seek(std::int64_t index) override;
   void start() override;
   ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds timeout) override;
@@ -40,6 +41,7 @@ class GrabThread final : public RgbdSource {
 
   std::unique_ptr<RgbdSource> camera_;  // used by the thread while it runs
   std::optional<std::int64_t> num_frames_;
+  Conversions conversions_;
   RgbdFrame filling_;      // used by the thread only
   std::mutex start_stop_;  // one `start` or `stop` at a time; locked before mutex_
   std::thread thread_;

@@ -19,6 +19,13 @@ namespace manip3d {
 /// losses by cause.
 using Counters = std::vector<std::pair<std::string, std::int64_t>>;
 
+/// How the frames of a recording differ from what its files hold.
+struct Conversions {
+  /// Images that are stored mirrored, and are mirrored back when they are read.
+  bool flipped_depth = false, flipped_color = false;
+  double assumed_rate = 0.0;  ///< Frames per second of files without times; 0: they have times.
+};
+
 /// Frames of an RGB-D camera or recording. `start` opens a device (files are open from the
 /// beginning); it may be called again after a DeviceError (unplugged). Frames that were read do not
 /// change later. Only one thread may read; `stop` may be called by another one and ends the wait of
@@ -30,6 +37,8 @@ class RgbdSource : public FrameSource<RgbdFrame> {
   /// The calibration of all frames; devices know it after `start`.
   [[nodiscard]] virtual std::shared_ptr<const RgbdCalibration> calibration() const = 0;
   [[nodiscard]] virtual Counters counters() const = 0;
+  /// The conversions of a recording; a camera has none, as nothing else holds its images.
+  [[nodiscard]] virtual Conversions conversions() const { return {}; }
   /// Total number of frames; empty: unknown.
   [[nodiscard]] virtual std::optional<std::int64_t> num_frames() const { return std::nullopt; }
   /// Goes to a frame of a recording, counted from 0: the next `read` returns it, or the next intact
@@ -58,6 +67,8 @@ struct RgbdOptions {
   std::shared_ptr<const RgbdCalibration> calibration;
   /// Unit of the depth images in folders; 0: that of the scheme.
   double units_per_metre = 0.0;
+  /// Frames per second of folders of images without times; 0: kFolderRate.
+  double rate = 0.0;
 };
 
 /// A kind of source: its name, and how it is opened or why it cannot be.

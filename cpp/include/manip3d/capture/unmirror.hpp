@@ -2,6 +2,7 @@
 
 #include <memory>
 
+#include "manip3d/capture/rgbd_source.hpp"
 #include "manip3d/geometry/rgbd_frame.hpp"
 
 /// @file
@@ -13,6 +14,9 @@ namespace manip3d {
 /// camera is returned as it is. Skeletons are not mirrored.
 std::shared_ptr<const RgbdCalibration> unmirrored(
     const std::shared_ptr<const RgbdCalibration>& calibration);
+
+/// Returns which images `unmirror_images` reverses.
+Conversions flips_of(const RgbdCalibration& stored);
 
 /// Reverses in place the columns of the images whose camera in `stored` is mirrored.
 void unmirror_images(const RgbdCalibration& stored, RgbdFrame& frame);
