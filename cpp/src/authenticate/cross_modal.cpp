@@ -37,15 +37,14 @@ void check_camera(const DisparityView& disparity, const StereoView& camera) {
 
 void check_cross_modal_options(const CrossModalOptions& options) {
   if (!(options.heading >= -360.0 && options.heading <= 360.0)) {
-    throw InputError("heading: expected -360 to 360 degrees, got " +
-                     std::to_string(options.heading));
+    throw InputError("heading: expected -360 to 360 degrees, got " + number_text(options.heading));
   }
   if (!(options.azimuth_step > 0.0 && options.elevation_step > 0.0)) {
     throw InputError("azimuth_step, elevation_step: expected numbers > 0");
   }
   if (!(options.half_azimuth > 0.0 && options.half_azimuth <= 90.0)) {
     throw InputError("half_azimuth: expected > 0 to 90 degrees, got " +
-                     std::to_string(options.half_azimuth));
+                     number_text(options.half_azimuth));
   }
   if (!(options.lowest >= -90.0 && options.lowest < options.highest && options.highest <= 90.0)) {
     throw InputError("lowest, highest: expected -90 <= lowest < highest <= 90 degrees");
@@ -55,7 +54,7 @@ void check_cross_modal_options(const CrossModalOptions& options) {
     throw InputError("min_range, max_range: expected 0 < min_range < max_range");
   }
   if (!(options.tolerance > 0.0 && std::isfinite(options.tolerance))) {
-    throw InputError("tolerance: expected a number > 0, got " + std::to_string(options.tolerance));
+    throw InputError("tolerance: expected a number > 0, got " + number_text(options.tolerance));
   }
   if (!(std::isfinite(options.dark_level) && options.dark_weight >= 0.0 &&
         options.dark_weight <= 1.0)) {

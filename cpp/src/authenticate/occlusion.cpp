@@ -42,7 +42,7 @@ void check_options(const OcclusionOptions& options) {
   }
   if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");
   if (!(options.min_gap > 0.0)) {
-    throw InputError("min_gap: expected > 0, got " + std::to_string(options.min_gap));
+    throw InputError("min_gap: expected > 0, got " + number_text(options.min_gap));
   }
   if (!(options.min_cells >= 1 && options.min_area >= 0.0 && options.max_range > 0.0)) {
     throw InputError("min_cells, min_area, max_range: expected at least 1, >= 0 and > 0");

@@ -529,13 +529,14 @@ class TurnComparison {
 };
 
 void check_turn_options(const TurnOptions& options) {
-  const auto refuse = [](const char* name, double value) {
-    throw InputError(std::string(name) + ": expected a number > 0, got " + std::to_string(value));
+  const auto refuse = [](const char* name, const char* expected, double value) {
+    throw InputError(std::string(name) + ": expected a number " + expected + ", got " +
+                     number_text(value));
   };
-  if (!(options.nearest > 0.0)) refuse("nearest", options.nearest);
-  if (!(options.farthest > options.nearest)) refuse("farthest", options.farthest);
-  if (!(options.tolerance > 0.0)) refuse("tolerance", options.tolerance);
-  if (!(options.tolerance_share >= 0.0)) refuse("tolerance_share", options.tolerance_share);
+  if (!(options.nearest > 0.0)) refuse("nearest", "> 0", options.nearest);
+  if (!(options.farthest > options.nearest)) refuse("farthest", "> nearest", options.farthest);
+  if (!(options.tolerance > 0.0)) refuse("tolerance", "> 0", options.tolerance);
+  if (!(options.tolerance_share >= 0.0)) refuse("tolerance_share", ">= 0", options.tolerance_share);
 }
 
 // @param reading  Lattice reading of the points; null: it is computed.

@@ -462,7 +462,7 @@ LargeArray<double> nearest_distances(const PointsView& view, const NearestOption
   }
   if (!(options.resolution >= 0.0 && options.resolution <= kPi)) {
     throw InputError("resolution: expected 0 to pi radians, got " +
-                     std::to_string(options.resolution));
+                     number_text(options.resolution));
   }
   if (!options.origin || view.num_points() < kFewPoints) {
     return tree_distances(view, options.num_threads, progress);

@@ -331,7 +331,7 @@ RangeCamera fit_range_camera(const PointGridView& grid) {
   camera.residual = rms_residual(camera, grid, pixels);
   if (!(camera.residual <= 1.0)) {
     throw InputError("points: expected a scan along lines of sight, got points " +
-                     std::to_string(camera.residual) + " pixels (RMS) off their pixels");
+                     number_text(camera.residual) + " pixels (RMS) off their pixels");
   }
   camera.axis = mean_axis(camera, points, size, grid.rows_up);
   return camera;

@@ -73,10 +73,10 @@ void check(const ReposeOptions& options) {
     const double gain = options.gain[joint], limit = options.limit[joint];
     const std::string name = kJointNames[joint];
     if (!(gain >= 0.0 && gain <= 100.0)) {
-      throw InputError("gain of " + name + ": expected 0 to 100, got " + std::to_string(gain));
+      throw InputError("gain of " + name + ": expected 0 to 100, got " + number_text(gain));
     }
     if (!(limit >= 0.0)) {
-      throw InputError("limit of " + name + ": expected at least 0, got " + std::to_string(limit));
+      throw InputError("limit of " + name + ": expected at least 0, got " + number_text(limit));
     }
     if (!is_posable(joint) && (gain != 1.0 || limit < kPi)) {
       throw InputError(
@@ -283,7 +283,7 @@ void repose_vertices(const Scalar* vertices, std::int64_t count, const Skeleton&
                      const BoneMotions& motions, const ReposeOptions& options, Scalar* out,
                      const Progress& progress) {
   if (!(options.band > 0.0)) {
-    throw InputError("band: expected above 0, got " + std::to_string(options.band));
+    throw InputError("band: expected above 0, got " + number_text(options.band));
   }
   using Row = Eigen::Matrix<Scalar, 3, 1>;
   const Skin skin(now, motions, options);

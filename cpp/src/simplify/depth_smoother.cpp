@@ -104,11 +104,10 @@ MANIP3D_AVX2 void add_pairs_wide(const Pair& pair, std::int64_t first, std::int6
 
 DepthSmoother::DepthSmoother(const DepthSmootherOptions& options) : options_(options) {
   if (!(options.newest_share > 0.0 && options.newest_share <= 1.0)) {
-    throw InputError("newest_share: expected in (0, 1], got " +
-                     std::to_string(options.newest_share));
+    throw InputError("newest_share: expected in (0, 1], got " + number_text(options.newest_share));
   }
   if (!(options.gate > 0.0)) {
-    throw InputError("gate: expected > 0, got " + std::to_string(options.gate));
+    throw InputError("gate: expected > 0, got " + number_text(options.gate));
   }
 }
 

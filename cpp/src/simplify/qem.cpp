@@ -457,7 +457,7 @@ class QemSimplifier {
 void check_options(const QemOptions& options) {
   const auto check = [](bool ok, const char* name, const char* expected, double got) {
     if (ok) return;
-    throw InputError(std::string(name) + ": expected " + expected + ", got " + std::to_string(got));
+    throw InputError(std::string(name) + ": expected " + expected + ", got " + number_text(got));
   };
   check(options.target_faces >= 0, "target_faces", ">= 0",
         static_cast<double>(options.target_faces));

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "manip3d/error.hpp"
+#include "simplify/check_option.hpp"
 #include "simplify/collapse_mesh.hpp"
 #include "simplify/flat_heap.hpp"
 #include "simplify/pieces.hpp"
@@ -554,21 +555,17 @@ class QualitySimplifier {
 };
 
 void check_options(const MeshView& mesh, const QualityOptions& options) {
-  const auto check = [](const char* name, double value, bool may_be_infinite) {
-    if (value >= 0.0 && (may_be_infinite || std::isfinite(value))) return;
-    throw InputError(std::string(name) + ": expected a number >= 0, got " + std::to_string(value));
-  };
-  check("target_faces", static_cast<double>(options.target_faces), false);
-  check("max_error", options.max_error, true);
+  check_option("target_faces", static_cast<double>(options.target_faces));
+  check_option("max_error", options.max_error, MayBeInfinite::kYes);
   if (!(options.max_distance > 0.0)) {
     throw InputError("max_distance: expected a number > 0, got " +
-                     std::to_string(options.max_distance) +
+                     number_text(options.max_distance) +
                      " (the published methods take 0: exactly coplanar collapses)");
   }
-  check("boundary_weight", options.boundary_weight, false);
-  check("seam_weight", options.seam_weight, false);
-  check("texture_weight", options.texture_weight, false);
-  check("color_weight", options.color_weight, false);
+  check_option("boundary_weight", options.boundary_weight);
+  check_option("seam_weight", options.seam_weight);
+  check_option("texture_weight", options.texture_weight);
+  check_option("color_weight", options.color_weight);
   const auto check_size = [&](const char* name, std::size_t size) {
     if (size == 0 || size == static_cast<std::size_t>(mesh.num_vertices())) return;
     throw InputError(std::string(name) + ": expected one for each vertex (" +
@@ -579,8 +576,8 @@ void check_options(const MeshView& mesh, const QualityOptions& options) {
   for (std::size_t v = 0; v < options.importance.size(); ++v) {
     const double value = options.importance[v];
     if (value > 0.0 && std::isfinite(value)) continue;
-    throw InputError("importance: expected numbers > 0, got " + std::to_string(value) +
-                     " at vertex " + std::to_string(v));
+    throw InputError("importance: expected numbers > 0, got " + number_text(value) + " at vertex " +
+                     std::to_string(v));
   }
 }
 

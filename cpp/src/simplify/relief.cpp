@@ -219,7 +219,7 @@ void check_confidence(const PointGridView& grid, std::span<const float> confiden
   }
   for (const float share : confidence) {
     if (!(share >= 0.0F && share <= 1.0F)) {
-      throw InputError("confidence: expected 0 to 1, got " + std::to_string(share));
+      throw InputError("confidence: expected 0 to 1, got " + number_text(share));
     }
   }
 }

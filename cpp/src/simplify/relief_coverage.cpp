@@ -512,13 +512,13 @@ void find_off(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 
 
 void DenseRule::check() const {
   if (!(max_edge > 0.0)) {
-    throw InputError("max_edge: expected > 0, got " + std::to_string(max_edge));
+    throw InputError("max_edge: expected > 0, got " + number_text(max_edge));
   }
   if (!(max_step > 0.0)) {
-    throw InputError("depth_step: expected > 0, got " + std::to_string(max_step));
+    throw InputError("depth_step: expected > 0, got " + number_text(max_step));
   }
   if (!(focal >= 0.0)) {
-    throw InputError("focal: expected >= 0, got " + std::to_string(focal));
+    throw InputError("focal: expected >= 0, got " + number_text(focal));
   }
 }
 
