@@ -15,7 +15,6 @@
 #include "authenticate/ring_image.hpp"
 #include "authenticate/suspect_regions.hpp"
 #include "authenticate/void_search.hpp"
-#include "geometry/constants.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {

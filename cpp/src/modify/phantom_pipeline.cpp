@@ -10,7 +10,6 @@
 #include "geometry/constants.hpp"
 #include "geometry/same_camera.hpp"
 #include "manip3d/error.hpp"
-#include "manip3d/geometry/rgbd_frame.hpp"
 #include "manip3d/modify/limb_fit.hpp"
 #include "modify/body_plane.hpp"
 #include "modify/border_memory.hpp"
