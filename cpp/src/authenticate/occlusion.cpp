@@ -5,7 +5,6 @@
 #include <bit>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <span>
 #include <string>
 #include <utility>
@@ -25,7 +24,7 @@ namespace manip3d {
 namespace {
 
 constexpr std::int64_t kMaxRays = 1 << 28;
-constexpr float kNothing = std::numeric_limits<float>::infinity();
+constexpr float kNothing = kInfinityF;
 // rows around those with points: more than closing and median reach
 constexpr std::int64_t kEmptyRows = 4;
 constexpr std::int32_t kNowhere = -1;  // cell of a point at the origin, which has no direction

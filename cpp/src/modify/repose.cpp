@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <span>
 #include <string>
 
@@ -89,7 +88,7 @@ void check(const ReposeOptions& options) {
 class BoneMap {
  public:
   explicit BoneMap(const Skeleton& skeleton) {
-    for (auto& row : way_) row.fill(std::numeric_limits<double>::infinity());
+    for (auto& row : way_) row.fill(kInfinity);
     for (std::size_t joint = 0; joint < kNumJoints; ++joint) way_[joint][joint] = 0.0;
     for (std::size_t bone = 1; bone < kNumJoints; ++bone) {
       const std::size_t parent = kJointParents[bone];
@@ -175,8 +174,7 @@ class Skin {
     std::size_t nearest = 0;
     for (const std::size_t bone : map_.bones()) {
       feet[bone] = map_.foot(bone, x);
-      const double best =
-          nearest == 0 ? std::numeric_limits<double>::infinity() : feet[nearest].distance;
+      const double best = nearest == 0 ? kInfinity : feet[nearest].distance;
       if (feet[bone].distance < best) nearest = bone;
     }
     if (nearest == 0) return {};
