@@ -43,7 +43,7 @@ constexpr double kVisible = 1e-3;
 
 /// Borders and texture at a vertex count as exact if their error, divided by the vertex's area, is
 /// at most this (a distance; the diagonal is 1).
-constexpr double kOwesNothing = 1e-9;
+constexpr double kExactAttributes = 1e-9;
 
 /// Weight of the planes of borders that a vertex must not leave, relative to its surface.
 constexpr double kHeldFirmly = 1e6;
@@ -283,8 +283,8 @@ class QualitySimplifier {
       queue_.push({best.price, v, t, entry.version});
       return try_forbidden();
     }
-    const bool first = original_.guard_rims(mesh_, v, check_.first_ring());
-    const bool second = original_.guard_rims(mesh_, t, check_.second_ring());
+    const bool first = original_.add_missing_rims(mesh_, v, check_.first_ring());
+    const bool second = original_.add_missing_rims(mesh_, t, check_.second_ring());
     if (first || second) return push_edge(v, t, edge->num_faces);
     const double error = mesh_.scale() * original_.error(v, t, best.position);
     if (error > options_.max_error) return refuse(v, t, Rejection::kErrorLimit);
@@ -323,7 +323,7 @@ class QualitySimplifier {
     mesh_.collapse(v, t, wedges_.map());
     mesh_.move(t, plan.position);
     if (is_doubling) doubled_.remove(t);
-    original_.merge(v, t, plan.owed);
+    original_.merge(v, t, plan.attribute_price);
     kept_.merge(v, t);
     into_[v] = t;
     ++version_[t];
@@ -404,8 +404,9 @@ class QualitySimplifier {
     std::optional<Plan> best;
     for (const Place place : {Place::kFirst, Place::kSecond, Place::kMiddle}) {
       Plan plan = prices_.plan(v, t, edge->num_faces, place);
-      const double owes = std::max(0.0, plan.owed - original_.owed[v] - original_.owed[t]);
-      plan.price = weight * (prices_.lost_shape(v, t, plan.position) + owes);
+      const double attributes = std::max(
+          0.0, plan.attribute_price - original_.attribute_price[v] - original_.attribute_price[t]);
+      plan.price = weight * (prices_.lost_shape(v, t, plan.position) + attributes);
       if (best && !(plan.price < best->price)) continue;
       if (!check_.check_faces(plan.position, Rules::kFlips)) best = plan;
     }
@@ -418,7 +419,8 @@ class QualitySimplifier {
   void move_to_fit(std::int32_t v, const Vector3d& by, double area) {
     if (kept_.is_locked(v) || is_exact_[v] || !(by.squaredNorm() > 0.0)) return;
     Vector3d step = by;
-    if (original_.border[v] > 0.0 && original_.owed[v] <= kOwesNothing * original_.area[v]) {
+    if (original_.border[v] > 0.0 &&
+        original_.attribute_price[v] <= kExactAttributes * original_.area[v]) {
       const Quadric& q = original_.borders[v];
       Eigen::Matrix3d planes;
       planes << q.xx, q.xy, q.xz, q.xy, q.yy, q.yz, q.xz, q.yz, q.zz;
