@@ -58,7 +58,7 @@ void check_count(double count) {
     throw InputError(
         "spacing: expected one that 2^24 points of the object's surface can have, "
         "this wants " +
-        std::to_string(count));
+        number_text(count));
   }
 }
 

@@ -194,7 +194,7 @@ void check_options(const ReliefOptions& options) {
                      std::to_string(options.target_points));
   }
   if (!(options.stability >= 1.0)) {
-    throw InputError("stability: expected at least 1, got " + std::to_string(options.stability));
+    throw InputError("stability: expected at least 1, got " + number_text(options.stability));
   }
   options.dense.check();
   std::int64_t larger = options.target_points;
