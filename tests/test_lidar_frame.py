@@ -10,7 +10,7 @@ import pytest
 
 import manip3d
 from manip3d import Box, InputError, LidarFrame
-from manip3d.lidar import ScanFormat
+from manip3d.lidar import ScanFormat, box_corners, box_outline
 
 
 def frame(**changes: Any) -> LidarFrame:
@@ -138,6 +138,14 @@ def test_frames_are_frozen_and_replaced() -> None:
 
 def test_empty_returns_are_counted() -> None:
     assert LidarFrame([[0, 0, 0], [1, 0, 0], [0, 0, 0]]).num_empty == 2
+
+
+def test_corners_of_a_box() -> None:
+    box = Box((10.0, 5.0, 0.5), (4.0, 0.1, 1.0), np.pi / 2)  # its length is along y
+    corners = [[10 - y, 5 + x, z] for x in (-2, 2) for y in (-0.05, 0.05) for z in (0, 1)]
+    np.testing.assert_allclose(box_corners(box), corners)
+    seen_from_above = [[9.8, 7, 0.5], [9.8, 3, 0.5], [10.2, 3, 0.5], [10.2, 7, 0.5]]
+    np.testing.assert_allclose(box_outline(box, 0.4), seen_from_above)
 
 
 def test_box_contains_what_lies_inside() -> None:

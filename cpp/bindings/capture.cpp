@@ -10,8 +10,8 @@
 
 #include "exclusive.hpp"
 #include "manip3d/capture/velodyne_source.hpp"
-#include "mesh.hpp"
 #include "modules.hpp"
+#include "numpy.hpp"
 #include "paths.hpp"
 #include "python_types.hpp"
 

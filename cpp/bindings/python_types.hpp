@@ -39,7 +39,6 @@ using PyRegistration = Named<"manip3d.camera.Registration">;
 using PySkeleton = Named<"manip3d.rgbd.Skeleton">;
 using PyRgbdFrame = Named<"manip3d.rgbd.RgbdFrame">;
 using PyProgress = Named<"collections.abc.Callable[[float], object] | None">;
-using OptionalPyMesh = Named<"manip3d.mesh.Mesh | None">;
 using OptionalPyIntrinsics = Named<"manip3d.camera.Intrinsics | None">;
 using OptionalPyRegistration = Named<"manip3d.camera.Registration | None">;
 using OptionalPyCalibration = Named<"manip3d.rgbd.RgbdCalibration | None">;

@@ -122,6 +122,25 @@ class Box:
         return inside
 
 
+def box_corners(box: Box) -> NDArray[np.float64]:
+    """Return the corners (8, 3) of a box in its scan's frame; the last axis changes fastest."""
+    signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    along, across, up = (signs * np.asarray(box.size)).T
+    cosine, sine = math.cos(box.yaw), math.sin(box.yaw)
+    turned = [cosine * along - sine * across, sine * along + cosine * across, up]
+    return np.asarray(np.column_stack(turned) + np.asarray(box.center))
+
+
+def box_outline(box: Box, smallest: float) -> NDArray[np.float64]:
+    """Return the corners (4, 3) of a box seen from above, at the height of its centre.
+
+    They are in counter-clockwise order. Sides shorter than ``smallest`` are lengthened to it.
+    """
+    length, width, _ = box.size
+    flat = _replace(box, size=(max(length, smallest), max(width, smallest), 0.0))
+    return box_corners(flat)[[6, 2, 0, 4]]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class LidarFrame(Showable):
     """One scan: points with, row by row, the columns of the sensor or the file.

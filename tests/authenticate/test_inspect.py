@@ -1357,11 +1357,6 @@ def test_a_crop_from_below_leaves_firings_silent(cut: float) -> None:
     assert is_cut_below(points, firings)
 
 
-def silenced(firings: Firings, cells: np.ndarray) -> Firings:
-    """The firings as if some of them had got no return; their points stay."""
-    return firings._replace(answered=firings.answered & ~cells)
-
-
 def flat_street() -> tuple[np.ndarray, Firings]:
     """A street whose lowest third is flat, 1.77 m below the scanner, at no round height."""
     points, firings = street_above(-9.0)

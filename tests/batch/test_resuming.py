@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -416,7 +416,6 @@ def test_what_asks_a_command_to_end_ends_its_batch_like_ctrl_c(
 
 # --- every verb of many files ---------------------------------------------------------------------
 
-Change = Callable[[Path], None]
 # The words of each verb, then the inputs by their names; SRC is what there are several of. All
 # inputs are written as the few bytes that no verb ever reads here.
 VERBS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {

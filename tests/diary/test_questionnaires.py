@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from manip3d import FormatError, InputError
-from manip3d.phantom._touch import NUM_OWNERSHIP, STATEMENTS
+from manip3d.phantom._touch import STATEMENTS
 
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
@@ -88,7 +88,7 @@ def test_mcgill_is_an_instance_with_the_scores_of_before() -> None:
 
 def test_ownership_asks_what_the_touch_cue_asks() -> None:
     assert tuple(item.text for item in OWNERSHIP.items) == tuple(STATEMENTS)
-    assert OWNERSHIP.scales[0].items == tuple(range(1, NUM_OWNERSHIP + 1))
+    assert OWNERSHIP.scales[0].items == (1, 2, 3)
     assert OWNERSHIP.score([3, 2, 1, -3, 0, 0]) == {"ownership": 2.0, "control": -1.0}
 
 

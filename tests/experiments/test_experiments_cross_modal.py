@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from manip3d import Box, LidarFrame
-from manip3d.experiments import Plan, _alert_attacks, _counting, cross_modal_7, registry
+from manip3d._util.shares import wilson
+from manip3d.experiments import Plan, _alert_attacks, cross_modal_7, registry
 from manip3d.experiments._model import Row
 
 CAR = Box((12.0, 2.0, -0.9), (4.0, 1.8, 1.5))
@@ -40,7 +41,7 @@ def test_the_published_sums_are_those_of_the_table() -> None:
     [(0, 10, 0.0, 0.2775), (5, 10, 0.2366, 0.7634), (10, 10, 0.7225, 1.0), (0, 0, 0.0, 1.0)],
 )
 def test_intervals_are_wilson_s(found: int, of: int, low: float, high: float) -> None:
-    assert _counting.interval(found, of) == pytest.approx((low, high), abs=1e-4)
+    assert wilson(found, of) == pytest.approx((low, high), abs=1e-4)
 
 
 def test_claims_follow_the_counts() -> None:

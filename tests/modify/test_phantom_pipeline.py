@@ -810,6 +810,12 @@ def test_calibrations_may_change_and_may_be_wrong() -> None:
     assert pipeline.process(frame(pose(), number=30)).state is PhantomState.TRACKING
 
 
+def test_a_refused_option_is_shown_exactly() -> None:
+    """The message was "expected 0 to 1.000000, got 1.000000"."""
+    with pytest.raises(InputError, match=r"^least_visible: expected 0 to 1, got 1\.000000001$"):
+        PhantomPipeline(least_visible=1.0 + 1e-9)
+
+
 def test_options_are_checked() -> None:
     for options in (
         {"arm_radius": -1},

@@ -20,7 +20,6 @@ from manip3d.viewer.page import BUNDLE
 
 EMULATOR = BUNDLE.parents[1] / "node_modules" / "iwer" / "build" / "iwer.min.js"
 PHANTOM_HAND = {10, 11, 23, 24}
-FLOOR = 400  # of 800 pixels: above it the person, beneath it buttons
 
 
 @pytest.fixture

@@ -1010,6 +1010,13 @@ def test_modes() -> None:
     )
 
 
+@pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
+def test_a_refused_option_is_shown_exactly(method: Any) -> None:
+    """The message was "got -0.000000"."""
+    with pytest.raises(InputError, match=r"^max_error: expected a number >= 0, got -1e-09$"):
+        method(exact_models.hill(5), max_error=-1e-9)
+
+
 def test_wrong_options() -> None:
     hill = exact_models.hill(5)
     with pytest.raises(

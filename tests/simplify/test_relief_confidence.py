@@ -292,6 +292,10 @@ def test_streams_take_the_mask_and_the_confidence_of_each_frame() -> None:
         ({"confidence": np.full((48, 64), 1.5)}, "confidence: expected 0 to 1, got 1.5 to 1.5"),
         ({"confidence": np.full((48, 64), -0.5)}, "confidence: expected 0 to 1"),
         (
+            {"confidence": np.full((48, 64), 1.0 + 2.0**-20, np.float32)},
+            "got 1.00000095367431.* to 1.00000095367431",
+        ),
+        (
             {"confidence": np.where(np.arange(64) < 2, np.nan, np.ones((48, 64)))},
             "confidence: expected 0 to 1, got 96 NaN",
         ),

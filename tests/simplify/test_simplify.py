@@ -471,6 +471,7 @@ def test_targets_combine_to_the_first_reached() -> None:
         ({"ratio": 0.5, "boundary_weight": -1.0}, "boundary_weight: expected a finite number"),
         ({"ratio": 0.5, "seam_weight": float("inf")}, "seam_weight: expected a finite number"),
         ({"ratio": 0.5, "quality_threshold": 2.0}, "quality_threshold: expected a number"),
+        ({"ratio": 0.5, "quality_threshold": 1e300}, r"\[0, 1\], got 1e\+300$"),
         ({"ratio": 0.5, "curvature": "round"}, "curvature: expected 'turning' or 'paper'"),
         ({"ratio": 0.5, "seam_mode": "x"}, "seam_mode: expected 'planes', 'paper' or"),
         ({"ratio": 0.5, "link_condition": "x"}, "link_condition: expected 'manifold'"),

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <array>
+#include <charconv>
+#include <concepts>
 #include <cstdint>
 #include <optional>
 #include <stdexcept>
@@ -10,6 +13,14 @@
 /// The three errors that every manip3d function may throw. The bindings turn them into
 /// `manip3d.Error` and its subclasses.
 namespace manip3d {
+
+/// Shortest text that reads back as exactly this number. Error messages show numbers so, because a
+/// fixed number of decimals would hide what is wrong with them.
+template <std::floating_point Number>
+[[nodiscard]] std::string number_text(Number value) {
+  std::array<char, 32> digits;  // -2.2250738585072014e-308 is the longest
+  return {digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr};
+}
 
 /// Root of all errors that manip3d throws on purpose.
 class Error : public std::runtime_error {

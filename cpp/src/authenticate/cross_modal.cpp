@@ -37,15 +37,14 @@ void check_camera(const DisparityView& disparity, const StereoView& camera) {
 
 void check_cross_modal_options(const CrossModalOptions& options) {
   if (!(options.heading >= -360.0 && options.heading <= 360.0)) {
-    throw InputError("heading: expected -360 to 360 degrees, got " +
-                     std::to_string(options.heading));
+    throw InputError("heading: expected -360 to 360 degrees, got " + number_text(options.heading));
   }
   if (!(options.azimuth_step > 0.0 && options.elevation_step > 0.0)) {
     throw InputError("azimuth_step, elevation_step: expected numbers > 0");
   }
   if (!(options.half_azimuth > 0.0 && options.half_azimuth <= 90.0)) {
     throw InputError("half_azimuth: expected > 0 to 90 degrees, got " +
-                     std::to_string(options.half_azimuth));
+                     number_text(options.half_azimuth));
   }
   if (!(options.lowest >= -90.0 && options.lowest < options.highest && options.highest <= 90.0)) {
     throw InputError("lowest, highest: expected -90 <= lowest < highest <= 90 degrees");
@@ -55,7 +54,7 @@ void check_cross_modal_options(const CrossModalOptions& options) {
     throw InputError("min_range, max_range: expected 0 < min_range < max_range");
   }
   if (!(options.tolerance > 0.0 && std::isfinite(options.tolerance))) {
-    throw InputError("tolerance: expected a number > 0, got " + std::to_string(options.tolerance));
+    throw InputError("tolerance: expected a number > 0, got " + number_text(options.tolerance));
   }
   if (!(std::isfinite(options.dark_level) && options.dark_weight >= 0.0 &&
         options.dark_weight <= 1.0)) {
@@ -139,10 +138,7 @@ class FrontMap {
 // Inverse ranges of each cell, 1/m. Count 0: nothing was seen there.
 struct InverseRanges {
   explicit InverseRanges(std::int64_t cells)
-      : nearest(cells, 0.0F),
-        farthest(cells, std::numeric_limits<float>::infinity()),
-        sum(cells, 0.0),
-        count(cells, 0) {}
+      : nearest(cells, 0.0F), farthest(cells, kInfinityF), sum(cells, 0.0), count(cells, 0) {}
 
   // Adds a pixel with its grey level. The brightness of a cell is the mean of its pixels' levels.
   void add(std::int32_t cell, float inverse, std::uint8_t level) {
@@ -222,7 +218,7 @@ void project_disparity(const DisparityView& disparity, const StereoView& camera,
       size = 0;
     };
     for (std::int64_t u = 0; u < disparity.width; ++u) {
-      if (!(row[u] > kMinDisparity && row[u] < std::numeric_limits<float>::infinity())) continue;
+      if (!(row[u] > kMinDisparity && row[u] < kInfinityF)) continue;
       const double z = depth_of_pixel / row[u];
       const double across = (static_cast<double>(u) - camera.center_u) / camera.focal;
       for (int axis = 0; axis < 3; ++axis) {
@@ -240,7 +236,7 @@ void project_disparity(const DisparityView& disparity, const StereoView& camera,
 // and the number of these cells that were seen.
 struct Around {
   float nearest = 0.0F;
-  float farthest = std::numeric_limits<float>::infinity();
+  float farthest = kInfinityF;
   int cells = 0;
 };
 
@@ -304,7 +300,7 @@ void mark_cells(const InverseRanges& lidar, const InverseRanges& stereo, const F
 // A component and the bounding box of its points.
 struct ComponentSums {
   CrossModalComponent component;
-  Eigen::Vector3d lower = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector3d lower = Eigen::Vector3d::Constant(kInfinity);
   Eigen::Vector3d upper = -lower;
 
   void extend(const Eigen::Vector3d& point) {
@@ -396,7 +392,7 @@ CrossModalResult compare_ahead(const PointsView& view, const DisparityView& disp
   result.difference.assign(map.cells(), 0.0F);
   result.mask.assign(map.cells(), 0);
   result.judged.assign(map.cells(), 0);
-  std::vector<float> limit(map.cells(), std::numeric_limits<float>::infinity());
+  std::vector<float> limit(map.cells(), kInfinityF);
   mark_cells(lidar, stereo, map, camera, options, result, limit);
 
   std::vector<std::int32_t> component_of(map.cells(), kOutsideMap);

@@ -75,7 +75,7 @@ class LevelFinder {
     }
     if (!(options.max_range > options.level_width && options.max_range <= 1e4)) {
       throw InputError("max_range: expected more than a level, and at most 10000 m, got " +
-                       std::to_string(options.max_range));
+                       number_text(options.max_range));
     }
   }
 

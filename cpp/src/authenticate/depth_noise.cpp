@@ -150,7 +150,7 @@ std::vector<double> depth_noise(const DepthView& depth, const DepthNoiseOptions&
                      std::to_string(options.region));
   }
   if (!(options.sigma >= 0.1 && options.sigma <= 100.0)) {
-    throw InputError("sigma: expected 0.1 to 100, got " + std::to_string(options.sigma));
+    throw InputError("sigma: expected 0.1 to 100, got " + number_text(options.sigma));
   }
   const std::array<double, kWindow> weights = gaussian(options.sigma);
   const std::int64_t rows = depth.rows, cols = depth.cols, side = options.region;

@@ -15,7 +15,6 @@
 #include "authenticate/ring_image.hpp"
 #include "authenticate/suspect_regions.hpp"
 #include "authenticate/void_search.hpp"
-#include "geometry/constants.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
@@ -444,20 +443,18 @@ class Examination {
 
 void check_options(const GenericOptions& options) {
   if (!(options.tolerance > 0.0 && options.tolerance < 1.0)) {
-    throw InputError("tolerance: expected metres in (0, 1), got " +
-                     std::to_string(options.tolerance));
+    throw InputError("tolerance: expected metres in (0, 1), got " + number_text(options.tolerance));
   }
   if (!(options.dropped_share > 0.0 && options.dropped_share <= 1.0)) {
     throw InputError("dropped_share: expected a share in (0, 1], got " +
-                     std::to_string(options.dropped_share));
+                     number_text(options.dropped_share));
   }
   if (!(options.azimuth_error >= 0.0 && options.azimuth_error < 1.0)) {
-    throw InputError("azimuth_error: expected 0 to 1 m, got " +
-                     std::to_string(options.azimuth_error));
+    throw InputError("azimuth_error: expected 0 to 1 m, got " + number_text(options.azimuth_error));
   }
   if (!(options.range_incoherence > 0.0 && options.range_incoherence < 0.5)) {
     throw InputError("range_incoherence: expected a share in (0, 0.5), got " +
-                     std::to_string(options.range_incoherence));
+                     number_text(options.range_incoherence));
   }
   if (!(options.min_ground_range > 0.0 && options.max_ground_range > options.min_ground_range)) {
     throw InputError("min_ground_range: expected 0 < min_ground_range < max_ground_range");

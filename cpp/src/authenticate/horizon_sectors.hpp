@@ -7,7 +7,7 @@
 #include <numeric>
 #include <vector>
 
-#include "geometry/constants.hpp"
+#include "authenticate/ring_image.hpp"
 
 namespace manip3d {
 
@@ -20,7 +20,7 @@ class HorizonSectors {
 
   /// @param azimuth  Radians, in [0, 2 pi].
   [[nodiscard]] static std::size_t sector(double azimuth) {
-    return std::min(static_cast<std::size_t>(azimuth * (kSectors / kFullTurn)), kSectors - 1);
+    return static_cast<std::size_t>(azimuth_column(azimuth, kSectors));
   }
 
   void add(double azimuth) {

@@ -120,7 +120,7 @@ class LatticeReader {
 void check_step(double step, const char* name) {
   if (step == 0.0 || (step >= kSmallestStep && step <= kLargestStep)) return;
   throw InputError(std::string("lattice: expected a ") + name + " of 1e-6 to 1 m or 0, got " +
-                   std::to_string(step));
+                   number_text(step));
 }
 
 }  // namespace
@@ -134,7 +134,7 @@ void check_readable(const ScanLattice& lattice) {
   for (int k = 0; k < lattice.num_rings(); ++k) {
     const ScanLattice::Ring& ring = lattice.rings[k];
     if (k > 0 && !(ring.slope < lattice.rings[k - 1].slope)) {
-      throw InputError("lattice: expected descending slopes, got " + std::to_string(ring.slope) +
+      throw InputError("lattice: expected descending slopes, got " + number_text(ring.slope) +
                        " in ring " + std::to_string(k));
     }
     if (!(std::abs(ring.azimuth) <= kFullTurn)) {

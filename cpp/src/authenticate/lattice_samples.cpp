@@ -60,7 +60,7 @@ std::string grid_of(std::uint32_t units_per_m) {
 
 template <typename Value>
 [[noreturn]] void refuse(const Value* xyz, std::int64_t row, const std::string& grid) {
-  const auto text = [&](int axis) { return std::to_string(xyz[3 * row + axis]); };
+  const auto text = [&](int axis) { return number_text(xyz[3 * row + axis]); };
   throw InputError("points: expected coordinates on a grid of " + grid + ", got (" + text(0) +
                    ", " + text(1) + ", " + text(2) + ") in row " + std::to_string(row) +
                    "; embed 'detached', or round the points onto the grid");
@@ -218,7 +218,7 @@ void sample_intensities(const PointsView& points, ZeroSigns signs, LatticeSample
   std::size_t row = begin;
   while (row + 1 < end && block.is_good(row - begin)) ++row;
   const double reach = static_cast<double>(kReach) / units_per_m;
-  const std::string far = units_per_m == 1000 ? "4 km" : std::to_string(reach) + " m";
+  const std::string far = units_per_m == 1000 ? "4 km" : number_text(reach) + " m";
   refuse(points.points.data(), static_cast<std::int64_t>(row),
          grid_of(units_per_m) + ", within " + far);
 }

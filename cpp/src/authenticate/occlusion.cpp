@@ -5,7 +5,6 @@
 #include <bit>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <span>
 #include <string>
 #include <utility>
@@ -25,7 +24,7 @@ namespace manip3d {
 namespace {
 
 constexpr std::int64_t kMaxRays = 1 << 28;
-constexpr float kNothing = std::numeric_limits<float>::infinity();
+constexpr float kNothing = kInfinityF;
 // rows around those with points: more than closing and median reach
 constexpr std::int64_t kEmptyRows = 4;
 constexpr std::int32_t kNowhere = -1;  // cell of a point at the origin, which has no direction
@@ -42,7 +41,7 @@ void check_options(const OcclusionOptions& options) {
   }
   if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");
   if (!(options.min_gap > 0.0)) {
-    throw InputError("min_gap: expected > 0, got " + std::to_string(options.min_gap));
+    throw InputError("min_gap: expected > 0, got " + number_text(options.min_gap));
   }
   if (!(options.min_cells >= 1 && options.min_area >= 0.0 && options.max_range > 0.0)) {
     throw InputError("min_cells, min_area, max_range: expected at least 1, >= 0 and > 0");

@@ -626,7 +626,7 @@ void check_reflectance(const PointsView& view, const char* name) {
   for (Eigen::Index i = 0; i < view.intensity.size(); ++i) {
     if (view.intensity(i) >= 0.0F && view.intensity(i) <= 1.0F) continue;
     throw InputError(std::string(name) + ": expected reflectances in [0, 1], got " +
-                     std::to_string(view.intensity(i)) + " in row " + std::to_string(i));
+                     number_text(view.intensity(i)) + " in row " + std::to_string(i));
   }
 }
 
@@ -635,7 +635,7 @@ void check_reflectance_options(const ReflectanceOptions& options) {
     throw InputError("nearest: expected 0 < nearest < farthest");
   }
   if (!(options.reach > 0.0 && options.reach < 10.0)) {
-    throw InputError("reach: expected metres in (0, 10), got " + std::to_string(options.reach));
+    throw InputError("reach: expected metres in (0, 10), got " + number_text(options.reach));
   }
 }
 

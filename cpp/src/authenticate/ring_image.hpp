@@ -1,14 +1,21 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <utility>
 #include <vector>
 
+#include "geometry/constants.hpp"
 #include "manip3d/geometry/connected_runs.hpp"
 #include "manip3d/progress.hpp"
 
 namespace manip3d {
+
+/// The column of an azimuth, radians in [0, 2 pi], if the horizon is divided into columns.
+inline int azimuth_column(double azimuth, int columns) {
+  return std::min(static_cast<int>(azimuth * (columns / kFullTurn)), columns - 1);
+}
 
 /// One value per ring (or block of rings) and column; columns are cyclic around the horizon.
 template <typename Value>

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -8,7 +7,6 @@
 
 #include "authenticate/ring_image.hpp"
 #include "authenticate/void_search.hpp"
-#include "geometry/constants.hpp"
 #include "manip3d/authenticate/generic.hpp"
 
 namespace manip3d {
@@ -23,9 +21,7 @@ using EvidenceCells = RingImage<Strength>;
 constexpr int cell_row(std::int32_t ring) { return ring / kCellRings; }
 
 /// @param azimuth  Radians, in [0, 2 pi].
-inline int cell_column(double azimuth) {
-  return std::min(static_cast<int>(azimuth * (kCellColumns / kFullTurn)), kCellColumns - 1);
-}
+inline int cell_column(double azimuth) { return azimuth_column(azimuth, kCellColumns); }
 
 /// Joins touching cells with evidence to regions with boxes and points. Sets all of `result` except
 /// shares and reasons for dropping. Window flags (kRange, kDrift) are removed from points of

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <span>
 #include <string>
 #include <utility>
@@ -20,7 +19,7 @@ namespace manip3d {
 namespace {
 
 // Seconds: the longest turn of a scanner for which the limits below hold. Scanners turn 5 to 20
-// times a second; turns that are farther apart are not to be compared (MOST_APART_NS of _turns.py).
+// times a second; turns that are farther apart are not to be compared (MAX_APART_NS of _turns.py).
 constexpr double kTurnSeconds = 0.1;
 
 // The motion during a turn, rounded to whole units.
@@ -28,7 +27,7 @@ constexpr int in_a_turn(double per_second, double unit) {
   return static_cast<int>(per_second * kTurnSeconds / unit + 0.5);
 }
 
-constexpr float kNothingNear = std::numeric_limits<float>::infinity();
+constexpr float kNothingNear = kInfinityF;
 
 // Radians: no laser could have measured a point that is farther than this from every line, since
 // lines are 6 to 9 mrad apart.
@@ -61,10 +60,6 @@ struct TurnView {
   RingImage<std::uint8_t> full;    // 1: each of the nine directions has points
 };
 
-int turn_column(double azimuth) {
-  return std::min(static_cast<int>(azimuth * (kTurnColumns / kFullTurn)), kTurnColumns - 1);
-}
-
 // The points of a scan that lie near the line of a laser, with their directions.
 class Directed {
  public:
@@ -79,7 +74,7 @@ class Directed {
       if (reading_.ring(i) < 0) continue;
       const float range = points_.points.row(i).norm();
       if (!(std::abs(reading_.line_error(i)) < kOffLines * range)) continue;
-      visit(i, reading_.ring(i), turn_column(reading_.azimuth(i)), range);
+      visit(i, reading_.ring(i), azimuth_column(reading_.azimuth(i), kTurnColumns), range);
     }
   }
 
@@ -167,7 +162,8 @@ PointsView view_of(const Points& points) {
 // rotated until most of them meet the objects of the other turn.
 constexpr double kGuessCell = 0.25;                       // metres
 constexpr double kGuessReach = 40.0;                      // metres
-constexpr double kGuessHeight = 0.5;                      // metres above the ground
+constexpr double kCarRadius = 4.0;                        // metres; the scanner's own vehicle
+constexpr double kGuessHeight = 0.5, kGuessTop = 2.5;     // metres above the ground
 constexpr int kGuessAhead = in_a_turn(40.0, kGuessCell);  // cells; 40 m/s are 144 km/h
 constexpr int kGuessAside = in_a_turn(5.0, kGuessCell);
 constexpr int kGuessTurns = in_a_turn(40.0, 1.0);  // degrees
@@ -189,9 +185,9 @@ class SeenFromAbove {
     for (Eigen::Index i = 0; i < points.num_points(); ++i) {
       const Eigen::RowVector3d p = points.points.row(i).cast<double>();
       if (!(std::abs(p.x()) < kGuessReach && std::abs(p.y()) < kGuessReach)) continue;
-      if (p.x() * p.x() + p.y() * p.y() < 16.0) continue;  // the scanner's own vehicle
+      if (p.x() * p.x() + p.y() * p.y() < kCarRadius * kCarRadius) continue;
       const double height = ground.above(p.x(), p.y(), p.z());
-      if (height > kGuessHeight && height < kGuessHeight + 2.0) found.emplace_back(p.x(), p.y());
+      if (height > kGuessHeight && height < kGuessTop) found.emplace_back(p.x(), p.y());
     }
     return found;
   }
@@ -302,15 +298,18 @@ class TurnComparison {
     for (int ring = 0; ring < lattice_.num_rings(); ++ring) {
       if (num_answered(ring) < kMinAnswered) continue;
       for (int column = 0; column < kTurnColumns; ++column) {
-        const Told told = tell(ring, column);
-        images[0](ring, column) = told.lost ? 1 : 0;
-        images[1](ring, column) = told.through ? 1 : 0;
-        images[2](ring, column) = told.before ? 1 : 0;
+        const Evidence found = evidence_at(ring, column);
+        const auto mark = [&](TurnEvidence kind, bool is_there) {
+          images[static_cast<std::size_t>(kind)](ring, column) = is_there ? 1 : 0;
+        };
+        mark(TurnEvidence::kLost, found.lost);
+        mark(TurnEvidence::kThrough, found.through);
+        mark(TurnEvidence::kBefore, found.before);
       }
     }
     std::vector<TurnRegion> regions;
     for (int kind = 0; kind < kNumTurnEvidence; ++kind) {
-      add_regions(static_cast<TurnEvidence>(kind), images, regions);
+      add_regions(static_cast<TurnEvidence>(kind), images[kind], regions);
     }
     return regions;
   }
@@ -320,7 +319,8 @@ class TurnComparison {
   }
 
  private:
-  struct Told {
+  /// The kinds of evidence in a direction.
+  struct Evidence {
     bool lost = false, through = false, before = false;
   };
 
@@ -382,35 +382,33 @@ class TurnComparison {
            (before_.full(ring, column) != 0 && after_.full(ring, column) != 0);
   }
 
-  [[nodiscard]] Told tell(int ring, int column) const {
-    Told told;
+  [[nodiscard]] Evidence evidence_at(int ring, int column) const {
+    Evidence found;
     const double near = nearest_seen(ring, column);
-    if (!(near < kNothingNear)) return told;
+    if (!(near < kNothingNear)) return found;
     const double far = farthest_seen(ring, column);
     const bool both = before_.points(ring, column) > 0 && after_.points(ring, column) > 0;
-    if (!both) return told;
+    if (!both) return found;
     const bool in_reach = near > options_.nearest && near < options_.farthest;
     const bool solid =
         std::min(before_.points(ring, column), after_.points(ring, column)) >= kSolidPoints;
     const bool answered = now_.points(ring, column) > 0;
-    told.lost = !answered && solid && in_reach;
-    if (!answered) return told;
+    found.lost = !answered && solid && in_reach;
+    if (!answered) return found;
     // One surface in all nine directions of both turns. At an edge the turns also saw what is
     // behind it.
     const bool one_surface = far - near < slack(far);
     const bool full = are_full(ring, column);
-    told.through = full && in_reach && one_surface && is_above(ring, column, near) &&
-                   now_.near(ring, column) > far + slack(far);
+    found.through = full && in_reach && one_surface && is_above(ring, column, near) &&
+                    now_.near(ring, column) > far + slack(far);
     const double here = now_.far(ring, column);
-    told.before = full && here > options_.nearest && here < options_.farthest &&
-                  is_above(ring, column, here) && near > here + slack(here);
-    return told;
+    found.before = full && here > options_.nearest && here < options_.farthest &&
+                   is_above(ring, column, here) && near > here + slack(here);
+    return found;
   }
 
-  void add_regions(TurnEvidence kind,
-                   const std::array<RingImage<std::uint8_t>, kNumTurnEvidence>& images,
+  void add_regions(TurnEvidence kind, const RingImage<std::uint8_t>& image,
                    std::vector<TurnRegion>& regions) const {
-    const auto& image = images[static_cast<std::size_t>(kind)];
     const std::size_t first = regions.size();
     RingImage<std::int32_t> region_of(image.rings(), image.columns(), -1);
     Ticker never{Progress{}};
@@ -421,7 +419,7 @@ class TurnComparison {
         region_of(ring, column) = static_cast<std::int32_t>(regions.size());
       }
       regions.push_back(region(kind, component));
-      regions.back().moved = moved_beside(kind, component, images);
+      regions.back().moved = moved_beside(kind, component);
     }
     if (regions.size() > first) name_points(kind, region_of, regions);
   }
@@ -432,12 +430,12 @@ class TurnComparison {
     found.cells = static_cast<std::int64_t>(component.size());
     std::vector<double> distances;
     for (const auto& [ring, column] : component) {
-      const double near =
+      const double range =
           kind == TurnEvidence::kBefore ? now_.far(ring, column) : nearest_seen(ring, column);
-      const bool above = is_above(ring, column, near);
+      const bool above = is_above(ring, column, range);
       found.ground += above ? 0 : 1;
       found.agreed += above && agree(ring, column) ? 1 : 0;
-      distances.push_back(near);
+      distances.push_back(range);
     }
     found.distance = median(std::span(distances));
     return found;
@@ -445,9 +443,8 @@ class TurnComparison {
 
   // Number of directions near a region in which a turn has the same evidence and the frame has not:
   // a moving object leaves a hole, or a place that is seen through, near its new place.
-  [[nodiscard]] std::int64_t moved_beside(
-      TurnEvidence kind, const std::vector<RingCell>& component,
-      const std::array<RingImage<std::uint8_t>, kNumTurnEvidence>& images) const {
+  [[nodiscard]] std::int64_t moved_beside(TurnEvidence kind,
+                                          const std::vector<RingCell>& component) const {
     int top = lattice_.num_rings();
     int bottom = 0;
     std::vector<std::uint8_t> around(kTurnColumns, 0);
@@ -455,7 +452,7 @@ class TurnComparison {
       top = std::min(top, ring - kMovedRings);
       bottom = std::max(bottom, ring + kMovedRings);
       for (int d = -kMovedColumns; d <= kMovedColumns; ++d) {
-        around[images[0].wrapped(column + d)] = 1;
+        around[now_.points.wrapped(column + d)] = 1;
       }
     }
     top = std::max(top, 0);
@@ -529,13 +526,14 @@ class TurnComparison {
 };
 
 void check_turn_options(const TurnOptions& options) {
-  const auto refuse = [](const char* name, double value) {
-    throw InputError(std::string(name) + ": expected a number > 0, got " + std::to_string(value));
+  const auto refuse = [](const char* name, const char* expected, double value) {
+    throw InputError(std::string(name) + ": expected a number " + expected + ", got " +
+                     number_text(value));
   };
-  if (!(options.nearest > 0.0)) refuse("nearest", options.nearest);
-  if (!(options.farthest > options.nearest)) refuse("farthest", options.farthest);
-  if (!(options.tolerance > 0.0)) refuse("tolerance", options.tolerance);
-  if (!(options.tolerance_share >= 0.0)) refuse("tolerance_share", options.tolerance_share);
+  if (!(options.nearest > 0.0)) refuse("nearest", "> 0", options.nearest);
+  if (!(options.farthest > options.nearest)) refuse("farthest", "> nearest", options.farthest);
+  if (!(options.tolerance > 0.0)) refuse("tolerance", "> 0", options.tolerance);
+  if (!(options.tolerance_share >= 0.0)) refuse("tolerance_share", ">= 0", options.tolerance_share);
 }
 
 // @param reading  Lattice reading of the points; null: it is computed.

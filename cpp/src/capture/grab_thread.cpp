@@ -198,7 +198,7 @@ ReadStatus GrabThread::read(RgbdFrame& frame, milliseconds timeout) {
 
 std::unique_ptr<RgbdSource> in_real_time(std::unique_ptr<RgbdSource> recording, double speed) {
   if (!(speed > 0.0 && std::isfinite(speed))) {
-    throw InputError("speed: expected a finite number > 0, got " + std::to_string(speed));
+    throw InputError("speed: expected a finite number > 0, got " + number_text(speed));
   }
   return std::make_unique<GrabThread>(std::make_unique<Paced>(std::move(recording), speed));
 }

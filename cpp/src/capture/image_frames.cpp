@@ -83,7 +83,7 @@ void to_millimetres(std::vector<std::uint16_t>& depth, double units_per_metre,
     const double millimetres = std::floor(value * scale + 0.5);
     if (!(millimetres <= 65535.0)) {
       throw FormatError("expected depths up to 65.535 m, got " + std::to_string(value) +
-                            " units of which " + std::to_string(units_per_metre) + " are a metre",
+                            " units of which " + number_text(units_per_metre) + " are a metre",
                         {})
           .in_file(path.string());
     }

@@ -121,11 +121,11 @@ std::vector<RgbdScheme> rgbd_schemes() { return schemes(true); }
 
 std::unique_ptr<RgbdSource> open_rgbd(const std::string& uri, const RgbdOptions& options) {
   if (!(options.speed >= 0.0 && std::isfinite(options.speed))) {
-    throw InputError("speed: expected a finite number >= 0, got " + std::to_string(options.speed));
+    throw InputError("speed: expected a finite number >= 0, got " + number_text(options.speed));
   }
   if (!(options.units_per_metre >= 0.0 && std::isfinite(options.units_per_metre))) {
     throw InputError("units_per_metre: expected a finite number >= 0, got " +
-                     std::to_string(options.units_per_metre));
+                     number_text(options.units_per_metre));
   }
   if (options.rate != 0.0 && !(options.rate >= kLeastRate && options.rate <= kMostRate)) {
     throw InputError("rate: expected 0.01 to 1000 frames per second, got " +

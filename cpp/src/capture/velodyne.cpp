@@ -249,12 +249,12 @@ struct VelodyneDecoder::Packet {
 VelodyneDecoder::VelodyneDecoder(VelodyneOptions options) : options_(std::move(options)) {
   if (!(options_.cut_azimuth_deg >= 0.0 && options_.cut_azimuth_deg < 360.0)) {
     throw InputError("cut_azimuth: expected degrees in [0, 360), got " +
-                     std::to_string(options_.cut_azimuth_deg));
+                     number_text(options_.cut_azimuth_deg));
   }
   if (!(options_.min_range_m >= 0.0 && options_.max_range_m > options_.min_range_m)) {
     throw InputError("min_range, max_range: expected 0 <= min_range < max_range, got " +
-                     std::to_string(options_.min_range_m) + " and " +
-                     std::to_string(options_.max_range_m));
+                     number_text(options_.min_range_m) + " and " +
+                     number_text(options_.max_range_m));
   }
   if (!(options_.max_points_per_frame > 0)) {
     throw InputError("max_points_per_frame: expected > 0, got " +

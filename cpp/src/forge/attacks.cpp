@@ -183,7 +183,7 @@ Matrix4d placement_transform(const PointsView& scene, const PointsView& object,
                              const Progress& progress) {
   if (!placement.position.allFinite()) throw InputError("position: expected finite numbers");
   if (!(placement.scale > 0.0 && std::isfinite(placement.scale))) {
-    throw InputError("scale: expected > 0, got " + std::to_string(placement.scale));
+    throw InputError("scale: expected > 0, got " + number_text(placement.scale));
   }
   if (!is_rotation(placement.rotation)) {
     throw InputError("rotation: expected a rotation matrix");
@@ -232,7 +232,7 @@ double local_spacing(const PointsView& scene, const Vector3d& position, double r
                      int num_threads, const Progress& progress) {
   if (!position.allFinite()) throw InputError("position: expected finite numbers");
   if (!(radius > 0.0 && std::isfinite(radius))) {
-    throw InputError("radius: expected > 0, got " + std::to_string(radius));
+    throw InputError("radius: expected > 0, got " + number_text(radius));
   }
   // Points near the border have neighbours outside of the radius. Twice the radius contains the
   // nearest neighbour of each point that has one within the radius; 1.125 times mostly suffices.
@@ -247,7 +247,7 @@ double local_spacing(const PointsView& scene, const Vector3d& position, double r
     if (spacing.is_sure) break;
   }
   if (spacing.count < 2) {
-    throw InputError("position: expected scene points within " + std::to_string(radius) +
+    throw InputError("position: expected scene points within " + number_text(radius) +
                      " m at different places, whose spacing the object takes; got " +
                      std::to_string(spacing.count));
   }

@@ -5,7 +5,6 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <memory>
 #include <string>
 #include <utility>
@@ -14,6 +13,7 @@
 #include "forge/texture_sampler.hpp"
 #include "forge/triangle_pixels.hpp"
 #include "geometry/buckets.hpp"
+#include "geometry/constants.hpp"
 #include "geometry/lanes.hpp"
 #include "geometry/lens.hpp"
 #include "manip3d/error.hpp"
@@ -22,8 +22,6 @@
 
 namespace manip3d {
 namespace {
-
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 /// Projects points into an image after a rigid motion, in single precision; distorted cameras use
 /// project().
@@ -96,7 +94,7 @@ struct DepthBuffer {
 
   void clear(const PixelBox& where) {
     box = where;
-    z.assign(box.width * box.height + 3, kInfinity);
+    z.assign(box.width * box.height + 3, kInfinityF);
   }
 
   [[nodiscard]] std::int64_t index(std::int64_t u, std::int64_t v) const {
@@ -129,18 +127,18 @@ void fill_pinholes(DepthBuffer& image, std::vector<std::int64_t>& filled, float 
   const std::int64_t rows = image.box.height, cols = image.box.width;
   const auto between = [&](std::int64_t one, std::int64_t other) {
     const auto [near, far] = std::minmax(image.z[one], image.z[other]);
-    return far < kInfinity && step.connects(near, far) ? 0.5F * (near + far) : kInfinity;
+    return far < kInfinityF && step.connects(near, far) ? 0.5F * (near + far) : kInfinityF;
   };
   const std::size_t begin = filled.size();
   std::vector<float> values;
   for (std::int64_t v = 0; v < rows; ++v) {
     for (std::int64_t u = 0; u < cols; ++u) {
       const std::int64_t p = v * cols + u;
-      if (image.z[p] < kInfinity) continue;
-      const float along = u > 0 && u + 1 < cols ? between(p - 1, p + 1) : kInfinity;
-      const float down = v > 0 && v + 1 < rows ? between(p - cols, p + cols) : kInfinity;
+      if (image.z[p] < kInfinityF) continue;
+      const float along = u > 0 && u + 1 < cols ? between(p - 1, p + 1) : kInfinityF;
+      const float down = v > 0 && v + 1 < rows ? between(p - cols, p + cols) : kInfinityF;
       const float z = std::min(along, down);
-      if (z < kInfinity) {
+      if (z < kInfinityF) {
         filled.push_back(p);
         values.push_back(z);
       }
@@ -227,7 +225,7 @@ class Coverage {
     std::uint8_t* covered = covered_.data() + row * cols_;
     const float* z = band.z.data();
     const std::int64_t size = band.box.height * cols_;
-    for (std::int64_t i = 0; i < size; ++i) covered[i] = z[i] < kInfinity ? 1 : 0;
+    for (std::int64_t i = 0; i < size; ++i) covered[i] = z[i] < kInfinityF ? 1 : 0;
   }
 
   /// For each covered pixel, counts the covered pixels in the square of side 2 radius + 1 around
@@ -341,11 +339,11 @@ class ColorPainter {
   std::uint8_t* out_;
 };
 
-bool is_finite(const Drawn& place) { return std::abs(place.u) + std::abs(place.v) < kInfinity; }
+bool is_finite(const Drawn& place) { return std::abs(place.u) + std::abs(place.v) < kInfinityF; }
 
 /// The smallest box of an image that contains the vertices.
 PixelBox box_around(const std::vector<Drawn>& at, std::int64_t cols, std::int64_t rows) {
-  float u0 = kInfinity, v0 = kInfinity, u1 = -kInfinity, v1 = -kInfinity;
+  float u0 = kInfinityF, v0 = kInfinityF, u1 = -kInfinityF, v1 = -kInfinityF;
   for (const Drawn& d : at) {
     if (!is_finite(d)) continue;
     u0 = std::min(u0, d.u);
@@ -492,7 +490,7 @@ void paint_row(const DepthBuffer& drawn, const TexelBuffer& shows, std::int64_t 
   const std::int64_t end = drawn.box.u0 + drawn.box.width;
   for (std::int64_t u = drawn.box.u0; u < end; u += 4) {
     const std::int64_t i = drawn.index(u, v);
-    unsigned is_drawn = true_lanes(load4(&drawn.z[i]) < kInfinity);
+    unsigned is_drawn = true_lanes(load4(&drawn.z[i]) < kInfinityF);
     if (u + 4 > end) is_drawn &= (1U << (end - u)) - 1;
     if (is_drawn == 0) continue;
     const auto places = sample.places(load4(&shows.u[i]), load4(&shows.v[i]));
@@ -555,7 +553,7 @@ void paint_points(const PersonSurface& person, const SceneView& scene, const std
     std::int32_t count = 0;
     const std::int64_t u = pixel % scene.cols, v = pixel / scene.cols;
     const auto add = [&](std::int64_t next_u, std::int64_t next_v) {
-      if (!(image.z[next_v * scene.cols + next_u] < kInfinity)) return;
+      if (!(image.z[next_v * scene.cols + next_u] < kInfinityF)) return;
       for (std::size_t k = 0; k < 3; ++k) sum[k] += painter.painted(next_u, next_v)[k];
       ++count;
     };

@@ -323,7 +323,7 @@ Vector3d hit_point(const Ray& ray, std::size_t number, const InsertionOptions& o
 void check_options(const InsertionOptions& options) {
   if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");
   if (!(options.range_noise >= 0.0 && std::isfinite(options.range_noise))) {
-    throw InputError("range_noise: expected >= 0, got " + std::to_string(options.range_noise));
+    throw InputError("range_noise: expected >= 0, got " + number_text(options.range_noise));
   }
   if (!options.lattice.rings.empty()) check_azimuths(options.lattice);
 }
@@ -352,7 +352,7 @@ Edit edit_of_hits(const RayGrid& grid, std::size_t num_rays, const std::vector<s
   edit.added = to_points(added);
   if (!edit.moved_to.allFinite() || !edit.added.allFinite()) {
     throw InputError("range_noise: takes points beyond the finite floats, got " +
-                     std::to_string(options.range_noise));
+                     number_text(options.range_noise));
   }
   return edit;
 }

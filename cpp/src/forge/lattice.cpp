@@ -58,12 +58,12 @@ void check_azimuths(const ScanLattice& lattice) {
   const double step = lattice.azimuth_step;
   if (!(step == 0.0 || (step >= 1e-4 && step <= 1.0))) {
     throw InputError("lattice: expected an azimuth step of 0 or 1e-4 to 1 radian, got " +
-                     std::to_string(step));
+                     number_text(step));
   }
   for (const ScanLattice::Ring& ring : lattice.rings) {
     if (std::abs(ring.azimuth) <= 1e3 && ring.azimuth == lattice.rings.front().azimuth) continue;
     throw InputError("lattice: expected one phase of all rings in radians, got " +
-                     std::to_string(ring.azimuth));
+                     number_text(ring.azimuth));
   }
 }
 

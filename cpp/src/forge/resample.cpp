@@ -58,7 +58,7 @@ void check_count(double count) {
     throw InputError(
         "spacing: expected one that 2^24 points of the object's surface can have, "
         "this wants " +
-        std::to_string(count));
+        number_text(count));
   }
 }
 
@@ -156,7 +156,7 @@ Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
   check_faces(faces, object.num_points());
   const double spacing = options.spacing;
   if (!(spacing > 0.0 && std::isfinite(spacing))) {
-    throw InputError("spacing: expected > 0, got " + std::to_string(spacing));
+    throw InputError("spacing: expected > 0, got " + number_text(spacing));
   }
   if (object.num_points() < 2) {
     throw InputError("hoax: expected at least 2 points, got " +
@@ -164,7 +164,7 @@ Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
   }
   if (!(object.points.cwiseAbs().maxCoeff() < spacing * 0x1p40)) {
     throw InputError("spacing: expected one within 2^40 of the largest coordinate, got " +
-                     std::to_string(spacing));
+                     number_text(spacing));
   }
   const double spacing_of_object = mean_spacing(object, progress);
   if (!(spacing_of_object > 0.0)) {

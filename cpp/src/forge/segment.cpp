@@ -26,7 +26,7 @@ void check_options(const SegmentOptions& options) {
   const auto positive = [](double value, const char* name) {
     if (!(value > 0.0 && value <= 1e4)) {
       throw InputError(std::string(name) + ": expected > 0 and at most 10000, got " +
-                       std::to_string(value));
+                       number_text(value));
     }
   };
   positive(options.max_range, "max_range");
@@ -34,7 +34,7 @@ void check_options(const SegmentOptions& options) {
   positive(options.ground_slope, "ground_slope");
   positive(options.max_size, "max_size");
   if (!(options.tolerance >= 0.01 && options.tolerance <= 100.0)) {
-    throw InputError("tolerance: expected 0.01 to 100, got " + std::to_string(options.tolerance));
+    throw InputError("tolerance: expected 0.01 to 100, got " + number_text(options.tolerance));
   }
   if (options.min_points < 1) throw InputError("min_points: expected >= 1");
   if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");

@@ -408,7 +408,7 @@ SurfacePoint TriangleBvh::closest_point(const Vector3d& query, std::int32_t near
 
 SurfacePoint TriangleBvh::closest_point_where(
     const Vector3d& query, const std::function<bool(std::int32_t face)>& accept) const {
-  Candidate best{std::numeric_limits<double>::infinity(), 0.0, 0.0, -1, -1};
+  Candidate best{kInfinity, 0.0, 0.0, -1, -1};
   traverse(make_query(query), best.squared_distance, [&](const Candidate& candidate) {
     if (!candidate.before(best) || !accept(candidate.face)) return false;
     best = candidate;

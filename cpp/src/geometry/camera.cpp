@@ -14,7 +14,7 @@ namespace {
 
 [[noreturn]] void refuse(const char* name, const char* field, const char* expected, double got) {
   throw InputError(std::string(name) + "." + field + ": expected " + expected + ", got " +
-                   std::to_string(got));
+                   number_text(got));
 }
 
 }  // namespace

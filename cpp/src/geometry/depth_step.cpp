@@ -11,13 +11,13 @@ DepthStep::DepthStep(const DepthStepOptions& options, double focal) {
   const auto check = [](const char* name, double value) {
     if (!(value >= 0.0 && std::isfinite(value))) {
       throw InputError(std::string(name) + ": expected a finite number >= 0, got " +
-                       std::to_string(value));
+                       number_text(value));
     }
   };
   check("noise_at_1_m", options.noise_at_1_m);
   check("max_step", options.max_step);
   if (!(focal > 0.0)) {
-    throw InputError("focal: expected > 0, got " + std::to_string(focal));
+    throw InputError("focal: expected > 0, got " + number_text(focal));
   }
   if (options.max_step > 0.0) {
     fixed_ = static_cast<float>(options.max_step);

@@ -65,7 +65,7 @@ DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options,
                     const Registration* registration) {
   check_point_grid(grid);
   if (!(options.max_edge > 0.0)) {
-    throw InputError("max_edge: expected > 0, got " + std::to_string(options.max_edge));
+    throw InputError("max_edge: expected > 0, got " + number_text(options.max_edge));
   }
   // First counts, so that each row knows where to write its vertices and triangles.
   constexpr std::int64_t kRowsPerChunk = 8;

@@ -18,7 +18,7 @@ void check_lattice(const ScanLattice& lattice) {
     for (const double value : {ring.slope, ring.offset, ring.lateral, ring.azimuth,
                                ring.range_phase, ring.center, ring.slope_error}) {
       if (!std::isfinite(value)) {
-        throw InputError("lattice: expected finite numbers, got " + std::to_string(value) +
+        throw InputError("lattice: expected finite numbers, got " + number_text(value) +
                          " in ring " + std::to_string(&ring - lattice.rings.data()));
       }
     }

@@ -16,7 +16,7 @@ void check_finite(const Table& table, const char* name) {
     for (Eigen::Index column = 0; column < table.cols(); ++column) {
       if (std::isfinite(table(row, column))) continue;
       throw InputError(std::string(name) + ": expected finite values, got " +
-                       std::to_string(table(row, column)) + " at row " + std::to_string(row) +
+                       number_text(table(row, column)) + " at row " + std::to_string(row) +
                        ", column " + std::to_string(column));
     }
   }

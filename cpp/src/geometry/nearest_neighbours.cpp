@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -89,14 +88,14 @@ class DirectionGrid {
     float x, y, z;
     double range, rho, azimuth, elevation;
     std::int64_t row, column;
-    double best = kInfinity;                                // squared
-    float cutoff = std::numeric_limits<float>::infinity();  // slightly larger than `best`
+    double best = kInfinity;    // squared
+    float cutoff = kInfinityF;  // slightly larger than `best`
   };
   struct Window {
     std::int64_t low, high, left, right;  // first and last row, first and last column
   };
   struct Block {
-    float nearest = std::numeric_limits<float>::infinity();
+    float nearest = kInfinityF;
     float farthest = 0.0F;
   };
 
@@ -462,7 +461,7 @@ LargeArray<double> nearest_distances(const PointsView& view, const NearestOption
   }
   if (!(options.resolution >= 0.0 && options.resolution <= kPi)) {
     throw InputError("resolution: expected 0 to pi radians, got " +
-                     std::to_string(options.resolution));
+                     number_text(options.resolution));
   }
   if (!options.origin || view.num_points() < kFewPoints) {
     return tree_distances(view, options.num_threads, progress);

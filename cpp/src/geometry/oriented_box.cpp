@@ -18,7 +18,7 @@ void check_box(const OrientedBox& box) {
     throw InputError("box: expected a finite center and sizes >= 0");
   }
   if (!(std::abs(box.yaw) <= 1e6)) {
-    throw InputError("box: expected a yaw in radians, got " + std::to_string(box.yaw));
+    throw InputError("box: expected a yaw in radians, got " + number_text(box.yaw));
   }
 }
 

@@ -18,8 +18,8 @@ void check_finite_rows(const Table& table, const char* name) {
     for (Eigen::Index column = 0; column < table.cols(); ++column) {
       const float value = table(row, column);
       if (std::isfinite(value)) continue;
-      throw InputError(std::string(name) + ": expected finite numbers, got " +
-                       std::to_string(value) + " in row " + std::to_string(row));
+      throw InputError(std::string(name) + ": expected finite numbers, got " + number_text(value) +
+                       " in row " + std::to_string(row));
     }
   }
 }

@@ -88,7 +88,7 @@ void RangeImage::load_depth(std::int64_t v, std::int64_t u0, std::int64_t count,
   }
   for (std::int64_t i = 0; refused != 0 && i < count; ++i) {
     if (in[i] < 0.0F || in[i] == kInfinityF) {
-      throw InputError("depth: expected finite numbers >= 0, or NaN, got " + std::to_string(in[i]) +
+      throw InputError("depth: expected finite numbers >= 0, or NaN, got " + number_text(in[i]) +
                        at_pixel(u0 + i, v));
     }
   }

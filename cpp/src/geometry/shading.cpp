@@ -138,7 +138,7 @@ class CreaseShader {
 ShadingNormals shading_normals(const MeshView& mesh, double crease_angle_deg, int num_threads) {
   if (!(crease_angle_deg >= 0.0 && crease_angle_deg <= 180.0)) {
     throw InputError("crease_angle: expected degrees in [0, 180], got " +
-                     std::to_string(crease_angle_deg));
+                     number_text(crease_angle_deg));
   }
   check_mesh(mesh);
   const CornerFans fans = collect_fans(mesh, weld_rows<3>(mesh.vertices));

@@ -162,7 +162,7 @@ void check_sparse(const SparseOptions& options) {
     throw InputError("neighbours: expected 1 to 8, got " + std::to_string(options.neighbours));
   }
   if (!(options.angle >= 0.0 && options.angle < 1.0)) {
-    throw InputError("angle: expected radians in [0, 1), got " + std::to_string(options.angle));
+    throw InputError("angle: expected radians in [0, 1), got " + number_text(options.angle));
   }
   if (!(options.every >= 1)) {
     throw InputError("every: expected at least 1, got " + std::to_string(options.every));

@@ -10,6 +10,7 @@
 #include "io/gltf_nodes.hpp"
 #include "io/gltf_scene.hpp"
 #include "io/warnings.hpp"
+#include "manip3d/error.hpp"
 
 namespace manip3d {
 namespace {
@@ -39,7 +40,7 @@ void warn_of_center(const GltfDocument& document, std::vector<std::string>& warn
   if (!center) return;
   const Eigen::Vector3d point = vector_of<3>(*center);
   std::string text;
-  for (const double x : point) text += (text.empty() ? "" : ", ") + std::to_string(x);
+  for (const double x : point) text += (text.empty() ? "" : ", ") + number_text(x);
   warn(warnings, std::string(kCesiumRtc) + ": coordinates are relative to the point (" + text +
                      ") of the earth, which is left out");
 }

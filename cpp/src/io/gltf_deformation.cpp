@@ -7,6 +7,8 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
+#include "manip3d/error.hpp"
+
 namespace manip3d {
 namespace {
 
@@ -83,7 +85,7 @@ std::uint16_t joint_of(double value, const JsonPlace& place) {
       value == static_cast<double>(static_cast<std::uint16_t>(value))) {
     return static_cast<std::uint16_t>(value);
   }
-  place.fail("expected joints as integers from 0 to 65535, got " + std::to_string(value));
+  place.fail("expected joints as integers from 0 to 65535, got " + number_text(value));
 }
 
 void read_joints(GltfDocument& document, const PlacedPrimitive& primitive, Deformation& out) {

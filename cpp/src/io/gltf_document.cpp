@@ -9,6 +9,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "manip3d/error.hpp"
 #include "parse/base64.hpp"
 #include "parse/json_text.hpp"
 #include "parse/letters.hpp"
@@ -168,7 +169,7 @@ void GltfAccessor::decode(double* out) const {
   if (decode_any(out)) return;
   const double* bad = std::find_if_not(out, out + count * num_components,
                                        [](double value) { return std::isfinite(value); });
-  place.fail("expected finite numbers, got " + std::to_string(*bad) + " in element " +
+  place.fail("expected finite numbers, got " + number_text(*bad) + " in element " +
              std::to_string((bad - out) / num_components));
 }
 

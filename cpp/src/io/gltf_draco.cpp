@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "io/gltf_document.hpp"
+#include "manip3d/error.hpp"
 
 namespace manip3d {
 namespace {
@@ -23,7 +24,7 @@ template <typename T>
 void store_draco(const JsonPlace& accessor, double value, std::byte* out) {
   if constexpr (std::is_integral_v<T>) {
     if (!(value >= std::numeric_limits<T>::lowest() && value <= std::numeric_limits<T>::max())) {
-      accessor.fail("the Draco stream holds " + std::to_string(value) +
+      accessor.fail("the Draco stream holds " + number_text(value) +
                     ", which its component type cannot");
     }
   }

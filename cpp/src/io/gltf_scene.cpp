@@ -27,7 +27,7 @@ Eigen::Vector3d origin_for_float32(const MeshView& mesh) {
   const BoundingBox box = bounding_box(mesh);
   if (box.diagonal() > 0.0 && box.diagonal() < kSmallest) {
     throw InputError("vertices: glTF holds float32, too coarse for a mesh of diagonal " +
-                     std::to_string(box.diagonal() / kSmallest) + "e-38");
+                     number_text(box.diagonal()));
   }
   const double farthest = std::max(box.min.cwiseAbs().maxCoeff(), box.max.cwiseAbs().maxCoeff());
   if (!(farthest * kHalfUlp > kRelativeLoss * box.diagonal())) return Eigen::Vector3d::Zero();

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "io/point_formats.hpp"
+#include "manip3d/error.hpp"
 #include "parse/input_buffer.hpp"
 
 namespace manip3d {
@@ -102,7 +103,7 @@ class FiniteRows {
         if (bad_rows_++ == 0) {
           first_byte_ = offset + static_cast<std::int64_t>(start + at * sizeof(value));
           first_ = fields_[at].name + " of row " + std::to_string(rows_) +
-                   ": expected a finite number, got " + std::to_string(value);
+                   ": expected a finite number, got " + number_text(value);
         }
         break;
       }

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <initializer_list>
 #include <limits>
@@ -15,6 +14,7 @@
 #include "io/mesh_builder.hpp"
 #include "io/texture_files.hpp"
 #include "io/warnings.hpp"
+#include "manip3d/error.hpp"
 #include "manip3d/io/mtl.hpp"
 #include "parse/input_buffer.hpp"
 #include "parse/line_cursor.hpp"
@@ -258,11 +258,6 @@ void map_line(std::string& text, const char* keyword, const std::string& name,
   text += std::string(keyword) + (clamps(texture) ? " -clamp on " : " ") + name + "\n";
 }
 
-std::string shortest(double value) {
-  std::array<char, 32> digits;
-  return {digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr};
-}
-
 std::string mtl_text(const WriteJob& job, const std::vector<std::string>& names, bool is_some_bare,
                      CompanionFiles& companions) {
   std::string text;
@@ -271,13 +266,13 @@ std::string mtl_text(const WriteJob& job, const std::vector<std::string>& names,
     const Material& m = job.materials[i];
     const bool is_opaque = m.alpha_mode == AlphaMode::kOpaque;  // whatever its alpha
     const double opacity = is_opaque ? 1.0 : m.base_color[3];
-    text += "newmtl " + names[i] + "\nKd " + shortest(m.base_color[0]) + " " +
-            shortest(m.base_color[1]) + " " + shortest(m.base_color[2]) + "\nd " +
-            shortest(opacity) + "\nPr " + shortest(m.roughness) + "\nPm " + shortest(m.metallic) +
-            "\n";
+    text += "newmtl " + names[i] + "\nKd " + number_text(m.base_color[0]) + " " +
+            number_text(m.base_color[1]) + " " + number_text(m.base_color[2]) + "\nd " +
+            number_text(opacity) + "\nPr " + number_text(m.roughness) + "\nPm " +
+            number_text(m.metallic) + "\n";
     if (m.emits()) {
-      text += "Ke " + shortest(m.emissive[0]) + " " + shortest(m.emissive[1]) + " " +
-              shortest(m.emissive[2]) + "\n";
+      text += "Ke " + number_text(m.emissive[0]) + " " + number_text(m.emissive[1]) + " " +
+              number_text(m.emissive[2]) + "\n";
     }
     const auto add = [&](const char* role, std::initializer_list<const char*> keywords) {
       const std::string name = companions.texture_name(m, role);

@@ -17,6 +17,7 @@
 #include "io/texture_files.hpp"
 #include "io/unique_rows.hpp"
 #include "io/warnings.hpp"
+#include "manip3d/error.hpp"
 #include "manip3d/io/range_grid.hpp"
 #include "parse/input_buffer.hpp"
 #include "parse/line_cursor.hpp"
@@ -94,7 +95,7 @@ class RowReader {
   std::int32_t index(double value, const char* what) const {
     if (!(value >= 0.0 && value < std::numeric_limits<std::int32_t>::max()) ||
         value != std::floor(value)) {
-      fail(std::string(what) + ": expected an index >= 0, got " + std::to_string(value));
+      fail(std::string(what) + ": expected an index >= 0, got " + number_text(value));
     }
     return static_cast<std::int32_t>(value);
   }
@@ -160,7 +161,7 @@ class RowReader {
       const char* head = input_.bytes(size_of(p.count_type), what);
       const double count = load_scalar(head, p.count_type, swap_);
       if (!(count >= 0.0 && count <= 4294967295.0) || count != std::floor(count)) {
-        fail(p.name + ": expected a count >= 0, got " + std::to_string(count));
+        fail(p.name + ": expected a count >= 0, got " + number_text(count));
       }
       read_values(p, static_cast<std::int64_t>(count), what);
     }

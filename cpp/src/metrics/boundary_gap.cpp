@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "geometry/constants.hpp"
+#include "manip3d/error.hpp"
 #include "manip3d/geometry/bvh.hpp"
 #include "manip3d/geometry/topology.hpp"
 #include "manip3d/geometry/weld.hpp"
@@ -161,7 +162,7 @@ Cracks find_cracks(const BoundaryCurve& simplified, const BoundaryCurve& origina
 BoundaryGap boundary_gap(const MeshView& original, const MeshView& simplified,
                          const BoundaryGapOptions& options, const Progress& progress) {
   if (!(options.tolerance >= kSmallestTolerance && options.tolerance <= 1.0)) {
-    throw InputError("tolerance: expected 1e-6 to 1, got " + std::to_string(options.tolerance));
+    throw InputError("tolerance: expected 1e-6 to 1, got " + number_text(options.tolerance));
   }
   const NormalizedPair pair(original, simplified);
   const double step = kStep * pair.diagonal();

@@ -142,7 +142,7 @@ Bounds one_sided(const MeshView& from, const MeshView& to, double tolerance, int
 HausdorffResult hausdorff_bound(const MeshView& original, const MeshView& simplified,
                                 const HausdorffOptions& options, const Progress& progress) {
   if (!(options.tolerance > 0.0)) {
-    throw InputError("tolerance: expected > 0, got " + std::to_string(options.tolerance));
+    throw InputError("tolerance: expected > 0, got " + number_text(options.tolerance));
   }
   const NormalizedPair pair(original, simplified);
   const double tolerance = options.tolerance * pair.diagonal();

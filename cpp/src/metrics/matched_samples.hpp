@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "manip3d/error.hpp"
 #include "manip3d/geometry/bvh.hpp"
 #include "manip3d/metrics/sampling.hpp"
 #include "metrics/common.hpp"
@@ -28,7 +29,7 @@ template <typename Counts, typename Add>
 Counts over_matched_samples(const NormalizedPair& pair, const MatchOptions& options,
                             const Progress& progress, const Add& add) {
   if (!(options.epsilon >= 0.0 && std::isfinite(options.epsilon))) {
-    throw InputError("epsilon: expected >= 0, got " + std::to_string(options.epsilon));
+    throw InputError("epsilon: expected >= 0, got " + number_text(options.epsilon));
   }
   const MeshView& from = pair.original();
   const MeshView& to = pair.simplified();

@@ -92,7 +92,6 @@ Ratio fit_ratio(const Eigen::MatrixX3d& points, const Eigen::VectorXd& values) {
 Eigen::RowVector3d mean_axis(const RangeCamera& camera, const Eigen::MatrixX3d& points, double size,
                              bool rows_up) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  Eigen::Vector3d right_handed = Eigen::Vector3d::Zero();
   for (Eigen::Index i = 0; i < points.rows(); ++i) {
     const Eigen::Vector3d x = points.row(i);
     const Eigen::Vector2d pixel = project(camera, x);
@@ -100,15 +99,16 @@ Eigen::RowVector3d mean_axis(const RangeCamera& camera, const Eigen::MatrixX3d& 
     const Eigen::Vector3d across_v = (camera.v_over - pixel[1] * camera.v_under).head<3>();
     sum += across_u.cross(across_v).normalized();
   }
-  right_handed = rows_up ? Eigen::Vector3d(-sum) : sum;
+  const Eigen::Vector3d right_handed = rows_up ? Eigen::Vector3d(-sum) : sum;
   const Eigen::Vector3d axis = right_handed.normalized();
   const Eigen::Vector3d center = points.colwise().mean();
   double growth = 0.0;  // increase of the width of a pixel over the size of the scan
   for (const Eigen::RowVector4d& under : {camera.u_under, camera.v_under}) {
     growth += size * under.head<3>().dot(axis) / apply(under, center);
   }
-  constexpr double kSeen = 1e-3;
-  return growth < -kSeen ? Eigen::RowVector3d(-axis.transpose()) : axis.transpose();
+  // Parallel lines of sight have no growth; rounding must not decide which way they point.
+  constexpr double kMinGrowth = 1e-3;
+  return growth < -kMinGrowth ? Eigen::RowVector3d(-axis.transpose()) : axis.transpose();
 }
 
 double rms_residual(const RangeCamera& camera, const PointGridView& grid,
@@ -331,7 +331,7 @@ RangeCamera fit_range_camera(const PointGridView& grid) {
   camera.residual = rms_residual(camera, grid, pixels);
   if (!(camera.residual <= 1.0)) {
     throw InputError("points: expected a scan along lines of sight, got points " +
-                     std::to_string(camera.residual) + " pixels (RMS) off their pixels");
+                     number_text(camera.residual) + " pixels (RMS) off their pixels");
   }
   camera.axis = mean_axis(camera, points, size, grid.rows_up);
   return camera;

@@ -28,7 +28,7 @@ SurfaceSampler::SurfaceSampler(const MeshView& mesh, std::string_view name,
   if (!(sum > 0.0 && std::isfinite(sum))) {
     throw InputError(std::string(name) +
                      ": expected a surface with an area to draw samples from, got area " +
-                     std::to_string(0.5 * sum));
+                     number_text(0.5 * sum));
   }
 }
 

@@ -373,7 +373,7 @@ AnimationMesh animation_mesh(const DepthView& depth, const PixelRays& rays, doub
                              const std::uint8_t* labels, const Skeleton* skeleton,
                              const AnimationMeshOptions& options) {
   if (!(options.joint_reach >= 0.0)) {
-    throw InputError("joint_reach: expected >= 0, got " + std::to_string(options.joint_reach));
+    throw InputError("joint_reach: expected >= 0, got " + number_text(options.joint_reach));
   }
   const RangeImage image(depth, rays);
   const DepthStep step(options.step, focal);

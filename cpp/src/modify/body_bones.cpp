@@ -119,8 +119,7 @@ class BoneBuilder {
 
   void add_bone(std::size_t bone) {
     if (!is_usable_bone(skeleton_, bone)) return;
-    const bool is_trunk = bone == 1 || bone == static_cast<std::size_t>(Joint::kSpineShoulder);
-    if (is_trunk && has_rods_) {
+    if (has_rods_ && is_spine_bone(static_cast<std::uint8_t>(bone))) {
       add_rod(bone, 1.0F, Joint::kHipLeft);
       add_rod(bone, -1.0F, Joint::kHipRight);
     } else {
@@ -168,7 +167,7 @@ class BoneBuilder {
     const Eigen::Vector3f waist =
         skeleton_[kSpineMid] +
         aside * (kWaistBreadth - kWaistDepth) * (across_chest + across_hips).normalized();
-    if (bone == 1) {
+    if (bone == static_cast<std::size_t>(kSpineMid)) {
       bones_.add(skeleton_[hip], waist, bone, {size_ * kThigh, 0.5F * trunk_size_ * kWaistDepth});
       return;
     }

@@ -116,7 +116,7 @@ bool exists(const ColliderBox& box) { return box.half_size.x() > 0.0F; }
 ColliderTracker::ColliderTracker(const ColliderOptions& options) : options_(options) {
   if (!(options.percentile > 0.0 && options.percentile <= 1.0)) {
     throw InputError("percentile: expected a share above 0 and up to 1, got " +
-                     std::to_string(options.percentile));
+                     number_text(options.percentile));
   }
   if (options.frames < 1 || options.frames > 1000) {
     throw InputError("frames: expected 1 to 1000, got " + std::to_string(options.frames));

@@ -17,11 +17,6 @@ namespace {
 constexpr float kClothedTrunk = 0.3F, kClothedLimb = 0.03F;
 constexpr float kStoutest = 1.8F, kThickest = 0.08F;
 
-bool belongs_to_trunk(std::uint8_t bone) {
-  return bone == static_cast<std::uint8_t>(Joint::kSpineMid) ||
-         bone == static_cast<std::uint8_t>(Joint::kSpineShoulder);
-}
-
 /// The median distance of the points of some bones from their skin, metres; no value if there are
 /// too few points.
 template <typename IsPart>
@@ -58,7 +53,7 @@ float Girth::learn(const BoneSegments& bones, const PersonPoints& points, Limb l
     limb_ += rate * (std::clamp(*limb_skin - kClothedLimb, 0.0F, kThickest) - limb_);
   }
   const float waist = waist_radius(bones);
-  const auto trunk_skin = median_outside(points, belongs_to_trunk);
+  const auto trunk_skin = median_outside(points, is_spine_bone);
   if (!(waist > 0.0F) || !trunk_skin) return 0.0F;
   const float excess = trunk_ * *trunk_skin / waist;  // as a share of the mean adult's waist
   const float wanted = std::clamp(trunk_ + excess - kClothedTrunk, 1.0F, kStoutest);

@@ -2,21 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 
-#include "manip3d/error.hpp"
+#include "modify/check_option.hpp"
 
 namespace manip3d {
-namespace {
-
-void check_option(const char* name, double value, double most) {
-  if (value >= 0.0 && value <= most) return;
-  throw InputError(std::string(name) + ": expected 0 to " + std::to_string(most) + ", got " +
-                   std::to_string(value));
-}
-
-}  // namespace
-
 bool is_usable(const Skeleton& skeleton, Joint joint) {
   constexpr float kFarthest = 100.0F;
   const Eigen::Vector3f& p = skeleton[joint];

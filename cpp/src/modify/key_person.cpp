@@ -93,7 +93,7 @@ KeyPerson::KeyPerson(const KeyPersonOptions& options) : options_(options) {
                                     {"reach", options.reach},
                                     {"forget", options.forget}}) {
     if (!(value >= 0.0)) {
-      throw InputError(std::string(name) + ": expected >= 0, got " + std::to_string(value));
+      throw InputError(std::string(name) + ": expected >= 0, got " + number_text(value));
     }
   }
 }

@@ -103,7 +103,7 @@ void mark_cloth(const PersonPoints& points, const ClothSearch& search, const Clo
     const std::int32_t pixel = points.pixel[i];
     if (image.kind[pixel] != PixelKind::kBody) continue;
     const std::uint8_t label = points.label[i];
-    const bool may_be = label == limb_label(search.affected) || is_trunk(label) ||
+    const bool may_be = label == limb_label(search.affected) || is_spine_or_hip(label) ||
                         is_far_from_skin(label, points.skin_distance[i]);
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     if (!may_be || !test.is_in_reach(p) || !test.is_cloth(p, 0.0F, depth)) continue;
@@ -185,7 +185,7 @@ double share_of_unseen_cloth(const PersonPoints& points, const ClothSearch& sear
                              const PixelProjector& projector, const PhantomImage& image) {
   const ClothTest test(search, projector, image);
   const auto may_be = [&](std::uint8_t label, const Eigen::Vector3f& p) {
-    const bool is_of_trunk = is_trunk(label) || label == limb_label(search.affected) ||
+    const bool is_of_trunk = is_spine_or_hip(label) || label == limb_label(search.affected) ||
                              label == static_cast<std::uint8_t>(limb_root(search.affected));
     // Cloth beside one leg is labelled as the other leg; points with labels of trunk or affected
     // leg may be the pelvis and the stump.

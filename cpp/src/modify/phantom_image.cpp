@@ -74,8 +74,8 @@ void draw(const MirroredPoint& point, std::int32_t pixel, PixelKind kind,
 }
 
 /// Draws a pixel of the person with the measured point as its own source.
-void put_back(std::int32_t pixel, float z, std::uint8_t label, const PhantomImage& image,
-              PixelKind kind = PixelKind::kBody) {
+void draw_measured(std::int32_t pixel, float z, std::uint8_t label, const PhantomImage& image,
+                   PixelKind kind = PixelKind::kBody) {
   const auto cols = static_cast<std::int32_t>(image.cols);
   draw({pixel, z, z, pixel / cols, pixel % cols, label}, kind, image);
 }
@@ -151,7 +151,7 @@ void draw_person(const PersonPoints& points, const PhantomImage& image) {
   std::fill_n(image.source, 2 * size, -1);
   std::fill_n(image.removal, size, Removal::kNone);
   for (std::int64_t i = 0; i < points.count; ++i) {
-    put_back(points.pixel[i], points.z[i], points.label[i], image);
+    draw_measured(points.pixel[i], points.z[i], points.label[i], image);
   }
 }
 
@@ -271,7 +271,7 @@ std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const NearestSkin nearest = nearest_other_skin(p, bones, limb_label(limb));
     if (!(nearest.distance <= static_cast<float>(reach))) continue;
-    put_back(pixel, points.z[i], nearest.label, image);
+    draw_measured(pixel, points.z[i], nearest.label, image);
     ++given;
   }
   return given;
@@ -318,8 +318,8 @@ std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSe
     if (beside_body < beside_others) continue;
     for (std::size_t k = 0; k < count; ++k) {
       const std::int32_t pixel = stack[k];
-      put_back(pixel, image.source_depth[pixel],
-               nearest_other_skin(point(pixel), bones, label).label, image);
+      draw_measured(pixel, image.source_depth[pixel],
+                    nearest_other_skin(point(pixel), bones, label).label, image);
     }
     given += static_cast<std::int64_t>(count);
   }
@@ -339,7 +339,7 @@ std::int64_t fill_from_limb(const PersonPoints& points, Limb limb, const BoneSeg
     const NearestSkin nearest = nearest_skin(linear * p + offset, bones,
                                              [&](std::uint8_t label) { return is_intact[label]; });
     if (!(nearest.distance <= static_cast<float>(reach))) continue;
-    put_back(pixel, points.z[i], kMirroredJoints[nearest.label], image, PixelKind::kFilled);
+    draw_measured(pixel, points.z[i], kMirroredJoints[nearest.label], image, PixelKind::kFilled);
     ++filled;
   }
   return filled;
@@ -367,15 +367,14 @@ void mirror_limb(const PersonPoints& points, Limb intact, double radius, double 
   }
 }
 
-bool is_trunk(std::uint8_t bone) {
-  using enum Joint;
+bool is_spine_or_hip(std::uint8_t bone) {
   const auto joint = static_cast<Joint>(bone);
-  return joint == kSpineMid || joint == kSpineShoulder || joint == kHipLeft || joint == kHipRight;
+  return is_spine_bone(bone) || joint == Joint::kHipLeft || joint == Joint::kHipRight;
 }
 
 BoneSet bones_behind(Limb limb) {
   BoneSet behind{};
-  for (std::uint8_t bone = 0; bone < kNumJoints; ++bone) behind[bone] = is_trunk(bone);
+  for (std::uint8_t bone = 0; bone < kNumJoints; ++bone) behind[bone] = is_spine_or_hip(bone);
   for (const Limb leg : {Limb::kLeftLeg, Limb::kRightLeg}) {
     if (is_arm(limb)) behind[limb_label(leg)] = true;
   }

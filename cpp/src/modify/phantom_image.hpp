@@ -14,12 +14,11 @@
 /// dissertation section 4.3.1, and 4.7.1 for legs.
 namespace manip3d {
 
-/// Two neighbouring pixels whose depths differ by less are on one surface. Also the largest
-/// distance of a limb's points from its skin.
+/// Two neighbouring pixels whose depths differ by less are on one surface.
 inline constexpr float kSameSurface = 0.05F;  // metres
 
 /// Whether a bone belongs to the spine below the neck or leads to a hip.
-bool is_trunk(std::uint8_t bone);
+bool is_spine_or_hip(std::uint8_t bone);
 
 /// The outcome for a person's pixel when the limb was removed.
 enum class Removal : std::uint8_t {

@@ -10,10 +10,10 @@
 #include "geometry/constants.hpp"
 #include "geometry/same_camera.hpp"
 #include "manip3d/error.hpp"
-#include "manip3d/geometry/rgbd_frame.hpp"
 #include "manip3d/modify/limb_fit.hpp"
 #include "modify/body_plane.hpp"
 #include "modify/border_memory.hpp"
+#include "modify/check_option.hpp"
 #include "modify/frame_clock.hpp"
 #include "modify/girth.hpp"
 #include "modify/held_phantom.hpp"
@@ -32,19 +32,14 @@ namespace manip3d {
 namespace {
 
 void check_all_options(const PhantomOptions& o) {
-  const auto check = [](const char* name, double value, double most) {
-    if (value >= 0.0 && value <= most) return;
-    throw InputError(std::string(name) + ": expected 0 to " + std::to_string(most) + ", got " +
-                     std::to_string(value));
-  };
-  check("arm_radius", o.arm_radius, 1.0);
-  check("leg_radius", o.leg_radius, 1.0);
-  check("root_radius", o.root_radius, 1.0);
-  check("least_visible", o.least_visible, 1.0);
-  check("inferred_seconds", o.inferred_seconds, 3600.0);
-  check("hold_seconds", o.hold_seconds, 3600.0);
-  check("fade_seconds", o.fade_seconds, 3600.0);
-  check("max_depth_step", o.mesh.max_depth_step, 100.0);
+  check_option("arm_radius", o.arm_radius, 1.0);
+  check_option("leg_radius", o.leg_radius, 1.0);
+  check_option("root_radius", o.root_radius, 1.0);
+  check_option("least_visible", o.least_visible, 1.0);
+  check_option("inferred_seconds", o.inferred_seconds, 3600.0);
+  check_option("hold_seconds", o.hold_seconds, 3600.0);
+  check_option("fade_seconds", o.fade_seconds, 3600.0);
+  check_option("max_depth_step", o.mesh.max_depth_step, 100.0);
   check_options(o.mask);
 }
 

@@ -12,8 +12,9 @@ namespace manip3d {
 namespace {
 
 // The limits at which a frame is degraded. They were chosen on UTD-MHAD trials of both halves
-// (kMaxLeft and both kMaxLost: only on the tuning half of benchmarks/bench_people.py), so rates
-// that are measured on those trials do not hold for other people.
+// (kMaxLeft, kMaxLostLegs and kMaxLostTrunk: only on the tuning half of
+// benchmarks/bench_people.py), so rates that are measured on those trials do not hold for other
+// people.
 constexpr double kMaxPlane = 6.0;    // degrees; it displaces a hand 0.3 m from the plane by 6 cm
 constexpr double kMaxAcross = 0.03;  // metres; an extended leg ends 0.8 m from the plane's origin
 constexpr double kMaxLeap = 0.12;    // metres in one frame
@@ -44,11 +45,6 @@ constexpr float kBehind = 0.15F;
 
 double share_of(std::int64_t part, std::int64_t all) {
   return all > 0 ? static_cast<double>(part) / static_cast<double>(all) : 0.0;
-}
-
-bool is_trunk_bone(std::uint8_t bone) {
-  return bone == static_cast<std::uint8_t>(Joint::kSpineMid) ||
-         bone == static_cast<std::uint8_t>(Joint::kSpineShoulder);
 }
 
 /// Pixels of the body above the hips that lie too far from every bone to belong to it, as those of
@@ -94,7 +90,7 @@ bool shows_trunk(const Eigen::Vector3f& p, const BoneSegments& bones) {
     return q - ray.dot(q) * ray;
   };
   for (std::size_t k = 0; k < bones.count; ++k) {
-    if (!is_trunk_bone(bones.label[k])) continue;
+    if (!is_spine_bone(bones.label[k])) continue;
     const Eigen::Vector3f from = across(bones.start[k]), bone = across(bones.end[k]) - from;
     const float t = std::clamp(-from.dot(bone) / squared_length(bone), 0.0F, 1.0F);
     const float radius = bones.radii[k].start + t * (bones.radii[k].end - bones.radii[k].start);
@@ -109,7 +105,7 @@ double lost_trunk(const PersonPoints& points, const BoneSegments& bones,
   std::int64_t all = 0, lost = 0;
   for (std::int64_t i = 0; i < points.count; ++i) {
     if (image.kind[points.pixel[i]] != PixelKind::kNone) {
-      all += is_trunk_bone(points.label[i]);
+      all += is_spine_bone(points.label[i]);
     } else if (shows_trunk({points.x[i], points.y[i], points.z[i]}, bones)) {
       ++all;
       ++lost;
@@ -271,7 +267,7 @@ void PictureJudge::measure(const PersonPoints& points, std::int64_t num_given,
     const bool is_left = image.kind[pixel] == PixelKind::kBody &&
                          image.label[pixel] == limb_label(affected) &&
                          (p - root).squaredNorm() > kAwayFromRoot * kAwayFromRoot;
-    left += is_left && !(unsure > 0.0F && nearest_skin(p, bones, is_trunk_bone).distance <
+    left += is_left && !(unsure > 0.0F && nearest_skin(p, bones, is_spine_bone).distance <
                                               points.skin_distance[i] + unsure);
   }
   if (!options.keep_residual) {

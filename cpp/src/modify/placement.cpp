@@ -10,17 +10,17 @@ namespace manip3d {
 
 PlacementEstimator::PlacementEstimator(const PlacementOptions& options) : options_(options) {
   if (!(options.share > 0.0 && options.share <= 1.0)) {
-    throw InputError("share: expected above 0 and up to 1, got " + std::to_string(options.share));
+    throw InputError("share: expected above 0 and up to 1, got " + number_text(options.share));
   }
   if (!(options.spread >= 0.0 && options.spread < 1.0)) {
-    throw InputError("spread: expected 0 to below 1, got " + std::to_string(options.spread));
+    throw InputError("spread: expected 0 to below 1, got " + number_text(options.spread));
   }
   if (options.stable_frames < 1) {
     throw InputError("stable_frames: expected at least 1, got " +
                      std::to_string(options.stable_frames));
   }
   if (!(options.tolerance > 0.0)) {
-    throw InputError("tolerance: expected above 0, got " + std::to_string(options.tolerance));
+    throw InputError("tolerance: expected above 0, got " + number_text(options.tolerance));
   }
 }
 

@@ -245,8 +245,8 @@ void seed_bone(const Skeleton& skeleton, const Intrinsics& camera, std::size_t b
 
 void check(const RegionOptions& o) {
   if (o.reach >= 0.0 && o.surface_reach >= 0.0) return;
-  throw InputError("reach, surface_reach: expected >= 0, got " + std::to_string(o.reach) + " and " +
-                   std::to_string(o.surface_reach));
+  throw InputError("reach, surface_reach: expected >= 0, got " + number_text(o.reach) + " and " +
+                   number_text(o.surface_reach));
 }
 
 }  // namespace

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <span>
 #include <string>
 
@@ -73,10 +72,10 @@ void check(const ReposeOptions& options) {
     const double gain = options.gain[joint], limit = options.limit[joint];
     const std::string name = kJointNames[joint];
     if (!(gain >= 0.0 && gain <= 100.0)) {
-      throw InputError("gain of " + name + ": expected 0 to 100, got " + std::to_string(gain));
+      throw InputError("gain of " + name + ": expected 0 to 100, got " + number_text(gain));
     }
     if (!(limit >= 0.0)) {
-      throw InputError("limit of " + name + ": expected at least 0, got " + std::to_string(limit));
+      throw InputError("limit of " + name + ": expected at least 0, got " + number_text(limit));
     }
     if (!is_posable(joint) && (gain != 1.0 || limit < kPi)) {
       throw InputError(
@@ -89,7 +88,7 @@ void check(const ReposeOptions& options) {
 class BoneMap {
  public:
   explicit BoneMap(const Skeleton& skeleton) {
-    for (auto& row : way_) row.fill(std::numeric_limits<double>::infinity());
+    for (auto& row : way_) row.fill(kInfinity);
     for (std::size_t joint = 0; joint < kNumJoints; ++joint) way_[joint][joint] = 0.0;
     for (std::size_t bone = 1; bone < kNumJoints; ++bone) {
       const std::size_t parent = kJointParents[bone];
@@ -175,8 +174,7 @@ class Skin {
     std::size_t nearest = 0;
     for (const std::size_t bone : map_.bones()) {
       feet[bone] = map_.foot(bone, x);
-      const double best =
-          nearest == 0 ? std::numeric_limits<double>::infinity() : feet[nearest].distance;
+      const double best = nearest == 0 ? kInfinity : feet[nearest].distance;
       if (feet[bone].distance < best) nearest = bone;
     }
     if (nearest == 0) return {};
@@ -283,7 +281,7 @@ void repose_vertices(const Scalar* vertices, std::int64_t count, const Skeleton&
                      const BoneMotions& motions, const ReposeOptions& options, Scalar* out,
                      const Progress& progress) {
   if (!(options.band > 0.0)) {
-    throw InputError("band: expected above 0, got " + std::to_string(options.band));
+    throw InputError("band: expected above 0, got " + number_text(options.band));
   }
   using Row = Eigen::Matrix<Scalar, 3, 1>;
   const Skin skin(now, motions, options);

@@ -241,8 +241,8 @@ class Candidates {
 void check_options(const PersonMaskOptions& o) {
   if (o.near >= 0.0 && o.near < o.far && o.far <= 65.0 && o.margin >= 0.0) return;
   throw InputError("near, far, margin: expected 0 <= near < far <= 65 and margin >= 0, got " +
-                   std::to_string(o.near) + ", " + std::to_string(o.far) + " and " +
-                   std::to_string(o.margin));
+                   number_text(o.near) + ", " + number_text(o.far) + " and " +
+                   number_text(o.margin));
 }
 
 void PersonPoints::resize(std::int64_t num_rows, std::int64_t num_cols) {

@@ -85,8 +85,7 @@ ShoeCoverTracker::ShoeCoverTracker(const ShoeCoverOptions& options) : options_(o
     throw InputError("min_saturation, min_value: expected 0 to 255");
   }
   if (!(options.reach > 0.0 && options.reach <= 10.0)) {
-    throw InputError("reach: expected above 0 and up to 10 m, got " +
-                     std::to_string(options.reach));
+    throw InputError("reach: expected above 0 and up to 10 m, got " + number_text(options.reach));
   }
   if (options.min_pixels < 1) {
     throw InputError("min_pixels: expected at least 1, got " + std::to_string(options.min_pixels));

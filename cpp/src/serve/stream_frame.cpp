@@ -60,7 +60,7 @@ void check_stream_frame(const StreamFrame& frame) {
     }
   }
   if (!(frame.opacity >= 0.0F && frame.opacity <= 1.0F)) {
-    throw InputError("opacity: expected 0 to 1, got " + std::to_string(frame.opacity));
+    throw InputError("opacity: expected 0 to 1, got " + number_text(frame.opacity));
   }
   if (frame.jpeg_quality < 1 || frame.jpeg_quality > 100) {
     throw InputError("jpeg_quality: expected 1 to 100, got " + std::to_string(frame.jpeg_quality));

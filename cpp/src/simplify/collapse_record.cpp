@@ -4,6 +4,7 @@
 #include <string>
 
 #include "manip3d/error.hpp"
+#include "manip3d/geometry/topology.hpp"
 
 namespace manip3d {
 
@@ -12,15 +13,12 @@ std::vector<std::int64_t> faces_left(
     const Progress& progress) {
   check_mesh(mesh);
   Faces faces = mesh.faces;
-  const auto is_gone = [&](std::int32_t f) {
-    return faces(f, 0) == faces(f, 1) || faces(f, 1) == faces(f, 2) || faces(f, 2) == faces(f, 0);
-  };
   std::vector<std::vector<std::int32_t>> faces_of(mesh.num_vertices());
   std::int64_t count = 0;
   Ticker ticker(progress);
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     ticker.tick();
-    if (is_gone(static_cast<std::int32_t>(f))) continue;
+    if (is_degenerate(faces, f)) continue;
     ++count;
     for (int c = 0; c < 3; ++c) faces_of[faces(f, c)].push_back(static_cast<std::int32_t>(f));
   }
@@ -35,9 +33,9 @@ std::vector<std::int64_t> faces_left(
     }
     std::vector<std::int32_t>& of_kept = faces_of[kept];
     for (const std::int32_t f : faces_of[removed]) {
-      if (is_gone(f)) continue;
+      if (is_degenerate(faces, f)) continue;
       std::replace(faces.row(f).begin(), faces.row(f).end(), removed, kept);
-      is_gone(f) ? void(--count) : of_kept.push_back(f);
+      is_degenerate(faces, f) ? void(--count) : of_kept.push_back(f);
     }
     faces_of[removed] = {};
     left.push_back(count);

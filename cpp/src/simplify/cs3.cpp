@@ -18,14 +18,14 @@ void check(const RangeImage& image, const Cs3Options& options, const DepthMeshBu
     throw InputError("target_points: expected >= 0, got " + std::to_string(options.target_points));
   }
   if (!(options.max_edge > 0.0)) {
-    throw InputError("max_edge: expected > 0, got " + std::to_string(options.max_edge));
+    throw InputError("max_edge: expected > 0, got " + number_text(options.max_edge));
   }
   if (options.num_threads < 0) {
     throw InputError("num_threads: expected >= 0, got " + std::to_string(options.num_threads));
   }
   if (!(options.reading.outliers >= 0.0 && options.reading.outliers < 1.0)) {
     throw InputError("outliers: expected a share in [0, 1), got " +
-                     std::to_string(options.reading.outliers));
+                     number_text(options.reading.outliers));
   }
   if (options.distance_dependent && !image.has_depth()) {
     throw InputError("distance_dependent: expected a depth image; a grid of points has no depth");

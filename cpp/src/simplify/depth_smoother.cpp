@@ -104,11 +104,10 @@ MANIP3D_AVX2 void add_pairs_wide(const Pair& pair, std::int64_t first, std::int6
 
 DepthSmoother::DepthSmoother(const DepthSmootherOptions& options) : options_(options) {
   if (!(options.newest_share > 0.0 && options.newest_share <= 1.0)) {
-    throw InputError("newest_share: expected in (0, 1], got " +
-                     std::to_string(options.newest_share));
+    throw InputError("newest_share: expected in (0, 1], got " + number_text(options.newest_share));
   }
   if (!(options.gate > 0.0)) {
-    throw InputError("gate: expected > 0, got " + std::to_string(options.gate));
+    throw InputError("gate: expected > 0, got " + number_text(options.gate));
   }
 }
 
@@ -500,10 +499,10 @@ void DepthSmoother::stay_near_shown() {
       float& depth = out_[in_image + u];
       if (!(shown_[in_image + u] > 0.0F) || !is_measured(depth)) continue;
       const float shown = shown_[in_image + u] + drift_[in_box + u] * goes_on_[in_box + u];
-      // The mesh shown last is ignored if at least half of the pixels around move.
       const float from = depth - shown, limit = noise * noise_at(depth);
       const float by_motion = 4.0F * moving[u / kBlock] * moving[u / kBlock];
       const auto count = static_cast<float>(count_[in_image + u]);
+      // (2 moving)^4 is 1 from half of the pixels on: the mesh shown last is then ignored.
       const float least = std::max({by_motion * by_motion, share, 1.0F / count});
       const float squared = from * from, most = limit * limit;
       const float part = squared >= most ? 1.0F : std::clamp(squared / most, least, 1.0F);
@@ -552,11 +551,7 @@ void DepthSmoother::show(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
 /// Interpolates the inverse of the depth, which is linear over the image of a plane.
 void DepthSmoother::draw(std::array<std::array<std::int32_t, 2>, 3> at,
                          std::array<float, 3> inverse) {
-  const auto doubled = [&] {
-    return std::int64_t{at[1][0] - at[0][0]} * (at[2][1] - at[0][1]) -
-           std::int64_t{at[1][1] - at[0][1]} * (at[2][0] - at[0][0]);
-  };
-  std::int64_t area = doubled();
+  std::int64_t area = relief_detail::doubled_area(at[0], at[1], at[2]);
   if (area == 0 || !(std::ranges::min(inverse) > 0.0F)) return;
   if (area < 0) {
     std::swap(at[1], at[2]);

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "manip3d/error.hpp"
+#include "simplify/check_option.hpp"
 #include "simplify/fast_collapse.hpp"
 #include "simplify/fast_mesh.hpp"
 #include "simplify/fast_pass.hpp"
@@ -182,15 +183,11 @@ class FastSimplifier {
 };
 
 void check_options(const MeshView& mesh, const FastOptions& options) {
-  const auto check = [](const char* name, double value, bool may_be_infinite) {
-    if (value >= 0.0 && (may_be_infinite || std::isfinite(value))) return;
-    throw InputError(std::string(name) + ": expected a number >= 0, got " + std::to_string(value));
-  };
-  check("target_faces", static_cast<double>(options.target_faces), false);
-  check("max_error", options.max_error, true);
-  check("boundary_weight", options.boundary_weight, false);
-  check("seam_weight", options.seam_weight, false);
-  check("color_weight", options.color_weight, false);
+  check_option("target_faces", static_cast<double>(options.target_faces));
+  check_option("max_error", options.max_error, MayBeInfinite::kYes);
+  check_option("boundary_weight", options.boundary_weight);
+  check_option("seam_weight", options.seam_weight);
+  check_option("color_weight", options.color_weight);
   if (options.num_threads < 0) {
     throw InputError("num_threads: expected a number >= 0, got " +
                      std::to_string(options.num_threads));

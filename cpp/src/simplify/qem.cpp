@@ -25,8 +25,8 @@ namespace {
 /// has no effect.
 constexpr double kShortEdgePreference = 1e-9;
 
-/// The best collapse of a hub is searched again after this share of its faces has changed beside
-/// it, or when it is at the top of the queue.
+/// The best collapse of a hub is searched again after one in kHubChanges of its faces has changed,
+/// or when it is at the top of the queue.
 constexpr std::int32_t kHubChanges = 8;
 
 /// Accumulated quadrics: of the faces alone (for the reported error) and with the constraints (for
@@ -457,7 +457,7 @@ class QemSimplifier {
 void check_options(const QemOptions& options) {
   const auto check = [](bool ok, const char* name, const char* expected, double got) {
     if (ok) return;
-    throw InputError(std::string(name) + ": expected " + expected + ", got " + std::to_string(got));
+    throw InputError(std::string(name) + ": expected " + expected + ", got " + number_text(got));
   };
   check(options.target_faces >= 0, "target_faces", ">= 0",
         static_cast<double>(options.target_faces));
@@ -471,8 +471,8 @@ void check_options(const QemOptions& options) {
         "a number in [0, 1]", options.quality_threshold);
 }
 
-/// The published baselines that preserve texture require texture coordinates on all faces (table
-/// 2.3).
+/// Number of faces without texture coordinates, on which the published baselines that preserve
+/// texture do not work (table 2.3).
 std::int64_t count_untextured(const MeshView& mesh) {
   std::int64_t count = 0;
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) count += mesh.face_has_texcoords(f) ? 0 : 1;

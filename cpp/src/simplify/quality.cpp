@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "manip3d/error.hpp"
+#include "simplify/check_option.hpp"
 #include "simplify/collapse_mesh.hpp"
 #include "simplify/flat_heap.hpp"
 #include "simplify/pieces.hpp"
@@ -42,7 +43,7 @@ constexpr double kVisible = 1e-3;
 
 /// Borders and texture at a vertex count as exact if their error, divided by the vertex's area, is
 /// at most this (a distance; the diagonal is 1).
-constexpr double kOwesNothing = 1e-9;
+constexpr double kExactAttributes = 1e-9;
 
 /// Weight of the planes of borders that a vertex must not leave, relative to its surface.
 constexpr double kHeldFirmly = 1e6;
@@ -282,8 +283,8 @@ class QualitySimplifier {
       queue_.push({best.price, v, t, entry.version});
       return try_forbidden();
     }
-    const bool first = original_.guard_rims(mesh_, v, check_.first_ring());
-    const bool second = original_.guard_rims(mesh_, t, check_.second_ring());
+    const bool first = original_.add_missing_rims(mesh_, v, check_.first_ring());
+    const bool second = original_.add_missing_rims(mesh_, t, check_.second_ring());
     if (first || second) return push_edge(v, t, edge->num_faces);
     const double error = mesh_.scale() * original_.error(v, t, best.position);
     if (error > options_.max_error) return refuse(v, t, Rejection::kErrorLimit);
@@ -322,7 +323,7 @@ class QualitySimplifier {
     mesh_.collapse(v, t, wedges_.map());
     mesh_.move(t, plan.position);
     if (is_doubling) doubled_.remove(t);
-    original_.merge(v, t, plan.owed);
+    original_.merge(v, t, plan.attribute_price);
     kept_.merge(v, t);
     into_[v] = t;
     ++version_[t];
@@ -403,8 +404,9 @@ class QualitySimplifier {
     std::optional<Plan> best;
     for (const Place place : {Place::kFirst, Place::kSecond, Place::kMiddle}) {
       Plan plan = prices_.plan(v, t, edge->num_faces, place);
-      const double owes = std::max(0.0, plan.owed - original_.owed[v] - original_.owed[t]);
-      plan.price = weight * (prices_.lost_shape(v, t, plan.position) + owes);
+      const double attributes = std::max(
+          0.0, plan.attribute_price - original_.attribute_price[v] - original_.attribute_price[t]);
+      plan.price = weight * (prices_.lost_shape(v, t, plan.position) + attributes);
       if (best && !(plan.price < best->price)) continue;
       if (!check_.check_faces(plan.position, Rules::kFlips)) best = plan;
     }
@@ -417,7 +419,8 @@ class QualitySimplifier {
   void move_to_fit(std::int32_t v, const Vector3d& by, double area) {
     if (kept_.is_locked(v) || is_exact_[v] || !(by.squaredNorm() > 0.0)) return;
     Vector3d step = by;
-    if (original_.border[v] > 0.0 && original_.owed[v] <= kOwesNothing * original_.area[v]) {
+    if (original_.border[v] > 0.0 &&
+        original_.attribute_price[v] <= kExactAttributes * original_.area[v]) {
       const Quadric& q = original_.borders[v];
       Eigen::Matrix3d planes;
       planes << q.xx, q.xy, q.xz, q.xy, q.yy, q.yz, q.xz, q.yz, q.zz;
@@ -554,21 +557,17 @@ class QualitySimplifier {
 };
 
 void check_options(const MeshView& mesh, const QualityOptions& options) {
-  const auto check = [](const char* name, double value, bool may_be_infinite) {
-    if (value >= 0.0 && (may_be_infinite || std::isfinite(value))) return;
-    throw InputError(std::string(name) + ": expected a number >= 0, got " + std::to_string(value));
-  };
-  check("target_faces", static_cast<double>(options.target_faces), false);
-  check("max_error", options.max_error, true);
+  check_option("target_faces", static_cast<double>(options.target_faces));
+  check_option("max_error", options.max_error, MayBeInfinite::kYes);
   if (!(options.max_distance > 0.0)) {
     throw InputError("max_distance: expected a number > 0, got " +
-                     std::to_string(options.max_distance) +
+                     number_text(options.max_distance) +
                      " (the published methods take 0: exactly coplanar collapses)");
   }
-  check("boundary_weight", options.boundary_weight, false);
-  check("seam_weight", options.seam_weight, false);
-  check("texture_weight", options.texture_weight, false);
-  check("color_weight", options.color_weight, false);
+  check_option("boundary_weight", options.boundary_weight);
+  check_option("seam_weight", options.seam_weight);
+  check_option("texture_weight", options.texture_weight);
+  check_option("color_weight", options.color_weight);
   const auto check_size = [&](const char* name, std::size_t size) {
     if (size == 0 || size == static_cast<std::size_t>(mesh.num_vertices())) return;
     throw InputError(std::string(name) + ": expected one for each vertex (" +
@@ -579,8 +578,8 @@ void check_options(const MeshView& mesh, const QualityOptions& options) {
   for (std::size_t v = 0; v < options.importance.size(); ++v) {
     const double value = options.importance[v];
     if (value > 0.0 && std::isfinite(value)) continue;
-    throw InputError("importance: expected numbers > 0, got " + std::to_string(value) +
-                     " at vertex " + std::to_string(v));
+    throw InputError("importance: expected numbers > 0, got " + number_text(value) + " at vertex " +
+                     std::to_string(v));
   }
 }
 

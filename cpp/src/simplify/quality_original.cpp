@@ -95,7 +95,7 @@ Original::Original(const MeshView& input, const CollapseMesh& mesh, const Qualit
       box(mesh.num_vertices()),
       area(mesh.num_vertices(), 0.0),
       border(mesh.num_vertices(), 0.0),
-      owed(mesh.num_vertices(), 0.0) {
+      attribute_price(mesh.num_vertices(), 0.0) {
   Ticker ticker(progress);
   if (is_textured) {
     measure_texture(mesh);
@@ -255,7 +255,7 @@ double Original::parted(const CollapseMesh& mesh, std::int32_t f, std::int32_t v
   return seen() * std::min(1.0, texture_jump(mesh, f, v, t) * texture_length / length);
 }
 
-bool Original::guard_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& ring) {
+bool Original::add_missing_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& ring) {
   bool is_new = false;
   for (const RingEdge& edge : ring.edges()) {
     if (edge.num_faces > 2 || !is_one_sided(mesh, v, edge)) continue;
@@ -278,7 +278,7 @@ bool Original::guard_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& 
   return is_new;
 }
 
-void Original::merge(std::int32_t v, std::int32_t t, double owes) {
+void Original::merge(std::int32_t v, std::int32_t t, double new_price) {
   box[t].extend(box[v]);
   surface[t] += surface[v];
   borders[t] += borders[v];
@@ -290,7 +290,7 @@ void Original::merge(std::int32_t v, std::int32_t t, double owes) {
   if (is_colored) color[t] += color[v];
   area[t] += area[v];
   border[t] += border[v];
-  owed[t] = owes;
+  attribute_price[t] = new_price;
 }
 
 double Original::error(std::int32_t v, std::int32_t t, const Vector3d& p) const {

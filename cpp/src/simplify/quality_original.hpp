@@ -83,10 +83,10 @@ struct Original {
   /// Adds a border at each edge of v where the surface ends now but did not in the input (a plate
   /// that lost its thickness, a tube that lost its cap), because nothing else holds such an edge in
   /// the plane of its faces. Returns whether there were such edges.
-  bool guard_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& ring);
+  bool add_missing_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& ring);
 
-  /// Merges v into t; `owes` is the new Plan::owed of t.
-  void merge(std::int32_t v, std::int32_t t, double owes);
+  /// Merges v into t; `new_price` is the Plan::attribute_price of t from now on.
+  void merge(std::int32_t v, std::int32_t t, double new_price);
 
   /// Frees what only the prices of collapses need.
   void free_prices() {
@@ -139,7 +139,8 @@ struct Original {
   std::vector<double> area;               // by vertex: of those faces
   double whole_area = 0.0;                // sum over all faces
   std::vector<double> border;             // by vertex: weighted length of those borders
-  std::vector<double> owed;               // by vertex: Plan::owed after its collapses so far
+  /// By vertex: Plan::attribute_price of its collapses so far.
+  std::vector<double> attribute_price;
 
  private:
   /// Factor on the price of a texture: 1 if a picture is shown.

@@ -211,14 +211,16 @@ Plan Prices::plan(std::int32_t v, std::int32_t t, std::int32_t num_edge_faces, P
   Plan plan;
   plan.position = position(v, t, place, star, borders, length);
   const Vector3d& p = plan.position;
-  plan.owed = original_.strips(borders(p), original_.border[v] + original_.border[t], area);
+  plan.attribute_price =
+      original_.strips(borders(p), original_.border[v] + original_.border[t], area);
   if (original_.is_textured) {
-    plan.owed += wedges_.price(p) + original_.wrong_side(v, t, p);
+    plan.attribute_price += wedges_.price(p) + original_.wrong_side(v, t, p);
   }
-  if (original_.is_colored) plan.owed += original_.wrong_color(v, t, p);
+  if (original_.is_colored) plan.attribute_price += original_.wrong_color(v, t, p);
   plan.price = kSurfaceShare * integral(star.quadric(p), star.area) +
-               std::max(0.0, plan.owed - original_.owed[v] - original_.owed[t]) + spike(v, t, p) +
-               kShortEdgePreference * area * length;
+               std::max(0.0, plan.attribute_price - original_.attribute_price[v] -
+                                 original_.attribute_price[t]) +
+               spike(v, t, p) + kShortEdgePreference * area * length;
   plan.price *= std::max(kept_.importance(v), kept_.importance(t)) / num_edge_faces;
   return plan;
 }

@@ -12,7 +12,7 @@ namespace manip3d::quality_detail {
 struct Plan {
   double price = 0.0;  // per removed face
   Vector3d position = Vector3d::Zero();
-  double owed = 0.0;  // total price of borders, texture and colours relative to the input
+  double attribute_price = 0.0;  // of borders, texture and colours, relative to the input
 };
 
 enum class Place : std::uint8_t { kBest, kFirst, kSecond, kMiddle };

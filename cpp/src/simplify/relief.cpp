@@ -194,7 +194,7 @@ void check_options(const ReliefOptions& options) {
                      std::to_string(options.target_points));
   }
   if (!(options.stability >= 1.0)) {
-    throw InputError("stability: expected at least 1, got " + std::to_string(options.stability));
+    throw InputError("stability: expected at least 1, got " + number_text(options.stability));
   }
   options.dense.check();
   std::int64_t larger = options.target_points;
@@ -219,7 +219,7 @@ void check_confidence(const PointGridView& grid, std::span<const float> confiden
   }
   for (const float share : confidence) {
     if (!(share >= 0.0F && share <= 1.0F)) {
-      throw InputError("confidence: expected 0 to 1, got " + std::to_string(share));
+      throw InputError("confidence: expected 0 to 1, got " + number_text(share));
     }
   }
 }

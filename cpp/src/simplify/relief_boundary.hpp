@@ -6,19 +6,13 @@
 #include <vector>
 
 #include "manip3d/progress.hpp"
+#include "simplify/relief_raster.hpp"
 #include "simplify/relief_triangulation.hpp"
 
 namespace manip3d::relief_detail {
 
-using PixelPlace = std::array<std::int32_t, 2>;  ///< Column and row.
-
 inline PixelPlace place_of(const Triangulation& mesh, std::int32_t v) {
   return {mesh.vertex(v).u, mesh.vertex(v).v};
-}
-
-/// Twice the signed area of a triangle.
-inline std::int64_t doubled_area(const PixelPlace& a, const PixelPlace& b, const PixelPlace& c) {
-  return std::int64_t{b[0] - a[0]} * (c[1] - a[1]) - std::int64_t{b[1] - a[1]} * (c[0] - a[0]);
 }
 
 /// The price of a missing pixel beside a fan, whose centre is v.

@@ -17,18 +17,15 @@ namespace relief_detail {
 namespace {
 
 /// A triangle spans a step if more than this share of the pixels with surface over it is a step off
-/// it. Must equal _MOST_OFF in _depth_steps.py.
+/// it. Must equal _MAX_OFF in _depth_steps.py.
 constexpr double kMaxOff = 0.25;
 
 /// Bits of a pixel: covered by a face on the surface, covered by a face off it.
 constexpr std::uint8_t kByOthers = 1, kByOff = 2;
 
-std::int64_t orient(const Corner& a, const Corner& b, const Corner& c) {
-  return std::int64_t{b[0] - a[0]} * (c[1] - a[1]) - std::int64_t{b[1] - a[1]} * (c[0] - a[0]);
-}
-
 bool holds(const Corners& t, const Corner& p) {
-  return orient(t[0], t[1], p) >= 0 && orient(t[1], t[2], p) >= 0 && orient(t[2], t[0], p) >= 0;
+  return doubled_area(t[0], t[1], p) >= 0 && doubled_area(t[1], t[2], p) >= 0 &&
+         doubled_area(t[2], t[0], p) >= 0;
 }
 
 /// Dense triangles of cells that are missing, each half of a cell.
@@ -86,7 +83,7 @@ class InverseDepth {
     const auto at = [&](int i) {
       return 1.0 / double{surface.depth(t[i][1] * surface.cols() + t[i][0])};
     };
-    const double area = static_cast<double>(orient(t[0], t[1], t[2]));
+    const double area = static_cast<double>(doubled_area(t[0], t[1], t[2]));
     const double b = at(1) - at(0), c = at(2) - at(0);
     along_u_ = (b * (t[2][1] - t[0][1]) - c * (t[1][1] - t[0][1])) / area;
     along_v_ = (c * (t[1][0] - t[0][0]) - b * (t[2][0] - t[0][0])) / area;
@@ -233,7 +230,7 @@ Corners corners_of(const Surface& surface, const Eigen::Ref<const Rows<std::int3
     const std::int32_t vertex = faces(face, i);
     t[i] = {pixels(vertex, 0) - surface.input_u(0), pixels(vertex, 1) - surface.input_v(0)};
   }
-  if (orient(t[0], t[1], t[2]) < 0) std::swap(t[1], t[2]);
+  if (doubled_area(t[0], t[1], t[2]) < 0) std::swap(t[1], t[2]);
   return t;
 }
 
@@ -348,7 +345,7 @@ double find_bridges(const Surface& surface, CoverageScratch& scratch) {
   double whole = 0.0;
   for (std::size_t f = 0; f < scratch.corners.size(); ++f) {
     const Corners& t = scratch.corners[f];
-    if (orient(t[0], t[1], t[2]) == 0) continue;
+    if (doubled_area(t[0], t[1], t[2]) == 0) continue;
     whole += double{area_of(surface, t)};
     const double area = bridge_of(surface, t, scratch, [](auto, auto) {}).all;
     if (area > 0.0) scratch.bridges.push_back({area, static_cast<Eigen::Index>(f)});
@@ -406,7 +403,7 @@ CutCoverage coverage_of(const Surface& surface,
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     const Corners t = corners_of(surface, pixels, faces, f);
     // A corner may be a distant pixel that the surface does not contain; its face covers nothing.
-    if (orient(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
+    if (doubled_area(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
     const bool is_off = !off.empty() && off[f] != 0;
     const BridgeArea bridge = cover_face(surface, t, is_off ? kByOff : kByOthers, scratch);
     const double area = area_of(surface, t);
@@ -435,7 +432,7 @@ void remove_bridges(const Surface& surface, const Eigen::Ref<const Rows<std::int
   faces_at.assign(pixels.rows(), 0);
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     for (int i = 0; i < 3; ++i) ++faces_at[faces(f, i)];
-    if (orient(corners[f][0], corners[f][1], corners[f][2]) == 0) continue;
+    if (doubled_area(corners[f][0], corners[f][1], corners[f][2]) == 0) continue;
     visit_covered(surface, corners[f], [&](std::int32_t p) { ++scratch.times[p]; });
   }
   const double pixel_area = whole / static_cast<double>(surface.num_used());
@@ -465,7 +462,7 @@ std::vector<float> off_surface(const Surface& surface,
   if (surface.empty()) return shares;
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     const Corners t = corners_of(surface, pixels, faces, f);
-    if (orient(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
+    if (doubled_area(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
     const auto [seen, unseen, off] = pixels_over(surface, t);
     if (seen > unseen) shares[f] = static_cast<float>(off) / static_cast<float>(seen);
   }
@@ -474,7 +471,7 @@ std::vector<float> off_surface(const Surface& surface,
 
 bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels) {
   const Corners t = corners_at(surface, pixels);
-  return surface.steps().has_steps() && orient(t[0], t[1], t[2]) > 0 && lies_off(surface, t);
+  return surface.steps().has_steps() && doubled_area(t[0], t[1], t[2]) > 0 && lies_off(surface, t);
 }
 
 std::int64_t covered_pixels(const Surface& surface, const std::array<std::int32_t, 3>& pixels) {
@@ -503,7 +500,7 @@ void find_off(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 
   if (!surface.steps().has_steps()) return;
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     const Corners t = corners_of(surface, pixels, faces, f);
-    const bool has_area = orient(t[0], t[1], t[2]) != 0 && surface.holds_all(t);
+    const bool has_area = doubled_area(t[0], t[1], t[2]) != 0 && surface.holds_all(t);
     off.push_back(has_area && lies_off(surface, t) ? 1 : 0);
   }
 }
@@ -512,13 +509,13 @@ void find_off(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 
 
 void DenseRule::check() const {
   if (!(max_edge > 0.0)) {
-    throw InputError("max_edge: expected > 0, got " + std::to_string(max_edge));
+    throw InputError("max_edge: expected > 0, got " + number_text(max_edge));
   }
   if (!(max_step > 0.0)) {
-    throw InputError("depth_step: expected > 0, got " + std::to_string(max_step));
+    throw InputError("depth_step: expected > 0, got " + number_text(max_step));
   }
   if (!(focal >= 0.0)) {
-    throw InputError("focal: expected >= 0, got " + std::to_string(focal));
+    throw InputError("focal: expected >= 0, got " + number_text(focal));
   }
 }
 

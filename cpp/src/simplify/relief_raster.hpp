@@ -8,6 +8,13 @@
 
 namespace manip3d::relief_detail {
 
+using PixelPlace = std::array<std::int32_t, 2>;  ///< Column and row.
+
+/// Twice the signed area of a triangle.
+inline std::int64_t doubled_area(const PixelPlace& a, const PixelPlace& b, const PixelPlace& c) {
+  return std::int64_t{b[0] - a[0]} * (c[1] - a[1]) - std::int64_t{b[1] - a[1]} * (c[0] - a[0]);
+}
+
 /// How pixels on the sides of a triangle are treated.
 enum class SidePixels : std::uint8_t {
   kShared,  ///< A pixel on a side counts for one of the two triangles at that side.
@@ -18,8 +25,8 @@ enum class SidePixels : std::uint8_t {
 /// Calls visit(first, last) for the pixels of each row in a triangle (counter-clockwise with v up).
 /// Pixel (u, v) has the number v * cols + u. Exact in integers up to 16 384 pixels a side.
 template <typename Visit>
-void visit_spans(int cols, std::array<std::int32_t, 2> a, std::array<std::int32_t, 2> b,
-                 std::array<std::int32_t, 2> c, SidePixels edges, Visit&& visit) {
+void visit_spans(int cols, PixelPlace a, PixelPlace b, PixelPlace c, SidePixels edges,
+                 Visit&& visit) {
   // A pixel of row v is inside of a side that rises by dv if dv * u <= value, where value is affine
   // in v. The quotient of value by |dv| and the remainder are updated from row to row.
   struct Side {
@@ -31,8 +38,7 @@ void visit_spans(int cols, std::array<std::int32_t, 2> a, std::array<std::int32_
     }
   };
   const std::int32_t v0 = std::min({a[1], b[1], c[1]}), v1 = std::max({a[1], b[1], c[1]});
-  const auto side = [&](const std::array<std::int32_t, 2>& p,
-                        const std::array<std::int32_t, 2>& q) {
+  const auto side = [&](const PixelPlace& p, const PixelPlace& q) {
     const std::int32_t du = q[0] - p[0], dv = q[1] - p[1];
     // A pixel on a side belongs to the triangle for which the side goes down or, if horizontal, to
     // the right.
@@ -67,8 +73,7 @@ void visit_spans(int cols, std::array<std::int32_t, 2> a, std::array<std::int32_
 
 /// Calls visit(pixel) for each pixel in a triangle.
 template <typename Visit>
-void visit_pixels(int cols, const std::array<std::int32_t, 2>& a,
-                  const std::array<std::int32_t, 2>& b, const std::array<std::int32_t, 2>& c,
+void visit_pixels(int cols, const PixelPlace& a, const PixelPlace& b, const PixelPlace& c,
                   SidePixels edges, Visit&& visit) {
   visit_spans(cols, a, b, c, edges, [&](std::int32_t first, std::int32_t last) {
     for (std::int32_t pixel = first; pixel <= last; ++pixel) visit(pixel);
@@ -82,9 +87,8 @@ void visit_pixels(int cols, const std::array<std::int32_t, 2>& a,
 /// wide.
 /// @param step  From the pixel to its neighbour.
 template <typename Visit>
-void visit_sliver(std::int32_t cols, const std::array<std::int32_t, 2>& from,
-                  const std::array<std::int32_t, 2>& step, const std::array<std::int32_t, 2>& end,
-                  Visit&& visit) {
+void visit_sliver(std::int32_t cols, const PixelPlace& from, const PixelPlace& step,
+                  const PixelPlace& end, Visit&& visit) {
   std::int32_t length = end[0] - from[0], rise = end[1] - from[1];
   std::int32_t dx = step[0], dy = step[1], right = 1, up = cols;
   if (std::abs(rise) > std::abs(length)) {

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "simplify/relief_raster.hpp"
 #include "simplify/relief_surface.hpp"
 
 namespace manip3d::relief_detail {
@@ -104,7 +105,7 @@ class Triangulation {
   /// Twice the signed area of a triangle in pixels.
   [[nodiscard]] std::int64_t orient(std::int32_t a, std::int32_t b, std::int32_t c) const {
     const Vertex &p = vertices_[a], &q = vertices_[b], &r = vertices_[c];
-    return std::int64_t{q.u - p.u} * (r.v - p.v) - std::int64_t{q.v - p.v} * (r.u - p.u);
+    return doubled_area({p.u, p.v}, {q.u, q.v}, {r.u, r.v});
   }
 
   /// The triangle outside a boundary vertex, between its outer neighbours, where the boundary turns

@@ -89,6 +89,11 @@ def sharing(progress: Progress, message: str) -> Iterator[Callable[[float, float
             report(1.0)
 
 
+def fraction_only(told: Callable[[float], object] | None) -> Callable[[float, str], object] | None:
+    """Return a progress function that passes on the fraction without the message."""
+    return None if told is None else lambda fraction, message: told(fraction)
+
+
 def shares(sizes: Iterable[float]) -> list[tuple[float, float]]:
     """Return begin and end, from 0 to 1, of each run's part in a total, from the runs' costs."""
     ends = np.cumsum([0.0, *sizes])

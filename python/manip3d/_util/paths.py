@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 from manip3d.errors import InputError
@@ -43,3 +44,8 @@ def by_number(name: str) -> tuple[tuple[tuple[int, str, int], ...], str]:
     parts = re.split(r"([0-9]+)", name)
     key = tuple((1, "", int(p)) if i % 2 else (0, p, 0) for i, p in enumerate(parts))
     return key, name  # the name distinguishes 01 from 1
+
+
+def in_order(paths: Iterable[Path]) -> list[Path]:
+    """Return paths sorted by their names, numbers in them by value."""
+    return sorted(paths, key=lambda path: by_number(path.name))

@@ -1,7 +1,8 @@
-"""Control characters in text that users have typed."""
+"""Text that users have typed or that files hold: control characters and numbers."""
 
 from __future__ import annotations
 
+import math
 import unicodedata
 
 from manip3d.errors import printable
@@ -19,3 +20,11 @@ def has_control_characters(text: str) -> bool:
 def legible(text: str) -> str:
     """Return a text, which may have several lines, with control characters escaped."""
     return "\n".join(map(printable, text.split("\n")))
+
+
+def float_or_nan(text: str) -> float:
+    """Return the number in a text; NaN if it is none, or has Python's underscores (``1_000``)."""
+    try:
+        return math.nan if "_" in text else float(text)
+    except ValueError:
+        return math.nan

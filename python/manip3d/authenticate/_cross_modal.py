@@ -473,22 +473,22 @@ def cross_modal_consistency(
         verdict = "tampered"
         reason = _in_words(regions)
     return CrossModalResult(
-        verdict,
-        reason,
-        attack_type(regions) if verdict == "tampered" else "",
-        regions,
-        suspected,
-        found["lidar"].reshape(shape),
-        found["stereo"].reshape(shape),
-        found["difference"].reshape(shape) * np.float32(disparity.step),
-        found["mask"].reshape(shape),
-        judged,
-        points,
-        cells,
-        max((region.score for region in regions), default=0.0),
-        chosen,
-        placed(scene, np.zeros(3)),
-        heading,
+        verdict=verdict,
+        reason=reason,
+        attack=attack_type(regions) if verdict == "tampered" else "",
+        regions=regions,
+        suspected=suspected,
+        lidar=found["lidar"].reshape(shape),
+        stereo=found["stereo"].reshape(shape),
+        difference=found["difference"].reshape(shape) * np.float32(disparity.step),
+        mask=found["mask"].reshape(shape),
+        judged=judged,
+        judged_points=points,
+        judged_cells=cells,
+        score=max((region.score for region in regions), default=0.0),
+        parameters=chosen,
+        scan=placed(scene, np.zeros(3)),
+        heading=heading,
     )
 
 
@@ -596,23 +596,23 @@ def _region(
     x, y, z = center
     length, width, height = (b - a for a, b in zip(lower, upper, strict=True))
     return CrossModalRegion(
-        "added" if added else "missing",
-        cells,
-        empty,
-        solid_angle,
-        area,
-        difference * step,
-        Box(
+        kind="added" if added else "missing",
+        cells=cells,
+        empty=empty,
+        solid_angle=solid_angle,
+        area=area,
+        difference=difference * step,
+        box=Box(
             (x, y, z),
             (length, width, height),
             math.radians(heading),
             "added" if added else "missing",
         ),
-        evidence / least if least > 0.0 else math.inf,
-        dark,
-        evidence,
-        rows.astype(np.int64),
-        behind,
+        score=evidence / least if least > 0.0 else math.inf,
+        dark=dark,
+        evidence=evidence,
+        rows=rows.astype(np.int64),
+        behind=behind,
     )
 
 

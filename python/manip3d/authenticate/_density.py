@@ -269,19 +269,19 @@ def density_consistency(
     suspected = _points_of(off, scene.points, place, parameters, threads)
     reason = f"spacing off its range's over at least {parameters.run} levels"
     return DensityResult(
-        "tampered" if off.any() else "no_trace",
-        reason if off.any() else "spacing follows range",
-        ranges,
-        signal,
-        fit,
-        ratio,
-        _ranges(np.asarray(off.any(axis=0)), edges),
-        suspected,
-        _regions(scene.points, suspected),
-        score,
-        parameters,
-        _calibration(parameters),
-        placed(scene, np.asarray(place, np.float64)),
+        verdict="tampered" if off.any() else "no_trace",
+        reason=reason if off.any() else "spacing follows range",
+        ranges=ranges,
+        signal=signal,
+        fit=fit,
+        ratio=ratio,
+        offending=_ranges(np.asarray(off.any(axis=0)), edges),
+        suspected=suspected,
+        regions=_regions(scene.points, suspected),
+        score=score,
+        parameters=parameters,
+        calibration=_calibration(parameters),
+        scan=placed(scene, np.asarray(place, np.float64)),
     )
 
 
@@ -461,16 +461,16 @@ def _calibration(parameters: DensityParameters) -> Calibration | None:
 def _undecidable(reason: str, parameters: DensityParameters) -> DensityResult:
     nothing = np.empty(0)
     return DensityResult(
-        "undecidable",
-        reason,
-        nothing,
-        nothing,
-        nothing,
-        np.empty((0, 0)),
-        np.empty((0, 2)),
-        np.empty(0, np.int32),
-        (),
-        0.0,
-        parameters,
-        _calibration(parameters),
+        verdict="undecidable",
+        reason=reason,
+        ranges=nothing,
+        signal=nothing,
+        fit=nothing,
+        ratio=np.empty((0, 0)),
+        offending=np.empty((0, 2)),
+        suspected=np.empty(0, np.int32),
+        regions=(),
+        score=0.0,
+        parameters=parameters,
+        calibration=_calibration(parameters),
     )

@@ -131,12 +131,12 @@ WRONG_PLACE = "points lie where the sensor cannot measure"
 NO_RETURN = "returns are missing where a surface must have answered"
 REPEATED = "two places have the same ranges, firing after firing: one of them is a turned copy"
 
-UNTOLD = "{} points are on no line, where a laser without a line may look: they cannot be judged"
+UNJUDGED = "{} points are on no line, where a laser without a line may look: they cannot be judged"
 """Reason of an undecidable scan with `MIN_EXACT` or more such points. None of five clouds of
 Hesai and Ouster scanners and of packets of three Velodyne scanners has a single one by a lattice
 with all of its lasers."""
 
-FEW_STREWN = "{} points are off the lattice: too few to accuse, or those of a laser without a line"
+FEW_FAR_OFF = "{} points are off the lattice: too few to accuse, or those of a laser without a line"
 """Reason of an undecidable scan with fewer such points, and others between known lines."""
 
 
@@ -493,7 +493,7 @@ def _consistency(
         )  # fmt: skip
     reading = lattice.read(scan.points, threads=threads) if reading is None else reading
     is_told = lattice.is_told_exactly(scan, reading)
-    untold = int(np.count_nonzero(~is_told & lattice.is_of_no_line(scan.points, reading)))
+    num_unjudged = int(np.count_nonzero(~is_told & lattice.is_of_no_line(scan.points, reading)))
     kept = np.flatnonzero(is_told)
     told = scan.select(kept)
     reading = lattice.read(told.points, threads=threads)
@@ -502,7 +502,7 @@ def _consistency(
     found = _examined(told.points, lattice, None, None, limits, as_lines, threads)
     judged = _judged(
         found, told, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated,
-        reading=reading, untold=untold, threads=threads,
+        reading=reading, num_unjudged=num_unjudged, threads=threads,
     )  # fmt: skip
     return judged.with_rows(kept, scan)
 
@@ -633,13 +633,13 @@ def _judged(
     *,
     is_stated: bool,
     reading: LatticeReading | None = None,
-    untold: int = 0,
+    num_unjudged: int = 0,
     threads: int,
 ) -> GenericResult:
     """Return the verdict on a frame from what the kernel found in it.
 
-    ``reading``: places of the points on an exact lattice. ``untold``: number of points off all
-    lines of an exact lattice that were not judged. ``best`` are log10 p-values of the regions
+    ``reading``: places of the points on an exact lattice. ``num_unjudged``: number of points off
+    all lines of an exact lattice that were not judged. ``best`` are log10 p-values of the regions
     alone; ``logs`` allow for the number of kinds.
     """
     points, fewest = scan.num_points, 2
@@ -660,34 +660,35 @@ def _judged(
         for i in sorted(alarming, key=lambda i: (logs[i], i))
     )
     suspected = np.flatnonzero(np.isin(found["region_of_point"], alarming))
-    log, rows = _scattered(found["flags"], scan.points, suspected, fewest)
-    far_off, strewn = FAR_OFF * tolerance, (0.0, rows[:0])
-    if lattice.is_exact:
-        strewn = _strewn_exactly(found["flags"], scan, suspected, lattice, far_off, threads)
-    elif is_stated:
-        strewn = _strewn(found["flags"], scan.points, suspected, lattice, far_off)
-    log, rows = min((log, rows), strewn, key=lambda of_rows: of_rows[0])
-    best.append(log)
-    logs.append(min(0.0, tests + log))
-    if 10.0 ** logs[-1] <= false_alarm_rate:
-        regions = (*regions, _region_of(rows, "scattered", logs[-1], log, scan.points))
-        suspected = np.union1d(suspected, rows)
-    if reading is not None:
-        log, places = _copied(scan.points, reading, lattice, suspected)
+
+    def accuse(kind: str, log: float, places: Sequence[NDArray[np.int64]]) -> None:
+        """Test the places together; if they are too improbable, each is a region."""
+        nonlocal regions, suspected
         best.append(log)
         logs.append(min(0.0, tests + log))
         if 10.0 ** logs[-1] <= false_alarm_rate:
-            copies = (_region_of(at, "copied", logs[-1], log, scan.points) for at in places)
-            regions = (*regions, *copies)
+            new = (_region_of(rows, kind, logs[-1], log, scan.points) for rows in places)
+            regions = (*regions, *new)
             suspected = np.union1d(suspected, np.concatenate(places))
+
+    group = _scattered_group(found["flags"], scan.points, suspected, fewest)
+    limit, far_off = FAR_OFF * tolerance, (0.0, group[1][:0])
+    if lattice.is_exact:
+        far_off = _count_far_off_exactly(found["flags"], scan, suspected, lattice, limit, threads)
+    elif is_stated:
+        far_off = _count_far_off(found["flags"], scan.points, suspected, lattice, limit)
+    log, rows = min(group, far_off, key=lambda log_and_rows: log_and_rows[0])
+    accuse("scattered", log, (rows,))
+    if reading is not None:
+        accuse("copied", *_copied(scan.points, reading, lattice, suspected))
     verdict = _quiet_verdict(evidence, found["directions"], is_stated)
     reason = IN_WORDS[verdict]
     if regions:
         verdict, reason = "tampered", _accusation(regions)
-    elif lattice.is_exact and untold + len(strewn[1]) >= MIN_EXACT:
+    elif lattice.is_exact and num_unjudged + len(far_off[1]) >= MIN_EXACT:
         verdict = "undecidable"
-        few = FEW_STREWN.format(untold + len(strewn[1]))
-        reason = UNTOLD.format(untold) if untold >= MIN_EXACT else few
+        few = FEW_FAR_OFF.format(num_unjudged + len(far_off[1]))
+        reason = UNJUDGED.format(num_unjudged) if num_unjudged >= MIN_EXACT else few
     return GenericResult(
         verdict=verdict,
         reason=reason,
@@ -797,7 +798,7 @@ GROUP = 0.5
 """Metres: size of the ground cells that `largest_group` connects."""
 
 
-def _scattered(
+def _scattered_group(
     flags: NDArray[np.uint16],
     points: NDArray[np.float32],
     known: NDArray[np.int64],
@@ -826,7 +827,7 @@ def _scattered(
     return min(0.0, log + (len(group) - 1) * math.log10(crowd * STRAY_RATE)), group
 
 
-def _strewn(
+def _count_far_off(
     flags: NDArray[np.uint16],
     points: NDArray[np.float32],
     known: NDArray[np.int64],
@@ -848,7 +849,7 @@ def _strewn(
     return _log_poisson(len(rows), len(points) * STRAY_RATE), rows
 
 
-def _strewn_exactly(
+def _count_far_off_exactly(
     flags: NDArray[np.uint16],
     scan: LidarFrame,
     known: NDArray[np.int64],

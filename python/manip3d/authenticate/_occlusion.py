@@ -387,20 +387,20 @@ def occlusion_consistency(
     if echoes and verdict == "no_trace":
         verdict, reason = "undecidable", UNNUMBERED
     return OcclusionResult(
-        verdict,
-        reason,
-        mask.reshape(rows, columns),
-        raw.reshape(rows, columns),
-        regions,
-        suspected if verdict == "tampered" else np.empty(0, np.int32),
-        share,
-        _score(every, parameters),
-        grid,
-        _lowest(grid) + first * grid.elevation_deg,
-        parameters,
-        calibration,
-        placed(scene, np.asarray(place, np.float64)),
-        echoes,
+        verdict=verdict,
+        reason=reason,
+        mask=mask.reshape(rows, columns),
+        raw_mask=raw.reshape(rows, columns),
+        regions=regions,
+        suspected=suspected if verdict == "tampered" else np.empty(0, np.int32),
+        multiple=share,
+        score=_score(every, parameters),
+        grid=grid,
+        lowest_deg=_lowest(grid) + first * grid.elevation_deg,
+        parameters=parameters,
+        calibration=calibration,
+        scan=placed(scene, np.asarray(place, np.float64)),
+        echoes=echoes,
     )
 
 
@@ -411,7 +411,8 @@ def _first_echoes(scan: Scan) -> NDArray[np.bool_] | None:
     for name in ("target_index", "return_number", "returnIndex"):
         if name in scan.frame.fields:
             number = np.asarray(scan.frame.fields[name])
-            return np.asarray(number == number.min(initial=number.max(initial=0)))  # 0 or 1
+            lowest = number.min() if number.size else 0  # files number echoes from 0 or from 1
+            return np.asarray(number == lowest)
     return None
 
 
@@ -511,16 +512,16 @@ def _undecidable(
 ) -> OcclusionResult:
     nothing = np.empty((0, 0), np.uint8)
     return OcclusionResult(
-        "undecidable",
-        reason,
-        nothing,
-        nothing,
-        (),
-        np.empty(0, np.int32),
-        0.0,
-        0.0,
-        grid or AngularGrid(0.0, 0.0),
-        -90.0,
-        parameters or CALIBRATED_OCCLUSION,
-        None,
+        verdict="undecidable",
+        reason=reason,
+        mask=nothing,
+        raw_mask=nothing,
+        regions=(),
+        suspected=np.empty(0, np.int32),
+        multiple=0.0,
+        score=0.0,
+        grid=grid or AngularGrid(0.0, 0.0),
+        lowest_deg=-90.0,
+        parameters=parameters or CALIBRATED_OCCLUSION,
+        calibration=None,
     )

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import by_number, is_hidden, path_of
+from manip3d._util.paths import in_order, is_hidden, path_of
 from manip3d.authenticate._picture_files import carrier_bytes, picture_path
 from manip3d.authenticate._turns import MAX_APART_NS
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
@@ -461,7 +461,7 @@ def all_drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
     """
     place = _scan_folder(folder)
     scans = {*scan_paths(place, hidden=True), *_scans_with_records(place)}
-    return _in_order(scans) or _refuse_none(folder, place, "count only with a record beside them")
+    return in_order(scans) or _refuse_none(folder, place, "count only with a record beside them")
 
 
 def scans_to_watch(folder: str | os.PathLike[str]) -> list[Path]:
@@ -473,7 +473,7 @@ def scans_to_watch(folder: str | os.PathLike[str]) -> list[Path]:
         As `drive_scans`.
     """
     signed = [path for path in _scans_with_records(_scan_folder(folder)) if _is_shown(path)]
-    return _in_order({*scans_to_read(folder), *signed})
+    return in_order({*scans_to_read(folder), *signed})
 
 
 def _scans_with_records(place: Path) -> list[Path]:
@@ -483,10 +483,6 @@ def _scans_with_records(place: Path) -> list[Path]:
 
 def _is_shown(path: Path) -> bool:
     return not is_hidden(path.name)
-
-
-def _in_order(paths: Iterable[Path]) -> list[Path]:
-    return sorted(paths, key=lambda path: by_number(path.name))
 
 
 def _refuse_none(folder: str | os.PathLike[str], place: Path, why_not: str) -> NoReturn:
@@ -529,7 +525,7 @@ def drive_records_alone(folder: str | os.PathLike[str]) -> list[Path]:
     ['000005.bin.wm']
     """
     records = _scan_folder(folder).glob(f"*{RECORD_SUFFIX}")
-    return _in_order(path for path in records if not scans_of_record(path))
+    return in_order(path for path in records if not scans_of_record(path))
 
 
 def scans_to_read(folder: str | os.PathLike[str]) -> list[Path]:

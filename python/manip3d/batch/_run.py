@@ -18,7 +18,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.fingerprint import code_fingerprint
 from manip3d._util.json import canonical_json, finite
-from manip3d._util.options import reporting
+from manip3d._util.options import fraction_only, reporting
 from manip3d._util.paths import path_of
 from manip3d.batch._places import Place
 from manip3d.batch._rows import Rows
@@ -180,7 +180,7 @@ def run(
                 store,
                 jobs or len(os.sched_getaffinity(0)),
                 dask=dask,
-                progress=progress if callable(progress) else _fraction_only(told),
+                progress=progress if callable(progress) else fraction_only(told),
                 describe=names.__getitem__,
                 on_error=lambda key, error: on_error(names[key], error),
             )
@@ -254,10 +254,6 @@ def _bytes_of(output: Path) -> int | None:
 
 def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
-
-
-def _fraction_only(told: Callable[[float], object] | None) -> Callable[[float, str], object] | None:
-    return None if told is None else lambda fraction, message: told(fraction)
 
 
 def _listed(sources: Any, suffixes: Sequence[str] | None, output: Place | None) -> list[SourceFile]:

@@ -10,7 +10,7 @@ import typer
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.options import Force, OptionalOutput, Quiet
 from manip3d.cli.sources import open_mesh
-from manip3d.cli.terminal import Terminal, check_output, counted
+from manip3d.cli.terminal import Terminal, check_output, counted, say_page
 from manip3d.io import READABLE
 
 
@@ -51,8 +51,4 @@ def play(
     labels = [PurePosixPath(name).name for name in files]
     path = viewer.play(meshes, output, rate=rate, title=title, labels=labels)
     terminal.say(f"{counted(len(files), 'frame')}")
-    if output is not None:
-        terminal.say(f"wrote {output}")
-    elif not viewer.has_display():
-        print(path)  # on stdout, since the page can be opened on another computer
-        terminal.say("There is no display here: open this page in a browser.")
+    say_page(path, output, terminal)

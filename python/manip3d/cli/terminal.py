@@ -290,6 +290,17 @@ def say_left_out(
         terminal.say(line)
 
 
+def say_page(path: Path, output: Path | None, terminal: Terminal) -> None:
+    """Say where a page was written; print its path if there is no display to open it on."""
+    from manip3d import viewer
+
+    if output is not None:
+        terminal.say(f"wrote {output}")
+    elif not viewer.has_display():
+        print(path)  # on stdout, since the page can be opened on another computer
+        terminal.say("There is no display here: open this page in a browser.")
+
+
 def configure_logging() -> None:
     """Send the package's log to stderr, from the level in ``MANIP3D_LOG`` on."""
     level = os.environ.get("MANIP3D_LOG", "warning").upper()

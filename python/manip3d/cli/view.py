@@ -16,7 +16,7 @@ from manip3d.cli.many import over_files
 from manip3d.cli.options import Calibration, DepthUnit, Force, OptionalOutput, Quiet, Source
 from manip3d.cli.scanning import expect_packets
 from manip3d.cli.sources import open_mesh
-from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
+from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, say_page
 from manip3d.errors import InputError
 from manip3d.io import is_url
 from manip3d.lidar import LidarFrame
@@ -111,7 +111,7 @@ def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
     if output is None or Path(output).suffix.lower() == ".html":
         options["title"] = ", ".join(labels)
     with naming_options(*_OPTIONS):
-        _tell(viewer.view(things, output, **options), output, terminal)
+        say_page(viewer.view(things, output, **options), output, terminal)
     return True
 
 
@@ -179,17 +179,7 @@ def write(
     options: dict[str, Any] = {"color_by": color_by}
     if output is None or output.suffix.lower() == ".html":
         options["title"] = "stdin" if source == "-" else Path(source).name
-    _tell(viewer.view(thing, output, **options), output, terminal)
-
-
-def _tell(path: Path, output: Path | None, terminal: Terminal) -> None:
-    from manip3d import viewer
-
-    if output is not None:
-        terminal.say(f"wrote {output}")
-    elif not viewer.has_display():
-        print(path)  # on stdout, since the page can be opened on another computer
-        terminal.say("There is no display here: open this page in a browser.")
+    say_page(viewer.view(thing, output, **options), output, terminal)
 
 
 def _open(source: str, choice: Choice, terminal: Terminal) -> Any:

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from manip3d import authenticate, datasets
+from manip3d._util.shares import wilson
 from manip3d.experiments import _alert_attacks, _published
 from manip3d.experiments._alert_attacks import ATTACKS
-from manip3d.experiments._counting import interval
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 from manip3d.lidar import Box, LidarFrame
 
@@ -192,7 +192,7 @@ def _accuracy(rows: Sequence[Row]) -> Iterator[Finding]:
         right = sum(row["detected"] + row["frames"] - row["clean"] for row in some)
         of = sum(row["attacks"] + row["frames"] for row in some)
         if of:
-            low, high = interval(right, of)
+            low, high = wilson(right, of)
             numbers = f"{right} of {of} right, {right / of:.1%} ({low:.1%} to {high:.1%})"
             yield Finding(name, right / of >= 0.9756, numbers)
 
@@ -201,7 +201,7 @@ def _false_positives(rows: Sequence[Row]) -> Iterator[Finding]:
     for name, some in _halves(rows):
         clean, of = sum(row["clean"] for row in some), sum(row["frames"] for row in some)
         if of:
-            low, high = interval(clean, of)
+            low, high = wilson(clean, of)
             numbers = (
                 f"{clean} of {of} clean frames accused, {clean / of:.1%} ({low:.1%} to {high:.1%})"
             )
@@ -215,7 +215,7 @@ def _by_attack(rows: Sequence[Row]) -> Iterator[Finding]:
             placed = sum(r[f"{attack} placed"] for r in some)
             typed = sum(r[f"{attack} typed"] for r in some)
             if of:
-                low, high = interval(found, of)
+                low, high = wilson(found, of)
                 numbers = (
                     f"{found} of {of} detected ({low:.0%} to {high:.0%}), {placed} of them at the "
                     f"right place, {typed} of the right type"

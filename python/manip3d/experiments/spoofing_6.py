@@ -15,7 +15,7 @@ from manip3d.experiments import _roc
 from manip3d.experiments._lidar_attacks import Target, appended, as_written, on_firings
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 from manip3d.forge import MAX_SPOOFED
-from manip3d.lidar import Box
+from manip3d.lidar import Box, box_corners
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,20 +66,6 @@ class View(NamedTuple):
     farthest: float
 
 
-def corners_of(box: Box) -> Floats:
-    """Return (8, 3) the corners of a box."""
-    sides = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]), axis=-1).reshape(-1, 3)
-    return _out_of(box, sides * np.asarray(box.size))
-
-
-def _out_of(box: Box, offsets: Floats) -> Floats:
-    """Transform offsets from a box's centre, along its sides, to the scanner's frame."""
-    cos, sin = math.cos(box.yaw), math.sin(box.yaw)
-    x = cos * offsets[:, 0] - sin * offsets[:, 1]
-    y = sin * offsets[:, 0] + cos * offsets[:, 1]
-    return np.asarray(np.column_stack([x, y, offsets[:, 2]]) + np.asarray(box.center))
-
-
 def _azimuths(points: Floats, box: Box) -> Floats:
     """Return azimuths relative to the centre of the box, radians, in [-pi, pi)."""
     middle = math.atan2(box.center[1], box.center[0])
@@ -93,7 +79,7 @@ def _elevations(points: Floats) -> Floats:
 
 def view_of(points: Points, box: Box) -> View:
     """Return the frustum of a box: the returns within its range of azimuth and elevation."""
-    every, corners = points.astype(np.float64), corners_of(box)
+    every, corners = points.astype(np.float64), box_corners(box)
     inside = np.ones(len(every), bool)
     for of_points, of_corners in (
         (_azimuths(every, box), _azimuths(corners, box)),
@@ -135,7 +121,7 @@ def shadow(points: Points, box: Box) -> float:
     The weight of a return decreases with its distance from the start of the shadow and from the
     shadow's middle line. A shadow without returns has a score of 0.
     """
-    every, corners = points.astype(np.float64), corners_of(box)
+    every, corners = points.astype(np.float64), box_corners(box)
     azimuths, rho = _azimuths(every, box), np.hypot(every[:, 0], every[:, 1])
     half = float(np.abs(_azimuths(corners, box)).max())
     start = float(np.hypot(corners[:, 0], corners[:, 1]).max())

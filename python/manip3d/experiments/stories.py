@@ -26,6 +26,7 @@ import numpy as np
 from manip3d import datasets
 from manip3d._util.fingerprint import presentation_fingerprint
 from manip3d.errors import Error
+from manip3d.experiments import _phantom
 from manip3d.experiments._model import Case, Experiment, Plan, Row, counted
 from manip3d.experiments._pictures import webp
 
@@ -342,7 +343,9 @@ def _tell_phantom(folder: Path, printed: Sequence[Any]) -> Shown:
     (record,) = printed
     frames = [read_picture(folder / "phantom" / f"{number:06d}.png") for number in _FILM]
     width = frames[0].shape[1] // 3
-    box = _box_of_people([frame[:, width : 2 * width] for frame in frames])
+    people = [frame[:, width : 2 * width] for frame in frames]
+    drawn = np.any([(picture < 250).any(axis=2) for picture in people], axis=0)  # not white
+    box = _phantom.box_of(drawn, margin=8)
     panels = ("what the camera sees", "with the phantom limb", "the same as a mesh, from the side")
     strips = [
         np.hstack([frame[box[0], k * width + box[1].start : k * width + box[1].stop]
@@ -355,17 +358,6 @@ def _tell_phantom(folder: Path, printed: Sequence[Any]) -> Shown:
         f"{counted(record['frames'], 'frame')}; table 4.1 below says how long that takes."
     )
     return Shown(list(zip(panels, strips, strict=True)), [fact])
-
-
-def _box_of_people(pictures: Sequence[Image]) -> tuple[slice, slice]:
-    """Return rows and columns of the pixels that are not white in any picture, with a margin."""
-    drawn = np.any([(picture < 250).any(axis=2) for picture in pictures], axis=0)
-    rows, columns = np.nonzero(drawn.any(axis=1))[0], np.nonzero(drawn.any(axis=0))[0]
-    margin = 8
-    return (
-        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + margin),
-        slice(max(0, int(columns[0]) - margin), int(columns[-1]) + margin),
-    )
 
 
 # --- A forged scan -------------------------------------------------------------------------------

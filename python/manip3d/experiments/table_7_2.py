@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from manip3d._util.shares import wilson
 from manip3d.experiments import _alert_set
-from manip3d.experiments._counting import interval
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ def _counted(
     for kind in (kind for kind in _KINDS if kind.startswith(family)):
         if rows:
             mine, of = sum(r[kind] for r in rows), sum(r["attacked"] for r in rows)
-            low, high = interval(mine, of)
+            low, high = wilson(mine, of)
             numbers = f"{mine} of {of} {what} ({low:.2%} to {high:.2%})"
             yield Finding(kind, of > 0 and mine == (of if all_of_them else 0), numbers)
 

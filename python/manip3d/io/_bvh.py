@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.texts import float_or_nan
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import over_max_bytes, regular_bytes
 from manip3d.io._limits import byte_limit, check_points, clock
@@ -185,7 +186,7 @@ class _Reader:
     def number(self, expected: str) -> float:
         """Read a number of at most `_FARTHEST` in size."""
         got = self.word(expected)
-        value = _float(got)
+        value = float_or_nan(got)
         if not abs(value) <= _FARTHEST:  # also raises on NaN
             raise self.fail(f"expected {expected}, got {got!r}")
         return value
@@ -205,14 +206,6 @@ class _Reader:
             if self._look is not None:
                 self._look(self.line / len(self._lines))
             yield self._lines[self.line - 1]
-
-
-def _float(text: str) -> float:
-    """Return the number in a text; NaN if it is none, or has Python's underscores (``1_000``)."""
-    try:
-        return math.nan if "_" in text else float(text)
-    except ValueError:
-        return math.nan
 
 
 def _hierarchy(reader: _Reader) -> list[_Joint]:
@@ -300,7 +293,7 @@ def _numbers(reader: _Reader, frames: int, channels: int) -> Floats:
         found += len(words)
         if found > frames * channels:
             raise reader.fail(f"expected {frames} frames of {channels} numbers, found more")
-        row = np.array([_float(word.decode("latin-1")) for word in words])
+        row = np.array([float_or_nan(word.decode("latin-1")) for word in words])
         if not (np.abs(row) <= _FARTHEST).all():
             bad = words[int(np.argmin(np.abs(row) <= _FARTHEST))].decode("utf-8", "surrogateescape")
             raise reader.fail(f"expected a number, got {bad[:40]!r}")

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.texts import float_or_nan
 from manip3d.errors import FormatError
 from manip3d.io._files import limited_bytes
 from manip3d.rgbd import INFERRED, JOINTS, NOT_TRACKED, TRACKED
@@ -288,7 +289,7 @@ def _add_joint(people: dict[tuple[int, int], tuple[Floats, Floats]], row: list[s
         raise ValueError(f"expected whole numbers of a frame and an id, got {row[:2]!r:.80}")
     if joint not in range(len(JOINTS)) or state not in (NOT_TRACKED, INFERRED, TRACKED):
         raise ValueError(f"expected a joint 0 to {len(JOINTS) - 1} and a state 0 to 2")
-    place = [_value(text) for text in row[3:6]]
+    place = [float_or_nan(text) for text in row[3:6]]
     if state != NOT_TRACKED and not all(abs(value) <= _FARTHEST_M for value in place):
         raise ValueError(f"expected x, y, z within {_FARTHEST_M:g} m of the camera")
     nobody = np.zeros((len(JOINTS), 3)), np.full(len(JOINTS), np.nan)
@@ -297,13 +298,6 @@ def _add_joint(people: dict[tuple[int, int], tuple[Floats, Floats]], row: list[s
         raise ValueError(f"expected joint {joint} of frame {frame} once, got it again")
     places[joint], states[joint] = place, state
     return frame
-
-
-def _value(text: str) -> float:
-    try:
-        return math.nan if "_" in text else float(text)
-    except ValueError:
-        return math.nan
 
 
 def _whole(text: str) -> int | None:

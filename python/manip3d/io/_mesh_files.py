@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from manip3d import _core
 from manip3d._util.checked import checked
@@ -21,9 +20,6 @@ from manip3d.io._images import texture_path, with_common_images
 from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.mesh import Mesh
-
-if TYPE_CHECKING:
-    pass
 
 READABLE: tuple[str, ...] = (*_core.readable_suffixes(), _three_mf.SUFFIX, _collada.SUFFIX)
 """Suffixes of the formats that `read_mesh` reads; all except ``.3mf`` and ``.dae`` may be followed

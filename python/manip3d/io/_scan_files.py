@@ -6,12 +6,12 @@ import gzip
 import lzma
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import by_number, is_hidden, path_of
+from manip3d._util.paths import in_order, is_hidden, path_of
 from manip3d.errors import InputError
 from manip3d.io import _scan_tables as tables
 from manip3d.io._elsewhere import scan_advice
@@ -427,7 +427,7 @@ def readable_scans(folder: str | os.PathLike[str]) -> list[Path]:
         return scans
     return [
         path
-        for path in _by_number(path_of(folder, "folder").iterdir())
+        for path in in_order(path_of(folder, "folder").iterdir())
         if scan_suffix(path) in EXPORTED_SUFFIXES
         and not is_hidden(path.name)
         and path.is_file()
@@ -440,12 +440,8 @@ def scan_paths(folder: str | os.PathLike[str], *, hidden: bool = False) -> Itera
 
     Numbers in names are compared by value, so that 2.bin is before 10.bin.
     """
-    yield from _by_number(
+    yield from in_order(
         p
         for p in path_of(folder, "folder").iterdir()
         if scan_suffix(p) in FOLDER_SUFFIXES and (hidden or not is_hidden(p.name))
     )
-
-
-def _by_number(paths: Iterable[Path]) -> list[Path]:
-    return sorted(paths, key=lambda path: by_number(path.name))

@@ -33,7 +33,6 @@ STATEMENTS: Sequence[str] = (
 )
 """Questions, answered from -3 (not at all) to 3 (very much). The first three are about ownership;
 the others are controls, which the cue should not change."""
-NUM_OWNERSHIP = 3
 
 
 @dataclass(frozen=True)

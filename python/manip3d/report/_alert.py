@@ -19,6 +19,7 @@ import numpy as np
 
 from manip3d import __version__
 from manip3d._util.checked import checked
+from manip3d.lidar import box_outline
 from manip3d.report._evidence_files import write_page_or_record
 from manip3d.simulate._surfaces import png
 
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
         RiskParameters,
         SurroundResult,
     )
-    from manip3d.lidar import LidarFrame
+    from manip3d.lidar import Box, LidarFrame
 
 _MAX_SCENES = 12  # largest number of frames with pictures
 _MAX_ROWS = 200  # largest number of rows in the table of frames
@@ -493,7 +494,7 @@ def _from_above(alert: Alert) -> str:
         some = points[ahead][:: max(1, int(ahead.sum()) // _DOTS)]
         dots = "".join(f"M{-y:.1f} {-x:.1f}h.01" for x, y, _ in some.tolist())
     shapes = "".join(
-        f"<polygon points='{_corners(box)}' fill=none stroke="
+        f"<polygon points='{_outline(box)}' fill=none stroke="
         f"'{'#1565c0' if box.label == 'missing' else '#c62828'}' stroke-width=.35></polygon>"
         for box in alert.boxes
     )
@@ -530,13 +531,5 @@ def _sectors(alert: Alert) -> str:
     return "".join(wedges)
 
 
-def _corners(box: Any) -> str:
-    cosine, sine = math.cos(box.yaw), math.sin(box.yaw)
-    length, width = (max(size, 0.4) for size in box.size[:2])
-    corners = []
-    for sx, sy in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
-        along, across = sx * length / 2, sy * width / 2
-        x = box.center[0] + cosine * along - sine * across
-        y = box.center[1] + sine * along + cosine * across
-        corners.append(f"{-y:.2f},{-x:.2f}")
-    return " ".join(corners)
+def _outline(box: Box) -> str:
+    return " ".join(f"{-y:.2f},{-x:.2f}" for x, y, _ in box_outline(box, 0.4).tolist())

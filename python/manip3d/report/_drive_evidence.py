@@ -16,6 +16,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
+from manip3d.lidar import box_outline
 from manip3d.report._evidence import PAGE_STYLE
 from manip3d.report._evidence_files import page_bytes
 
@@ -323,11 +324,7 @@ def _map(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
 
 def _outline(box: Box, pose: Pose) -> NDArray[np.float64]:
     """Return the corners (4, 2) of a box from above, in the drive's coordinates."""
-    cos, sin = math.cos(box.yaw), math.sin(box.yaw)
-    length, width = max(box.size[0], 0.3) / 2.0, max(box.size[1], 0.3) / 2.0
-    corners = np.array([(length, width), (-length, width), (-length, -width), (length, -width)])
-    turned = corners @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(box.center[:2])
-    places = np.column_stack([turned, np.full(4, box.center[2]), np.ones(4)])
+    places = np.column_stack([box_outline(box, 0.3), np.ones(4)])
     outline: NDArray[np.float64] = (places @ pose.T)[:, :2]
     return outline
 

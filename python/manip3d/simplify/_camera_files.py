@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -229,41 +229,15 @@ def simplify_camera_files(
     known, placed = known[:num_frames], placed[:num_frames]
     files, pictures = tuple(files[i] for i in known), [pictures[i] for i in known]
     are_images = _are_images(files)
-    per_metre = 1.0  # units of the clouds per metre
     if are_images:  # one unit for all, because guesses for single images could differ
         unit = common_guess(files, options.unit, options.intrinsics)
         options = replace(options, unit=unit)
-    views: list[CameraView] = []
-    depths: list[DepthFound] = []
-    measured = lone = no_camera = 0
     with reporting(progress, "join views") as report:
         report = report or silent
-        memory = available_bytes()
-        for file, pose, picture in zip(files, placed, pictures, strict=True):
-            if are_images:
-                view, depth = _image_view(file, options, pose, picture)
-                depths.append(depth)
-            else:
-                grid = read_range_grid(file)
-                is_cloud = is_cloud_file(file)
-                camera = find_camera(grid) if is_cloud else None
-                if camera is None:
-                    view = _scan_view(grid, options, pose, picture, is_cloud)
-                    no_camera += is_cloud
-                else:  # of one instrument, so that they have one unit
-                    unit = depths[0].unit if depths else ""
-                    view, depth, per_metre = _cloud_view(
-                        file, grid, camera, options, pose, picture, unit
-                    )
-                    depths.append(depth)
-            views.append(view)
-            found = Measured.of(_valid_pixels(views[-1]))
-            measured, lone = measured + found.pixels, lone + found.lone
-            _expect_memory(measured, len(views), len(files), memory)
-            report(_READ * len(views) / len(files))
-        views = [_in_metres(view, per_metre) for view in views]
+        read = _read_views(files, placed, pictures, options, are_images, _part(report, 0.0, _READ))
+        views, depths, per_metre = read.views, read.depths, read.per_metre
         depth_step = options.depth_step if options.depth_step and depths else None
-        options = options.for_pixels(measured)
+        options = options.for_pixels(read.measured)
         started = time.perf_counter()
         assert options.points is not None
         in_metres = options
@@ -275,7 +249,7 @@ def simplify_camera_files(
         joint.coverage, joint.bridges  # noqa: B018 - computed on the first access
         report(1.0)
     if not joint.num_faces:
-        note = f"; {SPARSE_WORDS}" if is_sparse(lone, joint.num_measured) else ""
+        note = f"; {SPARSE_WORDS}" if is_sparse(read.lone, joint.num_measured) else ""
         raise FormatError(
             f"expected a surface in {len(files)} views, found none{note}", file=str(place)
         )
@@ -287,21 +261,82 @@ def simplify_camera_files(
     write_mesh(mesh, target)
     units = {found.unit for found in depths}
     return JointFileResult(
-        files,
-        target,
-        replace(options, unit=options.unit.removeprefix(COMMON_GUESS)),
-        joint.num_measured,
-        _num_used(joint),
-        joint.num_faces,
-        seconds,
-        joint.coverage,
-        joint.bridges,
-        lone,
-        _words(depths, views, are_images, no_camera if options.max_edge is None else 0),
-        units.pop() if len(units) == 1 else "",
-        any(found.is_guess for found in depths),
-        joint.without_ray,
+        sources=files,
+        output=target,
+        options=replace(options, unit=options.unit.removeprefix(COMMON_GUESS)),
+        points_before=joint.num_measured,
+        points=_num_used(joint),
+        faces=joint.num_faces,
+        seconds=seconds,
+        coverage=joint.coverage,
+        bridges=joint.bridges,
+        lone_pixels=read.lone,
+        depth=_words(depths, views, are_images, read.no_camera if options.max_edge is None else 0),
+        unit=units.pop() if len(units) == 1 else "",
+        unit_guessed=any(found.is_guess for found in depths),
+        without_ray=joint.without_ray,
     )
+
+
+@dataclass
+class _Views:
+    """Views in metres, and what was found in them when they were read."""
+
+    views: list[CameraView] = field(default_factory=list)
+    depths: list[DepthFound] = field(default_factory=list)
+    """The depth of images and of clouds that show a camera."""
+    per_metre: float = 1.0
+    """Units of the clouds per metre."""
+    measured: int = 0
+    """Number of measured pixels."""
+    lone: int = 0
+    """Number of those without a measured neighbour."""
+    no_camera: int = 0
+    """Number of clouds that show no camera."""
+
+
+def _read_views(
+    files: Sequence[Path],
+    poses: Sequence[NDArray[np.float64]],
+    pictures: Sequence[Path | None],
+    options: DepthOptions,
+    are_images: bool,
+    report: Report,
+) -> _Views:
+    """Read the views, as long as they fit into the memory that is available."""
+    read, memory = _Views(), available_bytes()
+    for file, pose, picture in zip(files, poses, pictures, strict=True):
+        if are_images:
+            view, depth = _image_view(file, options, pose, picture)
+            read.depths.append(depth)
+        else:
+            view = _read_grid_view(file, options, pose, picture, read)
+        read.views.append(view)
+        found = Measured.of(_valid_pixels(view))
+        read.measured, read.lone = read.measured + found.pixels, read.lone + found.lone
+        _expect_memory(read.measured, len(read.views), len(files), memory)
+        report(len(read.views) / len(files))
+    read.views = [_in_metres(view, read.per_metre) for view in read.views]
+    return read
+
+
+def _read_grid_view(
+    file: Path,
+    options: DepthOptions,
+    pose: NDArray[np.float64],
+    picture: Path | None,
+    read: _Views,
+) -> CameraView:
+    """Read a range scan or a cloud, and add to ``read`` whether it shows a camera."""
+    grid, is_cloud = read_range_grid(file), is_cloud_file(file)
+    camera = find_camera(grid) if is_cloud else None
+    if camera is None:
+        read.no_camera += is_cloud
+        return _scan_view(grid, options, pose, picture, is_cloud)
+    unit = read.depths[0].unit if read.depths else ""  # clouds of one instrument have one unit
+    view, depth, read.per_metre = _cloud_view(file, grid, camera, options, pose, picture, unit)
+    read.depths.append(depth)
+    return view
 
 
 _TO_Y_UP = (

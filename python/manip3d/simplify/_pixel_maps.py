@@ -86,7 +86,9 @@ def confidence_image(
     if np.isnan(found).any():
         raise InputError(f"{name}: expected 0 to 1, got {np.isnan(found).sum()} NaN")
     if not ((found >= 0) & (found <= 1)).all():
-        raise InputError(f"{name}: expected 0 to 1, got {found.min():g} to {found.max():g}")
+        raise InputError(
+            f"{name}: expected 0 to 1, got {float(found.min())!r} to {float(found.max())!r}"
+        )
     return np.ascontiguousarray(found, dtype=np.float32)
 
 

@@ -394,7 +394,6 @@ class _Placed:
                 self._shapes[i] = self._shapes[i] + sway(deformation, self._sway_of(i))
         self.is_hidden = is_hidden
         self._sways = sways
-        self._is_aside = is_aside
         self._uses = scene.num_uses
         self._instances = {own.index: own for own in every}
         self.indices = list(self._instances)

@@ -18,7 +18,7 @@ from manip3d import capture, forge
 from manip3d._util.checked import checked
 from manip3d._util.extras import require
 from manip3d._util.fingerprint import code_fingerprint
-from manip3d._util.options import reporting
+from manip3d._util.options import fraction_only, reporting
 from manip3d._util.paths import path_of
 from manip3d._util.remaining import RemainingTime
 from manip3d.batch import Rows, run_stored, write_table
@@ -230,7 +230,7 @@ def _write_all(
             jobs or len(os.sched_getaffinity(0)),
             progress=_with_remaining(progress, remaining)
             if callable(progress)
-            else _fraction_only(told),
+            else fraction_only(told),
             on_error=failed,
         )
 
@@ -269,10 +269,6 @@ def _with_remaining(
         progress(fraction, f"{name}, {left}" if left else name)
 
     return report
-
-
-def _fraction_only(told: Callable[[float], object] | None) -> Callable[[float, str], object] | None:
-    return None if told is None else lambda fraction, _: told(fraction)
 
 
 class _WholeOnly:

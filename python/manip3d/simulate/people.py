@@ -512,9 +512,7 @@ class BodySimulator:
         InputError
             The time is negative or not finite.
         """
-        if not 0.0 <= time < 1e9:
-            raise InputError(f"time: expected seconds >= 0, got {time!r}")
-        nanoseconds = round(time * 1e9)
+        nanoseconds = _nanoseconds(time)
         random = np.random.default_rng([self.seed, nanoseconds])
         cast = self._cast(time)
         view = cast.see(DEPTH_CAMERA, None, self._scenery, self.threads)
@@ -565,9 +563,7 @@ class BodySimulator:
         InputError
             The time is negative or not finite.
         """
-        if not 0.0 <= time < 1e9:
-            raise InputError(f"time: expected seconds >= 0, got {time!r}")
-        nanoseconds = round(time * 1e9)
+        nanoseconds = _nanoseconds(time)
         random = np.random.default_rng([self.seed, nanoseconds, 1])
         scenery = self._scenery
         view = scenery.seen_by(DEPTH_CAMERA, _EYES)
@@ -757,6 +753,13 @@ class BodySimulator:
         way = figure.joints[first] - figure.joints[root]
         end = figure.joints[root] + way * (self.stump / np.linalg.norm(way))
         return np.asarray(end + 0.03 * random.standard_normal((len(self._missing), 3)))
+
+
+def _nanoseconds(time: float) -> int:
+    """Return a time in nanoseconds, after a check of the argument."""
+    if not 0.0 <= time < 1e9:
+        raise InputError(f"time: expected seconds >= 0, got {time!r}")
+    return round(time * 1e9)
 
 
 def _bone_errors(figure: PosedFigure, number: int) -> NDArray[np.float64]:

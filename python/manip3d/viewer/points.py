@@ -13,7 +13,7 @@ from manip3d._util.arrays import as_array, rows
 from manip3d._util.checked import checked
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
-from manip3d.lidar import Box
+from manip3d.lidar import Box, box_corners
 from manip3d.viewer.scene import Direction, Pose, Rgb, Up
 
 if TYPE_CHECKING:
@@ -634,20 +634,11 @@ def box_lines(
     return tuple(
         Lines(
             name,
-            np.concatenate([_corners(box)[_EDGES] for box in some]),
+            np.concatenate([box_corners(box)[_EDGES] for box in some]),
             (colors or {}).get(name, PALETTE[(i + 1) % len(PALETTE)]),
         )
         for i, (name, some) in enumerate(groups.items())
     )
-
-
-def _corners(box: Box) -> Points:
-    """Return (8, 3) the corners of a box; the last axis changes fastest."""
-    signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    cosine, sine = np.cos(box.yaw), np.sin(box.yaw)
-    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    corners: Points = signs * np.asarray(box.size) @ turn.T + np.asarray(box.center)
-    return corners
 
 
 # --- where to look from -------------------------------------------------------------------------

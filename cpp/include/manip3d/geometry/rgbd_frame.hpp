@@ -31,7 +31,7 @@ struct RgbdFrame {
   std::vector<std::uint16_t> depth;      ///< Millimetres along the optical axis; 0: no measurement.
   std::vector<std::uint8_t> body_index;  ///< Number of the person, or kNoBody; may be empty.
   std::int64_t color_rows = 0, color_cols = 0;
-  std::vector<std::uint8_t> color;  ///< (colour_rows, colour_cols, 3) R, G, B; may be empty.
+  std::vector<std::uint8_t> color;  ///< (color_rows, color_cols, 3) R, G, B; may be empty.
   std::vector<Skeleton> skeletons;
   std::shared_ptr<const RgbdCalibration> calibration;
 };

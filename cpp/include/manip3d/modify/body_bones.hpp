@@ -19,6 +19,12 @@ enum class BoneRule : std::uint8_t {
   kPaper  ///< Distance to the line of the bone, dissertation eq. 4.1.
 };
 
+/// Whether a bone belongs to the spine below the neck.
+inline bool is_spine_bone(std::uint8_t bone) {
+  return bone == static_cast<std::uint8_t>(Joint::kSpineMid) ||
+         bone == static_cast<std::uint8_t>(Joint::kSpineShoulder);
+}
+
 /// Radii of the body around a bone at its two ends, metres.
 struct BoneRadii {
   float start = 0.0F, end = 0.0F;

@@ -58,6 +58,8 @@ struct PhantomOptions {
   /// Smallest share of the intact limb, by length, that must be visible.
   double least_visible = 0.5;
   double inferred_seconds = 0.2;  ///< Seconds for which a joint of the intact limb may be inferred.
+  /// Seconds for which the last phantom is held, then fades, while the intact limb cannot be
+  /// mirrored.
   double hold_seconds = 0.5, fade_seconds = 0.5;
   PhantomMeshOptions mesh;
 };
@@ -79,7 +81,7 @@ enum class PixelKind : std::uint8_t {
   kBody,        ///< A pixel of the body as measured.
   kPhantom,     ///< A mirrored point whose surface faces the camera.
   kAway,        ///< A mirrored point that shows the back of its surface to the camera.
-  kFilled,      ///< A hole of the phantom, filled from its neighbours or from the limb behind it.
+  kFilled,      ///< A hole of the phantom, filled from its neighbours or from the affected limb.
   kRootFilled,  ///< The gap at the root of the limb, filled from the intact side.
   kBridged      ///< A pixel between two mirrored points whose source pixels were neighbours.
 };
