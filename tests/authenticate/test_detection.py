@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -19,6 +20,9 @@ from manip3d.authenticate import (
     Power,
     RegionLike,
 )
+from manip3d.authenticate import _reflectance as reflectance
+from manip3d.authenticate import _turns as turns
+from manip3d.authenticate._verdict import tail_p_value
 from manip3d.lidar import Box
 
 LATTICE = scans.lattice()
@@ -91,3 +95,14 @@ def test_each_occlusion_region_has_the_points_of_its_own_place() -> None:
     one, other = sorted(found.regions, key=lambda region: -region.box.center[0])[:2]
     assert ((one.rows >= len(AHEAD)) & (one.rows < len(AHEAD) + len(first))).mean() > 0.95
     assert (other.rows >= len(AHEAD) + len(first)).mean() > 0.95
+
+
+def test_a_p_value_counts_the_clean_frames_with_as_much_evidence() -> None:
+    tail = (3.0, 2.0, 2.0, 1.0)
+    found = [tail_p_value(strength, tail, 9) for strength in (4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5)]
+    assert found == [0.1, 0.2, 0.2, 0.4, 0.4, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("detector", [turns, reflectance], ids=["turns", "reflectance"])
+def test_strengths_of_clean_frames_descend(detector: ModuleType) -> None:
+    assert list(detector.TAIL) == sorted(detector.TAIL, reverse=True)

@@ -65,10 +65,12 @@ DriftTally drift_window(const std::vector<DriftTally>& tallies, const RangeVoxel
   for (int r = std::max(0, at.row - kDriftRows);
        r <= std::min(voxels.rows() - 1, at.row + kDriftRows); ++r) {
     for (int d = -kDriftColumns; d <= kDriftColumns; ++d) {
-      const int column = (at.column + d + columns) % columns;
-      const auto [first, last] = voxels.numbers(r, column, at.layer, at.layer);
-      if (first == last) continue;
-      const DriftTally& tally = tallies[first];
+      const int column = at.column + d;
+      const int wrapped = column < 0 ? column + columns : column;
+      const std::int32_t number =
+          voxels.find({r, wrapped < columns ? wrapped : wrapped - columns, at.layer});
+      if (number < 0) continue;
+      const DriftTally& tally = tallies[number];
       sum.points += tally.points;
       sum.error += tally.error;
       sum.doubt += tally.doubt;

@@ -67,6 +67,11 @@ std::int32_t first_row(const LatticeReading& reading, float first) {
   return back <= front && lowest <= front ? row : 0;
 }
 
+// Row j of n after a cyclic shift by `first`, which is below n.
+std::int32_t shifted(std::int32_t j, std::int32_t first, std::int32_t n) {
+  return j < n - first ? first + j : first + j - n;
+}
+
 // A subsequence in order, from the row at which the order of the file begins.
 struct Chain {
   std::int32_t first_row = 0;
@@ -81,7 +86,7 @@ Chain longest_in_order(const LatticeReading& reading, float first) {
   std::vector<std::int32_t> previous(n, -1);
   Chain chain{first_row(reading, first), {}};
   for (std::int32_t j = 0; j < n; ++j) {
-    const std::int32_t i = (chain.first_row + j) % n;
+    const std::int32_t i = shifted(j, chain.first_row, n);
     if (reading.ring(i) < 0) continue;
     const std::uint64_t place = place_of(reading, i, first);
     auto at = ends.end();
@@ -129,7 +134,7 @@ std::vector<std::int32_t> misplaced_in_file(const LatticeReading& reading) {
   std::vector<std::int32_t> misplaced;
   std::size_t next = 0;  // index in `chain` of its first point at or after i
   for (std::int32_t j = 0; j < n; ++j) {
-    const std::int32_t i = (first_row + j) % n;
+    const std::int32_t i = shifted(j, first_row, n);
     if (next < chain.size() && chain[next] == i) {
       ++next;
       continue;

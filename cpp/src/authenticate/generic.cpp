@@ -69,11 +69,11 @@ class Examination {
     for (std::int32_t i = 0; i < points.num_points(); ++i) {
       if (reading_.ring(i) < 0) continue;
       sectors_.add(reading_.azimuth(i));
-      voxels_.add(voxel_of(i));
+      voxel_of_point_[i] = voxels_.add(voxel_of(i));
     }
     voxels_.number();
-    for (std::int32_t i = 0; i < points.num_points(); ++i) {
-      if (reading_.ring(i) >= 0) voxel_of_point_[i] = voxels_(voxel_of(i));
+    for (std::int32_t& voxel : voxel_of_point_) {
+      if (voxel >= 0) voxel = voxels_.number_at(voxel);
     }
     if (options.azimuth_error > 0.0 && lattice.steps > 0) forget_uncertain_counts();
   }

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <array>
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -33,7 +32,12 @@ class RangeVoxels {
       : rows_(rows), columns_(columns), cells_(std::int64_t{rows} * columns) {}
 
   /// Marks a voxel as holding a point.
-  void add(const RangeVoxel& at) { cells_[cell(at.row, at.column)].layers |= 1U << at.layer; }
+  /// @return  Its place, for number_at().
+  std::int32_t add(const RangeVoxel& at) {
+    const auto place = static_cast<std::int32_t>(cell(at.row, at.column));
+    cells_[place].layers |= 1U << at.layer;
+    return place * kLayers + at.layer;
+  }
 
   /// Assigns the numbers. Call it once, after the last add().
   void number();
@@ -43,10 +47,15 @@ class RangeVoxels {
   [[nodiscard]] std::size_t size() const { return voxels_.size(); }
   [[nodiscard]] const std::vector<RangeVoxel>& voxels() const { return voxels_; }
 
-  /// The number of a voxel that holds points.
-  [[nodiscard]] std::int32_t operator()(const RangeVoxel& at) const {
+  /// The number of a voxel that holds points, from its place.
+  [[nodiscard]] std::int32_t number_at(std::int32_t place) const {
+    return number_in(cells_[place / kLayers], place % kLayers);
+  }
+
+  /// The number of a voxel; -1: it holds no points.
+  [[nodiscard]] std::int32_t find(const RangeVoxel& at) const {
     const Cell& in = cells_[cell(at.row, at.column)];
-    return in.first + std::popcount(in.layers & ((1U << at.layer) - 1U));
+    return (in.layers >> at.layer & 1U) != 0 ? number_in(in, at.layer) : -1;
   }
 
   /// The numbers of the voxels with points in layers `near` to `far`, both included.
@@ -55,8 +64,7 @@ class RangeVoxels {
     const std::uint32_t nearer = (1U << near) - 1U;
     const std::uint32_t up_to = 0xFFFFFFFFU >> (kLayers - 1 - far);
     if ((at.layers & up_to & ~nearer) == 0) return {0, 0};
-    return {at.first + std::popcount(at.layers & nearer),
-            at.first + std::popcount(at.layers & up_to)};
+    return {at.first + count_bits(at.layers & nearer), at.first + count_bits(at.layers & up_to)};
   }
 
  private:
@@ -67,6 +75,18 @@ class RangeVoxels {
 
   [[nodiscard]] std::int64_t cell(int row, int column) const {
     return std::int64_t{row} * columns_ + column;
+  }
+
+  [[nodiscard]] static std::int32_t number_in(const Cell& cell, int layer) {
+    return cell.first + count_bits(cell.layers & ((1U << layer) - 1U));
+  }
+
+  // Number of bits that are set, added in groups of 2, 4 and 8 bits. std::popcount is a call of a
+  // function where the compiler may not use the processor's instruction.
+  [[nodiscard]] static std::int32_t count_bits(std::uint32_t bits) {
+    bits -= bits >> 1U & 0x55555555U;
+    bits = (bits & 0x33333333U) + (bits >> 2U & 0x33333333U);
+    return static_cast<std::int32_t>(((bits + (bits >> 4U)) & 0x0F0F0F0FU) * 0x01010101U >> 24U);
   }
 
   int rows_;

@@ -391,7 +391,7 @@ class ReflectanceSearch {
   }
 
   ReflectanceTally& tally_of(Tallies& tallies, Eigen::Index i) const {
-    return tallies[voxels_(voxel_of(i))];
+    return tallies[voxels_.find(voxel_of(i))];
   }
 
   // The rows of each laser's points, sorted by azimuth.
@@ -603,7 +603,7 @@ class ReflectanceSearch {
     for (Eigen::Index i = 0; i < points_.num_points(); ++i) {
       if (!is_judged(kind, i)) continue;
       const RangeVoxel at = voxel_of(i);
-      if (!(strengths[voxels_(at)] > 0.0F)) continue;
+      if (!(strengths[voxels_.find(at)] > 0.0F)) continue;
       regions[region_of(at.row, at.column)].rows.push_back(static_cast<std::int32_t>(i));
     }
   }

@@ -92,8 +92,10 @@ class CellList {
  private:
   using Cell = Eigen::Matrix<std::int64_t, 3, 1>;
 
+  // Conversion to integers cuts towards 0, which rounds down only positive numbers.
   [[nodiscard]] Cell cell_of(const Eigen::Vector3d& p) const {
-    return ((p - origin_) / cell_size_).array().floor().cast<std::int64_t>();
+    constexpr double kAboveZero = 17179869184.0;  // 2^34 cells: more than any scan is wide
+    return (((p - origin_) / cell_size_).array() + kAboveZero).cast<std::int64_t>();
   }
 
   // Lower bound of the squared distance between a point and rows this many cells away along y and

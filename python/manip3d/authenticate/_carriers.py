@@ -106,7 +106,8 @@ def find_carrier(points: Points, units_per_m: int = MILLIMETRES) -> str | None:
 
 def _holds(points: Points, carries: _Test) -> bool:
     """Whether nearly all points carry a bit, and zeros and ones are both frequent."""
-    scaled = points[np.any(points != 0.0, axis=1)].astype(np.float64)
+    x, y, z = points.T
+    scaled = points[(x != 0.0) | (y != 0.0) | (z != 0.0)].astype(np.float64)
     if len(scaled) < MIN_CARRIERS:
         return False
     does, bits = carries(scaled)

@@ -116,7 +116,8 @@ def firings_of(reading: LatticeReading, rings: int) -> Firings | None:
     of_row = np.where(fired, np.cumsum(fired) - 1, -1)[count]
     firing = np.full(len(reading.ring), -1)
     firing[rows] = of_row
-    rows, of_row = rows[of_row >= 0], of_row[of_row >= 0]
+    if (of_row < 0).any():
+        rows, of_row = rows[of_row >= 0], of_row[of_row >= 0]
     answered = np.zeros((rings, int(np.count_nonzero(fired))), np.bool_)
     cells = reading.ring[rows] * np.int64(answered.shape[1]) + of_row
     answered.reshape(-1)[cells] = True

@@ -48,6 +48,9 @@ FAR_CUT, MAX_SOFT_FAR, MAX_CUT_FAR = 60.0, 5.0, 2.0
 MAX_CUT_FAR times `MAX_CUT`: a filter may be the reason, too. The eight frames, cut at 60 m, reach
 a ratio of 2.9 and a multiple of 1; cut to a box of 51 m to each side, a ratio of 3.8."""
 
+_ENDS = np.geomspace(SPARSE[1] / CUT_BELOW, SPARSE[3] / CUT_ABOVE, 60)
+"""Metres: distances from a neighbour at which a filter may end the distances of a scan."""
+
 
 def why_filtered(points: NDArray[np.float32], *, is_short: bool) -> str | None:
     """Return in words why the scan went through a filter of outliers; None if it did not.
@@ -110,12 +113,11 @@ def sharpest_end(distances: NDArray[np.float32]) -> tuple[float, float]:
         distance to the number farther than 1.25 of it plus `PRIOR_CUT` (0 if there are too few
         points), and that distance in metres.
     """
-    at = np.geomspace(SPARSE[1] / CUT_BELOW, SPARSE[3] / CUT_ABOVE, 60)
-    above = len(distances) - np.searchsorted(distances, CUT_BELOW * at)
-    beyond = len(distances) - np.searchsorted(distances, CUT_ABOVE * at)
+    above = len(distances) - np.searchsorted(distances, CUT_BELOW * _ENDS)
+    beyond = len(distances) - np.searchsorted(distances, CUT_ABOVE * _ENDS)
     ratio = np.where(above >= MIN_ABOVE, above / (beyond + PRIOR_CUT), 0.0)
     sharpest = int(ratio.argmax())
-    return float(ratio[sharpest]), float(at[sharpest])
+    return float(ratio[sharpest]), float(_ENDS[sharpest])
 
 
 def _softness(distances: NDArray[np.float32]) -> float:

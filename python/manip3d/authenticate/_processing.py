@@ -238,7 +238,8 @@ def padding(scan: LidarFrame, sensor: Sensor) -> tuple[Processing, ...]:
     """
     if sensor.name != HDL64E:
         return ()
-    empty = scan.num_points - int(np.count_nonzero(scan.points.any(axis=1)))
+    x, y, z = scan.points.T
+    empty = int(np.count_nonzero((x == 0.0) & (y == 0.0) & (z == 0.0)))
     counts = ((empty, "x, y and z of 0"), (scan.num_dropped, "no coordinates (NaN)"))
     return tuple(
         Processing("padded", f"{number} {'row has' if number == 1 else 'rows have'} {words}")

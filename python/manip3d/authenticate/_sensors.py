@@ -353,9 +353,10 @@ def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
     if len(points) < MIN_POINTS:
         return f"fewer than {MIN_POINTS} points"
     some = points[:: max(1, len(points) // 20_000)]
-    if len(np.unique(some @ np.array([1.0, math.sqrt(2.0), math.pi]))) < MIN_DISTINCT:
-        return "nearly all points are copies of a few"
-    return None
+    for tried in (some[: 2 * MIN_DISTINCT], some):  # a few points are enough for most scans
+        if len(np.unique(tried @ np.array([1.0, math.sqrt(2.0), math.pi]))) >= MIN_DISTINCT:
+            return None
+    return "nearly all points are copies of a few"
 
 
 def _on_lattice(
@@ -550,7 +551,8 @@ def _by_sector(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Number of points in each sector of the horizon, and of those for which ``holds`` is true."""
     sector = (azimuth * (SECTORS / (2.0 * np.pi))).astype(np.intp).clip(0, SECTORS - 1)
-    return np.bincount(sector, minlength=SECTORS), np.bincount(sector[holds], minlength=SECTORS)
+    counts = np.bincount(2 * sector + holds, minlength=2 * SECTORS).reshape(SECTORS, 2)
+    return counts.sum(axis=1), counts[:, 1]
 
 
 def _by_own_lattice(frame: LidarFrame) -> Sensor | None:

@@ -127,9 +127,9 @@ def _longest_silence_alone(firings: Firings) -> int:
     """
     answered = firings.answered
     beside = np.cumsum(answered[:-2] & answered[2:], axis=1, dtype=np.int32)
-    laser, firing = np.nonzero(answered[1:-1])
-    passed = np.diff(beside[laser, firing])
-    passed[np.diff(laser) != 0] = 0
+    returns = np.flatnonzero(answered[1:-1])
+    passed = np.diff(beside.reshape(-1)[returns])
+    passed[np.diff(returns // beside.shape[1]) != 0] = 0  # from one laser to the next
     return max(0, int(passed.max(initial=0)) - 1)
 
 

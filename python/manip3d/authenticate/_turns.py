@@ -309,25 +309,25 @@ def turns_read(
         is_foreign = _is_foreign(found, before, after, lattice, threads_of(threads))
         told = _undecidable(FOREIGN if is_foreign else why, false_alarm_rate, motions)
         return replace(told, aligned=bool(found["judged"]), foreign=is_foreign), seen
-    regions = [_region(each, cloud) for each in found["regions"] if each["distance"] < FARTHEST]
-    if any(region.kind == "before" and region.p_value < 1.0 for region in regions):
+    traces = [_Trace(each) for each in found["regions"] if each["distance"] < FARTHEST]
+    if any(trace.kind == "before" and trace.p_value < 1.0 for trace in traces):
         turns = [_in_frame(*each) for each in zip((before, after), motions, strict=True)]
-        regions = [
-            region
-            for region in regions
-            if region.kind != "before" or region.p_value == 1.0
-            or not passes_by(cloud[region.rows], *turns)
+        traces = [
+            trace
+            for trace in traces
+            if trace.kind != "before" or trace.p_value == 1.0
+            or not passes_by(cloud[trace.found["rows"]], *turns)
         ]  # fmt: skip
-    regions.sort(key=lambda region: -region.strength)
-    alarming = tuple(region for region in regions if region.p_value <= false_alarm_rate)
+    traces.sort(key=lambda trace: -trace.strength)
+    alarming = tuple(_region(trace, cloud) for trace in traces if trace.p_value <= false_alarm_rate)
     rows = [region.rows for region in alarming]
     return TurnResult(
         "tampered" if alarming else "no_trace",
         _REASONS[alarming[0].kind]
         if alarming
         else "the turns before and after saw what the frame shows",
-        min((region.p_value for region in regions), default=1.0),
-        max((region.strength for region in regions), default=0.0),
+        min((trace.p_value for trace in traces), default=1.0),
+        max((trace.strength for trace in traces), default=0.0),
         false_alarm_rate,
         alarming,
         np.unique(np.concatenate(rows)) if rows else np.empty(0, np.int64),
@@ -413,12 +413,21 @@ def _matrix(motion: Mapping[str, Any]) -> NDArray[np.float64]:
     return matrix
 
 
-def _region(found: Mapping[str, Any], points: NDArray[np.float32]) -> TurnRegion:
-    rows = found["rows"].astype(np.int64)
-    there = points[rows] if found["kind"] == "before" else found["stood"]
+class _Trace:
+    """A region that the kernel found, whether or not it is strong enough for an alarm."""
+
+    def __init__(self, found: Mapping[str, Any]) -> None:
+        self.found = found
+        self.kind: str = found["kind"]
+        self.strength = turn_strength(found)
+        self.p_value = turn_p_value(self.strength)
+
+
+def _region(trace: _Trace, points: NDArray[np.float32]) -> TurnRegion:
+    found, rows = trace.found, trace.found["rows"].astype(np.int64)
+    there = points[rows] if trace.kind == "before" else found["stood"]
     box = tight_box(largest_group(there)) if len(there) else Box((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    strength = turn_strength(found)
     return TurnRegion(
-        found["kind"], turn_p_value(strength), strength, found["cells"], found["distance"], box,
-        np.empty(0, np.int64) if found["kind"] == "lost" else rows, found["stood"],
+        trace.kind, trace.p_value, trace.strength, found["cells"], found["distance"], box,
+        np.empty(0, np.int64) if trace.kind == "lost" else rows, found["stood"],
     )  # fmt: skip

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import bisect
 import math
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypeAlias, runtime_checkable
@@ -412,10 +414,10 @@ def tail_p_value(strength: float, tail: Sequence[float], frames: int) -> float:
     strength : float
         Strength of the strongest region of a frame.
     tail : sequence of float
-        The largest strengths among clean frames, one for a frame.
+        The largest strengths among clean frames, one for a frame, in descending order.
     frames : int
         Number of clean frames. The bound is 1 for a strength that the whole tail reaches, because
         weaker regions of clean frames were not counted.
     """
-    as_strong = sum(value >= strength for value in tail)
+    as_strong = bisect.bisect_right(tail, -strength, key=operator.neg)
     return (1 + as_strong) / (1 + frames) if as_strong < len(tail) else 1.0
