@@ -734,3 +734,7 @@ def show(console: Console, found: Inspection) -> None:
         ]
         heads = ("box, metres", "x", "y", "z", "length", "width", "height", "yaw, rad")
         table(console, rows, heads)
+    notes = {region.note: report.name for report in found.detectors for region in report.regions}
+    for note, name in notes.items():
+        if note:
+            console.print(f"{name}: {note}", soft_wrap=True)

@@ -65,8 +65,8 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
     output : path
         Output file that ends in ``.csv``, with these columns: row in the scan's file (from 0;
         points without coordinates, which are dropped on reading, are counted), x, y, z in metres,
-        detector, region (from 1), p-value, and a note if points beside a seam may be unchanged
-        (`Region.note`). An existing file is replaced.
+        detector, region (from 1), p-value, and a note if the points may be those that were
+        measured (`Region.note`). An existing file is replaced.
 
     Raises
     ------
