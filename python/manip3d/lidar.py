@@ -464,6 +464,24 @@ def placed(scan: Scan, origin: NDArray[np.float64]) -> LidarFrame:
     return frame.replace(origin=tuple(origin.tolist()))
 
 
+def map_shift(frame: LidarFrame | None) -> NDArray[np.float64]:
+    """Return the coordinates in its file of the origin of a frame that was read from a map.
+
+    They are zeros for frames whose coordinates are those of the file, or have other axes or units.
+    """
+    if frame is None or frame.format is None:
+        return np.zeros(3)
+    to_file = frame.format.to_file
+    is_shift = np.array_equal(to_file[:3, :3], np.eye(3))
+    return to_file[:3, 3].copy() if is_shift else np.zeros(3)
+
+
+def shifted(box: Box, shift: NDArray[np.float64]) -> Box:
+    """Return a box with its center moved by three numbers."""
+    x, y, z = (np.asarray(box.center) + shift).tolist()
+    return _replace(box, center=(x, y, z))
+
+
 def position_of(values: ArrayLike, name: str) -> NDArray[np.float64]:
     """Convert to three finite numbers; raise InputError for others."""
     return vector(values, 3, name)

@@ -623,6 +623,19 @@ def test_a_laser_that_saw_little_accuses_nobody(unit: Unit) -> None:
             assert said(keep(rows)).verdict == "undecidable", (ring, len(kept))
 
 
+@pytest.mark.parametrize("kept", [slice(100, 160), slice(200), slice(None)])
+def test_points_without_a_ring_may_be_those_of_a_laser_without_a_line(kept: slice) -> None:
+    """Beams off the axis have no constant elevation: none or some of the points have a ring."""
+    scan = exact_scan(hesai(64), labelled=True)
+    beside = exact_scan(replace(hesai(64), start=(0.0158, 0.0)), labelled=True)
+    others = scan.points[scan.ring != 3]
+    lattice = estimate_lattice(without_labels(others))
+    frame = without_labels(np.concatenate([others, beside.points[beside.ring == 3][kept]]))
+    found = generic_consistency(frame, lattice=lattice)
+    assert found.verdict == "undecidable"
+    assert len(found.suspected) == 0
+
+
 @pytest.mark.parametrize("is_reversed", [False, True])
 def test_a_laser_beside_all_lines_accuses_nobody(is_reversed: bool) -> None:
     """Only the order of the file tells lasers, and that of few points is none of its rings."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import lattice_scans as scans
 from cave_scans import AHEAD, CAVE, ball
@@ -44,7 +45,14 @@ from manip3d.authenticate._processing import edge_of_voxels, find_processing
 from manip3d.authenticate._reflectance import why_rewritten
 from manip3d.authenticate._roundings import _step_of
 from manip3d.authenticate._sensors import identify_and_read, is_hdl64e
-from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, Region, rate_of
+from manip3d.authenticate._verdict import (
+    FALSE_ALARM_RATE,
+    OF_OCCLUSION,
+    RATE_SHARES,
+    Region,
+    rate_of,
+)
+from manip3d.cli.inspect import show
 from manip3d.lidar import Box, ScanFormat
 from manip3d.report._evidence import _drawn_regions, _how_many
 from real_data import RealData
@@ -1661,6 +1669,21 @@ def test_points_beside_a_seam_are_noted(tmp_path: Path) -> None:
     assert notes == ["note", *[seam.note] * 3, *[""] * 3]
     report.write_evidence(found, tmp_path / "page.html")
     assert (tmp_path / "page.html").read_text().count(seam.note) == 1
+
+
+def test_an_object_may_stand_before_the_inserted_one(tmp_path: Path) -> None:
+    """Only the nearer points are suspected, although either of the two may have been inserted."""
+    found = authenticate.inspect(FORGED, origin=(0, 0, 0))
+    occluding = found.detectors[1]
+    assert occluding.verdict == "tampered"
+    assert {region.note for region in occluding.regions} == {OF_OCCLUSION}
+    assert all(region.evidence["occluding"] > 0.0 for region in occluding.regions)
+    report.write_suspected_rows(found, tmp_path / "rows.csv")
+    rows = (tmp_path / "rows.csv").read_text().splitlines()
+    assert any(row.endswith(OF_OCCLUSION) for row in rows)
+    console = Console(record=True, width=200)
+    show(console, found)
+    assert console.export_text().count(OF_OCCLUSION) == 1
 
 
 def test_suspected_rows_are_those_of_the_file(tmp_path: Path) -> None:

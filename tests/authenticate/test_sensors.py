@@ -300,6 +300,31 @@ def test_a_coarse_grid_is_not_that_of_a_terrestrial_scanner(
     assert (found.kind == "terrestrial") is is_terrestrial
 
 
+@pytest.mark.parametrize(
+    ("up", "around", "name"),
+    [
+        ((-12.8, 12.8), (-60, 60), "raster scanner"),  # a solid-state scanner of a car
+        ((-30.0, 50.0), (-60, 60), "terrestrial scanner"),  # a window
+        ((-40.0, 10.0), (-180, 180), "terrestrial scanner"),  # which sees no sky
+        ((-25.0, 25.0), (-60, 60), "raster scanner"),
+    ],
+)
+def test_many_rows_over_a_small_view_make_no_terrestrial_scanner(
+    up: tuple[float, float], around: tuple[float, float], name: str
+) -> None:
+    """What is found on those scanners was measured; what is found on others was not."""
+    azimuth, elevation = np.meshgrid(np.arange(*around, 0.15), np.arange(*up, 0.13))
+    a, e = np.radians(azimuth.ravel()), np.radians(elevation.ravel())
+    beam = np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    walls = 5.0 / np.abs(beam).max(axis=1, keepdims=True)
+    scan = (walls * beam).astype(np.float32)
+    assert identify_sensor(scan).name == name
+    if name == "raster scanner":
+        found = inspect(scan)
+        assert (found.verdict, dict(found.power)) == ("undecidable", {})
+        assert "of azimuth" in found.reason
+
+
 @pytest.mark.parametrize("far", [1e19, 1e30, 3e38])
 def test_coordinates_whose_squares_are_no_float32_are_far_away(far: float) -> None:
     scan = far * np.random.default_rng(0).uniform(0.1, 1.0, (5000, 3))

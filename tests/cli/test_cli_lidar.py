@@ -255,6 +255,40 @@ def test_the_box_of_the_nearest_object_is_printed(tmp_path: Path) -> None:
     assert "box: " not in again.stderr
 
 
+def test_places_on_a_map_are_those_of_the_file(hoax: Path, tmp_path: Path) -> None:
+    """Points far from 0 are shifted near it on reading, which no user is to know."""
+    place = np.array([458_000.25, 5_429_000.5, 112.125])
+    source, forged, rows = (tmp_path / name for name in ("map.npy", "forged.npy", "rows.csv"))
+    np.save(source, AHEAD + place)
+    where = place + np.array([3.0, 1.0, 0.0])
+    made = run("forge", "lidar", "ctp", source, "-o", forged, "--hoax", hoax, "--position", *where)
+    assert made.exit_code == 0, made.output
+    truth = json.loads((tmp_path / "forged.npy.truth.json").read_text())
+    np.testing.assert_allclose(truth["box"]["center"], where, atol=0.05)
+    page = tmp_path / "page.html"
+    told = run("inspect", forged, "--origin", *place, "--rows", rows, "--no-power", "-o", page)
+    assert told.exit_code == 3, told.output
+    assert "scanner at (458000.250, 5429000.500, 112.125) m, given" in told.stdout
+    box = next(line for line in told.stdout.splitlines() if line.startswith("occlusion"))
+    np.testing.assert_allclose([float(v) for v in box.split()[1:4]], where, atol=0.7)
+    record = json.loads(run("inspect", forged, "--origin", *place, "--json", "-q").stdout)
+    assert record["origin"] == place.tolist()
+    center = record["detectors"]["occlusion"]["boxes"][0]["center"]
+    assert "".join(f"<td>{value:.2f}</td>" for value in center) in page.read_text()
+    np.testing.assert_allclose(record["regions"][0]["center"], where, atol=0.7)
+    boxes = record["detectors"]["occlusion"]["boxes"]
+    assert boxes[0]["center"] in [region["center"] for region in record["regions"]]
+    table = np.loadtxt(rows, delimiter=",", skiprows=1, usecols=range(4))
+    in_file = np.load(forged)[table[:, 0].astype(int)]
+    np.testing.assert_allclose(table[:, 1:], in_file[:, :3], atol=1e-4)
+    cut = run("forge", "lidar", "subtract", forged, "-o", tmp_path / "cut.npy", "--box", *where,
+              2, 2, 2, 0)  # fmt: skip
+    assert cut.exit_code == 0, cut.output
+    bounds = json.loads(run("info", source, "--json").stdout)["scans"][0]["bounds"]
+    stored = AHEAD + place
+    np.testing.assert_allclose(bounds, [stored.min(0), stored.max(0)], atol=1e-4)
+
+
 @pytest.mark.parametrize(("up", "size"), [("z", (1.0, 2.0, 3.0)), ("y", (1.0, 3.0, 2.0))])
 def test_hoaxes_with_y_up_stand_upright(
     up: str, size: tuple[float, float, float], scan: Path, tmp_path: Path

@@ -142,10 +142,14 @@ def test_a_file_of_unknown_kind_is_refused_where_no_reader_looks_into_it(
 
 @pytest.mark.parametrize("suffix", ["npy", "npz"])
 def test_arrays_that_are_no_points_say_what_points_are(suffix: str, tmp_path: Path) -> None:
+    """They count as depth images, which a user may never have seen in whole coordinates."""
     path = str(tmp_path / f"a.{suffix}")
-    (np.save if suffix == "npy" else np.savez)(path, np.ones((4, 500), np.float32))
-    with pytest.raises(OtherKindError, match=r"An ar\w+ of points has"):
-        expect_kind(path, "scan", verb="inspect")
+    for array in (np.ones((4, 500), np.float32), np.ones((500, 3), np.int16)):
+        (np.save if suffix == "npy" else np.savez)(path, array)
+        with pytest.raises(OtherKindError, match=r"An ar\w+ of points has") as refused:
+            expect_kind(path, "scan", verb="inspect")
+        assert "holds no points as inspect reads them" in str(refused.value)
+        assert "is a depth image" not in str(refused.value)
     with pytest.raises(OtherKindError) as caught:
         expect_kind(path, "mesh", verb="simplify")
     assert " of points has " not in str(caught.value)

@@ -38,7 +38,7 @@ from manip3d.authenticate._verdict import (
     likelihood_ratio,
 )
 from manip3d.authenticate._watermark import WatermarkResult
-from manip3d.lidar import Box, LidarFrame
+from manip3d.lidar import Box, LidarFrame, map_shift, shifted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -290,8 +290,30 @@ class Inspection(Showable):
     def _deciding(self) -> tuple[DetectorReport, ...]:
         return tuple(report for report in self.detectors if report.verdict == self.verdict)
 
+    def in_file(self, region: Region) -> Region:
+        """Return a region with its box in the coordinates of the scan's file.
+
+        They differ from those of ``scan`` if the file has coordinates of a map, which are shifted
+        near 0 on reading.
+
+        Parameters
+        ----------
+        region : Region
+            One of the regions of ``detectors``.
+        """
+        return replace(region, box=shifted(region.box, map_shift(self.scan)))
+
+    @property
+    def origin_in_file(self) -> Position | None:
+        """Position of the scanner in the coordinates of the scan's file, metres."""
+        if self.origin is None:
+            return None
+        x, y, z = (np.asarray(self.origin) + map_shift(self.scan)).tolist()
+        return (x, y, z)
+
     def record(self) -> dict[str, Any]:
-        """Return the result as JSON values, without the maps."""
+        """Return the result as JSON values, without the maps; places are those of the file."""
+        origin = self.origin_in_file
         return {
             "verdict": self.verdict,
             "reason": self.reason,
@@ -305,11 +327,11 @@ class Inspection(Showable):
             "sensor_reason": None if self.sensor is None else self.sensor.reason,
             "processing": [vars(step) for step in self.processing],
             "repeats": self.repeats,
-            "regions": [region.record() for region in self.regions],
+            "regions": [self.in_file(region).record() for region in self.regions],
             "power": {name: power.record() for name, power in self.power.items()},
             "power_notes": list(self.power_notes),
             "blind": list(self.blind),
-            "origin": None if self.origin is None else list(self.origin),
+            "origin": None if origin is None else list(origin),
             "origin_from": self.origin_from,
             "watermark": None if self.watermark is None else self.watermark.record(),
             "detectors": {report.name: self._detector(report) for report in self.detectors},
@@ -325,7 +347,7 @@ class Inspection(Showable):
             "suspected_points": len(report.suspected),
             "boxes": [
                 {"center": list(box.center), "size": list(box.size), "yaw": box.yaw}
-                for box in report.boxes
+                for box in (self.in_file(region).box for region in report.regions)
             ],
             "power": {name: power.record() for name, power in report.power.items()},
             "calibration": None if report.calibration is None else vars(report.calibration),

@@ -16,7 +16,7 @@ from manip3d._util.arrays import rows as as_rows
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
 from manip3d._util.paths import path_of
-from manip3d.authenticate._rings import Cloud
+from manip3d.authenticate._rings import MIN_LABELLED, Cloud
 from manip3d.authenticate._verdict import NO_POWER, Power
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, limited_bytes
@@ -275,7 +275,8 @@ class SensorLattice:
             of lasers that may have no line. These are points in a gap between two lines that is
             wide enough for a further laser, or beyond the outermost line: if only the order of the
             file tells rings, all points off the lines; else the points of a ring of which fewer
-            than half are on any line, at elevations as close together as those of one laser.
+            than half are on any line, at elevations as close together as those of one laser, and
+            points without a ring in the gap of such a ring, or as close together themselves.
         """
         reading = self.read(frame.points) if reading is None else reading
         told = self._is_between_lines(frame.points) & (reading.ring >= 0)
@@ -289,14 +290,23 @@ class SensorLattice:
         height = (cloud.points[:, 2] - np.median(self.offset)) / cloud.rho
         apart = float(np.median(np.abs(np.diff(self.slope))))
         rows = np.flatnonzero(cloud.there)
+        may_be_laser = self._is_in_wide_gap(height)
         if cloud.is_by_order:
-            told[rows[~on & self._is_in_wide_gap(height)]] = False
-        for one in np.flatnonzero(no_line):
-            its = np.flatnonzero(known)[label == one]
+            told[rows[~on & may_be_laser]] = False
+        # Beams that start off the axis have no constant elevation: not all points have a ring.
+        loose = np.flatnonzero(~known & ~on & may_be_laser)
+        gap = np.searchsorted(np.sort(self.slope), height)
+        of_gaps = [loose[gap[loose] == one] for one in np.unique(gap[loose])]
+        rings = [np.flatnonzero(known)[label == one] for one in np.flatnonzero(no_line)]
+        rings += [its for its in of_gaps if len(its) >= MIN_LABELLED]
+        with_laser = []
+        for its in rings:
+            middle = its[np.argsort(height[its])[len(its) // 2]]
             # Points of another scanner's laser have a ring of their own, too, in any gap.
-            may_be_laser = self._is_in_wide_gap(np.median(height[its], keepdims=True))[0]
-            if may_be_laser and np.ptp(np.quantile(height[its], (0.1, 0.9))) < apart:
+            if may_be_laser[middle] and np.ptp(np.quantile(height[its], (0.1, 0.9))) < apart:
                 told[rows[its]] = False
+                with_laser.append(gap[middle])
+        told[rows[loose[np.isin(gap[loose], with_laser)]]] = False
         return told
 
     def is_of_no_line(

@@ -12,7 +12,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
 from manip3d.authenticate._generic import generic_consistency
-from manip3d.lidar import LidarFrame, ScanLike, position_of, to_scan
+from manip3d.lidar import LidarFrame, ScanLike, map_shift, position_of, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -168,10 +168,7 @@ def scanner_position(
 
 def is_on_map(frame: LidarFrame | None) -> bool:
     """Whether the points were moved near 0 from coordinates of a map."""
-    if frame is None or frame.format is None:
-        return False
-    to_file = frame.format.to_file
-    return bool(to_file[:3, 3].any()) and np.array_equal(to_file[:3, :3], np.eye(3))
+    return bool(map_shift(frame).any())
 
 
 def several_sources(frame: LidarFrame) -> str | None:

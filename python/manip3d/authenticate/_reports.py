@@ -16,7 +16,7 @@ from manip3d.authenticate._inspection import (
     accusing_of,
     combined_verdict,
 )
-from manip3d.authenticate._occlusion import OcclusionResult
+from manip3d.authenticate._occlusion import OcclusionRegion, OcclusionResult
 from manip3d.authenticate._power import known_power
 from manip3d.authenticate._reflectance import ReflectanceResult
 from manip3d.authenticate._sensors import HDL64E, Sensor
@@ -124,11 +124,18 @@ def angles_report(
     if is_thinned and name == "density":
         return DetectorReport(name, "undecidable", "points were left out, which changes spacings")
     power = NO_POWER if is_thinned else known_power(name, sensor)
-    regions = tuple(Region(region.box, region.rows) for region in found.regions)
+    regions = tuple(
+        Region(region.box, region.rows, evidence=_evidence_of(region)) for region in found.regions
+    )
     return DetectorReport(
         name, found.verdict, found.reason, found.score, None, regions,
         found.suspected.astype(np.int64), power, found.calibration,
     )  # fmt: skip
+
+
+def _evidence_of(region: Region | OcclusionRegion) -> Mapping[str, float]:
+    """Kinds of evidence of a region of detector I, which has none, or II."""
+    return {"occluding": region.area} if isinstance(region, OcclusionRegion) else {}
 
 
 def generic_report(

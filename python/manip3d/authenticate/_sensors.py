@@ -109,6 +109,16 @@ share IN_ROWS of its points. A spinning scanner has at most 128 lasers, and a fe
 of rain, in rows without a laser. Simulated terrestrial scans of 0.34 degrees need at least 190
 rows."""
 
+TERRESTRIAL_VIEW, HALF_TURN = 60, 180
+"""Least extents, degrees, of elevations and of azimuths of a terrestrial scan, of which one is
+enough. Data sheets of terrestrial scanners state 80 degrees of elevation or more (Riegl VZ-400i
+100, Leica 270, Faro 300), over the whole turn; those of solid-state scanners with rows as fine
+state at most 43 (AT128 25, M1 25, Falcon 25, Innoviz Two 43), over 120 degrees of azimuth. Nobody
+measured which edits are found there."""
+
+OUTERMOST = 0.005
+"""Share of the points at each end of the elevations that does not count for their extent."""
+
 MIN_FILLED, MAX_AGAIN = 0.3, 0.25
 """MIN_FILLED: least share of occupied cells of a terrestrial scanner's grid below another
 occupied cell. MAX_AGAIN: largest mean number of further points per cell, divided by that share; it
@@ -657,7 +667,10 @@ def _common_part(heights: NDArray[np.float32], step: float) -> tuple[float, floa
 
 
 def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
-    """A terrestrial scanner, if the scan has a regular grid with many rows; else None."""
+    """A terrestrial scanner, if the scan has a regular grid with many rows; else None.
+
+    A small view with many rows is that of a raster scanner, which no detector judges.
+    """
     grid = estimate_grid(frame, origin=(0.0, 0.0, 0.0), threads=threads)
     if grid.elevation_strength < 0.5 or grid.elevation_deg > TERRESTRIAL_STEP:
         return None
@@ -674,11 +687,18 @@ def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
         return None  # a tilted scanner, or rows that are due to rounding
     if not is_in_metres(frame.points):
         return Sensor("terrestrial scanner", "unknown", NOT_IN_METRES)
-    return Sensor(
-        "terrestrial scanner",
-        "terrestrial",
-        f"{crowded.size} rows of elevation, {grid.elevation_deg:.3f} degrees apart",
-    )
+    rows = f"{crowded.size} rows of elevation, {grid.elevation_deg:.3f} degrees apart"
+    up, around_it = _view(frame.points)
+    if up < TERRESTRIAL_VIEW and around_it <= HALF_TURN:
+        seen = f"over {up:.0f} degrees, and {around_it} degrees of azimuth"
+        return Sensor("raster scanner", "unknown", f"{rows}, {seen}")
+    return Sensor("terrestrial scanner", "terrestrial", rows)
+
+
+def _view(points: NDArray[np.float32]) -> tuple[float, int]:
+    """Extent of the points' elevations, and number of whole degrees of azimuth with points."""
+    low, high = np.quantile(_elevations(points), (OUTERMOST, 1.0 - OUTERMOST))
+    return float(high - low), len(np.unique(np.floor(_azimuths(points))))
 
 
 def is_in_metres(points: NDArray[np.float32]) -> bool:

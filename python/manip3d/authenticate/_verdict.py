@@ -128,6 +128,9 @@ SEAM = "points beside a seam between firings; which side of it is foreign is not
 OF_COPY = "one of two places with the same ranges; which of them is the copy is not known"
 """Note on regions whose evidence is a copy within the scan."""
 
+OF_OCCLUSION = "something is seen behind these points; which of the two was inserted is not known"
+"""Note on regions whose evidence is that they occlude other points."""
+
 OF_SEAMS = frozenset(("firing", "duplicate"))
 """Kinds of evidence that arise where parts of two turns meet: on either side of the seam, points
 contradict the firings of the other side. Of two regions of such kinds, one may be as it was
@@ -148,7 +151,8 @@ class Region:
         Upper bound of the probability that a clean scan has a region with as much evidence; None:
         not stated.
     evidence : mapping of str to float
-        Strength of each kind of evidence.
+        Strength of each kind of evidence; of ``occluding``, the kind of detector II, the area of
+        the points in front, square metres.
     """
 
     box: Box
@@ -161,6 +165,8 @@ class Region:
         """Limits of what ``rows`` tell, in words; empty if they are the points of an edit."""
         if "copied" in self.evidence:
             return OF_COPY
+        if "occluding" in self.evidence:
+            return OF_OCCLUSION
         return SEAM if "firing" in self.evidence and OF_SEAMS.issuperset(self.evidence) else ""
 
     def record(self) -> dict[str, Any]:

@@ -39,7 +39,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io import SCAN_SUFFIXES
 from manip3d.io._files import atomic_pair
 from manip3d.io._scan_files import FOLDER_SUFFIXES
-from manip3d.lidar import Box, LidarFrame, origin_of, to_scan
+from manip3d.lidar import Box, LidarFrame, map_shift, origin_of, shifted, to_scan
 from manip3d.rgbd import RgbdFrame
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def _ctp(frame: LidarFrame, order: Order) -> Forgery:
     return forge.ctp(
         frame,
         _hoax(order),
-        position=_position(order),
+        position=_position(order, frame),
         rotation=order.yaw or 0.0,
         scale=order.scale,
         translation="paper" if order.printed else "centroid",
@@ -132,7 +132,7 @@ def _crtp(frame: LidarFrame, order: Order) -> Forgery:
     return forge.crtp(
         frame,
         _hoax(order),
-        position=_position(order),
+        position=_position(order, frame),
         rotation=order.yaw or 0.0,
         scale=order.scale,
         translation="paper" if order.printed else "centroid",
@@ -147,7 +147,7 @@ def _insert(frame: LidarFrame, order: Order) -> Forgery:
     return forge.insert_occluding(
         frame,
         _hoax(order),
-        position=_position(order),
+        position=_position(order, frame),
         rotation=order.yaw or 0.0,
         scale=order.scale,
         range_noise=order.range_noise,
@@ -338,21 +338,26 @@ def _points(hoax: Any) -> Any:
     return hoax.points if isinstance(hoax, LidarFrame) else hoax.vertices
 
 
-def _position(order: Order) -> Sequence[float]:
+def _position(order: Order, scan: LidarFrame) -> Sequence[float]:
+    """Return the position of the order, given in the file's coordinates, in those of the scan."""
     if order.position is None:
         raise InputError("--position: expected X Y Z in metres, got none")
-    return order.position
+    return (np.asarray(order.position) - map_shift(scan)).tolist()
 
 
 def _box(order: Order, scan: LidarFrame) -> Box:
-    """Return the box of the order, or that of the nearest object, which is printed."""
+    """Return the box of the order, or that of the nearest object, which is printed.
+
+    The order's box, and the one that is printed, are in the coordinates of the scan's file.
+    """
     from manip3d import forge
 
     if order.box is not None:
         x, y, z, length, width, height, yaw = order.box
-        return Box((x, y, z), (length, width, height), yaw)
+        return shifted(Box((x, y, z), (length, width, height), yaw), -map_shift(scan))
     box = forge.nearest_object(scan)
-    numbers = " ".join(f"{value:.2f}" for value in (*box.center, *box.size, box.yaw))
+    center = shifted(box, map_shift(scan)).center
+    numbers = " ".join(f"{value:.2f}" for value in (*center, *box.size, box.yaw))
     distance = np.linalg.norm(np.subtract(box.center, origin_of(None, to_scan(scan))))
     order.say(f"box: {numbers}, that of the nearest object, at a range of {distance:.1f} m")
     return box
@@ -384,14 +389,18 @@ def forge_lidar(
     hoax: Annotated[str | None, typer.Option(help="Mesh or scan to paste into the scan.")] = None,
     position: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="X Y Z", help="Position of the hoax's centroid, metres."),
+        typer.Option(
+            metavar="X Y Z",
+            help="Position of the hoax's centroid in the coordinates of the scan's file, metres.",
+        ),
     ] = None,
     box: Annotated[
         tuple[float, float, float, float, float, float, float] | None,
         typer.Option(
             metavar="X Y Z L W H YAW",
-            help="Box of the object that is changed: centre, size (metres) and yaw (radians); by "
-            "default that of the nearest object more than 1 m from the scanner, which is printed.",
+            help="Box of the object that is changed: centre in the coordinates of the file, size "
+            "(metres) and yaw (radians); by default that of the nearest object more than 1 m from "
+            "the scanner, which is printed.",
         ),
     ] = None,
     scale: Annotated[float, typer.Option(help="Factor from the hoax's units to metres.")] = 1.0,

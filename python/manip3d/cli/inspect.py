@@ -224,8 +224,8 @@ def inspect(
         tuple[float, float, float] | None,
         typer.Option(
             metavar="X Y Z",
-            help="Position of the scanner in the scan's coordinates, metres; by default as the "
-            "file states it, else estimated from the scan.",
+            help="Position of the scanner in the coordinates of the scan's file (also those of a "
+            "map), metres; by default as the file states it, else estimated from the scan.",
         ),
     ] = None,
     watermark: Annotated[
@@ -304,7 +304,8 @@ def inspect(
     after it, or alone if these are missing or the folder has no times (object and stereo
     benchmarks). A drive is tampered if more of its scans are accused than false alarms explain: one
     of 100 clean scans may be accused, and at most 2.1 % of clean drives are called tampered,
-    however long they are.
+    however long they are. Drives that are reversed at walking pace, or of which scans were left out
+    evenly and the rest got new numbers and times, have no remark.
 
     With -o the evidence is written as a page (.html) or as numbers (.json). The page of a scan has
     pictures and boxes; that of a drive a timeline and a map; that of an RGB-D recording its frames,
@@ -355,6 +356,7 @@ def inspect(
     check_output(rows, (".csv",), force=force, option="--rows")
     with _logging_errors(log, source):
         frame = read_scan(source)
+    place = None if origin is None else _in_scan(frame, origin)
     shell.say(f"read {source}: {counted(frame.num_points, 'point')}")
     beside = {
         name: None if path is None else _scan_beside(name, path)
@@ -370,7 +372,7 @@ def inspect(
             following=beside["following"],
             lattice=known,
             sensor=sensor,
-            origin=origin,
+            origin=place,
             power=power,
             plant=plant,
             printed=printed,
@@ -379,6 +381,14 @@ def inspect(
         )
     _hand_out(found, source, shell, output=output, rows=rows, log=log)
     raise typer.Exit(codes[found.verdict])
+
+
+def _in_scan(frame: LidarFrame, origin: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return a position in the coordinates of a scan's file in those of the scan as it is read."""
+    from manip3d.lidar import map_shift
+
+    x, y, z = (a - b for a, b in zip(origin, map_shift(frame).tolist(), strict=True))
+    return (x, y, z)
 
 
 def _scan_beside(name: str, path: Path) -> LidarFrame:
@@ -725,7 +735,11 @@ def show(console: Console, found: Inspection) -> None:
         table(console, [tuple(compress(cell, kept)) for cell in cells], (*compress(titles, kept),))
         for note in found.power_notes:
             console.print(note, soft_wrap=True)
-    boxes = [(report.name, box) for report in found.detectors for box in report.boxes]
+    boxes = [
+        (report.name, found.in_file(region).box)
+        for report in found.detectors
+        for region in report.regions
+    ]
     if boxes:
         console.print()
         rows = [
@@ -734,3 +748,7 @@ def show(console: Console, found: Inspection) -> None:
         ]
         heads = ("box, metres", "x", "y", "z", "length", "width", "height", "yaw, rad")
         table(console, rows, heads)
+    notes = {region.note: report.name for report in found.detectors for region in report.regions}
+    for note, name in notes.items():
+        if note:
+            console.print(f"{name}: {note}", soft_wrap=True)

@@ -31,7 +31,7 @@ _POINTS_IN = {
         "An array of points has at least 9 rows and 3 to 8 columns of floats, or 3 to 8 for each "
         "pixel of an image"
     ),
-    ".npz": "An archive of points has an array named points, positions or xyz",
+    ".npz": "An archive of points has an array of floats named points, positions or xyz",
 }
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
 
@@ -200,10 +200,11 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
     if kind == "truth":
         takers = ". Python reads it with manip3d.forge.read_stream_truth"
     message = f"{source} is {NAMES[kind]}; {verb} takes {wanted}{takers}"
+    cure = _POINTS_IN.get(_suffix(Path(source))) if kind == "depth" and "scan" in kinds else None
+    if cure is not None:  # whatever the array holds, its name does not say that it is an image
+        message = f"{source} holds no points as {verb} reads them. {cure}{takers}"
     if kind == "folder" and kinds == RECORDING:
         message += NO_RECORDING
-    if kind == "depth" and "scan" in kinds and (cure := _POINTS_IN.get(_suffix(Path(source)))):
-        message += f". {cure}"
     if kind == "picture" and "depth" in kinds and _suffix(Path(source)) == ".png":
         message += ". If it holds depths of 8 bits, give their number in a metre as --unit, or "
         message += "disparity:FB of a stereo pair"

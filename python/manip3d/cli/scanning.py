@@ -13,7 +13,7 @@ from manip3d._util.times import SECOND_NS
 from manip3d.cli.terminal import Terminal, count, counted, table
 from manip3d.errors import FormatError, InputError
 from manip3d.io._scan_tables import scan_suffix
-from manip3d.lidar import LidarFrame
+from manip3d.lidar import LidarFrame, map_shift
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 _MAX_TOLD = 8
 """Largest number of column names in a message."""
+
+_ON_MAP = 1e5
+"""Coordinates from this on are those of a map, and six digits of them are no centimetres."""
 
 
 def expect_packets(source: str, calibration: Path | None) -> None:
@@ -137,6 +140,7 @@ def _together(scans: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _describe(frame: LidarFrame) -> dict[str, Any]:
+    shift = map_shift(frame)
     returned = frame.points[frame.points.any(axis=1)].astype(np.float64)
     seen = returned - (frame.origin or (0.0, 0.0, 0.0))
     reach = np.linalg.norm(seen, axis=1) if frame.origin is not None else np.empty(0)
@@ -146,8 +150,10 @@ def _describe(frame: LidarFrame) -> dict[str, Any]:
         "points": frame.num_points,
         "no_return": frame.num_empty,
         "dropped": frame.num_dropped,
-        "bounds": np.stack([returned.min(0), returned.max(0)]).tolist() if len(returned) else None,
-        "origin": frame.origin,
+        "bounds": (np.stack([returned.min(0), returned.max(0)]) + shift).tolist()
+        if len(returned)
+        else None,
+        "origin": None if frame.origin is None else tuple((frame.origin + shift).tolist()),
         "range": [float(reach.min()), float(reach.max())] if reach.size else None,
         "intensity": _extent(frame.intensity),
         "ring": _extent(frame.ring),
@@ -196,7 +202,7 @@ def show(console: Console, record: dict[str, Any]) -> None:
         if scan["bounds"] is not None:
             low, high = scan["bounds"]
             pairs = zip(low, high, strict=True)
-            text = "  ".join(f"{a:.6g}..{b:.6g}" for a, b in pairs)
+            text = "  ".join(f"{_length(a)}..{_length(b)}" for a, b in pairs)
             unit = "metres" if record["unit"] == "m" else record["unit"]
             console.print(f"bounds  {text}  {unit}")
         if scan["intensity"] is not None:
@@ -209,6 +215,11 @@ def show(console: Console, record: dict[str, Any]) -> None:
     told = [f"{name.replace('_', ' ')} {count(value)}" for name, value in counters.items() if value]
     if told:
         console.print("counted  " + ", ".join(told))
+
+
+def _length(value: float) -> str:
+    """Return a coordinate as text; one of a map to the centimetre."""
+    return f"{value:.6g}" if abs(value) < _ON_MAP else f"{value:.2f}"
 
 
 def convert(source: str, output: Path, terminal: Terminal, calibration: Path | None = None) -> None:

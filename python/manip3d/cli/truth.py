@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from manip3d.lidar import map_shift, shifted
+
 if TYPE_CHECKING:
     from manip3d.forge import Forgery
 
 
 def truth_of(forged: Forgery) -> dict[str, Any]:
-    """Return the ground truth as values that can be written as JSON; lengths are in metres."""
-    box = forged.box
+    """Return the ground truth as values that can be written as JSON; lengths are in metres.
+
+    The box is in the coordinates of the file. The transform is in those of the scan as it is read,
+    which are shifted near 0 if the file has coordinates of a map.
+    """
+    box = shifted(forged.box, map_shift(forged.original))
     return {
         "attack": forged.attack,
         "points": len(forged.points),

@@ -21,6 +21,12 @@ _SCANS = {
         "write its columns x, y, z, intensity (and laser_number as ring) as .npz or .ply: "
         "pandas.read_feather reads the sweeps of Argoverse 2"
     ),
+    **dict.fromkeys(
+        (".h5", ".hdf5"),
+        "write its columns x, y, z, intensity as .npz (arrays xyz and intensity) or .ply: h5py "
+        "reads it",
+    ),
+    ".tsv": "name it .csv: columns of text may have tabs between them",
     ".pkl": (
         "unpickling can run any program: write its columns x, y, z, i as .npz or .ply; "
         "pandas.read_pickle reads the sweeps of PandaSet"

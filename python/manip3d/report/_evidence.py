@@ -403,7 +403,7 @@ def _regions(inspection: Inspection) -> str:
         + f"{_small(region.note)}</td>"
         + "</tr>"
         for report in inspection.detectors
-        for number, region in enumerate(report.regions, 1)
+        for number, region in enumerate(map(inspection.in_file, report.regions), 1)
     )
     if not rows:
         return ""

@@ -9,8 +9,12 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
+from manip3d.lidar import LidarFrame, map_shift
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from manip3d.authenticate import Inspection
 
 
@@ -26,7 +30,8 @@ def place_sentence(inspection: Inspection) -> str:
     Returns
     -------
     str
-        The position in metres, and whether it was given, stated by the file or estimated.
+        The position in the file's coordinates, metres, and whether it was given, stated by the
+        file or estimated.
 
     Raises
     ------
@@ -45,9 +50,10 @@ def place_sentence(inspection: Inspection) -> str:
 
     if not isinstance(inspection, Inspection):
         raise InputError(f"inspection: expected an Inspection, got {type(inspection).__name__}")
-    if inspection.origin is None:
+    place = inspection.origin_in_file
+    if place is None:
         return "the scanner's position is not known"
-    x, y, z = inspection.origin
+    x, y, z = place
     source = {"argument": "given", "file": "stated by the file"}.get(
         inspection.origin_from, f"found from {inspection.origin_from}"
     )
@@ -64,9 +70,9 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
         The result of `manip3d.authenticate.inspect`.
     output : path
         Output file that ends in ``.csv``, with these columns: row in the scan's file (from 0;
-        points without coordinates, which are dropped on reading, are counted), x, y, z in metres,
-        detector, region (from 1), p-value, and a note if points beside a seam may be unchanged
-        (`Region.note`). An existing file is replaced.
+        points without coordinates, which are dropped on reading, are counted), x, y, z in metres
+        (coordinates of a map as in the file), detector, region (from 1), p-value, and a note if
+        the points may be those that were measured (`Region.note`). An existing file is replaced.
 
     Raises
     ------
@@ -93,10 +99,18 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
     for report in inspection.detectors:
         for number, region in enumerate(report.regions, 1):
             p_value = "" if region.p_value is None else f"{region.p_value:.3e}"
-            points = inspection.scan.points[region.rows].tolist()
+            points = _in_file(inspection.scan, region.rows)
             rows = region.rows if in_file is None else in_file[region.rows]
             lines += [
                 f"{row},{x:.4f},{y:.4f},{z:.4f},{report.name},{number},{p_value},{region.note}"
                 for row, (x, y, z) in zip(rows.tolist(), points, strict=True)
             ]
     atomic_write(path, "\n".join(lines) + "\n")
+
+
+def _in_file(scan: LidarFrame, rows: NDArray[np.int64]) -> list[list[float]]:
+    """Points of a scan as they are read, or in coordinates of a map as they are in the file."""
+    shift = map_shift(scan)
+    if scan.exact is not None and shift.any():
+        return scan.exact[rows].tolist()
+    return (scan.points[rows] + shift).tolist() if shift.any() else scan.points[rows].tolist()
