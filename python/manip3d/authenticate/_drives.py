@@ -199,7 +199,9 @@ class DriveInspection:
         drive whose order was changed, or nothing that could be aligned. ``foreign``: scans show
         another place than the scans before and after them, which show the same place; such scans
         are ``processed``. ``backwards``: the scanner moves to the rear, faster or farther than cars
-        reverse; the scans may be in reverse order.
+        reverse; the scans may be in reverse order. Drives in reverse order without such motion, and
+        drives of which scans were left out evenly and the others got new numbers and times, have no
+        remark.
     """
 
     verdict: Verdict
