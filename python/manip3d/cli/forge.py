@@ -342,7 +342,8 @@ def _position(order: Order, scan: LidarFrame) -> Sequence[float]:
     """Return the position of the order, given in the file's coordinates, in those of the scan."""
     if order.position is None:
         raise InputError("--position: expected X Y Z in metres, got none")
-    return (np.asarray(order.position) - map_shift(scan)).tolist()
+    place: list[float] = (np.asarray(order.position) - map_shift(scan)).tolist()
+    return place
 
 
 def _box(order: Order, scan: LidarFrame) -> Box:

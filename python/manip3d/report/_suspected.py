@@ -99,7 +99,7 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
     for report in inspection.detectors:
         for number, region in enumerate(report.regions, 1):
             p_value = "" if region.p_value is None else f"{region.p_value:.3e}"
-            points = _in_file(inspection.scan, region.rows)
+            points = _in_file(inspection.scan, region.rows).tolist()
             rows = region.rows if in_file is None else in_file[region.rows]
             lines += [
                 f"{row},{x:.4f},{y:.4f},{z:.4f},{report.name},{number},{p_value},{region.note}"
@@ -108,9 +108,11 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
     atomic_write(path, "\n".join(lines) + "\n")
 
 
-def _in_file(scan: LidarFrame, rows: NDArray[np.int64]) -> list[list[float]]:
+def _in_file(
+    scan: LidarFrame, rows: NDArray[np.int64]
+) -> NDArray[np.float32] | NDArray[np.float64]:
     """Points of a scan as they are read, or in coordinates of a map as they are in the file."""
     shift = map_shift(scan)
     if scan.exact is not None and shift.any():
-        return scan.exact[rows].tolist()
-    return (scan.points[rows] + shift).tolist() if shift.any() else scan.points[rows].tolist()
+        return scan.exact[rows]
+    return scan.points[rows] + shift if shift.any() else scan.points[rows]
