@@ -354,6 +354,20 @@ def test_missing_library_is_a_warning(tmp_path: Path) -> None:
     assert report.mesh.materials == (manip3d.Material("a"),)
 
 
+def test_a_missing_library_with_blanks_in_its_name_is_named_once(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text("mtllib ALX02 Base Link.mtl\n" + SQUARE + "f 1 2 3")
+    seen = io.read_report(tmp_path / "m.obj")
+    assert seen.warnings == ("material library 'ALX02 Base Link.mtl' not found",)
+
+
+def test_of_several_libraries_the_missing_one_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.mtl").write_text("newmtl a\nKd 1 0 0\n")
+    (tmp_path / "m.obj").write_text("mtllib a.mtl b.mtl\nusemtl a\n" + SQUARE + "f 1 2 3")
+    seen = io.read_report(tmp_path / "m.obj")
+    assert seen.warnings == ("material library 'b.mtl' not found",)
+    assert seen.mesh.materials[0].base_color == (1, 0, 0, 1)
+
+
 @pytest.mark.parametrize("how", ["parent", "absolute", "link"])
 def test_reading_never_leaves_the_folder(tmp_path: Path, how: str) -> None:
     inner = tmp_path / "inner"

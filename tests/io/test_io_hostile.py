@@ -106,6 +106,7 @@ HOSTILE: dict[str, tuple[str, Content]] = {
 }
 
 HOSTILE["obj, 90 000 libraries"] = ("obj", b"".join(b"mtllib %d\n" % i for i in range(90000)))
+HOSTILE["obj, 90 000 libraries in a line"] = ("obj", b"mtllib" + b" a" * 90000)
 
 SURVIVED: dict[str, tuple[str, Content]] = {
     "a comb of 30 000 teeth": ("obj", lambda: long_polygon("comb", 60000)),

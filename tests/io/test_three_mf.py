@@ -309,3 +309,10 @@ def test_other_formats_are_refused_with_advice(name: str, advice: str, tmp_path:
         io.read_mesh(tmp_path / name)
     assert "manip3d reads .obj .ply .off .stl .gltf .glb .3mf" in str(caught.value)
     assert (f"open it in {advice}" in str(caught.value)) == bool(advice)
+
+
+@pytest.mark.parametrize("name", ["a.zip", "a.ZAE", "a.b.7z"])
+def test_an_archive_is_to_be_unpacked(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"PK\x03\x04something else")
+    with pytest.raises(FormatError, match="; unpack this archive first, and open the mesh in it"):
+        io.read_mesh(tmp_path / name)

@@ -207,6 +207,40 @@ def test_a_sheet_of_two_sides_keeps_both(method: Method) -> None:
     assert all((a, c, b) in turned for a, b, c in turned)
 
 
+@pytest.mark.parametrize("ratio", [0.3, 0.1])
+def test_a_sheet_of_two_sides_is_as_near_as_one_of_one_side(ratio: float) -> None:
+    """Half as many collapses remove the faces, which was taken for a lack of legal ones: the next
+    pass took nearly all edges, whatever their price.
+    """
+    hill = exact_models.hill(100)
+    sheet = hill.replace(faces=np.concatenate([hill.faces, hill.faces[:, ::-1]]))
+    two, one = (simplify.fast(each, ratio=ratio) for each in (sheet, hill))
+    assert two.stop == StopReason.TARGET_REACHED
+    assert two.max_error < 1.3 * one.max_error  # was 1.6 and 2.5 times as much
+
+
+def test_no_piece_goes_that_costs_more_than_the_collapses() -> None:
+    """Where few collapses were legal, the price of all that were tried was that of pieces too."""
+    pole, rng = exact_models.pipe(6, 8), np.random.default_rng(1)
+    places = [(rng.uniform(0.015, 0.045), *rng.random(2)) for _ in range(60)]
+    poles = Mesh(
+        np.concatenate([pole.vertices * [r, r, 1] + [x, y, 0] for r, x, y in places]),
+        np.concatenate([pole.faces + i * pole.num_vertices for i in range(len(places))]),
+    )
+    result = simplify.fast(poles, ratio=0.02)
+    assert result.stop == StopReason.TARGET_REACHED
+    assert result.removed_pieces < 30  # 25 of 60; was 35
+
+
+@pytest.mark.parametrize("target", [400, 200, 60])
+def test_the_rim_of_a_thin_shell_stays(target: int) -> None:
+    """Front and back lie in two nearly equal planes, along which the rim moved inwards for free."""
+    ball = exact_models.ball(24)
+    lens = ball.replace(vertices=ball.vertices * [1.0, 1.0, 1e-6])
+    radius = np.linalg.norm(simplify.fast(lens, target_faces=target).mesh.vertices, axis=1).max()
+    assert radius > 0.99  # was 0.94, 0.93 and 0.87
+
+
 def test_blocks_of_many_faces_on_an_edge_do_not_depend_on_threads() -> None:
     hill = exact_models.hill(100)
     sheet = hill.replace(faces=np.concatenate([hill.faces, hill.faces[:, ::-1]]))

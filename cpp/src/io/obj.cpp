@@ -181,28 +181,50 @@ class ObjReader {
     material_ = static_cast<std::int32_t>(item->second);
   }
 
-  // `names` is one name with blanks, or several names.
+  // `names` is one name with blanks, or several names. If none of these is a file, one name with
+  // blanks is likelier.
   void load_libraries(std::string_view names) {
     if (options_.folder.empty()) {
       warn(result_.warnings,
            "material library '" + std::string(names) + "' left out: no folder to read it from");
       return;
     }
-    if (libraries_named_.contains(std::string(names))) return;
-    std::error_code missing;
-    if (fs::exists(options_.folder / names, missing)) return load_library(std::string(names));
+    std::string whole(names);
+    std::replace(whole.begin(), whole.end(), '\\', '/');
+    if (libraries_named_.contains(whole)) return;
+    const auto is_there = [&](const std::string& name) {
+      std::error_code missing;
+      return fs::exists(options_.folder / name, missing);
+    };
+    const std::vector<std::string> words = library_words(whole);
+    if (is_there(whole) || std::none_of(words.begin(), words.end(), is_there)) {
+      return load_library(whole);
+    }
+    for (const std::string& word : words) load_library(word);
+  }
+
+  std::vector<std::string> library_words(std::string_view names) const {
+    std::vector<std::string> words;
     LineCursor cursor(names, input_.line());
-    while (!cursor.at_end()) load_library(std::string(cursor.word()));
+    while (!cursor.at_end()) {
+      words.emplace_back(cursor.word());
+      check_number_of_libraries(words.size());
+    }
+    return words;
+  }
+
+  // Each library takes system calls.
+  void check_number_of_libraries(std::size_t number) const {
+    constexpr std::size_t kMaxLibraries = 100;
+    if (number > kMaxLibraries) {
+      throw FormatError::at_line(input_.line(), "more than 100 material libraries");
+    }
   }
 
   // A library that is missing or outside of the folder loses its materials, not the mesh.
-  void load_library(std::string name) {
-    std::replace(name.begin(), name.end(), '\\', '/');
+  void load_library(const std::string& name) {
     if (!libraries_named_.insert(name).second) return;
-    constexpr std::size_t kMaxLibraries = 100;  // each library takes system calls
-    if (libraries_named_.size() > kMaxLibraries) {
-      throw FormatError::at_line(input_.line(), "more than 100 material libraries");
-    }
+    check_number_of_libraries(libraries_named_.size());
     fs::path path;
     try {
       path =

@@ -91,15 +91,17 @@ class FastSimplifier {
       remove_pieces(report.piece_limit, FastPieces::Choice::kInstead);
       return true;  // the price of a piece that stays has changed
     }
-    const std::int64_t vanished =
-        remove_pieces(report.is_everything ? 0.0 : report.price_limit, FastPieces::Choice::kCheap);
+    // A piece is cheap if it costs no more than a collapse that was made. The candidates that were
+    // refused may be far dearer.
+    const float cheap = report.is_everything ? 0.0F : std::min(report.price_limit, report.dearest);
+    const std::int64_t vanished = remove_pieces(cheap, FastPieces::Choice::kCheap);
     if (report.meets_forbidden) {
       collapser_.rules = Rules::kAnyEdges;
       return true;
     }
     if (report.collapses > 0 && report.leaves_expensive) return true;
-    if (vanished > 0 || 4 * report.collapses >= report.wanted) {
-      if (4 * report.collapses >= 3 * report.wanted) patience_ = std::max(1.0, 0.5 * patience_);
+    if (vanished > 0 || report.progress() >= 0.25) {
+      if (report.progress() >= 0.75) patience_ = std::max(1.0, 0.5 * patience_);
       return true;
     }
     // Too few candidates were legal: the next pass gets more; if all were candidates, rules are

@@ -90,6 +90,8 @@ PassReport FastPass::run(std::int64_t needed, double patience, std::uint32_t vis
   report.leaves_expensive =
       workers_.front().front().leaves_expensive;  // a small pass has one block
   for_each_worker([&](const Worker& worker) {
+    report.removed += worker.task.removed;
+    report.dearest = std::max(report.dearest, std::bit_cast<float>(worker.dearest));
     report.meets_forbidden |= worker.meets_forbidden;
     if (worker.beyond_piece == 0) return;
     report.meets_piece = true;
@@ -117,6 +119,7 @@ void FastPass::prepare_workers() {
       worker.forbids = kNoPrice;
       worker.meets_forbidden = false;
       worker.beyond_piece = 0;
+      worker.dearest = 0;
       worker.task.most_at_end = kMaxPrice;
     }
   }
@@ -326,7 +329,9 @@ void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& wor
       }
       note_refusal(candidate, *reason, worker);
       if (is_in_order && (is_beside_[v] != 0 || is_beside_[t] != 0)) wait(candidate);
-    } else if (is_in_order && mesh_.is_taken[v] != 0) {
+    } else if (mesh_.is_taken[v] != 0) {
+      worker.dearest = std::max(worker.dearest, key);
+      if (!is_in_order) continue;
       for (const Fan* fan : {&worker.task.first, &worker.task.second}) {
         for (const auto& [a, b] : fan->rest) is_beside_[a] = is_beside_[b] = 1;
       }

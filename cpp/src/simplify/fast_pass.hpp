@@ -15,15 +15,23 @@ namespace manip3d::fast_detail {
 /// The collapses of a pass, and the reasons why it stopped.
 struct PassReport {
   std::int64_t collapses = 0;
-  std::int64_t wanted = 1;             // number of collapses that the pass aims at
+  std::int64_t wanted = 1;             // number of collapses, of two faces, that the pass aims at
+  std::int64_t removed = 0;            // number of faces
   std::int64_t num_too_expensive = 0;  // edges above max_error
   float price_limit = 0.0F;            // of the candidates
+  float dearest = 0.0F;                // price of the most expensive collapse
   bool is_everything = false;          // all edges were candidates
   bool leaves_expensive = false;       // left expensive candidates to the next pass
   // Left collapses that cost far more than some that the link condition refused.
   bool meets_forbidden = false;
   bool meets_piece = false;  // left collapses that cost far more than a whole piece:
   double piece_limit = 0.0;  // pieces up to this price are removed instead
+
+  /// Removed faces as a share of what the pass aims at. Where front and back of a sheet share their
+  /// edges, a collapse removes four faces, and half of the wanted collapses would be all there are.
+  [[nodiscard]] double progress() const {
+    return 0.5 * static_cast<double>(removed) / static_cast<double>(wanted);
+  }
 };
 
 /// Prices all edges and collapses them from the cheapest one on, each vertex at most once.
@@ -70,6 +78,7 @@ class FastPass {
     std::int64_t quota = 0;
     bool leaves_expensive = false;
     bool meets_forbidden = false;
+    std::uint32_t dearest = 0;  // price of the most expensive collapse
     // Price of a collapse that is replaced by the removal of a whole piece.
     std::uint32_t beyond_piece = 0;
     // From this price on, a collapse that the link condition refused is far cheaper.

@@ -22,6 +22,14 @@ namespace {
 /// double precision, so this one is larger by several roundings.
 constexpr float kShortEdge = 1.5F * static_cast<float>(RoundingWeld::kFarthest);
 
+/// The faces of an edge lie on one side of it if the mean of the unit vectors towards them is at
+/// least this long, as in the mode `quality`: two faces then form an angle of less than 16 degrees.
+constexpr float kOneSided = 0.99F;
+
+/// Two faces on one side of their edge have nearly opposite normals. One of these then forms an
+/// angle of more than 80 degrees with the mean normal around the vertex; this is its cosine.
+constexpr float kFarFromMean = 0.17F;
+
 /// Corners of the faces around a vertex, padded to a multiple of four.
 struct Ring {
   static constexpr std::size_t kMost = 32;
@@ -55,13 +63,45 @@ void add_plane(QuadricVertex& v, const Vector3f& n, float weight) {
   v.weight += weight;
 }
 
-/// Returns whether the vertex starts an edge of a face that may be so short due to rounding.
-bool add_planes(FastMesh& mesh, std::int32_t v, const Ring& ring) {
+/// Unit normals of the faces around a vertex, zero for faces without area.
+struct Normals {
+  std::array<Vectors4, Ring::kMost / 4> of_face;
+  Vectors4 sum{};
+
+  void add(std::size_t four, const Vectors4& n) {
+    of_face[four] = n;
+    sum = {sum.x + n.x, sum.y + n.y, sum.z + n.z};
+  }
+
+  /// Whether two faces may lie on one side of their edge. Rules out nearly all vertices.
+  [[nodiscard]] bool may_fold(std::size_t count) const {
+    const auto total = [](const Float4& lanes) {
+      return lanes[0] + lanes[1] + lanes[2] + lanes[3];
+    };
+    const Vector3f mean = Vector3f(total(sum.x), total(sum.y), total(sum.z)).normalized();
+    const Vectors4 mean4 = four_of(mean);
+    Int4 is_far{};
+    for (std::size_t i = 0; i < count; i += 4) {
+      const Vectors4& n = of_face[i / 4];
+      is_far |= (n.dot(mean4) < all_of(kFarFromMean)) & (n.squared_norm() > 0.0F);
+    }
+    return true_lanes(is_far) != 0;
+  }
+};
+
+/// What add_planes() notices.
+struct Noticed {
+  bool has_short_edge;  // an edge of a face that starts here may be so short due to rounding
+  bool may_fold;        // see Normals
+};
+
+Noticed add_planes(FastMesh& mesh, std::int32_t v, const Ring& ring) {
   QuadricVertex& vertex = mesh.vertices[v];
   const Vectors4 p = four_of(position_of(vertex));
   const Int4 self{v, v, v, v};  // padding has no edge
   Float4 high = load4(&vertex.xx), low = load4(&vertex.yz);
   Int4 is_short{};
+  Normals normals;  // NOLINT: filled below
   for (std::size_t i = 0; i < ring.size; i += 4) {
     const Vectors4 edge = mesh.positions_of(&ring.next[i]) - p;
     is_short |=
@@ -70,6 +110,7 @@ bool add_planes(FastMesh& mesh, std::int32_t v, const Ring& ring) {
     const Float4 length = sqrt4(n.squared_norm());
     const Float4 divisor = length > 0.0F ? length : all_of(1.0F);
     const Vectors4 unit{n.x / divisor, n.y / divisor, n.z / divisor};
+    normals.add(i / 4, unit);
     const Float4 weight = length > 0.0F ? length / 6.0F : all_of(0.0F);
     const Vectors4 weighted{weight * unit.x, weight * unit.y, weight * unit.z};
     const auto upper = transpose(
@@ -83,7 +124,7 @@ bool add_planes(FastMesh& mesh, std::int32_t v, const Ring& ring) {
   }
   store4(&vertex.xx, high);
   store4(&vertex.yz, low);
-  return true_lanes(is_short) != 0;
+  return {true_lanes(is_short) != 0, normals.may_fold(ring.size)};
 }
 
 bool has_one_wedge(const FastMesh& mesh, std::int32_t v) {
@@ -100,13 +141,14 @@ struct Surroundings {
   /// have the same wedge at the vertex.
   bool is_inside;
   bool has_short_edge;
+  bool may_fold;  // known only inside the surface
 };
 
 /// Adds the planes of the faces of v.
 Surroundings add_faces(FastMesh& mesh, std::int32_t v) {
   const auto around = mesh.corners(v);
   Ring ring;  // NOLINT: filled below
-  bool has_short_edge = false;
+  bool has_short_edge = false, may_fold = false;
   for (std::size_t begin = 0; begin < around.size(); begin += Ring::kMost) {
     const auto some = around.subspan(begin, std::min(Ring::kMost, around.size() - begin));
     ring.size = 0;
@@ -117,10 +159,12 @@ Surroundings add_faces(FastMesh& mesh, std::int32_t v) {
     }
     // Padding with v: triangles without area and without an edge from v.
     for (std::size_t i = ring.size; i % 4 != 0; ++i) ring.next[i] = ring.last[i] = v;
-    has_short_edge |= add_planes(mesh, v, ring);
+    const Noticed noticed = add_planes(mesh, v, ring);
+    has_short_edge |= noticed.has_short_edge;
+    may_fold |= noticed.may_fold;
   }
-  return {around.size() <= Ring::kMost && is_closed(ring) && has_one_wedge(mesh, v),
-          has_short_edge};
+  return {around.size() <= Ring::kMost && is_closed(ring) && has_one_wedge(mesh, v), has_short_edge,
+          may_fold};
 }
 
 /// Another face at the edge v t than f; f itself if there is none.
@@ -225,6 +269,20 @@ bool is_boundary(const FastMesh& mesh, std::span<const Spoke> edge) {
   return edge.size() == 1 || (edge.size() == 2 && third_vertex(edge[0]) == third_vertex(edge[1]));
 }
 
+/// Whether all faces of an edge of v lie on one side of it, like front and back at the rim of a
+/// thin shell. The surface ends there, and moving the edge inwards would cost nothing.
+bool is_one_sided(const FastMesh& mesh, std::int32_t v, std::span<const Spoke> edge) {
+  const Vector3f start = position_of(mesh.vertices[v]);
+  const Vector3f along = (position_of(mesh.vertices[edge.front().end]) - start).normalized();
+  Vector3f sum = Vector3f::Zero();
+  for (const Spoke& spoke : edge) {
+    const std::int32_t third = mesh.faces[spoke.face][3 - spoke.corner - spoke.end_corner];
+    const Vector3f to_third = position_of(mesh.vertices[third]) - start;
+    sum += (to_third - along.dot(to_third) * along).normalized();
+  }
+  return sum.norm() > kOneSided * static_cast<float>(edge.size());
+}
+
 /// Whether the faces at an edge have different wedges.
 bool is_seam(const FastMesh& mesh, std::span<const Spoke> edge) {
   if (!mesh.has_wedges()) return false;
@@ -279,10 +337,10 @@ std::vector<std::uint8_t> shattered_vertices(const FastMesh& mesh) {
 }
 
 /// Adds planes through boundaries and seams, perpendicular to their faces. The rim of a two-sided
-/// sheet counts as a boundary; its faces all lie in one plane, so nothing else would keep it in
-/// place. A boundary edge weighs at least a thousandth of the longest edge: nothing else keeps a
-/// tiny hole in a cone or another developable surface from growing, as at a tip of equal points but
-/// for rounding.
+/// sheet or of a thin shell counts as a boundary; its faces all lie in one plane, so nothing else
+/// would keep it in place. A boundary edge weighs at least a thousandth of the longest edge:
+/// nothing else keeps a tiny hole in a cone or another developable surface from growing, as at a
+/// tip of equal points but for rounding.
 /// @param shattered  By vertex, see shattered_vertices(). Smooth seams between two of them add no
 ///                   planes.
 void add_borders(FastMesh& mesh, const BorderWeights& weights,
@@ -297,7 +355,7 @@ void add_borders(FastMesh& mesh, const BorderWeights& weights,
   const float least = kLeastShare * std::sqrt(longest);
   for_each_edge(spokes, [&](std::span<const Spoke> edge) {
     if (is_complex_edge(static_cast<std::int64_t>(edge.size()))) mesh.is_complex[v] = 1;
-    const bool is_open = is_boundary(mesh, edge);
+    const bool is_open = is_boundary(mesh, edge) || is_one_sided(mesh, v, edge);
     if (!is_open && !is_seam(mesh, edge)) return;
     const bool is_between =
         !shattered.empty() && shattered[v] != 0 && shattered[edge.front().end] != 0;
@@ -307,6 +365,16 @@ void add_borders(FastMesh& mesh, const BorderWeights& weights,
     for (const Spoke& spoke : edge) {
       add_border(mesh, v, spoke.end, spoke.face, weight, is_open ? least : 0.0F);
     }
+  });
+}
+
+/// Adds the planes of add_borders() to a vertex inside the surface, where only the rims of thin
+/// shells have some.
+void add_rims(FastMesh& mesh, double weight, std::int32_t v) {
+  const std::vector<Spoke> spokes = spokes_of(mesh, v);
+  for_each_edge(spokes, [&](std::span<const Spoke> edge) {
+    if (!is_one_sided(mesh, v, edge)) return;
+    for (const Spoke& spoke : edge) add_border(mesh, v, spoke.end, spoke.face, weight, 0.0F);
   });
 }
 
@@ -364,6 +432,7 @@ bool sum_quadrics(FastMesh& mesh, const BorderWeights& weights) {
     const Surroundings around = add_faces(mesh, v);
     if (around.has_short_edge) has_short_edges.store(true, std::memory_order_relaxed);
     if (!around.is_inside) mesh.is_open[v] = 1;
+    if (around.is_inside && around.may_fold) add_rims(mesh, weights.boundary, v);
   });
   const std::vector<std::uint8_t> shattered =
       mesh.has_wedges() ? shattered_vertices(mesh) : std::vector<std::uint8_t>();

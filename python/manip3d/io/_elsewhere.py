@@ -11,6 +11,9 @@ _MESHES = {
 }
 """Programs that export a mesh from files with these suffixes."""
 
+_ARCHIVES = (".zip", ".zae", ".kmz", ".7z", ".rar", ".tar", ".tgz")
+"""Suffixes of archives in which meshes are passed on, with their textures."""
+
 _SCANS = {
     ".lvx": (
         "save this recording of a Livox scanner as .las or .csv in Livox Viewer, or make a ROS bag "
@@ -63,6 +66,8 @@ _DEPTHS = {
 def mesh_advice(path: Path) -> str:
     """Return advice on how to convert an unsupported mesh format, after a semicolon; or ""."""
     suffix = "".join(path.suffixes[-2:]).lower().removesuffix(".gz").removesuffix(".xz")
+    if suffix.endswith(_ARCHIVES):
+        return "; unpack this archive first, and open the mesh in it"
     for program, suffixes in _MESHES.items():
         if Path("a" + suffix).suffix in suffixes.split():
             return f"; open it in {program} and export a mesh, as .glb with textures"

@@ -354,10 +354,10 @@ def fast(
         No step with a larger error (see ``QualityResult.max_error``), in the file's unit. Targets
         combine; the first one reached stops. One is needed.
     boundary_weight, seam_weight : float
-        How much the planes along boundaries, or along borders between materials or texture
-        charts, count beside the surface. Where a texture is cut at nearly every edge (at more than
-        half of the edges of more than half of the vertices, sharp edges aside), such borders have
-        no planes, which would outweigh the surface.
+        How much the planes along boundaries and rims of thin shells, or along borders between
+        materials or texture charts, count beside the surface. Where a texture is cut at nearly
+        every edge (at more than half of the edges of more than half of the vertices, sharp edges
+        aside), such borders have no planes, which would outweigh the surface.
     color_weight : float
         Price of wrong colours of vertices relative to that of a shifted surface: where colours do
         not change linearly, lines of equal colour are held in place, also by ``max_error``. By

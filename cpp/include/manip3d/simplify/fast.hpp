@@ -14,7 +14,7 @@ struct FastOptions {
   std::int64_t target_faces = 0;  ///< Stop at this many faces or fewer; 0: as few as possible.
   /// Largest error of a step, input units.
   double max_error = std::numeric_limits<double>::infinity();
-  /// Weight of the planes along boundaries; the surface itself has 1.
+  /// Weight of the planes along boundaries and rims of thin shells; the surface itself has 1.
   double boundary_weight = 1.0;
   /// Weight of the planes along borders of materials and texture charts. If more than half of the
   /// edges of more than half of the vertices are such borders, sharp edges aside, then those
