@@ -1102,3 +1102,39 @@ def test_masks_beside_depth_images_are_no_depth_images(frame: Path, tmp_path: Pa
                      "--poses", tmp_path / "poses.txt")  # fmt: skip
     assert joined.returncode == 0
     assert "2 files skipped, of another kind (mask or confidences)" in joined.stderr
+
+
+def test_distances_along_the_rays_are_an_option(frame: Path, tmp_path: Path) -> None:
+    camera = read_intrinsics(FOCAL, width=160, height=120)
+    wall = np.full((120, 160), 2.0, np.float32)
+    np.save(tmp_path / "a.npy", np.linalg.norm(camera.unproject(wall), axis=2))
+    output = tmp_path / "a.ply"
+    given = ("depth", tmp_path / "a.npy", "-o", output, "--points", "50")
+    done = manip3d(*given, "--intrinsics", FOCAL, "--ray-depth")
+    assert done.returncode == 0
+    assert "converted from distances along the lines of sight" in done.stderr
+    np.testing.assert_allclose(read_mesh(output).vertices[:, 2], 2.0, rtol=3e-7)
+    np.save(tmp_path / "a.npy", camera.unproject(wall))  # a cloud
+    done = manip3d(*given, "--ray-depth", "--force")
+    assert "--ray-depth: can only be given with a depth image" in error_line(done)
+
+
+@pytest.mark.parametrize(
+    ("name", "cure"),
+    [
+        ("a.hdf5", "h5py.File(FILE)[NAME][()] reads it (for Hypersim, whose distances are those"),
+        ("a.h5", "write its array as .npy with numpy.save"),
+        ("a.MAT", "scipy.io.loadmat(FILE)[NAME] reads it"),
+        ("0.png.geometric.bin", "COLMAP's scripts/python/read_write_dense.py reads it"),
+        (
+            "0.png.photometric.bin",
+            "manip3d does not read .photometric.bin; write its array as .npy",
+        ),
+    ],
+)
+def test_other_formats_of_depths_have_a_cure(name: str, cure: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"160&120&1&" + bytes(160 * 120 * 4))
+    given = ("--points", "50", "--intrinsics", FOCAL, "-o", tmp_path / "a.ply")
+    done = manip3d("depth", tmp_path / name, *given)
+    assert done.returncode == 1
+    assert cure in error_line(done)

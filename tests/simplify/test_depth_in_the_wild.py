@@ -25,6 +25,7 @@ from manip3d import (
 from manip3d.batch import find_files
 from manip3d.io._depth_files import read_mask
 from manip3d.io._images import read_color
+from manip3d.simplify._depth_inputs import planar_depth
 from manip3d.simplify._depth_sets import maps_by_name
 from manip3d.simplify._depth_steps import across_gaps
 from real_data import RealData
@@ -1097,3 +1098,69 @@ def test_poses_with_a_whole_matrix_in_each_line(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match="expected a rigid transform") as caught:
         simplify.poses_of_files(["depth000000.png", "depth000001.png"], place)
     assert caught.value.line == 2
+
+
+RAYS = np.random.default_rng(0).uniform(-0.6, 0.6, (120, 160, 2)).astype(np.float32)
+LENSES = [
+    CAMERA,
+    replace(CAMERA, fy=-130.0, cx=40.0, distortion=(0.1, -0.05, 0.01, 0.02, 0.003)),
+    replace(CAMERA, mirrored=True),
+    replace(CAMERA, rays=RAYS),
+]
+
+
+@pytest.mark.parametrize("camera", LENSES)
+def test_distances_along_the_rays_are_those_of_points_at_the_depth(camera: Intrinsics) -> None:
+    depth = waves() / np.float32(1000)
+    distances = np.linalg.norm(camera.unproject(depth).astype(np.float64), axis=2)
+    found = planar_depth(distances.astype(np.float32), camera)
+    np.testing.assert_allclose(found, depth, rtol=3e-7)
+    millimetres = np.round(1000 * distances).astype(np.uint16)
+    np.testing.assert_allclose(planar_depth(millimetres, camera), depth, atol=0.0005)
+
+
+def test_pixels_without_a_line_of_sight_or_a_measurement_keep_their_number() -> None:
+    rays = RAYS.copy()
+    rays[3, 4] = np.nan
+    distances = waves() / np.float32(1000)
+    distances[5, 6], distances[7, 8] = 0.0, np.nan
+    found = planar_depth(distances, replace(CAMERA, rays=rays))
+    assert found[3, 4] == distances[3, 4]
+    assert found[5, 6] == 0.0
+    assert np.isnan(found[7, 8])
+
+
+@pytest.mark.parametrize("method", ["relief", "cs3", "uniform"])
+def test_a_wall_in_distances_along_the_rays_is_flat(
+    method: simplify.DepthMethod, tmp_path: Path
+) -> None:
+    """Without the option it is a bowl, 0.5 m deep in its corners."""
+    wall = np.full((120, 160), 2.0, np.float32)
+    distances = np.linalg.norm(CAMERA.unproject(wall), axis=2).astype(np.float32)
+    np.save(tmp_path / "a.npy", distances)
+    options = simplify.DepthOptions(
+        50, method=method, intrinsics="130,130,79.5,59.5", ray_depth=True
+    )
+    result = simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
+    assert result.depth.startswith("depth 2.00 to 2.00 m, unit m")
+    assert result.depth.endswith("converted from distances along the lines of sight")
+    for vertices in (
+        io.read_mesh(tmp_path / "a.ply").vertices,
+        simplify.simplify_depth(distances, CAMERA, options).vertices,
+    ):
+        np.testing.assert_allclose(np.asarray(vertices)[:, 2], 2.0, rtol=3e-7)
+    bowl = simplify.simplify_depth(distances, CAMERA, replace(options, ray_depth=False))
+    assert np.ptp(np.asarray(bowl.vertices)[:, 2]) > 0.3
+
+
+def test_views_in_distances_along_the_rays_are_flat(tmp_path: Path) -> None:
+    wall = np.full((120, 160), 2.0, np.float32)
+    distances = np.linalg.norm(CAMERA.unproject(wall), axis=2).astype(np.float32)
+    for name in ("a.npy", "b.npy"):
+        np.save(tmp_path / name, distances)
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 1\n0.1 0 0 0 0 0 1\n")
+    options = simplify.DepthOptions(50, intrinsics="130,130,79.5,59.5", ray_depth=True)
+    files = [tmp_path / "a.npy", tmp_path / "b.npy"]
+    simplify.simplify_camera_files(files, tmp_path / "poses.txt", tmp_path / "a.ply", options)
+    vertices = np.asarray(io.read_mesh(tmp_path / "a.ply").vertices)
+    np.testing.assert_allclose(vertices[:, 2], 2.0, rtol=3e-7)

@@ -82,7 +82,8 @@ class Variant(StrEnum):
 _SCANS = (".ply", ".pcd")
 _OPTIONS = ("intrinsics", "unit", "variant", "effort", "by-distance", "move-points", "max-edge",
             "depth-step", "color", "mask", "confidence", "confidence-max", "points", "ratio",
-            "method", "min-coverage", "max-bridges", "bandwidth", "rate", "stable")  # fmt: skip
+            "method", "min-coverage", "max-bridges", "bandwidth", "rate", "stable",
+            "ray-depth")  # fmt: skip
 
 
 def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
@@ -210,7 +211,8 @@ def _options_of(given: Mapping[str, Any]) -> DepthOptions:
     from manip3d.simplify import DepthOptions
 
     names = ("points", "intrinsics", "unit", "max_edge", "depth_step", "by_distance", "move_points",
-             "seed", "min_coverage", "bandwidth", "rate", "max_bridges", "ratio")  # fmt: skip
+             "seed", "min_coverage", "bandwidth", "rate", "max_bridges", "ratio",
+             "ray_depth")  # fmt: skip
     return DepthOptions(
         method=given["method"].value,
         variant=given["variant"].value,
@@ -297,7 +299,8 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
     return True
 
 
-_NOT_FOR_RECORDINGS = ("unit", "color", "mask", "confidence", "confidence_max", "bandwidth", "rate")
+_NOT_FOR_RECORDINGS = ("unit", "ray_depth", "color", "mask", "confidence", "confidence_max",
+                       "bandwidth", "rate")  # fmt: skip
 """Options that are refused for a recording, because its frames state them."""
 
 
@@ -314,7 +317,11 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     output: Path = given["output"]
     shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
     with naming_options(*_OPTIONS, *given["shared"]):
-        asked = [name for name in _NOT_FOR_RECORDINGS if given[name] not in (None, "", "guess")]
+        asked = [
+            name
+            for name in _NOT_FOR_RECORDINGS
+            if given[name] is not False and given[name] not in (None, "", "guess")
+        ]
         refused = [*given["shared"], *asked]
         if refused:
             raise InputError(f"{refused[0]}: cannot be given with an RGB-D recording")
@@ -466,6 +473,15 @@ def depth(
             "and printed."
         ),
     ] = "guess",
+    ray_depth: Annotated[
+        bool,
+        typer.Option(
+            "--ray-depth",
+            help="The numbers are distances along the lines of sight (Hypersim, SceneNet), no "
+            "depths along the optical axis; they are converted with the camera's lens. For depth "
+            "images.",
+        ),
+    ] = False,
     method: Annotated[
         DepthMethod, typer.Option(help="Simplification method.")
     ] = DepthMethod.relief,
@@ -607,7 +623,8 @@ def depth(
     they become one mesh, with --stable a sequence of meshes that does not flicker. The result is in
     metres, with +y up in glTF (.glb, .gltf) and in the axes of the camera or the poses in .ply,
     .obj, .stl and .off.
-    The depth range and its unit are printed: check them. An RGB-D recording has its own camera,
+    The depth range and its unit are printed: check them. Depths are those along the optical axis,
+    unless --ray-depth is given. An RGB-D recording has its own camera,
     unit and colours; each of its frames becomes a .glb in a folder.
 
     Example: manip3d depth depth.png --intrinsics kinect-v2 --points 5000 -o person.glb
@@ -637,6 +654,7 @@ def depth(
             max_bridges=max_bridges,
             effort=effort.value,
             ratio=ratio,
+            ray_depth=ray_depth,
         )
         # Whether a cloud is an organised one is decided by its reader.
         clouds = ("scan",) if scan_suffix(source) in (".pcd", ".npy", ".npz") else ()

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from manip3d.errors import FormatError, InputError
-from manip3d.io._elsewhere import scan_advice
+from manip3d.io._elsewhere import depth_advice, scan_advice
 from manip3d.io._remote import is_url, named_beside, reads_beside
 from manip3d.io._scan_files import (
     FOLDER_SUFFIXES,
@@ -185,7 +185,10 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
         The file or folder does not exist.
     """
     kind = kind_of(source)
-    if kind == "unknown" and (advice := scan_advice(Path(source))) is not None:
+    advice = scan_advice(Path(source)) if kind == "unknown" else None
+    if "depth" in kinds and (kind == "unknown" or (kind == "scan" and "scan" not in kinds)):
+        advice = depth_advice(Path(source)) or advice
+    if advice is not None:
         raise OtherKindError(f"{source}: {advice}", NAMES[kind])
     if kind in ("stream", *kinds) or (kind == "unknown" and "mesh" in kinds):
         return kind  # the mesh reader recognises files of any name by their content

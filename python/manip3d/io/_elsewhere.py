@@ -38,6 +38,22 @@ _SCANS = {
 """How to convert a point cloud with each of these suffixes to a format that is read."""
 
 
+_ARRAY = "write its array as .npy with numpy.save"
+_HDF5 = (
+    f"{_ARRAY}: h5py.File(FILE)[NAME][()] reads it (for Hypersim, whose distances are those along "
+    "the lines of sight, give --ray-depth)"
+)
+_COLMAP = f"{_ARRAY}: read_array in COLMAP's scripts/python/read_write_dense.py reads it"
+_DEPTHS = {
+    ".h5": _HDF5,
+    ".hdf5": _HDF5,
+    ".mat": f"{_ARRAY}: scipy.io.loadmat(FILE)[NAME] reads it, or h5py in version 7.3",
+    ".geometric.bin": _COLMAP,
+    ".photometric.bin": _COLMAP,
+}
+"""How to convert a depth image whose name ends like this to a format that is read."""
+
+
 def mesh_advice(path: Path) -> str:
     """Return advice on how to convert an unsupported mesh format, after a semicolon; or ""."""
     suffix = "".join(path.suffixes[-2:]).lower().removesuffix(".gz").removesuffix(".xz")
@@ -51,3 +67,11 @@ def scan_advice(path: Path) -> str | None:
     """Return why a point cloud's format is not read, and the cure; None for other suffixes."""
     suffix = Path(path.name.lower().removesuffix(".xz").removesuffix(".gz")).suffix
     return f"manip3d does not read {suffix}; {_SCANS[suffix]}" if suffix in _SCANS else None
+
+
+def depth_advice(path: Path) -> str | None:
+    """Return why a depth image's format is not read, and the cure; None for other endings."""
+    for ending, advice in _DEPTHS.items():
+        if path.name.lower().endswith(ending):
+            return f"manip3d does not read {ending}; {advice}"
+    return None

@@ -433,6 +433,8 @@ def _cloud_view(
         raise InputError(
             "intrinsics: can only be given with a depth image; a cloud's points tell its camera"
         )
+    if options.ray_depth:
+        raise InputError("ray_depth: can only be given with a depth image, got a cloud")
     stored = np.where(grid.valid, camera.depth, 0.0).astype(np.float32)
     asked = "guess" if options.is_unit_guessed else options.unit
     reading = depth_reading(stored, unit or asked, str(file))

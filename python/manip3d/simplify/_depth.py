@@ -449,7 +449,7 @@ def dense_mesh(
     Parameters
     ----------
     depth : (H, W) uint16 in millimetres or float32 in metres
-        0 and NaN mean no measurement.
+        Depth along the optical axis; 0 and NaN mean no measurement.
     intrinsics : Intrinsics
     color : (H', W', 3 or 4) uint8, optional
         Colour image of the depth image's size, or that of ``registration.color``.
@@ -780,7 +780,7 @@ def cs3(
     Parameters
     ----------
     depth : (H, W) uint16 in millimetres or float32 in metres
-        0 and NaN mean no measurement.
+        Depth along the optical axis; 0 and NaN mean no measurement.
     intrinsics : Intrinsics
     target_points : int
         Largest number of vertices. The result has at least 99 % of it if the image has as many

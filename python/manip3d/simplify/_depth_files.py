@@ -24,6 +24,7 @@ from manip3d.simplify._depth_inputs import (
     Maps,
     centre_doubt,
     expect_camera,
+    planar_depth,
     read_frame,
     registration_of,
     same_view_words,
@@ -75,7 +76,8 @@ def simplify_depth(
     Parameters
     ----------
     depth : (H, W) uint16 in millimetres or float32 in metres
-        0 and NaN mean no measurement.
+        Depth along the optical axis, or with ``options.ray_depth`` distance along the line of
+        sight. 0 and NaN mean no measurement.
     intrinsics : Intrinsics
     options : DepthOptions
         ``intrinsics`` and ``unit`` are ignored, since the other arguments state them.
@@ -109,6 +111,8 @@ def simplify_depth(
     True
     """
     image = checked_depth(depth, intrinsics)
+    if options.ray_depth:
+        image = planar_depth(image, intrinsics)
     image = masked_depth(image, mask_image(mask, image.shape))
     options = options.for_pixels(int(np.count_nonzero(image > 0)))
     if options.points is None:
@@ -168,6 +172,8 @@ def simplify_depth_file(
         its depth image: the camera is estimated from the points, and the colours are the texture.
         If the cloud was transformed to another frame, the mesh is in that frame. So is a range scan
         whose points are those of a camera's pixels; the rows of others go upwards, as Stanford's.
+        The numbers of a depth image are depths along the optical axis, or distances along the lines
+        of sight with ``options.ray_depth``.
     output : path-like
         A mesh file. The mesh of a depth image is in metres, with +y up in glTF and in the camera's
         axes in other formats. Scans without a camera keep their unit and axes.
@@ -396,6 +402,8 @@ def from_cloud(
         raise InputError(
             "intrinsics: can only be given with a depth image; a cloud's points tell its camera"
         )
+    if options.ray_depth:
+        raise InputError("ray_depth: can only be given with a depth image, got a cloud")
     maps = files.read(grid.valid.shape)
     maps = maps if maps.color is not None else replace(maps, color=grid.color)
     stored = np.where(grid.valid, camera.depth, 0.0).astype(np.float32)

@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.paths import path_of
-from manip3d.camera import CAMERA_PRESETS, CAMERA_SUFFIXES, Registration, camera_depth_unit
+from manip3d.camera import (
+    CAMERA_PRESETS,
+    CAMERA_SUFFIXES,
+    Registration,
+    camera_depth_unit,
+    read_intrinsics,
+)
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_UNITS, DepthReading, read_depth_guessing, read_pixel_map
 from manip3d.io._depth_files import read_mask
@@ -152,12 +158,42 @@ def centre_doubt(camera: Intrinsics) -> str:
     )
 
 
+def planar_depth(
+    distances: NDArray[np.uint16 | np.float32], camera: Intrinsics
+) -> NDArray[np.float32]:
+    """Return depths along the optical axis, in metres, from distances along the lines of sight.
+
+    A line of sight (x/z, y/z, 1) has the length of the distance at the depth 1. Where the camera
+    has none, the distance stays, so that the pixel still counts as measured.
+    """
+    metres = distances / 1000.0 if distances.dtype == np.uint16 else distances.astype(np.float64)
+    sight = camera.unproject(np.ones(distances.shape, np.float32)).astype(np.float64)
+    lengths = np.sqrt(np.square(sight).sum(axis=2))
+    return (metres / np.where(np.isfinite(lengths), lengths, 1.0)).astype(np.float32)
+
+
+def _read(path: Path, unit: str, options: DepthOptions) -> DepthReading:
+    reading = read_depth_guessing(path, unit=unit)
+    if not options.ray_depth:
+        return reading
+    height, width = reading.depth.shape
+    camera = read_intrinsics(options.intrinsics, width=width, height=height)
+    return replace(reading, depth=planar_depth(reading.depth, camera))
+
+
 def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, str]:
     """Read a depth image; describe its unit in words, and state a reason to doubt it, or none.
 
     The unit that the camera states, if any, overrides the guess.
     """
-    reading = read_depth_guessing(path, unit=unit_to_read(options.unit, options.intrinsics))
+    reading, words, doubt = _read_frame(path, options)
+    if options.ray_depth:
+        words += "; converted from distances along the lines of sight"
+    return reading, words, doubt
+
+
+def _read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, str]:
+    reading = _read(path, unit_to_read(options.unit, options.intrinsics), options)
     if options.unit.startswith(COMMON_GUESS):
         reading = replace(reading, guessed=True, reason="most of the images look like it")
         return reading, reading.sentence, reading.doubt
@@ -165,7 +201,7 @@ def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, st
     of_stereo = unit.startswith("disparity:")
     if unit == "guess" or (reading.unit == "m" and not of_stereo):
         return reading, reading.sentence, reading.doubt
-    known = reading if of_stereo else read_depth_guessing(path, unit=unit)
+    known = reading if of_stereo else _read(path, unit, options)
     words = f"{known.sentence}, as intrinsics {options.intrinsics} has it"
     doubt = known.doubt
     # A guess never finds an unusual unit, so that it is no reason to doubt one.

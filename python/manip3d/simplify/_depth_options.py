@@ -80,6 +80,10 @@ class DepthOptions:
     ratio : float or None
         Largest number of vertices as a share of the measured pixels, above 0 and up to 1, in place
         of ``points``. At least three vertices are allowed.
+    ray_depth : bool
+        The numbers of a depth image are distances from the camera along the lines of sight, as
+        those of Hypersim and SceneNet, and no depths along the optical axis. They are converted
+        with the camera's lens. Not for a scan.
 
     Raises
     ------
@@ -105,6 +109,7 @@ class DepthOptions:
     max_bridges: float = 0.1
     effort: Effort = "balanced"
     ratio: float | None = None
+    ray_depth: bool = False
 
     @property
     def is_unit_guessed(self) -> bool:
@@ -308,6 +313,7 @@ def expect_options_of_scan(options: DepthOptions) -> None:
         "by_distance": options.by_distance,
         "intrinsics": options.intrinsics != "",
         "unit": options.unit != "guess",
+        "ray_depth": options.ray_depth,
         "depth_step": options.depth_step != DEPTH_STEP,
     }
     for name, is_given in given.items():

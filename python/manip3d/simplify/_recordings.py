@@ -107,6 +107,8 @@ def simplify_recording(
     """
     if options.intrinsics or options.unit != "guess":
         raise InputError("options: expected neither intrinsics nor unit, which the frames bring")
+    if options.ray_depth:
+        raise InputError("ray_depth: can only be given with a depth image, got a recording")
     if options.bandwidth is not None:
         raise InputError("options: expected points or ratio, and no bandwidth")
     if stable and options.method != "relief":

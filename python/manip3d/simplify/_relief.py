@@ -291,7 +291,7 @@ def relief(
     Parameters
     ----------
     depth : (H, W) uint16 in millimetres or float32 in metres
-        0 and NaN mean no measurement.
+        Depth along the optical axis; 0 and NaN mean no measurement.
     intrinsics : Intrinsics
     target_points : int
         Largest number of vertices; at least 3.
