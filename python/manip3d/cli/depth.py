@@ -318,7 +318,9 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
     with naming_options(*_OPTIONS, *given["shared"]):
         asked = [
-            name for name in _NOT_FOR_RECORDINGS if given[name] not in (None, "", "guess", False)
+            name
+            for name in _NOT_FOR_RECORDINGS
+            if given[name] is not False and given[name] not in (None, "", "guess")
         ]
         refused = [*given["shared"], *asked]
         if refused:
