@@ -927,6 +927,16 @@ def test_a_shorter_sequence_does_not_leave_frames_of_a_longer_one(
     assert kept == ["000.depth.glb", "009.depth.glb"]
 
 
+def test_files_of_a_copied_folder_are_not_those_of_the_run(frames: Path, tmp_path: Path) -> None:
+    sources, output, copy = sorted(frames.iterdir()), tmp_path / "out", tmp_path / "copy"
+    options = ("--points", "99", "--intrinsics", FOCAL, "--stable", "--table", tmp_path / "t.csv")
+    assert manip3d("depth", *sources[:3], *options, "-o", output).returncode == 0
+    shutil.copytree(output, copy)
+    done = manip3d("depth", *sources[:2], *options, "-o", copy, "--force")
+    assert done.returncode == 0
+    assert (copy / "002.depth.glb").exists()
+
+
 def test_meshes_of_an_earlier_run_that_stay_are_told(frames: Path, tmp_path: Path) -> None:
     sources, output = sorted(frames.iterdir()), tmp_path / "out"
     options = ("--points", "99", "--intrinsics", FOCAL, "--method", "uniform", "-o", output)

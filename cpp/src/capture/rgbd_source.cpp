@@ -129,7 +129,7 @@ std::unique_ptr<RgbdSource> open_rgbd(const std::string& uri, const RgbdOptions&
   }
   if (options.rate != 0.0 && !(options.rate >= kLeastRate && options.rate <= kMostRate)) {
     throw InputError("rate: expected 0.01 to 1000 frames per second, got " +
-                     std::to_string(options.rate));
+                     number_text(options.rate));
   }
   const std::size_t colon = uri.find(':');
   std::string known;

@@ -1,7 +1,6 @@
 #include "manip3d/modify/joint_smoother.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #include "modify/check_option.hpp"
 
@@ -15,11 +14,14 @@ bool is_usable(const Skeleton& skeleton, Joint joint) {
 
 JointSmoother::JointSmoother(const JointSmootherOptions& options) : options_(options) {
   constexpr double kMost = 1e6;
-  check_option("smoothing", options.smoothing, std::nextafter(1.0, 0.0));
-  check_option("correction", options.correction, 1.0);
-  check_option("prediction", options.prediction, kMost);
-  check_option("jitter_radius", options.jitter_radius, kMost);
-  check_option("max_deviation", options.max_deviation, kMost);
+  if (!(options.smoothing >= 0.0 && options.smoothing < 1.0)) {
+    throw InputError("smoothing: expected at least 0 and below 1, got " +
+                     number_text(options.smoothing));
+  }
+  check_up_to("correction", options.correction, 1.0);
+  check_up_to("prediction", options.prediction, kMost);
+  check_up_to("jitter_radius", options.jitter_radius, kMost);
+  check_up_to("max_deviation", options.max_deviation, kMost);
 }
 
 Eigen::Vector3d JointSmoother::smooth(const Eigen::Vector3d& raw, double tolerance,

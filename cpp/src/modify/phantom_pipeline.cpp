@@ -32,14 +32,14 @@ namespace manip3d {
 namespace {
 
 void check_all_options(const PhantomOptions& o) {
-  check_option("arm_radius", o.arm_radius, 1.0);
-  check_option("leg_radius", o.leg_radius, 1.0);
-  check_option("root_radius", o.root_radius, 1.0);
-  check_option("least_visible", o.least_visible, 1.0);
-  check_option("inferred_seconds", o.inferred_seconds, 3600.0);
-  check_option("hold_seconds", o.hold_seconds, 3600.0);
-  check_option("fade_seconds", o.fade_seconds, 3600.0);
-  check_option("max_depth_step", o.mesh.max_depth_step, 100.0);
+  check_up_to("arm_radius", o.arm_radius, 1.0);
+  check_up_to("leg_radius", o.leg_radius, 1.0);
+  check_up_to("root_radius", o.root_radius, 1.0);
+  check_up_to("least_visible", o.least_visible, 1.0);
+  check_up_to("inferred_seconds", o.inferred_seconds, 3600.0);
+  check_up_to("hold_seconds", o.hold_seconds, 3600.0);
+  check_up_to("fade_seconds", o.fade_seconds, 3600.0);
+  check_up_to("max_depth_step", o.mesh.max_depth_step, 100.0);
   check_options(o.mask);
 }
 

@@ -185,11 +185,11 @@ class FastSimplifier {
 };
 
 void check_options(const MeshView& mesh, const FastOptions& options) {
-  check_option("target_faces", static_cast<double>(options.target_faces));
-  check_option("max_error", options.max_error, MayBeInfinite::kYes);
-  check_option("boundary_weight", options.boundary_weight);
-  check_option("seam_weight", options.seam_weight);
-  check_option("color_weight", options.color_weight);
+  check_not_negative("target_faces", static_cast<double>(options.target_faces));
+  check_not_negative("max_error", options.max_error, MayBeInfinite::kYes);
+  check_not_negative("boundary_weight", options.boundary_weight);
+  check_not_negative("seam_weight", options.seam_weight);
+  check_not_negative("color_weight", options.color_weight);
   if (options.num_threads < 0) {
     throw InputError("num_threads: expected a number >= 0, got " +
                      std::to_string(options.num_threads));

@@ -557,17 +557,17 @@ class QualitySimplifier {
 };
 
 void check_options(const MeshView& mesh, const QualityOptions& options) {
-  check_option("target_faces", static_cast<double>(options.target_faces));
-  check_option("max_error", options.max_error, MayBeInfinite::kYes);
+  check_not_negative("target_faces", static_cast<double>(options.target_faces));
+  check_not_negative("max_error", options.max_error, MayBeInfinite::kYes);
   if (!(options.max_distance > 0.0)) {
     throw InputError("max_distance: expected a number > 0, got " +
                      number_text(options.max_distance) +
                      " (the published methods take 0: exactly coplanar collapses)");
   }
-  check_option("boundary_weight", options.boundary_weight);
-  check_option("seam_weight", options.seam_weight);
-  check_option("texture_weight", options.texture_weight);
-  check_option("color_weight", options.color_weight);
+  check_not_negative("boundary_weight", options.boundary_weight);
+  check_not_negative("seam_weight", options.seam_weight);
+  check_not_negative("texture_weight", options.texture_weight);
+  check_not_negative("color_weight", options.color_weight);
   const auto check_size = [&](const char* name, std::size_t size) {
     if (size == 0 || size == static_cast<std::size_t>(mesh.num_vertices())) return;
     throw InputError(std::string(name) + ": expected one for each vertex (" +

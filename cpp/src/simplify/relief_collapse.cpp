@@ -195,12 +195,12 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
       }
     }
   }
-  find_pieces(mesh);
+  find_pieces(surface, mesh);
 }
 
 bool Collapser::is_fixed(std::int32_t v) const { return nodes_[v].factor == kStays; }
 
-void Collapser::find_pieces(const Triangulation& mesh) {
+void Collapser::find_pieces(const Surface& surface, const Triangulation& mesh) {
   left_out_ = 0;
   largest_ = 0;
   has_fixed_ = false;
@@ -231,8 +231,12 @@ void Collapser::find_pieces(const Triangulation& mesh) {
     } else {
       piece_of_[t] = piece_of_[piece_of_[t]];
     }
-    const auto [a, b, c] = mesh.triangle(t);
-    pieces_[piece_of_[t]].doubled_pixels += mesh.orient(a, b, c);
+    const Triangle& corners = mesh.triangle(t);
+    const std::int64_t doubled = mesh.orient(corners[0], corners[1], corners[2]);
+    Piece& piece = pieces_[piece_of_[t]];
+    piece.doubled_pixels += doubled;
+    piece.believed +=
+        static_cast<double>(doubled) * std::max(confidence_of(surface, mesh, corners), least_loss_);
   }
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
     // A vertex has one fan, and so belongs to one piece.
@@ -247,20 +251,20 @@ void Collapser::find_pieces(const Triangulation& mesh) {
   }
 }
 
-/// Sets the number of pixels that the mesh will have per vertex.
+/// Sets the number of pixels, times their confidence, that the mesh will have per vertex.
 void Collapser::find_share(std::int64_t target) {
-  std::int64_t sum = 0;
-  for (const Piece& piece : pieces_) sum += piece.area < 0.0 ? 0 : piece.doubled_pixels;
-  doubled_sum_ = static_cast<double>(sum);
-  doubled_share_ = doubled_sum_ / static_cast<double>(target);
+  believed_sum_ = 0.0;
+  for (const Piece& piece : pieces_) believed_sum_ += piece.area < 0.0 ? 0.0 : piece.believed;
+  believed_share_ = believed_sum_ / static_cast<double>(target);
 }
 
 /// The price of losing pixels with a vertex, beside their area times distance. That is small for
 /// near surfaces, whose pixels are small, although they may be most of the image. The price is 0
 /// for fewer pixels than the mesh will have per vertex. For more it is their share of all pixels;
-/// most moves cost less, so that these come last. Only few vertices can cover so much.
-float Collapser::price_of_pixels(double doubled_pixels) const {
-  return doubled_pixels < doubled_share_ ? 0.0F : static_cast<float>(doubled_pixels / doubled_sum_);
+/// most moves cost less, so that these come last. Only few vertices can cover so much. A pixel
+/// counts by its confidence, as everywhere.
+float Collapser::price_of_pixels(double believed) const {
+  return believed < believed_share_ ? 0.0F : static_cast<float>(believed / believed_sum_);
 }
 
 float Collapser::price(const Triangulation& mesh, std::int32_t v, std::int32_t to,
@@ -327,10 +331,11 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
   if (mesh.has_bay(v, fan)) {
     cover = cover_factor_ * mesh.bay(surface, v, fan).price * share_of_cover(surface, mesh, ends);
   } else if (mesh.vertex(v).on_boundary) {
-    cut = std::max(surface.confidence(mesh.vertex(v).pixel), least_loss_) *
-          price_of_cut(boundary_weight_, mesh.vertex(fan.neighbors[0]).point, mesh.vertex(v).point,
-                       mesh.vertex(fan.neighbors[fan.num_neighbors - 1]).point);
-    lost = price_of_pixels(static_cast<double>(mesh.orient(ends[0], ends[1], ends[2])));
+    const float trust = std::max(surface.confidence(mesh.vertex(v).pixel), least_loss_);
+    cut = trust * price_of_cut(boundary_weight_, mesh.vertex(fan.neighbors[0]).point,
+                               mesh.vertex(v).point,
+                               mesh.vertex(fan.neighbors[fan.num_neighbors - 1]).point);
+    lost = price_of_pixels(trust * static_cast<double>(mesh.orient(ends[0], ends[1], ends[2])));
   }
   int best = -1;
   for (int i = 0; i < fan.num_neighbors; i += step) {
@@ -378,7 +383,7 @@ float Collapser::price_of_piece(const Surface& surface, const Triangulation& mes
   const Vec3 middle = kThird * (mesh.vertex(a).point + mesh.vertex(b).point + mesh.vertex(c).point);
   const float distance = mesh.distance_to_others(surface, t, middle);
   const float kept = std::max({nodes_[a].factor, nodes_[b].factor, nodes_[c].factor});
-  const float lost = price_of_pixels(static_cast<double>(piece.doubled_pixels) / 3.0);
+  const float lost = price_of_pixels(piece.believed / 3.0);
   return (kThird * static_cast<float>(piece.area) * distance + lost) * kept;
 }
 

@@ -102,6 +102,7 @@ class Collapser {
   };
   struct Piece {
     std::int64_t doubled_pixels = 0;  ///< Twice the area in pixels.
+    double believed = 0.0;            ///< The same, times the confidence by which it is priced.
     double area = 0.0;
     bool fixed = false;  ///< Some vertex stays.
   };
@@ -116,10 +117,11 @@ class Collapser {
     float area = 0.0F;  ///< Area of the surface at the vertex, times the price of its loss.
   };
   [[nodiscard]] bool is_fixed(std::int32_t v) const;
-  void find_pieces(const Triangulation& mesh);
+  void find_pieces(const Surface& surface, const Triangulation& mesh);
   void find_share(std::int64_t target);
-  /// @param doubled_pixels  Twice the number of pixels that are lost per vertex removed.
-  [[nodiscard]] float price_of_pixels(double doubled_pixels) const;
+  /// @param believed  Twice the number of pixels that are lost per vertex removed, times their
+  ///                  confidence.
+  [[nodiscard]] float price_of_pixels(double believed) const;
   /// Price of the collapse of v onto `to`.
   /// @param cut  lower bound of the surface that is lost beside the boundary.
   [[nodiscard]] float price(const Triangulation& mesh, std::int32_t v, std::int32_t to,
@@ -180,8 +182,8 @@ class Collapser {
   std::vector<LocalQuadric> boundary_;  ///< By vertex.
   std::vector<Piece> pieces_;
   std::int32_t largest_ = 0;
-  double doubled_sum_ = 1.0;       ///< Twice the pixels of all pieces.
-  double doubled_share_ = 0.0;     ///< Twice the pixels per vertex of the target.
+  double believed_sum_ = 1.0;      ///< Sum of the pieces' `believed`.
+  double believed_share_ = 0.0;    ///< The same per vertex of the target.
   std::int64_t left_out_ = 0;      ///< Twice the pixels of the pieces left out.
   std::int64_t swept_specks_ = 0;  ///< Argument of sweep().
   bool has_fixed_ = false;

@@ -36,11 +36,13 @@ def earlier_outputs(output: str, table: str) -> list[Path]:
     folder = Path(output).resolve()
     found = set()
     for name, size in _stored(Path(rows)):
-        path = Path(name).resolve()
-        # A relative path may be one from another working directory.
-        if not path.is_relative_to(folder):
+        path = Path(name)
+        # A relative path may be one from another working directory; an absolute one into another
+        # folder is a file of that folder, even if this one is a copy of it.
+        if not path.is_absolute() and not path.resolve().is_relative_to(folder):
             path = folder / path.name
-        if path.is_file() and path.stat().st_size == size:
+        path = path.resolve()
+        if path.is_relative_to(folder) and path.is_file() and path.stat().st_size == size:
             found.add(path)
     return sorted(found)
 
