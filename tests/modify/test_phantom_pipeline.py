@@ -840,7 +840,7 @@ def test_options_are_checked() -> None:
         PhantomPipeline(texturing="none")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="segmentation"):
         PhantomPipeline(segmentation="bone")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="smoothing: expected at least 0 and below 1, got 1"):
+    with pytest.raises(InputError, match="smoothing"):
         PhantomPipeline(smoothing="lying")  # type: ignore[arg-type]
 
 
