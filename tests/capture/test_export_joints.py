@@ -238,6 +238,35 @@ def test_a_person_without_a_spine_is_followed_by_the_id(tmp_path: Path) -> None:
     assert (done.frames, done.ids, done.others) == (20, (2,), {5: 40})
 
 
+def at_steps(frames: list[RgbdFrame], seconds: float) -> list[RgbdFrame]:
+    return [replace(one, time_ns=round(n * seconds * 1e9)) for n, one in enumerate(frames)]
+
+
+@pytest.mark.parametrize("last", [40, 30])
+def test_a_hidden_spine_is_no_absence(tmp_path: Path, last: int) -> None:
+    """For 12.5 seconds; then the spine is seen again, or the person leaves."""
+    first = standing(range(last), 0.6, 2)
+    first |= {n: with_states(first[n], "Spine") for n in range(5, 30)}
+    frames = at_steps(seen(first, standing(range(40), 0.0, 5)), 0.5)
+    done = capture.export_joints(frames, tmp_path / "a.bvh")
+    assert (done.frames, done.ids, done.others) == (last, (2,), {5: 40})
+
+
+def test_nobody_takes_the_place_of_a_person_whose_spine_was_hidden(tmp_path: Path) -> None:
+    """The first person goes aside meanwhile, and somebody else stands where they stood."""
+    first = {n: with_states(one, "Spine") for n, one in standing(range(5, 9), 0.8, 2).items()}
+    first |= standing(range(5), 0.0, 2) | standing(range(9, 40), 0.8, 2)
+    done = capture.export_joints(seen(first, standing(range(9, 40), 0.0, 5)), tmp_path / "a.bvh")
+    assert (done.frames, done.ids, done.others) == (40, (2,), {5: 31})
+
+
+def test_a_pause_of_a_recording_is_no_absence(tmp_path: Path) -> None:
+    frames = seen(standing(range(40), 0.6, 2), standing(range(40), 0.0, 5))
+    frames[20:] = [replace(one, time_ns=one.time_ns + 11 * 10**9) for one in frames[20:]]
+    done = capture.export_joints(frames, tmp_path / "a.bvh")
+    assert (done.frames, done.ids, done.others) == (40, (2,), {5: 40})
+
+
 def with_states(skeleton: Skeleton, part: str) -> Skeleton:
     """The skeleton without the joints of a part, of the neck and of the head."""
     states = skeleton.states.copy()
