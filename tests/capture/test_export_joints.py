@@ -8,6 +8,7 @@ import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from bvh_motions import read_bvh, waving
 from capsule_body import pose
 from command_line import manip3d
 from manip3d import InputError, Skeleton, capture
+from manip3d.capture._joints import _Vertical
+from manip3d.modify import DownSource
 from manip3d.rgbd import JOINTS, PARENTS, RgbdFrame
 
 
@@ -49,6 +52,23 @@ def test_up_is_away_from_the_floor_of_a_tilted_camera(
     level = poses("level.bvh")
     # Centimetres, a metre from the root; the columns of the image are off by 25 cm or more.
     np.testing.assert_allclose(poses("tilted.bvh", tilt=tilt, roll=roll), level, atol=0.5)
+
+
+@pytest.mark.parametrize(("last", "told"), [(0.5, 0.0), (2.0, 2.0)])
+def test_the_last_floor_tells_the_vertical(last: float, told: float) -> None:
+    """The first estimate is wrong: a table top, or a floor of which little is seen."""
+    tilts = iter((5.0, last))
+
+    def process(frame: RgbdFrame) -> SimpleNamespace:
+        tilt = np.radians(next(tilts))
+        down = np.array([0.0, np.cos(tilt), np.sin(tilt)])
+        return SimpleNamespace(down=down, down_source=DownSource.FLOOR)
+
+    vertical = _Vertical()
+    vertical._pipeline = SimpleNamespace(process=process)  # type: ignore[assignment]
+    assert len(list(vertical.watching(waving()[:2]))) == 2
+    tilt = np.radians(told)
+    np.testing.assert_allclose(vertical.down, (0.0, np.cos(tilt), np.sin(tilt)), atol=1e-12)
 
 
 def test_a_table_has_all_that_was_seen(tmp_path: Path) -> None:

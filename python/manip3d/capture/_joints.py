@@ -110,17 +110,18 @@ def export_joints(
     ``id``, ``joint``, ``name``, ``x``, ``y``, ``z``, ``state`` (0 not tracked, 1 inferred, 2
     tracked). A motion has one person, y up, in centimetres. If one of the first 30 frames with a
     person shows a floor, up is away from it for a camera that is tilted by a degree or more;
-    otherwise the camera is taken as level. Bones have their median lengths, and
-    each joint is rotated so that its child bones point in the measured directions. Where several
-    bones share a joint (spine and hips; neck and shoulders), they turn together: the angles between
-    them are the mean of the recording, and their directions fit the measured ones by least
-    squares. Between the first and the last frame with the person, frames without the person repeat
-    the pose before; so do frames that are inserted where the times show that some were dropped. The
-    frames of a motion are evenly spaced, at the highest rate that the recording had for 30 frames.
-    Each pose is in the frame nearest to its time, or in the next one if that has a pose already; it
-    is left out (``ExportedJoints.left_out``) if it would be more than three quarters of a frame
-    late. If most steps of the recording are shorter than a millisecond, as where its times have
-    another unit, no pose is left out.
+    otherwise the camera is taken as level. A motion is thus level: as poses for a tilted camera
+    (``forge stream --pose``), give the recording itself. Bones have their median lengths, and each
+    joint is rotated so that its child bones point in the measured directions. Where several bones
+    share a joint (spine and hips; neck and shoulders), they turn together: the angles between them
+    are the mean of the recording, and their directions fit the measured ones by least squares.
+    Between the first and the last frame with the person, frames without the person repeat the pose
+    before; so do frames that are inserted where the times show that some were dropped. The frames
+    of a motion are evenly spaced, at the highest rate that the recording had for 30 frames. Each
+    pose is in the frame nearest to its time, or in the next one if that has a pose already; it is
+    left out (``ExportedJoints.left_out``) if it would be more than three quarters of a frame late.
+    If most steps of the recording are shorter than a millisecond, as where its times have another
+    unit, no pose is left out.
 
     Parameters
     ----------
@@ -392,8 +393,8 @@ class _Vertical:
             if left > 0 and frame.skeletons:
                 left -= 1
                 result = self._pipeline.process(replace(frame, color=None))
-                if result.down_source is DownSource.FLOOR and differ(result.down, _LEVEL):
-                    self.down = result.down
+                if result.down_source is DownSource.FLOOR:
+                    self.down = result.down if differ(result.down, _LEVEL) else _LEVEL
             yield frame
 
 
