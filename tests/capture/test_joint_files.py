@@ -25,6 +25,7 @@ from manip3d import (
     Skeleton,
     capture,
 )
+from manip3d.capture._joined_joints import _Clocks
 from manip3d.capture._joint_sides import other_sides
 from manip3d.modify import joint_layouts, skeleton_from
 from manip3d.rgbd import INFERRED, JOINTS, NOT_TRACKED, TRACKED
@@ -413,6 +414,17 @@ def test_times_of_a_table_that_contradict_the_frames_are_warned_of(tmp_path: Pat
     assert f"but {2 * step * 1e-9:.3f} s by the recording, whose times are used" in str(
         told[0].message
     )
+
+
+def test_a_clock_that_began_again_contradicts_no_table() -> None:
+    first = capsule_body.frame(capsule_body.pose())
+    step = 33_333_333
+    times = (10 * step, 11 * step, 0, step)
+    frames = [replace(first, number=n, time_ns=time) for n, time in enumerate(times)]
+    same = _Clocks(dict(enumerate(times)))
+    assert [same.contradiction(frame) for frame in frames] == [None] * 4
+    other = _Clocks(dict(enumerate((*times[:3], 2 * step))))
+    assert [other.contradiction(frame) is None for frame in frames] == [True] * 3 + [False]
 
 
 def test_a_rate_makes_a_folder_agree_with_a_table(tmp_path: Path) -> None:

@@ -59,7 +59,7 @@ class JoinedJoints:
             if source.is_live or not source.begins_anew:
                 raise InputError(f"uri: expected a recording before #, got {uri!r}")
             self.calibration = source.calibration
-            self.conversions = source._source.conversions()
+            self._conversions = source._source.conversions()
             self._flipped, self._assumed_rate = source.flipped, source.assumed_rate
             self._length = source.num_frames
         wanted = self._file.num_frames
@@ -195,6 +195,6 @@ class _Clocks:
         if self._first is None:
             self._first = told, frame.time_ns
         after = told - self._first[0], frame.time_ns - self._first[1]
-        if 2 * abs(after[0] - after[1]) <= step:
+        if 2 * abs(after[0] - after[1]) <= abs(step):  # below 0 where a clock began again
             return None
         return after[0] * 1e-9, after[1] * 1e-9
