@@ -232,7 +232,7 @@ def test_the_distance_is_that_along_the_floor() -> None:
 
 
 def test_checks_have_the_vertical_of_the_page() -> None:
-    """That of a floor is kept where a frame has only a posture, or nothing."""
+    """A floor still tells it where a later frame has only a posture, or nothing."""
     sitting = Sitting("piano")
     body = capsule_body.pose(turn_deg=28.0)
     told = ["Facing the camera", False, "Turn to the camera: 28 degrees away now."]
