@@ -88,6 +88,17 @@ def test_the_first_frames_of_what_never_ends_are_judged(make: Callable[[], Any])
     assert found.reason.endswith("of the first 60 frames, not the rest")
 
 
+def test_a_camera_of_a_user_may_have_methods_of_any_name() -> None:
+    """The mirroring of a joined recording was asked of any iterable, by this name."""
+
+    class Converting(Camera):
+        def conversions(self) -> int:
+            return 2
+
+    source = capture.from_frames(Converting())
+    assert (source.flipped, source.assumed_rate) == ((), None)
+
+
 def test_what_never_ends_is_summarized_as_a_camera_is() -> None:
     found = capture.summarize(capture.from_frames(endless()), seconds=0.05)
     assert found.num_frames > 1

@@ -8,6 +8,7 @@ import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from bvh_motions import read_bvh, waving
 from capsule_body import pose
 from command_line import manip3d
 from manip3d import InputError, Skeleton, capture
+from manip3d.capture._joints import _Vertical
+from manip3d.modify import DownSource
 from manip3d.rgbd import JOINTS, PARENTS, RgbdFrame
 
 
@@ -49,6 +52,23 @@ def test_up_is_away_from_the_floor_of_a_tilted_camera(
     level = poses("level.bvh")
     # Centimetres, a metre from the root; the columns of the image are off by 25 cm or more.
     np.testing.assert_allclose(poses("tilted.bvh", tilt=tilt, roll=roll), level, atol=0.5)
+
+
+@pytest.mark.parametrize(("last", "told"), [(0.5, 0.0), (2.0, 2.0)])
+def test_the_last_floor_tells_the_vertical(last: float, told: float) -> None:
+    """The first estimate is wrong: a table top, or a floor of which little is seen."""
+    tilts = iter((5.0, last))
+
+    def process(frame: RgbdFrame) -> SimpleNamespace:
+        tilt = np.radians(next(tilts))
+        down = np.array([0.0, np.cos(tilt), np.sin(tilt)])
+        return SimpleNamespace(down=down, down_source=DownSource.FLOOR)
+
+    vertical = _Vertical()
+    vertical._pipeline = SimpleNamespace(process=process)  # type: ignore[assignment]
+    assert len(list(vertical.watching(waving()[:2]))) == 2
+    tilt = np.radians(told)
+    np.testing.assert_allclose(vertical.down, (0.0, np.cos(tilt), np.sin(tilt)), atol=1e-12)
 
 
 def test_a_table_has_all_that_was_seen(tmp_path: Path) -> None:
@@ -236,6 +256,35 @@ def test_a_person_without_a_spine_is_followed_by_the_id(tmp_path: Path) -> None:
     arms = {n: with_states(one, "Spine") for n, one in standing(range(20), 0.0, 2).items()}
     done = capture.export_joints(seen(arms, standing(range(40), 0.6, 5)), tmp_path / "a.bvh")
     assert (done.frames, done.ids, done.others) == (20, (2,), {5: 40})
+
+
+def at_steps(frames: list[RgbdFrame], seconds: float) -> list[RgbdFrame]:
+    return [replace(one, time_ns=round(n * seconds * 1e9)) for n, one in enumerate(frames)]
+
+
+@pytest.mark.parametrize("last", [40, 30])
+def test_a_hidden_spine_is_no_absence(tmp_path: Path, last: int) -> None:
+    """For 12.5 seconds; then the spine is seen again, or the person leaves."""
+    first = standing(range(last), 0.6, 2)
+    first |= {n: with_states(first[n], "Spine") for n in range(5, 30)}
+    frames = at_steps(seen(first, standing(range(40), 0.0, 5)), 0.5)
+    done = capture.export_joints(frames, tmp_path / "a.bvh")
+    assert (done.frames, done.ids, done.others) == (last, (2,), {5: 40})
+
+
+def test_nobody_takes_the_place_of_a_person_whose_spine_was_hidden(tmp_path: Path) -> None:
+    """The first person goes aside meanwhile, and somebody else stands where they stood."""
+    first = {n: with_states(one, "Spine") for n, one in standing(range(5, 9), 0.8, 2).items()}
+    first |= standing(range(5), 0.0, 2) | standing(range(9, 40), 0.8, 2)
+    done = capture.export_joints(seen(first, standing(range(9, 40), 0.0, 5)), tmp_path / "a.bvh")
+    assert (done.frames, done.ids, done.others) == (40, (2,), {5: 31})
+
+
+def test_a_pause_of_a_recording_is_no_absence(tmp_path: Path) -> None:
+    frames = seen(standing(range(40), 0.6, 2), standing(range(40), 0.0, 5))
+    frames[20:] = [replace(one, time_ns=one.time_ns + 11 * 10**9) for one in frames[20:]]
+    done = capture.export_joints(frames, tmp_path / "a.bvh")
+    assert (done.frames, done.ids, done.others) == (40, (2,), {5: 40})
 
 
 def with_states(skeleton: Skeleton, part: str) -> Skeleton:

@@ -25,6 +25,7 @@ from manip3d import (
     Skeleton,
     capture,
 )
+from manip3d.capture._joined_joints import _Clocks
 from manip3d.capture._joint_sides import other_sides
 from manip3d.modify import joint_layouts, skeleton_from
 from manip3d.rgbd import INFERRED, JOINTS, NOT_TRACKED, TRACKED
@@ -265,10 +266,22 @@ def test_a_pixel_beside_the_arm_gives_no_joint_on_the_wall(tmp_path: Path) -> No
 # --- mirrored images ------------------------------------------------------------------------------
 
 
-def mirrored(path: Path, *, color: np.ndarray | None = None) -> list[RgbdFrame]:
-    """A recording whose images another program stored mirrored, and its frames as they are read."""
-    frames = recorded(path, color=color)
+BLACK = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+TWO_CAMERAS = RgbdCalibration(
+    CAMERA, Registration(CAMERA, np.eye(3, dtype=np.float32), np.zeros(3, np.float32))
+)
+
+
+def mirrored(path: Path, **changes: Any) -> list[RgbdFrame]:
+    """A recording whose images another program stored mirrored, and its frames as they are read.
+
+    Images of a colour camera of its own are not mirrored.
+    """
+    frames = recorded(path, **{"color": None} | changes)
+    is_own = frames[0].calibration.registration is not None
     for image in path.rglob("*.png"):
+        if is_own and image.parent.name == "colour":
+            continue
         with Image.open(image) as stored:
             ImageOps.mirror(stored).save(image)
     description = json.loads((path / "calibration.json").read_text())
@@ -318,10 +331,29 @@ def assert_arms(found: list[RgbdFrame], frames: list[RgbdFrame]) -> None:
 def test_pixels_of_mirrored_images_are_flipped_with_them(
     tmp_path: Path, has_color: bool, names: str
 ) -> None:
-    color = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8) if has_color else None
-    frames = mirrored(tmp_path / "walk", color=color)
+    frames = mirrored(tmp_path / "walk", color=BLACK if has_color else None)
     file = seen_in("mirrored", frames, tmp_path / "coco.json", names)
     assert_arms(joined(tmp_path / "walk", file), frames)
+
+
+@pytest.mark.parametrize("names", ["", "no nose"])
+def test_sides_are_those_of_the_image_that_the_tracker_saw(tmp_path: Path, names: str) -> None:
+    """The depth image is mirrored, and that of the colour camera is not."""
+    frames = mirrored(tmp_path / "walk", color=BLACK, calibration=TWO_CAMERAS)
+    file = seen_in("plain", frames, tmp_path / "coco.json", names)
+    assert_arms(joined(tmp_path / "walk", file), frames)
+
+
+def test_a_colour_camera_may_start_later(tmp_path: Path) -> None:
+    """The first frame is without the colour image, in which the tracker saw mirrored people."""
+    given = recorded(tmp_path / "plain", color=BLACK, calibration=TWO_CAMERAS)
+    frames = [replace(given[0], color=None), *given[1:]]
+    capture.record([replace(one, skeletons=()) for one in frames], tmp_path / "walk")
+    description = json.loads((tmp_path / "walk" / "calibration.json").read_text())
+    description["calibration"]["registration"]["colour"]["mirrored"] = True
+    (tmp_path / "walk" / "calibration.json").write_text(json.dumps(description))
+    file = seen_in("mirrored", frames[1:], tmp_path / "coco.json")
+    assert_arms(joined(tmp_path / "walk", file)[1:], frames[1:])
 
 
 def test_sides_that_no_face_tells_are_asked_for(tmp_path: Path) -> None:
@@ -413,6 +445,17 @@ def test_times_of_a_table_that_contradict_the_frames_are_warned_of(tmp_path: Pat
     assert f"but {2 * step * 1e-9:.3f} s by the recording, whose times are used" in str(
         told[0].message
     )
+
+
+def test_a_clock_that_began_again_contradicts_no_table() -> None:
+    first = capsule_body.frame(capsule_body.pose())
+    step = 33_333_333
+    times = (10 * step, 11 * step, 0, step)
+    frames = [replace(first, number=n, time_ns=time) for n, time in enumerate(times)]
+    same = _Clocks(dict(enumerate(times)))
+    assert [same.contradiction(frame) for frame in frames] == [None] * 4
+    other = _Clocks(dict(enumerate((*times[:3], 2 * step))))
+    assert [other.contradiction(frame) is None for frame in frames] == [True] * 3 + [False]
 
 
 def test_a_rate_makes_a_folder_agree_with_a_table(tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def unmet(skeleton: Skeleton, **options: Any) -> dict[str, str]:
     shown = LiveSession("right_arm")._pipeline.process(frame)
     seen = replace(shown, skeleton=skeleton, visible=options.pop("visible", 1.0))
     about = {"people": 1, "is_chosen": False, "rate": 30.0} | options
-    checks = placement_checks(seen, frame.calibration.depth, **about)
+    checks = placement_checks(seen, skeleton, frame.calibration.depth, **about)
     assert all(check.is_met == (check.advice == "") for check in checks)
     return {check.name: check.advice for check in checks if not check.is_met}
 

@@ -196,8 +196,15 @@ def test_a_measured_body_is_levelled_for_the_game() -> None:
 
 
 def unmet(shown: PhantomFrame) -> dict[str, str]:
+    level = Level()
+    level.follow(shown)
     checks = placement_checks(
-        replace(shown, visible=1.0), CAMERA, people=1, is_chosen=False, rate=30.0
+        replace(shown, visible=1.0),
+        level.skeleton(shown.skeleton),
+        CAMERA,
+        people=1,
+        is_chosen=False,
+        rate=30.0,
     )
     return {check.name: check.advice for check in checks if not check.is_met}
 
@@ -222,6 +229,18 @@ def test_the_distance_is_that_along_the_floor() -> None:
     assert "Distance" not in unmet(far)
     level = replace(far, down=np.array([0.0, 1.0, 0.0]))
     assert "Come nearer: 3.8 m now" in unmet(level)["Distance"]
+
+
+def test_checks_have_the_vertical_of_the_page() -> None:
+    """A floor still tells it where a later frame has only a posture, or nothing."""
+    sitting = Sitting("piano")
+    body = capsule_body.pose(turn_deg=28.0)
+    told = ["Facing the camera", False, "Turn to the camera: 28 degrees away now."]
+    assert told in sitting.show(seen(body, 30))["checks"]
+    tilted = seen(body, 30)
+    for source, down in ((DownSource.ASSUMED, 0.0), (DownSource.POSTURE, -20.0)):
+        other = replace(tilted, down=about("x", down)[:, 1], down_source=source)
+        assert told in sitting.show(other)["checks"]
 
 
 def test_films_show_targets_where_the_camera_sees_them() -> None:

@@ -699,14 +699,42 @@ def test_an_empty_sleeve_hangs_down_before_a_tilted_camera() -> None:
     np.testing.assert_allclose(found, skin.vertices(figure), atol=1e-5)
 
 
-def test_an_occluder_and_a_chair_are_seen_by_a_tilted_camera() -> None:
-    options: dict[str, Any] = {"motion": "knee-extension", "noise": 0.0, "color": "none"}
-    for more in ({}, {"occluder": (0.0, 1.0), "room": False}):
-        plain, seen = (
-            BodySimulator(**options, **more, tilt=tilt).capture(0.0).truth for tilt in (0.0, 12.0)
+def level_things(tilt: float, **options: Any) -> np.ndarray:
+    """Measured points of what is not the person, as a level camera would see them."""
+    still: dict[str, Any] = {"motion": "knee-extension", "noise": 0.0, "color": "none"}
+    truth = BodySimulator(**still, distance=PIVOT[2], tilt=tilt, **options).capture(0.0).truth
+    is_thing = (truth.depth > 0) & (truth.people != 0)
+    points = DEPTH_CAMERA.unproject(truth.depth)[is_thing].astype(float)
+    return np.asarray((points - PIVOT) @ about("x", tilt) + PIVOT)
+
+
+@pytest.mark.parametrize("tilt", [12.0, -12.0])
+def test_an_occluder_before_a_tilted_camera_stands_upright(tilt: float) -> None:
+    board, plain = (level_things(each, occluder=(0.0, 1.0), room=False) for each in (tilt, 0.0))
+    assert np.ptp(board[:, 2]) < 0.05  # its thickness of 0.04 m
+    for end in (np.min, np.max):  # an edge is known to a pixel, 5 mm
+        np.testing.assert_allclose(end(board, 0)[:2], end(plain, 0)[:2], atol=0.01)
+    assert board[:, 2].min() == pytest.approx(plain[:, 2].min(), abs=2e-3)
+
+
+@pytest.mark.parametrize("tilt", [12.0, -12.0])
+def test_a_chair_before_a_tilted_camera_stands_on_the_floor(tilt: float) -> None:
+    def chair(tilt: float) -> np.ndarray:
+        """Points between the floor and the wall behind."""
+        points = level_things(tilt)
+        is_above = points[:, 1] < people.CAMERA_HEIGHT - 0.02
+        is_before = (np.abs(points[:, 0]) < 1.0) & (points[:, 2] < PIVOT[2] + 1.0)
+        return points[is_above & is_before]
+
+    seen, plain = chair(tilt), chair(0.0)
+    # Legs and seat in front, legs and back behind: which share is seen depends on the tilt.
+    for share in (5, 95):
+        np.testing.assert_allclose(
+            np.percentile(seen[:, ::2], share, axis=0),
+            np.percentile(plain[:, ::2], share, axis=0),
+            atol=0.01,
         )
-        covered = [(one.people == 0).mean() for one in (plain, seen)]
-        assert covered[1] == pytest.approx(covered[0], rel=0.2)
+    assert seen[:, 1].max() == pytest.approx(plain[:, 1].max(), abs=0.01)
 
 
 def test_a_camera_below_the_floor_is_refused() -> None:

@@ -177,8 +177,11 @@ class IteratedFrames:
         return {"frames": self._given, "dropped": self._dropped}
 
     def conversions(self) -> Mapping[str, Any]:
-        """Return how the frames differ from what files hold, if the iterable states it."""
-        found: Mapping[str, Any] = getattr(self._all, "conversions", {})
+        """Return how the frames differ from what files hold, which `JoinedJoints` states.
+
+        The name is private, because a user's iterable may use any other name for something else.
+        """
+        found: Mapping[str, Any] = getattr(self._all, "_conversions", {})
         return found
 
     def num_frames(self) -> int | None:

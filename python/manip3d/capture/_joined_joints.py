@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cache, partial
 from typing import cast
 
 import numpy as np
@@ -59,13 +60,15 @@ class JoinedJoints:
             if source.is_live or not source.begins_anew:
                 raise InputError(f"uri: expected a recording before #, got {uri!r}")
             self.calibration = source.calibration
-            self.conversions = source._source.conversions()
+            self._conversions = source._source.conversions()
             self._flipped, self._assumed_rate = source.flipped, source.assumed_rate
             self._length = source.num_frames
+            first = next(source._readable(), None) if self._file.axes == "pixels" else None
         wanted = self._file.num_frames
         if self._file.key == "index" and self._length is not None and wanted != self._length:
             raise self._differs(self._length)
-        self._exchanges = exchanges_sides(self._file, self._path, self._options, self._flipped)
+        self._exchanges = cache(partial(exchanges_sides, self._file, self._path, self._options))
+        self._exchanges(first is not None and self._is_mirrored(first))  # raises its errors now
 
     def __len__(self) -> int:
         if self._length is None:
@@ -156,17 +159,21 @@ class JoinedJoints:
 
     def _unmirrored(self, one: SeenPerson, frame: RgbdFrame) -> SeenPerson:
         """Return a person's pixels as they are in the frame's image, which is not mirrored."""
-        name, image = ("depth", frame.depth) if frame.color is None else ("color", frame.color)
-        is_mirrored = self._options.mirrored
-        if is_mirrored is None:
-            is_mirrored = name in self._flipped
+        is_mirrored = self._is_mirrored(frame)
+        image = frame.depth if frame.color is None else frame.color
         joints, trust = one.joints, one.trust
         if is_mirrored:
             joints = joints * (-1.0, 1.0) + (image.shape[1] - 1.0, 0.0)
-        if self._exchanges and (is_mirrored or self._options.exchanged):
+        if self._exchanges(is_mirrored):
             order = list(other_sides(self._file.layout))
             joints, trust = joints[order], trust[order]
         return replace(one, joints=joints, trust=trust)
+
+    def _is_mirrored(self, frame: RgbdFrame) -> bool:
+        """Return whether the tracker saw the image of a frame's pixels mirrored."""
+        if self._options.mirrored is not None:
+            return self._options.mirrored
+        return ("depth" if frame.color is None else "color") in self._flipped
 
     def _differs(self, there: int) -> FormatError:
         return FormatError(
@@ -195,6 +202,6 @@ class _Clocks:
         if self._first is None:
             self._first = told, frame.time_ns
         after = told - self._first[0], frame.time_ns - self._first[1]
-        if 2 * abs(after[0] - after[1]) <= step:
+        if 2 * abs(after[0] - after[1]) <= abs(step):  # below 0 where a clock began again
             return None
         return after[0] * 1e-9, after[1] * 1e-9

@@ -76,10 +76,8 @@ def other_sides(layout: str) -> tuple[int, ...]:
     )
 
 
-def exchanges_sides(
-    file: JointFile, path: str, options: PixelOptions, flipped: tuple[str, ...]
-) -> bool:
-    """Return whether the names of left and right must be exchanged for the flipped images.
+def exchanges_sides(file: JointFile, path: str, options: PixelOptions, is_mirrored: bool) -> bool:
+    """Return whether the names of left and right must be exchanged.
 
     A tracker names the sides by the picture, in which a mirrored person who faces the camera has
     the left shoulder where other people have it, too. Exchanged names of images that are not
@@ -98,7 +96,6 @@ def exchanges_sides(
         return False
     if options.exchanged is not None:
         return options.exchanged
-    is_mirrored = bool(flipped) if options.mirrored is None else options.mirrored
     balance = _left_minus_right(file)
     if is_mirrored and abs(balance) < _AGREEMENT:
         raise FormatError(

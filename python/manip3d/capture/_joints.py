@@ -35,6 +35,7 @@ _LEVEL = np.array([0.0, 1.0, 0.0])  # the vertical of a level camera
 _WATCHED = 30  # frames with a person in which a floor is looked for
 _SHORTEST_STEP = 1e-3  # seconds between two poses of a motion
 _USUAL_STEP = 1 / 30  # the same, of recordings without times
+_LONGEST_STEP = 1.0  # seconds between two frames for which a person counts as absent
 _LASTING = 30  # steps; a rate that lasts this long counts
 _LIKE = 0.25  # shares of a step by which others differ at the same rate
 _SURE = 0.02  # share of the duration; a larger difference means that rounding errors add up
@@ -109,17 +110,18 @@ def export_joints(
     ``id``, ``joint``, ``name``, ``x``, ``y``, ``z``, ``state`` (0 not tracked, 1 inferred, 2
     tracked). A motion has one person, y up, in centimetres. If one of the first 30 frames with a
     person shows a floor, up is away from it for a camera that is tilted by a degree or more;
-    otherwise the camera is taken as level. Bones have their median lengths, and
-    each joint is rotated so that its child bones point in the measured directions. Where several
-    bones share a joint (spine and hips; neck and shoulders), they turn together: the angles between
-    them are the mean of the recording, and their directions fit the measured ones by least
-    squares. Between the first and the last frame with the person, frames without the person repeat
-    the pose before; so do frames that are inserted where the times show that some were dropped. The
-    frames of a motion are evenly spaced, at the highest rate that the recording had for 30 frames.
-    Each pose is in the frame nearest to its time, or in the next one if that has a pose already; it
-    is left out (``ExportedJoints.left_out``) if it would be more than three quarters of a frame
-    late. If most steps of the recording are shorter than a millisecond, as where its times have
-    another unit, no pose is left out.
+    otherwise the camera is taken as level. A motion is thus level: as poses for a tilted camera
+    (``forge stream --pose``), give the recording itself. Bones have their median lengths, and each
+    joint is rotated so that its child bones point in the measured directions. Where several bones
+    share a joint (spine and hips; neck and shoulders), they turn together: the angles between them
+    are the mean of the recording, and their directions fit the measured ones by least squares.
+    Between the first and the last frame with the person, frames without the person repeat the pose
+    before; so do frames that are inserted where the times show that some were dropped. The frames
+    of a motion are evenly spaced, at the highest rate that the recording had for 30 frames. Each
+    pose is in the frame nearest to its time, or in the next one if that has a pose already; it is
+    left out (``ExportedJoints.left_out``) if it would be more than three quarters of a frame late.
+    If most steps of the recording are shorter than a millisecond, as where its times have another
+    unit, no pose is left out.
 
     Parameters
     ----------
@@ -267,30 +269,37 @@ class _FirstPerson:
         self._key = KeyPerson()
         self._id: int | None = None
         self._is_followed = False  # `KeyPerson` goes by the spine; until it is seen, the id counts
-        self._time_s = 0.0
+        self._is_by_id = True  # so does it while the spine is hidden
+        self._time_s = 0.0  # without the time in which the person was in view without a spine
         self._last_ns: int | None = None
 
     def find(self, frame: RgbdFrame) -> Skeleton | None:
         """Return the person in a frame; None: they are not seen."""
-        self._add_time(frame.time_ns)
+        step = self._step_to(frame.time_ns)
         if self._id is None and frame.skeletons:
             self._id = frame.skeletons[0].id
-            self._key.select(self._id)
         same = None if self._id is None else _with_id(self._id, frame)
         if same is not None and not _has_spine(same):
+            self._is_by_id = True
             return same
-        self._is_followed = self._is_followed or same is not None
+        self._time_s += step
+        if same is not None and self._is_by_id:
+            self._key.select(same.id)  # somebody else may stand where the spine was last seen
+            self._is_by_id, self._is_followed = False, True
         if not self._is_followed:
             return None
         found = self._key.find(frame.skeletons, frame.calibration.depth, self._time_s)
         self._id = self._id if found is None else found.id
         return found
 
-    def _add_time(self, time_ns: int) -> None:
-        """Go on by the time since the last frame, or by a usual step if a clock began again."""
+    def _step_to(self, time_ns: int) -> float:
+        """Return the time since the last frame, or a usual step if a clock began again.
+
+        A long one counts as a second: during a pause of the recording, nobody was absent.
+        """
         step = 0.0 if self._last_ns is None else (time_ns - self._last_ns) * 1e-9
         self._last_ns = time_ns
-        self._time_s += step if step > 0.0 else _USUAL_STEP
+        return min(step, _LONGEST_STEP) if step > 0.0 else _USUAL_STEP
 
 
 def _has_spine(skeleton: Skeleton) -> bool:
@@ -384,8 +393,8 @@ class _Vertical:
             if left > 0 and frame.skeletons:
                 left -= 1
                 result = self._pipeline.process(replace(frame, color=None))
-                if result.down_source is DownSource.FLOOR and differ(result.down, _LEVEL):
-                    self.down = result.down
+                if result.down_source is DownSource.FLOOR:
+                    self.down = result.down if differ(result.down, _LEVEL) else _LEVEL
             yield frame
 
 

@@ -91,7 +91,8 @@ class RgbdSource(FrameSource[RgbdFrame]):
         """Names of the images, ``depth`` and ``color``, that are stored mirrored.
 
         They are flipped when they are read. Pixels that another program found in the stored images
-        belong to the mirrored ones.
+        belong to the mirrored ones. ``color`` is named even if no frame has colour: it would be of
+        the depth camera where the calibration has no other.
         """
         found = self._source.conversions()
         return tuple(name for name in ("depth", "color") if found.get(f"flipped_{name}"))

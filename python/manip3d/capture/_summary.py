@@ -53,7 +53,8 @@ class SourceSummary:
     counters : mapping of str to int
         Counters of the source: frames read, lost and refused.
     flipped : tuple of str
-        Images, ``depth`` and ``color``, that are stored mirrored and flipped when they are read.
+        Images, ``depth`` and ``color``, that are stored mirrored and flipped when they are read;
+        by the calibration, so that ``color`` is named even if ``num_color`` is 0.
     assumed_rate : float or None
         Frames per second that are assumed because the source has no times; None if it has some.
     """

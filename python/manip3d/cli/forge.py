@@ -708,7 +708,8 @@ def forge_stream(
         typer.Option(
             metavar="MOTION",
             help="Poses for type 2: a .bvh file or any source with skeletons. Its first 9000 "
-            "frames are played forwards and backwards at the recorded pace.",
+            "frames are played forwards and backwards at the recorded pace. A .bvh of "
+            "capture export is level: for a tilted camera, give the recording itself.",
         ),
     ] = "",
     background: Annotated[

@@ -270,7 +270,7 @@ class LiveSession:
             self._play.film(shown, frame.calibration.depth, self._level)
         status = (
             self._frame_status(level, colliders)
-            | self._setup_status(shown, frame)
+            | self._setup_status(shown, level.skeleton, frame)
             | self._touch_status(level, seconds if seconds <= LONGEST_STEP_S else 0.0)
             | self._game_status(playing=playing)
         )
@@ -508,11 +508,14 @@ class LiveSession:
             "stage_ms": {name: round(value, 2) for name, value in self.stage_ms.items()},
         }
 
-    def _setup_status(self, shown: PhantomFrame, frame: RgbdFrame) -> dict[str, Any]:
+    def _setup_status(
+        self, shown: PhantomFrame, body: Skeleton, frame: RgbdFrame
+    ) -> dict[str, Any]:
         people = self._people
         span = (self._times[-1] - self._times[0]) / 1e9 if len(self._times) > 30 else 0.0
         checks = placement_checks(
             shown,
+            body,
             frame.calibration.depth,
             people=len(people),
             is_chosen=self._chosen is not None,

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d.modify._level import level_rotation, turned_skeleton
 from manip3d.phantom._state import joints, level
 from manip3d.rgbd import JOINTS, NOT_TRACKED, Skeleton
 
@@ -70,14 +69,20 @@ class Check:
 
 
 def placement_checks(
-    shown: PhantomFrame, camera: Intrinsics, *, people: int, is_chosen: bool, rate: float
+    shown: PhantomFrame,
+    body: Skeleton,
+    camera: Intrinsics,
+    *,
+    people: int,
+    is_chosen: bool,
+    rate: float,
 ) -> list[Check]:
     """Check the camera's view of the patient.
 
-    ``people``: number of skeletons in view; ``is_chosen``: whether the therapist has chosen the
-    patient among them; ``rate``: frames per second, or 0 if unknown.
+    ``body``: the skeleton of ``shown`` in the level axes of the session (`Level`); ``people``:
+    number of skeletons in view; ``is_chosen``: whether the therapist has chosen the patient among
+    them; ``rate``: frames per second, or 0 if unknown.
     """
-    body = turned_skeleton(shown.skeleton, level_rotation(shown.down))
     found = joints(body, "SpineBase")
     if found is None:
         return [Check("Somebody in view", False, "Stand before the camera.")]

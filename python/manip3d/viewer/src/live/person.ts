@@ -8,7 +8,7 @@ const VERTEX = /* glsl */ `
   uniform vec3 span;
   varying vec2 vTexel;
   varying float vBare;
-  varying vec3 vPlace; // metres, in the camera's frame
+  varying vec3 vPlace; // metres, in level axes
   void main() {
     vPlace = low + span * position;
     vTexel = uv * (65535.0 / 65534.0);
