@@ -1207,6 +1207,19 @@ def test_a_wall_in_distances_along_the_rays_is_flat(
     assert np.ptp(np.asarray(bowl.vertices)[:, 2]) > 0.3
 
 
+def test_the_camera_of_an_image_is_read_once(tmp_path: Path) -> None:
+    """A warning about it appears once, also if the camera states the unit."""
+    np.save(tmp_path / "a.npy", waves())
+    camera = tmp_path / "camera.json"
+    camera.write_text(
+        '{"fx": 130, "fy": 130, "cx": 79.5, "cy": 59.5, "depth_scale": 0.001, "owner": "Ada"}'
+    )
+    options = simplify.DepthOptions(50, intrinsics=str(camera), ray_depth=True)
+    with pytest.warns(UserWarning, match="left out: 'owner'") as caught:
+        simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
+    assert len(caught) == 1
+
+
 def test_views_in_distances_along_the_rays_are_flat(tmp_path: Path) -> None:
     wall = np.full((120, 160), 2.0, np.float32)
     distances = np.linalg.norm(CAMERA.unproject(wall), axis=2).astype(np.float32)
