@@ -355,16 +355,29 @@ def test_the_matrix_of_stray_scanner(tmp_path: Path) -> None:
     numbers = str(caught.value).rpartition(" ")[2]
     at = camera.read_intrinsics(numbers, width=256, height=192)
     assert at.cx == pytest.approx(found.resized(256, 192).cx, abs=1e-3)
+    with pytest.raises(InputError, match=r"larger image than 1024 x 768 .* camera is 773\.333,"):
+        camera.read_intrinsics(path, width=1024, height=768)  # its centre is within this image
+    for width, height in ((192, 256), (1280, 720)):  # no size of the same view
+        with pytest.raises(InputError, match=rf"image than {width} x {height} pixels$"):
+            camera.read_intrinsics(path, width=width, height=height)
+    path.write_text("773.0, 0.0, 512.0\n0.0, 773.0, 384.0\n0.0, 0.0, 1.0\n")
+    assert camera.read_intrinsics(path, width=1024, height=768).cx == 512.0  # of another program
     assert camera.camera_depth_unit(path) == "guess"
     path.write_text("timestamp, frame\n0.0, 1\n")
     with pytest.raises(FormatError, match="expected a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers: "):
         camera.read_intrinsics(path, width=256, height=192)
 
 
-def test_the_product_of_a_pinhole_camera_is_no_lens(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "model", ["NFOV 2x2", "iPhone 13", "D435", "Kinect v1.3", "OmniVision OV9281", "Sphere cam"]
+)
+def test_the_product_of_a_pinhole_camera_is_no_lens(model: str, tmp_path: Path) -> None:
     path = tmp_path / "camera.json"
-    path.write_text('{"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, "model": "NFOV 2x2"}')
-    assert camera.read_intrinsics(path, width=64, height=48).fx == 50.0
+    for lens in (0.0, 0.1):
+        path.write_text(
+            f'{{"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, "k1": {lens}, "model": "{model}"}}'
+        )
+        assert camera.read_intrinsics(path, width=64, height=48).distortion[0] == lens
 
 
 @pytest.mark.parametrize("model", ['"distortion.brown_conrady"', '"Brown Conrady"', "4"])
@@ -699,6 +712,17 @@ def test_cameras_of_colmap_that_are_refused(content: str, message: str, tmp_path
         ('"camera_model": "equidistant", "k1": 0.1', "a fisheye camera .equidistant"),
         ('"camera_model": "EQUIRECTANGULAR"', "no pinhole camera .EQUIRECTANGULAR"),
         ('"camera_model": "ORTHOPHOTO"', "no pinhole camera .ORTHOPHOTO"),
+        ('"camera_model": "SPHERICAL"', "no pinhole camera .SPHERICAL"),
+        ('"camera_model": "omnidir"', "a fisheye camera .omnidir"),
+        ('"camera_model": "Omni"', "a fisheye camera .Omni"),
+        ('"camera_model": "double_sphere"', "a fisheye camera .double_sphere"),
+        ('"camera_model": "D435", "k1": 0.1', "a distortion of the model 'D435'"),
+        ('"model": "distortion.ftheta"', "a fisheye camera .distortion.ftheta"),
+        (
+            '"model": "RS2_DISTORTION_INVERSE_BROWN_CONRADY", "k1": 0.1',
+            "a distortion of the model",
+        ),
+        ('"coeffs": [0.1, 0, 0, 0, 0], "model": "Azure v1.4"', "coeffs of the model 'Azure v1.4'"),
         ('"is_fisheye": true, "k1": 0.1', "a fisheye camera"),
         ('"coeffs": [0, 0, 0, 0, 0], "model": 5', "a fisheye camera .5"),
         ('"model": "FOV", "k1": 0.9', "a fisheye camera .FOV"),

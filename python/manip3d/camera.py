@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import warnings
@@ -430,7 +431,8 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
           the four numbers above, COLMAP's ``cameras.txt``, or the ``calib.txt`` of a stereo pair of
           Middlebury or ETH3D, of which the left camera is read;
         - a ``.csv`` file: a matrix, as Stray Scanner's ``camera_matrix.csv``. It is that of the
-          colour images, and refused for smaller ones with what it is for these.
+          colour images (1920 x 1440 pixels), and refused for smaller ones of the same view with
+          what it is for these.
     width, height : int, pixels
         Size of the image.
 
@@ -613,16 +615,32 @@ _STRAY_SCANNER = (1920, 1440)
 
 
 def _refuse_camera_of_colors(camera: Intrinsics, path: Path) -> None:
-    """Refuse a camera without a size whose centre lies outside of the depth image."""
-    if camera.cx < camera.width and camera.cy < camera.height:
+    """Refuse a camera without a size that seems to be that of larger colour images.
+
+    Its centre lies outside of the image, or, if the image may show the same view in fewer pixels,
+    nearer to the middle of the colour images.
+    """
+    (width, height), own = _STRAY_SCANNER, (camera.width, camera.height)
+    is_same_shape = camera.width * height == camera.height * width
+    is_inside = camera.cx < camera.width and camera.cy < camera.height
+    off, off_own = (_off_middle(camera, *size) for size in ((width, height), own))
+    is_of_larger = is_same_shape and camera.width < width and off < off_own
+    if is_inside and not is_of_larger:
         return
-    width, height = _STRAY_SCANNER
-    at = replace(camera, width=width, height=height).resized(camera.width, camera.height)
-    numbers = ",".join(f"{value:g}" for value in (at.fx, at.fy, at.cx, at.cy))
+    same_view = ""
+    if is_same_shape:
+        at = replace(camera, width=width, height=height).resized(*own)
+        numbers = ",".join(f"{value:g}" for value in (at.fx, at.fy, at.cx, at.cy))
+        same_view = f"; if that has {width} x {height} of the same view, the camera is {numbers}"
     raise InputError(
         f"intrinsics: {path} is the camera of a larger image than {camera.width} x {camera.height} "
-        f"pixels; if that has {width} x {height} of the same view, the camera is {numbers}"
+        f"pixels{same_view}"
     )
+
+
+def _off_middle(camera: Intrinsics, width: int, height: int) -> float:
+    """Return the distance of a camera's centre from the middle of an image."""
+    return math.hypot(camera.cx - (width - 1) / 2, camera.cy - (height - 1) / 2)
 
 
 def _fields_of_file(path: Path, width: int, height: int) -> dict[str, Any]:
@@ -709,7 +727,7 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
 
 
 _MODELS = ("cameramodel", "distortionmodel", "model")
-"""Fields with the name of a lens's model; ``model`` may also be the product's name."""
+"""Fields with the name of a lens's model; the last may also have that of a product."""
 _WIDE_FLAGS = ("isfisheye", "fisheye", "fisheyemodel")
 _BROWN_MODELS = (
     "", "none", "null", "perspective", "pinhole", "simplepinhole", "plumbbob", "radtan",
@@ -717,16 +735,19 @@ _BROWN_MODELS = (
     "rationalpolynomial", "4",
 )  # fmt: skip
 """Models of which Brown's is a part, as `_plain_model` spells them; 4 is librealsense's number."""
+_OTHER_MODELS = re.compile(r"brownconrady|division|polynom|thinprism|^[12]$")
+"""Models that are neither Brown's nor refused without coefficients; 1 and 2 are librealsense's."""
 _FISHEYE = re.compile(
-    r"fisheye|equidist|ftheta|kannala|omni|scaramuzza|^(kb[0-9]?|fov|mei|ds|e?ucm|3|5)$"
+    r"fisheye|equidist|ftheta|kannala|omni(dir|$)|scaramuzza|doublesphere|"
+    r"^(kb[0-9]?|fov|mei|ds|e?ucm|3|5)$"
 )
-_PANORAMA = re.compile(r"equirect|spher|panoram|cylind|orthophoto|orthographic|^vr180")
+_PANORAMA = re.compile(r"equirect|^spher(ic|e$)|panoram|cylind|orthophoto|orthographic|^vr180")
+_REALSENSE_PREFIX = re.compile(r"^(rs2_distortion_|(rs2_)?distortion\.)", re.IGNORECASE)
 
 
 def _plain_model(model: Any) -> str:
     """Return the name of a lens's model in lower case, without marks and librealsense's prefix."""
-    name = str(model).rpartition(".")[2].lower().removeprefix("rs2_distortion_")
-    return re.sub(r"[^a-z0-9]", "", name)
+    return re.sub(r"[^a-z0-9]", "", _REALSENSE_PREFIX.sub("", str(model)).lower())
 
 
 def _refuse_wide_lenses(fields: Mapping[str, Any]) -> None:
@@ -743,9 +764,11 @@ def _refuse_wide_lenses(fields: Mapping[str, Any]) -> None:
 
 
 def _expect_brown(fields: Mapping[str, Any]) -> None:
-    """Refuse the coefficients of a model that is not known."""
+    """Refuse the coefficients of a model that is not known, but not those of a product."""
     for name in _MODELS:
-        if name in fields and _plain_model(fields[name]) not in _BROWN_MODELS:
+        plain = _plain_model(fields.get(name, ""))
+        may_be_product = name == "model" and not _OTHER_MODELS.search(plain)
+        if plain not in _BROWN_MODELS and not may_be_product:
             raise ValueError(
                 f"a distortion of the model {str(fields[name])[:40]!r}; those that can be read are "
                 "plumb_bob, rational_polynomial, radtan, brown_conrady and those of COLMAP without "
@@ -907,7 +930,7 @@ def _lens_of_realsense(coefficients: Any, model: Any) -> tuple[float, ...]:
         raise ValueError("coeffs that are no list")
     numbers = _numbers_of([] if coefficients is None else coefficients)
     if numbers.any() and _plain_model(model) not in ("brownconrady", "4"):
-        name = str(model).rpartition(".")[2][:40]
+        name = _REALSENSE_PREFIX.sub("", str(model))[:40]
         of_model = "without a model" if model is None else f"of the model {name!r}"
         raise ValueError(f"coeffs {of_model}; the one that can be read is brown_conrady")
     return _brown_of(numbers)

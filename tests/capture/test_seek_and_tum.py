@@ -21,7 +21,9 @@ from manip3d import (
     RgbdCalibration,
     RgbdFrame,
     capture,
+    simplify,
 )
+from manip3d.simplify._time_stamps import associate
 from rgbd_frames import CALIBRATION, CAMERA, STEP, assert_same
 
 
@@ -339,6 +341,38 @@ def test_a_colour_image_belongs_to_one_depth_image(tmp_path: Path) -> None:
             expected = replace(frames[n], body_index=None, skeletons=(), number=n)
             assert_same(found, expected)
         assert source.counters["without_color"] == 3
+
+
+def renamed_images(folder: Path, kind: str, times_us: list[int]) -> list[str]:
+    """Give the images of a TUM sequence other times, and return their paths."""
+    files = sorted((folder / kind).iterdir())
+    names = [f"{kind}/{time // 1_000_000}.{time % 1_000_000:06}.png" for time in times_us]
+    for file, name in zip(files, names, strict=True):
+        file.rename(folder / name)
+    lines = [f"{Path(name).stem} {name}\n" for name in names]
+    (folder / f"{kind}.txt").write_text("".join(lines))
+    return [str(folder / name) for name in names]
+
+
+@pytest.mark.parametrize("unit", [1, 1000, 5000])  # of the times; coarse ones have equal costs
+@pytest.mark.parametrize("seed", range(4))
+def test_meshes_have_the_colours_of_the_frames(unit: int, seed: int, tmp_path: Path) -> None:
+    """Both pair the images of a TUM sequence by one rule."""
+    rng, folder = np.random.default_rng(seed), tmp_path / "walk"
+    recorded(f"tum:{folder}")
+    steps = rng.integers(5_000 // unit, 35_000 // unit, (2, 12)) * unit
+    depth_us, color_us = (1_305_031_102_160_407 + np.cumsum(steps, axis=1)).tolist()
+    files = renamed_images(folder, "depth", depth_us)
+    colors = renamed_images(folder, "rgb", color_us)
+    with capture.open_rgbd(f"tum:{folder}") as source:
+        seen = {file: frame.color for file, frame in zip(files, source, strict=True)}
+    colored = [file for file in files if seen[file] is not None]
+    assert len(colored) > 5
+    pairs = simplify.colors_of_frames(colored, folder / "rgb")
+    for file in colored:
+        np.testing.assert_array_equal(cv2.imread(pairs[file])[..., ::-1], seen[file])
+    alone = associate([time / 1e6 for time in depth_us], [time / 1e6 for time in color_us])
+    assert [None if k is None else colors[k] for k in alone] == [pairs.get(f) for f in files]
 
 
 def test_a_tum_sequence_onto_itself_is_refused_before_it_is_touched(tmp_path: Path) -> None:

@@ -937,6 +937,38 @@ def test_files_of_a_copied_folder_are_not_those_of_the_run(frames: Path, tmp_pat
     assert (copy / "002.depth.glb").exists()
 
 
+def test_a_stable_folder_removes_meshes_only_with_force(frames: Path, tmp_path: Path) -> None:
+    """A frame that has become unreadable may be mended later."""
+    output = tmp_path / "out"
+    base = ("depth", frames, "--points", "99", "--intrinsics", FOCAL, "-o", output, "--stable")
+    assert manip3d(*base).returncode == 0
+    sorted(frames.iterdir())[3].write_bytes(b"torn")
+    done = manip3d(*base)
+    assert done.returncode == 1
+    assert "keeps 003.depth.glb of an earlier run, which this one did not make" in done.stderr
+    assert len(list(output.glob("*.glb"))) == 4
+    assert "keeps" not in manip3d(*base, "--force").stderr
+    assert len(list(output.glob("*.glb"))) == 3
+
+
+def test_the_mesh_of_a_file_that_is_now_a_mask_is_none_of_the_sequence(
+    frames: Path, tmp_path: Path
+) -> None:
+    """Without a name with the word depth, 1_mask.png is a depth image as any other."""
+    sources, folder, output = sorted(frames.iterdir()), tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    for source, name in zip(sources, ("0.png", "1_mask.png"), strict=False):
+        source.rename(folder / name)
+    base = ("depth", folder, "--points", "99", "--intrinsics", FOCAL, "-o", output, "--stable")
+    assert manip3d(*base).returncode == 0
+    sources[2].rename(folder / "0_depth.png")
+    done = manip3d(*base)
+    assert done.returncode == 1
+    assert "holds 1_mask.glb of an earlier run, which this one does not make" in error_line(done)
+    assert manip3d(*base, "--force").returncode == 0
+    assert sorted(path.name for path in output.glob("*.glb")) == ["0.glb", "0_depth.glb"]
+
+
 def test_meshes_of_an_earlier_run_that_stay_are_told(frames: Path, tmp_path: Path) -> None:
     sources, output = sorted(frames.iterdir()), tmp_path / "out"
     options = ("--points", "99", "--intrinsics", FOCAL, "--method", "uniform", "-o", output)

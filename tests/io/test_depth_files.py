@@ -128,7 +128,7 @@ def test_a_small_largest_value_does_not_stretch_the_numbers(tmp_path: Path) -> N
     np.testing.assert_array_equal(read_depth(path), [[7, 2047]])
 
 
-def png(width: int, height: int, bits: int = 16, color: int = 0, rows: bytes = b"") -> bytes:
+def png(width: int, height: int, bits: int = 16, color: int = 0, rows: bytes | None = b"") -> bytes:
     def chunk(kind: bytes, data: bytes) -> bytes:
         body = kind + data
         return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
@@ -137,7 +137,7 @@ def png(width: int, height: int, bits: int = 16, color: int = 0, rows: bytes = b
     return (
         b"\x89PNG\r\n\x1a\n"
         + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(rows))
+        + (b"" if rows is None else chunk(b"IDAT", zlib.compress(rows)))
         + chunk(b"IEND", b"")
     )
 
@@ -156,6 +156,7 @@ HOSTILE = {
     "wide png": (png(1 << 13, 1 << 13), "expected at most"),
     "empty png": (png(0, 4), "."),
     "png without rows": (png(4, 4), "damaged image"),
+    "png without pixels": (png(4, 4, rows=None), "damaged image: (?!list index)"),
     "8-bit png": (png(1, 1, 8, 0, b"\0\0"), "16 bits of grey, got mode L"),
     "colour png": (png(1, 1, 8, 2, b"\0\0\0\0"), "got mode RGB"),
     "flipped png": (encoded("PNG")[:45] + b"\xff" + encoded("PNG")[46:], "damaged image"),

@@ -80,6 +80,8 @@ def test_numbers_of_frames_are_no_seconds(tmp_path: Path) -> None:
         simplify.poses_of_files(names[:3], place)
     with pytest.raises(InputError, match=r"expected 31 ascending numbers and as many poses"):
         simplify.poses_of_files(names[::-1], place)
+    with pytest.raises(InputError, match=r"of preview\.png, whose name is not a time"):
+        simplify.poses_of_files(["preview.png", *names], place)
     found = simplify.poses_of_files(["0.png", "1.5.png"], place)
     assert [pose[0, 3] for pose in found] == [0, 15]
 
@@ -665,6 +667,20 @@ def test_colors_beside_the_depth_images_are_no_views(tmp_path: Path) -> None:
     named = manip3d("depth", f"{tmp_path}/*.png", *options, "--force")
     assert "frame-0.color.png" in error_line(named)
     assert "picture" in error_line(named)
+
+
+def test_a_mask_of_8_bits_is_counted_once(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    for i in range(3):
+        np.save(tmp_path / f"{i}_depth.npy", np.full((48, 64), 2.0, np.float32))
+    image.fromarray(np.full((48, 64), 255, np.uint8)).save(tmp_path / "0_mask.png")
+    np.save(tmp_path / "2_depth_mask.npy", np.ones((48, 64), np.uint8))
+    (tmp_path / "poses.txt").write_text("".join(f"{i} 0 0 0 0 0 1\n" for i in range(3)))
+    done = manip3d("depth", tmp_path, "--poses", tmp_path / "poses.txt", "--points", "50",
+                   "--intrinsics", "60,60,31.5,23.5", "-o", tmp_path / "a.glb")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count(" skipped, of another kind") == 1
+    assert "2 files skipped, of another kind (mask or confidences)" in done.stderr
 
 
 def test_views_of_a_lost_camera_are_left_out(tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ from manip3d.io._images import read_color
 from manip3d.simplify._depth_inputs import planar_depth
 from manip3d.simplify._depth_sets import maps_by_name
 from manip3d.simplify._depth_steps import across_gaps
+from manip3d.simplify._time_stamps import associate, seconds
 from real_data import RealData
 
 CAMERA = Intrinsics(160, 120, 130.0, 130.0, 79.5, 59.5)
@@ -446,7 +447,7 @@ def touched(folder: Path, times: list[float], name: str = "{:.6f}.png") -> list[
 def test_images_of_other_times_are_the_nearest(kind: str, tmp_path: Path) -> None:
     """A depth and a colour image are lost: equally many are left, and an order is shifted."""
     frames = touched(tmp_path / "depth", TIMES[:4] + TIMES[5:])
-    others = touched(tmp_path / "other", [time + 0.015 for time in TIMES if time != TIMES[8]])
+    others = touched(tmp_path / "other", [time + 0.012 for time in TIMES if time != TIMES[8]])
     (tmp_path / "other" / "preview.png").touch()
     expected = dict(zip(frames[:7], others[:4] + others[5:8], strict=True))
     assert simplify.colors_of_frames(frames[:7], tmp_path / "other", name=kind) == expected
@@ -462,6 +463,34 @@ def test_an_image_is_that_of_one_time_only(tmp_path: Path) -> None:
         simplify.colors_of_frames(frames, tmp_path / "color")
     pairs = simplify.colors_of_frames(frames[1:], tmp_path / "color")
     assert pairs == dict(zip(frames[1:], others[:2], strict=True))
+
+
+def test_most_frames_have_a_picture(tmp_path: Path) -> None:
+    """Each colour image is nearer to the next depth image than to its own."""
+    frames = touched(tmp_path / "depth", TIMES)
+    others = touched(tmp_path / "color", [time + 0.018 for time in TIMES])
+    pairs = simplify.colors_of_frames(frames, tmp_path / "color")
+    assert pairs == dict(zip(frames, others, strict=True))
+
+
+def test_a_preview_among_the_frames_has_no_time(tmp_path: Path) -> None:
+    frames = touched(tmp_path / "depth", TIMES)
+    touched(tmp_path / "color", [time + 0.01 for time in TIMES])
+    with pytest.raises(InputError, match=r"found 12 of 13, none for preview\.png$"):
+        simplify.colors_of_frames([*frames, "depth/preview.png"], tmp_path / "color")
+    assert associate([np.nan, 1.0, 2.0], [1.001, 2.001, 3.0]) == [None, 0, 1]
+    assert associate([np.inf, 1.0], [np.nan, 1.001, np.inf]) == [None, 1]
+
+
+@pytest.mark.parametrize("unit", [1, 1000])
+def test_dates_are_no_times_since_1970(unit: int, tmp_path: Path) -> None:
+    """As numbers, 12:34:00 and 12:34:30 of a day are 30 apart, which would be milliseconds."""
+    stamps = [(20210304120000 + 100 * minute) * unit for minute in range(12)]
+    frames = touched(tmp_path / "depth", stamps, "{}.png")
+    others = touched(tmp_path / "color", [stamp + 30 * unit for stamp in stamps], "{}.jpg")
+    pairs = simplify.colors_of_frames(frames, tmp_path / "color")  # in order
+    assert pairs == dict(zip(frames, others, strict=True))
+    assert [seconds(stamp) for stamp in stamps] == stamps
 
 
 @pytest.mark.parametrize("unit", [1e3, 1e6, 1e9])
@@ -1176,6 +1205,19 @@ def test_a_wall_in_distances_along_the_rays_is_flat(
         np.testing.assert_allclose(np.asarray(vertices)[:, 2], 2.0, rtol=3e-7)
     bowl = simplify.simplify_depth(distances, CAMERA, replace(options, ray_depth=False))
     assert np.ptp(np.asarray(bowl.vertices)[:, 2]) > 0.3
+
+
+def test_the_camera_of_an_image_is_read_once(tmp_path: Path) -> None:
+    """A warning about it appears once, also if the camera states the unit."""
+    np.save(tmp_path / "a.npy", waves())
+    camera = tmp_path / "camera.json"
+    camera.write_text(
+        '{"fx": 130, "fy": 130, "cx": 79.5, "cy": 59.5, "depth_scale": 0.001, "owner": "Ada"}'
+    )
+    options = simplify.DepthOptions(50, intrinsics=str(camera), ray_depth=True)
+    with pytest.warns(UserWarning, match="left out: 'owner'") as caught:
+        simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
+    assert len(caught) == 1
 
 
 def test_views_in_distances_along_the_rays_are_flat(tmp_path: Path) -> None:

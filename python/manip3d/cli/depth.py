@@ -265,12 +265,13 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         check_output(output, WRITABLE, force=given["force"])
         found = find_files(sources, suffixes=(*DEPTH_SUFFIXES, *_SCANS))
         may_be_8_bits = may_have_8_bits(given["unit"], given["intrinsics"])
-        pictures = [f for f in found if is_picture(f.name, may_be_8_bits)]
-        for file in pictures:
-            if file.is_named or len(pictures) == len(found):
-                expect_kind(file.name, "depth", "range grid", verb="depth")
         maps = _maps_in_folders(found)
-        files = [file.name for file in found if file not in pictures and file.name not in maps]
+        others = [f for f in found if f.name not in maps]
+        pictures = [f for f in others if is_picture(f.name, may_be_8_bits)]
+        for file in pictures:
+            if file.is_named or len(pictures) == len(others):
+                expect_kind(file.name, "depth", "range grid", verb="depth")
+        files = [file.name for file in others if file not in pictures]
         if pictures:
             shell.say(f"{counted(len(pictures), 'file')} skipped, of another kind (picture)")
         if maps:

@@ -268,7 +268,8 @@ def over_files(
         Returns a sentence on all files together, which is printed for people; empty: none.
     may_be_frames : bool
         Whether the outputs may be frames of a sequence, which are shown together: those of an
-        earlier run that stay in the folder are mentioned. With ``in_order`` they are removed.
+        earlier run that stay in the folder are mentioned. With ``in_order`` they are refused, or
+        removed with ``--force``.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -320,7 +321,9 @@ def over_files(
 
                 earlier = earlier_outputs(str(output), table)
                 if chain is not None and not given["force"]:
-                    _refuse_others(earlier, Path(output), many.names(files).values())
+                    skipped = {f.relative for f in files if SKIPPED in each.get(f.name, {})}
+                    names = [new for old, new in many.names(files).items() if old not in skipped]
+                    _refuse_others(earlier, Path(output), names)
                 if earlier:
                     store_outputs(earlier, str(output), table)
             with ended_like_ctrl_c(), chain or nullcontext():
@@ -330,7 +333,7 @@ def over_files(
                     resume=resumes and chain is None, across=across, sentence=sentence,
                 )  # fmt: skip
             left = _not_written(earlier, summary.rows) if earlier else []
-            if chain is not None:
+            if chain is not None and given["force"]:
                 for path in left:
                     path.unlink(missing_ok=True)
             elif left:
@@ -376,7 +379,8 @@ def _not_written(earlier: Sequence[Path], rows: Sequence[Mapping[str, Any]]) -> 
 
     A run that fails altogether thus leaves the folder as it was.
     """
-    written = {Path(row["output"]).resolve() for row in rows if not row.get("error")}
+    made = [row for row in rows if not row.get("error") and not row.get(SKIPPED)]
+    written = {Path(row["output"]).resolve() for row in made}
     return [path for path in earlier if path not in written] if written else []
 
 

@@ -469,9 +469,9 @@ def _read_native_order(image: Any) -> None:
     Libtiff decodes to this order. Pillow knows that of uint16, and swaps the bytes of all other
     numbers of big-endian files once more.
     """
-    tile = image.tile[0]
-    if tile[0] != "libtiff":
+    if not image.tile or image.tile[0][0] != "libtiff":
         return
+    tile = image.tile[0]
     rawmode, *rest = tile[3]
     args = (re.sub(r";(16|32)B", r";\1N", rawmode), *rest)
     # Before Pillow 11 it is a plain tuple.

@@ -15,7 +15,6 @@ from manip3d._util.checked import checked
 from manip3d._util.memory import available_bytes
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
-from manip3d.camera import read_intrinsics
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, RangeGrid, read_range_grid, write_mesh
 from manip3d.io._depth_units import depth_reading
@@ -441,9 +440,7 @@ def _image_view(
     file: Path, options: DepthOptions, pose: NDArray[np.float64], picture: Path | None
 ) -> tuple[CameraView, DepthFound]:
     expect_camera(options.intrinsics, file)
-    reading, _, doubt = read_frame(file, options)
-    height, width = reading.depth.shape
-    camera = read_intrinsics(options.intrinsics, width=width, height=height)
+    reading, camera, _, doubt = read_frame(file, options)
     color = None if picture is None else read_color(picture, reading.depth.shape)
     registration = registration_of(color, camera)
     view = CameraView(reading.depth, camera, pose=pose, color=color, registration=registration)

@@ -14,7 +14,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.camera import Intrinsics, checked_depth, read_intrinsics
+from manip3d.camera import Intrinsics, checked_depth
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, RangeGrid, read_range_grid
 from manip3d.io._depth_units import depth_reading
@@ -271,10 +271,8 @@ def from_image(
     path: Path, output: Path, options: DepthOptions, files: MapFiles, take: _Take = frame_alone
 ) -> DepthFileResult:
     expect_camera(options.intrinsics, path)
-    reading, words, doubt = read_frame(path, options)
+    reading, camera, words, doubt = read_frame(path, options)
     maps = files.read(reading.depth.shape)
-    height, width = reading.depth.shape
-    camera = read_intrinsics(options.intrinsics, width=width, height=height)
     if off := centre_doubt(camera):
         words += f"; warning: {off}"
         doubt = f"{doubt}; {off}" if doubt else off

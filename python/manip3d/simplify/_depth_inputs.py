@@ -172,28 +172,24 @@ def planar_depth(
     return (metres / np.where(np.isfinite(lengths), lengths, 1.0)).astype(np.float32)
 
 
-def _read(path: Path, unit: str, options: DepthOptions) -> DepthReading:
-    reading = read_depth_guessing(path, unit=unit)
-    if not options.ray_depth:
-        return reading
-    height, width = reading.depth.shape
-    camera = read_intrinsics(options.intrinsics, width=width, height=height)
-    return replace(reading, depth=planar_depth(reading.depth, camera))
-
-
-def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, str]:
-    """Read a depth image; describe its unit in words, and state a reason to doubt it, or none.
+def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, Intrinsics, str, str]:
+    """Read a depth image and its camera, with words on the unit and a reason to doubt it, or none.
 
     The unit that the camera states, if any, overrides the guess.
     """
-    reading, words, doubt = _read_frame(path, options)
+    reading = read_depth_guessing(path, unit=unit_to_read(options.unit, options.intrinsics))
+    height, width = reading.depth.shape
+    camera = read_intrinsics(options.intrinsics, width=width, height=height)
+    reading, words, doubt = _in_unit_of_camera(reading, path, camera, options)
     if options.ray_depth:
         words += "; converted from distances along the lines of sight"
-    return reading, words, doubt
+    return reading, camera, words, doubt
 
 
-def _read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, str]:
-    reading = _read(path, unit_to_read(options.unit, options.intrinsics), options)
+def _in_unit_of_camera(
+    stored: DepthReading, path: Path, camera: Intrinsics, options: DepthOptions
+) -> tuple[DepthReading, str, str]:
+    reading = _planar(stored, camera, options)
     if options.unit.startswith(COMMON_GUESS):
         reading = replace(reading, guessed=True, reason="most of the images look like it")
         return reading, reading.sentence, reading.doubt
@@ -201,7 +197,9 @@ def _read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, s
     of_stereo = unit.startswith("disparity:")
     if unit == "guess" or (reading.unit == "m" and not of_stereo):
         return reading, reading.sentence, reading.doubt
-    known = reading if of_stereo else _read(path, unit, options)
+    known = reading
+    if not of_stereo:
+        known = _planar(read_depth_guessing(path, unit=unit), camera, options)
     words = f"{known.sentence}, as intrinsics {options.intrinsics} has it"
     doubt = known.doubt
     # A guess never finds an unusual unit, so that it is no reason to doubt one.
@@ -210,6 +208,12 @@ def _read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str, s
         doubt = f"the numbers look like {reading.unit}: {reading.reason}"
         words += f"; but {doubt}"
     return known, words, doubt
+
+
+def _planar(reading: DepthReading, camera: Intrinsics, options: DepthOptions) -> DepthReading:
+    if not options.ray_depth:
+        return reading
+    return replace(reading, depth=planar_depth(reading.depth, camera))
 
 
 def may_have_8_bits(unit: str, intrinsics: str) -> bool:

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import by_number, path_of
+from manip3d._util.paths import by_number, in_order, path_of
 from manip3d.camera import camera_depth_unit
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, read_depth_guessing
 from manip3d.simplify._depth_words import COMMON_GUESS
-from manip3d.simplify._time_stamps import MAX_SECONDS_APART, nearest_in_time, seconds
+from manip3d.simplify._time_stamps import MAX_SECONDS_APART, associate, seconds
 
 _IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
 _FRAMES_FOR_A_GUESS = 9
@@ -36,11 +36,13 @@ def colors_of_frames(
     name, and other colour images are ignored. Names are also the same if they differ only in the
     words depth and color: ``1.depth.png``, ``1.color.png``; ``depth_1.png``, ``rgb_1.png``;
     ``1_depth.png``, ``1.jpg``; ``1_depth.npy``, ``1_depth_mask.npy``. Else, if the names are times
-    in seconds with a fraction, or in smaller units since 1970, the nearest in time is taken, at
-    most 0.02 s away and once only. If they are not, and less than half of the depth images have a
-    colour image of their name, both are sorted by name (numbers in names by their value) and
-    matched in order; if half or more have, but not all, it is an error, as the order would be
-    shifted. Hidden files and files whose suffix is not that of an image are ignored.
+    in seconds with a fraction, or in smaller units since 1970, they are paired as
+    `manip3d.capture.open_rgbd` pairs those of a TUM folder: the most pairs at most 0.02 s apart,
+    each image once, in the order of time, and of these the least differences. If they are not, and
+    less than half of the depth images have a colour image of their name, both are sorted by name
+    (numbers in names by their value) and matched in order; if half or more have, but not all, it is
+    an error, as the order would be shifted. Hidden files and files whose suffix is not that of an
+    image are ignored.
 
     If ``colors`` also holds the depth images, these are left out, and only images with such a word
     in their names are matched in order. Masks and confidences then need their word in any case.
@@ -80,8 +82,7 @@ def colors_of_frames(
     """
     if name not in _KINDS:
         raise InputError(f"name: expected one of {', '.join(_KINDS)}, got {name!r}")
-    found = [path for path in path_of(colors, name).iterdir() if _is_image(path)]
-    found.sort(key=lambda path: by_number(path.name))
+    found = in_order(path for path in path_of(colors, name).iterdir() if _is_image(path))
     own = {os.path.realpath(path_of(frame, "frames")) for frame in frames}
     images = [path for path in found if os.path.realpath(path) not in own]
     shares_folder = len(images) < len(found)
@@ -96,7 +97,7 @@ def colors_of_frames(
         stamps = [_time_of(Path(frame).stem, "depth") for frame in names]
         times = [_time_of(path.stem, name) for path in candidates]
         if _are_times(stamps) and _are_times(times):
-            pairs = nearest_in_time(stamps, times)
+            pairs = associate(stamps, times)
             best = [None if i is None else candidates[i] for i in pairs]
             chosen = _all_of(best, names, f"within {MAX_SECONDS_APART} s", colors, name)
         elif 2 * len(chosen) >= len(frames):

@@ -180,12 +180,11 @@ def _number_in(file: Path) -> float:
 
 
 def _are_frames(files: Sequence[Path], numbers: NDArray[np.float64]) -> bool:
-    """Return whether the names that are numbers are whole and too small to be times since 1970."""
+    """Return whether all names are whole numbers and too small to be times since 1970."""
     named = [Path(plain_name(file)).stem for file in files]
     return not any(
-        "." in name or is_since_1970(number)
+        math.isnan(number) or "." in name or is_since_1970(number)
         for name, number in zip(named, numbers, strict=True)
-        if not math.isnan(number)
     )
 
 
