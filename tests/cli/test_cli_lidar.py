@@ -28,6 +28,7 @@ from manip3d.cli.forge import ATTACKS, Order
 from manip3d.cli.inspect import _append, _code_of_rows
 from manip3d.cli.many import _gravest
 from manip3d.cli.terminal import Terminal
+from manip3d.lidar import map_shift
 
 Points = NDArray[np.float32]
 
@@ -287,6 +288,22 @@ def test_places_on_a_map_are_those_of_the_file(hoax: Path, tmp_path: Path) -> No
     bounds = json.loads(run("info", source, "--json").stdout)["scans"][0]["bounds"]
     stored = AHEAD + place
     np.testing.assert_allclose(bounds, [stored.min(0), stored.max(0)], atol=1e-4)
+
+
+def test_the_origin_of_a_drive_on_a_map_is_that_of_its_files(tmp_path: Path) -> None:
+    """The scanner stays, and the second scan is shifted near 0 by another amount than the first."""
+    place = np.array([458_000.25, 5_429_000.5, 112.125])
+    scans = tmp_path / "drive" / "velodyne"
+    scans.mkdir(parents=True)
+    for number, points in enumerate((AHEAD, AHEAD[AHEAD[:, 0] > 6.0])):
+        np.save(scans / f"{number:06d}.npy", points + place)
+    shifts = [map_shift(manip3d.io.read_scan(path)) for path in sorted(scans.iterdir())]
+    assert not np.array_equal(*shifts)
+    done = run("inspect", tmp_path / "drive", "--origin", *place, "--json", "-q", "--no-power")
+    frames = json.loads(done.stdout)["frames"]
+    assert [frame["origin"] for frame in frames] == [place.tolist()] * 2
+    alone = run("inspect", scans / "000000.npy", "--origin", *place, "--json", "-q", "--no-power")
+    assert frames[0]["sensor"] == json.loads(alone.stdout)["sensor"]
 
 
 @pytest.mark.parametrize(("up", "size"), [("z", (1.0, 2.0, 3.0)), ("y", (1.0, 3.0, 2.0))])
