@@ -290,6 +290,27 @@ def test_places_on_a_map_are_those_of_the_file(hoax: Path, tmp_path: Path) -> No
     np.testing.assert_allclose(bounds, [stored.min(0), stored.max(0)], atol=1e-4)
 
 
+@pytest.mark.parametrize(("suffix", "keeps_map"), [(".bin", False), (".npy", True)])
+def test_the_truth_of_a_scan_of_a_map_belongs_to_the_forged_file(
+    suffix: str, keeps_map: bool, hoax: Path, tmp_path: Path
+) -> None:
+    """A .bin of 32 bits cannot hold coordinates of a map, so that its points lie near 0."""
+    place = np.array([458_000.25, 5_429_000.5, 112.125])
+    source, output = tmp_path / "map.npy", tmp_path / f"forged{suffix}"
+    np.save(source, AHEAD + place)
+    where = place + np.array([3.0, 1.0, 0.0])
+    made = run("forge", "lidar", "ctp", source, "-o", output, "--hoax", hoax, "--position", *where)
+    assert made.exit_code == 0, made.output
+    assert ("warning: coordinates are written near 0" in made.stderr) != keeps_map
+    truth = json.loads(output.with_name(f"{output.name}.truth.json").read_text())
+    in_file = np.load(output)[:, :3] if keeps_map else manip3d.io.read_scan(output).points
+    added = in_file[truth["added"]]
+    middle = (added.min(axis=0) + added.max(axis=0)) / 2.0
+    np.testing.assert_allclose(truth["box"]["center"], middle, atol=0.05)
+    shift = map_shift(manip3d.io.read_scan(source))
+    assert truth["shift"] == (shift.tolist() if keeps_map else [0.0] * 3)
+
+
 def test_the_origin_of_a_drive_on_a_map_is_that_of_its_files(tmp_path: Path) -> None:
     """The scanner stays, and the second scan is shifted near 0 by another amount than the first."""
     place = np.array([458_000.25, 5_429_000.5, 112.125])
