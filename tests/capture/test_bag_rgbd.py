@@ -454,6 +454,14 @@ def test_fractions_are_metres_whatever_the_unit_and_names_may_hold_a_number_sign
     assert (frame.depth == 1500).all()
 
 
+def test_depth_takes_a_bag_with_a_topic(tmp_path: Path) -> None:
+    folder = write_mixed_bag(tmp_path / "bag", [*cameras(), depth_at(1.0, millimetres(0))])
+    given = ("-o", tmp_path / "out", "--points", 50)
+    done = manip3d("depth", f"{folder}#{DEPTH}", *given)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in (tmp_path / "out").glob("*.glb")] == ["000000.glb"]
+
+
 @pytest.mark.parametrize("kind", ["16UC1; png compressed ", "16UC1; jpeg compressed ", "rgb8"])
 def test_depth_shown_as_a_picture_is_not_taken_for_colours(kind: str, tmp_path: Path) -> None:
     stored = io.BytesIO()
