@@ -750,6 +750,14 @@ def _plain_model(model: Any) -> str:
     return re.sub(r"[^a-z0-9]", "", _REALSENSE_PREFIX.sub("", str(model)).lower())
 
 
+def is_brown(model: object) -> bool:
+    """Return whether a lens's model of this name is Brown's, or has Brown's as a part.
+
+    The coefficients of such a model after the fifth are those of its other part.
+    """
+    return _plain_model(model) in _BROWN_MODELS
+
+
 def _refuse_wide_lenses(fields: Mapping[str, Any]) -> None:
     """Refuse lenses that are no pinhole camera even if all their coefficients are 0."""
     for name in _WIDE_FLAGS:
@@ -766,9 +774,9 @@ def _refuse_wide_lenses(fields: Mapping[str, Any]) -> None:
 def _expect_brown(fields: Mapping[str, Any]) -> None:
     """Refuse the coefficients of a model that is not known, but not those of a product."""
     for name in _MODELS:
-        plain = _plain_model(fields.get(name, ""))
-        may_be_product = name == "model" and not _OTHER_MODELS.search(plain)
-        if plain not in _BROWN_MODELS and not may_be_product:
+        model = fields.get(name, "")
+        may_be_product = name == "model" and not _OTHER_MODELS.search(_plain_model(model))
+        if not is_brown(model) and not may_be_product:
             raise ValueError(
                 f"a distortion of the model {str(fields[name])[:40]!r}; those that can be read are "
                 "plumb_bob, rational_polynomial, radtan, brown_conrady and those of COLMAP without "

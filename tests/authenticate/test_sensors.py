@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from inspect import getsource
 
 import numpy as np
 import pytest
@@ -11,7 +13,15 @@ from numpy.typing import NDArray
 import lattice_scans as scans
 from exact_scans import exact_scan, hesai, in_polar_steps, ouster
 from manip3d import LidarFrame, io
-from manip3d.authenticate import SensorLattice, identify_sensor, inspect, kitti_lattice
+from manip3d.authenticate import (
+    Sensor,
+    SensorLattice,
+    _sensors,
+    _standpoint,
+    identify_sensor,
+    inspect,
+    kitti_lattice,
+)
 from manip3d.authenticate._lattice import COLUMNS
 from manip3d.authenticate._sensors import BEAM_WIDTH, BEAMS, _common_part, is_of_two_scanners
 from real_data import RealData
@@ -29,6 +39,14 @@ def scan_of(
     level = np.cos(elevation)
     beam = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
     return (beam * random.uniform(4.0, 40.0, (COUNT, 1))).astype(np.float32)
+
+
+def test_every_name_of_a_scanner_is_documented() -> None:
+    code = "".join(getsource(module) for module in (_sensors, _standpoint))
+    names = set(re.findall(r'Sensor\(\s*"([^"]+)"', code))
+    assert {"spinning scanner", "raster scanner", "unknown"} <= names
+    told = " ".join((Sensor.__doc__ or "").split())
+    assert [name for name in names if f"``{name}``" not in told] == []
 
 
 @pytest.mark.parametrize("model", BEAMS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from manip3d.authenticate import TurnResult, _drives, turn_consistency
 from manip3d.authenticate._extent import Lacking, left_out_of_turn
 from manip3d.authenticate._inspect import inspect_beside
 from manip3d.authenticate._movers import passes_by
+from manip3d.io import read_scan
+from manip3d.lidar import map_shift
 from manip3d.report import write_evidence
 from manip3d.report._evidence import _drawn_regions
 
@@ -40,6 +43,30 @@ def test_turns_are_aligned_and_a_clean_frame_is_not_accused(turns: list[np.ndarr
     for motion, way in ((found.previous, -STEP), (found.following, STEP)):
         np.testing.assert_allclose(motion[:3, 3], (way, 0.0, 0.0), atol=0.02)
         np.testing.assert_allclose(motion[:3, :3], np.eye(3), atol=2e-3)
+
+
+def test_a_place_on_a_map_is_the_same_in_turns_that_are_shifted_by_other_amounts(
+    tmp_path: Path,
+) -> None:
+    """A scanner that stays; the turn before it was moved near 0 by 3 m less."""
+    place = np.array([458_000.0, 5_429_000.0, 112.0])
+    frames = []
+    for number in range(3):
+        np.save(tmp_path / "map.npy", turn_scans.turn(0.0, 10 + number) + place)
+        frames.append(read_scan(tmp_path / "map.npy"))
+    before, now, after = frames
+    assert before.format is not None
+    to_file = before.format.to_file.copy()
+    to_file[0, 3] -= 3.0
+    shifted = replace(before.format, to_file=to_file)
+    before = before.replace(points=before.points + np.float32([3, 0, 0]), format=shifted)
+    origin = place - map_shift(now)
+    found = authenticate.inspect(
+        now, previous=before, following=after, lattice=LATTICE, origin=origin
+    )
+    assert found.turns is not None
+    for motion in (found.turns.previous, found.turns.following):
+        np.testing.assert_allclose(motion[:3, 3], 0.0, atol=0.02)
 
 
 def test_the_motion_of_a_scanner_that_turns_is_not_its_inverse(turns: list[np.ndarray]) -> None:

@@ -266,6 +266,7 @@ def test_colours_whose_place_is_unknown_are_left_out_with_a_warning(tmp_path: Pa
         ({"width": 0}, "width"),
         ({"d": np.full(4, 0.1), "distortion_model": "equidistant"}, "'equidistant' is not known"),
         ({"d": np.full(8, 0.1), "distortion_model": "rational_polynomial"}, "rational_polynomial"),
+        ({"d": np.full(8, 0.1), "distortion_model": "plumb_bob"}, "more than k1, k2, p1, p2 and"),
     ],
 )
 def test_a_camera_that_is_not_known_can_be_given(
@@ -281,6 +282,17 @@ def test_a_camera_that_is_not_known_can_be_given(
     with pytest.raises(FormatError, match="no CameraInfo /camera/depth/camera_info beside"):
         capture.open_rgbd(bare)
     assert len(list(capture.open_rgbd(bare, camera=camera))) == 1
+
+
+@pytest.mark.parametrize(
+    "model",
+    ["", "plumb_bob", "Brown Conrady", "brown_conrady", "radtan", "rational_polynomial"],
+)
+def test_lenses_with_five_coefficients_of_brown(model: str, tmp_path: Path) -> None:
+    lens = np.array([0.1, 0.02, 0.0, 0.01, 0.003, 0.0, 0.0, 0.0])
+    told = cameras(d=lens, distortion_model=model)
+    camera = capture.open_rgbd(bag_of(tmp_path, [*told, depth_at(1.0, millimetres(0))]))
+    assert tuple(camera.calibration.depth.distortion) == tuple(lens[:5])
 
 
 def test_rectified_images_have_the_camera_of_their_projection(tmp_path: Path) -> None:
@@ -452,6 +464,14 @@ def test_fractions_are_metres_whatever_the_unit_and_names_may_hold_a_number_sign
     folder = write_mixed_bag(tmp_path / "a#1", [*cameras(), depth_at(1.0, metres, "32FC1")])
     (frame,) = capture.open_rgbd(f"rgbd-bag:{folder}", units_per_metre=1000)
     assert (frame.depth == 1500).all()
+
+
+def test_depth_takes_a_bag_with_a_topic(tmp_path: Path) -> None:
+    folder = write_mixed_bag(tmp_path / "bag", [*cameras(), depth_at(1.0, millimetres(0))])
+    given = ("-o", tmp_path / "out", "--points", 50)
+    done = manip3d("depth", f"{folder}#{DEPTH}", *given)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in (tmp_path / "out").glob("*.glb")] == ["000000.glb"]
 
 
 @pytest.mark.parametrize("kind", ["16UC1; png compressed ", "16UC1; jpeg compressed ", "rgb8"])

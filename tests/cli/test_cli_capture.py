@@ -179,5 +179,7 @@ def test_a_folder_without_times_is_told_and_takes_a_rate(walk: Path, tmp_path: P
     assert "times: none in this folder, 15 a second assumed; --rate" in done.stderr
     record = json.loads(manip3d("capture", "info", tmp_path / "again", "--json").stdout)
     assert (record["assumed_rate"], record["frames_per_second"]) == (None, pytest.approx(15.0))
+    plain = manip3d("info", walk)  # has no option --rate
+    assert "times: none in this folder, 30 a second assumed\n" in plain.stderr
     refused = manip3d("capture", "info", tmp_path / "again", "--rate", "15")
     assert "--rate: expected none, since the frames" in error_line(refused)

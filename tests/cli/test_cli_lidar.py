@@ -28,6 +28,7 @@ from manip3d.cli.forge import ATTACKS, Order
 from manip3d.cli.inspect import _append, _code_of_rows
 from manip3d.cli.many import _gravest
 from manip3d.cli.terminal import Terminal
+from manip3d.lidar import map_shift
 
 Points = NDArray[np.float32]
 
@@ -287,6 +288,43 @@ def test_places_on_a_map_are_those_of_the_file(hoax: Path, tmp_path: Path) -> No
     bounds = json.loads(run("info", source, "--json").stdout)["scans"][0]["bounds"]
     stored = AHEAD + place
     np.testing.assert_allclose(bounds, [stored.min(0), stored.max(0)], atol=1e-4)
+
+
+@pytest.mark.parametrize(("suffix", "keeps_map"), [(".bin", False), (".npy", True)])
+def test_the_truth_of_a_scan_of_a_map_belongs_to_the_forged_file(
+    suffix: str, keeps_map: bool, hoax: Path, tmp_path: Path
+) -> None:
+    """A .bin of 32 bits cannot hold coordinates of a map, so that its points lie near 0."""
+    place = np.array([458_000.25, 5_429_000.5, 112.125])
+    source, output = tmp_path / "map.npy", tmp_path / f"forged{suffix}"
+    np.save(source, AHEAD + place)
+    where = place + np.array([3.0, 1.0, 0.0])
+    made = run("forge", "lidar", "ctp", source, "-o", output, "--hoax", hoax, "--position", *where)
+    assert made.exit_code == 0, made.output
+    assert ("warning: coordinates are written near 0" in made.stderr) != keeps_map
+    truth = json.loads(output.with_name(f"{output.name}.truth.json").read_text())
+    in_file = np.load(output)[:, :3] if keeps_map else manip3d.io.read_scan(output).points
+    added = in_file[truth["added"]]
+    middle = (added.min(axis=0) + added.max(axis=0)) / 2.0
+    np.testing.assert_allclose(truth["box"]["center"], middle, atol=0.05)
+    shift = map_shift(manip3d.io.read_scan(source))
+    assert truth["shift"] == (shift.tolist() if keeps_map else [0.0] * 3)
+
+
+def test_the_origin_of_a_drive_on_a_map_is_that_of_its_files(tmp_path: Path) -> None:
+    """The scanner stays, and the second scan is shifted near 0 by another amount than the first."""
+    place = np.array([458_000.25, 5_429_000.5, 112.125])
+    scans = tmp_path / "drive" / "velodyne"
+    scans.mkdir(parents=True)
+    for number, points in enumerate((AHEAD, AHEAD[AHEAD[:, 0] > 6.0])):
+        np.save(scans / f"{number:06d}.npy", points + place)
+    shifts = [map_shift(manip3d.io.read_scan(path)) for path in sorted(scans.iterdir())]
+    assert not np.array_equal(*shifts)
+    done = run("inspect", tmp_path / "drive", "--origin", *place, "--json", "-q", "--no-power")
+    frames = json.loads(done.stdout)["frames"]
+    assert [frame["origin"] for frame in frames] == [place.tolist()] * 2
+    alone = run("inspect", scans / "000000.npy", "--origin", *place, "--json", "-q", "--no-power")
+    assert frames[0]["sensor"] == json.loads(alone.stdout)["sensor"]
 
 
 @pytest.mark.parametrize(("up", "size"), [("z", (1.0, 2.0, 3.0)), ("y", (1.0, 3.0, 2.0))])

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import manip3d
 from manip3d.cli import app
-from manip3d.cli.kinds import NAMES, VERBS, OtherKindError, expect_kind, kind_of
+from manip3d.cli.kinds import NAMES, SHOWN, VERBS, OtherKindError, expect_kind, kind_of
 
 Image = pytest.importorskip("PIL.Image")
 
@@ -138,6 +138,27 @@ def test_a_file_of_unknown_kind_is_refused_where_no_reader_looks_into_it(
     with pytest.raises(manip3d.InputError, match="a file of unknown kind; inspect takes"):
         expect_kind(str(files["unknown"]), "scan", verb="inspect")
     assert expect_kind(str(files["unknown"]), "mesh", verb="simplify") == "unknown"
+
+
+def test_advice_on_another_format_is_for_what_the_command_takes(tmp_path: Path) -> None:
+    """An HDF5 file may hold points or a depth image; only depth has an option for Hypersim's."""
+    path = tmp_path / "a.h5"
+    path.touch()
+    points, image = "write its columns x, y, z, intensity as .npz", "write its array as .npy"
+
+    def refusal(*kinds: str, verb: str) -> str:
+        with pytest.raises(OtherKindError) as refused:
+            expect_kind(str(path), *kinds, verb=verb)
+        return str(refused.value)
+
+    told = refusal("recording", verb="phantom render")
+    assert told == f"{path} is a file of unknown kind; phantom render takes an RGB-D recording"
+    told = refusal("depth", verb="depth")
+    assert (points in told, image in told, "--ray-depth" in told) == (False, True, True)
+    told = refusal("mesh", verb="simplify")
+    assert (points in told, image in told) == (True, False)
+    told = refusal(*SHOWN, verb="view")
+    assert (points in told, image in told, "--ray-depth" in told) == (True, True, False)
 
 
 @pytest.mark.parametrize("suffix", ["npy", "npz"])

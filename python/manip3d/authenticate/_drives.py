@@ -134,6 +134,30 @@ def inspect_drive(
         raise InputError(f"lattice: expected a SensorLattice, got {type(lattice).__name__}")
     if key is not None and records is None:
         raise InputError("key: can only be given with the records of the frames, got none")
+    return inspect_placed(
+        frames, lambda _frame: origin, lattice=lattice, sensor=sensor, numbers=numbers,
+        records=records, key=key, power=power, printed=printed, threads=threads,
+    )  # fmt: skip
+
+
+def inspect_placed(
+    frames: Iterable[LidarFrame | None],
+    origin_in: Callable[[LidarFrame], ArrayLike | None],
+    *,
+    lattice: SensorLattice | None,
+    sensor: str,
+    numbers: Iterable[int] | None,
+    records: Iterable[bytes | None] | None,
+    key: KeyFile | KeyRing | None,
+    power: bool,
+    printed: bool,
+    threads: int,
+) -> Iterator[Inspection | None]:
+    """Judge a drive as `inspect_drive` does, with ``origin_in`` to tell each frame's origin.
+
+    Frames from a map are each shifted near 0 by an amount of their own, so that one place of the
+    map has other coordinates in each of them.
+    """
     scans = _scans(
         _with_following(_numbered(frames, itertools.count() if numbers is None else numbers)),
         itertools.repeat(None) if records is None or key is None else iter(records),
@@ -143,7 +167,8 @@ def inspect_drive(
         scans,
         lambda frame, before, after, known, signed, left_out, cores: inspect_beside(
             frame, left_out, previous=before, following=after, lattice=known, sensor=sensor,
-            origin=origin, watermark=signed, key=None, power=power, printed=printed, threads=cores,
+            origin=origin_in(frame), watermark=signed, key=None, power=power, printed=printed,
+            threads=cores,
         ),
         lattice,
         threads_of(threads),

@@ -54,7 +54,7 @@ from manip3d.authenticate._thinning import why_thinned
 from manip3d.authenticate._verdict import NO_POWER, PLANTED_HERE, Power, Processing, Region, Verdict
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
-from manip3d.lidar import LidarFrame, ScanLike, as_frame, position_of
+from manip3d.lidar import LidarFrame, ScanLike, as_frame, map_shift, position_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -443,10 +443,14 @@ def _place_of(
     """The scanner's position in a neighbouring turn, which may state its own.
 
     ``position`` is that in the scan; it differs from the scan's own statement if the scanner was
-    found above or below.
+    found above or below. A given position is one place of a map, from which each turn may have been
+    shifted near 0 by another amount.
     """
-    if position is None or given is not None or not isinstance(turn, LidarFrame):
+    if position is None or not isinstance(turn, LidarFrame):
         return position
+    if given is not None:
+        x, y, z = (np.add(position, map_shift(scan)) - map_shift(turn)).tolist()
+        return (x, y, z)
     if turn.origin is None:
         return position
     own = position_of(turn.origin, "origin")

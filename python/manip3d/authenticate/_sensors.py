@@ -196,7 +196,9 @@ class Sensor:
     ----------
     name : str
         ``HDL-64E``, ``scanner of at least 16 lasers`` (or however many its lattice has; some may
-        have had no returns), another model, ``terrestrial scanner``, or ``unknown``.
+        have had no returns), another model, ``spinning scanner`` (of no known model), ``terrestrial
+        scanner``, ``raster scanner`` (of a small view), ``non-repetitive scanner``, ``another
+        scanner`` (stated by the caller), or ``unknown``.
     kind : str
         ``lattice``: a spinning scanner whose lattice is known, which detector III judges;
         ``spinning``: another spinning scanner; ``terrestrial``: a grid of azimuth and elevation,

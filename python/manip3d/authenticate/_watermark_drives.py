@@ -15,7 +15,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.locks import new_folder_locked
 from manip3d._util.options import reporting
-from manip3d._util.paths import by_number, path_of
+from manip3d._util.paths import in_order, path_of
 from manip3d.authenticate._picture_files import picture_path, read_carrier
 from manip3d.authenticate._picture_records import record_of_picture
 from manip3d.authenticate._watermark import (
@@ -595,7 +595,7 @@ def _verified_scans(source: Path, *, has_pictures: bool) -> list[Path]:
     scans = all_drive_scans(source)
     if not has_pictures:
         scans += [record.with_suffix("") for record in drive_records_alone(source)]
-    return sorted(scans, key=lambda scan: by_number(scan.name))
+    return in_order(scans)
 
 
 def _verified(

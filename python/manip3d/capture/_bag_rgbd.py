@@ -17,7 +17,7 @@ import numpy as np
 
 from manip3d._util.callers import caller_level
 from manip3d._util.linear import product
-from manip3d.camera import Intrinsics, Registration
+from manip3d.camera import Intrinsics, Registration, is_brown
 from manip3d.capture._bag import BagPicture, BagRecording
 from manip3d.capture._bag_pictures import decoded, pose_of, rigid, rows_of
 from manip3d.errors import FormatError, InputError
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 _MILLIMETRES = ("16UC1", "mono16", "Z16")
 _METRES = "32FC1"
 _COLORS = ("rgb8", "bgr8", "rgba8", "bgra8", "8UC3")
-_BROWN = ("", "plumb_bob", "brown conrady")
-"""Names of Brown's distortion model in ROS and in RealSense's recordings, in lower case."""
 _REALSENSE_SENSOR = "/image/data"
 _NO_COLORS = ("16UC1", "mono16", "32FC1", "8UC1")
 """Encodings of compressed pictures (image_transport) that may be depth images, hence not colour."""
@@ -299,9 +297,10 @@ def _intrinsics(info: Mapping[str, Any], is_rectified: bool) -> Intrinsics | str
         k, distortion = [*p[:3], *p[4:7], *p[8:11]], []
     if len(k) != 9 or not k[0] > 0.0:
         return "the camera is not calibrated"
-    models = _BROWN if any(distortion[5:]) else (*_BROWN, "rational_polynomial")
-    if any(distortion) and info["model"].lower() not in models:
+    if any(distortion) and not is_brown(info["model"]):
         return f"distortion of the model {info['model']!r} is not known"
+    if any(distortion[5:]):
+        return f"distortion of more than k1, k2, p1, p2 and k3 (of the model {info['model']!r})"
     five = (*distortion[:5], 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
     try:
         return Intrinsics(info["width"], info["height"], k[0], k[4], k[2], k[5], five)

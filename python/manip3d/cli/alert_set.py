@@ -166,7 +166,7 @@ def _forged(forged: Forgery, path: Path, place: Mapping[str, Any]) -> dict[str, 
     truth = path.with_name(f"{path.name}.truth.json")
     with atomic_pair(path, truth) as (scan, told):
         forged.write(scan)
-        told.write_text(json.dumps(truth_of(forged) | dict(place)) + "\n", encoding="utf-8")
+        told.write_text(json.dumps(truth_of(forged, path) | dict(place)) + "\n", encoding="utf-8")
     counts = {name: len(getattr(forged, name)) for name in ("added", "moved", "removed")}
     return {"points": len(forged.points), **counts}
 

@@ -89,13 +89,14 @@ def open_source(
     *,
     intrinsics: str = "",
     units_per_metre: float = 0.0,
-    rate: float = 0.0,
+    rate: float | None = None,
     speed: float = 0.0,
     start: int = 0,
 ) -> RgbdSource:
     """Open the RGB-D source at an address, file or folder, and print its size and length.
 
-    It is also printed if its images are flipped, or if it has no times.
+    It is also printed if its images are flipped, or if it has no times. ``rate``: that of
+    ``--rate``, 0 if it is not given; None: the command has no such option.
 
     Raises
     ------
@@ -123,7 +124,8 @@ def open_source(
     if opened.flipped:
         terminal.say(_FLIPPED)
     if opened.assumed_rate:
-        terminal.say(f"times: {_assumed(opened.assumed_rate)}; --rate sets another rate")
+        cure = "" if rate is None else "; --rate sets another rate"
+        terminal.say(f"times: {_assumed(opened.assumed_rate)}{cure}")
     return opened
 
 

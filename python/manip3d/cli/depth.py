@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from manip3d.cli.kinds import expect_kind, is_picture, kind_of, narrow_depth
+from manip3d.cli.kinds import expect_kind, is_picture, kind_of, narrow_depth, path_in
 from manip3d.cli.many import SKIPPED, over_files, with_defaults
 from manip3d.cli.options import (
     MISSED,
@@ -367,7 +367,7 @@ def _is_recording(source: str) -> bool:
     except OSError:  # a pattern, or a file that is missed later on
         return False
     if kind != "stream":
-        path = Path(source)
+        path = path_in(source)
         knows_camera = any((path / name).is_file() for name in _CAMERA_FILES)
         return kind == "recording" and (knows_camera or path.is_file())
     from manip3d.capture import rgbd_address

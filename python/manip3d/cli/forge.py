@@ -32,6 +32,7 @@ from manip3d.cli.options import (
     Scan,
     Seed,
 )
+from manip3d.cli.scanning import tell_of_map
 from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, check_output, count, counted, left_out, naming_options
 from manip3d.cli.truth import truth_of
@@ -39,6 +40,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io import SCAN_SUFFIXES
 from manip3d.io._files import atomic_pair
 from manip3d.io._scan_files import FOLDER_SUFFIXES
+from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import Box, LidarFrame, map_shift, origin_of, shifted, to_scan
 from manip3d.rgbd import RgbdFrame
 
@@ -101,10 +103,11 @@ def forge_scan(
         "range-noise", "scale", angle="yaw",
     ):  # fmt: skip
         forged = ATTACKS[attack].forge(frame, order)
-    record = truth_of(forged) | {"source": source, "output": str(output)}
+    record = truth_of(forged, output) | {"source": source, "output": str(output)}
     with atomic_pair(output, truth) as (scan, told):
         forged.write(scan)
         told.write_text(json.dumps(record) + "\n", encoding="utf-8")
+    tell_of_map(forged.frame, scan_suffix(output), terminal)
     terminal.say(f"wrote {output} and {truth.name}")
     return {
         key: len(value) if key in ("added", "moved", "moved_from", "removed") else value

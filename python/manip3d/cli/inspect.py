@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from manip3d.batch import SourceFile
     from manip3d.lidar import LidarFrame
 
+    Position = tuple[float, float, float]
+
 EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": MISSED}
 """Exit code of each verdict."""
 
@@ -346,9 +348,9 @@ def inspect(
         named = naming_options("sensor", "origin")
         with _keys_of(key) as secret, named:
             together = inspect_drive(
-                source, output, log, shell, calibration=calibration, key=secret,
-                options={"lattice": known, "sensor": sensor, "origin": origin, "power": power,
-                         "printed": printed, "threads": jobs},
+                source, output, log, shell, calibration=calibration, key=secret, origin=origin,
+                options={"lattice": known, "sensor": sensor, "power": power, "printed": printed,
+                         "threads": jobs},
             )  # fmt: skip
         raise typer.Exit(_code_of_drive(together, codes, shell))
     expect_packets(source, calibration)
@@ -356,7 +358,7 @@ def inspect(
     check_output(rows, (".csv",), force=force, option="--rows")
     with _logging_errors(log, source):
         frame = read_scan(source)
-    place = None if origin is None else _in_scan(frame, origin)
+    place = _in_scan(frame, origin)
     shell.say(f"read {source}: {counted(frame.num_points, 'point')}")
     beside = {
         name: None if path is None else _scan_beside(name, path)
@@ -383,10 +385,15 @@ def inspect(
     raise typer.Exit(codes[found.verdict])
 
 
-def _in_scan(frame: LidarFrame, origin: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return a position in the coordinates of a scan's file in those of the scan as it is read."""
+def _in_scan(frame: LidarFrame, origin: Position | None) -> Position | None:
+    """Return a position in the coordinates of a scan's file in those of the scan as it is read.
+
+    None stays None.
+    """
     from manip3d.lidar import map_shift
 
+    if origin is None:
+        return None
     x, y, z = (a - b for a, b in zip(origin, map_shift(frame).tolist(), strict=True))
     return (x, y, z)
 
@@ -536,13 +543,18 @@ def inspect_drive(
     *,
     calibration: Path | None,
     key: KeyRing | None,
+    origin: Position | None,
     options: Mapping[str, Any],
 ) -> DriveInspection:
-    """Inspect the scans of a drive, print a line for each, and return the joint verdict."""
+    """Inspect the scans of a drive, print a line for each, and return the joint verdict.
+
+    ``origin`` is in the coordinates of the scans' files.
+    """
     import json
 
     from manip3d import authenticate, capture, report
     from manip3d._util.json import finite
+    from manip3d.authenticate._drives import inspect_placed
     from manip3d.io._files import atomic_write
     from manip3d.report._case_log import append_error
     from manip3d.report._evidence_files import sha256_of_source
@@ -553,8 +565,9 @@ def inspect_drive(
     records: list[dict[str, Any]] = []
     places = drive.numbers
     whole_sha256 = "" if log is None else sha256_of_source(source)[0]
-    judged = authenticate.inspect_drive(
+    judged = inspect_placed(
         drive,
+        lambda frame: _in_scan(frame, origin),
         numbers=places,
         records=None if key is None else drive.records(),
         key=key,

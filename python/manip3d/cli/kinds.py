@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from manip3d.errors import FormatError, InputError
-from manip3d.io._elsewhere import depth_advice, scan_advice
+from manip3d.io._elsewhere import scan_advice, with_depth_advice
 from manip3d.io._remote import is_url, named_beside, reads_beside
 from manip3d.io._scan_files import (
     FOLDER_SUFFIXES,
@@ -96,10 +96,7 @@ def kind_of(source: str) -> str:
     """
     if source == "-" or (":" in source and not Path(source).exists()):
         return "stream"
-    path = Path(source)
-    file, mark, _ = source.rpartition("#")
-    if mark and not path.exists() and Path(file).exists():
-        path = Path(file)  # a bag followed by a topic, or a recording followed by a sensor's number
+    path = path_in(source)
     if path.is_dir():
         if not os.access(path, os.R_OK | os.X_OK):  # else the error names a file within
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), source)
@@ -128,6 +125,16 @@ def kind_of(source: str) -> str:
     if suffix in DEPTH_SUFFIXES:
         return "picture" if is_color_png(path) else "depth"
     return "picture" if suffix in _PICTURES else "unknown"
+
+
+def path_in(source: str) -> Path:
+    """Return the file or folder of a source, without the topic or sensor's number after a ``#``.
+
+    A path with a ``#`` of its own stays whole.
+    """
+    path = Path(source)
+    file, mark, _ = source.rpartition("#")
+    return Path(file) if mark and not path.exists() and Path(file).exists() else path
 
 
 def is_picture(source: str, may_be_8_bits: bool) -> bool:
@@ -185,15 +192,12 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
         The file or folder does not exist.
     """
     kind = kind_of(source)
-    advice = scan_advice(Path(source)) if kind == "unknown" else None
-    if "depth" in kinds and (kind == "unknown" or (kind == "scan" and "scan" not in kinds)):
-        advice = depth_advice(Path(source)) or advice
-    if advice is not None:
+    if (advice := _advice(Path(source), kind, kinds, verb)) is not None:
         raise OtherKindError(f"{source}: {advice}", NAMES[kind])
     if kind in ("stream", *kinds) or (kind == "unknown" and "mesh" in kinds):
         return kind  # the mesh reader recognises files of any name by their content
     if kind == "recording" and verb == "depth":
-        raise OtherKindError(_reason_against_recording(Path(source)), NAMES[kind])
+        raise OtherKindError(_reason_against_recording(path_in(source)), NAMES[kind])
     *others, last = (NAMES[name] for name in kinds)
     wanted = f"{', '.join(others)} or {last}" if others else last
     takers = f". Commands that take {NAMES[kind]}: {VERBS[kind]}" if kind in VERBS else ""
@@ -209,6 +213,19 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
         message += ". If it holds depths of 8 bits, give their number in a metre as --unit, or "
         message += "disparity:FB of a stereo pair"
     raise OtherKindError(message, NAMES[kind])
+
+
+def _advice(path: Path, kind: str, kinds: tuple[str, ...], verb: str) -> str | None:
+    """Return how to convert a file to a format of the kinds that a command takes; None: unknown.
+
+    Some depth maps have the suffix of a scan, which commands that take scans read as one.
+    """
+    is_unknown = kind == "unknown"
+    takes_points = "scan" in kinds or "mesh" in kinds
+    advice = scan_advice(path) if is_unknown and takes_points else None
+    if "depth" in kinds and (is_unknown or (kind == "scan" and "scan" not in kinds)):
+        return with_depth_advice(advice, path, takes_ray_depth=verb == "depth")
+    return advice
 
 
 def _reason_against_recording(source: Path) -> str:

@@ -246,7 +246,7 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
         )
     io.write_scans(found, output)
     for scan in found:
-        _tell_of_map(scan, suffix, terminal)
+        tell_of_map(scan, suffix, terminal)
         _tell_of_grid(scan, suffix, terminal)
     _tell_left_out(
         [name for scan in found for name in names_left_out(scan, suffix)], output, terminal
@@ -281,7 +281,7 @@ def _tell_left_out(names: list[str], output: Path, terminal: Terminal) -> None:
         terminal.say(f"{output}: {', '.join(told[:_MAX_TOLD])}{more} left out")
 
 
-def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
+def tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
     """Warn if map coordinates or the scanner's position are lost or are rarely read by programs."""
     from manip3d._util.linear import quaternions
     from manip3d.io._scan_tables import loses_map_coordinates, lost_pose, map_coordinates
@@ -326,7 +326,7 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
             _measured(scan, ".bin", terminal).write(folder / f"{number:06d}.bin")
             shift = () if scan.format is None else tuple(scan.format.to_file[:3, 3].tolist())
             if shift not in told:  # all scans of a recording have the same
-                _tell_of_map(scan, ".bin", terminal)
+                tell_of_map(scan, ".bin", terminal)
             told.add(shift)
             left_out |= dict.fromkeys(names_left_out(scan, ".bin"))
             count_written += 1

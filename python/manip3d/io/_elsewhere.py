@@ -48,10 +48,8 @@ _SCANS = {
 
 
 _ARRAY = "write its array as .npy with numpy.save"
-_HDF5 = (
-    f"{_ARRAY}: h5py.File(FILE)[NAME][()] reads it (for Hypersim, whose distances are those along "
-    "the lines of sight, give --ray-depth)"
-)
+_HDF5 = f"{_ARRAY}: h5py.File(FILE)[NAME][()] reads it"
+_HYPERSIM = " (for Hypersim, whose distances are those along the lines of sight, give --ray-depth)"
 _COLMAP = f"{_ARRAY}: read_array in COLMAP's scripts/python/read_write_dense.py reads it"
 _DEPTHS = {
     ".h5": _HDF5,
@@ -80,9 +78,23 @@ def scan_advice(path: Path) -> str | None:
     return f"manip3d does not read {suffix}; {_SCANS[suffix]}" if suffix in _SCANS else None
 
 
-def depth_advice(path: Path) -> str | None:
-    """Return why a depth image's format is not read, and the cure; None for other endings."""
-    for ending, advice in _DEPTHS.items():
+def with_depth_advice(advice: str | None, path: Path, *, takes_ray_depth: bool) -> str | None:
+    """Return advice on a scan's format followed by how to convert a depth image of that name.
+
+    Parameters
+    ----------
+    advice : str or None
+        Result of `scan_advice`; None: the command takes no scans, or their formats have another
+        suffix.
+    path : Path
+        The file.
+    takes_ray_depth : bool
+        Whether the command has the option ``--ray-depth``.
+    """
+    for ending, cure in _DEPTHS.items():
         if path.name.lower().endswith(ending):
-            return f"manip3d does not read {ending}; {advice}"
-    return None
+            more = _HYPERSIM if takes_ray_depth and cure == _HDF5 else ""
+            if advice is None:
+                return f"manip3d does not read {ending}; {cure}{more}"
+            return f"{advice}. If it holds a depth image, {cure}{more}"
+    return advice
