@@ -458,6 +458,13 @@ def test_a_clock_that_began_again_contradicts_no_table() -> None:
     assert [other.contradiction(frame) is None for frame in frames] == [True] * 3 + [False]
 
 
+def test_times_that_are_all_equal_contradict_nothing() -> None:
+    first = capsule_body.frame(capsule_body.pose())
+    frames = [replace(first, number=n, time_ns=33_333_333 * n) for n in range(4)]
+    clocks = _Clocks(dict.fromkeys(range(4), 0))
+    assert [clocks.contradiction(frame) for frame in frames] == [None] * 4
+
+
 def test_a_rate_makes_a_folder_agree_with_a_table(tmp_path: Path) -> None:
     frames = recorded(tmp_path / "walk")
     (tmp_path / "walk" / "frames.jsonl").unlink()

@@ -185,6 +185,7 @@ BARE = re.compile(
 OURS = {
     "_util/fingerprint.py": 2,
     "_util/memory.py": 3,
+    "batch/_earlier.py": 2,
     "batch/_places.py": 1,
     "capture/_bag_process.py": 1,
     "datasets/_registry.py": 1,

@@ -302,7 +302,7 @@ def test_same_bytes_for_any_number_of_threads() -> None:
     [
         (np.ones((8, 6), np.float32), r"depth: expected shape \(6, 8\) as the intrinsics say"),
         (np.ones((6, 8)), r"depth: expected dtype uint16 \(millimetres\) or float32 \(metres\)"),
-        (np.full((6, 8), -1, np.float32), r"depth: .*got -1\.0+ at row 0, column 0"),
+        (np.full((6, 8), -1, np.float32), r"depth: .*got -1 at row 0, column 0"),
         (np.diag(np.full(8, np.inf, np.float32))[:6], r"depth: .*got inf at row 0, column 0"),
     ],
 )

@@ -186,11 +186,12 @@ class JoinedJoints:
 class _Clocks:
     """Comparison of the times that a table of joints states with those of the frames.
 
-    Times count from the first frame that both have, because the clocks may differ.
+    Times count from the first frame that both have, because the clocks may differ. Times that are
+    all equal tell nothing.
     """
 
     def __init__(self, times_ns: Mapping[int, int]) -> None:
-        self._told = times_ns
+        self._told = times_ns if len(set(times_ns.values())) > 1 else {}
         self._first: tuple[int, int] | None = None
         self._last = 0
 
