@@ -87,7 +87,7 @@ def _page(place: Path, which: int) -> None:
 def _forged(place: Path, which: int) -> None:
     with atomic_pair(place / "a.bin", place / "a.bin.truth.json") as (scan, truth):
         forged[which].write(scan)
-        truth.write_text(json.dumps(truth_of(forged[which])))
+        truth.write_text(json.dumps(truth_of(forged[which], place / "a.bin")))
 
 
 WRITERS: dict[str, Write] = {
