@@ -330,7 +330,7 @@ def test_a_coarse_grid_is_not_that_of_a_terrestrial_scanner(
 def test_many_rows_over_a_small_view_make_no_terrestrial_scanner(
     up: tuple[float, float], around: tuple[float, float], name: str
 ) -> None:
-    """What is found on those scanners was measured; what is found on others was not."""
+    """The power of the detectors was measured on terrestrial scanners only."""
     azimuth, elevation = np.meshgrid(np.arange(*around, 0.15), np.arange(*up, 0.13))
     a, e = np.radians(azimuth.ravel()), np.radians(elevation.ravel())
     beam = np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])

@@ -484,7 +484,7 @@ def test_a_preview_among_the_frames_has_no_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("unit", [1, 1000])
 def test_dates_are_no_times_since_1970(unit: int, tmp_path: Path) -> None:
-    """As numbers, 12:34:00 and 12:34:30 of a day are 30 apart, which would be milliseconds."""
+    """The numbers of two dates half a minute apart differ by 30, which would be milliseconds."""
     stamps = [(20210304120000 + 100 * minute) * unit for minute in range(12)]
     frames = touched(tmp_path / "depth", stamps, "{}.png")
     others = touched(tmp_path / "color", [stamp + 30 * unit for stamp in stamps], "{}.jpg")

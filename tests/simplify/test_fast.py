@@ -220,7 +220,7 @@ def test_a_sheet_of_two_sides_is_as_near_as_one_of_one_side(ratio: float) -> Non
 
 
 def test_no_piece_goes_that_costs_more_than_the_collapses() -> None:
-    """Where few collapses were legal, the price of all that were tried was that of pieces too."""
+    """The limit for pieces was the price of all candidates, most of which were refused."""
     pole, rng = exact_models.pipe(6, 8), np.random.default_rng(1)
     places = [(rng.uniform(0.015, 0.045), *rng.random(2)) for _ in range(60)]
     poles = Mesh(

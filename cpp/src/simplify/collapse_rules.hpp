@@ -21,6 +21,11 @@ namespace manip3d {
 // edges from their targets until all rules were waived. If two faces lie back to back before the
 // collapse, two may do so after it, because such a sheet is meant to be seen from both sides.
 
+/// The faces of an edge lie on one side of it, as at the rim of a thin shell, if the mean of the
+/// unit vectors towards them is at least this long: two faces then form an angle of less than 16
+/// degrees. The edge counts as a boundary.
+constexpr double kOneSided = 0.99;
+
 /// Sets of rules. A later set applies only if the target could not be reached before, or, in the
 /// mode `quality`, to a collapse that only the first rule forbids while all others cost more.
 enum class Rules : std::uint8_t {

@@ -22,10 +22,6 @@ namespace {
 /// double precision, so this one is larger by several roundings.
 constexpr float kShortEdge = 1.5F * static_cast<float>(RoundingWeld::kFarthest);
 
-/// The faces of an edge lie on one side of it if the mean of the unit vectors towards them is at
-/// least this long, as in the mode `quality`: two faces then form an angle of less than 16 degrees.
-constexpr float kOneSided = 0.99F;
-
 /// Two faces on one side of their edge have nearly opposite normals. One of these then forms an
 /// angle of more than 80 degrees with the mean normal around the vertex; this is its cosine.
 constexpr float kFarFromMean = 0.17F;
@@ -89,7 +85,7 @@ struct Normals {
   }
 };
 
-/// What add_planes() notices.
+/// Findings of add_planes() that later steps need.
 struct Noticed {
   bool has_short_edge;  // an edge of a face that starts here may be so short due to rounding
   bool may_fold;        // see Normals
@@ -280,7 +276,7 @@ bool is_one_sided(const FastMesh& mesh, std::int32_t v, std::span<const Spoke> e
     const Vector3f to_third = position_of(mesh.vertices[third]) - start;
     sum += (to_third - along.dot(to_third) * along).normalized();
   }
-  return sum.norm() > kOneSided * static_cast<float>(edge.size());
+  return sum.norm() > static_cast<float>(kOneSided) * static_cast<float>(edge.size());
 }
 
 /// Whether the faces at an edge have different wedges.

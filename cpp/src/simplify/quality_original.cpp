@@ -5,13 +5,10 @@
 #include <numeric>
 
 #include "manip3d/geometry/patch_distance.hpp"
+#include "simplify/collapse_rules.hpp"
 
 namespace manip3d::quality_detail {
 namespace {
-
-/// The faces of an edge lie on one side of it if the mean of the unit vectors towards them is at
-/// least this long: two faces then form an angle of less than 16 degrees.
-constexpr double kOneSided = 0.99;
 
 /// Lower limit of the textured share of the area, by which the price of a texture is divided.
 constexpr double kMinTextured = 0.01;

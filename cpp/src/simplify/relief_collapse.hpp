@@ -56,8 +56,8 @@ enum class OffFaces : std::uint8_t {
 /// - A piece of one triangle is left out, at the price of its area times the distance to the
 ///   nearest vertex of another piece; this removes three vertices. The largest piece always stays.
 ///
-/// Where a boundary vertex or a piece covers more pixels per vertex than the mesh will on average,
-/// losing it costs more (price_of_pixels()).
+/// Losing a boundary vertex or a piece costs more (price_of_pixels()) if it covers more pixels per
+/// vertex than the mesh will on average.
 class Collapser {
  public:
   /// @param keep  By pixel, may be empty: vertices there cost `keep_factor` times as much, or stay.
