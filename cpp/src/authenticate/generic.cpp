@@ -57,7 +57,7 @@ class Examination {
               const GenericOptions& options, const PointsView& previous,
               const PointsView& following, const Progress& progress)
       : points_(points),
-        beside_{&previous, &following},
+        other_turns_{&previous, &following},
         lattice_(lattice),
         options_(options),
         progress_(progress),
@@ -166,20 +166,18 @@ class Examination {
   }
 
   void examine_lines() {
-    flag_points(Evidence::kLine,
-                [&](std::int32_t i) { return is_beside(i, reading_.line_error(i)); });
+    flag_points(Evidence::kLine, [&](std::int32_t i) { return is_off(i, reading_.line_error(i)); });
   }
 
   void examine_steps() {
     if (!usable(Evidence::kStep, lattice_.steps > 0, {Evidence::kLine})) return;
-    flag_points(Evidence::kStep,
-                [&](std::int32_t i) { return is_beside(i, reading_.step_error(i)); });
-    forget_counts_beside_lattice();
+    flag_points(Evidence::kStep, [&](std::int32_t i) { return is_off(i, reading_.step_error(i)); });
+    forget_counts_off_lattice();
   }
 
   // Is the error larger than the tolerance plus the uncertainty of the lattice? Azimuths of lines
   // and steps are as uncertain as slopes, because they were estimated from the same points.
-  [[nodiscard]] bool is_beside(std::int32_t i, double error) const {
+  [[nodiscard]] bool is_off(std::int32_t i, double error) const {
     const double off = std::abs(error) - options_.tolerance;
     if (off <= 0.0) return false;
     const Eigen::RowVector2d p = points_.points.row(i).head<2>().cast<double>();
@@ -199,16 +197,16 @@ class Examination {
 
   // A point between lines or steps belongs to no firing; it is neither a vote for one nor its
   // return.
-  void forget_counts_beside_lattice() {
+  void forget_counts_off_lattice() {
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
-      if (is_flagged_beside(i)) reading_.count(i) = -1;
+      if (is_flagged_off(i)) reading_.count(i) = -1;
     }
   }
 
-  [[nodiscard]] bool is_flagged_beside(std::int32_t i) const {
-    constexpr unsigned kBeside =
+  [[nodiscard]] bool is_flagged_off(std::int32_t i) const {
+    constexpr unsigned kOff =
         1U << static_cast<unsigned>(Evidence::kLine) | 1U << static_cast<unsigned>(Evidence::kStep);
-    return (result_.flags[i] & kBeside) != 0;
+    return (result_.flags[i] & kOff) != 0;
   }
 
   void examine_firings() {
@@ -255,9 +253,9 @@ class Examination {
       if (reading_.ring(i) < 0) continue;
       const int off = incoherent(i) ? 1 : 0;
       off_by_sector[HorizonSectors::sector(reading_.azimuth(i))] += off;
-      // Points beside lines or steps are evidence already. In a window they would accuse the few
+      // Points off lines or steps are evidence already. In a window they would accuse the few
       // clean ranges around them that are incoherent.
-      if (is_flagged_beside(i)) continue;
+      if (is_flagged_off(i)) continue;
       RangeTally& tally = tallies[voxel_of_point_[i]];
       ++tally.points;
       tally.incoherent += off;
@@ -304,16 +302,22 @@ class Examination {
     });
   }
 
+  // Is the tolerance that of coordinates rounded to the lattice's step? Rounding moves a point by
+  // up to 0.87 steps, and the tolerance is twice the step; the thousandth is for its own rounding.
+  [[nodiscard]] bool tolerates_only_rounding() const {
+    constexpr double kSteps = 2.001;
+    const double step = lattice_.coordinate_step;
+    return step > 0.0 && options_.tolerance <= kSteps * step;
+  }
+
   // Are the coordinates the scanner's own, rounded to their step and otherwise unchanged?
   [[nodiscard]] bool is_rounded_once() const {
-    const double step = lattice_.coordinate_step;
-    return step > 0.0 && options_.tolerance <= 2.001 * step && options_.azimuth_error == 0.0;
+    return tolerates_only_rounding() && options_.azimuth_error == 0.0;
   }
 
   void examine_drift() {
-    const double step = lattice_.coordinate_step;
-    const bool known = step > 0.0 && options_.tolerance <= 2.001 * step;
-    if (!usable(Evidence::kDrift, known, {Evidence::kLine, Evidence::kGrid})) return;
+    if (!usable(Evidence::kDrift, tolerates_only_rounding(), {Evidence::kLine, Evidence::kGrid}))
+      return;
     const std::vector<float> deviations =
         drift_deviations(points_, reading_, lattice_, voxels_, voxel_of_point_);
     const auto drifts = [](float deviation) { return std::abs(deviation) > kDriftThreshold; };
@@ -365,14 +369,14 @@ class Examination {
     add_voids(Evidence::kVoid, find_voids(points_, answers, lattice_, *ground, options));
 
     std::vector<Answers> turns;
-    for (const PointsView* turn : beside_) {
+    for (const PointsView* turn : other_turns_) {
       if (auto answered = answers_of(*turn, *ground)) turns.push_back(std::move(*answered));
     }
     if (turns.empty()) {
       report(Evidence::kTime).dropped = Dropped::kNoPrevious;
       return;
     }
-    for (const Answers& turn : turns) options.beside.push_back(&turn);
+    for (const Answers& turn : turns) options.other_turns.push_back(&turn);
     result_.num_turns = static_cast<int>(turns.size());
     options.answered_beside = kAnsweredBesideInTime;
     add_voids(Evidence::kTime, find_voids(points_, answers, lattice_, *ground, options));
@@ -426,7 +430,7 @@ class Examination {
   void find_regions() { gather_regions(points_, lattice_, reading_, cells_, voids_, result_); }
 
   const PointsView& points_;
-  std::array<const PointsView*, 2> beside_;  // previous and following turn
+  std::array<const PointsView*, 2> other_turns_;  // previous and following
   const ScanLattice& lattice_;
   const GenericOptions& options_;
   const Progress& progress_;

@@ -95,10 +95,6 @@ double range_of(const PointsView& view, Eigen::Index row) {
   return std::sqrt(view.points.row(row).cast<double>().squaredNorm());
 }
 
-int share_column(double azimuth, int columns) {
-  return std::min(static_cast<int>(azimuth * (columns / kFullTurn)), columns - 1);
-}
-
 // End of the scale of reflectances at which a value is clipped.
 enum class End : std::uint8_t { kNone, kLow, kHigh };
 
@@ -208,7 +204,7 @@ class ReflectanceView {
     const LatticeReading& seen = turn.seen == nullptr ? read : *turn.seen;
     for (Eigen::Index i = 0; i < places.rows(); ++i) {
       if (seen.ring(i) < 0 || std::isnan(reflectance_[i])) continue;
-      const int column = share_column(seen.azimuth(i), kFineColumns);
+      const int column = azimuth_column(seen.azimuth(i), kFineColumns);
       const auto keep_nearest = [&](NearestImage& image) {
         const std::int32_t first = image.row(seen.ring(i), column);
         if (first >= 0 && !(places.row(i).squaredNorm() < places.row(first).squaredNorm())) return;
@@ -386,7 +382,7 @@ class ReflectanceSearch {
   }
 
   [[nodiscard]] RangeVoxel voxel_of(Eigen::Index i) const {
-    return {reading_.ring(i) / kShareRings, share_column(reading_.azimuth(i), kShareColumns),
+    return {reading_.ring(i) / kShareRings, azimuth_column(reading_.azimuth(i), kShareColumns),
             range_layer(points_.points.row(i).squaredNorm())};
   }
 
@@ -475,7 +471,7 @@ class ReflectanceSearch {
     for (Eigen::Index i = 0; i < points_.num_points(); ++i) {
       ticker.tick();
       if (!is_judged(ReflectanceEvidence::kChanged, i)) continue;
-      const int column = share_column(reading_.azimuth(i), kFineColumns);
+      const int column = azimuth_column(reading_.azimuth(i), kFineColumns);
       const auto seen = [&](const ReflectanceView& view) {
         return view.beside(points_.points.row(i), reading_.ring(i), column, reach);
       };
@@ -659,7 +655,7 @@ std::vector<double> laser_gains(const PointsView& points, const LatticeReading& 
   const ReflectanceScale scale(points);
   for (Eigen::Index i = 0; i < points.num_points(); ++i) {
     if (reading.ring(i) < 0 || !scale.holds(points.intensity(i))) continue;
-    image(reading.ring(i), share_column(reading.azimuth(i), kGainColumns)) =
+    image(reading.ring(i), azimuth_column(reading.azimuth(i), kGainColumns)) =
         static_cast<std::int32_t>(i);
   }
   std::vector<double> gains(num_rings, 0.0);

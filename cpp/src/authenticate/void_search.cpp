@@ -172,8 +172,9 @@ bool was_answered(const Answers& other, int ring, int column, int columns) {
   return answered >= kEarlierAnswers;
 }
 
-bool was_answered(const std::vector<const Answers*>& beside, int ring, int column, int columns) {
-  return std::all_of(beside.begin(), beside.end(), [&](const Answers* other) {
+bool was_answered(const std::vector<const Answers*>& other_turns, int ring, int column,
+                  int columns) {
+  return std::all_of(other_turns.begin(), other_turns.end(), [&](const Answers* other) {
     return was_answered(*other, ring, column, columns);
   });
 }
@@ -191,7 +192,7 @@ RingImage<std::uint8_t> lost_between(const Answers& answers, const ScanLattice& 
       if (kind(ring, column) != Answer::kNone) continue;
       const double range = ground_range(lattice, ring, ground, azimuth);
       if (range > 0.0 && range < options.min_ground_range) continue;
-      lost(ring, column) = was_answered(options.beside, ring, column, lost.columns());
+      lost(ring, column) = was_answered(options.other_turns, ring, column, lost.columns());
     }
   }
   return lost;
@@ -218,7 +219,7 @@ RingImage<std::uint8_t> runs_above_ground(const Answers& answers, const ScanLatt
         if (!(range > options.min_ground_range && range < options.max_ground_range)) continue;
         const Support support = gaps.support(r, column);
         if (support == Support::kNone || (support == Support::kAnswers && !closed)) continue;
-        runs(r, column) = was_answered(options.beside, r, column, runs.columns());
+        runs(r, column) = was_answered(options.other_turns, r, column, runs.columns());
       }
     }
   }
@@ -273,9 +274,9 @@ int holes_beside(const std::vector<RingCell>& component, const Answers& answers,
 
 // The share of a void that is not explained by a hole that moved here since another turn.
 double unexplained(const std::vector<RingCell>& component, const Answers& answers,
-                   const std::vector<const Answers*>& beside) {
+                   const std::vector<const Answers*>& other_turns) {
   int holes = 0;
-  for (const Answers* other : beside) {
+  for (const Answers* other : other_turns) {
     holes = std::max(holes, holes_beside(component, answers, *other));
   }
   const auto size = static_cast<double>(component.size());
@@ -346,7 +347,7 @@ std::vector<Void> find_voids(const PointsView& points, const Answers& answers,
                              const VoidOptions& options) {
   const int columns = answers.kind.columns();
   if (columns < std::max(kBlockColumns, kSide)) return {};
-  const auto runs = options.beside.size() > 1
+  const auto runs = options.other_turns.size() > 1
                         ? lost_between(answers, lattice, ground, options)
                         : runs_above_ground(answers, lattice, ground, options);
   Ticker ticker(options.progress, 1U << 2);
@@ -362,7 +363,8 @@ std::vector<Void> find_voids(const PointsView& points, const Answers& answers,
       distances.push_back(contact_distance(answers, points, ring, column));
     }
     found.distance = median(std::span(distances));
-    if (options.beside.size() > 1) found.weight = unexplained(component, answers, options.beside);
+    if (options.other_turns.size() > 1)
+      found.weight = unexplained(component, answers, options.other_turns);
     if (!(found.weight > 0.0)) continue;
     voids.push_back(std::move(found));
   }

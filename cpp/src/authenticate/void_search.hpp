@@ -65,7 +65,7 @@ struct VoidOptions {
   /// The previous and following turn, or one of them. A firing counts as lost only if it and its
   /// neighbours have returns in all given turns. With two turns this alone proves a hole, which
   /// then need not begin above ground.
-  std::vector<const Answers*> beside;
+  std::vector<const Answers*> other_turns;
   Progress progress;  ///< May cancel the search.
 };
 
