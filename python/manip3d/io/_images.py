@@ -192,7 +192,7 @@ def _rgb_of_numbers(numbers: NDArray[Any], mode: str, path: Path) -> NDArray[np.
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
+def encoded_picture(pixels: NDArray[np.uint8]) -> bytes:
     """Return (H, W, 3) or (H, W, 4) pixels as a PNG file.
 
     Raises

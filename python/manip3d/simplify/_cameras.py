@@ -16,7 +16,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
-from manip3d.io._images import png_bytes
+from manip3d.io._images import encoded_picture
 from manip3d.mesh import Material, Mesh, Texture
 from manip3d.simplify._arguments import count_of, limit_of
 from manip3d.simplify._bandwidth import MIN_POINTS
@@ -207,7 +207,7 @@ class JointSimplification(Showable):
         materials = tuple(
             Material(
                 f"view {i}",
-                textures={} if c is None else {"base_color": Texture(data=png_bytes(c))},
+                textures={} if c is None else {"base_color": Texture(data=encoded_picture(c))},
             )
             for i, c in enumerate(self.colors)
         )

@@ -18,7 +18,7 @@ from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration, checked_depth
 from manip3d.errors import InputError
-from manip3d.io._images import png_bytes
+from manip3d.io._images import encoded_picture
 from manip3d.mesh import Material, Mesh, Texture
 from manip3d.simplify._arguments import checked_color, count_of, limit_of
 from manip3d.simplify._pixel_maps import mask_image, masked_depth
@@ -181,7 +181,7 @@ class DepthMesh(Showable):
         )
         if self.color is None:
             return mesh
-        picture = Material("colour", textures={"base_color": Texture(data=png_bytes(self.color))})
+        picture = Material("colour", textures={"base_color": Texture(data=encoded_picture(self.color))})
         return with_materials(mesh, np.zeros(self.num_faces, np.int32), (picture,), textured)
 
 
