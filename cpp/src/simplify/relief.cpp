@@ -40,16 +40,10 @@ using relief_detail::Vec3;
 /// same result, and the fourth 1.01 times the error.
 constexpr std::int64_t kSparse = 32;
 
-/// From this many pixels per vertex on, kLive triangulates every second pixel in both directions,
-/// which is a quarter of the work.
-constexpr std::int64_t kHalf = 64;
-
-/// Below this many used pixels kLive has time for more. With more than kFew vertices and more than
-/// kWhole pixels per vertex it triangulates all pixels, and it removes bridges from sparse meshes.
-/// On 35 such scans and people at 0.5 % of the points this multiplies the error by 0.98 and the
-/// time by 1.1 to 1.2; the largest error is 1.3 instead of 1.64 times that of an edge collapse.
+/// Up to this many used pixels, and from this many pixels per vertex on, kLive has time to remove
+/// bridges.
 constexpr std::int64_t kSmall = 50'000;
-constexpr std::int64_t kWhole = 128;
+constexpr std::int64_t kFewBridges = 64;
 
 /// ContourBlocks triangulate the contours above this many pixels per vertex. Meshes with fewer
 /// pixels per vertex also need vertices inside the squares, which ContourBlocks leave out.
@@ -67,11 +61,6 @@ constexpr float kChanceFalse = 3.0F;
 /// below 0.91 times that of an edge collapse.
 constexpr double kMuchContour = 1.5;
 constexpr float kContourPrice = 4.0F;
-
-/// The surface of every second pixel is not used if it lacks more than this share of the dense
-/// triangles, or of their area. The area counts as well: a distant strip can be one row of pixels
-/// and yet most of the area.
-constexpr double kThin = 0.1;
 
 /// Rounds of VertexExchange for sparse meshes (kSparse). Of 1 and 4, tried on all scans and frames
 /// of the data folder at 1 % of the points, 1 leaves 0.86 of the missing surface and 4 leave 0.76.
@@ -120,6 +109,10 @@ struct Budget {
   /// tried on six rendered shelves at 5 % of the points, 2.5 leaves at most 1.2 times the error of
   /// an edge collapse, 2 and 1 leave up to 1.6 and 2.4 times.
   double start = 0.0;
+  /// The same at least for sparse meshes (kSparse). Of 0, 1, 2 and 3 for kLive, tried on two scenes
+  /// and two walls at 1 and 0.5 % of the points, 2 has 0.86 to 0.99 times the error of a
+  /// triangulation of every second pixel, 1 up to 1.08 times and 0 up to 1.49 times.
+  double sparse_start = 0.0;
   int finest = 1;            ///< Pixels between inner vertices of a sparse first triangulation.
   float round_share = 0.3F;  ///< Largest share of the vertices that one round of collapses removes.
   int flip_sweeps = 3;
@@ -129,9 +122,6 @@ struct Budget {
   int move_rounds = 0;     ///< Rounds of vertex moves, each followed by flips.
   int radius = 0;          ///< Farthest move of a vertex in one round, pixels.
   int boundary_sweeps = 4;
-  /// Bisections per target vertex where only every second pixel is triangulated (see kHalf); 0: all
-  /// pixels always are.
-  double half_start = 0.0;
   bool by_tile = false;    ///< The first triangulation is ordered tile by tile.
   bool by_blocks = false;  ///< ContourBlocks triangulate the ends of the surface.
   /// Argument of Collapser::sweep(), which runs first; 0: it does not run. Of 0.4, 0.6 and 0.9,
@@ -157,13 +147,13 @@ Budget budget_of(ReliefEffort effort, std::int64_t target) {
   switch (effort) {
     case ReliefEffort::kLive:
       return {.start = 0.4,
+              .sparse_start = 2.0,
               .finest = 2,
               .round_share = 0.4F,
               .flip_sweeps = 2,
               .flip_floor = 0.1F,
               .by_sample = true,
               .boundary_sweeps = 2,
-              .half_start = 2.0,
               .by_tile = true,
               .by_blocks = true,
               .sweep_share = 0.9F,
@@ -245,9 +235,7 @@ struct Relief::Memory {
   relief_detail::UnsurePieces unsure;
   relief_detail::PinholeFiller pinholes;
   Surface surface;
-  Surface measured;                  ///< `surface` without the filled pinholes, if there are any.
-  Surface half;                      ///< Every second pixel of `surface`.
-  const Surface* worked = &surface;  ///< The surface that is triangulated: `surface` or `half`.
+  Surface measured;  ///< `surface` without the filled pinholes, if there are any.
   relief_detail::BoundaryMover boundary;
   relief_detail::StartMesh start;
   Triangulation mesh;
@@ -286,9 +274,7 @@ struct Relief::Memory {
            pinholes.is_filled(surface.input_v(pixel) * pinholes.grid().cols +
                               surface.input_u(pixel));
   }
-  /// Points `worked` to the surface that is good enough for the target.
-  void choose_surface(ReliefEffort effort, std::int64_t target);
-  /// Moves the mesh from `half` to the whole surface, and its boundary to the surface's ends.
+  /// Moves the boundary of the mesh to the surface's ends.
   void move_boundary(const ReliefOptions& options, std::int64_t target);
   /// Marks the vertices of the previous frame in `keep`.
   void recall(const PointGridView& grid, const ReliefOptions& options);
@@ -296,6 +282,14 @@ struct Relief::Memory {
   [[nodiscard]] std::int64_t num_sure() const;
   /// Does the first triangulation have more contour than `target` vertices can follow?
   [[nodiscard]] bool has_much_contour(std::int64_t target) const;
+  [[nodiscard]] bool is_sparse(std::int64_t target) const {
+    return target <= surface.num_used() / kSparse;
+  }
+  /// Makes the first triangulation, of at least `target` vertices if the surface has so many.
+  void triangulate(const Budget& budget, std::int64_t target);
+  /// Collapser's factor on the price of missing surface.
+  [[nodiscard]] float price_of_missing(const ReliefOptions& options, const Budget& budget,
+                                       std::int64_t target) const;
   /// Triangulates and collapses edges until the mesh has at most `target` vertices.
   void select(const ReliefOptions& options, std::int64_t target, const LeftOut& left_out,
               ReliefResult& result);
@@ -305,14 +299,13 @@ struct Relief::Memory {
   double written_coverage(const Triangulation& of);
   void try_mesh(const ReliefOptions& options, std::int64_t target, const LeftOut& left_out,
                 double factor, double& covered, ReliefResult& result);
-  void make_best_mesh(const PointGridView& grid, const ReliefOptions& options, std::int64_t target,
-                      ReliefResult& result);
+  void make_best_mesh(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
   /// Is there time to exchange vertices, and little contour for each vertex? In a stream, an
   /// exchange would replace vertices of the previous frame; specks of a large area would take more
   /// vertices from the rest.
   [[nodiscard]] bool may_exchange(const ReliefOptions& options, std::int64_t target) const {
     return budget_of(options.effort, target).move_rounds > 0 && !(options.stability > 1.0) &&
-           speck_area <= kMuchSpeck && target <= surface.num_used() / kSparse;
+           speck_area <= kMuchSpeck && is_sparse(target);
   }
   /// Flips edges and moves vertices.
   void refine(const Budget& budget);
@@ -376,36 +369,15 @@ PointGridView Relief::Memory::take_surface(const PointGridView& whole, const Rel
 
 void Relief::Memory::leave_pinholes() {
   if (pinholes.num_filled() == 0) return;
-  const std::span<const Keep> kept = worked == &surface ? keep : std::span<const Keep>();
-  refiner.leave_pixels(surface, mesh, kept,
+  refiner.leave_pixels(surface, mesh, keep,
                        [this](std::int32_t pixel) { return is_pinhole(pixel); });
 }
 
-/// Every second pixel is a quarter of the work. Of 0.4, 1, 2 and 4 bisections per target vertex
-/// (Budget::half_start), 2 has on four of five images at 1 % of the points a smaller error than the
-/// triangulation of all pixels, in no more time.
-void Relief::Memory::choose_surface(ReliefEffort effort, std::int64_t target) {
-  worked = &surface;
-  const std::int64_t used = surface.num_used();
-  if (budget_of(effort, target).half_start == 0.0 || target > used / kHalf) return;
-  if (used < kSmall && target > relief_detail::kFew && target < used / kWhole) return;
-  if (!levels.empty()) return;  // vertices of smaller levels may lie between every second pixel
-  half.assign_half(surface);
-  const auto below = 4.0 * static_cast<double>(half.num_faces());
-  if (below < (1.0 - kThin) * static_cast<double>(surface.num_faces())) return;
-  const double here = double{half.mean_area()} * static_cast<double>(half.num_used());
-  const double not_here = half.area_not_here(surface);
-  if (not_here <= kThin * (here + not_here)) worked = &half;
-}
-
 void Relief::Memory::move_boundary(const ReliefOptions& options, std::int64_t target) {
-  if (worked != &surface) mesh.change_surface(half, surface);
-  // Vertices of the previous frame stay, since that frame has moved them. `keep` is by pixel of
-  // `worked`: it says nothing about the whole surface if that is `half`.
-  const std::span<const Keep> kept = worked == &surface ? keep : std::span<const Keep>();
   // kLive has no time to compute the price; few vertices should each cover as much as possible.
   const bool at_any_price = options.effort == ReliefEffort::kLive || target <= relief_detail::kFew;
-  boundary.run(surface, mesh, kept, budget_of(options.effort, target).boundary_sweeps, at_any_price,
+  // Vertices of the previous frame (`keep`) stay, since that frame has moved them.
+  boundary.run(surface, mesh, keep, budget_of(options.effort, target).boundary_sweeps, at_any_price,
                progress);
 }
 
@@ -413,19 +385,19 @@ void Relief::Memory::recall(const PointGridView& grid, const ReliefOptions& opti
   keep.clear();
   if (!(options.stability > 1.0)) before.clear();
   if (!(options.stability > 1.0) || previous.empty()) return;
-  keep.assign(worked->num_pixels(), Keep::kFree);
+  keep.assign(surface.num_pixels(), Keep::kFree);
   for (const std::int64_t pixel : previous) {
-    const std::int32_t at = worked->pixel_at(pixel % grid.cols, pixel / grid.cols);
-    if (at >= 0 && worked->is_used(at)) keep[at] = Keep::kPrefer;
+    const std::int32_t at = surface.pixel_at(pixel % grid.cols, pixel / grid.cols);
+    if (at >= 0 && surface.is_used(at)) keep[at] = Keep::kPrefer;
   }
 }
 
 std::int64_t Relief::Memory::num_sure() const {
-  if (!worked->avoids_unsure()) return mesh.num_vertices();
+  if (!surface.avoids_unsure()) return mesh.num_vertices();
   std::int64_t count = 0;
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
     const Triangulation::Vertex& vertex = mesh.vertex(v);
-    count += vertex.alive() && (vertex.on_boundary || !worked->is_unsure(vertex.pixel)) ? 1 : 0;
+    count += vertex.alive() && (vertex.on_boundary || !surface.is_unsure(vertex.pixel)) ? 1 : 0;
   }
   return count;
 }
@@ -438,74 +410,81 @@ bool Relief::Memory::has_much_contour(std::int64_t target) const {
   return static_cast<double>(ends) > kMuchContour * static_cast<double>(target);
 }
 
-void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
-                            const LeftOut& left_out, ReliefResult& result) {
-  const Budget budget = budget_of(options.effort, target);
-  const std::int64_t used = worked->num_used();
-  const double share =
-      worked == &surface ? std::max(budget.start, budget.dense_start * static_cast<double>(target) /
-                                                      static_cast<double>(used))
-                         : budget.half_start;
+void Relief::Memory::triangulate(const Budget& budget, std::int64_t target) {
+  const std::int64_t used = surface.num_used();
+  const double density = static_cast<double>(target) / static_cast<double>(used);
+  const double share = std::max(
+      {budget.start, budget.dense_start * density, is_sparse(target) ? budget.sparse_start : 0.0});
   const double wanted = share * static_cast<double>(target);
   auto splits = static_cast<std::int64_t>(std::min(wanted, static_cast<double>(used)));
-  const bool is_sparse = worked != &surface || target <= used / kSparse;
-  int finest = worked == &surface && is_sparse ? budget.finest : 1;
-  result.stop = used <= target ? ReliefStop::kAllPoints : ReliefStop::kTarget;
-  result.dropped_pixels = 0;
-  speck_area = 0.0;
+  int finest = is_sparse(target) ? budget.finest : 1;
   if (used <= target) splits = used, finest = 1;
   bool by_blocks = budget.by_blocks && kDense * target < used;
-  const auto triangulate = [&] {
+  const auto build = [&] {
     const std::span<const Triangle> faces =
-        start.build(*worked, splits, finest, keep, by_blocks, progress);
+        start.build(surface, splits, finest, keep, by_blocks, progress);
     check_cancelled();
-    mesh.assign(*worked, budget.by_tile ? start.order_by_tile(*worked) : faces);
+    mesh.assign(surface, budget.by_tile ? start.order_by_tile(surface) : faces);
   };
-  triangulate();
+  build();
   while (num_sure() < target && (splits < used || finest > 1 || by_blocks)) {
     if (splits == used) by_blocks = false;  // ContourBlocks leave pixels out
     splits = std::min(2 * splits, used);
     if (splits == used) finest = 1;
-    triangulate();
+    build();
   }
   if (num_sure() < target && target < used) {
     // Bisection never ends at pixels in flat parts, and the others are too few for the target.
-    worked->dense_triangles(dense);
-    mesh.assign(*worked, dense);
+    surface.dense_triangles(dense);
+    mesh.assign(surface, dense);
     if (has_many_pixels()) relief_detail::release(dense);
   }
   if (has_many_pixels()) {
     start = {};
     mesh.release_scratch();
   }
+}
+
+float Relief::Memory::price_of_missing(const ReliefOptions& options, const Budget& budget,
+                                       std::int64_t target) const {
+  if (is_sparse(target)) return kMissingFactor;
+  // ContourBlocks have simplified the contours before has_much_contour() counts them. In a stream,
+  // the higher price would keep fewer vertices of the previous frame.
+  const bool may_rise = !budget.by_blocks && !(options.stability > 1.0);
+  return may_rise && has_much_contour(target) ? kContourPrice * budget.missing : budget.missing;
+}
+
+void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
+                            const LeftOut& left_out, ReliefResult& result) {
+  const Budget budget = budget_of(options.effort, target);
+  const std::int64_t used = surface.num_used();
+  result.stop = used <= target ? ReliefStop::kAllPoints : ReliefStop::kTarget;
+  result.dropped_pixels = 0;
+  speck_area = 0.0;
+  triangulate(budget, target);
   if (mesh.num_vertices() <= target) return;
   check_cancelled();
-  const std::int64_t pixels_each = worked == &surface ? 1 : 4;  // input pixels per worked pixel
+  const float missing = price_of_missing(options, budget, target);
   // Pixels that are missing at random are no end of the surface, so little of the surface that
   // would cover them is false.
   const float false_factor =
       budget.by_blocks && pinholes.are_by_chance() ? kChanceFalse : relief_detail::kFalseFactor;
-  float missing = is_sparse ? kMissingFactor : budget.missing;
-  // ContourBlocks have simplified the contours before has_much_contour() counts them. In a stream,
-  // the higher price would keep fewer vertices of the previous frame.
-  const bool may_price = !is_sparse && !budget.by_blocks && !(options.stability > 1.0);
-  if (may_price && has_much_contour(target)) missing *= kContourPrice;
-  if (worked->avoids_unsure()) relief_detail::move_to_rims(*worked, mesh, keep);
-  collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability), missing,
+  if (surface.avoids_unsure()) relief_detail::move_to_rims(surface, mesh, keep);
+  collapser.assign(surface, mesh, keep, static_cast<float>(options.stability), missing,
                    false_factor);
   speck_area = collapser.area_of_specks(used / kSpeck);
   if (left_out.specks) collapser.leave_out_specks(mesh, used / kSpeck);
-  if (worked->avoids_unsure()) collapser.leave_unsure(*worked, mesh, target, progress);
+  if (surface.avoids_unsure()) collapser.leave_unsure(surface, mesh, target, progress);
   if (budget.sweep_share > 0.0F) {
     const std::int64_t specks =
         target > relief_detail::kFew ? collapser.num_specks(used / kSpeck) : 0;
     const bool is_many =
         3.0 * static_cast<double>(specks) > kManySpecks * static_cast<double>(target);
-    collapser.sweep(*worked, mesh, target, budget.sweep_share, is_many ? used / kSpeck : 0,
+    collapser.sweep(surface, mesh, target, budget.sweep_share, is_many ? used / kSpeck : 0,
                     progress);
   }
-  result.dropped_pixels = pixels_each * collapser.run(*worked, mesh, target, budget.round_share,
-                                                      left_out.off, progress);
+  result.dropped_pixels =
+      collapser.run(surface, mesh, target, budget.round_share, left_out.off, progress);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
   if (has_many_pixels()) collapser = {};
   mesh.compact();  // the later stages visit the vertices several times
@@ -516,24 +495,23 @@ void Relief::Memory::refine(const Budget& budget) {
   // flip_sampled() takes twelve pixels of a pair of triangles. Filled pixels have weight 0, so that
   // too few of the twelve would count.
   if (budget.by_sample && pinholes.num_filled() == 0) {
-    refiner.flip_sampled(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before, progress);
-    if (worked->avoids_unsure()) refiner.flip_unsure(*worked, mesh, before, progress);
+    refiner.flip_sampled(surface, mesh, budget.flip_sweeps, budget.flip_floor, before, progress);
+    if (surface.avoids_unsure()) refiner.flip_unsure(surface, mesh, before, progress);
     return;
   }
-  refiner.flip_edges(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before, progress);
+  refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor, before, progress);
   for (int round = 0; round < budget.move_rounds; ++round) {
-    const int moved = refiner.move_vertices(*worked, mesh, budget.radius, keep, progress);
-    if (moved + refiner.flip_edges(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before,
+    const int moved = refiner.move_vertices(surface, mesh, budget.radius, keep, progress);
+    if (moved + refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor, before,
                                    progress) ==
         0)
       break;
   }
-  if (worked->avoids_unsure()) refiner.flip_unsure(*worked, mesh, before, progress);
+  if (surface.avoids_unsure()) refiner.flip_unsure(surface, mesh, before, progress);
 }
 
 /// Makes the mesh of all dense triangles, where the target leaves room for all used pixels.
 void Relief::Memory::take_all(ReliefResult& result) {
-  worked = &surface;
   result.stop = ReliefStop::kAllPoints;
   result.dropped_pixels = 0;
   surface.dense_triangles(dense);
@@ -566,9 +544,7 @@ void Relief::Memory::make_mesh(const ReliefOptions& options, std::int64_t target
                                const LeftOut& left_out, ReliefResult& result) {
   const Budget budget = budget_of(options.effort, target);
   select(options, target, left_out, result);
-  // Flips should know the final boundary, so it moves first. On `half` the flips come first,
-  // because they are quicker there and move_boundary() goes on to the whole surface.
-  if (worked == &surface) move_boundary(options, target);
+  move_boundary(options, target);  // flips should know the final boundary
   refine(budget);
   if (may_exchange(options, target) &&
       exchange.run(surface, mesh, keep, kExchangeRounds, progress)) {
@@ -576,7 +552,6 @@ void Relief::Memory::make_mesh(const ReliefOptions& options, std::int64_t target
     refine(budget);
   }
   if (has_many_pixels()) exchange = {};
-  if (worked != &surface) move_boundary(options, target);
   leave_pinholes();
 }
 
@@ -651,9 +626,10 @@ void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target,
 /// With not many more vertices: the mesh of kFew vertices is the best of several and may cover
 /// more.
 ///
-/// With few vertices and kLive: the mesh of every second pixel can fall apart.
-void Relief::Memory::make_best_mesh(const PointGridView& grid, const ReliefOptions& options,
-                                    std::int64_t target, ReliefResult& result) {
+/// With few vertices and kLive: the contours that ContourBlocks keep can leave too few vertices for
+/// the surface.
+void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t target,
+                                    ReliefResult& result) {
   make_mesh(options, target, {}, result);
   const bool is_hasty = options.effort == ReliefEffort::kLive;
   const bool is_few = target <= relief_detail::kFew;
@@ -678,8 +654,6 @@ void Relief::Memory::make_best_mesh(const PointGridView& grid, const ReliefOptio
   if (may_fall_apart && covered < kFallenApart) {
     ReliefOptions slower = options;
     slower.effort = ReliefEffort::kFast;
-    choose_surface(slower.effort, target);
-    recall(grid, slower);
     try_mesh(slower, target, {}, kWorthLeaving, covered, result);
   }
   const auto end = std::ranges::lower_bound(kFewSizes, target);
@@ -715,11 +689,10 @@ void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions
   for (auto size = options.levels.rbegin();; ++size) {
     const bool last = size == options.levels.rend();
     const std::int64_t target = last ? options.target_points : *size;
-    choose_surface(options.effort, target);
     recall(grid, options);
     if (!levels.empty()) fix_vertices();
     const std::int64_t dropped_before = result.dropped_pixels;
-    make_best_mesh(grid, options, target, result);
+    make_best_mesh(options, target, result);
     if (levels.empty()) keep_a_face(result);
     // The vertices of the next smaller level are fixed. If this size is hardly larger, they may
     // leave no legal collapse that reaches it; the result is then that smaller level again.
@@ -749,7 +722,6 @@ void Relief::Memory::release_meshes() {
   for (auto* vertices : {&smaller_order, &larger_order, &sorting})
     relief_detail::release(*vertices);
   writer = {};
-  half = {};
   if (pinholes.num_filled() > 0) surface = {};
 }
 
@@ -783,7 +755,7 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
 /// images only, and there only for few vertices: dense meshes have hardly any bridges.
 void Relief::Memory::leave_bridges(const ReliefOptions& options, ReliefResult& result) {
   const std::int64_t used = surface.num_used();
-  const bool may_take_time = used < kSmall && options.target_points <= used / kHalf;
+  const bool may_take_time = used < kSmall && options.target_points <= used / kFewBridges;
   if (options.effort == ReliefEffort::kLive && !may_take_time) return;
   const Rows<std::int32_t, 2>& pixels = result.mesh.pixels;
   relief_detail::remove_bridges(surface, pixels, result.mesh.faces, coverage);

@@ -63,7 +63,7 @@ class BoundaryTiles {
 };
 
 /// Moves the boundary of a triangulation to the ends of the surface, pixel by pixel. Removed
-/// vertices left cuts and bays, and a mesh of every second pixel ends up to two pixels too early.
+/// vertices left cuts and bays.
 class BoundaryMover {
  public:
   /// In each of at most `sweeps` passes, moves each boundary vertex to that one of its eight

@@ -34,22 +34,6 @@ std::uint8_t cell_of(CellCut cut) {
   return kCells[static_cast<std::size_t>(cut)];
 }
 
-/// The bits of a cell of assign_half() of which only one triangle is there, or 0: the triangle that
-/// the four smaller cells in it cover. The caller handles four full cells.
-/// @param parts  bits of the smaller cells at the corners a, b, c and d.
-std::uint8_t part_of_four(const std::array<std::uint8_t, 4>& parts) {
-  if (((parts[0] | parts[1] | parts[2] | parts[3]) & kFull) == 0) return 0;
-  const auto is_whole = [&](int i) { return (parts[i] & kFull) == kFull; };
-  // A smaller cell on the diagonal needs only the triangle on the covered side.
-  const auto has = [&](int i, std::uint8_t half) { return is_whole(i) || parts[i] == half; };
-  if (is_whole(1) && has(0, kFirst) && has(3, kFirst)) return kFirst;
-  if (is_whole(2) && has(0, kSecond) && has(3, kSecond)) return kSecond;
-  constexpr std::uint8_t kABC = kCutFromBToC | kFirst, kBDC = kCutFromBToC | kSecond;
-  if (is_whole(0) && has(1, kABC) && has(2, kABC)) return kABC;
-  if (is_whole(3) && has(1, kBDC) && has(2, kBDC)) return kBDC;
-  return 0;
-}
-
 /// Divides a buffer into rows of equal size: each call of row() returns the next one.
 template <typename Item>
 class BufferRows {
@@ -766,7 +750,6 @@ void Surface::find_unsure_tiles() {
 
 void Surface::assign(const PointGridView& whole, const DenseRule& rule,
                      std::span<const float> confidence, int num_threads) {
-  step_ = 1;
   num_faces_ = num_used_ = 0;
   steps_ = StepRule(rule);
   num_valid_ = std::count_if(whole.valid, whole.valid + whole.rows * whole.cols,
@@ -802,98 +785,10 @@ bool Surface::assign_filled(const Surface& before, const PointGridView& grid, co
   return true;
 }
 
-float Surface::cell_area(std::int32_t a) const {
-  float area = 0.0F;
-  for (const bool second : {false, true}) {
-    if ((cells_[a] & (second ? kSecond : kFirst)) == 0) continue;
-    const auto [p, q, r] = cell_triangle(cells_[a], second, a, cols_);
-    const Vec3 from = samples_[p].point();
-    area += 0.5F * (samples_[q].point() - from).cross(samples_[r].point() - from).norm();
-  }
-  return area;
-}
-
-float Surface::area_not_here(const Surface& whole) const {
-  const int du = u0_ - whole.u0_, dv = v0_ - whole.v0_;
-  float area = 0.0F;
-  for (int v = 0; v + 1 < used_rows_; ++v) {
-    for (int u = 0; u + 1 < used_cols_; ++u) {
-      if ((cells_[v * cols_ + u] & kFull) != 0) continue;
-      const std::int32_t a = (2 * v + dv) * whole.cols_ + 2 * u + du;
-      area += whole.cell_area(a) + whole.cell_area(a + 1) + whole.cell_area(a + whole.cols_) +
-              whole.cell_area(a + whole.cols_ + 1);
-    }
-  }
-  // The cells around all of these.
-  const int end_u = du + 2 * (used_cols_ - 1), end_v = dv + 2 * (used_rows_ - 1);
-  for (int v = 0; v + 1 < whole.used_rows_; ++v) {
-    const bool is_beside = v < dv || v >= end_v;
-    for (int u = 0; u + 1 < whole.used_cols_; ++u) {
-      if (!is_beside && u == du) u = end_u;
-      if (u + 1 < whole.used_cols_) area += whole.cell_area(v * whole.cols_ + u);
-    }
-  }
-  return area;
-}
-
-void Surface::assign_half(const Surface& whole) {
-  step_ = 2;
-  u0_ = whole.u0_ + (whole.u0_ & 1);
-  v0_ = whole.v0_ + (whole.v0_ & 1);
-  used_cols_ = (whole.used_cols_ - (u0_ - whole.u0_) + 1) / 2;
-  used_rows_ = (whole.used_rows_ - (v0_ - whole.v0_) + 1) / 2;
-  unit_ = whole.unit_;
-  center_ = whole.center_;
-  steps_ = whole.steps_;
-  num_valid_ = whole.num_valid_;
-  mean_confidence_ = whole.mean_confidence_;
-  least_sure_ = whole.least_sure_;
-  avoids_unsure_ = whole.avoids_unsure_;
-  num_faces_ = num_used_ = 0;
-  if (used_cols_ < 1 || used_rows_ < 1) return;
-  cols_ = padded(used_cols_);
-  rows_ = padded(used_rows_);
-  const auto size = std::int64_t{cols_} * rows_;
-  samples_.assign(size, {});
-  valid_.assign(size, 0);
-  confidence_.assign(whole.has_confidence() ? size : 0, 0.0F);
-  cells_.assign(size, 0);
-  const auto pixel_of_whole = [&](int u, int v) {
-    return (2 * v + v0_ - whole.v0_) * whole.cols_ + 2 * u + u0_ - whole.u0_;
-  };
-  for (int v = 0; v < used_rows_; ++v) {
-    const std::int32_t to = v * cols_, from = pixel_of_whole(0, v);
-    for (int u = 0; u < used_cols_; ++u) samples_[to + u] = whole.samples_[from + 2 * u];
-    for (int u = 0; u < used_cols_; ++u) valid_[to + u] = whole.valid_[from + 2 * u];
-    if (!has_confidence()) continue;
-    for (int u = 0; u < used_cols_; ++u) confidence_[to + u] = whole.confidence_[from + 2 * u];
-  }
-  for (int v = 0; v + 1 < used_rows_; ++v) {
-    for (int u = 0; u + 1 < used_cols_; ++u) {
-      const std::int32_t a = v * cols_ + u;
-      const std::uint8_t* const cell = whole.cells_.data() + pixel_of_whole(u, v);
-      const std::array<std::uint8_t, 4> parts = {cell[0], cell[1], cell[whole.cols_],
-                                                 cell[whole.cols_ + 1]};
-      if ((parts[0] & parts[1] & parts[2] & parts[3] & kFull) == kFull) {
-        const Vec3 ad = samples_[a + cols_ + 1].point() - samples_[a].point();
-        const Vec3 bc = samples_[a + cols_].point() - samples_[a + 1].point();
-        const bool turned = bc.squaredNorm() < ad.squaredNorm();
-        cells_[a] = turned ? std::uint8_t{kCutFromBToC | kFull} : std::uint8_t{kFull};
-      } else {
-        cells_[a] = part_of_four(parts);
-      }
-    }
-  }
-  add_areas();
-  if (has_confidence()) mean_area_ = mean_weight();
-  for (std::size_t p = 0; p < confidence_.size(); ++p) samples_[p].weight *= confidence_[p];
-  find_unsure_tiles();
-}
-
 std::int32_t Surface::pixel_at(std::int64_t input_u, std::int64_t input_v) const {
   const std::int64_t du = input_u - u0_, dv = input_v - v0_;
-  if (du < 0 || dv < 0 || du / step_ >= cols_ || dv / step_ >= rows_) return -1;
-  return static_cast<std::int32_t>(dv / step_ * cols_ + du / step_);
+  if (du < 0 || dv < 0 || du >= cols_ || dv >= rows_) return -1;
+  return static_cast<std::int32_t>(dv * cols_ + du);
 }
 
 void Surface::uses_of_row(std::int64_t input_v, std::span<std::uint8_t> out) const {

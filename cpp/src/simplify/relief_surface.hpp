@@ -108,9 +108,6 @@ class Surface {
   ///          changed: nothing is usable then, and assign() is needed.
   bool assign_filled(const Surface& before, const PointGridView& grid, const DenseRule& rule,
                      std::span<const float> confidence, std::span<const std::int32_t> filled);
-  /// Builds a surface of the pixels of another surface at even columns and rows of the input. It
-  /// has a triangle where the other surface has all triangles below it.
-  void assign_half(const Surface& whole);
 
   [[nodiscard]] bool empty() const { return num_faces_ == 0; }
   [[nodiscard]] int cols() const { return cols_; }
@@ -168,8 +165,8 @@ class Surface {
     return avoids_unsure_ && confidence_[pixel] < least_sure_;
   }
   /// Column and row of the input.
-  [[nodiscard]] std::int32_t input_u(std::int32_t pixel) const { return step_ * u(pixel) + u0_; }
-  [[nodiscard]] std::int32_t input_v(std::int32_t pixel) const { return step_ * v(pixel) + v0_; }
+  [[nodiscard]] std::int32_t input_u(std::int32_t pixel) const { return u(pixel) + u0_; }
+  [[nodiscard]] std::int32_t input_v(std::int32_t pixel) const { return v(pixel) + v0_; }
   /// The pixel of this surface at a pixel of the input, or -1 outside. A surface of every second
   /// pixel rounds down.
   [[nodiscard]] std::int32_t pixel_at(std::int64_t input_u, std::int64_t input_v) const;
@@ -178,8 +175,7 @@ class Surface {
   void uses_of_row(std::int64_t input_v, std::span<std::uint8_t> out) const;
   /// A pixel of the input as one number, for sizes up to 65 536.
   [[nodiscard]] std::uint32_t place(int u, int v) const {
-    return static_cast<std::uint32_t>(step_ * v + v0_) << 16 |
-           static_cast<std::uint32_t>(step_ * u + u0_);
+    return static_cast<std::uint32_t>(v + v0_) << 16 | static_cast<std::uint32_t>(u + u0_);
   }
   /// All dense triangles with an area above 0.
   void dense_triangles(std::vector<std::array<std::int32_t, 3>>& out) const;
@@ -197,14 +193,11 @@ class Surface {
   [[nodiscard]] Eigen::Vector2f pixels_along(std::int32_t pixel, const Vec3& move) const;
   /// Mean area of the used pixels, before confidences weight it.
   [[nodiscard]] float mean_area() const;
-  /// After assign_half(whole): the area of the triangles of `whole` where this surface has none.
-  [[nodiscard]] float area_not_here(const Surface& whole) const;
   [[nodiscard]] double unit() const { return unit_; }
   [[nodiscard]] const Eigen::Vector3d& center() const { return center_; }
 
  private:
   bool crop(const PointGridView& grid);
-  [[nodiscard]] float cell_area(std::int32_t a) const;
   /// Whether the bounding box may be so much larger than the surface, because of lone pixels far
   /// away, that single precision is too coarse for the surface.
   [[nodiscard]] bool is_stretched(const DenseRule& rule) const;
@@ -221,7 +214,6 @@ class Surface {
 
   int cols_ = 0, rows_ = 0;            ///< Padded.
   int u0_ = 0, v0_ = 0;                ///< The crop's corner in the input.
-  int step_ = 1;                       ///< Pixels of the input from one pixel to the next.
   int used_cols_ = 0, used_rows_ = 0;  ///< Shape of the crop.
   double unit_ = 1.0;                  ///< Input units per unit of the samples.
   Eigen::Vector3d center_ = Eigen::Vector3d::Zero();

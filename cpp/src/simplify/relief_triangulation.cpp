@@ -93,17 +93,6 @@ void Triangulation::assign(const Surface& surface, std::span<const Triangle> fac
   split_fans(surface, faces);
 }
 
-void Triangulation::change_surface(const Surface& from, const Surface& to) {
-  num_at_.assign(to.num_pixels(), 0);
-  for (Vertex& vertex : vertices_) {
-    if (!vertex.alive()) continue;
-    vertex.pixel = to.pixel_at(from.input_u(vertex.pixel), from.input_v(vertex.pixel));
-    vertex.u = to.u(vertex.pixel);
-    vertex.v = to.v(vertex.pixel);
-    ++num_at_[vertex.pixel];
-  }
-}
-
 void Triangulation::compact() {
   make_room(new_number_, std::max(num_face_slots(), num_slots()));
   new_number_.resize(faces_.size());

@@ -60,8 +60,6 @@ class Triangulation {
   }
   /// Removes the slots of removed vertices and triangles; the others keep their order.
   void compact();
-  /// Moves the mesh to another surface of the same input, which must contain all of its pixels.
-  void change_surface(const Surface& from, const Surface& to);
   /// Removes triangles that have no other neighbours than each other.
   void remove_piece(std::span<const std::int32_t> faces);
 

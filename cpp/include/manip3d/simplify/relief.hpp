@@ -100,11 +100,10 @@ struct ReliefResult {
 ///    three vertices are closed, bays without surface are filled, and pieces of one triangle are
 ///    left out. Boundary vertices and pieces that cover more pixels per vertex than the mesh will
 ///    have on average go last, so that near objects, whose area is small, are kept. Vertices on the
-///    boundary then move pixel by pixel to the ends of the surface. kLive makes all but that last
-///    step with every second pixel, if there are at least 64 pixels per vertex; it makes most
-///    collapses in the order of the vertices, below a price limit that increases from pass to pass.
-///    If pieces of fewer than one pixel in a thousand would have a tenth of the vertices, those
-///    below the limit are left out in these passes too.
+///    boundary then move pixel by pixel to the ends of the surface. kLive makes most collapses in
+///    the order of the vertices, below a price limit that increases from pass to pass. If pieces of
+///    fewer than one pixel in a thousand would have a tenth of the vertices, those below the limit
+///    are left out in these passes too.
 ///    With a limit on steps and at most 64 points, two more meshes are made: one without triangles
 ///    across a step, and one of those triangles of a finer mesh that cover most. The result is the
 ///    mesh that covers most. With 65 to 128 points, the meshes of 64 are made as well, and one is
