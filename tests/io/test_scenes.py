@@ -58,6 +58,19 @@ def written(path: Path, **changes: Any) -> Path:
     return path
 
 
+def test_faces_below_hidden_nodes_are_counted(tmp_path: Path) -> None:
+    def hidden(*indices: int, visible: object = False) -> int:
+        nodes = scene_document()["nodes"]
+        for i in indices:
+            nodes[i]["extensions"] = {"KHR_node_visibility": {"visible": visible}}
+        path = written(tmp_path / "a.glb", nodes=nodes, extensionsUsed=["KHR_node_visibility"])
+        return io.read_scene(path).num_hidden_faces
+
+    assert [hidden(), hidden(1), hidden(1, 2), hidden(4)] == [0, 2, 4, 0]
+    assert hidden(0) == 6  # the root hides its children
+    assert hidden(0, visible=True) == 0
+
+
 def test_each_mesh_is_read_once_and_nodes_say_where_it_is(tmp_path: Path) -> None:
     scene = io.read_scene(written(tmp_path / "scene.glb"))
     assert [node.name for node in scene.nodes] == ["root", "left", "right", "mirrored", "camera"]

@@ -8,7 +8,7 @@ import lzma
 import os
 import tempfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -198,6 +198,30 @@ class Scene:
         return int(self._face_counts()[self.num_uses > 0].sum())
 
     @property
+    def num_hidden_faces(self) -> int:
+        """Number of the faces in `num_faces` whose nodes are hidden (``KHR_node_visibility``).
+
+        A hidden node hides its children, too. An animation may show them again.
+        """
+        counts = self._face_counts()
+        return sum(
+            node.num_instances * int(counts[node.mesh])
+            for node, is_hidden in zip(self.nodes, self._hidden(), strict=True)
+            if is_hidden and node.drawn and node.mesh is not None
+        )
+
+    def _hidden(self) -> NDArray[np.bool_]:
+        """Return whether each node, or a node above it, is hidden."""
+        entries = json.loads(self._document).get("nodes", ())
+        hidden = np.array([_is_hidden(entry) for entry in entries], dtype=bool)
+        if hidden.any():
+            for path in self._paths_from_roots():
+                for i in path:
+                    parent = self.nodes[i].parent
+                    hidden[i] |= parent is not None and hidden[parent]
+        return hidden
+
+    @property
     def has_textures(self) -> bool:
         """Whether the file has textures, including images in formats that are not read."""
         return bool(json.loads(self._document).get("textures"))
@@ -213,6 +237,15 @@ class Scene:
     def world_transforms(self) -> NDArray[np.float64]:
         """Return the transform of each node to scene coordinates, (N, 4, 4)."""
         world = np.empty((len(self.nodes), 4, 4))
+        for path in self._paths_from_roots():
+            for i in path:
+                parent = self.nodes[i].parent
+                local = self.nodes[i].transform
+                world[i] = local if parent is None else world[parent] @ local
+        return world
+
+    def _paths_from_roots(self) -> Iterator[list[int]]:
+        """Yield paths of nodes downwards that hold each node once, after its parent."""
         known: set[int] = set()
         for start in range(len(self.nodes)):
             path: list[int] = []
@@ -220,12 +253,8 @@ class Scene:
             while node is not None and node not in known:
                 path.append(node)
                 node = self.nodes[node].parent
-            for i in reversed(path):
-                parent = self.nodes[i].parent
-                local = self.nodes[i].transform
-                world[i] = local if parent is None else world[parent] @ local
-                known.add(i)
-        return world
+            known.update(path)
+            yield path[::-1]
 
     def with_meshes(
         self,
@@ -435,6 +464,13 @@ def _read_local(
         _buffer=buffer,
         _nodes_of_file=read,
     )
+
+
+def _is_hidden(entry: Mapping[str, Any]) -> bool:
+    """Return whether a node of a document has ``KHR_node_visibility`` with ``visible`` false."""
+    extensions = entry.get("extensions")
+    own = extensions.get("KHR_node_visibility") if isinstance(extensions, dict) else None
+    return isinstance(own, dict) and own.get("visible") is False
 
 
 def _index(value: int) -> int | None:
