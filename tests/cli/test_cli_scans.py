@@ -158,6 +158,11 @@ def test_convert(tmp_path: Path) -> None:
     scan().replace(fields={"red": np.arange(300.0)}).write(tmp_path / "red.ply")
     done = manip3d("convert", str(tmp_path / "red.ply"), "-o", str(tmp_path / "red.bin"))
     assert "red left out" in done.stderr
+    done = manip3d(
+        "convert", str(tmp_path / "red.ply"), "-o", str(tmp_path / "bins"), "--to", ".bin"
+    )
+    target = tmp_path / "bins" / "red.bin"
+    assert f"{tmp_path / 'red.ply'}: warning: {target}: red left out\n" in done.stderr
     assert "expected a name that ends in .pcd.bin" in run(
         "convert", tmp_path / "a.bin", "-o", tmp_path / "c.obj", code=1
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import gzip
 import json
 import lzma
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from command_line import manip3d
-from gltf_files import PNG, data_uri, json_of
+from gltf_files import PNG, data_uri, glb, glb_parts, json_of
 from manip3d import Material, Mesh, Texture, io, read_mesh
 from zoo import grid
 
@@ -52,6 +53,14 @@ def chair(tmp_path: Path) -> Path:
     document["extensionsUsed"] = ["KHR_materials_unlit", "KHR_materials_clearcoat"]
     path.write_text(json.dumps(document))
     return path
+
+
+def flatten(path: Path) -> None:
+    """Give the only mesh of a file morph targets that keep it from being simplified as a scene."""
+    document = json.loads(path.read_text())
+    primitive = document["meshes"][0]["primitives"][0]
+    primitive["targets"] = [{"TEXCOORD_0": primitive["attributes"]["TEXCOORD_0"]}]
+    path.write_text(json.dumps(document))
 
 
 @pytest.mark.parametrize("command", ["simplify", "lod"])
@@ -144,10 +153,7 @@ def test_the_record_of_a_file_of_one_node(chair: Path, tmp_path: Path) -> None:
 def test_a_file_of_one_node_whose_mesh_is_fixed_becomes_one_mesh(
     chair: Path, tmp_path: Path
 ) -> None:
-    document = json.loads(chair.read_text())
-    primitive = document["meshes"][0]["primitives"][0]
-    primitive["targets"] = [{"TEXCOORD_0": primitive["attributes"]["TEXCOORD_0"]}]
-    chair.write_text(json.dumps(document))
+    flatten(chair)
     run = manip3d("simplify", chair, "-o", tmp_path / "out.glb", "--faces", "100")
     reason = "its morph targets change TEXCOORD_0"
     assert f"nodes are not kept, all becomes one mesh: {reason}" in run.stderr
@@ -182,3 +188,106 @@ def test_the_vertices_that_locks_hold_in_a_scene_are_counted(tmp_path: Path, com
     assert run.returncode == 0, run.stderr
     assert "--lock-box holds 4 vertices\n" in run.stderr
     assert "--lock-boundary holds 72 vertices\n" in run.stderr
+
+
+@pytest.mark.parametrize("more", [("--jobs", "1"), ("--jobs", "2"), ("--dask", "local")])
+def test_warnings_on_files_of_a_folder(chair: Path, tmp_path: Path, more: tuple[str, ...]) -> None:
+    if "--dask" in more:
+        pytest.importorskip("distributed")
+    flatten(chair)
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for name in ("a", "b"):
+        document = json.loads(chair.read_text())
+        document["buffers"][0]["uri"] = data_uri(chair.with_suffix(".bin").read_bytes())
+        (folder / f"{name}.gltf").write_text(json.dumps(document))
+    Mesh(*grid(12, 12)).write(folder / "c.ply")
+    order = ("simplify", folder, "-o", tmp_path / "out", "--to", ".glb", "--ratio", "0.5", *more)
+    reason = "its morph targets change TEXCOORD_0"
+    warning = f"nodes are not kept, all becomes one mesh: {reason}"
+    told = f"{folder / 'a.gltf'} and 1 more file: warning: {warning}\n"
+    run = manip3d(*order)
+    assert run.returncode == 0, run.stderr
+    assert run.stderr.count(told) == run.stderr.count(warning) == 1
+    with (tmp_path / "out" / "results.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["warnings.0"] for row in rows] == [warning, warning, ""]
+    again = manip3d(*order, "--json")
+    assert "3 from an earlier run" in again.stderr
+    assert told in again.stderr
+    records = json.loads(again.stdout)
+    assert [record.get("warnings") for record in records] == [[warning], [warning], None]
+    assert [record["nodes_lost"] for record in records] == [reason, reason, ""]
+    assert manip3d(*order, "--quiet").stderr == ""
+
+
+def test_warnings_on_one_file_are_in_its_record(chair: Path, tmp_path: Path) -> None:
+    flatten(chair)
+    order = ("simplify", chair, "-o", tmp_path / "out.glb", "--ratio", "0.5", "--force", "--json")
+    run, quiet = manip3d(*order), manip3d(*order, "--quiet")
+    (warning,) = json.loads(run.stdout)["warnings"]
+    assert f"warning: {warning}\n" in run.stderr
+    assert quiet.stderr == ""
+    assert json.loads(quiet.stdout)["warnings"] == [warning]
+
+
+def test_levels_of_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    for name in ("a.ply", "b.ply"):
+        Mesh(*grid(2, 2)).write(tmp_path / name)
+    run = manip3d("lod", tmp_path, "-o", tmp_path / "out", "--levels", "9", "--jobs", "1", "--json")
+    (first, second) = json.loads(run.stdout)
+    warning = f"no more than {len(first['levels'])} levels could be made"
+    assert f"{tmp_path / 'a.ply'} and 1 more file: warning: {warning}\n" in run.stderr
+    assert first["warnings"] == second["warnings"] == [warning]
+
+
+def two_sheets(path: Path, **second: Any) -> Path:
+    """Write a scene with a large and a small sheet; ``second`` changes the small one's node."""
+    Mesh(*grid(12, 12)).write(path)
+    document, buffer = glb_parts(path.read_bytes())
+    mesh = document["meshes"][0]
+    small = json.loads(json.dumps(mesh)) | {"name": "small"}
+    indices = document["accessors"][mesh["primitives"][0]["indices"]]
+    document["accessors"].append(indices | {"count": 3})
+    small["primitives"][0]["indices"] = len(document["accessors"]) - 1
+    document["meshes"].append(small)
+    document["nodes"] = [{"mesh": 0}, {"mesh": 1} | second]
+    document["scenes"] = [{"nodes": [0, 1]}]
+    document["extensionsUsed"] = ["KHR_node_visibility"]
+    path.write_bytes(glb(document, buffer))
+    return path
+
+
+def test_meshes_that_are_gone_are_named(tmp_path: Path) -> None:
+    path = two_sheets(tmp_path / "in.glb", scale=[0.01, 0.01, 0.01])
+    order = ("simplify", "-o", tmp_path / "out", "--faces", "2", "--json")
+    warning = "nothing is left of 1 mesh (small); nodes stay"
+    run = manip3d(*order, path, "--to", ".glb")
+    (record,) = json.loads(run.stdout)
+    assert f"{path}: warning: {warning}\n" in run.stderr
+    assert (record["gone_meshes"], record["warnings"]) == (["small"], [warning])
+
+
+def test_faces_of_hidden_nodes_are_told(tmp_path: Path) -> None:
+    hidden = {"extensions": {"KHR_node_visibility": {"visible": False}}}
+    path = two_sheets(tmp_path / "in.glb", **hidden)
+    run = manip3d("simplify", path, "-o", tmp_path / "out.glb", "--ratio", "0.5")
+    faces = io.read_scene(path).num_faces
+    assert f"KHR_node_visibility) count, too, with 1 of the {faces} faces drawn\n" in run.stderr
+    two_sheets(path)
+    run = manip3d("simplify", path, "-o", tmp_path / "out.glb", "--ratio", "0.5", "--force")
+    assert "KHR_node_visibility" not in run.stderr
+
+
+def test_meshes_that_stay_for_one_reason_are_told_together(chair: Path, tmp_path: Path) -> None:
+    document = json.loads(chair.read_text())
+    (mesh,) = document["meshes"]
+    for name in ("x", "y"):
+        fixed = json.loads(json.dumps(mesh)) | {"name": name}
+        fixed["primitives"][0]["mode"] = 0
+        document["meshes"].append(fixed)
+        document["nodes"].append({"mesh": len(document["meshes"]) - 1})
+        document["scenes"][0]["nodes"].append(len(document["nodes"]) - 1)
+    chair.write_text(json.dumps(document))
+    run = manip3d("simplify", chair, "-o", tmp_path / "out.glb", "--ratio", "0.5")
+    assert "warning: 2 meshes (x, y) stay as they are: " in run.stderr

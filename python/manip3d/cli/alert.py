@@ -225,7 +225,7 @@ def run(
         watched = replace(watched, reason=f"{watched.reason}; not kept: {log.error}")
     if log.num_blind:
         share = f"{count(log.num_blind)} of {counted(watched.num_frames, 'frame')}"
-        shell.say(f"{source}: the cameras could not judge {share}: {log.why_blind}")
+        shell.warn(f"the cameras could not judge {share}: {log.why_blind}")
     _conclude(shell, log, watched, monitor.counts, output, as_json=as_json)
 
 

@@ -34,8 +34,8 @@ from manip3d.cli.terminal import (
     count,
     counted,
     naming_options,
-    say_left_out,
     table,
+    warn_of_left_out,
 )
 from manip3d.cli.triggers import trigger_of
 from manip3d.errors import InputError
@@ -242,16 +242,16 @@ def write_recording(
     terminal.say(f"wrote {output}: {counted(done.frames, 'frame')}, {done.seconds:.2f} s{told}")
     if str(output).startswith("tum:") and done.frames_with_skeleton:
         number = counted(done.frames_with_skeleton, "frame")
-        terminal.say(f"skeletons of {number} left out: a TUM sequence has no place for them")
+        terminal.warn(f"skeletons of {number} left out: a TUM sequence has no place for them")
     if done.counters.get("too_far"):
         number = counted(done.counters["too_far"], "pixel")
-        terminal.say(f"{number} left out: beyond 13.106 m, which a TUM sequence cannot hold")
+        terminal.warn(f"{number} left out: beyond 13.106 m, which a TUM sequence cannot hold")
     if source.flipped:
         terminal.say(
             f"{_FLIPPED}, also in the recording: add ?mirrored=yes to joints:{output}#FILE if "
             "FILE has pixels of the mirrored images"
         )
-    say_left_out(terminal, done.source_counters, source.errors)
+    warn_of_left_out(terminal, done.source_counters, source.errors)
     if "forged" in done.source_counters:
         forged, real = (done.source_counters[name] for name in ("forged", "real"))
         why = "" if forged else "; without a background, the first 30 frames of a source stay real"
@@ -294,7 +294,7 @@ def play(
             pictures.add(frame, in_sheet=keep is None or shown - 1 in keep)
     took = time.perf_counter() - begin
     pictures.finish()
-    say_left_out(terminal, {}, source.errors)
+    warn_of_left_out(terminal, {}, source.errors)
     if output is not None:
         terminal.say(f"wrote {output}")
     return {
@@ -321,7 +321,7 @@ def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
 
     with terminal.progress("read") as progress:
         found = capture.summarize(source, progress=progress).record()
-    say_left_out(terminal, {}, source.errors)
+    warn_of_left_out(terminal, {}, source.errors)
     return found
 
 
@@ -650,18 +650,18 @@ def capture_export(
     shell.say(f"wrote {output}: {counted(done.frames, 'skeleton')}")
     if done.held:
         told = counted(done.held, "frame")
-        shell.say(f"the person was not seen in {told} (or they were dropped), and stays as before")
+        shell.warn(f"the person was not seen in {told} (or they were dropped), and stays as before")
     if done.left_out:
         told = counted(done.left_out, "skeleton")
-        shell.say(f"left out {told}: the motion's frames near their times have poses already")
+        shell.warn(f"left out {told}: the motion's frames near their times have poses already")
     if len(done.ids) > done.people:
         told = ", ".join(map(str, done.ids))
-        shell.say(f"the person is followed under several ids ({told}); --person writes one")
+        shell.warn(f"the person is followed under several ids ({told}); --person writes one")
     if done.others and person is None:
         told = ", ".join(f"id {id}: {count(number)}" for id, number in done.others.items())
         lacks = counted(sum(done.others.values()), "skeleton")
-        shell.say(f"left out {lacks} of other people ({told}); --person writes one of them")
-    say_left_out(shell, opened._counted(), opened.errors)
+        shell.warn(f"left out {lacks} of other people ({told}); --person writes one of them")
+    warn_of_left_out(shell, opened._counted(), opened.errors)
     shell.result({**asdict(done), "path": str(done.path), "source": opened.uri})
 
 

@@ -293,6 +293,7 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         override = "; --unit overrides it" if result.unit_guessed else ""
         shell.say(f"read {named_as_options(result.depth, _OPTIONS)}{override}")
     shell.say(_joint_sentence(result))
+    _warn_if_sparse(shell, result)
     shell.result(_joint_record(result))
     missed = result.target_missed or result.coverage_missed or result.bridges_missed
     if given["strict"] and missed:
@@ -399,7 +400,7 @@ def _joint_sentence(result: JointFileResult) -> str:
         f"{counted(result.faces, 'face')} in {result.seconds * 1000:.1f} ms; covers "
         f"{100 * result.coverage:.1f} % of the measured pixels{low}{_without_ray(result)}, "
         f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
-        f"{few if result.target_missed else ''}{_sparse(result)}; wrote {result.output}"
+        f"{few if result.target_missed else ''}; wrote {result.output}"
     )
 
 
@@ -692,6 +693,7 @@ def _tell(shell: Terminal, result: DepthFileResult) -> None:
         words = named_as_options(result.depth, _OPTIONS)
         shell.say(f"read {result.source}: {words}{override}")
     shell.say(_sentence(result))
+    _warn_if_sparse(shell, result)
 
 
 def _sentence(result: DepthFileResult) -> str:
@@ -741,7 +743,7 @@ def _missed(result: DepthFileResult) -> str:
         words += f"; target of {counted(options.points or 0, 'point')} missed"
     if result.num_bytes is not None:
         words += f"; {count(result.num_bytes)} of {counted(options.max_bytes or 0, 'byte')}"
-    return words + _left_across_steps(result) + _sparse(result)
+    return words + _left_across_steps(result)
 
 
 def _not_covered(result: DepthFileResult, so_few: str) -> str:
@@ -771,10 +773,11 @@ def _without_ray(result: DepthFileResult | JointFileResult) -> str:
     return f", {counted(result.without_ray, 'pixel')} {have} {NO_RAY_WORDS}"
 
 
-def _sparse(result: DepthFileResult | JointFileResult) -> str:
+def _warn_if_sparse(shell: Terminal, result: DepthFileResult | JointFileResult) -> None:
     from manip3d.simplify._depth_options import SPARSE_WORDS
 
-    return f"; {SPARSE_WORDS}" if result.is_sparse else ""
+    if result.is_sparse:
+        shell.warn(SPARSE_WORDS)
 
 
 def _left_across_steps(result: DepthFileResult) -> str:

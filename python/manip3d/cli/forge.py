@@ -577,7 +577,7 @@ def forge_frames(
             forged = forge.stream(given.frames, behind, kind=kind, pose=motion, **options)
         done = _record(forged, output, truth, terminal, force=force)
         for line in left_out(people.counters):
-            terminal.say(line)
+            terminal.warn(line)
     forged.write_truth(truth)
     terminal.say(f"wrote {output} and {truth.name}")
     if forged.missed == done.frames:
@@ -587,8 +587,8 @@ def forge_frames(
             "view"
         )
     if forged.missed:
-        terminal.say(
-            f"warning: {count(forged.missed)} of {counted(done.frames, 'frame')} without a forged "
+        terminal.warn(
+            f"{count(forged.missed)} of {counted(done.frames, 'frame')} without a forged "
             "pixel: nobody was found, or the person is behind the background or out of its view"
         )
     return {

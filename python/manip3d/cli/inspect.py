@@ -664,7 +664,7 @@ def inspect_recording(
     ):
         frames = authenticate.judged_frames(opened)
     for line in left_out(opened.counters):
-        shell.say(line)
+        shell.warn(line)
     if not frames:
         raise InputError(f"{source}: expected a frame, found none")
     with shell.progress("inspect") as progress:

@@ -112,11 +112,12 @@ def lod(
     options = color_options(chosen, color_weight)
     opened = open_scene_or_mesh(source, output, shell)
     chain: simplify.SceneLods | simplify.LodChain
-    if isinstance(opened, Scene):
-        locked = scene_locks(opened, lock_box, lock_boundary, shell)
+    if isinstance(opened.thing, Scene):
+        scene = opened.thing
+        locked = scene_locks(scene, lock_box, lock_boundary, shell)
         with shell.progress("lod") as progress, naming_options("ratio"):
             chain = simplify.scene_lods(
-                opened,
+                scene,
                 levels,
                 ratio=ratio,
                 method=chosen,
@@ -126,22 +127,23 @@ def lod(
                 **locked,
             )
     else:
-        cleaned = opened if no_clean else simplify.clean(opened).mesh
-        expect_surface(source, opened, cleaned)
+        mesh = opened.thing
+        cleaned = mesh if no_clean else simplify.clean(mesh).mesh
+        expect_surface(source, mesh, cleaned)
         options |= locks(cleaned, lock_box, lock_boundary, shell)
         with shell.progress("lod") as progress, naming_options("ratio"):
             chain = simplify.lod_chain(
                 cleaned, levels, ratio=ratio, method=chosen, options=options, progress=progress
             )
     chain.write(output, max_vertices=max_vertices, quantize=quantize)
-    record = _record(source, output, chain)
+    record = _record(source, output, chain) | {"nodes_lost": opened.nodes_lost}
     rows = [
         (str(i), str(level["faces"]), f"{level['max_error']:.3g}")
         for i, level in enumerate(record["levels"])
     ]
-    shell.result(record, lambda console: table(console, rows, ("level", "faces", "largest error")))
     if len(chain.levels) < levels:
-        shell.say(f"warning: no more than {counted(len(chain.levels), 'level')} could be made")
+        shell.warn(f"no more than {counted(len(chain.levels), 'level')} could be made")
+    shell.result(record, lambda console: table(console, rows, ("level", "faces", "largest error")))
     shell.say(f"wrote {output}")
     if strict and len(chain.levels) < levels:
         raise typer.Exit(MISSED)

@@ -524,6 +524,7 @@ def _many(
             on_error=failures.tell,
         )
     failures.tell_rest()
+    _tell_warnings(shell, summary.rows, many.noun)
     across(summary.rows)
     if words := sentence(summary.rows):
         shell.say(words)
@@ -555,6 +556,17 @@ class _Failures:
         for error, number in self._more.items():
             more = counted(number, f"more {self._noun}")
             self._shell.say(f"{more} failed for the same reason as {self._first[error]}")
+
+
+def _tell_warnings(shell: Terminal, rows: Sequence[Mapping[str, Any]], noun: str) -> None:
+    """Print the warnings of all files, each text once, also those of rows of an earlier run."""
+    sources_of: dict[str, list[str]] = {}
+    for row in rows:
+        for text in row.get("warnings", ()):
+            sources_of.setdefault(text, []).append(row["source"])
+    for text, (first, *others) in sources_of.items():
+        more = f" and {counted(len(others), f'more {noun}')}" if others else ""
+        shell.say(f"{first}{more}: warning: {text}")
 
 
 _SHARED = ("as_json", "quiet", "force", "jobs")
@@ -609,6 +621,7 @@ def on_file(
 ) -> dict[str, Any]:
     """Run a verb on one file of many, and return its result for ``--json`` with its exit code.
 
+    The row has the verb's warnings, if any, as ``warnings``.
     A file of a folder whose kind the verb does not accept is no error: its row has ``skipped``.
     """
     import multiprocessing
@@ -627,7 +640,7 @@ def on_file(
         given["output"] = output
     code = 0
     names = {str(source): shown_as} if is_url(shown_as) else {}
-    with collecting() as results, showing_as(names):
+    with collecting() as found, showing_as(names):
         try:
             function(**given, **{argument: str(source)})
         except typer.Exit as done:
@@ -636,9 +649,10 @@ def on_file(
             if named:
                 raise
             return {SKIPPED: error.kind, "exit_code": skipped_code}
-    record = results[0] if results else {}
+    record = found.results[0] if found.results else {}
     paths = (str(source), str(output))
-    return {k: v for k, v in record.items() if v not in paths} | {"exit_code": code}
+    row = {k: v for k, v in record.items() if v not in paths} | {"exit_code": code}
+    return row | ({"warnings": list(dict.fromkeys(found.warnings))} if found.warnings else {})
 
 
 def _tell(shell: Terminal, summary: Summary, noun: str, columns: Sequence[str]) -> None:

@@ -243,13 +243,13 @@ def _tell_film(
         told += "; no frame shows a phantom limb"
     shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {told}")
     for message, number in film.messages.items() if film.frames_with_skeleton else ():
-        shell.say(f"{counted(number, 'frame')}: {message}")
+        shell.warn(f"{counted(number, 'frame')}: {message}")
     for frame, reason in film.errors.items():
-        shell.say(f"frame {frame}: {reason}")
+        shell.warn(f"frame {frame}: {reason}")
     if film.errors:
-        shell.say(f"{counted(len(film.errors), 'frame')} cannot be read")
+        shell.warn(f"{counted(len(film.errors), 'frame')} cannot be read")
     for line in left_out({**film.counters, "damaged": damaged}):
-        shell.say(line)
+        shell.warn(line)
 
 
 class GameName(StrEnum):

@@ -258,7 +258,7 @@ def _measured(scan: LidarFrame, suffix: str, terminal: Terminal) -> LidarFrame:
     """Return a scan without the cells of a PTX grid that hold no point, which only PTX can tell."""
     if suffix == ".ptx" or scan.format is None or scan.format.name != "ptx" or not scan.num_empty:
         return scan
-    terminal.say(f"{counted(scan.num_empty, 'cell')} of the grid without a point left out")
+    terminal.warn(f"{counted(scan.num_empty, 'cell')} of the grid without a point left out")
     return scan.select(scan.points.any(axis=1))
 
 
@@ -268,8 +268,8 @@ def _tell_of_grid(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
 
     sides = None if suffix in (".pcd", ".npy") else grid_of(scan)
     if sides is not None:
-        terminal.say(
-            f"warning: the cloud's grid of {sides[1]} x {sides[0]} pixels is not kept in {suffix}: "
+        terminal.warn(
+            f"the cloud's grid of {sides[1]} x {sides[0]} pixels is not kept in {suffix}: "
             "write .pcd or .npy to keep it"
         )
 
@@ -278,7 +278,7 @@ def _tell_left_out(names: list[str], output: Path, terminal: Terminal) -> None:
     told = list(dict.fromkeys(names))
     more = f" and {len(told) - _MAX_TOLD} more" if len(told) > _MAX_TOLD else ""
     if told:
-        terminal.say(f"{output}: {', '.join(told[:_MAX_TOLD])}{more} left out")
+        terminal.warn(f"{output}: {', '.join(told[:_MAX_TOLD])}{more} left out")
 
 
 def tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
@@ -288,26 +288,24 @@ def tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
 
     is_new = scan.format is not None and scan.format.name != "pcd"
     if suffix == ".pcd" and is_new and map_coordinates(scan, "pcd") is not None:
-        terminal.say(
-            "warning: coordinates of 64 bits, which PCL and Open3D do not read in .pcd files: "
-            "for these write .ply or .las"
+        terminal.warn(
+            "coordinates of 64 bits, which PCL and Open3D do not read in .pcd files: for these "
+            "write .ply or .las"
         )
     if suffix == ".ptx" and scan.origin is None:
-        terminal.say(
-            "warning: where the scanner stood is not known; .ptx files say that it is the origin"
-        )
+        terminal.warn("where the scanner stood is not known; .ptx files say that it is the origin")
     if (pose := lost_pose(scan, suffix)) is not None:
         where = " ".join(f"{value:.3f}" for value in pose[:3, 3])
         (turn,) = quaternions(pose[None, :3, :3])
         turned = " ".join(f"{value:.6f}" for value in turn)
-        terminal.say(
-            f"warning: coordinates are the scanner's own, and {suffix} holds no pose; the scanner "
+        terminal.warn(
+            f"coordinates are the scanner's own, and {suffix} holds no pose; the scanner "
             f"stands at {where}, turned by the quaternion (w x y z) {turned}"
         )
     if scan.format is not None and loses_map_coordinates(scan, suffix):
         shift = scan.format.to_file[:3, 3]
         place = " ".join(f"{value:.0f}" for value in shift)
-        terminal.say(f"warning: coordinates are written near 0: those of the map are {place} more")
+        terminal.warn(f"coordinates are written near 0: those of the map are {place} more")
 
 
 def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal) -> None:

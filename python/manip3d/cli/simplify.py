@@ -25,7 +25,7 @@ from manip3d.cli.options import (
     Quiet,
     Strict,
 )
-from manip3d.cli.sources import gone_materials, open_scene_or_mesh, tell_scene
+from manip3d.cli.sources import gone_materials, gone_meshes, open_scene_or_mesh, tell_faces
 from manip3d.cli.terminal import (
     Progress,
     Terminal,
@@ -188,9 +188,9 @@ def simplify_file(
 
     opened = open_scene_or_mesh(source, output, terminal)
     _expect_room(source, order)
-    if isinstance(opened, Scene):
-        return _simplify_scene(opened, source, output, order, terminal, progress)
-    mesh = opened
+    if isinstance(opened.thing, Scene):
+        return _simplify_scene(opened.thing, source, output, order, terminal, progress)
+    mesh = opened.thing
     record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
     record["faces_before"] = mesh.num_faces
     started = time.perf_counter()
@@ -211,6 +211,8 @@ def simplify_file(
     record |= _outcome(result, result, target, seconds, result.mesh.num_faces)
     if result.mesh.num_faces == 0:
         raise InputError(f"{source}: nothing is left of it at this target; {output} is not written")
+    record["nodes_lost"] = opened.nodes_lost
+    record["gone_meshes"] = []
     record["gone_materials"] = gone_materials([mesh], [result.mesh], terminal)
     if record["stop"] != "refused":
         result.mesh.write(output)
@@ -275,10 +277,12 @@ def _simplify_scene(
     }
     if done.scene.num_faces == 0:
         raise InputError(f"{source}: nothing is left of it at this target; {output} is not written")
+    record["nodes_lost"] = ""
+    record["gone_meshes"] = gone_meshes(scene, done.scene, terminal)
     record["gone_materials"] = gone_materials(scene.meshes, done.scene.meshes, terminal)
     if record["stop"] != "refused":
         done.scene.write(output)
-        tell_scene(scene, done.scene, terminal)
+        tell_faces(scene, done.scene, terminal)
     terminal.say(_sentence(record))
     return record
 

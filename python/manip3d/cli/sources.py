@@ -8,6 +8,7 @@ import select
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +105,7 @@ def _open_mesh(source: str, data: bytes | None, terminal: Terminal, may_be_empty
         f"{counted(mesh.num_faces, 'face')}"
     )
     if mesh.num_faces == 0:
-        terminal.say(f"warning: {source} has no faces")
+        terminal.warn(f"{source} has no faces")
     return mesh
 
 
@@ -115,7 +116,24 @@ def _mesh_from_stdin(data: bytes) -> Mesh:
 GLTF_SUFFIXES = (".glb", ".gltf")
 
 
-def open_scene_or_mesh(source: str, output: Path, terminal: Terminal) -> Scene | Mesh:
+@dataclass(frozen=True)
+class Opened:
+    """A scene or a mesh that was read.
+
+    Attributes
+    ----------
+    thing : Scene or Mesh
+        What was read.
+    nodes_lost : str
+        Why the nodes of a glTF file are not kept in an output that could hold them; empty if they
+        are, or if there are none.
+    """
+
+    thing: Scene | Mesh
+    nodes_lost: str = ""
+
+
+def open_scene_or_mesh(source: str, output: Path, terminal: Terminal) -> Opened:
     """Read a glTF file as a scene if the output is glTF, too, and else a mesh.
 
     Parameters
@@ -129,9 +147,9 @@ def open_scene_or_mesh(source: str, output: Path, terminal: Terminal) -> Scene |
 
     Returns
     -------
-    Scene or Mesh
-        A mesh if input or output have another format, if the file cannot be read as a scene, or if
-        none of its drawn meshes can be simplified (`Scene.fixed`).
+    Opened
+        With a mesh if input or output have another format, if the file cannot be read as a scene,
+        or if none of its drawn meshes can be simplified (`Scene.fixed`).
 
     Raises
     ------
@@ -140,30 +158,34 @@ def open_scene_or_mesh(source: str, output: Path, terminal: Terminal) -> Scene |
     """
     with _stdin(source) as data:
         scene = _open_scene(source, data, output, terminal)
-        return _open_mesh(source, data, terminal, may_be_empty=False) if scene is None else scene
+        if isinstance(scene, Scene):
+            return Opened(scene)
+        return Opened(_open_mesh(source, data, terminal, may_be_empty=False), nodes_lost=scene)
 
 
-def _open_scene(source: str, data: bytes | None, output: Path, terminal: Terminal) -> Scene | None:
-    """Read a scene from the content of stdin, or without it from a file, and print its counts."""
+def _open_scene(source: str, data: bytes | None, output: Path, terminal: Terminal) -> Scene | str:
+    """Read a scene from the content of stdin, or without it from a file, and print its counts.
+
+    Otherwise return why the nodes of a scene are lost; empty if there are none to keep.
+    """
     if (mesh_suffix(output) or ".glb") not in GLTF_SUFFIXES:
-        return None
+        return ""
     if data is None and mesh_suffix(Path(source)) not in GLTF_SUFFIXES:
-        return None
+        return ""
     try:
         scene = read_scene(source) if data is None else scene_of_bytes(data, _STDIN)
     except FormatError as error:
         # If the triangles are damaged, too, this raises a single error.
         read_mesh(source) if data is None else _mesh_from_stdin(data)
-        terminal.say(f"warning: nodes are not kept: {error}")
-        return None
+        terminal.warn(f"nodes are not kept: {error}")
+        return str(error)
     if scene is None or scene.num_instances == 0:
-        return None
-    uses = scene.num_uses
-    reasons = [reason for reason, n in zip(scene.fixed, uses, strict=True) if n > 0]
+        return ""
+    reasons = [reason for reason, n in zip(scene.fixed, scene.num_uses, strict=True) if n > 0]
     if all(reasons):
         listed = ", ".join(sorted(set(reasons)))
-        terminal.say(f"warning: nodes are not kept, all becomes one mesh: {listed}")
-        return None
+        terminal.warn(f"nodes are not kept, all becomes one mesh: {listed}")
+        return listed
     terminal.say(
         f"read {source} ({mesh_suffix(Path(source)).lstrip('.') or 'stdin'}): "
         f"{counted(len(scene.nodes), 'node')}, "
@@ -171,10 +193,36 @@ def _open_scene(source: str, data: bytes | None, output: Path, terminal: Termina
         f"shown {counted(scene.num_instances, 'time')}, "
         f"{counted(scene.num_faces, 'face')} drawn, {count(scene.num_stored_faces)} stored"
     )
-    for name, reason, n in zip(scene.names, scene.fixed, uses, strict=True):
-        if reason and n > 0:
-            terminal.say(f"warning: mesh '{name}' stays as it is: {reason}")
+    _warn_of_fixed(scene, terminal)
+    _warn_of_hidden(scene, terminal)
     return scene
+
+
+def _warn_of_fixed(scene: Scene, terminal: Terminal) -> None:
+    """Warn of the drawn meshes that stay as they are, all of one reason together."""
+    names_of: dict[str, list[str]] = {}
+    for name, reason, n in zip(scene.names, scene.fixed, scene.num_uses, strict=True):
+        if reason and n > 0:
+            names_of.setdefault(reason, []).append(name)
+    for reason, names in names_of.items():
+        if len(names) == 1:
+            terminal.warn(f"mesh '{names[0]}' stays as it is: {reason}")
+        else:
+            terminal.warn(
+                f"{count(len(names))} meshes ({_listed(names)}) stay as they are: {reason}"
+            )
+
+
+def _warn_of_hidden(scene: Scene, terminal: Terminal) -> None:
+    if hidden := scene.num_hidden_faces:
+        terminal.warn(
+            "meshes of hidden nodes (KHR_node_visibility) count, too, with "
+            f"{count(hidden)} of the {counted(scene.num_faces, 'face')} drawn"
+        )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def gone_materials(before: Sequence[Mesh], after: Sequence[Mesh], terminal: Terminal) -> list[str]:
@@ -194,8 +242,7 @@ def gone_materials(before: Sequence[Mesh], after: Sequence[Mesh], terminal: Term
     """
     gone = sorted(_shown_materials(before) - _shown_materials(after))
     if gone:
-        names = ", ".join(gone[:5]) + (", ..." if len(gone) > 5 else "")
-        terminal.say(f"warning: nothing is left of {counted(len(gone), 'material')} ({names})")
+        terminal.warn(f"nothing is left of {counted(len(gone), 'material')} ({_listed(gone)})")
     return gone
 
 
@@ -209,13 +256,30 @@ def _shown_materials(meshes: Sequence[Mesh]) -> set[str]:
     return shown
 
 
-def tell_scene(before: Scene, after: Scene, terminal: Terminal) -> None:
-    """Print how the faces of a scene have changed, and which meshes have none left."""
+def tell_faces(before: Scene, after: Scene, terminal: Terminal) -> None:
+    """Print how the faces of a scene have changed."""
     if before.num_faces != before.num_stored_faces:  # otherwise the message on the run states this
         terminal.say(
             f"faces drawn: {count(before.num_faces)} -> {count(after.num_faces)}, stored: "
             f"{count(before.num_stored_faces)} -> {count(after.num_stored_faces)}"
         )
+
+
+def gone_meshes(before: Scene, after: Scene, terminal: Terminal) -> list[str]:
+    """Return and print the names of meshes that had faces and have none any more.
+
+    Parameters
+    ----------
+    before, after : Scene
+        The scene before and after simplification.
+    terminal : Terminal
+        Prints the message.
+
+    Returns
+    -------
+    list of str
+        Names, or numbers of meshes without a name.
+    """
     gone = [
         name or str(i)
         for i, (name, mesh, old) in enumerate(
@@ -224,10 +288,9 @@ def tell_scene(before: Scene, after: Scene, terminal: Terminal) -> None:
         if mesh.num_faces == 0 and old.num_faces > 0
     ]
     if gone:
-        names = ", ".join(gone[:5]) + (", ..." if len(gone) > 5 else "")
-        terminal.say(
-            f"nothing is left of {counted(len(gone), 'mesh', 'meshes')} ({names}); nodes stay"
-        )
+        number = counted(len(gone), "mesh", "meshes")
+        terminal.warn(f"nothing is left of {number} ({_listed(gone)}); nodes stay")
+    return gone
 
 
 def mesh_suffix(path: Path) -> str:

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -21,14 +22,23 @@ if TYPE_CHECKING:
 
 Progress = Callable[[float, str], None]
 
-_collected: ContextVar[list[Any] | None] = ContextVar("collected", default=None)
+
+@dataclass(frozen=True)
+class Collected:
+    """Results and warnings of a verb that ran within `collecting`."""
+
+    results: list[Any] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+_collected: ContextVar[Collected | None] = ContextVar("collected", default=None)
 _names: ContextVar[Mapping[str, str] | None] = ContextVar("names", default=None)
 
 
 @contextmanager
-def collecting() -> Iterator[list[Any]]:
-    """Collect the results of verbs in a list instead of printing them."""
-    found: list[Any] = []
+def collecting() -> Iterator[Collected]:
+    """Collect the results and warnings of verbs instead of printing them."""
+    found = Collected()
     token = _collected.set(found)
     try:
         yield found
@@ -50,6 +60,8 @@ def shown(value: Any) -> Any:
     """Return a text, or a result with its texts, with the names that `showing_as` replaces."""
     if isinstance(value, dict):
         return {key: shown(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [shown(item) for item in value]
     if isinstance(value, str):
         for ours, name in (_names.get() or {}).items():
             value = value.replace(ours, name)
@@ -74,6 +86,7 @@ class Terminal:
     def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
         self.as_json = as_json
         self.quiet = quiet
+        self._warnings: list[str] = []
 
     @property
     def out(self) -> Console:
@@ -87,12 +100,30 @@ class Terminal:
         if not self.quiet:
             print(shown(message), file=sys.stderr)
 
-    def result(self, value: Any, show: Callable[[Console], None] | None = None) -> None:
-        """Print the verb's result: ``value`` with ``--json``, otherwise by ``show``."""
+    def warn(self, message: str) -> None:
+        """Print a warning to stderr, unless ``quiet``, and keep it for the result.
+
+        While a verb runs on one file of many, the warning is only kept, because the command prints
+        the warnings of all files.
+        """
         found = _collected.get()
         if found is not None:
-            found.append(value)
+            found.warnings.append(shown(message))
+            return
+        self._warnings.append(message)
+        self.say(f"warning: {message}")
+
+    def result(self, value: Any, show: Callable[[Console], None] | None = None) -> None:
+        """Print the verb's result: ``value`` with ``--json``, otherwise by ``show``.
+
+        With ``--json``, a result with names gets the warnings before it, if any, as ``warnings``.
+        """
+        found = _collected.get()
+        if found is not None:
+            found.results.append(value)
         elif self.as_json:
+            if self._warnings and isinstance(value, dict):
+                value = value | {"warnings": self._warnings}
             print(json.dumps(finite(shown(value)), indent=1))
             Terminal.has_answered = True
         elif show is not None:
@@ -280,14 +311,14 @@ def left_out(counters: Mapping[str, int]) -> list[str]:
     return told
 
 
-def say_left_out(
+def warn_of_left_out(
     terminal: Terminal, counters: Mapping[str, int], errors: Mapping[int, str]
 ) -> None:
-    """Say which frames of a source were left out, and why."""
+    """Warn of the frames of a source that were left out, with the reasons."""
     for reason in list(errors.values())[:_MOST_REASONS]:
-        terminal.say(f"a frame cannot be read: {reason}")
+        terminal.warn(f"a frame cannot be read: {reason}")
     for line in left_out(counters):
-        terminal.say(line)
+        terminal.warn(line)
 
 
 def say_page(path: Path, output: Path | None, terminal: Terminal) -> None:

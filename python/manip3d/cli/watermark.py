@@ -304,7 +304,7 @@ def embed(
     without = sum(not scan.has_time for scan in scans)
     if drive and without > 0:
         told = counted(without, "scan")
-        shell.say(f"{source}: no time of {told}; their records bear the clock's")
+        shell.warn(f"no time of {told}; their records bear the clock's")
     carrier = ("pictures" if drive else "a picture") if picture else ""
     were_there = sum(scan.was_there for scan in scans)
     if were_there:
