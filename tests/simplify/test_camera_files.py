@@ -712,3 +712,144 @@ def test_views_of_a_lost_camera_are_left_out(tmp_path: Path) -> None:
         (tmp_path / f"{lost}.txt").write_text("1 0 0 nan\n" * 4)
     with pytest.raises(FormatError, match="expected finite numbers"):
         simplify.simplify_camera_files(*given)
+
+
+def look_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a camera of OpenGL (x right, y up, looking along -z) in a world whose z is up."""
+    back = (eye - target) / np.linalg.norm(eye - target)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3] = np.column_stack([right, np.cross(back, right), back, eye])
+    return pose
+
+
+def depth_of_ball(pose: NDArray[np.float64]) -> NDArray[np.uint16]:
+    """Return the depth image, in tenths of millimetres, of a ball of 0.5 m at the origin."""
+    v, u = np.mgrid[:120, :160]
+    rays = np.stack([(u - 79.5) / 130, -(v - 59.5) / 130, -np.ones(u.shape)], axis=-1)
+    rays = rays @ pose[:3, :3].T  # of the depth 1, in the world's axes
+    a, b = (rays**2).sum(axis=-1), rays @ pose[:3, 3]
+    root = b**2 - a * (pose[:3, 3] @ pose[:3, 3] - 0.25)
+    depth = np.where(root > 0, (-b - np.sqrt(np.maximum(root, 0.0))) / a, 0.0)
+    return np.round(10_000 * depth).astype(np.uint16)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.25])
+def test_views_of_a_transforms_json_meet_on_one_surface(tmp_path: Path, scale: float) -> None:
+    """The ball is seen from all sides; the frames are stored in another order than the images."""
+    frames = []
+    for i, angle in enumerate(np.arange(5) * 2 * np.pi / 5):
+        eye = np.array([1.4 * np.cos(angle), 1.4 * np.sin(angle), 0.6 - 0.3 * i])
+        pose = look_at(eye, np.zeros(3))
+        np.save(tmp_path / f"view_{i}.npy", depth_of_ball(pose))
+        pose[:3, 3] *= scale
+        frames.append({"file_path": f".\\images\\view_{i}.jpg", "transform_matrix": pose.tolist()})
+    text = json.dumps({"applied_scale": scale, "frames": frames[::-1]})
+    (tmp_path / "transforms.json").write_text(text)
+    done = manip3d(
+        "depth", *sorted(tmp_path.glob("*.npy")), "--intrinsics", CAMERA, "--unit", "10000",
+        "--poses", tmp_path / "transforms.json", "--points", "2000", "-o", tmp_path / "ball.ply",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    vertices = io.read_mesh(tmp_path / "ball.ply").vertices
+    assert np.abs(np.linalg.norm(vertices, axis=1) - 0.5).max() < 2e-4  # depths have steps of 1e-4
+    assert (vertices.min(axis=0)[:2] < -0.49).all()
+    assert (vertices.max(axis=0)[:2] > 0.49).all()
+
+
+def transforms(path: Path, *frames: object, **fields: object) -> Path:
+    path.write_text(json.dumps({"frames": list(frames), **fields}))
+    return path
+
+
+def frame_at(x: float, **names: object) -> dict[str, object]:
+    pose = np.eye(4)
+    pose[0, 3] = x
+    return {"transform_matrix": pose.tolist(), **names}
+
+
+def test_frames_of_a_transforms_json_are_found_by_name(tmp_path: Path) -> None:
+    place = tmp_path / "transforms.json"
+
+    def places(*names: str) -> list[float]:
+        return [float(p[0, 3]) for p in simplify.poses_of_files(names, place)]
+
+    transforms(
+        place,
+        frame_at(1, file_path="images/b.jpg", depth_file_path="depth/a.png"),
+        frame_at(2, file_path="images/a.jpg", depth_file_path="depth/b.png"),
+        frame_at(3, file_path="./train/1305031102.16"),  # without a suffix
+    )
+    assert places("depth/b.png", "a.npy", "1305031102.16.png.xz") == [2, 1, 3]
+    with pytest.raises(InputError, match=r"expected a frame of c\.png in .*transforms\.json"):
+        places("a.png", "c.png")
+    transforms(place, *(frame_at(i, file_path=f"rgb/{i}.png") for i in (10, 2, 1)))
+    assert places("x.png", "y.png", "z.png") == [1, 2, 10]
+    with pytest.raises(InputError, match=r"names of frames, or 2 poses in .*, found 3"):
+        places("x.png", "y.png")
+    transforms(place, frame_at(5), frame_at(4, file_path=7, depth_file_path="x" * 5000))
+    assert places("x.png", "y.png") == [5, 4]
+    (pose,) = simplify.poses_of_files(["a.png"], transforms(place, frame_at(1)))
+    np.testing.assert_array_equal(pose @ [0, 0, 2, 1], [1, 0, -2, 1])  # before OpenGL's camera
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ("{", "expected JSON"),
+        ("[" * 100_000, "expected JSON"),
+        ('{"frames": [' + "9" * 5000 + "]}", "expected JSON"),
+        ("[]", "expected 'frames' with a 'transform_matrix' each"),
+        ('{"frames": []}', "expected 'frames'"),
+        ('{"frames": {"a": 1}}', "expected 'frames'"),
+        ('{"frames": [3]}', r"frames\[0\]: expected an object"),
+        ('{"frames": [{}]}', r"frames\[0\]\.transform_matrix: expected one, found none"),
+    ],
+)
+def test_a_transforms_json_without_frames_is_refused(
+    content: str, told: str, tmp_path: Path
+) -> None:
+    (tmp_path / "transforms.json").write_text(content)
+    with pytest.raises(FormatError, match=f"transforms.json: .*{told}"):
+        simplify.poses_of_files(["a.png"], tmp_path / "transforms.json")
+
+
+MIRRORED = np.diag([1.0, 1.0, -1.0, 1.0]).tolist()
+TWICE = np.diag([2.0, 2.0, 2.0, 1.0]).tolist()
+LOST = np.full((4, 4), np.nan).tolist()
+HUGE = np.diag([1e300, 1e300, 1e300, 1.0]).tolist()
+WORDS = [["1", "0", "0", "0"], ["0", "1", "0", "0"], ["0", "0", "1", "0"], ["0", "0", "0", "1"]]
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [MIRRORED, TWICE, LOST, HUGE, WORDS, np.eye(3).tolist(), [[1, 0], [0]], 1, "x", {}, [],
+     [[10**400] * 4] * 4, np.eye(4).T[:3].tolist()],
+)  # fmt: skip
+def test_a_matrix_of_a_frame_that_is_no_pose_is_refused(matrix: object, tmp_path: Path) -> None:
+    wrong = {"transform_matrix": matrix}
+    place = transforms(tmp_path / "transforms.json", frame_at(0), wrong)
+    told = r"frames\[1\]\.transform_matrix: expected a rigid transform, 4 x 4 finite numbers"
+    with pytest.raises(FormatError, match=told):
+        simplify.poses_of_files(["a.png", "b.png"], place)
+
+
+@pytest.mark.parametrize("scale", [0, -1, True, "1", [1], None, float("nan"), float("inf")])
+def test_a_scale_of_a_transforms_json_is_above_0(scale: object, tmp_path: Path) -> None:
+    place = transforms(tmp_path / "transforms.json", frame_at(0), applied_scale=scale)
+    with pytest.raises(FormatError, match="applied_scale: expected a number above 0"):
+        simplify.poses_of_files(["a.png"], place)
+
+
+def test_what_a_scale_makes_infinite_is_no_pose(tmp_path: Path) -> None:
+    place = transforms(tmp_path / "transforms.json", frame_at(1e300), applied_scale=1e-300)
+    with pytest.raises(FormatError, match="expected a rigid transform"):
+        simplify.poses_of_files(["a.png"], place)
+
+
+def test_two_frames_of_one_name_are_refused(tmp_path: Path) -> None:
+    frames = [frame_at(i, file_path=f"camera{i}/0001.png") for i in (1, 2)]
+    place = transforms(tmp_path / "transforms.json", *frames)
+    with pytest.raises(FormatError, match="expected different names, got 0001 twice"):
+        simplify.poses_of_files(["a.png", "b.png"], place)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -134,6 +135,76 @@ def trajectory(
     return np.array([values[0] for _, values in lines]) if width == 8 else None, poses
 
 
+_CV_OF_GL = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Turns the axes of a camera of OpenGL (y up, z backwards) into ours (y down, z forward)."""
+_MAX_PATH = 4096  # characters; longer ones are no paths of files
+
+
+def poses_of_transforms(place: Path) -> tuple[list[str], list[NDArray[np.float64]]]:
+    """Read names and poses (camera to world) from a ``transforms.json``, as of nerfstudio.
+
+    A name is the path of the frame's depth image, else that of its colour image; empty if the file
+    states neither. ``transform_matrix`` has the axes of OpenGL's cameras. Its translation is
+    divided by the file's ``applied_scale``, by which nerfstudio multiplies it, but no depths.
+    """
+    try:
+        fields = json.loads(text_of(place))
+    except (ValueError, RecursionError):  # among them numbers with too many digits
+        raise FormatError("expected JSON", file=str(place)) from None
+    frames = fields.get("frames") if isinstance(fields, dict) else None
+    if not isinstance(frames, list) or not frames:
+        text = "expected 'frames' with a 'transform_matrix' each, as in transforms.json"
+        raise FormatError(text, file=str(place))
+    scale = _scale_of(fields.get("applied_scale", 1.0), place)
+    names, poses = [], []
+    for number, frame in enumerate(frames):
+        if not isinstance(frame, dict):
+            raise FormatError(f"frames[{number}]: expected an object", file=str(place))
+        name = f"frames[{number}].transform_matrix"
+        poses.append(_pose_of_frame(frame, scale, name, place) @ _CV_OF_GL)
+        paths = (frame.get("depth_file_path"), frame.get("file_path"))
+        names.append(next((str(path) for path in paths if _is_path(path)), ""))
+    return names, poses
+
+
+def _is_path(value: Any) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= _MAX_PATH
+
+
+def _scale_of(value: Any, place: Path) -> float:
+    scale = _numbers_in(value)
+    if scale.shape != () or not 0 < scale < math.inf:
+        raise FormatError("applied_scale: expected a number above 0", file=str(place))
+    return float(scale)
+
+
+def _pose_of_frame(
+    frame: Mapping[str, Any], scale: float, name: str, place: Path
+) -> NDArray[np.float64]:
+    matrix = frame.get("transform_matrix")
+    if matrix is None:
+        raise FormatError(f"{name}: expected one, found none", file=str(place))
+    pose = _numbers_in(matrix)
+    if pose.shape == (4, 4):
+        with np.errstate(over="ignore", invalid="ignore"):
+            pose[:3, 3] /= scale
+    if not _is_rigid(pose):
+        text = f"{name}: expected a rigid transform, 4 x 4 finite numbers, the last row 0 0 0 1"
+        raise FormatError(text, file=str(place))
+    return pose
+
+
+def _numbers_in(value: Any) -> NDArray[np.float64]:
+    """Return a number or nested lists of numbers as an array; NaN if they are anything else."""
+    try:
+        numbers = np.array(value)
+        if numbers.dtype.kind not in "iuf":
+            return np.array(math.nan)
+        return numbers.astype(np.float64)
+    except (ValueError, OverflowError, RecursionError):  # lists of different lengths
+        return np.array(math.nan)
+
+
 _COLUMNS = re.compile(r"((time(stamp)?|t) )?(frame )?t?x t?y t?z qx qy qz qw")
 
 
@@ -175,11 +246,17 @@ def _checked_matrix(
     rows: Sequence[NDArray[np.float64]], place: Path, line: int
 ) -> NDArray[np.float64]:
     """Return the rows as a (4, 4) matrix, and raise if it is no rigid transform."""
-    if [len(row) for row in rows] == [4, 4, 4, 4]:
-        pose = np.array(rows)
-        turn = pose[:3, :3]
-        is_rigid = np.abs(product(turn, turn.T) - np.eye(3)).max() <= _UNIT_TOLERANCE
-        if is_rigid and np.linalg.det(turn) > 0 and (pose[3] == (0, 0, 0, 1)).all():
-            return pose
+    if [len(row) for row in rows] == [4, 4, 4, 4] and _is_rigid(pose := np.array(rows)):
+        return pose
     text = "expected a rigid transform: four lines of four numbers, the last 0 0 0 1"
     raise FormatError(text, file=str(place), line=line)
+
+
+def _is_rigid(pose: NDArray[np.float64]) -> bool:
+    """Return whether an array is a (4, 4) rigid transform of finite numbers."""
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        return False
+    turn = pose[:3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        is_turn = np.abs(product(turn, turn.T) - np.eye(3)).max() <= _UNIT_TOLERANCE
+    return bool(is_turn and np.linalg.det(turn) > 0 and (pose[3] == (0, 0, 0, 1)).all())

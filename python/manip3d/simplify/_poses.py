@@ -7,16 +7,24 @@ import os
 import re
 import warnings
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
-from manip3d._util.paths import path_of
-from manip3d.errors import InputError
-from manip3d.io._poses import LostPoseError, matrix_pose, poses_by_file, poses_of_log, trajectory
+from manip3d._util.paths import by_number, path_of
+from manip3d.errors import FormatError, InputError
+from manip3d.io import DEPTH_SUFFIXES
+from manip3d.io._poses import (
+    LostPoseError,
+    matrix_pose,
+    poses_by_file,
+    poses_of_log,
+    poses_of_transforms,
+    trajectory,
+)
 from manip3d.simplify._time_stamps import MAX_SECONDS_APART, is_since_1970, seconds
 
 if TYPE_CHECKING:
@@ -34,15 +42,16 @@ def poses_of_files(
     sources : sequence of path-like
         Depth images or range scans. Only their names are used.
     poses : path-like
-        One of four formats. (1) A trajectory file with lines ``time tx ty tz qx qy qz qw`` (camera
+        One of five formats. (1) A trajectory file with lines ``time tx ty tz qx qy qz qw`` (camera
         to world) as in TUM's ``groundtruth.txt``, with the same lines without the time, or with the
         numbers of a 3x4 or 4x4 matrix, row by row (KITTI, Replica); or Stray Scanner's
         ``odometry.csv``, whose first line names its columns. (2) A folder with a 4x4 matrix
         for each source: ``NAME.pose.txt`` (7-Scenes) for ``NAME.depth.png``, or ``NAME.txt``
         (ScanNet) for ``NAME.png``. (3) A ``.log`` of Redwood and Open3D: three whole numbers, of
         which the first is the frame's number, and a 4x4 matrix. (4) A Stanford ``.conf`` file,
-        which names each source (`manip3d.datasets.read_poses`). Lines that begin with ``#`` are
-        comments.
+        which names each source (`manip3d.datasets.read_poses`). (5) A ``transforms.json`` of
+        nerfstudio, instant-ngp or Record3D, whose cameras have the axes of OpenGL. In texts, lines
+        that begin with ``#`` are comments.
 
     Returns
     -------
@@ -67,7 +76,10 @@ def poses_of_files(
     are not times if none is a number; if all are whole numbers below 1e9, such as ``000001.png``,
     and the times have fractions; or if names and times ascend and most names are not near any time.
     Lines without times are also assigned in order. In a ``.log`` a file's name is the number of its
-    frame; if a name is not a number, the matrices are assigned in order.
+    frame; if a name is not a number, the matrices are assigned in order. In a ``transforms.json``
+    the frame of a file is that whose ``depth_file_path``, or else ``file_path``, has the file's
+    name, apart from the suffix. If no frame has the name of any file, the frames are assigned in
+    the order of their paths. ``applied_scale`` is undone, so that poses are in the unit of depths.
 
     Examples
     --------
@@ -98,6 +110,8 @@ def poses_of_files(
             if number not in numbered:
                 raise InputError(f"poses: expected one of frame {number:g} in {place}, found none")
         return [numbered[int(number)] for number in asked]
+    if place.suffix.lower() == ".json":
+        return _of_transforms(files, place)
     times, found = trajectory(place)
     if times is None or np.isnan(asked).all():
         return _in_order(files, found, place)
@@ -151,6 +165,40 @@ def _matrix_of(file: Path, folder: Path) -> NDArray[np.float64]:
     raise InputError(f"poses: expected {frame}.pose.txt or {frame}.txt in {folder}, found neither")
 
 
+def _of_transforms(files: Sequence[Path], place: Path) -> list[NDArray[np.float64]]:
+    """Return the pose of the frame that has the name of each file; in order if none has one."""
+    paths, poses = poses_of_transforms(place)
+    named: dict[str, NDArray[np.float64]] = {}
+    for path, pose in zip(paths, poses, strict=True):
+        # Paths may have the separators of Windows, and no suffix, as in NeRF's synthetic scenes.
+        name = _frame_name(PureWindowsPath(path).name)
+        if name and name in named:
+            raise FormatError(
+                f"frames: expected different names, got {name} twice", file=str(place)
+            )
+        named[name] = pose
+    asked = [_frame_name(plain_name(file)) for file in files]
+    if not any(name in named for name in asked):
+        if all(paths):
+            order = sorted(range(len(paths)), key=lambda i: by_number(paths[i]))
+            poses = [poses[i] for i in order]
+        return _in_order(files, poses, place, words="names of frames")
+    for name, file in zip(asked, files, strict=True):
+        if name not in named:
+            raise InputError(f"poses: expected a frame of {file.name} in {place}, found none")
+    return [named[name] for name in asked]
+
+
+_PICTURES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".webp")
+
+
+def _frame_name(name: str) -> str:
+    """Return a file's name without its suffix, and without the word for its kind."""
+    stem, dot, suffix = name.rpartition(".")
+    stem = stem if dot and f".{suffix.lower()}" in _PICTURES else name
+    return stem.removesuffix(".depth").removesuffix(".color")
+
+
 def _by_time(
     files: Sequence[Path],
     asked: NDArray[np.float64],
@@ -202,11 +250,14 @@ def plain_name(file: Path) -> str:
 
 
 def _in_order(
-    files: Sequence[Path], found: list[NDArray[np.float64]], place: Path
+    files: Sequence[Path],
+    found: list[NDArray[np.float64]],
+    place: Path,
+    words: str = "times",
 ) -> list[NDArray[np.float64]]:
     if len(found) != len(files):
         raise InputError(
-            f"poses: expected file names that are times, or {len(files)} poses in {place}, found "
+            f"poses: expected file names that are {words}, or {len(files)} poses in {place}, found "
             f"{len(found)}"
         )
     return found
