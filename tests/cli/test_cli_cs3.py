@@ -75,21 +75,57 @@ def test_an_image_without_a_surface_writes_nothing_and_says_why(
     assert not output.exists()
 
 
-def test_a_recording_without_a_camera_is_refused_with_the_folder_of_its_depth_images(
+def test_a_recording_without_a_camera_takes_the_one_that_is_given(
     frame: Path, tmp_path: Path
 ) -> None:
     recording = tmp_path / "sequence"
     images = recording / "depth"
     images.mkdir(parents=True)
     frame.rename(images / "1311868164.5.png")
-    options = ("--points", "100", "--intrinsics", FOCAL)
-    done = manip3d("depth", recording, "-o", tmp_path / "out", *options)
+    order = ("depth", recording, "-o", tmp_path / "out", "--points", "100")
+    done = manip3d(*order)
     assert done.returncode == 1
-    told = "is an RGB-D recording that states no camera; give the folder of its depth images: "
+    told = "is an RGB-D recording that states no camera; --intrinsics states it for the images in "
     assert error_line(done).endswith(f"{told}{images}")
-    done = manip3d("depth", images, "-o", tmp_path / "out", *options)
+    done = manip3d(*order, "--intrinsics", FOCAL)
+    assert done.returncode == 0, done.stderr
+    (made,) = (tmp_path / "out").glob("*.glb")
+    done = manip3d(
+        "depth", images, "-o", tmp_path / "alone", "--points", "100", "--intrinsics", FOCAL
+    )
     assert done.returncode == 0
-    assert (tmp_path / "out" / "1311868164.5.glb").is_file()
+    alone = read_mesh(tmp_path / "alone" / "1311868164.5.glb")
+    assert np.array_equal(read_mesh(made).vertices, alone.vertices)
+    assert np.array_equal(read_mesh(made).faces, alone.faces)
+
+
+@pytest.mark.parametrize("name", ["intrinsic/intrinsic_depth.txt", "camera_intrinsic.json"])
+def test_cameras_of_folders_of_other_tools(frame: Path, tmp_path: Path, name: str) -> None:
+    recording = tmp_path / "sequence"
+    (recording / "depth").mkdir(parents=True)
+    frame.rename(recording / "depth" / "0.png")
+    fx, fy, cx, cy = (float(number) for number in FOCAL.split(","))
+    with Image.open(recording / "depth" / "0.png") as image:
+        width, height = image.size
+    place = recording / name
+    place.parent.mkdir(exist_ok=True)
+    if name.endswith(".txt"):
+        place.write_text(f"{fx} 0 {cx} 0\n0 {fy} {cy} 0\n0 0 1 0\n0 0 0 1\n")
+    else:
+        columns = [fx, 0, 0, 0, fy, 0, cx, cy, 1]
+        camera = {"width": width, "height": height, "intrinsic_matrix": columns}
+        place.write_text(json.dumps(camera))
+    told = json.loads(manip3d("capture", "info", recording, "--json").stdout)["depth"]
+    assert [told[key] for key in ("fx", "fy", "cx", "cy")] == [fx, fy, cx, cy]
+    assert manip3d("inspect", recording).returncode in (0, 3, 4)
+    order = ("depth", recording, "--points", "100")
+    done = manip3d(*order, "-o", tmp_path / "own")
+    assert done.returncode == 0, done.stderr
+    manip3d(*order, "-o", tmp_path / "given", "--intrinsics", FOCAL)
+    (own,), (given,) = ((tmp_path / n).glob("*.glb") for n in ("own", "given"))
+    assert np.array_equal(read_mesh(own).vertices, read_mesh(given).vertices)
+    place.write_text("{")
+    assert name in error_line(manip3d(*order, "-o", tmp_path / "own", "--force"))
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,6 +20,7 @@ from manip3d.camera import Intrinsics
 from manip3d.capture._addresses import rgbd_address
 from manip3d.capture._bag import place_and_topic
 from manip3d.capture._bag_rgbd import BagImages
+from manip3d.capture._folder_camera import camera_of_folder
 from manip3d.capture._forged import SwitchedForgery, motion_of, read_plan
 from manip3d.capture._joined_joints import JoinedJoints, source_and_file
 from manip3d.capture._rgbd_source import ForgedSource, RgbdSource, source_of
@@ -100,8 +102,10 @@ def open_rgbd(
     camera : Intrinsics or RgbdCalibration, optional
         Camera of a folder of images that has no ``calibration.json``; for other files it replaces
         the camera that they state. With a mirrored camera the images are flipped. Default for a
-        ``tum:`` sequence without ``calibration.json``: the camera that its folder's name states
-        (``freiburg1`` to ``3``), or else an approximate one, with a warning.
+        folder without ``calibration.json``: the camera in ``intrinsic/intrinsic_depth.txt``
+        (ScanNet) or ``camera_intrinsic.json`` (Open3D), if there is one. Default for such a
+        ``tum:`` sequence: the camera that its folder's name states (``freiburg1`` to ``3``), or
+        else an approximate one, with a warning.
     units_per_metre : float, optional
         Stored units per metre of depth images. Default: 1000 for folders, 5000 for ``tum:``. In a
         bag, images of floating-point numbers are in metres; those of integers have 1000 units per
@@ -242,6 +246,8 @@ def open_rgbd(
             place, topic = place_and_topic(uri)
             frames = BagImages(path_of(place, "uri"), topic, camera, units_per_metre)
         return _checked_start(source_of(frames, uri, speed, start), start)
+    if scheme == "folder" and camera is None:
+        camera = camera_of_folder(Path(uri.partition(":")[2]))
     return _checked_start(_open_in_core(uri, camera, units_per_metre, rate, speed, start), start)
 
 

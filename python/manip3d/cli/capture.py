@@ -136,6 +136,7 @@ def _assumed(rate: float) -> str:
 def camera_of_images(text: str, uri: str) -> Intrinsics:
     """Read ``--intrinsics`` of a folder of images or a bag, for the size of its first image."""
     from manip3d.camera import read_intrinsics
+    from manip3d.capture._folder_camera import depth_images_of
     from manip3d.io import read_depth
 
     if uri.startswith("joints:"):
@@ -152,11 +153,7 @@ def camera_of_images(text: str, uri: str) -> Intrinsics:
         bag, topic = place_and_topic(uri)
         width, height = depth_size(Path(bag), topic)
     else:
-        images = sorted(
-            image
-            for image in (Path(folder) / "depth").glob("*")
-            if image.suffix.lower() == ".png" and not image.name.startswith(".")
-        )
+        images = depth_images_of(Path(folder))
         if scheme not in ("folder", "tum") or not images:
             raise InputError(
                 f"--intrinsics: expected a bag or a folder with images in depth/, got {uri}"

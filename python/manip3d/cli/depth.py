@@ -308,7 +308,7 @@ _NOT_FOR_RECORDINGS = ("unit", "ray_depth", "color", "mask", "confidence", "conf
 
 def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     """Write a mesh of each frame of an RGB-D recording and return True; else return False."""
-    if len(sources) != 1 or not _is_recording(sources[0]):
+    if len(sources) != 1 or not _is_recording(sources[0], given["intrinsics"]):
         if given["frames"] is not None:
             raise InputError("--frames: can only be given with an RGB-D recording or --poses")
         return False
@@ -358,7 +358,9 @@ _CAMERA_FILES = ("calibration.json", "depth.txt", "metadata.yaml")
 """Files of recordings that know their camera; the last is that of a ROS 2 bag."""
 
 
-def _is_recording(source: str) -> bool:
+def _is_recording(source: str, intrinsics: str) -> bool:
+    """Return whether a source is a recording whose camera is known, also by ``--intrinsics``."""
+    from manip3d.capture._folder_camera import camera_file_of, depth_images_of
     from manip3d.io import is_url
 
     if source == "-" or is_url(source):
@@ -370,6 +372,8 @@ def _is_recording(source: str) -> bool:
     if kind != "stream":
         path = path_in(source)
         knows_camera = any((path / name).is_file() for name in _CAMERA_FILES)
+        if not knows_camera and depth_images_of(path):
+            knows_camera = bool(intrinsics) or camera_file_of(path) is not None
         return kind == "recording" and (knows_camera or path.is_file())
     from manip3d.capture import rgbd_address
 

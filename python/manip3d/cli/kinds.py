@@ -236,7 +236,7 @@ def _reason_against_recording(source: Path) -> str:
     if not source.is_dir():
         return f"{source} is an RGB-D recording, which depth takes only as its single source"
     images = source / "depth"
-    cure = f"; give the folder of its depth images: {images}" if images.is_dir() else ""
+    cure = f"; --intrinsics states it for the images in {images}" if images.is_dir() else ""
     return f"{source} is an RGB-D recording that states no camera{cure}"
 
 

@@ -1,0 +1,53 @@
+"""Cameras of folders of images, in the files that other tools write."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from manip3d.camera import Intrinsics, read_intrinsics
+from manip3d.io import read_depth
+
+_CAMERAS = ("intrinsic/intrinsic_depth.txt", "camera_intrinsic.json")
+"""Files of ScanNet's exports and of Open3D's recordings."""
+
+
+def camera_file_of(folder: Path) -> Path | None:
+    """Return the file of another tool that states the camera of a folder of images, if any.
+
+    A ``calibration.json`` of our own comes first; then the result is None, too.
+    """
+    if (folder / "calibration.json").is_file():
+        return None
+    return next((path for name in _CAMERAS if (path := folder / name).is_file()), None)
+
+
+def camera_of_folder(folder: Path) -> Intrinsics | None:
+    """Read the camera from the file of `camera_file_of`, for the size of the first depth image.
+
+    Returns
+    -------
+    Intrinsics or None
+        None if there is no such file, or no depth image.
+
+    Raises
+    ------
+    InputError
+        The camera is that of images of another size.
+    FormatError, OSError
+        The file or the first image cannot be read.
+    """
+    file = camera_file_of(folder)
+    images = depth_images_of(folder)
+    if file is None or not images:
+        return None
+    height, width = read_depth(images[0]).shape
+    return read_intrinsics(file, width=width, height=height)
+
+
+def depth_images_of(folder: Path) -> list[Path]:
+    """Return the depth images of a folder of images, sorted."""
+    return sorted(
+        image
+        for image in (folder / "depth").glob("*")
+        if image.suffix.lower() == ".png" and not image.name.startswith(".")
+    )
